@@ -52,17 +52,17 @@ def find_detour(
         return None, 0
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(effort.seed)
-    information, checker = _space_of(queries, leg, np.vstack((starts, goals)), effort.winding_rad)
+    search = _Search(queries, leg, np.vstack((starts, goals)), effort.winding_rad)
     ways = _ways_from(starts, known)
     there = next((ways[q.tobytes()] for q in goals if q.tobytes() in ways), None)
     if there is None:
         marks = {q.tobytes() for way in known for q in (*way[::_THINNED], way[-1])}
         begun = np.array([*starts, *(way[-1] for way in [*ways.values()][len(starts) :] if way[-1].tobytes() in marks)])
-        corners = _connect(information, checker, begun, goals, effort.step_rad, most_checks)
+        corners = search.connect(begun, goals, effort.step_rad, most_checks)
         if corners is None:
-            return None, checker.checks
+            return None, search.checker.checks
         there = np.vstack((ways[corners[0].tobytes()], corners[1:]))
-    return _smooth(information, checker, there), checker.checks
+    return search.smooth(there), search.checker.checks
 
 
 def warp_detour(queries: CollisionQueries, leg: int, start: Array, goal: Array, known: Sequence[Array]) -> Array | None:
@@ -103,26 +103,6 @@ def _roundabout(q: Array) -> float:
     return _length(q) / max(float(np.linalg.norm(q[-1] - q[0])), 1e-9)
 
 
-def _space_of(
-    queries: CollisionQueries, leg: int, ends: Array, winding_rad: float
-) -> tuple[base.SpaceInformation, _Checker]:
-    """Return the joints' space around ends (m, k), and what checks moves in it."""
-    limits, count = queries.arm.limits, ends.shape[1]
-    space, bounds = base.RealVectorStateSpace(count), base.RealVectorBounds(count)
-    lower = np.maximum(limits.lower, ends.min(axis=0) - winding_rad)
-    upper = np.minimum(limits.upper, ends.max(axis=0) + winding_rad)
-    for joint in range(count):
-        bounds.setLow(joint, float(lower[joint]))
-        bounds.setHigh(joint, float(upper[joint]))
-    space.setBounds(bounds)
-    information = base.SpaceInformation(space)
-    checker = _Checker(information, queries, leg, count)
-    information.setStateValidityChecker(checker.stands)
-    information.setMotionValidator(checker)
-    information.setup()
-    return information, checker
-
-
 def _ways_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
     """Return a path (m, k) to each end that known paths lead to from starts (s, k), by that end: the starts first."""
     beside: dict[bytes, list[Array]] = {}
@@ -140,29 +120,6 @@ def _ways_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
     return ways
 
 
-def _connect(
-    information: base.SpaceInformation,
-    checker: _Checker,
-    starts: Array,
-    goals: Array,
-    step_rad: float,
-    most_checks: int,
-) -> Array | None:
-    """Return the corners (m, k) of a way from a start to a goal, None where none is found by so many checks."""
-    problem, ends = base.ProblemDefinition(information), base.GoalStates(information)
-    for q in starts:
-        problem.addStartState(_state(information, q))
-    for q in goals:
-        ends.addState(_state(information, q))
-    problem.setGoal(ends)
-    planner = geometric.RRTConnect(information)
-    planner.setRange(step_rad)
-    planner.setProblemDefinition(problem)
-    planner.setup()
-    planner.solve(base.PlannerTerminationCondition(lambda: checker.checks >= most_checks))
-    return checker.joints(problem.getSolutionPath()) if problem.hasExactSolution() else None
-
-
 def _curve_passes(queries: CollisionQueries, leg: int, q: Array) -> bool:
     """Whether the curve through joints (m, k) is free."""
     limits = queries.arm.limits
@@ -171,29 +128,67 @@ def _curve_passes(queries: CollisionQueries, leg: int, q: Array) -> bool:
     return queries.passes(leg, curve.q(curve.grid()))
 
 
-def _smooth(information: base.SpaceInformation, checker: _Checker, q: Array) -> Array | None:
-    """Return joints (m, k) on a curve by a shorter way than corners (l, k); or its two ends, if they lie straight."""
-    path = geometric.PathGeometric(information)
-    for each in q:
-        path.append(_state(information, each))
-    simplifier = geometric.PathSimplifier(information)
-    simplifier.reduceVertices(path)  # first: its checks are between corners, whose distances are known
-    simplifier.partialShortcutPath(path, _SHORTCUTS, _SHORTCUTS)
-    simplifier.reduceVertices(path)
-    corners = checker.joints(path)
-    if len(corners) == 2:
-        return corners
-    simplifier.smoothBSpline(path, _BENDS)
-    for waypoints in (checker.joints(path), corners):
-        for between_rad in _BETWEEN_RAD:
-            dense = _divided(waypoints, between_rad)
-            if _curve_passes(checker.queries, checker.leg, dense):
-                return dense
-    return None
+class _Search:
+    """A search by OMPL among the joints around ends (m, k) of one leg."""
+
+    def __init__(self, queries: CollisionQueries, leg: int, ends: Array, winding_rad: float) -> None:
+        limits, count = queries.arm.limits, ends.shape[1]
+        space, bounds = base.RealVectorStateSpace(count), base.RealVectorBounds(count)
+        lower = np.maximum(limits.lower, ends.min(axis=0) - winding_rad)
+        upper = np.minimum(limits.upper, ends.max(axis=0) + winding_rad)
+        for joint in range(count):
+            bounds.setLow(joint, float(lower[joint]))
+            bounds.setHigh(joint, float(upper[joint]))
+        space.setBounds(bounds)
+        self.information = base.SpaceInformation(space)
+        self.checker = _Checker(self.information, queries, leg, count)
+        self.information.setStateValidityChecker(self.checker.stands)
+        self.information.setMotionValidator(self.checker)
+        self.information.setup()
+
+    def connect(self, starts: Array, goals: Array, step_rad: float, most_checks: int) -> Array | None:
+        """Return the corners (m, k) of a way from a start to a goal, None where none is found by so many checks."""
+        problem, ends = base.ProblemDefinition(self.information), base.GoalStates(self.information)
+        for q in starts:
+            problem.addStartState(self._state(q))
+        for q in goals:
+            ends.addState(self._state(q))
+        problem.setGoal(ends)
+        planner = geometric.RRTConnect(self.information)
+        planner.setRange(step_rad)
+        planner.setProblemDefinition(problem)
+        planner.setup()
+        planner.solve(base.PlannerTerminationCondition(lambda: self.checker.checks >= most_checks))
+        return self.checker.joints(problem.getSolutionPath()) if problem.hasExactSolution() else None
+
+    def smooth(self, q: Array) -> Array | None:
+        """Return joints (m, k) on a curve by a shorter way than corners (l, k); or its two ends, if straight."""
+        path = geometric.PathGeometric(self.information)
+        for each in q:
+            path.append(self._state(each))
+        simplifier = geometric.PathSimplifier(self.information)
+        simplifier.reduceVertices(path)  # first: its checks are between corners, whose distances are known
+        simplifier.partialShortcutPath(path, _SHORTCUTS, _SHORTCUTS)
+        simplifier.reduceVertices(path)
+        corners = self.checker.joints(path)
+        if len(corners) == 2:
+            return corners
+        simplifier.smoothBSpline(path, _BENDS)
+        for waypoints in (self.checker.joints(path), corners):
+            for between_rad in _BETWEEN_RAD:
+                dense = _divided(waypoints, between_rad)
+                if _curve_passes(self.checker.queries, self.checker.leg, dense):
+                    return dense
+        return None
+
+    def _state(self, q: Array) -> base.State:
+        state = self.information.allocState()
+        state[0 : len(q)] = q.tolist()
+        return state
 
 
 class _Checker(base.MotionValidator):  # type: ignore[misc]
-    """The checks of one leg, as OMPL asks for them."""
+    """The checks of one leg, as OMPL asks for them. It knows no search: OMPL could not free a circle."""
 
     def __init__(self, information: base.SpaceInformation, queries: CollisionQueries, leg: int, count: int) -> None:
         super().__init__(information)
@@ -212,12 +207,6 @@ class _Checker(base.MotionValidator):  # type: ignore[misc]
 
     def _of(self, state: base.State) -> Array:
         return np.array(state[0 : self.count])
-
-
-def _state(information: base.SpaceInformation, q: Array) -> base.State:
-    state = information.allocState()
-    state[0 : len(q)] = q.tolist()
-    return state
 
 
 def _divided(q: Array, between_rad: float) -> Array:
