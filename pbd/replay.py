@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pbd.calibration.success_probability import Success, success_of
+from pbd.calibration.success_probability import success_of
 from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Keyframe, Samples
@@ -38,6 +38,7 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
     told = any(keyframe.tolerance_m is not None for keyframe in plan.keyframes)
     found = success_of(placed) if told else None
     inside = np.ones(len(cov)) if found is None else found.of_each
+    likely = found and f"probability that all keyframes are within their tolerances: {found.band}"
     keyframes = zip(plan.keyframes, plan.trajectory.keyframe_t, plan.T_base_tool, cov, inside, strict=True)
     return ReplayScene(
         title=demo.recording.info.name,
@@ -62,18 +63,13 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
         table_height=plan.calibration.table_height,
         grasped=plan.grasped,
         phases=object_stays(scene_of(arm, plan.calibration, plan.grasped), plan.trajectory),
-        notes=tuple(note for note in (demo.notes, _likely(found), *warnings) if note),
+        notes=tuple(note for note in (demo.notes, likely, *warnings) if note),
         touching=_touching(plan),
         obstacles=plan.calibration.obstacles,
         rod=_rod(arm),
         torque=None if plan.report.torque is None else plan.report.torque.share,
         detours=detours(plan),
     )
-
-
-def _likely(found: Success | None) -> str:
-    """How likely the tool is within all tolerances; "" where there are none."""
-    return "" if found is None else f"probability that all keyframes are within their tolerances: {found.band}"
 
 
 def _allowed(keyframe: Keyframe, R_base_nav: Array) -> Array | None:

@@ -34,7 +34,7 @@ def load_model(robot: Robot) -> ArmModel:
     try:
         full = pin.buildModelFromXML(kinematics(robot.urdf))
     except (ValueError, RuntimeError) as reason:
-        message = f"{robot.urdf}: not a valid URDF: {_one_line(reason)}; correct it"
+        message = f"{robot.urdf}: not a valid URDF: {' '.join(str(reason).split())}; correct it"
         raise RobotError(message, path=robot.urdf) from None
     return ArmModel(robot, full)
 
@@ -238,7 +238,3 @@ def _steps(arm: ArmModel) -> list[_Step]:
 def _unknown(robot: Robot, kind: str, name: str, known: Iterable[str]) -> RobotError:
     message = f"{robot.name}: {robot.urdf} has no {kind} {name!r}; choose one of {listed(known)}"
     return RobotError(message, robot=robot.name, name=name)
-
-
-def _one_line(reason: Exception) -> str:
-    return " ".join(str(reason).split())

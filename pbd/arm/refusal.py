@@ -68,8 +68,7 @@ def tell(motion: Motion, no_way_back: Hit | None) -> None:
         if move.kind == DETOUR and move.avoided is not None:
             where = f"from {i - 1} to {i}" if i > 0 else "on its way to keyframe 0"
             where = "on its way back" if i == len(motion.q) else where
-            message = f"{where} the arm goes around {move.avoided.second}: --no-detour refuses that"
-            warn(message)
+            warn(f"{where} the arm goes around {move.avoided.second}: --no-detour refuses that")
     if no_way_back is not None:
         message = f"no collision-free way back from the last keyframe was found ({describe(no_way_back)})"
         warn(f"{message}: the motion ends there")
@@ -79,11 +78,10 @@ def warn_of_closeness(error: PlanError) -> None:
     """Warn that only a motion is free that comes nearer to something than is kept elsewhere."""
     bodies = error.fields["bodies"]
     assert isinstance(bodies, tuple)
-    message = (
+    warn(
         f"a motion was only found that comes nearer to something than {1e3 * MARGIN_M:g} mm (no less "
         f"than {1e3 * CLOSE_M:g} mm, as for {bodies[0]} and {bodies[1]}): check where the obstacles are"
     )
-    warn(message)
 
 
 def _collision(i: int, what: str, kind: str, hit: Hit) -> Refusal:

@@ -15,7 +15,6 @@ from pbd.audit.grasp import THE_TOOL, follow_object, gripper_joints, may_rest, o
 from pbd.audit.solids import Solid, clearance, floor, hull_distance, link_solids, one_in_the_other, simple_solid
 from pbd.data import Calibration, GraspedObject, JointTrajectory
 from pbd.data.world import Stay
-from pbd.errors import RobotError
 from pbd.io.urdf import read_urdf_xml
 from pbd.io.xml import read_xml
 
@@ -118,7 +117,7 @@ class AuditScene:
     def _trusted(self) -> dict[frozenset[str], str]:
         """Links that the robot's TOML lets touch, or the SRDF says never do, each with its reason."""
         robot, trusted = self.arm.robot, dict[frozenset[str], str]()
-        for entry in [] if robot.srdf is None else read_xml(robot.srdf, RobotError).iterfind("disable_collisions"):
+        for entry in [] if robot.srdf is None else read_xml(robot.srdf).iterfind("disable_collisions"):
             if (reason := entry.get("reason")) in TRUSTED:
                 trusted[frozenset((entry.get("link1", ""), entry.get("link2", "")))] = f"SRDF: {reason}"
         return trusted | {frozenset(pair): "may_touch in the robot's TOML" for pair in robot.may_touch}

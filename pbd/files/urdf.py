@@ -81,7 +81,7 @@ def read_urdf(path: Path) -> Urdf:
 def read_poses(path: Path) -> dict[str, dict[str, float]]:
     """Read the named poses of an SRDF: pose name -> joint name -> rad or m; of two poses of one name the first wins."""
     poses: dict[str, dict[str, float]] = {}
-    for state in read_xml(path, RobotError).iterfind("group_state"):
+    for state in read_xml(path).iterfind("group_state"):
         joints = {_attribute(path, j, "name"): _number(path, j, "value") for j in state.iterfind("joint")}
         poses.setdefault(_attribute(path, state, "name"), joints)
     return poses

@@ -84,7 +84,7 @@ def from_mesh(
     Raises:
         RobotError: it can't be read, has no face or too many, or a vertex is no sound number.
     """
-    data = _bytes(path)
+    data = read_bytes(path, RobotError, "put it there, or correct its address in the URDF", MOST_BYTES)
     key = hashlib.sha256(repr((_VERSION, path.suffix, *options)).encode() + data).hexdigest()
     if (kept := recall(what, key)) is None:
         kept = {name: np.asarray(value) for name, value in make(_parse(path, data)).items()}
@@ -96,10 +96,6 @@ def mesh_triangles(path: Path, scale: Sequence[float]) -> Array:
     """Read a mesh's triangles (m, 3, 3), scaled; raises as `from_mesh`."""
     triangles: Array = from_mesh(path, "triangles", lambda soup: {"corners": soup.corners})["corners"] * scale
     return triangles
-
-
-def _bytes(path: Path) -> bytes:
-    return read_bytes(path, RobotError, "put it there, or correct its address in the URDF", MOST_BYTES)
 
 
 def _parse(path: Path, data: bytes) -> Soup:

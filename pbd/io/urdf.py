@@ -80,7 +80,7 @@ JOINT_PARTS = ("origin", "parent", "child", "axis", "limit", "mimic")
 
 def read_urdf_xml(path: Path) -> ET.Element:
     """Read a URDF and check each number in its links and joints; RobotError: too many parts, or one makes no sense."""
-    root = read_xml(path, RobotError)
+    root = read_xml(path)
     if root.tag != "robot":
         what = f"{path} is not a URDF: its root is <{printable(root.tag)}>; give a file whose root is <robot>"
         raise RobotError(what, path=path)
@@ -97,7 +97,8 @@ def read_urdf_xml(path: Path) -> ET.Element:
         owner = f"link {printable(link.get('name', ''))!r}"
         for part in link:
             if part.tag in LINK_PARTS:
-                _check_parts(path, owner, part)
+                for inner in part.iter():
+                    _check_attributes(path, owner, inner)
             if part.tag in ("visual", "collision"):
                 _check_geometry(path, owner, part)
             if part.tag == "inertial" and (part.find("mass") is None or part.find("inertia") is None):
@@ -123,12 +124,6 @@ def kinematics(path: Path) -> str:
                 limit.attrib.setdefault("effort", "0")
                 limit.attrib.setdefault("velocity", "0")
     return ET.tostring(robot, encoding="unicode")
-
-
-def _check_parts(path: Path, owner: str, element: ET.Element) -> None:
-    for part in element.iter():
-        if part.tag in RULES:
-            _check_attributes(path, owner, part)
 
 
 def _check_attributes(path: Path, owner: str, element: ET.Element) -> None:

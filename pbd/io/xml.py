@@ -5,22 +5,22 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from pbd.errors import PbdError
+from pbd.errors import RobotError
 from pbd.io.opening import read_bytes
 
 MOST_BYTES = 100_000_000
 """Largest XML file: the largest COLLADA mesh of example-robot-data has 29."""
 
 
-def read_xml(path: Path, error: type[PbdError], most: int = MOST_BYTES) -> ET.Element:
-    """Parse an XML file and return its root; the `error` says the line where the parser knows it."""
-    data = read_bytes(path, error, "correct its path, or mend the file", most)
+def read_xml(path: Path) -> ET.Element:
+    """Parse an XML file and return its root; RobotError: it says the line where the parser knows it."""
+    data = read_bytes(path, RobotError, "correct its path, or mend the file", MOST_BYTES)
     try:
         root: ET.Element = ET.fromstring(data, parser=ET.XMLParser(target=_NoDoctype()))
     except ET.ParseError as reason:
-        raise error(f"{path}: not valid XML: {reason}; correct it", path=path) from None
+        raise RobotError(f"{path}: not valid XML: {reason}; correct it", path=path) from None
     except (ValueError, LookupError) as reason:  # an encoding that the parser doesn't have
-        raise error(f"{path}: not valid XML: {reason}; save it as UTF-8", path=path) from None
+        raise RobotError(f"{path}: not valid XML: {reason}; save it as UTF-8", path=path) from None
     return root
 
 

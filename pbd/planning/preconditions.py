@@ -85,8 +85,7 @@ def warn_of_shapes(arm: ArmModel) -> None:
 
     if found := doubts(arm):
         told = "; ".join(f"{doubt.link} {doubt.why}" for doubt in found)
-        message = f"contacts may be missed: {told}; correct the shapes in {arm.robot.urdf}"
-        warn(message)
+        warn(f"contacts may be missed: {told}; correct the shapes in {arm.robot.urdf}")
 
 
 def warn_of_table(scene: CollisionScene) -> None:

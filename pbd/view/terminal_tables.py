@@ -23,8 +23,6 @@ from pbd.pose import Array, quat_to_rpy
 from pbd.view.screen import Screen
 from pbd.view.units import Units
 
-SI = Units()
-
 PIPE_WIDTH = 200
 """Width of the output, in columns, where it is no terminal. So rows are not broken for programs that read them."""
 
@@ -98,13 +96,13 @@ def words_table(columns: Sequence[str], rows: Iterable[Iterable[str | Text]]) ->
     return make_table(*columns, left=columns, rows=rows)
 
 
-def segments_table(segments: Sequence[Segment], units: Units = SI) -> Table:
+def segments_table(segments: Sequence[Segment], units: Units) -> Table:
     """The paper's Table I: samples first to last, what happens, how long from the first to the last."""
     rows = ((f"{each.start}-{each.stop - 1}", each.description, *units.times(1e-3 * each.ms)) for each in segments)
     return make_table("samples", "what happens", f"time ({units.time})", left=("what happens",), rows=rows)
 
 
-def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI, inside: Array | None = None) -> Table:
+def keyframes_table(keyframes: Sequence[Keyframe], units: Units, inside: Array | None) -> Table:
     """The sensor's pose in nav at each stop; sigma is the largest over the axes, blank where unknown.
 
     Where the tracker doubts that the hand stood still, a column says how sure it is; another one, with `inside` (k,),
@@ -136,7 +134,7 @@ def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI, inside: Ar
     return make_table(*columns, left=("label", "belongs to"), rows=zip(*columns.values(), strict=True))
 
 
-def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]], units: Units = SI) -> Table:
+def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]], units: Units) -> Table:
     """The tool's position in base and the joints, at each keyframe."""
     columns = (
         *(f"tool {axis} ({units.length})" for axis in "xyz"),
@@ -146,7 +144,7 @@ def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]], 
     return make_table("#", *columns, rows=cells)
 
 
-def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units = SI) -> Table:
+def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units) -> Table:
     """Table of robots: name, joints, reach, gripper, assumed limits, description."""
     words = ("gripper", "assumed limits", "what it is")
     rows = []

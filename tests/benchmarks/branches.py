@@ -90,7 +90,7 @@ def measure(arm: ArmModel, count: int) -> dict[str, Any]:
 def branches(arm: ArmModel, goal: Target, q: Array) -> list[Array]:
     """The branches, each as joints (m, k) along it, that a long search finds from all over, and from joints (k,)."""
     samples, half = starts_of(arm), LONGER * STARTS // 2
-    seeds = np.vstack((q, samples.nearest(goal, half), samples.anywhere(half)))
+    seeds = np.vstack((q, samples.nearest(goal, half), samples.q[:half]))
     found, known = _partly(arm, goal, seeds) if is_partial(arm) else _all(arm, goal, seeds), list[Array]()
     for each in found:
         if not any(_near(arm, branch, each[None]).any() for branch in known):

@@ -215,6 +215,6 @@ def test_no_number_is_cut_in_a_narrow_terminal(columns: int, capsys: pytest.Capt
 def test_a_stop_that_the_tracker_doubts_says_how_sure_it_is() -> None:
     keyframe = Keyframe(1.0, 0.5, Pose.identity(), np.eye(6))
     plain, doubted = ([replace(keyframe, weight=weight)] for weight in (0.9, 0.6))
-    assert "a stop?" not in [column.header for column in keyframes_table(plain).columns]
-    (column,) = [column for column in keyframes_table(doubted).columns if column.header == "a stop?"]
+    assert "a stop?" not in [column.header for column in keyframes_table(plain, Units(), None).columns]
+    (column,) = [column for column in keyframes_table(doubted, Units(), None).columns if column.header == "a stop?"]
     assert list(column.cells) == ["60 %"]

@@ -33,7 +33,7 @@ READ: dict[str, Callable[[Path], object]] = {
     "a.csv": import_file,
     "a.npz": import_file,
     "points.csv": read_points,
-    "a.xml": lambda path: read_xml(path, RobotError),
+    "a.xml": lambda path: read_xml(path),
     "a.stl": read_mesh,
     "a.dae": read_mesh,
     "raw.bin": lambda path: decode_raw(path, protocol("xsens").decoder(), "xsens"),
@@ -156,7 +156,7 @@ def test_xml_in_an_encoding_that_nobody_reads(tmp_path: Path, encoding: str) -> 
     path = tmp_path / "a.urdf"
     path.write_text(f'<?xml version="1.0" encoding="{encoding}"?><robot name="a"/>', encoding="ascii")
     with pytest.raises(RobotError, match=r"a\.urdf: not valid XML: .*; save it as UTF-8"):
-        read_xml(path, RobotError)
+        read_xml(path)
 
 
 def test_a_package_without_a_file(tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from pbd.arm.collision.geometry import Body
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links
 from pbd.arm.model import ArmModel
-from pbd.errors import RobotError
 from pbd.io.xml import read_xml
 from pbd.pose import Array
 
@@ -98,7 +97,7 @@ def _carrier(arm: ArmModel, link: str, solid: frozenset[str]) -> str | None:
 
 def _trusted(arm: ArmModel) -> dict[frozenset[str], str]:
     """Pairs of links that the robot's TOML lets touch, or the SRDF says are adjacent or never meet, and why."""
-    entries = [] if arm.robot.srdf is None else read_xml(arm.robot.srdf, RobotError).iterfind("disable_collisions")
+    entries = [] if arm.robot.srdf is None else read_xml(arm.robot.srdf).iterfind("disable_collisions")
     return dict.fromkeys(map(frozenset, arm.robot.may_touch), "may_touch in the robot's TOML") | {
         frozenset((entry.get("link1", ""), entry.get("link2", ""))): f"SRDF: {entry.get('reason')}"
         for entry in entries

@@ -90,7 +90,6 @@ class Clearance:
         self.pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         self.rates = rates(arm, bodies, self.pairs)
         self._pads = np.array([self.bodies[a].pad + self.bodies[b].pad for a, b in self.pairs])
-        self._most_pad = float(self._pads.max(initial=0.0))
         self._geometry = pin.GeometryModel()
         for i, body in enumerate(self.bodies):
             placement = to_se3(body.T_joint_body)
@@ -103,15 +102,19 @@ class Clearance:
 
     def distances(self, x: Array) -> Array:
         """Return the distance of each pair (p,) in m, negative as deep as they overlap, at coordinates (k + 1,)."""
-        self._measure(x)
-        return self._measured()
+        q = self.arm.configurations(x)
+        if not len(self.pairs):
+            return np.empty(0)
+        pin.computeDistances(self.arm.full, self._data, self._geometry, self._placed, q)
+        measured = [result.min_distance for result in self._placed.distanceResults]
+        distances: Array = np.array(measured) - self._pads
+        for pair in np.flatnonzero((distances > -self._mesh_to) & (distances < self.margin_m)):
+            distances[pair] = self._of_meshes(int(pair), distances[pair])
+        return distances
 
     def touching(self, x: Array) -> list[tuple[int, float]]:
         """Return the pairs that touch but may not at coordinates (k + 1,), and their distances in m."""
-        nearest = self._measure(x)
-        if nearest < 0 or self._placed.distanceResults[nearest].min_distance >= self.margin_m + self._most_pad:
-            return []
-        distances = self._measured()
+        distances = self.distances(x)
         near = np.flatnonzero(~(distances >= self.margin_m)).tolist()
         return [(pair, float(distances[pair])) for pair in near if not self.may_touch(pair, x)]
 
@@ -206,20 +209,6 @@ class Clearance:
     def _next(self, travel: Array, node: int, distance: float) -> int:
         due = travel[node] + max(distance, self.margin_m) + self.margin_m
         return max(int(travel.searchsorted(due, side="right")) - 1, node + 1)
-
-    def _measure(self, x: Array) -> int:
-        """Measure all distances; return the pair with the least but for the pads, -1 where there is no pair."""
-        q = self.arm.configurations(x)
-        if not len(self.pairs):
-            return -1
-        return int(pin.computeDistances(self.arm.full, self._data, self._geometry, self._placed, q))
-
-    def _measured(self) -> Array:
-        measured = [result.min_distance for result in self._placed.distanceResults]
-        distances: Array = np.array(measured) - self._pads
-        for pair in np.flatnonzero((distances > -self._mesh_to) & (distances < self.margin_m)):
-            distances[pair] = self._of_meshes(int(pair), distances[pair])
-        return distances
 
     def _place(self, q: Array) -> None:
         pin.updateGeometryPlacements(self.arm.full, self._data, self._geometry, self._placed, q)

@@ -83,7 +83,7 @@ def solve_partial(arm: ArmModel, goal: Target, q_seeds: Array) -> list[PartialPo
     Where not even the position can be met there is one: the nearest place.
     """
     samples = starts_of(arm)
-    starts = (q_seeds, samples.nearest(goal, NEAREST), samples.anywhere(ANYWHERE))
+    starts = (q_seeds, samples.nearest(goal, NEAREST), samples.q[:ANYWHERE])
     rough, bounds = _Residual(arm, goal, _ROUGH), (arm.limits.lower, arm.limits.upper)
     ended = [descend(rough, bounds, q, steps=_ROUGH_STEPS) for q in np.vstack(starts)]
     kept: list[Array] = []

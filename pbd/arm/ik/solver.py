@@ -73,7 +73,7 @@ def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkRe
             (q[i],), (squares[i],) = descend_each(arm, goal, q[i : i + 1], patience=UNTIL_IT_STOPS)
     if SOLVED <= squares.min() < NEAR_MISS**2:
         count = EVERYWHERE if squares.min() < NEARLY_THERE**2 else ANYWHERE
-        others, their_squares = descend_each(arm, goal, starts.anywhere(count))
+        others, their_squares = descend_each(arm, goal, starts.q[:count])
         q, squares = np.vstack((q, others)), np.append(squares, their_squares)
     return check(arm, T_base_tool, q[squares.argmin()])
 

@@ -53,11 +53,6 @@ class Starts:
         """Return the (count, k) samples whose tool is nearest to a place p (3,) in base, however turned."""
         return self._least(np.linalg.norm(self.p - p, axis=1), count)
 
-    def anywhere(self, count: int) -> Array:
-        """Return (count, k) samples from all over."""
-        q: Array = self.q[:count]
-        return q
-
     def _least(self, distance: FloatArray, count: int) -> Array:
         found = np.argpartition(distance, count)[:count]
         q: Array = self.q[found[np.argsort(distance[found])]]

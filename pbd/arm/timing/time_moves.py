@@ -83,32 +83,36 @@ def time_moves(
     Raises:
         PlanError: nothing moves at all, or for hours.
     """
-    gripper = arm.robot.gripper
-    done = _Done(q_start)
+    gripper, q, t, parts = arm.robot.gripper, q_start, 0.0, list[PiecewiseCubic]()
+
+    def add(pieces: PiecewiseCubic) -> float:
+        parts.append(pieces)
+        # Added up as the knots are, to the last bit.
+        return float(np.append(t, pieces.durations).cumsum()[-1])
+
     gripper_t, opening, begun, ended = [0.0], [1.0], [], []
     for i, (move, dwell, closes) in enumerate(zip(moves, dwells, grips, strict=True)):
-        begun.append(done.t)
-        done.add(move.pieces(done.q, arm.limits, speed), move.q[-1])
-        ended.append(done.t)
+        begun.append(t)
+        t, q = add(move.pieces(q, arm.limits, speed)), move.q[-1]
+        ended.append(t)
         wanted = opening[-1] if closes is None else float(not closes)
         if wanted != opening[-1] and gripper is None:
-            message = f"{arm.robot.name} has no gripper: the grip at keyframe {i} is ignored"
-            warn(f"{message}; add a [gripper] in its TOML")
+            warn(f"{arm.robot.name} has no gripper: the grip at keyframe {i} is ignored; add a [gripper] in its TOML")
         elif wanted != opening[-1] and gripper is not None:
-            gripper_t += [done.t, done.t + gripper.stroke_s]
+            gripper_t += [t, t + gripper.stroke_s]
             opening += [opening[-1], wanted]
             dwell = max(dwell, gripper.stroke_s)
-        done.add(PiecewiseCubic.hold(done.q, dwell), done.q)
-    if done.t == 0.0:
+        t = add(PiecewiseCubic.hold(q, dwell))
+    if t == 0.0:
         raise PlanError(
             "nothing moves: the arm already stands at every keyframe; demonstrate a motion with two different stops"
         )
     if retreat is not None:
-        done.add(retreat.pieces(done.q, arm.limits, speed), retreat.q[-1])
-    if not done.t <= LONGEST_S:
-        message = f"the motion would take {done.t / 3600.0:.3g} hours, at most {LONGEST_S / 3600.0:g} can be planned"
-        raise PlanError(f"{message}; give a higher --speed, or shorter stays", value=done.t, bound=LONGEST_S)
-    pieces = PiecewiseCubic.join(done.parts)
+        t = add(retreat.pieces(q, arm.limits, speed))
+    if not t <= LONGEST_S:
+        message = f"the motion would take {t / 3600.0:.3g} hours, at most {LONGEST_S / 3600.0:g} can be planned"
+        raise PlanError(f"{message}; give a higher --speed, or shorter stays", value=t, bound=LONGEST_S)
+    pieces = PiecewiseCubic.join(parts)
     trajectory = JointTrajectory(
         joint_names=arm.robot.joints,
         knots=np.append(0.0, np.cumsum(pieces.durations)),
@@ -119,16 +123,3 @@ def time_moves(
         keyframe_q=np.array([move.q[-1] for move in moves]),
     )
     return trajectory, np.subtract(ended, begun)
-
-
-class _Done:
-    """What has been timed so far: where the arm is (q, at rest) and since when (t)."""
-
-    def __init__(self, q: Array) -> None:
-        self.q, self.parts, self.t = q, list[PiecewiseCubic](), 0.0
-
-    def add(self, pieces: PiecewiseCubic, q: Array) -> None:
-        self.parts.append(pieces)
-        # Added up as the knots are, to the last bit.
-        self.t = float(np.append(self.t, pieces.durations).cumsum()[-1])
-        self.q = q

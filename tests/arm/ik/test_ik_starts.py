@@ -34,7 +34,7 @@ def test_the_nearest_are_the_nearest_of_all(arm: ArmModel) -> None:
 
 def test_they_are_the_same_each_time(arm: ArmModel) -> None:
     again = starts_of.__wrapped__(arm)
-    np.testing.assert_array_equal(starts_of(arm).anywhere(30), again.anywhere(30))
+    np.testing.assert_array_equal(starts_of(arm).q[:30], again.q[:30])
     assert starts_of(arm).clumsy == again.clumsy
 
 
