@@ -63,7 +63,8 @@ def fused_demo(takes: Sequence[Demonstration]) -> Demonstration:
     names = [take.recording.info.name for take in takes]
     for k, take in enumerate(takes):
         for before, other in zip(names, takes[:k], strict=False):
-            if _same(take.recording, other.recording):
+            one, same = take.recording, other.recording
+            if np.array_equal(one.t, same.t) and np.array_equal(one.acc, same.acc, equal_nan=True):
                 raise RecordingError(f"'{names[k]}' is the same recording as '{before}'; name each take once")
     if len(takes) < 2:
         raise RecordingError(
@@ -76,10 +77,6 @@ def fused_demo(takes: Sequence[Demonstration]) -> Demonstration:
         grasped=next((take.grasped for take in takes if take.grasped), None),
         takes=tuple(takes),
     )
-
-
-def _same(one: Recording, other: Recording) -> bool:
-    return np.array_equal(one.t, other.t) and np.array_equal(one.acc, other.acc, equal_nan=True)
 
 
 def track(

@@ -78,7 +78,8 @@ def warp_detour(queries: CollisionQueries, leg: int, start: Array, goal: Array, 
         return straight
     ways: list[tuple[float, Array]] = []
     for way in known:
-        share, most = np.linspace(0.0, 1.0, len(way))[:, None], _WORSE * _roundabout(way) * _length(straight)
+        share = np.linspace(0.0, 1.0, len(way))[:, None]
+        most = _WORSE * _length(straight) * _length(way) / max(_length(way[[0, -1]]), 1e-9)
         for there in (way, way[::-1]):
             warped: Array = there + (1.0 - share) * (start - there[0]) + share * (goal - there[-1])
             warped[0], warped[-1] = start, goal
@@ -96,11 +97,6 @@ def warp_detour(queries: CollisionQueries, leg: int, start: Array, goal: Array, 
 def _length(q: Array) -> float:
     step = q[1:] - q[:-1]
     return float(np.sqrt(np.einsum("ij,ij->i", step, step)).sum())
-
-
-def _roundabout(q: Array) -> float:
-    """Length of a path (m, k), relative to the straight distance between its ends."""
-    return _length(q) / max(float(np.linalg.norm(q[-1] - q[0])), 1e-9)
 
 
 def _ways_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:

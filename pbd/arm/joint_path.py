@@ -185,7 +185,10 @@ def _slide(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:
     for _ in range(SWEEPS):
         for i, goal in enumerate(goals, start=1):
             q, before, after = path[i], path[i - 1], path[i + 1] if i + 1 < len(path) else path[i - 1]
-            pull = 0.5 * (before + after) - q + _inward(arm, q)
+            pull = 0.5 * (before + after) - q
+            # Joints too near a limit are pulled to where they aren't.
+            over, under = q - arm.limits.lower, arm.limits.upper - q
+            pull += np.maximum(0.0, MARGIN_RAD - over) - np.maximum(0.0, MARGIN_RAD - under)
             J = arm.jacobian(q)
             pull -= J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), J @ pull)
             ended, squares = descend_each(arm, goal, (q + pull)[None])
@@ -195,13 +198,6 @@ def _slide(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:
                 path[i], costs[i] = ended[0], cost
     for i, goal in enumerate(goals, start=1):
         ladder.add(i, polish(arm, goal, path[i : i + 1]), costs[i : i + 1])
-
-
-def _inward(arm: ArmModel, q: Array) -> Array:
-    """How far joints that are too near a limit are from where they aren't."""
-    lower, upper = arm.limits.lower, arm.limits.upper
-    inward: Array = np.maximum(0.0, MARGIN_RAD - (q - lower)) - np.maximum(0.0, MARGIN_RAD - (upper - q))
-    return inward
 
 
 def _travel(*path: Array) -> float:

@@ -28,7 +28,9 @@ def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = LA
         error: it isn't there, is no regular file (a folder, a pipe, a device), is too large, or can't be read.
     """
     try:
-        return _regular(path, most)
+        _size_of(path.stat(), most)  # before it is opened: that alone resets some devices
+        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+            return file.read(_size_of(os.fstat(file.fileno()), most))  # another file may have taken its place
     except (OSError, ValueError, MemoryError) as reason:  # ValueError: a path with a zero byte
         why = in_words(reason) or "it needs more memory than there is"
         raise error(f"{name or path}: can't be read ({why}); {next_step}", path=path) from None
@@ -48,12 +50,6 @@ def read_text(
 def unix_lines(text: str) -> str:
     """End each line with a newline, whatever ended it."""
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
-
-
-def _regular(path: Path, most: int) -> bytes:
-    _size_of(path.stat(), most)  # before it is opened: that alone resets some devices
-    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
-        return file.read(_size_of(os.fstat(file.fileno()), most))  # another file may have taken its place
 
 
 def _size_of(status: os.stat_result, most: int) -> int:

@@ -56,7 +56,8 @@ def place_things(
     refuse_unknown_things(by_name, known)
     for name, members in known.items():
         if (place := by_name.get(name)) is not None:
-            moved = _displacement(poses[members[0]].p, place)
+            turn = quat_about_z(place.turn_rad)
+            moved = Pose(np.array(place.p_base) - quat_rotate(turn, poses[members[0]].p), turn)
             for i in members:
                 poses[i] = moved @ poses[i]
     return tuple(poses)
@@ -87,9 +88,3 @@ def nearest_place(wanted: ThingPlace, shown: Array, works: Callable[[ThingPlace]
         middle = 0.5 * (low + high)
         low, high = (middle, high) if works(at(middle)) else (low, middle)
     return at(low)
-
-
-def _displacement(p_shown: Array, place: ThingPlace) -> Pose:
-    """What moves a thing's keyframes from where they were shown, in base."""
-    turn = quat_about_z(place.turn_rad)
-    return Pose(np.array(place.p_base) - quat_rotate(turn, p_shown), turn)

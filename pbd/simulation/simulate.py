@@ -94,7 +94,8 @@ def simulate(
     motion = HandMotion(task.waypoints, task.start_rpy, task.p_sensor_point, sway)
     beat = np.arange(int(task.duration_s * model.rate_hz + 1e-6) + 1) / model.rate_hz
     between = np.append(beat, len(beat) / model.rate_hz) - 0.5 / model.rate_hz
-    edges = _jittered(between, model, clock_rng)
+    late = model.jitter_s * clock_rng.normal(size=len(between))
+    edges = between + np.clip(late, -0.45 / model.rate_hz, 0.45 / model.rate_hz)
     middles = 0.5 * (edges[1:] + edges[:-1])
     t = middles - middles[0] if model.has_clock else beat
 
@@ -128,12 +129,6 @@ def _named(known: Mapping[str, _T], name: str, kind: str) -> _T:
             f"no {kind} is called {name!r}; choose one of {', '.join(known)}{nearest(name, known)}", value=name
         )
     return known[name]
-
-
-def _jittered(beat: Array, model: SensorModel, rng: np.random.Generator) -> Array:
-    """Actual bounds, s, of the intervals with nominal bounds (n,) s."""
-    late = model.jitter_s * rng.normal(size=len(beat))
-    return beat + np.clip(late, -0.45 / model.rate_hz, 0.45 / model.rate_hz)
 
 
 def _felt(motion: HandMotion, world: World, t: Array) -> Array:

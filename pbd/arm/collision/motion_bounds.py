@@ -23,7 +23,7 @@ def rates(arm: ArmModel, bodies: Sequence[Body], pairs: NDArray[np.int64]) -> Ar
 
     Only the joints between the two bodies count: those further down move both alike.
     """
-    reach, chains = [levers(arm, body) for body in bodies], _chains(arm)
+    reach, chains = [levers(arm, body) for body in bodies], [set(each) for each in arm.full.supports]
     bound = np.zeros((len(pairs), len(arm.robot.joints) + 1))
     for row, (first, second) in enumerate(pairs):
         for joint in chains[bodies[first].joint] ^ chains[bodies[second].joint]:
@@ -83,12 +83,6 @@ def outline(body: Body) -> tuple[Array, float]:
         return np.array([[0.0, 0.0, -0.5 * height], [0.0, 0.0, 0.5 * height]]), 0.5 * diameter + body.pad
     corners = 0.5 * np.array([np.where(mask, 1.0, -1.0) for mask in np.ndindex(2, 2, 2)])
     return corners * np.array(body.size), body.pad
-
-
-@lru_cache(maxsize=4)
-def _chains(arm: ArmModel) -> list[set[int]]:
-    """For each joint: it and those that carry it."""
-    return [set(each) for each in arm.full.supports]
 
 
 def _most_slide(arm: ArmModel, joint: int) -> float:

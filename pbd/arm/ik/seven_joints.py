@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pbd.arm.ik.subproblems import TINY, TOGETHER_M, Axis, axes_of, beyond, sines, within_turns
 from pbd.arm.model import ArmModel
@@ -69,19 +68,15 @@ def seven_joints(arm: ArmModel, goal: Target) -> list[Array]:
         q_finer, off_finer = _ways(arm, axes, R, to_shoulder, finer)
         order = np.argsort(np.append(q7, finer))
         q, off = np.hstack((q, q_finer))[:, order], np.hstack((off, off_finer))[:, order]
-    branches = list(q[_dips(off)][:, None])
+    # Where families come nearest to the limits and stay beyond.
+    beside = np.pad(off, ((0, 0), (1, 1)), constant_values=np.inf)
+    dips = (off > 0.0) & (off < NEARLY_RAD) & (off <= beside[:, :-2]) & (off <= beside[:, 2:])
+    branches = list(q[dips][:, None])
     for family, inside, leap in zip(q, off == 0.0, _leaps(q, off), strict=True):
         at = np.flatnonzero(inside)
         ends = np.flatnonzero((np.diff(at) > 1) | (leap[at[:-1]] > APART_RAD)) + 1
         branches += [family[part] for part in np.split(at, ends) if len(part)]
     return branches
-
-
-def _dips(off: Array) -> NDArray[np.bool_]:
-    """Where families (8, n) come nearest to the limits and stay beyond."""
-    beside = np.pad(off, ((0, 0), (1, 1)), constant_values=np.inf)
-    dips: NDArray[np.bool_] = (off > 0.0) & (off < NEARLY_RAD) & (off <= beside[:, :-2]) & (off <= beside[:, 2:])
-    return dips
 
 
 def _leaps(q: Array, off: Array) -> Array:
