@@ -94,4 +94,4 @@ def solve_keyframes(
     found = choose_motion(arm, request_of(arm, T_base_tool, start_joints(arm, options), None, PlanOptions()), None)
     if not isinstance(found, Motion):
         raise found.error
-    return T_base_tool, found.q, hold(arm, T_base_tool, found.q).off_rad
+    return T_base_tool, found.q, hold(arm, T_base_tool, found.q)[1]

@@ -203,7 +203,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
     keyframes, calibration, robot, _, grasped = task
     arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen = prepared
     warn_of_wide_moves(arm, chosen)
-    held = hold(arm, T_base_tool, chosen.q)
+    held, off_rad = hold(arm, T_base_tool, chosen.q)
     moves, back = moves_of(chosen, keyframes, hand, options)
 
     def timed_at(speed: float, near: float) -> tuple[JointTrajectory, Array]:
@@ -228,7 +228,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
     for near in NEAR:
         trajectory, took = timed_at(options.speed, near)
         try:
-            report = audit(trajectory, robot.limits, robot, held.T_base_tool, world, load)
+            report = audit(trajectory, robot.limits, robot, held, world, load)
             break
         except TouchError:
             if near == NEAR[-1]:
@@ -240,7 +240,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
         options,
         T_base_nav,
         T_base_tool,
-        held.off_rad,
+        off_rad,
         chosen.segments,
         trajectory,
         report,

@@ -84,7 +84,7 @@ def warn_of_shapes(arm: ArmModel) -> None:
     from pbd.arm.collision.shape_coverage import doubts
 
     if found := doubts(arm):
-        told = "; ".join(f"{doubt.link} {doubt.why}" for doubt in found)
+        told = "; ".join(f"{link} {why}" for link, why in found.items())
         warn(f"contacts may be missed: {told}; correct the shapes in {arm.robot.urdf}")
 
 

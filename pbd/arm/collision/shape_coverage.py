@@ -6,7 +6,7 @@ Shapes are as large as the links that they stand for; a mesh in millimetres that
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -25,17 +25,9 @@ LEAST_LINK_M = 0.01
 """A link whose joints are closer than this may do without a shape: a wrist may be several joints in one place."""
 
 
-@dataclass(frozen=True)
-class Doubt:
-    """A link that no shape covers, or one far too small, and why that is thought ("has no collision shape")."""
-
-    link: str
-    why: str
-
-
 @lru_cache(maxsize=4)
-def doubts(arm: ArmModel) -> tuple[Doubt, ...]:
-    """Return the links whose shapes can't be trusted, in the URDF's order.
+def doubts(arm: ArmModel) -> dict[str, str]:
+    """Return the links whose shapes can't be trusted, in the URDF's order, and why ("has no collision shape").
 
     Raises:
         RobotError: as `link_bodies`.
@@ -52,7 +44,7 @@ def doubts(arm: ArmModel) -> tuple[Doubt, ...]:
             size, seen = _size(body for body in bodies if body.name == link), _size(bodies_of(arm, drawn))
             if size < SMALL * seen:
                 found[link] = f"has a collision shape of {_length(size)}, but is drawn {_length(seen)} large"
-    return tuple(Doubt(link, found[link]) for link in arm.links if link in found)
+    return {link: found[link] for link in arm.links if link in found}
 
 
 def _between_joints(arm: ArmModel, joint: int, own: list[Body]) -> str | None:

@@ -133,23 +133,14 @@ def measure(arm: ArmModel, goal: Target, q: Array) -> PartialPose:
     return PartialPose(q, float(np.linalg.norm(p - p_target)), float(approach), float(about))
 
 
-class Held(NamedTuple):
-    """The tool's poses in base as an arm holds them, and how far off those that were asked for they are.
+def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tuple[Pose, ...], Array]:
+    """Say which poses in base an arm holds at the joints (n, k) found for n tool poses; warn where that is far off.
 
-    `off_rad` (n, 2): the approach axis, and the rotation about it.
-    """
-
-    T_base_tool: tuple[Pose, ...]
-    off_rad: Array
-
-
-def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> Held:
-    """Say which poses an arm holds at the joints (n, k) found for n tool poses; warn where that is far off.
-
+    With them how far off (n, 2) they are, rad: the approach axis, and the rotation about it.
     Of an arm with joints enough they are those asked for. Of another the positions are, and the rotations its own.
     """
     if not is_partial(arm):
-        return Held(tuple(T_base_tool), np.zeros((len(q), 2)))
+        return tuple(T_base_tool), np.zeros((len(q), 2))
     found = [measure(arm, target(pose), joints) for pose, joints in zip(T_base_tool, q, strict=True)]
     held = tuple(Pose(pose.p, arm.forward(joints).wxyz) for pose, joints in zip(T_base_tool, q, strict=True))
     off = np.array([(each.approach_rad, each.about_rad) for each in found]).reshape(-1, 2)
@@ -161,7 +152,7 @@ def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> Held:
             f"to {approach:.0f} degrees off, the rotation about it up to {about:.0f} degrees, worst at keyframe "
             f"{worst}; use an arm with six joints, or move the dock"
         )
-    return Held(held, off)
+    return held, off
 
 
 class _Residual:

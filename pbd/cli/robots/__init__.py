@@ -90,6 +90,6 @@ def _collision(arm: ArmModel) -> dict[str, Any]:
     return {
         "links": list(solid),
         "links_without_shape": [link for link in arm.links if link not in solid],
-        "doubtful_shapes": [vars(doubt) for doubt in doubts(arm)],
+        "doubtful_shapes": [{"link": link, "why": why} for link, why in doubts(arm).items()],
         "left_out": [vars(each) for each in unchecked],
     }
