@@ -98,16 +98,22 @@ def test_the_demonstrated_path_is_where_the_hand_was(robot: Robot) -> None:
     assert away.max() < 0.006
 
 
-def test_a_demonstration_without_stops_on_the_way_is_followed() -> None:
-    """Half a circle of 20 cm in one move: keyframes alone would be a line."""
-    t = np.arange(0.0, 4.0, 0.01)
-    share = np.clip((t - 1.0) / 2.0, 0.0, 1.0)
-    angle = np.pi * (10 * share**3 - 15 * share**4 + 6 * share**5)
-    p = 0.1 * np.column_stack((np.zeros_like(t), 1.0 - np.cos(angle), np.sin(angle)))
-    path = HandPath(
-        t, p, np.gradient(p, t, axis=0), np.tile(TURN, (len(t), 1)), (Stop(0, 101, 1.0), Stop(300, 400, 0.99)),
+def on_a_circle(move_s: float, turn: float, radius: float, axes: tuple[int, int]) -> HandPath:
+    """A hand that turns once about a place beside it, from rest to rest, with a second of rest at both ends."""
+    t = np.arange(0.0, move_s + 2.0, 0.01)
+    share = np.clip((t - 1.0) / move_s, 0.0, 1.0)
+    angle = turn * (10 * share**3 - 15 * share**4 + 6 * share**5)
+    p, last = np.zeros((len(t), 3)), len(t) - 100
+    p[:, axes] = radius * np.column_stack((1.0 - np.cos(angle), np.sin(angle)))
+    return HandPath(
+        t, p, np.asarray(np.gradient(p, t, axis=0)), np.tile(TURN, (len(t), 1)), (Stop(0, 101, 1.0), Stop(last, last + 100, 0.99)),
         np.zeros((1, 3)), PoseCovariance.chained(np.tile(1e-6 * np.eye(6), (2, 1, 1))),
     )  # fmt: skip
+
+
+def test_a_demonstration_without_stops_on_the_way_is_followed() -> None:
+    """Half a circle of 20 cm in one move: keyframes alone would be a line."""
+    path = on_a_circle(2.0, np.pi, 0.1, (1, 2))
     plan = plan_keyframes(find_keyframes(path), dock(), PANDA, PlanOptions(path="demo"), path)
     tool, _ = arm_of(PANDA).forward_many(moving(plan)[::20])
     centre = plan.T_base_nav.act(np.array([0.0, 0.1, 0.0]))
@@ -117,14 +123,7 @@ def test_a_demonstration_without_stops_on_the_way_is_followed() -> None:
 
 def test_a_hand_that_comes_back_to_where_it_began_is_followed() -> None:
     """A circle: its two keyframes are one, and only the hand's path says what is between."""
-    t = np.arange(0.0, 5.0, 0.01)
-    share = np.clip((t - 1.0) / 3.0, 0.0, 1.0)
-    angle = 2.0 * np.pi * (10 * share**3 - 15 * share**4 + 6 * share**5)
-    p = 0.06 * np.column_stack((1.0 - np.cos(angle), np.sin(angle), np.zeros_like(t)))
-    path = HandPath(
-        t, p, np.gradient(p, t, axis=0), np.tile(TURN, (len(t), 1)), (Stop(0, 101, 1.0), Stop(400, 500, 0.99)),
-        np.zeros((1, 3)), PoseCovariance.chained(np.tile(1e-6 * np.eye(6), (2, 1, 1))),
-    )  # fmt: skip
+    path = on_a_circle(3.0, 2.0 * np.pi, 0.06, (0, 1))
     plan = plan_keyframes(find_keyframes(path), dock(), PANDA, PlanOptions(path="demo"), path)
     tool, _ = arm_of(PANDA).forward_many(moving(plan)[::20])
     centre = plan.T_base_nav.act(np.array([0.06, 0.0, 0.0]))

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from pbd.planning.choose_joints import solve_keyframes
 from pbd.planning.export_source import source_of
-from pbd.planning.options import PATHS, TIMES, PlanOptions
+from pbd.planning.options import PlanOptions
 from pbd.planning.plan import can_plan, plan, plan_keyframes, plan_path
-from pbd.planning.result import Plan, Stretch, Touching
+from pbd.planning.result import Plan
 from pbd.planning.steps import arm_of, load_arm, scene_of
 
 __all__ = [
-    "PATHS",
-    "TIMES",
     "Plan",
     "PlanOptions",
-    "Stretch",
-    "Touching",
     "arm_of",
     "can_plan",
     "load_arm",

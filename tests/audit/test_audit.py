@@ -231,18 +231,22 @@ def test_poses_bite(arm: ArmModel, twist: tuple[float, ...], sound: bool) -> Non
         assert " rad off its pose; no trajectory was written; " in caught.value.message
 
 
-def test_samples_that_are_not_those_of_the_pieces_are_found(arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is written is what `JointTrajectory.sample` says; a fault there is caught too."""
-    trajectory, poses = plan(arm)
-    true_sample = JointTrajectory.sample
+def changed_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    sample = JointTrajectory.sample
 
     def faulty(self: JointTrajectory, rate_hz: float) -> object:
-        samples = true_sample(self, rate_hz)
+        samples = sample(self, rate_hz)
         q: Array = samples.q.copy()
         q[len(q) // 2, 5] += 0.01
         return replace(samples, q=q)
 
     monkeypatch.setattr(JointTrajectory, "sample", faulty)
+
+
+def test_samples_that_are_not_those_of_the_pieces_are_found(arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is written is what `JointTrajectory.sample` says; a fault there is caught too."""
+    trajectory, poses = plan(arm)
+    changed_sample(monkeypatch)
     with pytest.raises(PlanError, match="panda_joint6 has velocity"):
         audit(trajectory, arm.limits, arm.robot, poses)
 

@@ -20,11 +20,12 @@ from pbd.data import Calibration, JointTrajectory, Obstacle, Robot
 from pbd.errors import PlanError
 from pbd.files.demo import load_demo
 from pbd.planning import plan_keyframes
-from pbd.pose import Array, Pose
+from pbd.pose import Pose
 from tests.arm.bundled import arm_of, keyframes_of, path_of
 from tests.arm.conftest import random_joints
 from tests.arm.dense import Dense
 from tests.arm.straight import time_keyframes
+from tests.audit.test_audit import changed_sample
 
 PANDA = arm_of("panda").robot
 BOTTLE = load_demo("pouring").grasped
@@ -80,18 +81,6 @@ def small_hulls(monkeypatch: pytest.MonkeyPatch) -> None:
 def dropped_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
     nothing: Any = np.empty((0, 2), dtype=np.int64)
     monkeypatch.setattr(CollisionScene, "_against", lambda *_: nothing)
-
-
-def changed_sample(monkeypatch: pytest.MonkeyPatch) -> None:
-    sample = JointTrajectory.sample
-
-    def faulty(self: JointTrajectory, rate_hz: float) -> object:
-        samples = sample(self, rate_hz)
-        q: Array = samples.q.copy()
-        q[len(q) // 2, 5] += 0.01
-        return replace(samples, q=q)
-
-    monkeypatch.setattr(JointTrajectory, "sample", faulty)
 
 
 def moved_keyframe(monkeypatch: pytest.MonkeyPatch) -> None:
