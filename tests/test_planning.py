@@ -105,8 +105,9 @@ def on_a_circle(move_s: float, turn: float, radius: float, axes: tuple[int, int]
     angle = turn * (10 * share**3 - 15 * share**4 + 6 * share**5)
     p, last = np.zeros((len(t), 3)), len(t) - 100
     p[:, axes] = radius * np.column_stack((1.0 - np.cos(angle), np.sin(angle)))
+    v: Array = np.gradient(p, t, axis=0)  # type: ignore[assignment]
     return HandPath(
-        t, p, np.asarray(np.gradient(p, t, axis=0)), np.tile(TURN, (len(t), 1)), (Stop(0, 101, 1.0), Stop(last, last + 100, 0.99)),
+        t, p, v, np.tile(TURN, (len(t), 1)), (Stop(0, 101, 1.0), Stop(last, last + 100, 0.99)),
         np.zeros((1, 3)), PoseCovariance.chained(np.tile(1e-6 * np.eye(6), (2, 1, 1))),
     )  # fmt: skip
 

@@ -185,7 +185,7 @@ class _Search(Mending):
                 move.hits[move.kind] = hit
             else:
                 unfollowed = move.kind
-        return refuse_move(i, move.tried, move.hits, unfollowed, move.searched)
+        return refuse_move(i, move, unfollowed)
 
     def _alone(self, i: int) -> Hit | None:
         """Return what the tool's path to keyframe i touches where nothing else holds the arm back."""

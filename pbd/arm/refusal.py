@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.motion_check import describe
 from pbd.arm.collision.scene import TABLE, Hit
+from pbd.arm.ladder_links import Move
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion
 from pbd.errors import PlanError, warn
 
@@ -30,16 +30,12 @@ def refuse_pose(i: int, tried: int, hit: Hit) -> Refusal:
     return _collision(i, f"arm pose at keyframe {i} among {tried}: {describe(hit)}", STRAIGHT, hit)
 
 
-def refuse_move(i: int, tried: int, hits: Mapping[str, Hit], unfollowed: str | None, searched: int) -> Refusal:
-    """Refuse the move to keyframe i.
+def refuse_move(i: int, move: Move, unfollowed: str | None) -> Refusal:
+    """Refuse the move to keyframe i; the message names what is touched least deep.
 
-    Args:
-        tried: how many pairs of arm poses, at the keyframe before and there.
-        hits: what the first of these pairs touches, by kind of move; the message names the one that overlaps least.
-        unfollowed: a kind of path that the arm can't follow, whatever is in the way.
-        searched: how many checks were made for a detour.
+    `unfollowed`: a kind of path that the arm can't follow, whatever is in the way.
     """
-    if not hits:
+    if not (hits := move.hits):
         path = "the demonstrated path" if unfollowed == DEMO else "the straight line"
         error = PlanError(
             f"the arm can't follow {path} from keyframe {i - 1} to keyframe {i}: it would have to flip its elbow or "
@@ -56,8 +52,8 @@ def refuse_move(i: int, tried: int, hits: Mapping[str, Hit], unfollowed: str | N
     if unfollowed is not None:
         told.append(f"{_SPOKEN[unfollowed]}: the arm can't follow it")
     where = f"from keyframe {i - 1} to keyframe {i}" if i > 0 else "to keyframe 0"
-    pairs = f"{tried} pairs of arm poses" if tried > 1 else "1 pair of arm poses"
-    search = f", and no detour found in {searched} checks" if searched else ""
+    pairs = f"{move.tried} pairs of arm poses" if move.tried > 1 else "1 pair of arm poses"
+    search = f", and no detour found in {move.searched} checks" if move.searched else ""
     return _collision(i, f"motion {where} among {pairs}{search}. {'. '.join(told)}", closest, hits[closest])
 
 

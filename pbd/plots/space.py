@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -223,12 +224,7 @@ def _groups(spots: Array) -> list[list[int]]:
 
 def _ranges(numbers: Sequence[int]) -> str:
     """Write increasing numbers: 0, 4–6, 9."""
-    runs: list[list[int]] = []
-    for each in numbers:
-        if runs and each == runs[-1][-1] + 1:
-            runs[-1].append(each)
-        else:
-            runs.append([each])
+    runs = [[each for _, each in run] for _, run in groupby(enumerate(numbers), lambda pair: pair[1] - pair[0])]
     words = [str(run[0]) if len(run) == 1 else f"{run[0]}{', ' if len(run) == 2 else '–'}{run[-1]}" for run in runs]
     return ", ".join(words if len(words) <= MOST_NUMBERS else [*words[: MOST_NUMBERS - 1], "…"])
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.optimize import linprog
-from scipy.sparse import csr_array, kron, vstack
+from scipy.sparse import csr_array, diags_array, kron, vstack
 
 from pbd.arm.timing.speed_profile import SpeedProfile
 from pbd.pose import Array
@@ -45,20 +45,16 @@ def jerk_limited_profile(
     accelerations = csr_array((by_x.ravel(), (rows, columns.ravel())), shape=(n * k, n + 1))
     rest = csr_array((k, n + 1))
     changes = vstack((accelerations, rest)) - vstack((rest, accelerations))  # ((n + 1) k, n + 1)
-    x = np.maximum(most, _SLOW)
+    # (n + 1, n): from the middle of each segment to the next; at the ends, where the arm stands still, a segment.
+    weights = np.full((2, n), 0.5)
+    weights[0, 0] = weights[1, -1] = 1.0
+    between = diags_array(weights, offsets=(0, -1), shape=(n + 1, n), format="csr")
+    x, ramp = np.maximum(most, _SLOW), (jerk / acceleration)[:, None]
     x[0] = x[-1] = 0.0
     profile = None
     for _ in range(ROUNDS):
-        t, by_before, by_after = _times(step, x, scale)
-        tangent = csr_array(
-            (
-                np.concatenate((by_before, by_after)),
-                (np.tile(np.arange(n), 2), np.append(np.arange(n), np.arange(1, n + 1))),
-            ),
-            shape=(n, n + 1),
-        )
-        between = _between(n)
-        ramp = (jerk / acceleration)[:, None]
+        t, by_x_there = _times(step, x, scale)
+        tangent = diags_array(by_x_there, offsets=(0, 1), shape=(n, n + 1), format="csr")
         room = csr_array(kron(between @ tangent, ramp))
         fixed = np.kron(between @ (t - tangent @ x), ramp[:, 0])
         solved = linprog(  # type: ignore[call-overload]  # its stubs know no sparse matrices
@@ -81,20 +77,11 @@ def jerk_limited_profile(
     return profile
 
 
-def _times(step: Array, x: Array, scale: float) -> tuple[Array, Array, Array]:
-    """Return how long (n,) each segment takes, and the derivatives of that by x before and after it."""
+def _times(step: Array, x: Array, scale: float) -> tuple[Array, Array]:
+    """Return how long (n,) each segment takes, and the derivatives (2, n) of that by x before and after it."""
     v = np.sqrt(np.maximum(x, _SLOW) * scale)
     v[0] = v[-1] = 0.0
     both = v[:-1] + v[1:]
     with np.errstate(divide="ignore"):
-        slope = -step * scale / both**2 / v[:-1], -step * scale / both**2 / v[1:]
-    by_before, by_after = (np.where(np.isfinite(by_x), by_x, 0.0) for by_x in slope)
-    return 2.0 * step / both, by_before, by_after
-
-
-def _between(n: int) -> csr_array:
-    """(n + 1, n): from the middle of each segment to the next; at the ends, where the arm stands still, a segment."""
-    weights = np.full(2 * n, 0.5)
-    weights[n - 1] = weights[n] = 1.0
-    rows, columns = np.concatenate((np.arange(1, n + 1), np.arange(n))), np.tile(np.arange(n), 2)
-    return csr_array((weights, (rows, columns)), shape=(n + 1, n))
+        slope = -step * scale / both**2 / np.stack((v[:-1], v[1:]))
+    return 2.0 * step / both, np.where(np.isfinite(slope), slope, 0.0)
