@@ -185,7 +185,7 @@ class LinkChecks:
         if queries is not None and move.detour:
             return self._around(i, move, q_before, q)
         if queries is not None and i in (0, self.n):
-            found = queries.approach(q_before, q) if i == 0 else queries.retreat(q_before, q)
+            found = queries.by_the_axis(i, q_before, q)
             if found is None and move.kind not in move.hits and (hit := queries.moving(i, np.stack((q_before, q)))):
                 move.hits[move.kind] = hit
             return found

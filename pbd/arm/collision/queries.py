@@ -49,7 +49,7 @@ class CollisionQueries:
 
     def stands(self, i: int, q: Array) -> bool:
         """Whether the arm touches nothing at keyframe i with joints (k,), as it comes there or as it leaves."""
-        return not any(self.scene.touches(q, leg) for leg in dict.fromkeys(self.legs[i : i + 2]))
+        return not any(self.scene.meets(q[None], leg) for leg in dict.fromkeys(self.legs[i : i + 2]))
 
     def passes(self, i: int, q: Array) -> bool:
         """Whether it touches nothing on its way to keyframe i, straight from each of joints (m, k) to the next."""
@@ -59,19 +59,12 @@ class CollisionQueries:
         """Return a hit of what moves with the tool on its way to keyframe i, which is there however the arm is held."""
         return None if is_partial(self.arm) else self.scene.tool_hit(T_base_tool, self.legs[i])
 
-    def approach(self, q_start: Array, q: Array) -> Array | None:
-        """Return the joints (m, k) by which the arm comes to keyframe 0, None where it can't."""
-        if self.passes(0, np.stack((q_start, q))):
+    def by_the_axis(self, i: int, q_before: Array, q: Array) -> Array | None:
+        """Return the joints (m, k) from the arm's start to keyframe 0, or back from the last (i = n); None: it can't."""
+        if self.passes(i, np.stack((q_before, q))):
             return q[None]
-        before = self._before(self.legs[0], q, q_start)
-        return None if before is None else np.stack((before, q))
-
-    def retreat(self, q: Array, q_back: Array) -> Array | None:
-        """Return the joints (m, k) by which it goes back from the last keyframe, None where it can't."""
-        if self.passes(len(self.legs) - 1, np.stack((q, q_back))):
-            return q_back[None]
-        before = self._before(self.legs[-1], q, q_back)
-        return None if before is None else np.stack((before, q_back))
+        between = self._before(self.legs[i], *((q, q_before) if i == 0 else (q_before, q)))
+        return None if between is None else np.stack((between, q))
 
     def _before(self, leg: Leg, q: Array, q_away: Array) -> Array | None:
         """Find joints from which the tool goes straight along its axis to joints q at an end of the motion."""

@@ -6,7 +6,7 @@ looks in the middle, where most moves are barred, come first; and before them th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -48,9 +48,7 @@ class QuickClearance(Clearance):
         return False
 
     def meets(self, x: Array) -> bool:
-        """Whether any pair touches on a straight move from coordinates to others, x (2, k + 1)."""
-        if any(self.touches(each) for each in x):
-            return True
+        """Whether any pair touches on a straight move from coordinates to others, x (2, k + 1), but not at these."""
         step, q = x[1] - x[0], self.arm.configurations(x)
         way = q[1] - q[0]
 
@@ -78,16 +76,9 @@ class QuickClearance(Clearance):
                 gaps += ((since, t - distance / v), (t + distance / v, until))
         return False
 
-    def meets_along(self, x: Array, path: Callable[[], JointPath]) -> bool:
-        """Whether any pair touches on a path.
-
-        Args:
-            x: its start and its end (2, k + 1).
-            path: gives all of it; only asked if nothing touches at those.
-        """
-        if any(self.touches(each) for each in x):
-            return True
-        walk, at_start, at_end = self._walk(path()), self._remembered(x[0]), self._remembered(x[1])
+    def meets_along(self, path: JointPath) -> bool:
+        """Whether any pair touches on a path, but not at its ends."""
+        walk, at_start, at_end = self._walk(path), self._remembered(path.x[0]), self._remembered(path.x[-1])
         near = self._in_reach(at_start, at_end, self.rates @ walk.moved[:, -1])
         return any(self._halve(walk, pair, at_start[pair], at_end[pair]) and self._touched(pair) for pair in near)
 

@@ -124,28 +124,18 @@ class CollisionScene:
                     worst = self.as_hit(each, pair, x, distance)
         return worst
 
-    def touches(self, q: Array, leg: Leg) -> bool:
-        """Whether there is a hit at joints q (k,)."""
-        x = np.append(q, leg.opening)
-        return any(each.touches(x) for each in self.clearances(leg.stay))
-
     def meets(self, q: Array, leg: Leg) -> bool:
-        """Whether there is a hit on straight moves in joint space from each of joints (m, k) to the next.
+        """Whether there is a hit at joints (1, k), or on straight moves in joint space from each of (m, k) to the next.
 
         What comes nearer than MARGIN_M but doesn't touch counts where somebody looks: `check_path` looks elsewhere.
         """
-        if len(q) == 1:
-            return self.touches(q[0], leg)
-        x = np.column_stack((q[[0, -1]], (leg.opening, leg.opening)))
-        for each in self.clearances(leg.stay):
-            if len(q) == 2:
-                found = each.meets(x)
-            else:
-                path = partial(polyline, q, leg.opening, each.rates, 2.0 * self.margin_m)
-                found = each.meets_along(x, path)
-            if found:
-                return True
-        return False
+        x = np.column_stack((q[[0, -1]], (leg.opening, leg.opening)))[: len(q)]
+        return any(
+            any(each.touches(end) for end in x)
+            or (len(q) == 2 and each.meets(x))
+            or (len(q) > 2 and each.meets_along(polyline(q, leg.opening, each.rates, 2.0 * self.margin_m)))
+            for each in self.clearances(leg.stay)
+        )
 
     def tool_hit(self, T_base_tool: Sequence[Pose], leg: Leg) -> Hit | None:
         """Return a hit of what moves with the tool at some poses, which is there however the arm is held."""
