@@ -27,14 +27,9 @@ def target(T_base_tool: Pose) -> Target:
 
 def in_universe(arm: ArmModel, target: Target) -> Target:
     """Turn a pose in base into one in pinocchio's world."""
-    T_universe_base = _in_universe(arm)
-    return Target(T_universe_base.R @ target.p + T_universe_base.p, T_universe_base.R @ target.R)
-
-
-@lru_cache(maxsize=4)
-def _in_universe(arm: ArmModel) -> Target:
     T_universe_base = arm.T_base_universe.inverse()
-    return Target(T_universe_base.translation.copy(), T_universe_base.rotation.copy())
+    R = T_universe_base.rotation
+    return Target(R @ target.p + T_universe_base.translation, R @ target.R)
 
 
 @lru_cache(maxsize=4)

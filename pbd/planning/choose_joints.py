@@ -47,7 +47,7 @@ def choose_joints(
                 refuse_home(scene)
             except PlanError as error:
                 return Refused(error, (_without_home(options),))
-        queries = CollisionQueries(arm, scene, request.T_base_tool, [keyframe.grip for keyframe in keyframes])
+        queries = CollisionQueries(scene, request.T_base_tool, [keyframe.grip for keyframe in keyframes])
         if options.approach and (hit := scene.hit(request.q_start, queries.legs[0])) is not None:
             what = f"at the arm's start: {describe(hit)}; move the arm, or correct the obstacles in the calibration"
             return Refused(PlanError(what, bodies=(hit.first, hit.second), value=hit.depth, p_base=hit.p_base))

@@ -9,7 +9,7 @@ import numpy as np
 
 from pbd.data import Keyframe
 from pbd.errors import PlanError, TrackingError, warn
-from pbd.planning.options import PlanOptions
+from pbd.planning.options import PlanOptions, demonstrated
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -59,8 +59,7 @@ def check_certainty(keyframes: Sequence[Keyframe], scale: float) -> None:
         return
     worst = int(np.argmax(added))
     if worst > 0 and added[worst] > 0.5 * variances[least_sure]:
-        before, after = keyframes[worst - 1], keyframes[worst]
-        duration = after.t - 0.5 * after.dwell_s - before.t - 0.5 * before.dwell_s
+        duration = demonstrated(keyframes)[worst - 1]
         why = f"most of it from the {duration:.1f} s move to keyframe {worst}: pause half a second during that move"
     else:
         why = "from the drift of many moves: end where you began (pbd record --closed), or use known places"

@@ -58,7 +58,7 @@ def test_what_is_grasped_is_in_the_hand_from_its_keyframe_on() -> None:
     arm = arm_of("panda")
     grasp = Pose(np.array([0.5, 0.0, 0.5 * CUP.size[-1]]), np.array([0.0, 1.0, 0.0, 0.0]))
     beside = Pose(grasp.p + np.array([0.1, 0.0, 0.0]), grasp.wxyz)
-    queries = CollisionQueries(arm, CollisionScene(arm, 0.0, (), CUP), [beside, grasp], [None, True])
+    queries = CollisionQueries(CollisionScene(arm, 0.0, (), CUP), [beside, grasp], [None, True])
     q_beside, q_grasp = (solve(arm, pose, arm.robot.home).q for pose in (beside, grasp))
     assert queries.scene.hit(q_beside, queries.legs[1]) is None
     assert queries.standing(1, q_beside) is not None

@@ -58,7 +58,7 @@ def asked(
     poses: Sequence[Pose], obstacles: Sequence[Obstacle] = (), **request: object
 ) -> tuple[Motion | Refusal, CollisionScene]:
     scene = CollisionScene(ARM, None, obstacles)
-    queries = CollisionQueries(ARM, scene, poses, [None] * len(poses))
+    queries = CollisionQueries(scene, poses, [None] * len(poses))
     return choose_motion(ARM, MotionRequest(poses, HOME, **request), queries), scene  # type: ignore[arg-type]
 
 
@@ -213,7 +213,7 @@ def test_a_known_detour_is_bent_to_joints_nearby_and_is_no_longer_for_that() -> 
     with pytest.warns(PbdWarning, match="the arm goes around the plate"):
         found = chosen((LEFT, RIGHT), PLATE, approach=False)
     way = np.vstack((found.q[0], found.segments[1].q))
-    queries = CollisionQueries(ARM, CollisionScene(ARM, None, PLATE), (LEFT, RIGHT), [None, None])
+    queries = CollisionQueries(CollisionScene(ARM, None, PLATE), (LEFT, RIGHT), [None, None])
     start, goal = way[-1] + 0.02, way[0] - 0.02
     assert warp_detour(queries, 1, start, goal, []) is None
     back = warp_detour(queries, 1, start, goal, [way])
@@ -234,7 +234,7 @@ def test_what_was_tried_is_told_where_there_is_no_way_around(monkeypatch: pytest
 def test_a_detour_may_turn_a_joint_the_longer_way() -> None:
     """The nearer turn of the base leads nowhere: no pair of ways to hold the arm that is nearest has a detour."""
     arm, obstacles, poses = made("ur5", "bin", 4)
-    queries = CollisionQueries(arm, CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
+    queries = CollisionQueries(CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
     motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), queries)
     assert isinstance(motion, Motion)
     assert motion.back is not None
@@ -245,7 +245,7 @@ def test_a_detour_may_turn_a_joint_the_longer_way() -> None:
 def test_a_narrow_part_of_the_null_space_is_found_where_nothing_else_is_free() -> None:
     """Panda's last joint has 7 mrad in which the arm is 1 mm from the beam."""
     arm, obstacles, poses = made("panda", "portal", 11)
-    queries = CollisionQueries(arm, CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
+    queries = CollisionQueries(CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
     motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, approach=False), queries)
     assert isinstance(motion, Motion)
     assert queries.closer().stands(1, motion.q[1])
@@ -276,7 +276,7 @@ def test_a_motion_close_to_things_is_made_where_no_other_is_free_and_told(higher
 def test_a_detour_is_looked_for_before_the_arm_is_held_quite_otherwise() -> None:
     """A straight move is free among the first 36, but it is twice as long as the detour."""
     arm, obstacles, poses = made("ur5", "shelf", 7000)
-    queries = CollisionQueries(arm, CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
+    queries = CollisionQueries(CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
     with pytest.warns(PbdWarning, match="goes around"):
         found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), queries)
     assert isinstance(found, Motion)

@@ -158,7 +158,7 @@ def made(name: str, kind: str, seed: int) -> tuple[ArmModel, list[Obstacle], lis
 def tell(name: str, kind: str, seed: int) -> Told:
     """Plan one scene, and check what was found."""
     arm, obstacles, poses = made(name, kind, seed)
-    queries = CollisionQueries(arm, CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
+    queries = CollisionQueries(CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
     start = time.process_time()
     found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), queries)
     took = time.process_time() - start

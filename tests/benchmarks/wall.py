@@ -64,7 +64,7 @@ def chosen(arm: ArmModel, count: int) -> object:
     poses = [keyframe((-1, 1)[i % 2]) for i in range(count)]
     placed = Pose.from_rpy(at(reach + 0.1, 0.0, 0.5 * top), (0.0, 0.0, ahead))
     wall = Obstacle("the wall", "box", (0.9 * reach, 0.02, top), placed)
-    queries = CollisionQueries(arm, CollisionScene(arm, None, [wall]), poses, [None] * count)
+    queries = CollisionQueries(CollisionScene(arm, None, [wall]), poses, [None] * count)
     return choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), queries)
 
 

@@ -15,22 +15,17 @@ import numpy as np
 from pbd.arm.collision.scene import CollisionScene, Hit, Leg
 from pbd.arm.ik.cartesian import line, refine
 from pbd.arm.ik.partial_pose import is_partial
-from pbd.arm.model import ArmModel
 from pbd.pose import Array, Pose
 
 APPROACH_M = 0.08, 0.16
 """Distances before a keyframe from which the arm comes, where it can't come straight: the first that is free."""
 
-_UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
-
 
 class CollisionQueries:
     """What is free for one arm and the legs of one motion."""
 
-    def __init__(
-        self, arm: ArmModel, scene: CollisionScene, T_base_tool: Sequence[Pose], grips: Sequence[bool | None]
-    ) -> None:
-        self.arm, self.scene, self.legs = arm, scene, scene.legs(T_base_tool, grips)
+    def __init__(self, scene: CollisionScene, T_base_tool: Sequence[Pose], grips: Sequence[bool | None]) -> None:
+        self.arm, self.scene, self.legs = scene.arm, scene, scene.legs(T_base_tool, grips)
 
     def closer(self) -> CollisionQueries:
         """The same, but things that are CLOSE_M apart don't touch."""
@@ -60,7 +55,7 @@ class CollisionQueries:
         return None if is_partial(self.arm) else self.scene.tool_hit(T_base_tool, self.legs[i])
 
     def by_the_axis(self, i: int, q_before: Array, q: Array) -> Array | None:
-        """Return the joints (m, k) from the arm's start to keyframe 0, or back from the last (i = n); None: it can't."""
+        """Return the joints (m, k) from the arm's start to keyframe 0, or back from the last (i = n); or None."""
         if self.passes(i, np.stack((q_before, q))):
             return q[None]
         between = self._before(self.legs[i], *((q, q_before) if i == 0 else (q_before, q)))
@@ -70,7 +65,7 @@ class CollisionQueries:
         """Find joints from which the tool goes straight along its axis to joints q at an end of the motion."""
         T_base_tool, before = self.arm.forward(q), q
         for near, far in pairwise((0.0, *APPROACH_M)):
-            T_near, T_far = (T_base_tool @ Pose(np.array([0.0, 0.0, -away]), _UNTURNED) for away in (near, far))
+            T_near, T_far = (T_base_tool @ Pose.from_rpy((0.0, 0.0, -away), np.zeros(3)) for away in (near, far))
             for pose in line(T_near, T_far)[1:]:
                 found = refine(self.arm, pose, before)
                 if found is None:

@@ -20,12 +20,6 @@ CLUMSY = 0.25
 _MEASURED = 500  # samples from which the manipulability of that share is taken
 
 
-@lru_cache(maxsize=4)
-def starts_of(arm: ArmModel) -> Starts:
-    """Sample an arm, once."""
-    return Starts(arm)
-
-
 class Starts:
     """Uniform samples of an arm's configurations, the same ones each time.
 
@@ -57,6 +51,10 @@ class Starts:
         found = np.argpartition(distance, count)[:count]
         q: Array = self.q[found[np.argsort(distance[found])]]
         return q
+
+
+starts_of = lru_cache(maxsize=4)(Starts)
+"""Samples an arm, once."""
 
 
 def manipulability(J: Array) -> Array:
