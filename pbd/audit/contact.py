@@ -95,7 +95,10 @@ class Motion:
         self._q = arm.configurations(coordinates(trajectory, self.t))
         self._shared = np.append(np.arange(0, len(self.t), SHARED), len(self.t) - 1)
         self._placed, self._bounds = dict[int, Placed](), dict[Solid, dict[int, Array]]()
-        self._centers, self._places = dict[Solid, Array](), dict[int, Array]()
+        self._centers = dict[Solid, Array]()
+        # T_universe_joint (n, joints, 4, 4) at the beginnings of spans and the end.
+        placed = (self.at(row).T_universe_joint for row in self._shared.tolist())
+        self._places = np.array([[T.homogeneous for T in joints] for joints in placed])
 
     def at(self, row: int, share: float = 0.0) -> Placed:
         """Where the arm is at a row, or a share of the time to the next one later."""
@@ -130,16 +133,9 @@ class Motion:
     def _centers_of(self, solid: Solid) -> Array:
         """Where the center of a solid's ball is in the universe (n, 3), m, at the beginnings of spans and the end."""
         if solid not in self._centers:
-            T = self._places_of(solid.joint)
+            T = self._places[:, solid.joint]
             self._centers[solid] = T[:, :3, :3] @ solid.ball[0] + T[:, :3, 3]
         return self._centers[solid]
-
-    def _places_of(self, joint: int) -> Array:
-        """T_universe_joint (n, 4, 4) at the beginnings of spans and the end."""
-        if joint not in self._places:
-            placed = (self.at(row).T_universe_joint[joint] for row in self._shared.tolist())
-            self._places[joint] = np.array([T.homogeneous for T in placed])
-        return self._places[joint]
 
     def _moved(self) -> Array:
         """How far each coordinate has gone at most (n, k + 1) since the start, to and fro."""
