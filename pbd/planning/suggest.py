@@ -101,13 +101,12 @@ def suggest(
         docks = list(islice(_docks(arm, (p, R), keyframes, table_known, scale), places))
         held = _weigh(arm, docks, keyframes)
         tell(f"{len(held)} of {len(docks)} docks have all keyframes within reach at {scale:g} of the size")
-        planned, stopped = _try_all(robot, arm, held, keyframes, grasped)
+        planned, stopped = _try_all(robot, held, keyframes, grasped)
         if stopped and not planned and not touching and (touching := _often_touching(arm)):
             robot = replace(robot, may_touch=(*robot.may_touch, *touching))
-            arm = arm_of(robot)
             pairs = ", ".join(f"{first} and {second}" for first, second in touching)
             tell(f"links that overlap in most configurations are taken to do so by design: {pairs}")
-            planned, stopped = _try_all(robot, arm, held, keyframes, grasped)
+            planned, stopped = _try_all(robot, held, keyframes, grasped)
         if planned:
             own, plan = min(planned, key=lambda each: each[1].trajectory.duration)
             room = margins(arm, own.home)
@@ -115,10 +114,7 @@ def suggest(
             dexterity = float(manipulability(arm.jacobian(own.home)[None])[0]) / starts_of(arm).clumsy
             return Suggestion(own, plan, nearest, dexterity, len(docks), len(held), table is not None, touching)
         why = next(iter(stopped), why)
-    raise RobotError(
-        f"{robot.name}: no home and dock found: {why}",
-        robot=robot.name,
-    )
+    raise RobotError(f"{robot.name}: no home and dock found: {why}", robot=robot.name)
 
 
 def _often_touching(arm: ArmModel) -> dict[tuple[str, str], int]:
@@ -135,14 +131,10 @@ def _often_touching(arm: ArmModel) -> dict[tuple[str, str], int]:
 
 
 def _try_all(
-    robot: Robot,
-    arm: ArmModel,
-    held: Sequence[tuple[float, Calibration]],
-    keyframes: Sequence[Keyframe],
-    grasped: GraspedObject | None,
+    robot: Robot, docks: Sequence[Calibration], keyframes: Sequence[Keyframe], grasped: GraspedObject | None
 ) -> tuple[list[tuple[Robot, Plan]], list[str]]:
     """Plans at the best docks, and what stopped the others."""
-    tried = [_try(robot, arm, dock, keyframes, grasped) for _, dock in held[:TRIED]]
+    tried = [_try(robot, dock, keyframes, grasped) for dock in docks[:TRIED]]
     return [each for each in tried if isinstance(each, tuple)], [each for each in tried if isinstance(each, str)]
 
 
@@ -206,9 +198,7 @@ def _docks(
         yield dock(yaw, at, round(float(at[2]) - over, 3))
 
 
-def _weigh(
-    arm: ArmModel, docks: Sequence[Calibration], keyframes: Sequence[Keyframe]
-) -> list[tuple[float, Calibration]]:
+def _weigh(arm: ArmModel, docks: Sequence[Calibration], keyframes: Sequence[Keyframe]) -> list[Calibration]:
     """Those docks at which every keyframe is within reach, least cost first."""
     from pbd.arm.ik.branches import configuration_cost
 
@@ -220,7 +210,7 @@ def _weigh(
             x, y, _ = np.mean([pose.p for pose in poses], axis=0)
             cost = float(configuration_cost(arm, q).mean()) + AHEAD * abs(float(np.arctan2(y, x)))
             found.append((cost, dock))
-    return sorted(found, key=lambda each: each[0])
+    return [dock for _, dock in sorted(found, key=lambda each: each[0])]
 
 
 def _hold_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
@@ -243,11 +233,11 @@ def _hold_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
 
 
 def _try(
-    robot: Robot, arm: ArmModel, dock: Calibration, keyframes: Sequence[Keyframe], grasped: GraspedObject | None
+    robot: Robot, dock: Calibration, keyframes: Sequence[Keyframe], grasped: GraspedObject | None
 ) -> tuple[Robot, Plan] | str:
     """Plan the demonstration at a dock, from the first home that it can be planned from; or why it can't."""
     why = "the place over the dock is out of reach; correct base or T_body_tool"
-    for home in _homes(arm, dock, keyframes, grasped):
+    for home in _homes(arm_of(robot), dock, keyframes, grasped):
         own = replace(robot, home=home, dock=dock)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PbdWarning)  # of a plan that nobody sees
