@@ -10,7 +10,7 @@ from pbd.data import Calibration, HandPath, Keyframe, Robot
 from pbd.errors import PbdError, PlanError
 from pbd.planning.options import PlanOptions
 from pbd.planning.preconditions import start_joints
-from pbd.planning.steps import arm_of, place, request_of
+from pbd.planning.steps import Task, arm_of, place, request_of
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def solve_keyframes(
     from pbd.arm.motion_request import Motion
 
     arm = arm_of(robot)
-    _, T_base_tool = place(arm, keyframes, calibration, options, hand_path)
+    _, T_base_tool = place(Task(tuple(keyframes), calibration, robot, hand_path, None), options)
     found = choose_motion(arm, request_of(arm, T_base_tool, start_joints(arm, options), None, PlanOptions()), None)
     if not isinstance(found, Motion):
         raise found.error

@@ -27,7 +27,7 @@ from pbd.planning.preconditions import (
     warn_of_wide_moves,
 )
 from pbd.planning.result import Plan, find_stretched, find_touching
-from pbd.planning.steps import arm_of, moves_of, place, request_of, scene_of
+from pbd.planning.steps import Task, arm_of, moves_of, place, request_of, scene_of
 from pbd.planning.torque import check_torque
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import keyframes_of
@@ -102,7 +102,7 @@ def plan_keyframes(
         calibration: where it lies in the robot's base, and what stands there.
         hand_path: how the hand went between the keyframes; without it that is never followed.
     """
-    task = _Task(tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped)
+    task = Task(tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped)
     found = _attempt(task, options or PlanOptions())
     if isinstance(found, Plan):
         return found
@@ -113,20 +113,10 @@ def plan_keyframes(
 
 def can_plan(plan: Plan, options: PlanOptions) -> bool:
     """Whether what was planned goes with other options too: joints and segments are found for it, but not timed."""
-    return _works(_Task(plan.keyframes, plan.calibration, plan.robot, plan.hand_path, plan.grasped), options, _prepare)
+    return _works(Task(plan.keyframes, plan.calibration, plan.robot, plan.hand_path, plan.grasped), options, _prepare)
 
 
-class _Task(NamedTuple):
-    """What is to be planned; the calibration has a table where the robot knows one."""
-
-    keyframes: tuple[Keyframe, ...]
-    calibration: Calibration
-    robot: Robot
-    hand_path: HandPath | None
-    grasped: GraspedObject | None
-
-
-def _works(task: _Task, options: PlanOptions, attempt: Callable[[_Task, PlanOptions], object] | None = None) -> bool:
+def _works(task: Task, options: PlanOptions, attempt: Callable[[Task, PlanOptions], object] | None = None) -> bool:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what is told on the way is of no plan that anyone sees
         try:
@@ -135,7 +125,7 @@ def _works(task: _Task, options: PlanOptions, attempt: Callable[[_Task, PlanOpti
             return False
 
 
-def _where_things_work(task: _Task, options: PlanOptions, error: PbdError) -> list[str]:
+def _where_things_work(task: Task, options: PlanOptions, error: PbdError) -> list[str]:
     """Name a place that works for the thing that the keyframe in question belongs to."""
     number = error.fields.get("keyframe")
     of = task.keyframes[number].frames if isinstance(number, int) else ()
@@ -143,9 +133,7 @@ def _where_things_work(task: _Task, options: PlanOptions, error: PbdError) -> li
     if wanted is None:
         return []
     others = tuple(each for each in options.at if each is not wanted)
-    _, as_shown = place(
-        arm_of(task.robot), task.keyframes, task.calibration, replace(options, at=others), task.hand_path
-    )
+    _, as_shown = place(task, replace(options, at=others))
     p_shown = as_shown[things(task.keyframes)[wanted.name][0]].p
     found = nearest_place(wanted, p_shown, lambda at: _works(task, replace(options, at=(*others, at))))
     return [] if found is None else [f"put the {wanted.name} nearer to where it was shown (--at {found} works)"]
@@ -163,7 +151,7 @@ class _Prepared(NamedTuple):
     chosen: Motion
 
 
-def _prepare(task: _Task, options: PlanOptions) -> _Prepared | Refused:
+def _prepare(task: Task, options: PlanOptions) -> _Prepared | Refused:
     """Choose joints and segments; these are not timed yet."""
     keyframes, calibration, robot, hand_path, grasped = task
     if options.path == "demo" and hand_path is None:
@@ -171,7 +159,7 @@ def _prepare(task: _Task, options: PlanOptions) -> _Prepared | Refused:
     check_count(keyframes)
     check_certainty(keyframes, options.scale * calibration.scale)
     arm = arm_of(robot)
-    T_base_nav, T_base_tool = place(arm, keyframes, calibration, options, hand_path)
+    T_base_nav, T_base_tool = place(task, options)
     if options.path != "demo" and (error := check_spread(T_base_tool)) is not None:
         demo = replace(options, path="demo", tolerance_m=None)
         return Refused(error, (("follow the hand with --path demo", demo),))
@@ -192,7 +180,7 @@ def _prepare(task: _Task, options: PlanOptions) -> _Prepared | Refused:
     return _Prepared(arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen)
 
 
-def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
+def _attempt(task: Task, options: PlanOptions) -> Plan | Refused:
     from pbd.arm.ik.partial_pose import hold
     from pbd.arm.timing.time_moves import time_moves
     from pbd.audit.audit import TouchError, audit, torque_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from pbd.calibration.dock import in_base
 from pbd.calibration.touch_up import touched_poses
@@ -74,19 +74,24 @@ def moves_of(
     return moves, None if back is None else Move(back.q, back.curved, share=APPROACH_SPEED)
 
 
-def place(
-    arm: ArmModel,
-    keyframes: Sequence[Keyframe],
-    calibration: Calibration,
-    options: PlanOptions,
-    path: HandPath | None = None,
-) -> tuple[Pose, tuple[Pose, ...]]:
+class Task(NamedTuple):
+    """What is to be planned."""
+
+    keyframes: tuple[Keyframe, ...]
+    calibration: Calibration
+    robot: Robot
+    hand_path: HandPath | None
+    grasped: GraspedObject | None
+
+
+def place(task: Task, options: PlanOptions) -> tuple[Pose, tuple[Pose, ...]]:
     """Return T_base_nav and the tool's pose in base at each keyframe: nudged, touched up, with the things as placed."""
-    if calibration.robots and arm.robot.name not in calibration.robots:
+    keyframes, calibration, robot, path, _ = task
+    if calibration.robots and robot.name not in calibration.robots:
         raise CalibrationError(
-            f"the calibration '{calibration.name}' is for {', '.join(calibration.robots)}, not for {arm.robot.name}; "
+            f"the calibration '{calibration.name}' is for {', '.join(calibration.robots)}, not for {robot.name}; "
             "choose another, or add the robot to it",
-            value=arm.robot.name,
+            value=robot.name,
         )
     placed = in_base(keyframes, calibration, options.scale, path)
     return placed.T_base_nav, place_things(touched_poses(placed, options.orientation), keyframes, options.at)
