@@ -144,7 +144,11 @@ def track_alone(
     if method == "paper":
         found = track_as_paper(recording, rest)
     else:
-        rest, found = _smoothed(recording, rest, errors, lost, [(gap.before, gap.after) for gap in gaps])
+        unseen = [(gap.before, gap.after) for gap in gaps]
+        found = estimate(recording, rest, noise_of(recording, rest, errors), lost, unseen)
+        # A stop must hold the rest: a slow move passes for quiet.
+        if (held := rest_within(recording, rest, found.stops)) is not rest:
+            rest, found = held, estimate(recording, held, noise_of(recording, held, errors), lost, unseen)
     refuse_gaps(gaps, recording, found.stops, accept_gap)
     refuse_freezes(recording, found.path.v, found.stops)
     _warn_at_rest(recording, rest, errors)
@@ -169,23 +173,6 @@ def track_alone(
     return path, found
 
 
-def _smoothed(
-    recording: Recording,
-    rest: Rest,
-    errors: SensorErrors | None,
-    lost: Sequence[Impulse],
-    unseen: Sequence[tuple[int, int]],
-) -> tuple[Rest, Estimate]:
-    """By the smoother; and the rest, which a stop must hold: a slow move passes for quiet."""
-
-    def of(rest: Rest) -> Estimate:
-        return estimate(recording, rest, noise_of(recording, rest, errors), lost, unseen)
-
-    found = of(rest)
-    held = rest_within(recording, rest, found.stops)
-    return held, found if held is rest else of(held)
-
-
 def _refuse_another_dock(demo: Demonstration, path: HandPath, method: str) -> None:
     """The attitude at the dock says how nav lies in base: an edited one would turn all the others."""
     if demo.keyframes is None:
@@ -203,12 +190,12 @@ def _refuse_another_dock(demo: Demonstration, path: HandPath, method: str) -> No
 
 
 def _condition(path: HandPath, known: Known, calibration: Calibration | None) -> HandPath:
-    if calibration is None or not calibration.knows_start:
-        return condition_on(path, known, calibration)
-    first = slice(path.stops[0].start, path.stops[0].stop)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PbdWarning)  # of the dock's tilt: planning tells it
-        T_base_nav = nav_in_base(calibration, mean_quaternion(path.wxyz_nav_sensor[first]))
+    T_base_nav = None
+    if calibration is not None and calibration.knows_start:
+        first = slice(path.stops[0].start, path.stops[0].stop)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PbdWarning)  # of the dock's tilt: planning tells it
+            T_base_nav = nav_in_base(calibration, mean_quaternion(path.wxyz_nav_sensor[first]))
     return condition_on(path, known, calibration, T_base_nav)
 
 
