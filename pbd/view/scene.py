@@ -12,7 +12,6 @@ import numpy as np
 from pbd.data import Obstacle
 from pbd.pose import Array, Pose
 from pbd.view import shapes
-from pbd.view.bounds import bounds
 from pbd.view.description import describe
 from pbd.view.meshcat_encoding import PoseTrack, SetTracks, Visualizer, solid, two_sigma
 from pbd.view.replay_values import ReplayScene, Rod
@@ -33,6 +32,8 @@ GRIPPER_RGB, GRIPPER_OPACITY = (0.55, 0.58, 0.63), 0.55
 """Colour of the rod, and of a palm with two fingers around it, which is a guess and is not checked."""
 FINGER_M, HALF_STROKE_M = 0.055, 0.04
 """Size of that guess."""
+OBSTACLE_MARGIN_M = 0.15
+"""m: an obstacle extends the view by at most this much, as a wall may be long."""
 
 
 def build(scene: ReplayScene, into: Visualizer) -> None:
@@ -61,7 +62,7 @@ def build(scene: ReplayScene, into: Visualizer) -> None:
         tracks.append(PoseTrack(into["object"].path, motion.t, carried.p, carried.wxyz))
     into.window.send(SetTracks(tracks))
     _obstacles(scene.obstacles, red, into["obstacles"])
-    into["replay"].set_property("replay", describe(scene, bounds(scene, tool, visuals, carried), FRAME_RATE_HZ))
+    into["replay"].set_property("replay", describe(scene, _bounds(scene, tool, visuals, carried), FRAME_RATE_HZ))
 
 
 def carried_object(scene: ReplayScene, tool: Poses) -> Poses | None:
@@ -161,3 +162,34 @@ def _obstacles(obstacles: Sequence[Obstacle], red: Set[str], into: Visualizer) -
         rgb = TOUCHING_RGB if obstacle.name in red else OBSTACLE_RGB
         into[str(i)].set_object(solid(shapes.solid_of(obstacle.shape, obstacle.size, rgb), OBSTACLE_OPACITY))
         into[str(i)].set_transform(obstacle.T_base_obstacle.matrix())
+
+
+def _bounds(scene: ReplayScene, tool: Poses, visuals: tuple[Visual, ...], carried: Poses | None) -> Array:
+    """The outermost points (k, 3) m in base of all that moves or stands, for the camera to fit."""
+    motion = scene.motion
+    points = [scene.hand_path_base, tool.p, *(keyframe.T_base_tool.p[None] for keyframe in scene.keyframes)]
+    for visual in visuals:
+        joint, T_joint_link = motion.link(visual.link)
+        corners = (T_joint_link @ visual.T_link_visual).act(_outermost(visual.mesh.vertices))
+        points.append(_swept(motion.joint(joint), corners))
+    if scene.grasped is not None and carried is not None:
+        points.append(_swept(carried, _corners(scene.grasped.shape, scene.grasped.size)))
+    everything: Array = np.concatenate(points)
+    low, high = everything.min(axis=0) - OBSTACLE_MARGIN_M, everything.max(axis=0) + OBSTACLE_MARGIN_M
+    around = [each.T_base_obstacle.act(_corners(each.shape, each.size)).clip(low, high) for each in scene.obstacles]
+    return _outermost(np.concatenate((everything, *around)))
+
+
+def _outermost(points: Array) -> Array:
+    """Those of points (n, 3) that lie farthest out in some direction, about 100 at most."""
+    directions = np.array(list(np.ndindex(5, 5, 5))) - 2.0
+    return np.asarray(points[np.unique(np.argmax(directions @ points.T, axis=1))])
+
+
+def _swept(poses: Poses, corners: Array) -> Array:
+    every = max(len(poses.p) // 40, 1)
+    return Poses(poses.p[::every], poses.wxyz[::every]).act(corners).reshape(-1, 3)
+
+
+def _corners(shape: str, size: tuple[float, ...]) -> Array:
+    return shapes.solid_of(shape, size, (0.0, 0.0, 0.0)).bounds()
