@@ -65,10 +65,8 @@ class ArmModel:
         self.full = full
         self.axes = _axes(full)
         self.drives = {int(full.getJointId(name)): drive for name, drive in columns}
-        self._driven, self._drive = (
-            np.array([*self.drives]) - 1,
-            tuple(map(np.array, zip(*self.drives.values(), strict=True))),
-        )
+        self._driven = np.array([*self.drives]) - 1
+        self._drive = tuple(map(np.array, zip(*self.drives.values(), strict=True)))
         self._full_configuration = _configured(full)
         self.model = _reduced(full, robot.joints, self.configurations(np.append(robot.home, 1.0)))
         if tuple(self.model.names[1:]) != robot.joints:
