@@ -13,7 +13,7 @@ from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Keyframe, Samples
 from pbd.planning import Plan, arm_of, scene_of
 from pbd.pose import Array, quat_rotate, quat_to_matrix
-from pbd.view.replay_values import ReplayKeyframe, ReplayScene, Rod, Touching
+from pbd.view.replay_scene import ReplayKeyframe, ReplayScene, Rod, Touching
 from pbd.view.robot_motion import FRAME_RATE_HZ, RobotMotion
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from pbd.arm.joint_path import Unreachable, add_turns, build_ladder, turnable, w
 from pbd.arm.ladder_checks import WIDE_COST
 from pbd.arm.ladder_graph import Barred, Ladder
 from pbd.arm.ladder_links import Link, Move, motion_of
-from pbd.arm.mending import Mending
+from pbd.arm.ladder_mending import Mending
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import COLLISION, UNREACHABLE, Refusal, refuse_move, refuse_pose, tell, warn_of_closeness

@@ -10,9 +10,9 @@ from typing import NoReturn
 import numpy as np
 
 from pbd.audit.arm import AuditArm
+from pbd.audit.collision_pairs import AuditScene
 from pbd.audit.contact import Touch, coordinates, find_touch
 from pbd.audit.limits import JUMP_RAD, check_limits, check_samples, check_smoothness, fail
-from pbd.audit.pairs import AuditScene
 from pbd.audit.torque import Torque, find_torque
 from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, Load, Robot
 from pbd.errors import PlanError

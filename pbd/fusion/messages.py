@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbd.fusion.regressors import without_noise
+from pbd.fusion.errors_in_variables import without_noise
 from pbd.pose import Array, quat_exp, quat_to_matrix
 from pbd.tracking.noise import acc_doubt
 from pbd.tracking.smoother.factors import linearise, shared_prior, whitener

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def source_of(plan: Plan) -> Source:
     """Collect it; PlanError where the plan knows keyframes alone."""
-    from pbd.arm.links import links_in_parents
+    from pbd.arm.link_frames import links_in_parents
     from pbd.audit.audit import audit_received
     from pbd.files.exporters.job import Source
 

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_to_xyzw
+from pbd.view.compact_mesh import Mesh
 from pbd.view.meshcat_encoding import MeshGeometry, PoseTrack, ScenePath, SetTracks, Visualizer, linear_light
-from pbd.view.meshes import Mesh
-from pbd.view.replay_values import ReplayScene
+from pbd.view.replay_scene import ReplayScene
 from pbd.view.scene import build
 
 Z_UP = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))

@@ -16,7 +16,7 @@ import umsgpack
 from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_to_xyzw
-from pbd.view.meshes import Mesh
+from pbd.view.compact_mesh import Mesh
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # meshcat's own import of zmq raises one

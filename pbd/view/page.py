@@ -22,7 +22,7 @@ from pbd.io.atomic import atomic_file
 from pbd.view.meshcat_encoding import ScenePath, Visualizer
 
 if TYPE_CHECKING:  # the server of the live viewer makes a page too, and needs no robot library
-    from pbd.view.replay_values import ReplayScene
+    from pbd.view.replay_scene import ReplayScene
 
 SCRIPTS = (
     *("dom.js", "player.js", "render_quality.js", "ground_and_light.js", "scene_view.js", "keyframe_table.js"),

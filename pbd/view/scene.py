@@ -12,9 +12,9 @@ import numpy as np
 from pbd.data import Obstacle
 from pbd.pose import Array, Pose
 from pbd.view import shapes
-from pbd.view.description import describe
 from pbd.view.meshcat_encoding import PoseTrack, SetTracks, Visualizer, solid, two_sigma
-from pbd.view.replay_values import ReplayScene, Rod
+from pbd.view.page_values import describe
+from pbd.view.replay_scene import ReplayScene, Rod
 from pbd.view.robot_motion import FRAME_RATE_HZ, Poses, RobotMotion
 from pbd.view.visuals import Visual, read_visuals
 

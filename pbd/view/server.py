@@ -23,7 +23,7 @@ from pbd.view.meshcat_encoding import ScenePath, Visualizer
 from pbd.view.page import SCENE_ROOT, page_html
 
 if TYPE_CHECKING:  # the recording's view needs no robot library
-    from pbd.view.replay_values import ReplayScene
+    from pbd.view.replay_scene import ReplayScene
 
 LOOPBACK = "127.0.0.1"
 HOSTS = r"(127\.0\.0\.1|localhost)"

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pbd.io.meshes import Soup
 from pbd.pose import Array
-from pbd.view.meshes import Mesh, compact
+from pbd.view.compact_mesh import Mesh, compact
 
 SIDES = 32
 AXES_RGB = ((0.88, 0.27, 0.24), (0.22, 0.66, 0.36), (0.22, 0.46, 0.92))

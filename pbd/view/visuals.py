@@ -16,7 +16,7 @@ from pbd.io.meshes import Soup, from_mesh
 from pbd.io.urdf_shapes import Triple, read_shapes
 from pbd.pose import Pose
 from pbd.view import shapes
-from pbd.view.meshes import Mesh, compact
+from pbd.view.compact_mesh import Mesh, compact
 
 GREY: Triple = (0.75, 0.76, 0.78)
 """Colour of what has none in its file."""

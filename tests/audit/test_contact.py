@@ -12,9 +12,9 @@ import pytest
 from pbd.arm.collision.geometry import Body
 from pbd.arm.collision.scene import CollisionScene
 from pbd.audit.arm import AuditArm
+from pbd.audit.collision_pairs import AuditScene
 from pbd.audit.contact import coordinates, find_touch
 from pbd.audit.grasp import THE_TOOL
-from pbd.audit.pairs import AuditScene
 from pbd.audit.solids import link_solids
 from pbd.data import Calibration, JointTrajectory, Obstacle, Robot
 from pbd.errors import PlanError

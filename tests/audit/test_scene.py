@@ -14,9 +14,9 @@ from pbd.arm.gripper import tool_rod as planned_rod
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
+from pbd.audit.collision_pairs import AuditScene
 from pbd.audit.contact import SHARED, Motion, Pair, coordinates, find_touch
 from pbd.audit.grasp import may_rest, tool_rod
-from pbd.audit.pairs import AuditScene
 from pbd.audit.solids import hull_distance, link_solids, simple_solid
 from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, Obstacle, Robot
 from pbd.data.world import Stay

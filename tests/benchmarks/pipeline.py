@@ -21,7 +21,7 @@ from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit
-from pbd.audit.pairs import AuditScene
+from pbd.audit.collision_pairs import AuditScene
 from pbd.planning import plan_keyframes, scene_of
 from pbd.replay import replay_scene
 from pbd.tracking.keyframes import find_keyframes

@@ -33,7 +33,7 @@ from pbd.arm.timing.path_smoothing import Curve, curved_move
 from pbd.arm.timing.ptp import ptp_move
 from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit
-from pbd.audit.pairs import AuditScene
+from pbd.audit.collision_pairs import AuditScene
 from pbd.data import HandPath, JointLimits, Keyframe, Robot
 from pbd.files.find_by_name import names
 from pbd.planning import PlanOptions, arm_of, plan_keyframes, scene_of

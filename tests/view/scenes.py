@@ -16,7 +16,7 @@ from pbd.data import GraspedObject, Gripper, JointLimits, JointTrajectory, Obsta
 from pbd.data.world import Stay, holds, stays
 from pbd.pose import Array, Pose
 from pbd.replay import robot_motion
-from pbd.view.replay_values import ReplayKeyframe, ReplayScene, Touching
+from pbd.view.replay_scene import ReplayKeyframe, ReplayScene, Touching
 from pbd.view.robot_motion import FRAME_RATE_HZ, RobotMotion
 
 QUARTER_TURN = Pose.from_rpy(np.zeros(3), (0.0, 0.0, np.pi / 2))

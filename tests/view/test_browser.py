@@ -15,7 +15,7 @@ from selenium.webdriver.support.ui import Select
 
 from pbd.pose import Array
 from pbd.view.page import write_page
-from pbd.view.replay_values import ReplayScene
+from pbd.view.replay_scene import ReplayScene
 from tests.view import scenes
 from tests.view.browser import Replay, until
 from tests.view.chromium import Chromium

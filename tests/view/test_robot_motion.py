@@ -9,7 +9,7 @@ import pytest
 from pbd.arm.model import load_model
 from pbd.pose import Pose
 from pbd.replay import robot_motion
-from pbd.view.replay_values import ReplayScene
+from pbd.view.replay_scene import ReplayScene
 from pbd.view.robot_motion import FRAME_RATE_HZ
 from tests.view import scenes
 

@@ -17,7 +17,7 @@ from pbd.io.meshes import mesh_file
 from pbd.pose import Pose
 from pbd.view import visuals
 from pbd.view.meshcat_encoding import LEAST_SIGMA_M, ScenePath, Visualizer, two_sigma
-from pbd.view.replay_values import ReplayScene, Rod, Touching
+from pbd.view.replay_scene import ReplayScene, Rod, Touching
 from pbd.view.robot_motion import FRAME_RATE_HZ
 from pbd.view.scene import build, carried_object
 from pbd.view.visuals import read_visuals

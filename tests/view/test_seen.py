@@ -11,7 +11,7 @@ from pbd.pose import Array
 from pbd.view import shapes
 from pbd.view.meshcat_encoding import two_sigma
 from pbd.view.page import write_page
-from pbd.view.replay_values import ReplayScene
+from pbd.view.replay_scene import ReplayScene
 from pbd.view.visuals import read_visuals
 from tests.view import scenes
 from tests.view.browser import Replay

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pbd.view import shapes
-from pbd.view.meshes import Mesh
+from pbd.view.compact_mesh import Mesh
 
 GREY = (0.5, 0.5, 0.5)
 

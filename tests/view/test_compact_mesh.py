@@ -14,7 +14,7 @@ from pbd.errors import RobotError
 from pbd.io.meshes import Soup
 from pbd.pose import Array
 from pbd.view import shapes
-from pbd.view.meshes import Mesh, compact
+from pbd.view.compact_mesh import Mesh, compact
 from pbd.view.visuals import load_mesh
 from tests.view.scenes import share
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.fusion.regressors import without_noise
+from pbd.fusion.errors_in_variables import without_noise
 from pbd.pipeline import track_alone
 from pbd.pose import Array, quat_to_matrix
 from pbd.simulation.simulate import simulate

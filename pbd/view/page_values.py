@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import Array
 from pbd.view.meshcat_encoding import typed
-from pbd.view.replay_values import ReplayKeyframe, ReplayScene
+from pbd.view.replay_scene import ReplayKeyframe, ReplayScene
 
 PLOT_RATE_HZ = 25.0
 SPAN_RATE_HZ = 100.0
