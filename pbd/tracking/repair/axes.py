@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from pbd.data.units import DEG
 from pbd.pose import Array
-from pbd.tracking.moving_windows import median
 
 CONTRADICTION_DEG = 12.0
 """Median angle (degrees) between a direction and where the gyro carries it, above which they contradict each other. The
@@ -135,41 +134,42 @@ def find_other_axes(witnesses: Sequence[Witness], turn: Callable[[float], Array]
     Returns:
         None where nothing contradicts, or no reading mends it.
     """
-    as_read = turn(1.0)
+    as_read, unread = turn(1.0), np.eye(3)[None]
     seen = [_differ(each.first, each.second) for each in witnesses]
     told = [
         rows | _differ(each.first, _carried(each.first, as_read)) for each, rows in zip(witnesses, seen, strict=True)
     ]
+
+    def costs(k: int, by: Array, matrices: Array) -> Array:
+        """Median angles, degrees, by which a witness is off that is read by each of (r, 3, 3)."""
+        return np.maximum(*(_median_angles(witnesses[k], by, matrices, rows) for rows in (seen[k], told[k])))
+
     each_witness = range(len(witnesses))
-
-    def cost(k: int, by: Array, matrix: Array) -> float:
-        """Median angle, degrees, by which a witness is off that is read by a matrix (3, 3)."""
-        first, second = witnesses[k].first @ matrix.T, witnesses[k].second @ matrix.T
-        return max(_median_angle(second, _carried(first, by), rows) for rows in (seen[k], told[k]))
-
-    off = np.array([cost(k, as_read, np.eye(3)) for k in each_witness])
+    off = np.array([costs(k, as_read, unread)[0] for k in each_witness])
     # Where nothing is seen to move, a gyro that turns is biased or noisy: any reading that turns it to where it isn't
     # seen would seem to mend that.
     counted = [k for k in each_witness if seen[k].sum() >= SIMPLE_PAIRS]
     found = None
     if counted and off[counted].max() > CONTRADICTION_DEG:
-        fits, back = [], turn(-1.0)
-        for reading in readings():
-            # A mirror image turns the gyro round. To turn the gyro's axes is to turn all witnesses' the other way.
-            by, other = (back if np.linalg.det(reading.matrix) < 0.0 else as_read), reading.matrix
-            fits.append(("g", reading, np.array([cost(k, by, other.T) for k in each_witness])))
+        matrices, fits = np.array([reading.matrix for reading in readings()]), []
+        # To turn the gyro's axes is to turn all witnesses' the other way. A mirror image turns the gyro round.
+        of_gyro, mirrored = np.empty((len(witnesses), len(matrices))), np.linalg.det(matrices) < 0.0
+        for by, those in ((as_read, ~mirrored), (turn(-1.0), mirrored)):
+            of_gyro[:, those] = [costs(k, by, matrices[those].transpose(0, 2, 1)) for k in each_witness]
+        of_own = np.array([costs(k, as_read, matrices) for k in each_witness])
+        for reading, by_gyro, own in zip(readings(), of_gyro.T, of_own.T, strict=True):
+            fits.append(("g", reading, by_gyro))
             for channel in ("a", "m"):
-                its = [cost(k, as_read, other) if witnesses[k].channel == channel else off[k] for k in each_witness]
-                fits.append((channel, reading, np.array(its)))
+                fits.append((channel, reading, np.where([w.channel == channel for w in witnesses], own, off)))
         used = ([k for k in counted if k < n] for n in range(len(witnesses), 0, -1))
         found = next(filter(None, (_mended(witnesses, told, fits, k) for k in used if k)), None)
-    up, up_later, carried = witnesses[0].first, witnesses[0].second, _carried(witnesses[0].first, as_read)
-    telling = _differ(up, up_later, UNIT_DEG) | _differ(up, carried, UNIT_DEG)
-    off_deg = _median_angle(up_later, carried, telling)
+    up = witnesses[0]
+    telling = _differ(up.first, up.second, UNIT_DEG) | _differ(up.first, _carried(up.first, as_read), UNIT_DEG)
+    off_deg = float(_median_angles(up, as_read, unread, telling)[0])
     if telling.sum() >= SIMPLE_PAIRS and off_deg > UNIT_DEG:
         pair = int(np.argmax(telling))
         for factor, what in UNITS:
-            fit = _median_angle(up_later, _carried(up, turn(factor)), telling)
+            fit = float(_median_angles(up, turn(factor), unread, telling)[0])
             if fit < min(off_deg / IMPROVEMENT, found.fit_deg if found else np.inf):
                 return Contradiction("a", off_deg, fit, pair, what)
         if found is None and not np.ptp(as_read, axis=0).any():
@@ -219,9 +219,17 @@ def _differ(a: Array, b: Array, by_deg: float = CONTRADICTION_DEG) -> NDArray[np
     return differ
 
 
-def _median_angle(a: Array, b: Array, rows: NDArray[np.bool_]) -> float:
-    """In degrees, over some rows; 0 without any."""
-    return float(np.degrees(median(angles(a[rows], b[rows])))) if rows.any() else 0.0
+def _median_angles(witness: Witness, by: Array, matrices: Array, rows: NDArray[np.bool_]) -> Array:
+    """Over some rows, in degrees (r,): how far a witness, read by each of (r, 3, 3), is off where `by` carries it."""
+    if not rows.any():
+        return np.zeros(len(matrices))
+    # All readings' cosines are sums of the same 81 products.
+    products = np.einsum("ka,kb,kij->kaibj", witness.second[rows], witness.first[rows], by[rows])
+    signs = np.einsum("ria,rjb->aibjr", matrices, matrices)
+    cosines, n = products.reshape(-1, 81) @ signs.reshape(81, -1), int(rows.sum())
+    middle = [(n - 1) // 2, n // 2]
+    angles: Array = np.degrees(np.arccos(np.clip(np.partition(cosines, middle, axis=0)[middle], -1.0, 1.0)))
+    return angles.mean(axis=0)
 
 
 def _message(named: Sequence[tuple[str, Reading]]) -> str:
