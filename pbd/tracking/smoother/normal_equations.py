@@ -184,22 +184,30 @@ class Solved:
         return columns
 
     @cached_property
+    def _factor(self) -> tuple[Array, Array]:
+        """With L's blocks D on the diagonal and B below: D^-1 (m, 15, 15), and B D^-1 (m - 1, 15, 15)."""
+        D, B = _blocks(self.cholesky)
+        root = inverse_of_lower(D)
+        return root, B[:-1] @ root[:-1]
+
+    @cached_property
     def by_shared(self) -> Array:
-        """How the knots go with the shared unknowns, less its sign, (m, 15, s)."""
-        by_shared, _ = lapack().dtbtrs(self.cholesky, self.half[:, :-1], uplo="L", trans="T")
-        scaled: Array = by_shared.reshape(*self.scale.shape, -1) * self.scale[:, :, None]
-        return scaled
+        """How the knots go with the shared unknowns, less its sign, (m, 15, s): L^T by = half, from the last back."""
+        root, gain = self._factor
+        by_shared: Array = root.transpose(0, 2, 1) @ self.half[:, :-1].reshape(len(root), STATE, -1)
+        for here, after, G in zip(by_shared[-2::-1], by_shared[:0:-1], gain[::-1], strict=True):
+            here -= np.dot(G.T, after)
+        by_shared *= self.scale[:, :, None]
+        return by_shared
 
     @cached_property
     def selected(self) -> tuple[Array, Array]:
         """Blocks of the chain's own inverse: of each knot (m, 15, 15), of the next by this (m - 1, 15, 15).
 
-        With L's blocks D on the diagonal and B below, and G = B D^-1: S = (D D^T)^-1 + G^T S' G from the last back.
+        With G = B D^-1: S = (D D^T)^-1 + G^T S' G from the last back.
         """
-        D, B = _blocks(self.cholesky)
-        root = inverse_of_lower(D)
-        gain, inverse = B[:-1] @ root[:-1], root.transpose(0, 2, 1) @ root
-        del D, B
+        root, gain = self._factor
+        inverse = root.transpose(0, 2, 1) @ root
         for here, after, G in zip(inverse[-2::-1], inverse[:0:-1], gain[::-1], strict=True):
             here += np.dot(np.dot(G.T, after), G)
         inverse *= self.scale[:, :, None]
@@ -210,7 +218,7 @@ class Solved:
 
     def forget(self) -> None:
         """Free the covariance. It is computed again when it is read."""
-        for name in ("selected", "by_shared"):
+        for name in ("_factor", "selected", "by_shared"):
             self.__dict__.pop(name, None)
 
     def of_knots(self, block: slice = slice(None)) -> Array:
