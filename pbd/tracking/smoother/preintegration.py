@@ -116,12 +116,6 @@ def integral_of_values(t: Array, values: Array, slopes: Array) -> Array:
     return cumulative(0.5 * dt * (values[1:] + values[:-1]) - dt**2 / 12.0 * np.diff(slopes, axis=0))
 
 
-def trapezoid(t: Array, values: Array) -> Array:
-    """Integral from the first instant to each, of values (n, ...) that change linearly."""
-    dt = np.diff(t).reshape(-1, *(1,) * (values.ndim - 1))
-    return cumulative(0.5 * dt * (values[1:] + values[:-1]))
-
-
 @dataclass(frozen=True, eq=False)
 class Impulse:
     """What may have been lost around one row: a sudden change of angle or velocity in sensor axes, of unknown size.
@@ -190,13 +184,18 @@ def preintegrate(
         dV = np.diff(V[edges], axis=0)
         return dV, np.diff(P[edges], axis=0) - V[edges[:-1]] * h[:, None] + dV * togo
 
+    def integrals(values: Array) -> Array:
+        """Over each block, of values (n, ...) that change linearly."""
+        dt = np.diff(t).reshape(-1, *(1,) * (values.ndim - 1))
+        return np.add.reduceat(0.5 * dt * (values[1:] + values[:-1]), edges[:-1])
+
     dU, dP = gains(frame.U, frame.UU)
     dL, dLL = gains(frame.L, frame.LL)
     C = quat_to_matrix(frame.wxyz[(edges[:-1] + edges[1:]) // 2])
 
     def block_means(values: Array) -> Array:
         # Samples that came at one instant make an empty block.
-        mean = np.diff(trapezoid(t, values)[edges], axis=0) / np.maximum(h, np.finfo(float).tiny)[:, None]
+        mean = integrals(values) / np.maximum(h, np.finfo(float).tiny)[:, None]
         of_leg = (per_leg(mean * h[:, None]) / T[:, None])[leg]
         return np.where(still[leg][:, None], of_leg, mean)
 
@@ -214,7 +213,7 @@ def preintegrate(
     J[:, VEL, LAG], J[:, POS, LAG] = per_leg(dL)[:, :, None], per_leg(dLL)[:, :, None]
 
     gained, way = per_leg(dU), per_leg(dP)
-    of_blocks = [[np.diff(trapezoid(t, part)[edges]) if part.any() else 0.0 * h for part in each] for each in density]
+    of_blocks = [[integrals(part) if part.any() else 0.0 * h for part in each] for each in density]
     parts = np.stack(
         [
             block_noise(gained / T[:, None], gyr_noise, acc_noise, middle, h, starts)
