@@ -231,7 +231,7 @@ def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = 
     s_g, s_a = np.zeros((3, len(u))), np.zeros((3, len(u)))
     s_g[0], s_a[0] = noise.gyr_density**2, noise.acc_density**2
     s_g[1] = noise.gyr_turn**2 * lengths(gyr)
-    motion = u - (u.mean(axis=0) if up is None else up)
+    motion = u - (np.full(len(u), 1.0 / len(u)) @ u if up is None else up)
     s_a[2] = noise.acc_motion**2 * np.einsum("ij,ij->i", motion, motion)
     between = np.full(len(u), np.inf)
     for n in {1, rows_of_mean(1.0 / dt)}:  # what shakes fast bends samples, but not means

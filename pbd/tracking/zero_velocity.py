@@ -35,11 +35,6 @@ SHORTEST_MOVE_S, SHORTEST_STOP_S = 0.1, 0.08
 """s: a shorter motion between two stops is a jolt; a shorter stop is none."""
 
 
-def window_rows(t: Array) -> int:
-    """Rows in a window of ENERGY_WINDOW_S."""
-    return min(max(2, round(ENERGY_WINDOW_S / float(np.median(np.diff(t))))), len(t))
-
-
 def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
     """Of each window the variance of specific force and the mean square of rate, of what `calmed` leaves: (m,), (m,).
 
@@ -54,16 +49,19 @@ def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
     return shake, window_sums(squares(calmed(gyr, k)), n) / n
 
 
-def find_candidates(t: Array, shake: Array, turn: Array, rest: Rest, unseen: Sequence[tuple[int, int]] = ()) -> Spans:
+def find_candidates(
+    t: Array, dt: float, shake: Array, turn: Array, rest: Rest, unseen: Sequence[tuple[int, int]] = ()
+) -> Spans:
     """Find where specific force is steady and nothing turns.
 
     Args:
         t: (n,) s.
+        dt: s, the sampling interval.
         shake: (m,) (m/s2)^2, and turn (m,) (rad/s)^2: of `energies`.
         rest: for its noise.
         unseen: last row before and first row after each gap. A gap between two rests is part of them.
     """
-    dt, n = float(np.median(np.diff(t))), len(t) - len(shake) + 1
+    n = len(t) - len(shake) + 1
     limits = quiet_limits(rest)
     quiet = (shake < limits[0]) & (turn < limits[1])
     reach = max(1, round(LULL_S / dt))

@@ -152,11 +152,11 @@ def find_other_axes(witnesses: Sequence[Witness], turn: Callable[[float], Array]
     found = None
     if counted and off[counted].max() > CONTRADICTION_DEG:
         matrices, fits = np.array([reading.matrix for reading in readings()]), []
-        # To turn the gyro's axes is to turn all witnesses' the other way. A mirror image turns the gyro round.
-        of_gyro, mirrored = np.empty((len(witnesses), len(matrices))), np.linalg.det(matrices) < 0.0
-        for by, those in ((as_read, ~mirrored), (turn(-1.0), mirrored)):
-            of_gyro[:, those] = [costs(k, by, matrices[those].transpose(0, 2, 1)) for k in each_witness]
         of_own = np.array([costs(k, as_read, matrices) for k in each_witness])
+        # To turn the gyro's axes is to turn all witnesses' the other way. A mirror image turns the gyro round.
+        inverse = [int(np.argmax((matrices == one.T).all(axis=(1, 2)))) for one in matrices]
+        mirrored, back, of_gyro = np.linalg.det(matrices) < 0.0, turn(-1.0), of_own[:, inverse]
+        of_gyro[:, mirrored] = [costs(k, back, matrices[mirrored].transpose(0, 2, 1)) for k in each_witness]
         for reading, by_gyro, own in zip(readings(), of_gyro.T, of_own.T, strict=True):
             fits.append(("g", reading, by_gyro))
             for channel in ("a", "m"):

@@ -96,7 +96,7 @@ def pose_problem(
         unseen: first and last row of each hole in the data.
         asked: rows at which a knot is wanted beside.
     """
-    t, dt = frame.t, float(np.median(np.diff(frame.t)))
+    t, dt = frame.t, frame.dt
     rows, stop_of = _place(t, calm, [*asked, *(row for hole in unseen for row in hole)])
     within = (stop_of[1:] == stop_of[:-1]) & (stop_of[1:] >= 0)
     for first, last in unseen:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,11 @@ class GyroFrame:
     UU: Array
     L: Array
     LL: Array
+
+    @cached_property
+    def dt(self) -> float:
+        """s, the median sampling interval."""
+        return float(np.median(np.diff(self.t)))
 
 
 def gyro_frame(t: Array, gyr: Array, acc: Array, interval: float, wxyz: Array | None = None) -> GyroFrame:
@@ -168,7 +174,7 @@ def preintegrate(
         impulses: of unknown size.
     """
     t = frame.t
-    step = max(1, round(BLOCK_S / float(np.median(np.diff(t)))))
+    step = max(1, round(BLOCK_S / frame.dt))
     edges = np.union1d(rows, np.arange(rows[0], rows[-1] + 1, step))
     first = np.searchsorted(edges, rows)
     starts, leg = first[:-1], np.repeat(np.arange(len(rows) - 1), np.diff(first))

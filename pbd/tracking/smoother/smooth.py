@@ -28,13 +28,7 @@ from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
 from pbd.tracking.smoother.preintegration import Impulse
 from pbd.tracking.smoother.state import GRAVITY, GYR_MATRIX, LAG, SHARED, Local, Prior, State
-from pbd.tracking.zero_velocity import (
-    Spans,
-    energies,
-    find_candidates,
-    still_speed,
-    window_rows,
-)
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, energies, find_candidates, still_speed
 
 WIDE_LAG_SIGMA, REMOVED_LAG = 0.03, 0.005
 """Lag of the gyro, s: one sigma of the wide prior (filters of one chip); least lag that is taken out of the samples."""
@@ -117,10 +111,11 @@ def smooth(
 
     for _ in range(4):
         frame = frame_of(_retimed(recording, lag, scale), rest.gyro_bias * (1.0 + scale))
-        shown = energies(*steadiness(frame, device), window_rows(frame.t))
+        window = min(max(2, round(ENERGY_WINDOW_S / frame.dt)), len(frame.t))
+        shown = energies(*steadiness(frame, device), window)
         speed = still_speed(*shown, len(frame.t), rest, noise)
         if stops is None:
-            stops = find_candidates(frame.t, *shown, rest, unseen)
+            stops = find_candidates(frame.t, frame.dt, *shown, rest, unseen)
         if not stops:
             return None
         problem = posed(stops, stops)
