@@ -15,7 +15,8 @@ from pbd.pose import Array, quat_exp, quat_to_matrix
 from pbd.tracking.noise import acc_doubt
 from pbd.tracking.smoother.factors import linearise, shared_prior, whitener
 from pbd.tracking.smoother.gauss_newton import CONVERGED_RAD, MAX_ITERATIONS
-from pbd.tracking.smoother.normal_equations import ACC_BIAS, POS, ROT, STATE, NormalEquations, Solved
+from pbd.tracking.smoother.normal_equations import ACC_BIAS, STATE, NormalEquations, Solved
+from pbd.tracking.smoother.preintegration import POS, ROT
 from pbd.tracking.smoother.smooth import Solution
 from pbd.tracking.smoother.state import GRAVITY, State
 

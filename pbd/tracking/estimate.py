@@ -15,11 +15,19 @@ from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import median
 from pbd.tracking.noise import Noise, acc_doubt
-from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, POS, ROT, STATE, Solved
+from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, STATE, Solved
 from pbd.tracking.smoother.path import Path, between_stops
-from pbd.tracking.smoother.preintegration import LOWER, Impulse, integral_of_means
+from pbd.tracking.smoother.preintegration import (
+    ACC_MATRIX,
+    GYR_MATRIX,
+    LAG,
+    LOWER,
+    POS,
+    ROT,
+    Impulse,
+    integral_of_means,
+)
 from pbd.tracking.smoother.smooth import Solution, smooth
-from pbd.tracking.smoother.state import ACC_MATRIX, GYR_MATRIX, LAG
 from pbd.tracking.smoother.variance_components import with_own_noise
 
 NEVER_STILL = "the hand never stands still; stop for half a second between the moves"
@@ -90,7 +98,8 @@ def estimate(
     knots[0] = int(in_stops[first[0]])  # nav's origin is where the first rest begins
     sensor = None if problem.device else _sensor(solution, knots[0])
     solution = with_own_noise(solution)
-    covariance = covariance_of(solution.solved, knots, solution.state.p[knots])
+    p_stop = solution.state.p[knots] - solution.state.p[knots[0]]
+    covariance = PoseCovariance(len(knots), _Times(solution.solved, knots, p_stop))
     return Estimate(
         _standing(solution, stops, joined, solution.state.p[knots]),
         stops,
@@ -177,10 +186,11 @@ def _closure(t: Array, a_nav: Array, stops: Sequence[Stop]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Times:
-    """Covariance of keyframe poses times columns (k, 6, c), as the normal equations give it."""
+    """Covariance of the poses at knots times columns (k, 6, c), relative to the first, which defines nav: its place
+    (from there p, (k, 3) m) and heading."""
 
     solved: Solved
-    knots: tuple[int, ...]
+    knots: Sequence[int]
     p: Array
 
     def __call__(self, columns: Array) -> Array:
@@ -189,14 +199,8 @@ class _Times:
         for k, knot in enumerate(self.knots):
             right[knot, POS] += relative[k, :3]
             right[knot, ROT] += relative[k, 3:]
-        left = self.solved.columns(right)[list(self.knots)]
+        left = self.solved.columns(right)[self.knots]
         return relative_to_first(np.concatenate((left[:, POS], left[:, ROT]), axis=1), self.p)
-
-
-def covariance_of(solved: Solved, knots: Sequence[int], p: Array) -> PoseCovariance:
-    """Covariance of the poses at some knots, relative to the first, whose position and heading define nav."""
-    times = _Times(solved, tuple(knots), p - p[0])
-    return PoseCovariance(len(knots), times)
 
 
 def relative_to_first(columns: Array, p: Array, transposed: bool = False) -> Array:

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from pbd.pose import Array, quat_about_z, quat_canonical, quat_inverse, quat_log, quat_multiply, quat_rotate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import noise_of
-from pbd.tracking.smoother.normal_equations import POS, ROT, STATE, VEL
+from pbd.tracking.smoother.normal_equations import STATE
 from pbd.tracking.smoother.path import Path
+from pbd.tracking.smoother.preintegration import POS, ROT, VEL
 from pbd.tracking.smoother.smooth import Solution, smooth
 from pbd.tracking.smoother.variance_components import with_own_noise
 from tests.benchmarks.trials import VELOCITY_SIGMA, Trial, Window, phases, slope

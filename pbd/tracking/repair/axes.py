@@ -142,7 +142,8 @@ def find_other_axes(witnesses: Sequence[Witness], turn: Callable[[float], Array]
 
     def costs(k: int, by: Array, matrices: Array) -> Array:
         """Median angles, degrees, by which a witness is off that is read by each of (r, 3, 3)."""
-        return np.maximum(*(_median_angles(witnesses[k], by, matrices, rows) for rows in (seen[k], told[k])))
+        angles = (_median_angles(witnesses[k], by, matrices, rows) for rows in (seen[k], told[k]))
+        return np.asarray(np.maximum(*angles))
 
     each_witness = range(len(witnesses))
     off = np.array([costs(k, as_read, unread)[0] for k in each_witness])
@@ -151,16 +152,15 @@ def find_other_axes(witnesses: Sequence[Witness], turn: Callable[[float], Array]
     counted = [k for k in each_witness if seen[k].sum() >= SIMPLE_PAIRS]
     found = None
     if counted and off[counted].max() > CONTRADICTION_DEG:
-        matrices, fits = np.array([reading.matrix for reading in readings()]), []
+        matrices = np.array([reading.matrix for reading in readings()])
         of_own = np.array([costs(k, as_read, matrices) for k in each_witness])
         # To turn the gyro's axes is to turn all witnesses' the other way. A mirror image turns the gyro round.
         inverse = [int(np.argmax((matrices == one.T).all(axis=(1, 2)))) for one in matrices]
         mirrored, back, of_gyro = np.linalg.det(matrices) < 0.0, turn(-1.0), of_own[:, inverse]
         of_gyro[:, mirrored] = [costs(k, back, matrices[mirrored].transpose(0, 2, 1)) for k in each_witness]
-        for reading, by_gyro, own in zip(readings(), of_gyro.T, of_own.T, strict=True):
-            fits.append(("g", reading, by_gyro))
-            for channel in ("a", "m"):
-                fits.append((channel, reading, np.where([w.channel == channel for w in witnesses], own, off)))
+        left = {c: np.where([[each.channel == c] for each in witnesses], of_own, off[:, None]) for c in "am"}
+        left["g"] = of_gyro
+        fits = [(channel, reading, left[channel][:, k]) for k, reading in enumerate(readings()) for channel in "gam"]
         used = ([k for k in counted if k < n] for n in range(len(witnesses), 0, -1))
         found = next(filter(None, (_mended(witnesses, told, fits, k) for k in used if k)), None)
     up = witnesses[0]
@@ -228,8 +228,8 @@ def _median_angles(witness: Witness, by: Array, matrices: Array, rows: NDArray[n
     signs = np.einsum("ria,rjb->aibjr", matrices, matrices)
     cosines, n = products.reshape(-1, 81) @ signs.reshape(81, -1), int(rows.sum())
     middle = [(n - 1) // 2, n // 2]
-    angles: Array = np.degrees(np.arccos(np.clip(np.partition(cosines, middle, axis=0)[middle], -1.0, 1.0)))
-    return angles.mean(axis=0)
+    angles: Array = np.arccos(np.clip(np.partition(cosines, middle, axis=0)[middle], -1.0, 1.0)).mean(axis=0)
+    return np.degrees(angles)
 
 
 def _message(named: Sequence[tuple[str, Reading]]) -> str:

@@ -181,7 +181,7 @@ def _swapped(recording: Recording) -> tuple[int, int] | None:
 
     def left_over(earlier: Rows, later: Rows) -> Array:
         between = [lengths(after[later] - before[earlier]) / noise for before, after, noise in sides]
-        return (np.array(between) ** 2).sum(axis=0)
+        return np.asarray(np.square(between).sum(axis=0))
 
     largest = np.sort(np.argpartition(jumps, -min(JUMPS_TRIED, len(jumps)))[-JUMPS_TRIED:])
     pairs = np.triu_indices(len(largest), 1)

@@ -36,14 +36,6 @@ def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
     return gyro_frame(t, gyr, recording.acc, interval, wxyz)
 
 
-def steadiness(frame: GyroFrame, device: bool) -> tuple[Array, Array]:
-    """Signals that are constant at rest: specific force (n, 3) m/s2, and rate (n, 3) rad/s.
-
-    A device's own attitude follows a turn late; without a gyro it is specific force in sensor axes alone.
-    """
-    return (frame.acc, np.zeros_like(frame.acc)) if device else (frame.u, frame.gyr)
-
-
 def first_guess(frame: GyroFrame, rows: Rows, stops: Spans) -> Array:
     """The gyro frame in a level frame, (k, 4) wxyz at some rows.
 

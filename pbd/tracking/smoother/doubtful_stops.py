@@ -10,7 +10,8 @@ from pbd.tracking.moving_windows import median
 from pbd.tracking.noise import OUTLIER_SIGMAS
 from pbd.tracking.smoother.gauss_newton import UNDOUBTED_SIGMAS
 from pbd.tracking.smoother.knots import Problem
-from pbd.tracking.smoother.normal_equations import VEL, Solved
+from pbd.tracking.smoother.normal_equations import Solved
+from pbd.tracking.smoother.preintegration import VEL
 from pbd.tracking.zero_velocity import (
     Spans,
     calm_part,

@@ -17,26 +17,13 @@ from pbd.tracking.smoother.normal_equations import (
     ACC_BIAS,
     BAND,
     GYR_BIAS,
-    POS,
-    ROT,
     STATE,
-    VEL,
     NormalEquations,
     batches,
     inverse_of_lower,
 )
-from pbd.tracking.smoother.preintegration import ERRORS
-from pbd.tracking.smoother.state import (
-    ACC_MATRIX,
-    GRAVITY,
-    GYR_MATRIX,
-    LAG,
-    PIVOT,
-    SHARED,
-    Local,
-    Prior,
-    State,
-)
+from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, POS, ROT, VEL
+from pbd.tracking.smoother.state import GRAVITY, PIVOT, SHARED, Local, Prior, State
 
 LEAST_LEVEL_FIELD = 0.1
 """Least horizontal share of a magnetic field that shows north: 6 degrees from a magnetic pole."""
@@ -69,7 +56,7 @@ def linearise(
 def sensor_errors(x: State) -> Array:
     """The sensor's errors along each leg, (m - 1, ERRORS): columns of `Legs.J`."""
     shared = np.broadcast_to(x.shared[: GRAVITY.start], (len(x.p) - 1, GRAVITY.start))
-    return np.hstack((x.gyr_bias[:-1], x.acc_bias[:-1], shared))
+    return np.hstack((shared, x.gyr_bias[:-1], x.acc_bias[:-1]))
 
 
 def whitener(problem: Problem, local: Local) -> Array:
@@ -91,26 +78,16 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     a = np.diff(x.v, axis=0)[at] + g * T * up
     b = np.diff(x.p, axis=0)[at] - x.v[:-1][at] * T + 0.5 * g * T**2 * up
     out = np.zeros((len(T), 9, BAND + SHARED + 1))
-    rot, vel, pos = slice(0, 3), slice(3, 6), slice(6, 9)
 
-    def this(block: slice) -> slice:
-        return block
-
-    def after(block: slice) -> slice:
-        return slice(STATE + block.start, STATE + block.stop)
-
-    out[:, rot, this(ROT)], out[:, rot, after(ROT)] = -ET, ET
-    out[:, vel, this(ROT)], out[:, pos, this(ROT)] = ET @ skew(a), ET @ skew(b)
-    out[:, vel, this(VEL)], out[:, vel, after(VEL)] = -ET, ET
-    out[:, pos, this(VEL)] = -ET * T[:, :, None]
-    out[:, pos, this(POS)], out[:, pos, after(POS)] = -ET, ET
-    out[:, :, GYR_BIAS.start : ACC_BIAS.stop] = -J[:, :, :6]
-    out[:, :, BAND : BAND + 16] = -J[:, :, 6:ERRORS]
+    for block in (ROT, VEL, POS):
+        out[:, block, block], out[:, block, STATE + block.start : STATE + block.stop] = -ET, ET
+    out[:, VEL, ROT], out[:, POS, ROT], out[:, POS, VEL] = ET @ skew(a), ET @ skew(b), -ET * T[:, :, None]
     gravity = BAND + GRAVITY.start
-    out[:, vel, gravity], out[:, pos, gravity] = ET[:, :, 2] * T, ET[:, :, 2] * (0.5 * T**2)
-    out[:, rot, -1] = matrix_log(ET @ x.E[1:][at] @ quat_to_matrix(quat_exp(-by_errors[:, rot])))
-    out[:, vel, -1] = np.einsum("kij,kj->ki", ET, a) - legs.dU[at] - by_errors[:, vel]
-    out[:, pos, -1] = np.einsum("kij,kj->ki", ET, b) - legs.dP[at] - by_errors[:, pos]
+    out[:, :, BAND:gravity], out[:, :, GYR_BIAS.start : ACC_BIAS.stop] = np.split(-J, (GRAVITY.start,), axis=2)
+    out[:, VEL, gravity], out[:, POS, gravity] = ET[:, :, 2] * T, ET[:, :, 2] * (0.5 * T**2)
+    out[:, ROT, -1] = matrix_log(ET @ x.E[1:][at] @ quat_to_matrix(quat_exp(-by_errors[:, ROT])))
+    out[:, VEL, -1] = np.einsum("kij,kj->ki", ET, a) - legs.dU[at] - by_errors[:, VEL]
+    out[:, POS, -1] = np.einsum("kij,kj->ki", ET, b) - legs.dP[at] - by_errors[:, POS]
     return out
 
 

@@ -15,7 +15,7 @@ from pbd.lapack import lapack
 from pbd.pose import Array
 
 STATE = 15
-ROT, VEL, POS, GYR_BIAS, ACC_BIAS = (slice(3 * i, 3 * i + 3) for i in range(5))
+GYR_BIAS, ACC_BIAS = slice(9, 12), slice(12, 15)
 """A knot's unknowns: rotation vector in nav (rad), velocity, position, biases."""
 
 NEXT_STATE = 9

@@ -26,10 +26,10 @@ Rows = NDArray[np.intp]
 BLOCK_S = 0.04
 """s: the sensor's errors act on a leg through means over blocks of this length, a tenth of a hand's fastest move."""
 
-GYR_BIAS, ACC_BIAS = slice(0, 3), slice(3, 6)
-LAG, GYR_MATRIX, ACC_MATRIX = slice(6, 7), slice(7, 16), slice(16, 22)
+LAG, GYR_MATRIX, ACC_MATRIX = slice(0, 1), slice(1, 10), slice(10, 16)
+GYR_BIAS, ACC_BIAS = slice(16, 19), slice(19, 22)
 ERRORS = 22
-"""Columns x of a leg: biases of gyro and accelerometer; lag; w_true = (1 - M) w; f_true = (1 - N) f, N lower."""
+"""Columns x of a leg: lag; w_true = (1 - M) w; f_true = (1 - N) f, N lower; biases of gyro and accelerometer."""
 
 OF_GYR, OF_ACC = np.r_[GYR_BIAS, GYR_MATRIX], np.r_[ACC_BIAS, ACC_MATRIX]
 """Those of each sensor."""
@@ -41,6 +41,7 @@ ROUNDING_SIGMAS = (1e-6, 3e-5, 1e-4)
 """rad, m/s, m: rounding error of a leg."""
 
 ROT, VEL, POS = slice(0, 3), slice(3, 6), slice(6, 9)
+"""Of a leg and of a knot: rotation vector (rad), velocity, position."""
 
 
 @dataclass(frozen=True, eq=False)

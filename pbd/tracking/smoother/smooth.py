@@ -16,7 +16,7 @@ from pbd.data import Recording
 from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
-from pbd.tracking.smoother.attitude import first_guess, frame_of, heading, steadiness
+from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
 from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revised_stops, settled
 from pbd.tracking.smoother.factors import creep, shared_prior
 from pbd.tracking.smoother.gauss_newton import (
@@ -26,8 +26,8 @@ from pbd.tracking.smoother.gauss_newton import (
 from pbd.tracking.smoother.knots import Problem, pose_problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
-from pbd.tracking.smoother.preintegration import Impulse
-from pbd.tracking.smoother.state import GRAVITY, GYR_MATRIX, LAG, SHARED, Local, Prior, State
+from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, Impulse
+from pbd.tracking.smoother.state import GRAVITY, SHARED, Local, Prior, State
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, energies, find_candidates, still_speed
 
 WIDE_LAG_SIGMA, REMOVED_LAG = 0.03, 0.005
@@ -112,7 +112,8 @@ def smooth(
     for _ in range(4):
         frame = frame_of(_retimed(recording, lag, scale), rest.gyro_bias * (1.0 + scale))
         window = min(max(2, round(ENERGY_WINDOW_S / frame.dt)), len(frame.t))
-        shown = energies(*steadiness(frame, device), window)
+        # A device's own attitude follows a turn late: without a gyro specific force in sensor axes alone is constant.
+        shown = energies(*((frame.acc, np.zeros_like(frame.acc)) if device else (frame.u, frame.gyr)), window)
         speed = still_speed(*shown, len(frame.t), rest, noise)
         if stops is None:
             stops = find_candidates(frame.t, frame.dt, *shown, rest, unseen)

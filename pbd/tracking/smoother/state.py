@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pbd.pose import Array, quat_exp, quat_to_matrix
-from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, POS, ROT, VEL, Solved
+from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, Solved
+from pbd.tracking.smoother.preintegration import POS, ROT, VEL
 
-LAG, GYR_MATRIX, ACC_MATRIX, GRAVITY, PIVOT = slice(0, 1), slice(1, 10), slice(10, 16), slice(16, 17), slice(17, 20)
+GRAVITY, PIVOT = slice(16, 17), slice(17, 20)
 SHARED = 20
-"""Shared unknowns: lag (s), the matrices of gyro (M) and accelerometer (N), gravity (m/s2), the pivot (m)."""
+"""Shared unknowns: lag (s), the matrices of gyro (M) and accelerometer (N) as a leg's columns have them; gravity
+(m/s2), the pivot (m)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ from pbd.pose import Array
 from pbd.tracking.moving_windows import squares
 from pbd.tracking.smoother.factors import creep, leg_jacobian, linearise, whitener
 from pbd.tracking.smoother.knots import Problem
-from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, VEL, Solved, batches
+from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, Solved, batches
+from pbd.tracking.smoother.preintegration import VEL
 from pbd.tracking.smoother.smooth import Solution
 from pbd.tracking.smoother.state import Local
 
