@@ -20,7 +20,7 @@ from pbd.data.world import GraspedObject
 from pbd.pose import Array
 
 DOUBTED_WEIGHT = 0.8
-"""Weight below which a stop is reported as doubtful."""
+"""Weight below which a stop is reported as doubtful; one that is as surely none is left out."""
 
 
 @dataclass(frozen=True)

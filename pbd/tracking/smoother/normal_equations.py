@@ -14,17 +14,17 @@ import numpy as np
 from pbd.lapack import lapack
 from pbd.pose import Array
 
-STATE = 15
 GYR_BIAS, ACC_BIAS = slice(9, 12), slice(12, 15)
+STATE = ACC_BIAS.stop
 """A knot's unknowns: rotation vector in nav (rad), velocity, position, biases."""
 
-NEXT_STATE = 9
+NEXT_STATE = GYR_BIAS.start
 """Unknowns of the next knot that a leg depends on: all but the biases, which only tie to this knot's, axis by axis."""
 
 BAND = STATE + NEXT_STATE
 """Width of the band: a knot's unknowns and those of the next knot that a leg depends on."""
 
-KNOTS_AT_ONCE = 256
+KNOTS_AT_ONCE = 128
 """Number of knots, or of legs, per batch; the working set fits a processor's cache."""
 
 DIAGONAL_FLOOR = 1e-12

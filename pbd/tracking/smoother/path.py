@@ -12,10 +12,8 @@ from pbd.data import Stop
 from pbd.pose import Array, quat_canonical, quat_from_matrix, quat_multiply
 from pbd.tracking.smoother.factors import sensor_errors
 from pbd.tracking.smoother.knots import Problem
+from pbd.tracking.smoother.normal_equations import batches
 from pbd.tracking.smoother.state import GRAVITY, State
-
-LEGS_AT_ONCE = 64
-"""Number of legs per batch; the working set, with all their samples, fits a processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +52,8 @@ def path_of(problem: Problem, x: State) -> Path:
     n, length = len(frame.t), np.diff(rows)
     length[-1] += 1  # the last knot is the last row
     path = Path(np.empty((n, 4)), *np.empty((3, n, 3)))
-    for first in range(0, len(T), LEGS_AT_ONCE):
-        legs = slice(first, first + LEGS_AT_ONCE)
-        at = slice(rows[first], rows[first] + length[legs].sum())
+    for legs in batches(len(T)):
+        at = slice(rows[legs.start], rows[legs.start] + length[legs].sum())
         at_rows = (np.repeat(each[legs], length[legs], axis=0) for each in of_legs)
         t0, U0, UU0, turned, wxyz0, turning, own_error, c0, c1, c2, c3 = at_rows
         s = frame.t[at, None] - t0

@@ -28,7 +28,7 @@ BLOCK_S = 0.04
 
 LAG, GYR_MATRIX, ACC_MATRIX = slice(0, 1), slice(1, 10), slice(10, 16)
 GYR_BIAS, ACC_BIAS = slice(16, 19), slice(19, 22)
-ERRORS = 22
+ERRORS = ACC_BIAS.stop
 """Columns x of a leg: lag; w_true = (1 - M) w; f_true = (1 - N) f, N lower; biases of gyro and accelerometer."""
 
 OF_GYR, OF_ACC = np.r_[GYR_BIAS, GYR_MATRIX], np.r_[ACC_BIAS, ACC_MATRIX]

@@ -9,7 +9,7 @@ from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, Solved
 from pbd.tracking.smoother.preintegration import POS, ROT, VEL
 
 GRAVITY, PIVOT = slice(16, 17), slice(17, 20)
-SHARED = 20
+SHARED = PIVOT.stop
 """Shared unknowns: lag (s), the matrices of gyro (M) and accelerometer (N) as a leg's columns have them; gravity
 (m/s2), the pivot (m)."""
 
