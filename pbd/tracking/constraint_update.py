@@ -57,9 +57,8 @@ def condition_on(
     fits = fits_of(path, claims, misfit, S)
 
     gain = PG @ np.linalg.inv(S)
-    p, v, wxyz = _carried_along(path, gain @ misfit)
     covariance = PoseCovariance(path.covariance.count, _Conditioned(path.covariance, gain, G, R))
-    return replace(path, p_nav_sensor=p, v_nav_sensor=v, wxyz_nav_sensor=wxyz, covariance=covariance, claims=fits)
+    return replace(_carried_along(path, gain @ misfit), covariance=covariance, claims=fits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,30 +82,15 @@ def measurement_of(
 ) -> tuple[Array, Array, Array]:
     """How claims depend on k poses (k, 6, m), their own noise (m, m), and by how much they are missed (m,), m."""
     rows = _rows(claims)
-    misfit = np.concatenate([claim.value - claim.axes @ _from_other(p_stop, claim) for claim in claims])
-    return _dependence(claims, rows, len(p_stop)), _noise(claims, rows, calibration), misfit
-
-
-def _rows(claims: Sequence[Claim]) -> list[slice]:
-    ends = np.cumsum([0, *(len(claim.value) for claim in claims)]).tolist()
-    return [slice(start, stop) for start, stop in pairwise(ends)]
-
-
-def _dependence(claims: Sequence[Claim], rows: Sequence[slice], k: int) -> Array:
-    """How each claim depends on each pose, (k, 6, m): axes @ (p + turn x lever)."""
-    G = np.zeros((k, 6, rows[-1].stop))
+    m = rows[-1].stop
+    G, R, misfit = np.zeros((len(p_stop), 6, m)), np.zeros((m, m)), np.concatenate([claim.value for claim in claims])
     for claim, row in zip(claims, rows, strict=True):
-        ends = ((claim.stop, claim.levers[0], 1.0), (claim.other, claim.levers[1], -1.0))
-        for stop, lever, sign in ends:
-            if stop is not None:
+        for stop, lever, sign in ((claim.stop, claim.levers[0], 1.0), (claim.other, claim.levers[1], -1.0)):
+            misfit[row] -= sign * claim.axes @ lever
+            if stop is not None:  # axes @ (p + turn x lever)
+                misfit[row] -= sign * claim.axes @ p_stop[stop]
                 G[stop, :3, row] += sign * claim.axes.T
                 G[stop, 3:, row] += sign * np.cross(lever, claim.axes).T
-    return G
-
-
-def _noise(claims: Sequence[Claim], rows: Sequence[slice], calibration: Calibration | None) -> Array:
-    R = np.zeros((rows[-1].stop, rows[-1].stop))
-    for claim, row in zip(claims, rows, strict=True):
         R[row, row] += claim.own * np.eye(len(claim.value))
         for relative, column in zip(claims, rows, strict=True):
             if relative.group == claim.group:
@@ -118,17 +102,16 @@ def _noise(claims: Sequence[Claim], rows: Sequence[slice], calibration: Calibrat
             errors[MOUNT_ERRORS, MOUNT_ERRORS] = calibration.cov_sensor_tool[:3, :3]
         by_calibration = np.vstack([claim.by_calibration for claim in claims])
         R += by_calibration @ errors @ by_calibration.T
-    return R
+    return G, R, misfit
 
 
-def _from_other(p_stop: Array, claim: Claim) -> Array:
-    at, origin = claim.levers
-    displacement: Array = p_stop[claim.stop] + at - ((0.0 if claim.other is None else p_stop[claim.other]) + origin)
-    return displacement
+def _rows(claims: Sequence[Claim]) -> list[slice]:
+    ends = np.cumsum([0, *(len(claim.value) for claim in claims)]).tolist()
+    return [slice(start, stop) for start, stop in pairwise(ends)]
 
 
-def _carried_along(path: HandPath, moved: Array) -> tuple[Array, Array, Array]:
-    """Position, velocity and attitude with the stops moved by (k, 6): m, and rad in nav.
+def _carried_along(path: HandPath, moved: Array) -> HandPath:
+    """The path with the stops moved by (k, 6): m, and rad in nav.
 
     The turn grows with time, as by white noise of the gyro.
     """
@@ -138,8 +121,12 @@ def _carried_along(path: HandPath, moved: Array) -> tuple[Array, Array, Array]:
         shift[stop.start : stop.stop] = by
     edges = t[[row for stop in path.stops for row in (stop.start, stop.stop - 1)]]
     turn = np.column_stack([np.interp(t, edges, np.repeat(axis, 2)) for axis in moved[:, 3:].T])
-    attitude = quat_multiply(quat_exp(turn), path.wxyz_nav_sensor)
-    return path.p_nav_sensor + shift, path.v_nav_sensor + faster, attitude
+    return replace(
+        path,
+        p_nav_sensor=path.p_nav_sensor + shift,
+        v_nav_sensor=path.v_nav_sensor + faster,
+        wxyz_nav_sensor=quat_multiply(quat_exp(turn), path.wxyz_nav_sensor),
+    )
 
 
 def fits_of(path: HandPath, claims: Sequence[Claim], misfit: Array, S: Array) -> tuple[ClaimFit, ...]:
