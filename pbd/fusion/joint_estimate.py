@@ -21,7 +21,7 @@ from pbd.fusion.messages import BIAS, DEVICE, Message
 from pbd.fusion.scatter import Scatter
 from pbd.pose import Array, matrix_log, quat_about_z, quat_exp, quat_to_matrix, skew
 from pbd.tracking.estimate import relative_to_first
-from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LOWER
+from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, lower_matrix
 
 LEVER_M, LEVER_WORTH = 0.005, 3.0
 """m: how differently a sensor is put into the hand, along each axis; degrees of freedom that this is worth beside what
@@ -58,8 +58,7 @@ class State:
         The smoother takes the accelerometer's axes as exact, in that N has no upper half. If they and the gyro's
         lean alike, at random, the case is turned by a quarter of (M + N) - (M + N)'.
         """
-        M, N = self.devices[device][GYR_MATRIX].reshape(3, 3), np.zeros((3, 3))
-        N[tuple(np.transpose(LOWER))] = self.devices[device][ACC_MATRIX]
+        M, N = self.devices[device][GYR_MATRIX].reshape(3, 3), lower_matrix(self.devices[device][ACC_MATRIX])
         both = M + N - (M + N).T
         turn = quat_to_matrix(quat_exp(0.25 * np.array((both[1, 2], both[2, 0], both[0, 1]))))
         return replace(self, A=self.A @ turn, Q=self.Q @ turn, lever=self.lever @ turn)

@@ -35,7 +35,7 @@ from pbd.tracking.estimate import relative_to_first
 from pbd.tracking.smoother import state as smoother_state
 from pbd.tracking.smoother.attitude import heading
 from pbd.tracking.smoother.path import path_of
-from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, LOWER
+from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, lower_matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,11 +221,6 @@ def _sensor(first: Take, joint: Joint, device: int) -> SensorEstimate | None:
     sigma = np.sqrt(np.diagonal(joint.of_devices[device]))
     shared, of_shared = errors[SHARED], sigma[SHARED]
 
-    def lower(values: Array, elsewhere: Array) -> Array:
-        matrix = np.array(elsewhere)
-        matrix[tuple(np.transpose(LOWER))] = values
-        return matrix
-
     M = shared[GYR_MATRIX].reshape(3, 3) - first.solution.scale * np.eye(3)
 
     def found(before: ErrorEstimate, value: Array, spread: Array) -> ErrorEstimate:
@@ -237,8 +232,8 @@ def _sensor(first: Take, joint: Joint, device: int) -> SensorEstimate | None:
         found(alone.acc_bias, errors[BIAS], sigma[BIAS]),
         found(
             alone.acc_matrix,
-            lower(shared[ACC_MATRIX], np.zeros((3, 3))),
-            lower(of_shared[ACC_MATRIX], alone.acc_matrix.sigma),
+            lower_matrix(shared[ACC_MATRIX]),
+            lower_matrix(of_shared[ACC_MATRIX], alone.acc_matrix.sigma),
         ),
         found(alone.lag, first.solution.lag + shared[LAG][0], of_shared[LAG][0]),
     )

@@ -23,11 +23,11 @@ from pbd.tracking.smoother.preintegration import (
     ACC_MATRIX,
     GYR_MATRIX,
     LAG,
-    LOWER,
     POS,
     ROT,
     Impulse,
     integral_of_means,
+    lower_matrix,
 )
 from pbd.tracking.smoother.smooth import Solution, smooth
 from pbd.tracking.smoother.variance_components import with_own_noise
@@ -119,19 +119,13 @@ def _sensor(solution: Solution, first: int) -> SensorEstimate:
     right[first, biases] = np.eye(6)
     of_biases = np.sqrt(np.diagonal(solved.columns(right)[first, biases]))
     acc_scale, none = doubt * device.acc_scale, np.array(0.0)
-
-    def lower(values: Array, elsewhere: float) -> Array:
-        matrix = np.full((3, 3), elsewhere)
-        matrix[tuple(np.transpose(LOWER))] = values
-        return matrix
-
     M = x.shared[GYR_MATRIX].reshape(3, 3) - solution.scale * np.eye(3)
-    N = lower(x.shared[ACC_MATRIX], 0.0)
+    N = lower_matrix(x.shared[ACC_MATRIX])
     return SensorEstimate(
         ErrorEstimate(rest.gyro_bias + x.gyr_bias[first], of_biases[:3], rest.gyro_bias, np.array(noise.gyr_bias)),
         ErrorEstimate(M, sigma[GYR_MATRIX].reshape(3, 3), none, np.array(device.gyr_scale)),
         ErrorEstimate(x.acc_bias[first], of_biases[3:], none, np.array(doubt * device.acc_bias)),
-        ErrorEstimate(N, lower(sigma[ACC_MATRIX], acc_scale), none, np.array(acc_scale)),
+        ErrorEstimate(N, lower_matrix(sigma[ACC_MATRIX], acc_scale), none, np.array(acc_scale)),
         ErrorEstimate(solution.lag + x.shared[LAG][0], sigma[LAG][0], np.array(noise.lag), np.array(prior.lag_sigma)),
     )
 

@@ -76,16 +76,22 @@ def _largest_turn(wxyz: Array) -> float:
     return float(np.linalg.norm(quat_log(quat_multiply(quat_inverse(wxyz[0]), wxyz)), axis=1).max())
 
 
+def nearest_stop(t: Array, stops: tuple[Stop, ...], at: float) -> tuple[int, float]:
+    """Index of the stop that is nearest to a time, and how far away that is, s; 0 within it."""
+    begins, ends = t[[stop.start for stop in stops]], t[[stop.stop - 1 for stop in stops]]
+    away = np.maximum(np.maximum(begins - at, at - ends), 0.0)
+    nearest = int(np.argmin(away))
+    return nearest, float(away[nearest])
+
+
 def _grip_at_stops(events: tuple[GripEvent, ...], t: Array, stops: tuple[Stop, ...]) -> dict[int, bool]:
     """For each stop at which the grip changes: closed or not. An event belongs to the nearest stop."""
     at: dict[int, bool] = {}
-    begins, ends = t[[stop.start for stop in stops]], t[[stop.stop - 1 for stop in stops]]
     for event in events if stops else ():
-        away = np.maximum(np.maximum(begins - event.t, event.t - ends), 0.0)
-        nearest = int(np.argmin(away))
-        if away[nearest] > NEAR_STOP_S:
+        nearest, away = nearest_stop(t, stops, event.t)
+        if away > NEAR_STOP_S:
             warn(
-                f"the grip {'closed' if event.closed else 'opened'} at {event.t:.2f} s, {away[nearest]:.1f} s from the "
+                f"the grip {'closed' if event.closed else 'opened'} at {event.t:.2f} s, {away:.1f} s from the "
                 f"nearest stop; it is taken to belong to stop {nearest}"
             )
         at[nearest] = event.closed

@@ -15,7 +15,7 @@ import numpy as np
 from pbd.data import Calibration, Contact, HandPath, Known, Place
 from pbd.errors import TrackingError, warn
 from pbd.pose import Array, Pose, quat_rotate, quat_to_matrix, skew
-from pbd.tracking.keyframes import NEAR_STOP_S
+from pbd.tracking.keyframes import NEAR_STOP_S, nearest_stop
 from pbd.tracking.smoother.attitude import mean_quaternion
 
 PLACE_SIGMA_M = 0.003
@@ -228,17 +228,15 @@ def _variance(contact: Contact) -> float:
 def _different_stops(path: HandPath, times: tuple[float, ...], what: str) -> tuple[int, ...]:
     """Index of the stop at (or nearest to) each time; no two may be in one stop."""
     found: dict[int, float] = {}
-    begins, ends = path.t[[stop.start for stop in path.stops]], path.t[[stop.stop - 1 for stop in path.stops]]
     for t in times:
-        away = np.maximum(np.maximum(begins - t, t - ends), 0.0)
-        stop = int(np.argmin(away))
+        stop, away = nearest_stop(path.t, path.stops, t)
         at = f"{path.t[path.stops[stop].start]:.2f} to {path.t[path.stops[stop].stop - 1]:.2f} s"
-        if away[stop] > NEAR_STOP_S:
+        if away > NEAR_STOP_S:
             raise TrackingError(
                 f"{what} names {t:.2f} s, but the hand does not stop there: the nearest stop, {stop}, is from {at}; "
                 "give a time within a stop",
                 t=t,
-                value=float(away[stop]),
+                value=away,
                 bound=NEAR_STOP_S,
                 stop=stop,
             )

@@ -61,7 +61,7 @@ def sensor_errors(x: State) -> Array:
 
 def whitener(problem: Problem, local: Local) -> Array:
     """What whitens the legs' noise, (m - 1, 9, 9): the inverse of a root of its covariance in the gyro frame."""
-    root = np.linalg.cholesky(np.tensordot(local.components, problem.legs.parts, axes=1))
+    root = np.linalg.cholesky(np.tensordot(local.components[:3], problem.legs.parts, axes=1))
     return inverse_of_lower(np.asarray(root, dtype=np.float64))
 
 
@@ -99,8 +99,8 @@ def _add_legs(
         equations.add_legs(whiten[at] @ (leg_jacobian(problem, x, at) if legs is None else legs[at]), at.start)
     noise, T = problem.noise, problem.legs.T
     for block, values, walk, k in (
-        (GYR_BIAS, x.gyr_bias, noise.device.gyr_walk, local.walks[0]),
-        (ACC_BIAS, x.acc_bias, noise.device.acc_walk, local.walks[1]),
+        (GYR_BIAS, x.gyr_bias, noise.device.gyr_walk, local.components[3]),
+        (ACC_BIAS, x.acc_bias, noise.device.acc_walk, local.components[4]),
     ):
         equations.add_pairs(block, np.diff(values, axis=0), 1.0 / (k * walk**2 * T))
 
@@ -115,7 +115,7 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, local: Lo
     """In a stop the pivot stands still, and from knot to knot nothing moves or turns. Returns the first's weights."""
     noise, within, R = problem.noise, problem.within, x.E @ problem.C
     # A hand that coasts is as fast, however much one that stands still trembles.
-    variance = local.still * problem.still**2 + (anneal**2 - 1.0) * noise.still_speed**2
+    variance = local.components[5] * problem.still**2 + (anneal**2 - 1.0) * noise.still_speed**2
     v, swing = creep(problem, x)
     still = _robust(squares(v) / variance) * (problem.stop_of >= 0)
     equations.add_unary(VEL, v, still / variance)

@@ -204,7 +204,7 @@ def _initial_state(problem: Problem, prior: Prior) -> tuple[State, Local]:
     shared = np.zeros(SHARED)
     shared[LAG], shared[GRAVITY] = prior.lag, problem.noise.gravity
     state = State(E, still, still, still, still, shared)
-    return state, Local(origin, strength, dip, prior, np.ones(3), np.ones(2))
+    return state, Local(origin, strength, dip, prior, np.ones(6))
 
 
 def _first_field(problem: Problem, R: Array) -> Array:

@@ -62,7 +62,7 @@ class Local:
         origin: index of the knot whose position, and without a compass heading, is given.
         strength, dip: of the field at the first rest, its unit and rad.
         prior: of the sensor-wide errors.
-        components: (3,) factors on the parts of the legs' noise; walks (2,) on those of the biases; still (1,).
+        components: (6,) factors on the noise: the legs' three parts, the biases' walks, the speed of what stands still.
     """
 
     origin: int
@@ -70,5 +70,3 @@ class Local:
     dip: float
     prior: Prior
     components: Array
-    walks: Array
-    still: float = 1.0

@@ -31,6 +31,7 @@ def with_own_noise(solution: Solution) -> Solution:
     problem, x, local, solved = solution.problem, solution.state, solution.local, solution.solved
     device, T, still = problem.noise.device, problem.legs.T, solution.still
     walks = ((GYR_BIAS, x.gyr_bias, device.gyr_walk), (ACC_BIAS, x.acc_bias, device.acc_walk))
+    nu = np.array((*4 * (PRIOR_FREEDOM,), PRIOR_FREEDOM_STILL))
     stood, whiten = still / problem.still**2, whitener(problem, local)
     jacobian = leg_jacobian(problem, x)
     residuals = (whiten @ jacobian[:, :, -1:])[:, :, 0]
@@ -38,15 +39,15 @@ def with_own_noise(solution: Solution) -> Solution:
         top, bottom, spread = _of_legs(problem, local, whiten, solved, jacobian)
         if iteration == 0:
             solution = replace(solution, legs=(residuals, spread))
-        components = local.components * (1.0, *_factors(top, bottom, PRIOR_FREEDOM))
-        walked = local.walks.copy()
-        for c, (block, values, walk) in enumerate(walks):
-            w = 1.0 / (walked[c] * walk**2 * T)
-            own = np.trace(solved.of_changes(block), axis1=1, axis2=2)
-            walked[c] *= _factors(w @ squares(np.diff(values, axis=0)), (3.0 - w * own).sum(), PRIOR_FREEDOM)
-        own, w = np.trace(solved.of_knots(VEL), axis1=1, axis2=2), stood / local.still
-        factor = _factors(w @ squares(creep(problem, x)[0]), (3.0 * still - w * own).sum(), PRIOR_FREEDOM_STILL)
-        local = replace(local, components=components, walks=walked, still=local.still * float(factor))
+        for (block, values, walk), k in zip(walks, local.components[3:], strict=False):
+            w = 1.0 / (k * walk**2 * T)
+            top.append(w @ squares(np.diff(values, axis=0)))
+            bottom.append((3.0 - w * np.trace(solved.of_changes(block), axis1=1, axis2=2)).sum())
+        w = stood / local.components[5]
+        top.append(w @ squares(creep(problem, x)[0]))
+        bottom.append((3.0 * still - w * np.trace(solved.of_knots(VEL), axis1=1, axis2=2)).sum())
+        factors = (top + nu) / np.maximum(bottom + nu, 1e-3 * nu)
+        local = replace(local, components=local.components * (1.0, *factors))
         whiten = whitener(problem, local)
         solved.forget()
         del solved  # of a long recording it is large
@@ -54,24 +55,18 @@ def with_own_noise(solution: Solution) -> Solution:
     return replace(solution, local=local, solved=solved)
 
 
-def _factors(top: Array | float, bottom: Array | float, nu: float) -> Array:
-    """Factors on parts of the noise: squares over redundancies, each with its prior's."""
-    factors: Array = (top + nu) / np.maximum(bottom + nu, 1e-3 * nu)
-    return factors
-
-
 def _of_legs(
     problem: Problem, local: Local, whiten: Array, solved: Solved, jacobian: Array
-) -> tuple[Array, Array, Array]:
+) -> tuple[list[float], list[float], Array]:
     """Squares (2,) and redundancies (2,) of what turning and motion add to the legs' noise; and the covariance
     (m - 1, 9, 9) of what is estimated of the legs."""
     top, bottom, spread = np.zeros(2), np.zeros(2), np.empty(whiten.shape)
     for at in batches(len(whiten)):
         A = whiten[at] @ jacobian[at]
-        parts = local.components[1:, None, None, None] * (
+        parts = local.components[1:3, None, None, None] * (
             whiten[at] @ problem.legs.parts[1:, at] @ whiten[at].transpose(0, 2, 1)
         )
         r, spread[at] = A[:, :, -1:], solved.of_legs(A[:, :, :-1], at.start)
         top += (r * (parts @ r)).sum(axis=(1, 2, 3))
         bottom += np.trace(parts, axis1=2, axis2=3).sum(axis=1) - (parts * spread[at]).sum(axis=(1, 2, 3))
-    return top, bottom, spread
+    return top.tolist(), bottom.tolist(), spread
