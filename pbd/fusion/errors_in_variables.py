@@ -28,7 +28,7 @@ def without_noise(problem: Problem, x: State, local: Local) -> Problem:
     """
     legs, rows = problem.legs, problem.rows
     left = leg_jacobian(problem, x)[:, :, -1]
-    of_acc = _of_accelerometer(np.tensordot(local.components, legs.parts, axes=1), legs.dU, left)
+    of_acc = _of_accelerometer(np.tensordot(local.components[:3], legs.parts, axes=1), legs.dU, left)
     C = quat_to_matrix(problem.frame.wxyz[(rows[:-1] + rows[1:]) // 2])
     J, lower, whole = legs.J.copy(), np.transpose(LOWER), np.array(np.divmod(np.arange(9), 3))
     J[:, VEL, ACC_MATRIX] -= _by_matrix(C, of_acc[:, 0], lower)
