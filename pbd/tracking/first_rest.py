@@ -24,6 +24,11 @@ STILL_ACC, STILL_GYR = 0.5, 0.15
 """rms, m/s2 and rad/s, above which a hand is moving."""
 
 
+def restlessness(shake: Array | float, turn: Array | float) -> Array:
+    """Energies of both sensors, (m/s2)^2 and (rad/s)^2, together, relative to a hand at rest."""
+    return np.asarray(shake / STILL_ACC**2 + turn / STILL_GYR**2)
+
+
 @dataclass(frozen=True, eq=False)
 class Rest:
     """The first quiet second of a recording, samples start <= i < stop.
@@ -44,6 +49,11 @@ class Rest:
     gyro_bias: Array
     up_sensor: Array
 
+    @property
+    def restless(self) -> float:
+        """How restless it was."""
+        return float(restlessness(self.shake, self.turn))
+
 
 def find_rest(recording: Recording) -> Rest:
     """Find the first quiet second (the whole of a shorter recording), by both sensors' rms relative to stillness.
@@ -58,9 +68,9 @@ def find_rest(recording: Recording) -> Rest:
     gyr_var = np.zeros_like(acc_var)
     if recording.gyr is not None:
         gyr_var, _ = calm_moments(recording.gyr, length, k)
-    restlessness = acc_var / STILL_ACC**2 + gyr_var / STILL_GYR**2
+    restless = restlessness(acc_var, gyr_var)
     # 1e-6: the quietest second of a sensor without noise is no quieter than the next.
-    start = int(np.argmax(restlessness <= QUIET_RATIO * restlessness.min() + 1e-6))
+    start = int(np.argmax(restless <= QUIET_RATIO * restless.min() + 1e-6))
     rest = rest_over(recording, start, start + length)
     _refuse_wrong_units(rest.gravity)
     if acc_var[start] > STILL_ACC**2 or gyr_var[start] > STILL_GYR**2:

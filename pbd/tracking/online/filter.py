@@ -19,12 +19,18 @@ from pbd.pose import (
     Pose,
     lengths,
     matrix_log,
+    quat_about_z,
+    quat_canonical,
     quat_from_matrix,
+    quat_multiply,
+    quat_rotate,
+    quat_to_matrix,
     skew,
 )
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
 from pbd.tracking.online.strapdown import Leg, Strapdown, turn_matrix
+from pbd.tracking.smoother.attitude import heading, to_upright
 from pbd.tracking.smoother.factors import compass_heading
 from pbd.tracking.smoother.preintegration import ACC_BIAS, ACC_MATRIX, ERRORS, GYR_BIAS, GYR_MATRIX, LAG, POS, ROT, VEL
 
@@ -212,11 +218,11 @@ class OnlineFilter:
 
 
 def _level(up: Array, field: Array | None) -> Array:
-    """Nav in the sensor's axes (3, 3), by the vertical, and by the compass or one of the sensor's own axes."""
-    if field is None:  # as `heading` has it
-        axis = np.eye(3)[0 if abs(up[0]) < np.cos(np.radians(30.0)) else 1]
-        ahead = axis - (axis @ up) * up
+    """Nav <- sensor (3, 3), by the vertical, and by the compass or one of the sensor's own axes."""
+    wxyz = quat_canonical(to_upright(up))
+    if field is None:
+        off = -heading(wxyz[None])
     else:
-        ahead = skew(field) @ up  # east
-    ahead = ahead / np.sqrt(ahead @ ahead)
-    return np.stack((ahead, skew(up) @ ahead, up))
+        east, north, _ = quat_rotate(wxyz, field)
+        off = float(np.arctan2(east, north))
+    return quat_to_matrix(quat_multiply(quat_about_z(off), wxyz))

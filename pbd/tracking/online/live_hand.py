@@ -11,7 +11,7 @@ import numpy as np
 from pbd.data import Keyframe, Stop
 from pbd.pose import Array, Pose
 from pbd.tracking.estimate import BOUNCE_M, BOUNCE_S
-from pbd.tracking.first_rest import STILL_ACC, STILL_GYR, Rest
+from pbd.tracking.first_rest import STILL_ACC, Rest, restlessness
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.online.events import LiveEvent, StopBegan, StopEnded
 from pbd.tracking.online.filter import OnlineFilter
@@ -128,7 +128,7 @@ class LiveHand:
         """Whether the last window is quiet. Also sets the sigma of a zero-velocity update."""
         force, rate = (np.array(seen) for seen in zip(*((u, rate) for _, u, rate in self._window), strict=True))
         (shake,), (turn,) = energies(force, rate, len(force))
-        self.restless = float(shake / STILL_ACC**2 + turn / STILL_GYR**2)
+        self.restless = float(restlessness(shake, turn))
         self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise))
         return bool(shake < self._limits[0] and turn < self._limits[1]) and len(force) == self._n
 

@@ -6,9 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbd.pose import (
-    Array,
-)
+from pbd.pose import Array
 from pbd.tracking.repair.clock import CLOCK_JUMP_S
 from pbd.tracking.repair.gaps import BRIDGED_S
 from pbd.tracking.repair.repair_recording import LARGEST_READING

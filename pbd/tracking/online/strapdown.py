@@ -8,14 +8,7 @@ from math import sin, sqrt
 
 import numpy as np
 
-from pbd.pose import (
-    Array,
-    lengths,
-    matrix_log,
-    quat_from_rpy,
-    quat_to_matrix,
-    skew,
-)
+from pbd.pose import Array, lengths, matrix_log, quat_from_rpy, quat_to_matrix, skew
 from pbd.tracking.moving_windows import rows_of_mean
 from pbd.tracking.noise import Noise, densities
 from pbd.tracking.online.samples import Sample

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pbd.data import Keyframe, Recording, RecordingInfo, Stop
 from pbd.errors import PbdError, TrackingError
 from pbd.pose import Array, readonly
-from pbd.tracking.first_rest import QUIET_RATIO, REST_S, STILL_ACC, STILL_GYR, Rest, find_rest
+from pbd.tracking.first_rest import QUIET_RATIO, REST_S, STILL_ACC, Rest, find_rest
 from pbd.tracking.noise import noise_of
 from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan, StopEnded
 from pbd.tracking.online.live_hand import LiveHand
@@ -130,7 +130,7 @@ class LiveTracker:
         self._t_look = t + (ENERGY_WINDOW_S if hand is None else REST_S)
         if hand is not None:
             stands = hand.still and hand.standing[-1].first.t <= samples[0].t
-            if not stands or hand.restless > _restlessness(hand.rest):
+            if not stands or hand.restless > hand.rest.restless:
                 return []
         recording = Recording(
             np.array([sample.t for sample in samples]),
@@ -150,7 +150,7 @@ class LiveTracker:
             self._conditioner.interval = interval
             self._hand = LiveHand(samples, interval, rest, noise, bool(self._has_gyro))
             return [RestFound(t, rest), self._hand.here(t)]
-        if _restlessness(rest) < _restlessness(hand.rest) / QUIET_RATIO:
+        if rest.restless < hand.rest.restless / QUIET_RATIO:
             hand.learn(rest, noise)
         return []
 
@@ -215,7 +215,3 @@ def _rest_advice(error: PbdError) -> str:
     if error.fields.get("bound") == STILL_ACC:
         return f"hold still for {REST_S:g} s: the hand shakes with {error.fields['value']:.2f} m/s2"
     return error.message
-
-
-def _restlessness(rest: Rest) -> float:
-    return rest.shake / STILL_ACC**2 + rest.turn / STILL_GYR**2

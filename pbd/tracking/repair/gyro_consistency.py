@@ -26,7 +26,7 @@ from pbd.pose import (
     quat_rotate,
     quat_to_matrix,
 )
-from pbd.tracking.first_rest import STILL_ACC, STILL_GYR
+from pbd.tracking.first_rest import restlessness
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from pbd.tracking.repair.axes import (
     AS_GOOD_DEG,
@@ -81,7 +81,7 @@ def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
     variance, mean = window_moments(acc, second)
     # The rate itself, not its variance: a turn about the vertical leaves the accelerometer as quiet as a rest.
     rate = window_sums(squares(gyr), second) / second
-    quietest = int(np.argmin(variance / STILL_ACC**2 + rate / STILL_GYR**2))
+    quietest = int(np.argmin(restlessness(variance, rate)))
     g = float(np.linalg.norm(mean[quietest]))
     variance, mean = window_moments(acc, 2 * half)
     norm = np.linalg.norm(mean, axis=1)

@@ -50,11 +50,15 @@ def first_guess(frame: GyroFrame, rows: Rows, stops: Spans) -> Array:
     force = (frame.U[last] - frame.U[first]) / (t[last] - t[first])[:, None]
     levels, level = [], np.array([1.0, 0.0, 0.0, 0.0])
     for up in force / np.maximum(lengths(force), 1e-9)[:, None]:
-        x, y, z = quat_rotate(level, up)
-        # Any half turn will do where up is down.
-        level = quat_canonical(quat_multiply((1.0 + z, y, 1e-12 - x, 0.0), level))
+        level = quat_canonical(quat_multiply(to_upright(quat_rotate(level, up)), level))
         levels.append(level)
     return np.array(levels)[np.searchsorted(0.5 * (stop[:-1] + start[1:]), rows)]
+
+
+def to_upright(up: Array) -> Array:
+    """The shortest turn of a unit vector (3,) to the vertical, wxyz, not normalised; any half turn where up is down."""
+    x, y, z = up
+    return np.array((1.0 + z, y, 1e-12 - x, 0.0))
 
 
 def mean_quaternion(wxyz: Array) -> Array:

@@ -12,13 +12,7 @@ from pbd.tracking.smoother.gauss_newton import UNDOUBTED_SIGMAS
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.preintegration import VEL
-from pbd.tracking.zero_velocity import (
-    SURE_STOP_S,
-    Spans,
-    calm_part,
-    slow_parts,
-    trimmed,
-)
+from pbd.tracking.zero_velocity import SURE_STOP_S, Spans, calm_part, slow_parts, trimmed
 
 MOVING_WEIGHT, MAX_RECUTS = 0.5, 5
 """Weight of a stop's velocity factor below which the hand seems to move; how often candidates are cut to their slow

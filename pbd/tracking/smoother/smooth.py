@@ -19,10 +19,7 @@ from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
 from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revised_stops, settled
 from pbd.tracking.smoother.factors import creep, shared_prior
-from pbd.tracking.smoother.gauss_newton import (
-    ANNEALING,
-    descend,
-)
+from pbd.tracking.smoother.gauss_newton import ANNEALING, descend
 from pbd.tracking.smoother.knots import Problem, pose_problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
