@@ -67,6 +67,21 @@ class Problem:
         return self.frame.t[self.rows]
 
 
+def row_noise(
+    frame: GyroFrame, rest: Rest, noise: Noise, unseen: Sequence[tuple[int, int]], device: bool
+) -> tuple[Array, Array]:
+    """`densities` at each row; `unseen` are the first and last row of each hole, `device` as `Problem` has it."""
+    t, (s_g, s_a) = frame.t, densities(noise, frame.gyr, frame.u, frame.dt)
+    if device:  # it follows a turn late, and catches up
+        s_g[0] = noise.device_lag * (frame.gyr**2).sum(axis=1)
+        s_a[0] = frame.dt * frame.u[rest.start : rest.stop].var(axis=0).mean()  # its steps and noise tilt gravity
+    for first, last in unseen:
+        lasts = float(t[last] - t[first])
+        s_g[0, first : last + 1] += noise.unseen_rate**2 * lasts
+        s_a[0, first : last + 1] += 12.0 * noise.unseen_speed**2 / lasts  # from rest to rest
+    return s_g, s_a
+
+
 def pose_problem(
     frame: GyroFrame,
     mag: Array | None,
@@ -75,6 +90,7 @@ def pose_problem(
     stops: Spans,
     calm: Spans,
     speed: Array,
+    density: tuple[Array, Array],
     asked: Sequence[int] = (),
     impulses: Sequence[Impulse] = (),
     unseen: Sequence[tuple[int, int]] = (),
@@ -91,6 +107,7 @@ def pose_problem(
         stops: candidates.
         calm: of each, where the hand stands still without a doubt.
         speed: (n,) m/s along each axis, speed allowed for a hand at rest.
+        density: of `row_noise`.
         device: the attitude is the device's own.
         impulses: what was lost above a sensor's range.
         unseen: first and last row of each hole in the data.
@@ -105,14 +122,6 @@ def pose_problem(
     seen = np.unique(stop_of[stop_of >= 0])
     stops = [stops[k] for k in seen]
     stop_of = np.where(stop_of < 0, -1, np.searchsorted(seen, stop_of))
-    s_g, s_a = densities(noise, frame.gyr, frame.u, dt)
-    if device:  # it follows a turn late, and catches up
-        s_g[0] = noise.device_lag * (frame.gyr**2).sum(axis=1)
-        s_a[0] = dt * frame.u[rest.start : rest.stop].var(axis=0).mean()  # its steps and noise tilt gravity
-    for first, last in unseen:
-        lasts = float(t[last] - t[first])
-        s_g[0, first : last + 1] += noise.unseen_rate**2 * lasts
-        s_a[0, first : last + 1] += 12.0 * noise.unseen_speed**2 / lasts  # from rest to rest
     borders = np.concatenate((t[rows[:1]], 0.5 * (t[rows[1:]] + t[rows[:-1]]), t[rows[-1:]]))
     return Problem(
         frame,
@@ -122,7 +131,7 @@ def pose_problem(
         rows,
         stop_of,
         within,
-        preintegrate(frame, rows, within, (s_g, s_a), impulses),
+        preintegrate(frame, rows, within, density, impulses),
         speed[rows],
         quat_to_matrix(frame.wxyz[rows]),
         np.zeros((len(rows), 3)) if device else _mean_about(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),

@@ -20,7 +20,7 @@ from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
 from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revised_stops, settled
 from pbd.tracking.smoother.factors import creep, shared_prior
 from pbd.tracking.smoother.gauss_newton import ANNEALING, descend
-from pbd.tracking.smoother.knots import Problem, pose_problem
+from pbd.tracking.smoother.knots import Problem, pose_problem, row_noise
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
 from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, Impulse
@@ -102,7 +102,7 @@ def smooth(
 
     def posed(stops: Spans, calm: Spans) -> Problem:
         return pose_problem(
-            *(frame, recording.mag, rest, noise, stops, calm, speed, asked, impulses, unseen),
+            *(frame, recording.mag, rest, noise, stops, calm, speed, density, asked, impulses, unseen),
             device=device,
         )
 
@@ -112,6 +112,7 @@ def smooth(
         # A device's own attitude follows a turn late: without a gyro specific force in sensor axes alone is constant.
         shown = energies(*((frame.acc, np.zeros_like(frame.acc)) if device else (frame.u, frame.gyr)), window)
         speed = still_speed(*shown, len(frame.t), rest, noise)
+        density = row_noise(frame, rest, noise, unseen, device)
         if stops is None:
             stops = find_candidates(frame.t, frame.dt, *shown, rest, unseen)
         if not stops:
