@@ -24,8 +24,8 @@ NEXT_STATE = GYR_BIAS.start
 BAND = STATE + NEXT_STATE
 """Width of the band: a knot's unknowns and those of the next knot that a leg depends on."""
 
-KNOTS_AT_ONCE = 128
-"""Number of knots, or of legs, per batch; the working set fits a processor's cache."""
+KNOTS_AT_ONCE = 64
+"""Number of knots, or of legs with all their samples, per batch; the working set fits a processor's cache."""
 
 DIAGONAL_FLOOR = 1e-12
 """Added to the scaled diagonal against rounding."""

@@ -188,8 +188,9 @@ def preintegrate(
 
     def gains(V: Array, P: Array) -> tuple[Array, Array]:
         """Of each block: velocity gained; and the way that it makes until the leg's end."""
-        dV = np.diff(V[edges], axis=0)
-        return dV, np.diff(P[edges], axis=0) - V[edges[:-1]] * h[:, None] + dV * togo
+        at_edges = V[edges]
+        dV = np.diff(at_edges, axis=0)
+        return dV, np.diff(P[edges], axis=0) - at_edges[:-1] * h[:, None] + dV * togo
 
     def integrals(values: Array) -> Array:
         """Over each block, of values (n, ...) that change linearly."""
