@@ -13,7 +13,7 @@ from pbd.data import SensorEstimate, Stop
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import lengths
 from pbd.tracking.first_rest import QUIET_RATIO, REST_S
-from pbd.tracking.moving_windows import calm_moments, median, rows_of_mean, squares
+from pbd.tracking.moving_windows import calm_variance, median, rows_of_mean, squares
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT
 from pbd.tracking.smoother.smooth import Solution
@@ -125,7 +125,7 @@ def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
             continue  # a stop begins before its end that does not end before it begins
         n = int(np.searchsorted(t, t[start] + SURE_STOP_S)) - start
         k = rows_of_mean(n / SURE_STOP_S)
-        if calm_moments(frame.u[start:end], n, k)[0].min() < QUIET_RATIO * rest.shake:
+        if calm_variance(frame.u[start:end], n, k).min() < QUIET_RATIO * rest.shake:
             yield (
                 f"from {t[start]:.1f} s on the sensor seems to rest for {lasts:.1f} s, but not by the stops beside it: "
                 "it coasts, or what it says between them is wrong; look at pbd plot"

@@ -9,7 +9,7 @@ import numpy as np
 from pbd.data import GRAVITY, Recording, Stop
 from pbd.errors import RecordingError, TrackingError
 from pbd.pose import Array, readonly
-from pbd.tracking.moving_windows import calm_moments, calmed, rows_of_mean
+from pbd.tracking.moving_windows import calm_variance, calmed, rows_of_mean
 
 REST_S = 1.0
 """s: length of the rest that starts a recording. The first second about as quiet as the quietest is taken."""
@@ -64,10 +64,8 @@ def find_rest(recording: Recording) -> Rest:
     """
     length = max(2, min(len(recording), round(REST_S * recording.rate_hz)))
     k = rows_of_mean(recording.rate_hz)
-    acc_var, _ = calm_moments(recording.acc, length, k)
-    gyr_var = np.zeros_like(acc_var)
-    if recording.gyr is not None:
-        gyr_var, _ = calm_moments(recording.gyr, length, k)
+    acc_var = calm_variance(recording.acc, length, k)
+    gyr_var = np.zeros_like(acc_var) if recording.gyr is None else calm_variance(recording.gyr, length, k)
     restless = restlessness(acc_var, gyr_var)
     # 1e-6: the quietest second of a sensor without noise is no quieter than the next.
     start = int(np.argmax(restless <= QUIET_RATIO * restless.min() + 1e-6))

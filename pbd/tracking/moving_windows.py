@@ -30,9 +30,9 @@ def window_moments(values: Array, n: int) -> tuple[Array, Array]:
     return np.maximum(variance, 0.0), mean + offset
 
 
-def calm_moments(values: Array, n: int, k: int) -> tuple[Array, Array]:
-    """`window_moments` of what `calmed` leaves, by means over k samples, in each window of n samples."""
-    return window_moments(calmed(values, k), n - 2 * k + 2)
+def calm_variance(values: Array, n: int, k: int) -> Array:
+    """That variance of what `calmed` leaves, by means over k samples, in each window of n samples."""
+    return window_moments(calmed(values, k), n - 2 * k + 2)[0]
 
 
 def cumulative(steps: Array) -> Array:

@@ -142,8 +142,8 @@ def find_other_axes(witnesses: Sequence[Witness], turn: Callable[[float], Array]
 
     def costs(k: int, by: Array, matrices: Array) -> Array:
         """Median angles, degrees, by which a witness is off that is read by each of (r, 3, 3)."""
-        angles = (_median_angles(witnesses[k], by, matrices, rows) for rows in (seen[k], told[k]))
-        return np.asarray(np.maximum(*angles))
+        cosines = _cosines(witnesses[k], by, matrices)
+        return np.maximum(_median_angles(cosines[seen[k]]), _median_angles(cosines[told[k]]))
 
     each_witness = range(len(witnesses))
     off = np.array([costs(k, as_read, unread)[0] for k in each_witness])
@@ -165,11 +165,11 @@ def find_other_axes(witnesses: Sequence[Witness], turn: Callable[[float], Array]
         found = next(filter(None, (_mended(witnesses, told, fits, k) for k in used if k)), None)
     up = witnesses[0]
     telling = _differ(up.first, up.second, UNIT_DEG) | _differ(up.first, _carried(up.first, as_read), UNIT_DEG)
-    off_deg = float(_median_angles(up, as_read, unread, telling)[0])
+    off_deg = float(_median_angles(_cosines(up, as_read, unread)[telling])[0])
     if telling.sum() >= SIMPLE_PAIRS and off_deg > UNIT_DEG:
         pair = int(np.argmax(telling))
         for factor, what in UNITS:
-            fit = float(_median_angles(up, turn(factor), unread, telling)[0])
+            fit = float(_median_angles(_cosines(up, turn(factor), unread)[telling])[0])
             if fit < min(off_deg / IMPROVEMENT, found.fit_deg if found else np.inf):
                 return Contradiction("a", off_deg, fit, pair, what)
         if found is None and not np.ptp(as_read, axis=0).any():
@@ -219,16 +219,20 @@ def _differ(a: Array, b: Array, by_deg: float = CONTRADICTION_DEG) -> NDArray[np
     return differ
 
 
-def _median_angles(witness: Witness, by: Array, matrices: Array, rows: NDArray[np.bool_]) -> Array:
-    """Over some rows, in degrees (r,): how far a witness, read by each of (r, 3, 3), is off where `by` carries it."""
-    if not rows.any():
-        return np.zeros(len(matrices))
+def _cosines(witness: Witness, by: Array, matrices: Array) -> Array:
+    """Of the angles (k, r) by which a witness, read by each of (r, 3, 3), is off where `by` (k, 3, 3) carries it."""
     # All readings' cosines are sums of the same 81 products.
-    products = np.einsum("ka,kb,kij->kaibj", witness.second[rows], witness.first[rows], by[rows])
-    signs = np.einsum("ria,rjb->aibjr", matrices, matrices)
-    cosines, n = products.reshape(-1, 81) @ signs.reshape(81, -1), int(rows.sum())
-    middle = [(n - 1) // 2, n // 2]
-    angles: Array = np.arccos(np.clip(np.partition(cosines, middle, axis=0)[middle], -1.0, 1.0)).mean(axis=0)
+    products = np.einsum("ka,kb,kij->kaibj", witness.second, witness.first, by).reshape(-1, 81)
+    cosines: Array = products @ np.einsum("ria,rjb->aibjr", matrices, matrices).reshape(81, -1)
+    return np.clip(cosines, -1.0, 1.0)
+
+
+def _median_angles(cosines: Array) -> Array:
+    """In degrees (r,), of angles whose cosines (k, r) are given; 0 without any."""
+    if not len(cosines):
+        return np.zeros(cosines.shape[1])
+    middle = [(len(cosines) - 1) // 2, len(cosines) // 2]
+    angles: Array = np.arccos(np.partition(cosines, middle, axis=0)[middle]).mean(axis=0)
     return np.degrees(angles)
 
 
