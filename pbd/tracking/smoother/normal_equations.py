@@ -207,6 +207,7 @@ class Solved:
         With G = B D^-1: S = (D D^T)^-1 + G^T S' G from the last back.
         """
         root, gain = self._factor
+        self.__dict__.pop("_factor")  # of a long recording it is large
         inverse = root.transpose(0, 2, 1) @ root
         for here, after, G in zip(inverse[-2::-1], inverse[:0:-1], gain[::-1], strict=True):
             here += np.dot(np.dot(G.T, after), G)
@@ -237,7 +238,7 @@ class Solved:
     def of_legs(self, jacobian: Array, at: int = 0) -> Array:
         """Covariance (., r, r) of what depends on two neighbours, the first of them the knot `at`, and on what is
         shared: (., r, 15 + 9 + s)."""
-        (own, lower), by_shared = self.selected, self.by_shared
+        by_shared, (own, lower) = self.by_shared, self.selected
         end = at + len(jacobian)
         this, after = jacobian[:, :, :STATE], jacobian[:, :, STATE:BAND]
         by = this @ by_shared[at:end] + after @ by_shared[at + 1 : end + 1, :NEXT_STATE] - jacobian[:, :, BAND:]
