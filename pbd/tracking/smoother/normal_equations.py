@@ -110,27 +110,28 @@ class NormalEquations:
         m = len(self.diagonal)
         # Jacobi scaling: rotations and metres differ by six orders of magnitude.
         scale = 1.0 / np.sqrt(np.diagonal(self.diagonal, axis1=1, axis2=2))
-        # Column by column what lies below the diagonal: in rows one longer each column begins one later.
-        rows = np.zeros((m, STATE * (BAND + STATE)))
-        columns = rows[:, :-STATE].reshape(m, STATE, BAND + STATE - 1)
-        np.multiply(self.diagonal, scale[:, :, None] * scale[:, None, :], out=columns[:, :, :STATE])
-        below = self.below.transpose(0, 2, 1)
-        np.multiply(below, scale[:-1, :, None] * scale[1:, None, :], out=columns[:-1, :, STATE : 2 * STATE])
-        band = rows.reshape(m, STATE, -1)[:, :, :BAND].reshape(m * STATE, BAND).T
-        band[0] += DIAGONAL_FLOOR
-        del rows, columns
-        cholesky, info = lapack().dpbtrf(band, lower=1, overwrite_ab=1)
+        band = np.empty((m * STATE, BAND))
+        for knots in batches(m):
+            own, after = scale[knots], scale[knots.start + 1 : knots.stop + 1]
+            # Column by column what lies below the diagonal: in rows one longer each column begins one later.
+            rows = np.zeros((len(own), STATE * (BAND + STATE)))
+            columns = rows[:, :-STATE].reshape(len(own), STATE, -1)
+            np.multiply(self.diagonal[knots], own[:, :, None] * own[:, None, :], out=columns[:, :, :STATE])
+            below = self.below[knots].transpose(0, 2, 1) * own[: len(after), :, None] * after[:, None, :]
+            columns[: len(after), :, STATE : 2 * STATE] = below
+            band[_rows(knots)] = rows.reshape(-1, BAND + STATE)[:, :BAND]
+        band[:, 0] += DIAGONAL_FLOOR
+        cholesky, info = lapack().dpbtrf(band.T, lower=1, overwrite_ab=1)
         if info > 0:
             raise np.linalg.LinAlgError("the normal equations are not positive definite")
         # Half the way down: L^-1 of border and gradient.
-        right = (self.border * scale[:, :, None]).reshape(m * STATE, -1)
-        half = np.empty(right.shape, order="F")
+        half = np.empty((m * STATE, self.border.shape[2]), order="F")
         for knots in batches(m):
-            at = slice(knots.start * STATE, knots.stop * STATE)
+            at, right = _rows(knots), (self.border[knots] * scale[knots, :, None]).reshape(-1, half.shape[1])
             if at.start:
                 before = slice(at.start - STATE, at.start)
-                right[at][:STATE] -= _blocks(cholesky[:, before])[1][0] @ half[before]
-            half[at], _ = lapack().dtbtrs(cholesky[:, at], right[at], uplo="L")
+                right[:STATE] -= _blocks(cholesky[:, before])[1][0] @ half[before]
+            half[at], _ = lapack().dtbtrs(cholesky[:, at], right, uplo="L")
         return Solved.at_corner(cholesky, scale, half, half.T @ half, self.corner)
 
 
@@ -186,9 +187,12 @@ class Solved:
     @cached_property
     def _factor(self) -> tuple[Array, Array]:
         """With L's blocks D on the diagonal and B below: D^-1 (m, 15, 15), and B D^-1 (m - 1, 15, 15)."""
-        D, B = _blocks(self.cholesky)
-        root = inverse_of_lower(D)
-        return root, B[:-1] @ root[:-1]
+        root, gain = np.empty((2, len(self.scale), STATE, STATE))
+        for knots in batches(len(root)):
+            D, B = _blocks(self.cholesky[:, _rows(knots)])
+            root[knots] = inverse_of_lower(D)
+            gain[knots] = B @ root[knots]
+        return root, gain[:-1]
 
     @cached_property
     def by_shared(self) -> Array:
@@ -252,6 +256,11 @@ class Solved:
 def batches(n: int) -> Iterator[slice]:
     """Yield which of n knots or legs are in each batch."""
     return (slice(first, first + KNOTS_AT_ONCE) for first in range(0, n, KNOTS_AT_ONCE))
+
+
+def _rows(knots: slice) -> slice:
+    """Of all unknowns those of some knots."""
+    return slice(knots.start * STATE, knots.stop * STATE)
 
 
 def _blocks(cholesky: Array) -> tuple[Array, Array]:
