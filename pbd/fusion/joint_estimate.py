@@ -21,7 +21,8 @@ from pbd.fusion.messages import BIAS, DEVICE, Message
 from pbd.fusion.scatter import Scatter
 from pbd.pose import Array, matrix_log, quat_about_z, quat_exp, quat_to_matrix, skew
 from pbd.tracking.estimate import relative_to_first
-from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, lower_matrix
+from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX
+from pbd.tracking.smoother.state import lower_matrix
 
 LEVER_M, LEVER_WORTH = 0.005, 3.0
 """m: how differently a sensor is put into the hand, along each axis; degrees of freedom that this is worth beside what

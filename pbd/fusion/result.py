@@ -35,7 +35,8 @@ from pbd.tracking.estimate import relative_to_first
 from pbd.tracking.smoother import state as smoother_state
 from pbd.tracking.smoother.attitude import heading
 from pbd.tracking.smoother.path import path_of
-from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, lower_matrix
+from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG
+from pbd.tracking.smoother.state import lower_matrix
 
 
 @dataclass(frozen=True, eq=False)

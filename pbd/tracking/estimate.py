@@ -19,17 +19,9 @@ from pbd.tracking.moving_windows import median
 from pbd.tracking.noise import Noise, acc_doubt
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, STATE, Solved
 from pbd.tracking.smoother.path import Path, between_stops
-from pbd.tracking.smoother.preintegration import (
-    ACC_MATRIX,
-    GYR_MATRIX,
-    LAG,
-    POS,
-    ROT,
-    Impulse,
-    integral_of_means,
-    lower_matrix,
-)
+from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, POS, ROT, Impulse, integral_of_means
 from pbd.tracking.smoother.smooth import Solution, smooth
+from pbd.tracking.smoother.state import lower_matrix
 from pbd.tracking.smoother.variance_components import with_own_noise
 
 NEVER_STILL = "the hand never stands still; stop for half a second between the moves"

@@ -234,13 +234,6 @@ def preintegrate(
     return Legs(rows, T, gained, way, J, parts)
 
 
-def lower_matrix(values: Array, elsewhere: Array | float = 0.0) -> Array:
-    """N (3, 3) of its entries (6,), and what stands above its diagonal."""
-    matrix = np.array(np.broadcast_to(elsewhere, (3, 3)), dtype=np.float64)
-    matrix[tuple(np.transpose(LOWER))] = values
-    return matrix
-
-
 def of_blocks_by_errors(C: Array, rate: Array, force: Array, h: Array) -> tuple[Array, Array]:
     """Turns of blocks by the gyro's errors (k, 3, 12), velocities by the accelerometer's (k, 3, 9).
 

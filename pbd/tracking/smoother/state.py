@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from pbd.pose import Array, quat_exp, quat_to_matrix
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, Solved
-from pbd.tracking.smoother.preintegration import POS, ROT, VEL
+from pbd.tracking.smoother.preintegration import LOWER, POS, ROT, VEL
 
 GRAVITY, PIVOT = slice(16, 17), slice(17, 20)
 SHARED = PIVOT.stop
@@ -70,3 +72,10 @@ class Local:
     dip: float
     prior: Prior
     components: Array
+
+
+def lower_matrix(values: Array, elsewhere: Array | float = 0.0) -> Array:
+    """N (3, 3) of its entries (6,), and what stands above its diagonal."""
+    matrix = np.array(np.broadcast_to(elsewhere, (3, 3)), dtype=np.float64)
+    matrix[tuple(np.transpose(LOWER))] = values
+    return matrix
