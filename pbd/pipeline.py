@@ -15,7 +15,7 @@ from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, Sen
 from pbd.errors import PbdWarning, RecordingError, TrackingError, warn
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.alarm import alarms
-from pbd.tracking.constraint_update import condition_on
+from pbd.tracking.condition_on_claims import condition_on
 from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.first_rest import Rest, find_rest, rest_within
 from pbd.tracking.noise import noise_of

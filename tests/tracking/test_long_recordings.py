@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from pbd.data import GripEvent, Stop
 from pbd.errors import PbdWarning
 from pbd.pose import Array
-from pbd.tracking.constraint_update import _Conditioned
+from pbd.tracking.condition_on_claims import _Conditioned
 from pbd.tracking.keyframes import _grip_at_stops
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from tests.tracking.stops_at import covariances, hand_path

@@ -16,9 +16,9 @@ from pbd.pipeline import track
 from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_multiply, quat_rotate
 from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
-from pbd.tracking.constraint_update import condition_on
+from pbd.tracking.condition_on_claims import condition_on
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.stop_constraints import PLACE_SIGMA_M
+from pbd.tracking.stop_claims import PLACE_SIGMA_M
 from tests.scenarios import pour, truth_at
 from tests.tracking.stops_at import DT, MOVE, REST, at_stops, covariances, hand_path, mid
 

@@ -1,7 +1,7 @@
 """Condition a hand path on what is known of its stops: places visited twice, known positions, known heights.
 
 The poses at the stops are normal, with the joint covariance that the smoother gives. What is claimed is linear in
-them, with a small noise of its own (stop_constraints.py). So the best estimate of all of them together is one update of
+them, with a small noise of its own (stop_claims.py). So the best estimate of all of them together is one update of
 a Kalman filter: each pose takes its share of a misfit by what it has in common with it.
 """
 
@@ -20,7 +20,7 @@ from pbd.errors import TrackingError
 from pbd.pose import Array, Pose, quat_exp, quat_multiply
 from pbd.tracking.noise import OUTLIER_SIGMAS
 from pbd.tracking.smoother.path import between_stops
-from pbd.tracking.stop_constraints import MOUNT_ERRORS, START_ERRORS, Claim, claims_of
+from pbd.tracking.stop_claims import MOUNT_ERRORS, START_ERRORS, Claim, claims_of
 
 
 def condition_on(

@@ -16,9 +16,9 @@ from pbd.data.calibration import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Pose, quat_about_z, quat_exp, quat_rotate
-from pbd.tracking.constraint_update import condition_on
+from pbd.tracking.condition_on_claims import condition_on
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.stop_constraints import PLACE_SIGMA_M, claims_of
+from pbd.tracking.stop_claims import PLACE_SIGMA_M, claims_of
 from tests.tracking.stops_at import at_stops, covariances, hand_path, mid
 
 # --- the tool and the robot's base ---
