@@ -62,6 +62,8 @@ class TurnsFit:
         wxyz_sensor_tool: (4,).
         cov: (3, 3) rad2, of the rotation vector in sensor axes.
         off: (m,) rad, the angle between each turn's axis and the tool's axis that it was named after.
+        turned: (m,) rad, the angle of each turn.
+        moves: (m,) which moves these are.
     """
 
     wxyz_sensor_tool: Array

@@ -38,7 +38,7 @@ def keyframes_covariance(path: HandPath | None, keyframes: Sequence[Keyframe]) -
     if path is not None:
         spans = [(path.t[stop.start], path.t[stop.stop - 1]) for stop in path.stops]
         stops = {
-            i: next((k for k, (since, until) in enumerate(spans) if since <= keyframe.t <= until), None)
+            i: next((stop for stop, (since, until) in enumerate(spans) if since <= keyframe.t <= until), None)
             for i, keyframe in enumerate(keyframes)
             if keyframe.cov.any()
         }

@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> None:
         file = calibration_file(args.save_calibration)
         update_calibration(file, sensor_parts(errors, figures))
         saved = {"calibration": str(file)}
-        say(f"{file}: [sensor] of '{errors.sensor}' from {len(demo.takes)} takes")
+        say(f"{file}: [sensor] of '{errors.sensor}' from {counted(int(figures['takes']), 'take')}")
     keyframes = counted(len(path.stops), "keyframe")
     say(f"wrote {folder}: {len(demo.takes)} takes, {keyframes}; it is a demonstration like any other")
     if thing := fusion.thing:

@@ -21,8 +21,11 @@ class Keyframe:
 
     Attributes:
         t: s, the middle of the stop.
+        dwell_s: how long the hand stood.
+        T_nav_sensor: the sensor's pose.
         cov: (6, 6) m and rad: position, then rotation vector, in nav.
         grip: True where the grip closes at this stop, False where it opens, None where nothing changes.
+        label: a word for people.
         tolerance_m: (3,) how far it may be off along nav's axes; tolerance_rad: how far turned. Learned from several
             takes, or as a person said; None: nobody knows.
         weight: how sure the tracker is that the hand stood still, 0 to 1.

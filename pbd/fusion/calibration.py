@@ -39,7 +39,7 @@ def device_errors(path: HandPath) -> tuple[SensorErrors, dict[str, float]]:
             before.temperature_c,
         )
     figures = {
-        "takes": float(sum(not take.left_out for take in path.fusion.takes)),
+        "takes": sum(not take.left_out and take.device == 0 for take in path.fusion.takes),  # the first take's
         "acc_bias_sigma_mg": round(float(found.acc_bias.sigma.max()) / MG, 2),
         "gyr_scale_sigma_pct": round(100.0 * float(np.diagonal(found.gyr_matrix.sigma).max()), 3),
     }

@@ -15,9 +15,8 @@ from pbd.pose import lengths
 from pbd.tracking.first_rest import QUIET_RATIO, REST_S
 from pbd.tracking.moving_windows import calm_variance, median, rows_of_mean, squares
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
-from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT
+from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, SHORTEST_DIVIDED_S
 from pbd.tracking.smoother.smooth import Solution
-from pbd.tracking.zero_velocity import SURE_STOP_S
 
 FALSE_ALARM_CHANCE = 0.05
 """Chance that a sound recording is suspected of a wrong leg or a wrong sensor. The modelled noise is larger than the
@@ -121,10 +120,10 @@ def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
     starts, ends = (np.array([getattr(stop, name) for stop in stops]) for name in ("start", "stop"))
     for start, end in solution.candidates:
         lasts = float(t[end - 1] - t[start])
-        if lasts < SURE_STOP_S or np.searchsorted(starts, end) > np.searchsorted(ends, start, side="right"):
+        if lasts < SHORTEST_DIVIDED_S or np.searchsorted(starts, end) > np.searchsorted(ends, start, side="right"):
             continue  # a stop begins before its end that does not end before it begins
-        n = int(np.searchsorted(t, t[start] + SURE_STOP_S)) - start
-        k = rows_of_mean(n / SURE_STOP_S)
+        n = int(np.searchsorted(t, t[start] + SHORTEST_DIVIDED_S)) - start
+        k = rows_of_mean(n / SHORTEST_DIVIDED_S)
         if calm_variance(frame.u[start:end], n, k).min() < QUIET_RATIO * rest.shake:
             yield (
                 f"from {t[start]:.1f} s on the sensor seems to rest for {lasts:.1f} s, but not by the stops beside it: "

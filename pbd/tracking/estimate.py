@@ -14,7 +14,6 @@ from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.errors import TrackingError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.first_rest import Rest
-from pbd.tracking.keyframes import ROTATION_RAD
 from pbd.tracking.moving_windows import median
 from pbd.tracking.noise import Noise, acc_doubt
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, STATE, Solved
@@ -26,9 +25,9 @@ from pbd.tracking.smoother.variance_components import with_own_noise
 
 NEVER_STILL = "the hand never stands still; stop for half a second between the moves"
 
-BOUNCE_S, BOUNCE_M = 0.3, 0.02
+BOUNCE_S, BOUNCE_M, BOUNCE_RAD = 0.3, 0.02, np.radians(10.0)
 """Two stops are one put-down that bounced if the gap between them is shorter than BOUNCE_S, the shorter of them too,
-and the sensor moved less than BOUNCE_M and turned less than ROTATION_RAD (s, m, rad)."""
+and the sensor moved and turned less than BOUNCE_M and BOUNCE_RAD (s, m, rad)."""
 
 GRIP_S = 0.8
 """s: a gap this short, at the mark of a grip or as soon after it, is no move either: fingers that close, or two taps
@@ -137,7 +136,7 @@ def _joined(solution: Solution, believed: Sequence[int], grips: Sequence[float])
         gripped = arrived - left < GRIP_S and any(left - GRIP_S < at <= arrived for at in grips)
         there, here = (median(p[problem.stop_of == stop]) for stop in (before, k))
         turned = float(np.linalg.norm(quat_log(quat_multiply(wxyz[k], quat_inverse(wxyz[before])))))
-        if not (soon or gripped) or np.linalg.norm(here - there) > BOUNCE_M or turned > ROTATION_RAD:
+        if not (soon or gripped) or np.linalg.norm(here - there) > BOUNCE_M or turned > BOUNCE_RAD:
             joined.append([k])
         elif gripped:
             joined[-1].append(k)

@@ -23,7 +23,6 @@ from pbd.errors import TrackingError, warn
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate
 from pbd.tracking.estimate import NEVER_STILL, Estimate
 from pbd.tracking.first_rest import Rest
-from pbd.tracking.noise import Noise
 from pbd.tracking.smoother.path import Path
 from pbd.tracking.zero_velocity import runs
 
@@ -35,6 +34,9 @@ LAMBDA_V = 0.01
 
 LAMBDA_M = 10
 """Samples without a detection after which a motion has ended."""
+
+TILT_LOWPASS_S = 0.3
+"""s: time constant of the tilt from the accelerometer, where the device gives no attitude."""
 
 YAW_SIGMA = np.radians(1.0)
 """rad: one sigma of the compass."""
@@ -196,7 +198,7 @@ def _tilt(recording: Recording) -> tuple[Array, Array]:
     """Roll and pitch (n,) of the low-passed accelerometer, starting settled."""
     from scipy.signal import lfilter
 
-    keep = np.exp(-1.0 / (Noise.device_lag * recording.rate_hz))
+    keep = np.exp(-1.0 / (TILT_LOWPASS_S * recording.rate_hz))
     start = keep * recording.acc[:1].T
     slow = np.column_stack(
         [lfilter([1.0 - keep], [1.0, -keep], axis, zi=zi)[0] for axis, zi in zip(recording.acc.T, start, strict=True)]

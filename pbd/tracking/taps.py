@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from math import hypot, inf, isfinite
 
 from pbd.data import GripEvent, Recording
-from pbd.tracking.first_rest import STILL_ACC
 
 SHOCK = 3.0
 """Least peak of a tap, m/s2, beyond what was read before. ST's threshold is 7 at 417 Hz; at 100 Hz peaks are halved."""
@@ -35,6 +34,10 @@ RINGS = 0.35
 
 STILL_S = 0.2
 """s of stillness before the first tap and after the second."""
+
+KEPT = 0.5
+"""Largest change, m/s2, of the mean specific force from before the taps to after them: the hand has not turned by more
+than 3 degrees."""
 
 
 @dataclass
@@ -111,8 +114,7 @@ class TapDetector:
         elif since > SHOCK_S:
             self._after.append(off)
             if since > SHOCK_S + STILL_S:
-                # Is specific force in the mean as before the taps? Then the hand has not turned by more than 3 degrees.
-                kept = hypot(*(sum(axis) / len(self._after) for axis in zip(*self._after, strict=True))) <= STILL_ACC
+                kept = hypot(*(sum(axis) / len(self._after) for axis in zip(*self._after, strict=True))) <= KEPT
                 first, second = self._shocks
                 self._start_over()
                 return first.begun if kept and second.is_tap else None

@@ -30,9 +30,8 @@ LULL_SHARE, LULL_S = 10.0**-2.2, 1.0
 """A foot's stance: where nothing is quiet, the calmest window counts as still of those whose energies are below this
 share of the largest within LULL_S s. (FACTS: F1 above .98 on four trials and at 41 to 286 Hz with one setting.)"""
 
-SHORTEST_STOP_S, SURE_STOP_S = 0.08, 0.5
-"""s: a shorter stop is none; one of SURE_STOP_S shows the vertical by itself, and can hold both a rest and a move. (A
-motion between two stops that is shorter than ENERGY_WINDOW_S is a jolt.)"""
+SHORTEST_MOVE_S, SHORTEST_STOP_S = 0.1, 0.08
+"""s: a shorter motion between two stops is a jolt; a shorter stop is none."""
 
 
 def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
@@ -144,7 +143,7 @@ def _merged(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]] = ()) -> S
     merged: Spans = []
     for start, stop in spans:
         last = merged[-1][1] - 1 if merged else 0
-        if merged and (t[start] - t[last] < ENERGY_WINDOW_S or (last, start) in unseen):
+        if merged and (t[start] - t[last] < SHORTEST_MOVE_S or (last, start) in unseen):
             merged[-1] = (merged[-1][0], stop)
         else:
             merged.append((start, stop))

@@ -48,15 +48,18 @@ class Dense:
         )
 
     def configuration(self, q: Any, opening: float) -> Any:
-        gripper = self.robot.gripper
-        values = dict(zip(self.robot.joints, q, strict=True))
-        if gripper is not None:
-            fingers = gripper.closed + opening * (gripper.open - gripper.closed)
-            values |= dict(zip(gripper.joints, fingers, strict=True))
         configuration = pin.neutral(self.model)
-        for name, value in values.items():
+        for name, value in joint_values(self.robot, q, opening).items():
             configuration[self.model.joints[self.model.getJointId(name)].idx_q] = value
         return configuration
+
+
+def joint_values(robot: Robot, q: Any, opening: float) -> dict[str, float]:
+    """Of the arm's joints, and of the gripper's, by name."""
+    values = dict(zip(robot.joints, q, strict=True))
+    if (gripper := robot.gripper) is not None:
+        values |= dict(zip(gripper.joints, gripper.closed + opening * (gripper.open - gripper.closed), strict=True))
+    return values
 
 
 def _shape(obstacle: Obstacle) -> Any:

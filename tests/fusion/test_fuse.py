@@ -97,6 +97,7 @@ def test_a_device_of_the_same_name_is_told_apart(takes: list[Demonstration]) -> 
     fused = pbd.fuse([*takes[:2], renamed(another, "other")])
     assert fused.fusion is not None
     assert [take.device for take in fused.fusion.takes] == [0, 0, 1]
+    assert device_errors(fused)[1]["takes"] == 2
 
 
 def renamed(demo: Demonstration, name: str) -> Demonstration:

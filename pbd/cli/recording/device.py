@@ -70,11 +70,13 @@ def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder
     if args.baud or args.rate:
         raise UsageError("a phone has no baud or rate to choose; leave out --baud and --rate")
     phone = PhonePort(args.port)
-    connected = iter([phone])
+    opened = False
 
     def open_again() -> Source:
-        if next(connected, None) is None:
+        nonlocal opened
+        if opened:
             phone.connect()
+        opened = True
         return phone
 
     return (f"{PHONE} ({phone.model})" if phone.model else PHONE), open_again, protocol(PHONE).decoder()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from pbd.data.one_line_repr import counted
 from pbd.errors import PbdError
 from pbd.record.person_messages import in_cm
 from pbd.record.values import Outcome, Say, Status
@@ -66,7 +67,7 @@ class LiveScreen:
             badge,
             line,
             (
-                f"{stops} stop{'s' * (stops != 1)}",
+                counted(stops, "stop"),
                 f"{status.t:.0f} s",
                 f"{status.rate_hz:.0f} Hz",
                 "grip closed" if status.closed else "grip open",

@@ -30,7 +30,7 @@ class SimulatedHand:
         name: as a calibration knows the sensor: the same whatever the task.
     """
 
-    name = "sim (x-IMU3)"  # as a calibration knows the sensor: the same whatever the task
+    name = "sim (x-IMU3)"
 
     def __init__(self, emulator: Emulator, grip: tuple[GripEvent, ...]) -> None:
         self._emulator = emulator

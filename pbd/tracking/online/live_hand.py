@@ -19,15 +19,15 @@ from pbd.tracking.online.samples import Sample
 from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, energies, quiet_limits, speed_by_energies
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, energies, quiet_limits, speed_by_energies
 
 CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_DEVICE_S = 0.2, 2.0, 0.6
 """s at rest before a stop is announced: a clear one; a doubtful one, longer than half of the slowest move of a hand; a
 doubtful one by a device's own attitude."""
 
-VELOCITY_GATE = 14.2
-"""Squared Mahalanobis distance of a velocity from zero (chi-square with 3 degrees of freedom, its mean): its 99.7 %
-quantile."""
+VELOCITY_GATE, VELOCITY_MEAN = 14.2, 3.0
+"""Squared Mahalanobis distance of a velocity from zero (chi-square with 3 degrees of freedom): its 99.7 % quantile, and
+its mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,10 +184,10 @@ class LiveHand:
                 self._add_knot(ahead, sample.t, same=self._settled)
                 self._settled, stop = True, Standing(stop.first, sample, *ahead.pose())
             self._stop = replace(stop, last=sample)
-            if self._settled and off < 3.0 and sample.t > self._t_knot:
+            if self._settled and off < VELOCITY_MEAN and sample.t > self._t_knot:
                 self._filter, self._trial_filter = ahead, None
             self._strapdown.clipped = False
-        elif sample.t - stop.last.t > 2.0 * ENERGY_WINDOW_S:
+        elif sample.t - stop.last.t > SHORTEST_MOVE_S + ENERGY_WINDOW_S:
             self._past_stops.append(stop)
             self._filter = self._filter if self._settled else ahead
             self._stop = self._trial_filter = None
@@ -206,7 +206,7 @@ class LiveHand:
             self._trial_filter = self._filter.fork()
             off, speed = self._trial_filter.velocity_test(self._sigma)
             # Quiet but for a jolt since the last stop?
-            soon = sample.t - last.t < 3.0 * ENERGY_WINDOW_S
+            soon = sample.t - last.t < SHORTEST_MOVE_S + 2.0 * ENERGY_WINDOW_S
             knocked = off > VELOCITY_GATE and soon
             trial = Trial(first, off > VELOCITY_GATE, knocked)
             if trial.doubted:
@@ -225,7 +225,7 @@ class LiveHand:
 
     def _begin_stop(self, trial: Trial, sample: Sample) -> StopBegan:
         """Accept the trial as a stop."""
-        self._trial, self.still, self._settled = None, True, trial.doubted or trial.worst < 3.0
+        self._trial, self.still, self._settled = None, True, trial.doubted or trial.worst < VELOCITY_MEAN
         if self._settled and self._trial_filter is not None:
             self._filter = self._trial_filter
         self._trial_filter = self._filter.fork()

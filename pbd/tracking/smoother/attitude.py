@@ -8,11 +8,11 @@ from pbd.data import Recording
 from pbd.errors import TrackingError
 from pbd.pose import Array, lengths, quat_canonical, quat_from_rpy, quat_inverse, quat_log, quat_multiply, quat_rotate
 from pbd.tracking.smoother.preintegration import GyroFrame, Rows, gyro_frame
-from pbd.tracking.zero_velocity import SURE_STOP_S, Spans
+from pbd.tracking.zero_velocity import Spans
 
-LEVEL_S = 6.0
-"""s: averaging time of the first guess' vertical (a hand that comes at 2 m/s and goes as fast tilts it by 4 degrees)
-about a stop of less than SURE_STOP_S."""
+LEVEL_S, SURE_STOP_S = 6.0, 0.5
+"""s: averaging time of the first guess' vertical (a hand that comes at 2 m/s and goes as fast tilts it by 4 degrees); a
+stop that lasts so long shows it by itself."""
 
 
 def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:

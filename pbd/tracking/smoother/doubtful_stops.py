@@ -12,11 +12,14 @@ from pbd.tracking.smoother.gauss_newton import UNDOUBTED_SIGMAS
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.preintegration import VEL
-from pbd.tracking.zero_velocity import SURE_STOP_S, Spans, calm_part, slow_parts, trimmed
+from pbd.tracking.zero_velocity import Spans, calm_part, slow_parts, trimmed
 
 MOVING_WEIGHT, MAX_RECUTS = 0.5, 5
 """Weight of a stop's velocity factor below which the hand seems to move; how often candidates are cut to their slow
 parts."""
+
+SHORTEST_DIVIDED_S = 0.5
+"""Shortest candidate, s, that can hold both a rest and a move. A shorter one is a stop or none."""
 
 SETTLED_S = 0.02
 """Largest change of a stop's ends, s, after which the solution is final: no knot is nearer to them."""
@@ -33,7 +36,7 @@ def doubted_stops(problem: Problem, still: Array, candidates: Spans) -> NDArray[
     knots, spans = problem.rows[(problem.stop_of >= 0) & (still < MOVING_WEIGHT)], np.array(candidates)
     first, end = np.searchsorted(knots, spans.T)
     start, last = problem.frame.t[spans - (0, 1)].T
-    doubted: NDArray[np.bool_] = (end > first) & (last - start > SURE_STOP_S)
+    doubted: NDArray[np.bool_] = (end > first) & (last - start > SHORTEST_DIVIDED_S)
     return doubted
 
 

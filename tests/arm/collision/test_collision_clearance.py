@@ -25,6 +25,7 @@ from pbd.arm.path_sampling import along, polyline
 from pbd.data import Gripper, JointTrajectory, Robot
 from pbd.pose import Array, Pose, quat_about_z
 from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, hull_distance, placements, points_of, rounding_of
+from tests.arm.dense import joint_values
 from tests.audit.test_audit import spline
 
 
@@ -35,15 +36,10 @@ def links_only(arm: ArmModel) -> Clearance:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_coordinates_are_the_models(name: str) -> None:
     arm = arm_of(name)
-    full, gripper = arm.full, arm.robot.gripper
-    x = coordinates(arm, 5)
+    full, x = arm.full, coordinates(arm, 5)
     for *q, opening, found in zip(*x.T, arm.configurations(x), strict=True):
-        values = dict(zip(arm.robot.joints, q, strict=True))
-        if gripper is not None:
-            fingers = gripper.closed + opening * (gripper.open - gripper.closed)
-            values |= dict(zip(gripper.joints, fingers, strict=True))
         turned = np.zeros(full.nv)
-        for joint, value in values.items():
+        for joint, value in joint_values(arm.robot, q, opening).items():
             turned[full.joints[full.getJointId(joint)].idx_v] = value
         assert_allclose(found, pin.integrate(full, pin.neutral(full), turned), atol=1e-15)
 
