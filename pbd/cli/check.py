@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pbd.check_demos import DemoCheck, check_all
-from pbd.cli.steps import print_result
+from pbd.cli.common import print_result
 from pbd.errors import RecordingError, listed
 from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from pbd.cli.common import plan_demonstration
 from pbd.cli.console import print_json, say, working
 from pbd.cli.plan_report import moves_json, say_moves, say_torque
-from pbd.cli.steps import plan_demonstration
 from pbd.errors import PbdError, PlanError, UsageError
 from pbd.files.exporters import FOLDERS, FORMATS, SUFFIXES, Export, check_format, export, export_dataset
 from pbd.files.exporters.lerobot import first_frame, refuse_dataset

@@ -6,8 +6,8 @@ import argparse
 from dataclasses import replace
 
 from pbd.cli.calibrate.sensor import sensor_parts
+from pbd.cli.common import named_calibration, write_figures
 from pbd.cli.console import print_json, say, working
-from pbd.cli.steps import named_calibration, write_figures
 from pbd.data.one_line_repr import counted
 from pbd.errors import UsageError
 from pbd.files.calibration_edit import calibration_file, update_calibration

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 
+from pbd.cli.common import decoder_maker, store_demonstration
 from pbd.cli.console import say, working
-from pbd.cli.steps import decoder_maker, store_demonstration
 from pbd.data import Demonstration
 from pbd.errors import RecordingError, SensorError, TrackingError, listed, warn
 from pbd.files.demo import demo_folder

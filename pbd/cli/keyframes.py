@@ -16,8 +16,8 @@ from pbd.calibration.dock import in_base
 from pbd.calibration.success_probability import Success, success_of
 from pbd.calibration.touch_up import touched_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
+from pbd.cli.common import load_demonstration, named_calibration, plan_options, track_demonstration
 from pbd.cli.console import print_json, say
-from pbd.cli.steps import load_demonstration, named_calibration, plan_options, track_demonstration
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
 from pbd.data.keyframe import thing_carriers

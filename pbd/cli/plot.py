@@ -6,8 +6,8 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from pbd.cli.common import load_demonstration, named_calibration, print_result, track_demonstration, write_figures
 from pbd.cli.console import print_json, say, working
-from pbd.cli.steps import load_demonstration, named_calibration, print_result, track_demonstration, write_figures
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
 from pbd.errors import PbdError, TrackingError, UsageError, collected_warnings, warn
 from pbd.io.atomic import refuse_folder

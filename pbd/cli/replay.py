@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import math
 
+from pbd.cli.common import plan_demonstration
 from pbd.cli.console import print_json, say, working
 from pbd.cli.plan_report import moves_json, say_moves, say_torque, touching_json
-from pbd.cli.steps import plan_demonstration
 from pbd.errors import UsageError
 from pbd.io.atomic import refuse_output
 from pbd.replay import replay_scene

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from pbd.cli.steps import load_demonstration, named_calibration, print_result, track_demonstration
+from pbd.cli.common import load_demonstration, named_calibration, print_result, track_demonstration
 from pbd.tracking.keyframes import find_segments
 from pbd.view.terminal_tables import segments_table
 

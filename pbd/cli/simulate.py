@@ -7,8 +7,8 @@ import shlex
 
 import numpy as np
 
+from pbd.cli.common import POINTS_FILE, store_demonstration
 from pbd.cli.console import say, working
-from pbd.cli.steps import POINTS_FILE, store_demonstration
 from pbd.errors import UsageError
 from pbd.files.demo import demo_folder
 from pbd.files.points import Points

@@ -18,7 +18,7 @@ from pbd.errors import CalibrationError
 from pbd.files.calibration import FORMAT, read_calibration
 from pbd.files.find_by_name import bundled
 from pbd.io.atomic import atomic_file
-from pbd.io.opening import read_text
+from pbd.io.read_file import read_text
 from pbd.pose import Array, Pose, quat_to_rpy
 
 HEADER = "Made by `pbd calibrate`; docs/calibration.md explains each part, calibration/default.toml each key."

@@ -18,7 +18,7 @@ from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, warn
 from pbd.files.calibration import FULL_TURN_DEG, read_pose
 from pbd.io.atomic import atomic_file
-from pbd.io.opening import read_text
+from pbd.io.read_file import read_text
 from pbd.io.toml import Section, read_toml
 from pbd.pose import quat_to_rpy
 

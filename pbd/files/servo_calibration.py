@@ -11,7 +11,7 @@ from typing import Any
 
 from pbd.errors import CalibrationError, listed, printable
 from pbd.io.atomic import atomic_file, is_file
-from pbd.io.opening import read_text
+from pbd.io.read_file import read_text
 
 COUNTS = 4096
 """Counts of a turn of an STS3215."""

@@ -16,7 +16,7 @@ import numpy as np
 from pbd.errors import PbdError, RecordingError, listed, printable
 from pbd.files.header_line import find_header, with_units
 from pbd.io.numbers import number, seconds
-from pbd.io.opening import read_bytes, unix_lines
+from pbd.io.read_file import read_bytes, unix_lines
 from pbd.pose import Array
 
 FOREIGN_ENCODINGS = ("utf-8-sig", "gb18030", "cp1252")

@@ -6,7 +6,7 @@ from collections.abc import Hashable, Sequence
 
 import numpy as np
 
-from pbd.fusion.messages import BIAS, DEVICE, Message
+from pbd.fusion.marginals import BIAS, DEVICE, Marginal
 from pbd.pose import Array
 
 BIAS_REPEATS = 0.002
@@ -20,27 +20,29 @@ LEAST_KNOWN = 1e-6
 """Share of the largest information below which a direction is taken as unknown."""
 
 
-def devices_of(messages: Sequence[Message], names: Sequence[Hashable]) -> tuple[int, ...]:
+def devices_of(marginals: Sequence[Marginal], names: Sequence[Hashable]) -> tuple[int, ...]:
     """Number the devices of takes, from 0 on in their order. Takes of different names are of different devices."""
     groups: list[list[int]] = []
-    for k, (message, name) in enumerate(zip(messages, names, strict=True)):
-        fits = [(_misfit(message, [messages[i] for i in group]), group) for group in groups if names[group[0]] == name]
+    for k, (marginal, name) in enumerate(zip(marginals, names, strict=True)):
+        fits = [
+            (_misfit(marginal, [marginals[i] for i in group]), group) for group in groups if names[group[0]] == name
+        ]
         misfit, group = min(fits, key=lambda fit: fit[0], default=(np.inf, []))
         if misfit < ANOTHER:
             group.append(k)
         else:
             groups.append([k])
-    return tuple(next(d for d, group in enumerate(groups) if k in group) for k in range(len(messages)))
+    return tuple(next(d for d, group in enumerate(groups) if k in group) for k in range(len(marginals)))
 
 
-def _misfit(message: Message, others: Sequence[Message]) -> float:
+def _misfit(marginal: Marginal, others: Sequence[Marginal]) -> float:
     """Chi-square of what one take knows of its device, given what the others say of theirs."""
     prior = others[0].prior
     cov = np.linalg.inv(prior + sum(other.information for other in others))
     errors = cov @ (prior @ others[0].mean + sum(other.gradient for other in others))
     cov[BIAS, BIAS] += BIAS_REPEATS**2 * np.eye(3)
-    known = message.information
-    off = message.gradient - known @ errors
+    known = marginal.information
+    off = marginal.gradient - known @ errors
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(known), np.finfo(float).tiny))
     spread: Array = (known + known @ cov @ known) * np.outer(scale, scale)
     values, axes = np.linalg.eigh(0.5 * (spread + spread.T))

@@ -9,8 +9,8 @@ from pbd.data import Calibration, Demonstration, FusedTake, HandPath
 from pbd.errors import TrackingError, warn
 from pbd.fusion.joint_estimate import Joint, Parts, State, estimate_jointly
 from pbd.fusion.known_stops import told
+from pbd.fusion.marginals import marginal_of, pinned
 from pbd.fusion.matching import Alignment, align
-from pbd.fusion.messages import message_of, pinned
 from pbd.fusion.moved_things import Moved, moved_thing
 from pbd.fusion.outliers import Disbelieved, believed, disagreement
 from pbd.fusion.result import Fused, hand_path
@@ -55,8 +55,8 @@ def estimated(takes: Sequence[Take], calibration: Calibration | None = None) -> 
             names = ", ".join(takes[k].name for k in left)
             raise TrackingError(f"half of the takes don't agree with the others ({names}); record the task again")
     states = [pinned(takes[k].solution, joint.state.devices[d]) for k, d in zip(used, parts.device, strict=True)]
-    messages = [message_of(takes[k].solution, takes[k].knots, state) for k, state in zip(used, states, strict=True)]
-    parts = _told(takes, used, replace(parts, messages=tuple(messages)), joint.state, calibration, refuse=True)
+    marginals = [marginal_of(takes[k].solution, takes[k].knots, state) for k, state in zip(used, states, strict=True)]
+    parts = _told(takes, used, replace(parts, marginals=tuple(marginals)), joint.state, calibration, refuse=True)
     joint = estimate_jointly(parts, joint.state, joint.scatter)
     # How sure it is, by what the takes show of the tracker's noise; an estimate by that would be no better.
     sure = estimate_jointly(parts, joint.state, replace(joint.scatter, worth=TRACKER_WORTH))
@@ -74,11 +74,11 @@ def _told(
     refuse: bool = False,
 ) -> Parts:
     """The same with what is known of each take's stops."""
-    messages = [
-        told(takes[k], message, Q, lever, calibration, refuse)
-        for k, message, Q, lever in zip(used, parts.messages, x.Q, x.lever, strict=True)
+    marginals = [
+        told(takes[k], marginal, Q, lever, calibration, refuse)
+        for k, marginal, Q, lever in zip(used, parts.marginals, x.Q, x.lever, strict=True)
     ]
-    return replace(parts, messages=tuple(messages))
+    return replace(parts, marginals=tuple(marginals))
 
 
 def _believed(

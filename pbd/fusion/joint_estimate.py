@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.fusion.devices import BIAS_REPEATS
-from pbd.fusion.messages import BIAS, DEVICE, Message
+from pbd.fusion.marginals import BIAS, DEVICE, Marginal
 from pbd.fusion.scatter import Scatter
 from pbd.pose import Array, matrix_log, quat_about_z, quat_exp, quat_to_matrix, skew
 from pbd.tracking.estimate import relative_to_first
@@ -70,7 +70,7 @@ class Parts:
     """What belongs together: of each take which task keyframes it has (at) and which of its own those are (own), and
     which device made it; of each task keyframe in which frame it is. The first take defines the frame."""
 
-    messages: tuple[Message, ...]
+    marginals: tuple[Marginal, ...]
     at: tuple[NDArray[np.intp], ...]
     own: tuple[NDArray[np.intp], ...]
     device: tuple[int, ...]
@@ -160,12 +160,12 @@ class _Shown:
         counts = list(map(len, parts.at))
         self.take, self.at = np.repeat(np.arange(len(counts)), counts), np.concatenate(parts.at)
         self.frame, self.device = parts.frame[self.at], np.repeat(parts.device, counts)
-        both = list(zip(parts.messages, parts.own, strict=True))
-        self.p = np.concatenate([message.p[own] for message, own in both])
-        self.R = np.concatenate([message.R[own] for message, own in both])
-        self.by_device = np.concatenate([message.by_device.reshape(-1, 6, DEVICE)[own] for message, own in both])
-        self.device_errors = np.repeat([message.device for message, _ in both], counts, axis=0)
-        self._covs = [_relative(message, own) for message, own in both]
+        both = list(zip(parts.marginals, parts.own, strict=True))
+        self.p = np.concatenate([marginal.p[own] for marginal, own in both])
+        self.R = np.concatenate([marginal.R[own] for marginal, own in both])
+        self.by_device = np.concatenate([marginal.by_device.reshape(-1, 6, DEVICE)[own] for marginal, own in both])
+        self.device_errors = np.repeat([marginal.device for marginal, _ in both], counts, axis=0)
+        self._covs = [_relative(marginal, own) for marginal, own in both]
 
     def drift(self, turns: Array) -> Iterator[Array]:
         """Covariance (6n, 6n) of each take's residuals by its tracking, its device given; turns (F, K, 3, 3) of nav."""
@@ -176,12 +176,12 @@ class _Shown:
             yield cov
 
 
-def _relative(message: Message, own: NDArray[np.intp]) -> Array:
+def _relative(marginal: Marginal, own: NDArray[np.intp]) -> Array:
     """Covariance (6n, 6n) of some of a take's keyframes relative to its first, its device given."""
-    by_bias, i = message.by_device[:, BIAS], (6 * own[:, None] + np.arange(6)).ravel()
-    cov = message.cov + BIAS_REPEATS**2 * by_bias @ by_bias.T
+    by_bias, i = marginal.by_device[:, BIAS], (6 * own[:, None] + np.arange(6)).ravel()
+    cov = marginal.cov + BIAS_REPEATS**2 * by_bias @ by_bias.T
     for _ in range(2):  # rows, then columns
-        cov = relative_to_first(cov.T.reshape(-1, 6, len(cov)), message.p - message.p[0]).reshape(cov.shape)
+        cov = relative_to_first(cov.T.reshape(-1, 6, len(cov)), marginal.p - marginal.p[0]).reshape(cov.shape)
     return np.asarray(cov[np.ix_(i, i)])
 
 
@@ -207,17 +207,17 @@ def _known(parts: Parts, columns: _Columns) -> tuple[Array, Array]:
     information = np.diag(np.where(np.arange(columns.count) < columns.devices, WEAK, 0.0))
     constant = np.zeros(columns.count)
     for d in sorted(set(parts.device)):
-        own = [message for message, device in zip(parts.messages, parts.device, strict=True) if device == d]
+        own = [marginal for marginal, device in zip(parts.marginals, parts.device, strict=True) if device == d]
         at = columns.device(d)
         # The widest of the takes' priors: if one take doubts an accelerometer, all do.
-        widest = min(own, key=lambda message: float(np.trace(message.prior[BIAS, BIAS])))
-        information[at, at] += widest.prior + sum(message.information for message in own)
-        constant[at] = widest.prior @ widest.mean + sum(message.gradient for message in own)
+        widest = min(own, key=lambda marginal: float(np.trace(marginal.prior[BIAS, BIAS])))
+        information[at, at] += widest.prior + sum(marginal.information for marginal in own)
+        constant[at] = widest.prior @ widest.mean + sum(marginal.gradient for marginal in own)
     return information, constant[columns.devices :]
 
 
 def placed(p: Array, R: Array, by_device: Array, errors: Array) -> tuple[Array, Array]:
-    """A take's keyframes p (n, 3), R (n, 3, 3) with other errors of its device, (n, DEVICE); see Message."""
+    """A take's keyframes p (n, 3), R (n, 3, 3) with other errors of its device, (n, DEVICE); see Marginal."""
     by = (by_device.reshape(len(p), 6, DEVICE) @ errors[..., None])[..., 0]
     return p + by[:, :3], quat_to_matrix(quat_exp(by[:, 3:])) @ R
 

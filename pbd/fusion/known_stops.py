@@ -1,4 +1,4 @@
-"""What a person knows of a take's stops (`closed`, places, contacts), told to its message."""
+"""What a person knows of a take's stops (`closed`, places, contacts), told to its marginal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from pbd.data import Calibration, Place, Stop
 from pbd.errors import PbdWarning, TrackingError
-from pbd.fusion.messages import Message, conditioned
+from pbd.fusion.marginals import Marginal, conditioned
 from pbd.fusion.takes import Take
 from pbd.pose import Array, Pose, quat_from_matrix, quat_multiply
 from pbd.tracking.condition_on_claims import fits_of, measurement_of
@@ -18,13 +18,13 @@ from pbd.tracking.stop_claims import claims_of
 
 
 def told(
-    take: Take, message: Message, Q: Array, lever: Array, calibration: Calibration | None, refuse: bool
-) -> Message:
-    """A message with what the take's demo.toml knows; points of base are for the fused path (`points_of_base`).
+    take: Take, marginal: Marginal, Q: Array, lever: Array, calibration: Calibration | None, refuse: bool
+) -> Marginal:
+    """A marginal with what the take's demo.toml knows; points of base are for the fused path (`points_of_base`).
 
     Args:
         take: as tracked.
-        message: of it, without that.
+        marginal: of it, without that.
         Q: (3, 3), lever: (3,) m: how its sensor sits in the hand against the first take's.
         calibration: whose mount is the first take's.
         refuse: raise where a claim contradicts the take; not for the first guess of Q and lever.
@@ -43,14 +43,14 @@ def told(
         try:
             claims = claims_of(replace(take.path, wxyz_nav_sensor=wxyz), known, replace(mount, T_sensor_tool=tool))
             if not claims:
-                return message
-            G, noise, misfit = measurement_of(claims, message.p, mount)
+                return marginal
+            G, noise, misfit = measurement_of(claims, marginal.p, mount)
             G = G.reshape(-1, len(misfit))
             if refuse:
-                fits_of(take.path, claims, misfit, G.T @ message.of_poses @ G + noise)
+                fits_of(take.path, claims, misfit, G.T @ marginal.of_poses @ G + noise)
         except TrackingError as error:
             raise TrackingError(f"{take.name}: {error.message}", **error.fields) from None
-    return conditioned(message, G, noise, misfit)
+    return conditioned(marginal, G, noise, misfit)
 
 
 def points_of_base(

@@ -24,9 +24,9 @@ from pbd.data import (
 from pbd.data.covariance import PoseCovariance
 from pbd.fusion.joint_estimate import Joint, Parts, placed
 from pbd.fusion.known_stops import points_of_base
+from pbd.fusion.marginals import BIAS, SHARED
 from pbd.fusion.matching import Candidate
 from pbd.fusion.mean_path import MeanWay, Way, mean_way
-from pbd.fusion.messages import BIAS, SHARED
 from pbd.fusion.moved_things import Moved
 from pbd.fusion.scatter import Scatter
 from pbd.fusion.takes import Take
@@ -102,8 +102,8 @@ def _fusion(fused: Fused, mean: MeanWay) -> Fusion:
             told.append(FusedTake(take.name, own, off, left_out=fused.left_out[k]))
             continue
         i, at, mine = fused.used.index(k), *np.array([(j, i) for j, i in enumerate(own) if i is not None]).T
-        message = parts.messages[i]
-        p, _ = placed(message.p, message.R, message.by_device, x.devices[parts.device[i]] - message.device)
+        marginal = parts.marginals[i]
+        p, _ = placed(marginal.p, marginal.R, marginal.by_device, x.devices[parts.device[i]] - marginal.device)
         turned = (x.turn[parts.frame[at], i] @ p[mine, :, None])[..., 0] + x.c[parts.frame[at], i]
         off[at] = turned - x.m[at] - x.A[at] @ x.lever[i]
         told.append(

@@ -13,8 +13,8 @@ from pbd.data import Calibration, Demonstration, HandPath, Keyframe
 from pbd.errors import PbdError, TrackingError, warn
 from pbd.fusion.devices import devices_of
 from pbd.fusion.joint_estimate import Parts, State
+from pbd.fusion.marginals import Marginal, marginal_of
 from pbd.fusion.matching import Alignment, Candidate, Keyframes
-from pbd.fusion.messages import Message, message_of
 from pbd.fusion.moved_things import Moved
 from pbd.pipeline import track_alone
 from pbd.tracking.estimate import Estimate
@@ -31,7 +31,7 @@ class Take:
     solution: Solution
     knots: tuple[int, ...]
     keyframes: tuple[Keyframe, ...]
-    message: Message
+    marginal: Marginal
 
     @property
     def device(self) -> tuple[str, float, float]:
@@ -54,7 +54,7 @@ def tracked_take(demo: Demonstration, calibration: Calibration | None, accept_ga
         warn(f"{name}: {warning.message}")
     assert found.solution is not None
     knots = _middles(found)
-    return Take(name, path, found.solution, knots, keyframes, message_of(found.solution, knots))
+    return Take(name, path, found.solution, knots, keyframes, marginal_of(found.solution, knots))
 
 
 def _middles(found: Estimate) -> tuple[int, ...]:
@@ -69,10 +69,10 @@ def _middles(found: Estimate) -> tuple[int, ...]:
 
 def keyframes_of_take(take: Take) -> Keyframes:
     """What is matched of a take."""
-    message, n = take.message, len(take.knots)
-    cov = message.cov.reshape(n, 6, n, 6)[np.arange(n), :3, np.arange(n), :3]
+    marginal, n = take.marginal, len(take.knots)
+    cov = marginal.cov.reshape(n, 6, n, 6)[np.arange(n), :3, np.arange(n), :3]
     sigma = np.sqrt(np.trace(cov, axis1=1, axis2=2) / 3.0)
-    return Keyframes(message.p, message.R, tuple(one.grip for one in take.keyframes), sigma)
+    return Keyframes(marginal.p, marginal.R, tuple(one.grip for one in take.keyframes), sigma)
 
 
 def refuse_strangers(takes: Sequence[Take], found: Alignment) -> None:
@@ -95,9 +95,9 @@ def start(takes: Sequence[Take], used: Sequence[int], found: Alignment, thing: M
     """What belongs together, and where to begin: all in the nav of the first take that is used."""
     kept, registered = found.kept(), found.registered
     of_thing = _of_thing(kept, thing)
-    device = devices_of([takes[k].message for k in used], [takes[k].device for k in used])
+    device = devices_of([takes[k].marginal for k in used], [takes[k].device for k in used])
     parts = Parts(
-        tuple(takes[k].message for k in used),
+        tuple(takes[k].marginal for k in used),
         tuple(np.array([j for j, one in enumerate(kept) if k in one.own]) for k in used),
         tuple(np.array([one.own[k] for one in kept if k in one.own]) for k in used),
         device,
@@ -117,7 +117,7 @@ def start(takes: Sequence[Take], used: Sequence[int], found: Alignment, thing: M
             p=np.where(of_thing[:, None] > 0, own.p, begun.p),
             R=np.where(of_thing[:, None, None] > 0, own.R, begun.R),
         )
-    errors = np.array([takes[used[device.index(d)]].message.device for d in range(max(device) + 1)])
+    errors = np.array([takes[used[device.index(d)]].marginal.device for d in range(max(device) + 1)])
     Q = np.array([one.Q for one in here])
     return parts, State(begun.p, begun.R, np.array(frames[0]), np.array(frames[1]), Q, np.zeros((len(used), 3)), errors)
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pbd.cache import recall, remember
 from pbd.errors import RobotError, printable
 from pbd.io.atomic import is_file
-from pbd.io.opening import read_bytes
+from pbd.io.read_file import read_bytes
 from pbd.pose import Array
 
 FORMATS = (".dae", ".stl", ".obj", ".ply", ".glb")

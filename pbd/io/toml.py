@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from pbd.errors import PbdError, printable
-from pbd.io.opening import read_text
+from pbd.io.read_file import read_text
 
 MOST_BYTES = 1_000_000
 """Largest TOML file: 2000 keyframes."""

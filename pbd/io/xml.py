@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from pbd.errors import RobotError
-from pbd.io.opening import read_bytes
+from pbd.io.read_file import read_bytes
 
 MOST_BYTES = 100_000_000
 """Largest XML file: the largest COLLADA mesh of example-robot-data has 29."""

@@ -7,7 +7,7 @@ from pbd.planning.export_source import source_of
 from pbd.planning.options import PlanOptions
 from pbd.planning.plan import can_plan, plan, plan_keyframes, plan_path
 from pbd.planning.result import Plan
-from pbd.planning.steps import arm_of, load_arm, scene_of
+from pbd.planning.task import arm_of, load_arm, scene_of
 
 __all__ = [
     "Plan",

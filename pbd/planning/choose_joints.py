@@ -10,7 +10,7 @@ from pbd.data import Calibration, HandPath, Keyframe, Robot
 from pbd.errors import PbdError, PlanError
 from pbd.planning.options import PlanOptions
 from pbd.planning.preconditions import start_joints
-from pbd.planning.steps import Task, arm_of, place, request_of
+from pbd.planning.task import Task, arm_of, place, request_of
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from pbd.planning.preconditions import (
     warn_of_wide_moves,
 )
 from pbd.planning.result import Plan, find_stretched, find_touching
-from pbd.planning.steps import Task, arm_of, moves_of, place, request_of, scene_of
+from pbd.planning.task import Task, arm_of, moves_of, place, request_of, scene_of
 from pbd.planning.torque import check_torque
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import keyframes_of
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.model import ArmModel
     from pbd.arm.motion_request import Motion
-    from pbd.planning.steps import Hand
+    from pbd.planning.task import Hand
 
 
 NEAR = 1.0, 0.1

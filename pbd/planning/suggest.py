@@ -16,7 +16,7 @@ from pbd.data import Calibration, GraspedObject, Keyframe, Robot
 from pbd.errors import PbdError, PbdWarning, RobotError
 from pbd.planning.plan import plan_keyframes
 from pbd.planning.result import Plan
-from pbd.planning.steps import arm_of, scene_of
+from pbd.planning.task import arm_of, scene_of
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 
 if TYPE_CHECKING:

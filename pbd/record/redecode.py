@@ -9,7 +9,7 @@ import numpy as np
 from pbd.data import Demonstration, Recording, RecordingInfo
 from pbd.errors import RecordingError
 from pbd.files.demo import read_demo
-from pbd.io.opening import read_bytes
+from pbd.io.read_file import read_bytes
 from pbd.pose import Array
 from pbd.record.session import DEVICE_CLOCK
 from pbd.record.values import recording_of

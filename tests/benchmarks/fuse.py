@@ -38,8 +38,8 @@ from pbd.data import Demonstration, HandPath
 from pbd.errors import PbdError, PbdWarning
 from pbd.fusion.fuse import estimated
 from pbd.fusion.joint_estimate import estimate_jointly
+from pbd.fusion.marginals import marginal_of, pinned
 from pbd.fusion.matching import Keyframes, align, by_moves, by_pose, register
-from pbd.fusion.messages import message_of, pinned
 from pbd.fusion.result import hand_path
 from pbd.fusion.scatter import alike
 from pbd.fusion.takes import Take, keyframes_of_take, start, tracked_take
@@ -281,9 +281,9 @@ def told_device(takes: Sequence[Take], device: SensorModel) -> Keyframes:
     errors, case = errors_of(device)
     told = []
     for take in takes:
-        message = message_of(take.solution, take.knots, pinned(take.solution, errors))
-        message = replace(message, prior=1e4 * np.diag(np.diagonal(message.prior)), mean=errors)
-        told.append(replace(take, message=message))
+        marginal = marginal_of(take.solution, take.knots, pinned(take.solution, errors))
+        marginal = replace(marginal, prior=1e4 * np.diag(np.diagonal(marginal.prior)), mean=errors)
+        told.append(replace(take, marginal=marginal))
     found = align([keyframes_of_take(take) for take in told])
     parts, x = start(told, sorted(found.registered), found, None)
     x = estimate_jointly(parts, x, alike(len(x.m))).state

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pbd.cli.steps import track_demonstration
+from pbd.cli.common import track_demonstration
 from pbd.files.demo import write_demo
 from pbd.simulation.simulate import simulate
 from tests.cli.running import Capture, run, run_json

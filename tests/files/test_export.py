@@ -15,7 +15,7 @@ from pbd.data import Gripper, JointLimits, JointTrajectory, Robot, Samples
 from pbd.errors import PbdError
 from pbd.files import exporters
 from pbd.files.exporters import FORMATS, export, npz
-from pbd.files.exporters.job import Order
+from pbd.files.exporters.order import Order
 from pbd.pose import Array, Pose
 
 DURATION, RATE = 0.07345678, 100.0  # the end is not on the grid

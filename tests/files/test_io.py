@@ -20,7 +20,7 @@ from pbd.files.table import read_table
 from pbd.io import meshes
 from pbd.io.meshes import mesh_file
 from pbd.io.numbers import number, seconds
-from pbd.io.opening import read_bytes
+from pbd.io.read_file import read_bytes
 from pbd.io.toml import read_toml
 from pbd.io.xml import read_xml
 from pbd.record.redecode import decode_raw

@@ -15,7 +15,7 @@ from pbd.data import Obstacle, Samples
 from pbd.data.controller_interpolation import fill
 from pbd.errors import PbdWarning, PlanError
 from pbd.files.exporters import FORMATS, csv, export, urscript
-from pbd.files.exporters.job import Order
+from pbd.files.exporters.order import Order
 from pbd.pose import Pose
 from tests.arm.bundled import NAMES
 from tests.files.test_formats import planned

@@ -1,4 +1,4 @@
-"""Takes made for tests: as messages without a recording, and as recordings of a simulated hand."""
+"""Takes made for tests: as marginals without a recording, and as recordings of a simulated hand."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.fusion.joint_estimate import Parts, State
-from pbd.fusion.messages import DEVICE, Message
+from pbd.fusion.marginals import DEVICE, Marginal
 from pbd.pose import Array, quat_about_z, quat_exp, quat_to_matrix
 
 PRIOR = np.diag(np.concatenate((np.full(16, 1e4), [1e3], np.full(3, 25.0))))
@@ -49,7 +49,7 @@ def parts(true: Truth, hand: Array, sigma: float, seed: int = 0, off: Array | No
 
     `off` (K, J, 3) m is added to their positions. The device's errors are known.
     """
-    rng, messages = np.random.default_rng(seed), []
+    rng, marginals = np.random.default_rng(seed), []
     takes, count = len(true.yaw), len(true.m)
     for k in range(takes):
         back = quat_to_matrix(quat_about_z(-float(true.yaw[k])))
@@ -59,9 +59,9 @@ def parts(true: Truth, hand: Array, sigma: float, seed: int = 0, off: Array | No
         cov = np.diag(np.tile(np.repeat((sigma**2, (0.01 * sigma) ** 2), 3), count)) + 1e-14 * np.eye(6 * count)
         none, zero = np.zeros(DEVICE), np.zeros((DEVICE, DEVICE))
         by_device = np.zeros((6 * count, DEVICE))
-        messages.append(Message(p @ back.T, R, by_device, cov, none, zero, none, PRIOR, none))
+        marginals.append(Marginal(p @ back.T, R, by_device, cov, none, zero, none, PRIOR, none))
     at = (np.arange(count),) * takes
-    return Parts(tuple(messages), at, at, (0,) * takes, np.zeros(count, dtype=np.intp))
+    return Parts(tuple(marginals), at, at, (0,) * takes, np.zeros(count, dtype=np.intp))
 
 
 def begun(true: Truth) -> State:

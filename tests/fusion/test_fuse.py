@@ -11,7 +11,7 @@ import pbd
 from pbd.data import Calibration, Contact, Demonstration, HandPath, Place
 from pbd.errors import RecordingError, TrackingError
 from pbd.fusion.calibration import device_errors
-from pbd.fusion.messages import SHARED, message_of, pinned
+from pbd.fusion.marginals import SHARED, marginal_of, pinned
 from pbd.fusion.takes import tracked_take
 from pbd.pipeline import track
 from pbd.pose import Pose
@@ -49,7 +49,7 @@ def test_four_takes_are_better_and_surer_than_each(path: HandPath, takes: list[D
 def test_a_take_is_estimated_with_just_the_devices_errors_that_are_given(takes: list[Demonstration]) -> None:
     solution = tracked_take(takes[0], None, False).solution
     own = np.concatenate((solution.state.shared[SHARED], solution.state.acc_bias[0]))
-    other = own + 0.01 * np.sqrt(np.diagonal(np.linalg.inv(message_of(solution, (0,)).prior)))
+    other = own + 0.01 * np.sqrt(np.diagonal(np.linalg.inv(marginal_of(solution, (0,)).prior)))
     found = pinned(solution, other)
     np.testing.assert_allclose(np.concatenate((found.shared[SHARED], found.acc_bias[0])), other, rtol=1e-12)
     again = pinned(replace(solution, state=found), other)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pbd.fusion.joint_estimate import State, _Columns, _moved, _residuals, _Shown, estimate_jointly
-from pbd.fusion.messages import DEVICE
+from pbd.fusion.marginals import DEVICE
 from pbd.fusion.outliers import believed, disagreement
 from pbd.fusion.scatter import alike, each
 from pbd.pose import Array, matrix_log
@@ -34,7 +34,7 @@ def test_the_derivatives_are_those_of_the_residuals() -> None:
 def test_what_takes_do_not_show_of_a_device_is_as_its_class_has_it() -> None:
     takes, true = parts(truth(2), np.array(MM), MM), truth(2)
     mean = np.linspace(0.1, 10.0, DEVICE)
-    takes = replace(takes, messages=tuple(replace(one, mean=mean) for one in takes.messages))
+    takes = replace(takes, marginals=tuple(replace(one, mean=mean) for one in takes.marginals))
     np.testing.assert_allclose(estimate_jointly(takes, begun(true), alike(6)).state.devices[0], mean, rtol=1e-9)
 
 
@@ -76,11 +76,11 @@ def test_the_heading_of_a_nav_says_nothing_about_the_task() -> None:
     """A common error of 6 degrees, as a compass has; the smoother counts it to each keyframe."""
     takes, x = parts(truth(3), np.array(MM), MM), begun(truth(3))
     unsure = []
-    for message in takes.messages:
-        p = message.p - message.p[0]
+    for marginal in takes.marginals:
+        p = marginal.p - marginal.p[0]
         turned = 0.1 * np.column_stack((np.cross((0.0, 0.0, 1.0), p), np.tile((0.0, 0.0, 1.0), (len(p), 1)))).ravel()
-        unsure.append(replace(message, cov=message.cov + np.outer(turned, turned)))
-    found, other = (estimate_jointly(each, x, alike(6)) for each in (takes, replace(takes, messages=tuple(unsure))))
+        unsure.append(replace(marginal, cov=marginal.cov + np.outer(turned, turned)))
+    found, other = (estimate_jointly(each, x, alike(6)) for each in (takes, replace(takes, marginals=tuple(unsure))))
     np.testing.assert_allclose(other.state.m, found.state.m, atol=1e-7)
     np.testing.assert_allclose(other.cov, found.cov, atol=1e-9)
 

@@ -22,9 +22,9 @@ from pbd.files.calibration import read_calibration
 from pbd.files.calibration_edit import update_calibration
 from pbd.files.demo import read_demo, write_demo
 from pbd.files.importers import import_file, import_recording
+from pbd.files.joint_state import read_joints
 from pbd.files.keyframes import keyframes_toml
 from pbd.files.points import read_points
-from pbd.files.present_joints import read_joints
 from pbd.files.robot import read_robot
 from pbd.record.redecode import decode_raw
 from pbd.sensors.gamepad import GamepadDecoder

@@ -11,8 +11,8 @@ import numpy as np
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import tool_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
+from pbd.cli.common import load_demonstration
 from pbd.cli.console import print_json, say, working
-from pbd.cli.steps import load_demonstration
 from pbd.data import Calibration
 from pbd.errors import CalibrationError, PbdError
 from pbd.files.calibration import load_calibration

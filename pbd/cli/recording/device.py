@@ -6,8 +6,8 @@ import argparse
 import time
 from collections.abc import Callable
 
+from pbd.cli.common import decoder_maker, refuse_columns
 from pbd.cli.console import listening
-from pbd.cli.steps import decoder_maker, refuse_columns
 from pbd.errors import SensorError, UsageError
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder

@@ -9,8 +9,8 @@ import numpy as np
 from rich.table import Table
 
 from pbd.arm.reach import farthest
+from pbd.cli.common import load_demonstration, print_result, track_demonstration
 from pbd.cli.console import working
-from pbd.cli.steps import load_demonstration, print_result, track_demonstration
 from pbd.data import Demonstration, HandPath
 from pbd.errors import PbdError, collected_warnings
 from pbd.files.find_by_name import names

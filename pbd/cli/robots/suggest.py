@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
+from pbd.cli.common import load_demonstration, track_demonstration
 from pbd.cli.console import print_json, say, working
-from pbd.cli.steps import load_demonstration, track_demonstration
 from pbd.errors import UsageError
 from pbd.files.robot import read_robot
 from pbd.planning.suggest import Suggestion

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from pbd.cli.common import plan_demonstration
 from pbd.cli.console import print_json, say
 from pbd.cli.plan_report import say_torque
 from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import Keys
-from pbd.cli.steps import plan_demonstration
 from pbd.data import JointTrajectory, Robot
 from pbd.driving import bus as servo_bus
 from pbd.driving import stream as streaming

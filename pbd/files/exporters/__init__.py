@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pbd.data import JointTrajectory, Robot, Samples
     from pbd.data.controller_interpolation import Rule
     from pbd.files.exporters.check_export import Shares
-    from pbd.files.exporters.job import Source
+    from pbd.files.exporters.order import Source
 
 
 class Format(NamedTuple):
@@ -130,7 +130,7 @@ def export(
         return export_dataset([(trajectory, source)], robot, path)[0]
     from pbd.data.controller_interpolation import shares
     from pbd.files.exporters.check_export import check_received, reached
-    from pbd.files.exporters.job import Order
+    from pbd.files.exporters.order import Order
 
     file = import_module(f"{__name__}.{FORMATS[format_name].file}")
     order = Order(format_name, trajectory, robot, path.suffix.lower(), rate_hz, dense, source)
@@ -169,7 +169,7 @@ def export_dataset(
     """
     from pbd.files.exporters import lerobot
     from pbd.files.exporters.check_export import check_received
-    from pbd.files.exporters.job import Order
+    from pbd.files.exporters.order import Order
 
     lerobot.check(robot)
     orders = [Order("lerobot", trajectory, robot, "", made_from=source, task=task) for trajectory, source in motions]

@@ -11,7 +11,7 @@ import numpy as np
 from pbd.data import JointTrajectory, Samples
 from pbd.data.controller_interpolation import EPSILON, LIMITS, Rule, Share, evaluate, fill, shares
 from pbd.errors import PbdError, PlanError
-from pbd.files.exporters.job import Order
+from pbd.files.exporters.order import Order
 from pbd.pose import Array
 
 Shares = Mapping[Rule, tuple[Share, Share, Share]]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Samples
-from pbd.files.exporters.job import Order
+from pbd.files.exporters.order import Order
 
 LEAST_GAP_S = 1e-4
 """Smallest gap between frames, s: the file's times are float32, which after 20 minutes are as coarse as that."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Samples
-from pbd.files.exporters.job import Order
+from pbd.files.exporters.order import Order
 
 
 def samples(order: Order) -> Samples:

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from pbd.data import Robot, Samples
 from pbd.data.controller_interpolation import set_points
 from pbd.errors import PbdError, PlanError, printable, require_package
-from pbd.files.exporters.job import Order
+from pbd.files.exporters.order import Order
 from pbd.io.atomic import is_file, is_folder, refuse_folder
-from pbd.io.opening import read_text
+from pbd.io.read_file import read_text
 from pbd.pose import Array
 
 Rows = NDArray[Any]

@@ -16,7 +16,7 @@ import numpy as np
 
 from pbd.data import Recording, Robot, Samples
 from pbd.errors import require_package
-from pbd.files.exporters.job import Order
+from pbd.files.exporters.order import Order
 from pbd.files.exporters.ros2_json import DERIVATIVES, finger_message, goal_message, samples
 from pbd.pose import Array, Pose, quat_to_xyzw
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Samples
-from pbd.files.exporters.job import Order
+from pbd.files.exporters.order import Order
 
 
 def write(order: Order, points: Samples, path: Path) -> None:

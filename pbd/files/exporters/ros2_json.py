@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Gripper, JointTrajectory, Samples
-from pbd.files.exporters.job import Order
+from pbd.files.exporters.order import Order
 from pbd.pose import Array
 
 LEAST_GAP_S = 2e-5

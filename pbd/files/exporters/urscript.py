@@ -17,7 +17,7 @@ import numpy as np
 from pbd.data import Robot, Samples
 from pbd.data.controller_interpolation import set_points
 from pbd.errors import PbdError, PlanError
-from pbd.files.exporters.job import Order
+from pbd.files.exporters.order import Order
 from pbd.pose import Array
 
 JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from pbd.errors import RecordingError, in_words, warn
-from pbd.io.opening import LARGE, read_text
+from pbd.io.read_file import LARGE, read_text
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 MCAP_FOOTER = b"\x02" + struct.pack("<Q", 20) + bytes(20) + MCAP_MAGIC

@@ -16,7 +16,7 @@ from pbd.errors import RecordingError, in_words, listed
 from pbd.files.importers import check_rate
 from pbd.files.importers.columns import Understood
 from pbd.files.importers.headerless import understood_channels
-from pbd.io.opening import LARGE, read_bytes
+from pbd.io.read_file import LARGE, read_bytes
 from pbd.pose import Array
 
 KEYS = ("rate_hz", "acc", "gyr", "mag", "true_position", "true_wxyz", "true_rate_hz")

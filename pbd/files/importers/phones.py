@@ -25,7 +25,7 @@ from pbd.errors import RecordingError, in_words, listed
 from pbd.files.importers.columns import CHANNEL_OF, UNUSED, Column, Understood, why_left
 from pbd.files.importers.zipped import MOST_FILES, PHYPHOX_MOMENTS, Files, zipped_tables
 from pbd.files.table import Sheet, foreign_text, open_sheet
-from pbd.io.opening import read_bytes
+from pbd.io.read_file import read_bytes
 
 LOGGER_FILES = (
     *("TotalAcceleration", "Accelerometer", "AccelerometerUncalibrated", "Gravity"),

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 
 from pbd.errors import RecordingError, in_words
-from pbd.io.opening import LARGE, read_bytes
+from pbd.io.read_file import LARGE, read_bytes
 
 LARGEST_FILE = LARGE // 4
 """Largest file in a zip, bytes: an hour at 400 Hz has 120 MB. So a small zip can't fill the memory."""

@@ -31,7 +31,7 @@ DEVICE = BIAS.stop
 
 
 @dataclass(frozen=True, eq=False)
-class Message:
+class Marginal:
     """A take's keyframes (n) and its device, linearised where the take was estimated.
 
     Attributes:
@@ -64,7 +64,7 @@ class Message:
         return np.asarray(np.linalg.inv(self.information + self.prior))
 
 
-def message_of(solution: Solution, knots: Sequence[int], x: State | None = None) -> Message:
+def marginal_of(solution: Solution, knots: Sequence[int], x: State | None = None) -> Marginal:
     """Marginalise a take onto its keyframes and its device.
 
     Args:
@@ -86,27 +86,27 @@ def message_of(solution: Solution, knots: Sequence[int], x: State | None = None)
     return _split(x.p[list(knots)], R, device, _joint(solved, knots), *_prior(solution, x))
 
 
-def _split(p: Array, R: Array, device: Array, cov: Array, prior: Array, mean: Array) -> Message:
-    """A message by the joint covariance (6n + DEVICE) of its keyframes and its device, prior included."""
+def _split(p: Array, R: Array, device: Array, cov: Array, prior: Array, mean: Array) -> Marginal:
+    """A marginal by the joint covariance (6n + DEVICE) of its keyframes and its device, prior included."""
     n = 6 * len(p)
     known = np.linalg.inv(cov[n:, n:])
     by_device = cov[:n, n:] @ known
     given = cov[:n, :n] - by_device @ cov[n:, :n]
     told = known @ device - prior @ mean
-    return Message(p, R, by_device, 0.5 * (given + given.T), device, known - prior, told, prior, mean)
+    return Marginal(p, R, by_device, 0.5 * (given + given.T), device, known - prior, told, prior, mean)
 
 
-def conditioned(message: Message, dependence: Array, noise: Array, misfit: Array) -> Message:
+def conditioned(marginal: Marginal, dependence: Array, noise: Array, misfit: Array) -> Marginal:
     """The same with a linear measurement of its keyframes: a Kalman update in Joseph's form.
 
     Args:
-        message: without it.
+        marginal: without it.
         dependence: (6n, m), of what is measured on each position and rotation vector.
         noise: (m, m), its own.
         misfit: (m,), by which it is missed.
     """
-    n, cross = len(dependence), message.by_device @ message._of_device
-    cov = np.block([[message.of_poses, cross], [cross.T, message._of_device]])
+    n, cross = len(dependence), marginal.by_device @ marginal._of_device
+    cov = np.block([[marginal.of_poses, cross], [cross.T, marginal._of_device]])
     seen = cov[:, :n] @ dependence
     gain = seen @ np.linalg.inv(dependence.T @ seen[:n] + noise)
     left = np.eye(len(cov))
@@ -114,12 +114,12 @@ def conditioned(message: Message, dependence: Array, noise: Array, misfit: Array
     moved = gain @ misfit
     by = moved[:n].reshape(-1, 6)
     return _split(
-        message.p + by[:, :3],
-        quat_to_matrix(quat_exp(by[:, 3:])) @ message.R,
-        message.device + moved[n:],
+        marginal.p + by[:, :3],
+        quat_to_matrix(quat_exp(by[:, 3:])) @ marginal.R,
+        marginal.device + moved[n:],
         left @ cov @ left.T + gain @ noise @ gain.T,
-        message.prior,
-        message.mean,
+        marginal.prior,
+        marginal.mean,
     )
 
 

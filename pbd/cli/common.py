@@ -17,7 +17,7 @@ from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_demo
 from pbd.files.points import Points, points_csv
 from pbd.io.atomic import atomic_files
-from pbd.io.opening import read_text
+from pbd.io.read_file import read_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -93,7 +93,7 @@ def plan_options(args: argparse.Namespace, robot: Robot, measured: tuple[float, 
 
 def _start_joints(args: argparse.Namespace, robot: Robot) -> tuple[float, ...]:
     """Read --from: in rad (and m) unless --units says otherwise."""
-    from pbd.files.present_joints import read_joints
+    from pbd.files.joint_state import read_joints
     from pbd.planning import arm_of
     from pbd.view.units import ANGLES, LENGTHS
 

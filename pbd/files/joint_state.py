@@ -14,7 +14,7 @@ from pathlib import Path
 
 from pbd.errors import PbdError, listed, printable
 from pbd.io.numbers import finite
-from pbd.io.opening import read_text
+from pbd.io.read_file import read_text
 
 NAME, POSITION = "name", "position"
 """The fields of a sensor_msgs/JointState that are read. Its positions are always in rad and m."""
