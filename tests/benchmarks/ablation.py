@@ -23,7 +23,6 @@ from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -39,9 +38,8 @@ from pbd.tracking import zero_velocity
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise, noise_of
-from pbd.tracking.smoother import doubtful_stops, factors, knots, preintegration, variance_components
+from pbd.tracking.smoother import doubtful_stops, factors, preintegration, variance_components
 from pbd.tracking.smoother import smooth as smoother
-from pbd.tracking.smoother.preintegration import GyroFrame, Rows, preintegrate
 from tests.benchmarks import trials, windows
 from tests.benchmarks.report import add_data, arguments, print_machine
 from tests.benchmarks.tracking import inside, stride_errors
@@ -74,11 +72,6 @@ def trapezoids(t: Array, means: Array) -> Array:
     """Integrate samples as values at their instants."""
     steps = 0.5 * np.diff(t)[:, None] * (means[1:] + means[:-1])
     return np.vstack((np.zeros((1, 3)), np.cumsum(steps, axis=0)))
-
-
-def scatter_as_regressor(frame: GyroFrame, rows: Rows, still: Array, *more: Any) -> Any:
-    """Legs in stops too have their own samples as regressors."""
-    return preintegrate(frame, rows, np.zeros_like(still), *more)
 
 
 SLOW, TURNING, FAST = "slow_translation", "slow_rotation", "fast_translation"
@@ -119,7 +112,6 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "tremor, sway at a stop": of_noise(tremor_hz=LARGE, still_lever=0.0),
     "place held in a stop": of_noise(still_shift=LARGE),
     "attitude held in a stop": of_noise(still_turn=LARGE),
-    "means as regressors in a stop": ((knots, "preintegrate", scatter_as_regressor),),
     "lulls between strides": ((zero_velocity, "LULL_SHARE", 0.0),),
     "gyro's lag (then none)": (*of_noise(lag=0.0, lag_sigma=TINY), (smoother, "WIDE_LAG_SIGMA", TINY)),
     "gyro's lag (then 1 ms)": (*of_noise(lag_sigma=TINY), (smoother, "WIDE_LAG_SIGMA", TINY)),

@@ -33,7 +33,7 @@ def test_an_error_of_one_leg_is_not_in_its_regressors(sensor: str, rows: slice, 
     seen = gyro_frame(frame.t, wrong["gyr"], wrong["acc"], interval)
     density = densities(problem.noise, frame.gyr, frame.u, interval)
     C = quat_to_matrix(seen.wxyz[problem.rows])
-    legs = preintegrate(seen, problem.rows, problem.within, density)
+    legs = preintegrate(seen, problem.rows, density)
     moved = replace(x, E=x.E @ problem.C @ C.transpose(0, 2, 1))
     J = without_noise(replace(problem, frame=seen, legs=legs, C=C), moved, found.local).legs.J[k, rows, columns]
     right = problem.legs.J[k, rows, columns]

@@ -196,7 +196,7 @@ def test_a_wobble_turns_it_as_it_turns_the_batch_and_a_lag_adds_as_much() -> Non
     """Coning: it turns the hand by more than its rates add up to."""
     strapdown, frame = from_rest_to_rest(wobble=3.0)
     np.testing.assert_allclose(strapdown.C, quat_to_matrix(frame.wxyz[-1]), rtol=0.0, atol=1e-5)
-    leg = strapdown.leg(None, np.array((0.0, 0.0, GRAVITY)))
+    leg = strapdown.leg(np.array((0.0, 0.0, GRAVITY)))
     np.testing.assert_allclose(leg.J[VEL, LAG][:, 0], frame.L[-1], rtol=0.0, atol=5e-3)
     np.testing.assert_allclose(leg.J[POS, LAG][:, 0], frame.LL[-1], rtol=0.0, atol=5e-3)
 
@@ -206,7 +206,7 @@ def test_its_integrals_are_those_of_the_batch() -> None:
     strapdown, frame = from_rest_to_rest(wobble=0.0)
     assert np.linalg.norm(frame.wxyz[60] - frame.wxyz[0]) > 0.0
     np.testing.assert_allclose(strapdown.C, quat_to_matrix(frame.wxyz[-1]), rtol=0.0, atol=2e-6)
-    leg = strapdown.leg(None, np.array((0.0, 0.0, GRAVITY)))
+    leg = strapdown.leg(np.array((0.0, 0.0, GRAVITY)))
     assert leg.dU == pytest.approx(frame.U[-1], abs=1e-4)
     assert leg.dP == pytest.approx(frame.UU[-1], abs=1e-4)
 

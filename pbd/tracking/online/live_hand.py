@@ -111,8 +111,7 @@ class LiveHand:
         if strapdown.count < strapdown.block:
             return []
         quiet = self._measure_stillness()
-        still_acc = np.mean([each.acc for each, _, _ in self._window], axis=0) if quiet else None
-        leg = strapdown.leg(still_acc, self._filter.E[2] * self._filter.gravity)
+        leg = strapdown.leg(self._filter.E[2] * self._filter.gravity)
         self._angles.append(self._angles[-1] + leg.angle)
         for each in self._known():
             each.propagate(leg)

@@ -129,24 +129,17 @@ class Strapdown:
             lost = CLIPPED_SHARE * dt * self._fastest
             self._guessed[0] += lost**2 * (2.0 * self._same + 1.0)  # which grows as the square of how long it lasts
 
-    def leg(self, still_acc: Array | None, up: Array) -> Leg:
-        """What was integrated since the last one.
-
-        Args:
-            still_acc: (3,) m/s2, the mean specific force where the sensor stands still: its scatter is no regressor.
-            up: (3,) m/s2, gravity in the gyro frame.
-        """
+    def leg(self, up: Array) -> Leg:
+        """What was integrated since the last one; `up` (3,) m/s2 is gravity in the gyro frame."""
         T, n = self.T, self.count
         C = self._Cs[(n + 1) // 2]
-        turned = np.mean(self._rates, axis=0)
-        rate = turned if still_acc is None else np.zeros(3)
-        force = np.mean(self._accs, axis=0) if still_acc is None else still_acc
+        rate, force = np.mean(self._rates, axis=0), np.mean(self._accs, axis=0)
         J = np.zeros((9, ERRORS))
         (J[ROT, OF_GYR],), (J[VEL, OF_ACC],) = of_blocks_by_errors(C[None], rate[None], force[None], np.array([T]))
         J[VEL, OF_GYR] = -0.5 * skew(self.U[0]) @ J[ROT, OF_GYR]
         J[POS] = 0.5 * T * J[VEL]
         J[VEL, LAG], J[POS, LAG] = self.U[1][:, None], self.P[1][:, None]
-        leg = Leg(T, self.U[0], self.P[0], J, self._noise(n, T, up), self.C, T * turned)
+        leg = Leg(T, self.U[0], self.P[0], J, self._noise(n, T, up), self.C, T * rate)
         self._begin()
         return leg
 

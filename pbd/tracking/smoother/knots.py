@@ -131,7 +131,7 @@ def pose_problem(
         rows,
         stop_of,
         within,
-        preintegrate(frame, rows, within, density, impulses),
+        preintegrate(frame, rows, density, impulses),
         speed[rows],
         quat_to_matrix(frame.wxyz[rows]),
         np.zeros((len(rows), 3)) if device else _mean_about(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),

@@ -161,7 +161,6 @@ class Legs:
 def preintegrate(
     frame: GyroFrame,
     rows: Rows,
-    still: NDArray[np.bool_],
     density: tuple[Array, Array],
     impulses: Sequence[Impulse] = (),
 ) -> Legs:
@@ -170,7 +169,6 @@ def preintegrate(
     Args:
         frame: of the recording.
         rows: (m + 1,) increasing.
-        still: (m,) whether a leg lies within a stop: then its samples' scatter is noise, and no regressor.
         density: (3, n) rad2/s and (3, n) m2/s3, the parts of the noise at each row.
         impulses: of unknown size.
     """
@@ -201,13 +199,8 @@ def preintegrate(
     dL, dLL = gains(frame.L, frame.LL)
     C = quat_to_matrix(frame.wxyz[(edges[:-1] + edges[1:]) // 2])
 
-    def block_means(values: Array) -> Array:
-        # Samples that came at one instant make an empty block.
-        mean = integrals(values) / np.maximum(h, np.finfo(float).tiny)[:, None]
-        of_leg = (per_leg(mean * h[:, None]) / T[:, None])[leg]
-        return np.where(still[leg][:, None], of_leg, mean)
-
-    rate, force = block_means(frame.gyr), block_means(frame.acc)
+    lasts = np.maximum(h, np.finfo(float).tiny)[:, None]  # samples that came at one instant make an empty block
+    rate, force = integrals(frame.gyr) / lasts, integrals(frame.acc) / lasts
     by_gyr, by_acc = of_blocks_by_errors(C, rate, force, h)
     turned = np.cumsum(by_gyr, axis=0) - 0.5 * by_gyr  # at the block's middle
     turned -= (turned[starts] - 0.5 * by_gyr[starts])[leg]  # since the leg's beginning

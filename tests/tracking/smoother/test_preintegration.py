@@ -16,7 +16,7 @@ def test_samples_that_came_at_one_instant_are_an_empty_block() -> None:
     acc = np.tile((0.0, 0.0, 9.8), (101, 1))
     frame = gyro_frame(t, np.zeros((101, 3)), acc, 0.01)
     density = np.ones((3, 101)), np.ones((3, 101))
-    legs = preintegrate(frame, np.array([0, 41, 100]), np.zeros(2, dtype=bool), density)
+    legs = preintegrate(frame, np.array([0, 41, 100]), density)
     assert np.isfinite(legs.J).all()
     assert np.allclose(legs.dU, np.outer(legs.T, (0.0, 0.0, 9.8)))
 
@@ -46,14 +46,14 @@ def test_a_turn_that_is_lost_turns_what_comes_after_it() -> None:
     n, dt, row, size = 101, 0.01, 40, np.array([2e-4, -1e-4, 3e-4])
     t, gyr = dt * np.arange(float(n)), np.tile((1.0, -0.5, 0.3), (n, 1))
     acc = np.tile((1.0, 2.0, 9.8), (n, 1))
-    still, density, knots = np.zeros(1, dtype=bool), (np.zeros((3, n)), np.zeros((3, n))), np.array([0, n - 1])
+    density, knots = (np.zeros((3, n)), np.zeros((3, n))), np.array([0, n - 1])
     frame = gyro_frame(t, gyr, acc, dt)
-    legs = preintegrate(frame, knots, still, density)
-    unsure = preintegrate(frame, knots, still, density, [Impulse(row, size, np.zeros(3))])
+    legs = preintegrate(frame, knots, density)
+    unsure = preintegrate(frame, knots, density, [Impulse(row, size, np.zeros(3))])
     kicked = gyr.copy()
     kicked[row] += size / dt
     true = gyro_frame(t, kicked, acc, dt)
-    more = preintegrate(true, knots, still, density)
+    more = preintegrate(true, knots, density)
     turn = quat_log(quat_multiply(true.wxyz[-1], quat_inverse(frame.wxyz[-1])))
     effect = np.concatenate((turn, (more.dU - legs.dU)[0], (more.dP - legs.dP)[0]))
     added = unsure.parts[0, 0] - legs.parts[0, 0]
