@@ -16,8 +16,8 @@ from pbd.errors import PbdWarning, RecordingError, TrackingError, warn
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.alarm import alarms
 from pbd.tracking.condition_on_claims import condition_on
-from pbd.tracking.estimate import Estimate, estimate
-from pbd.tracking.first_rest import Rest, find_rest, rest_within
+from pbd.tracking.estimate import Estimate, doubted_rest, estimate
+from pbd.tracking.first_rest import Rest, find_rest
 from pbd.tracking.noise import noise_of
 from pbd.tracking.paper import track_as_paper
 from pbd.tracking.repair.channel_faults import refuse_freezes
@@ -146,11 +146,10 @@ def track_alone(
     else:
         unseen = [(gap.before, gap.after) for gap in gaps]
         found = estimate(recording, rest, noise_of(recording, rest, errors), lost, unseen)
-        # A stop must hold the rest: a slow move passes for quiet.
-        if (held := rest_within(recording, rest, found.stops)) is not rest:
-            rest, found = held, estimate(recording, held, noise_of(recording, held, errors), lost, unseen)
     refuse_gaps(gaps, recording, found.stops, accept_gap)
     refuse_freezes(recording, found.path.v, found.stops)
+    if not any(stop.start < rest.stop and rest.start < stop.stop for stop in found.stops):
+        raise doubted_rest(recording.t, rest)  # another stop would be taken for the dock
     _warn_at_rest(recording, rest, errors)
     _warn_of_open_ends(recording.t, found.stops)
     if found.solution is not None:

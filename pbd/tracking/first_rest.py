@@ -6,19 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.data import GRAVITY, Recording, Stop
+from pbd.data import GRAVITY, Recording
 from pbd.errors import RecordingError, TrackingError
-from pbd.pose import Array, readonly
-from pbd.tracking.moving_windows import calm_variance, calmed, rows_of_mean
+from pbd.pose import Array, lengths, readonly
+from pbd.tracking.moving_windows import calm_variance, calmed, median, rows_of_mean, window_sums
 
 REST_S = 1.0
 """s: length of the rest that starts a recording. The first second about as quiet as the quietest is taken."""
 
-SHORTEST_REST_S = 0.3
-"""Shortest rest, s, that shows gravity and gyro bias."""
-
 QUIET_RATIO = 4.0
 """Largest variance of a quiet rest, relative to the quietest one."""
+
+QUIET_ACC, QUIET_GYR = 0.08, 0.02
+"""rms, m/s2 and rad/s, of a hand that holds still."""
 
 STILL_ACC, STILL_GYR = 0.5, 0.15
 """rms, m/s2 and rad/s, above which a hand is moving."""
@@ -66,11 +66,25 @@ def find_rest(recording: Recording) -> Rest:
     k = rows_of_mean(recording.rate_hz)
     acc_var = calm_variance(recording.acc, length, k)
     gyr_var = np.zeros_like(acc_var) if recording.gyr is None else calm_variance(recording.gyr, length, k)
-    restless = restlessness(acc_var, gyr_var)
+    lasts = recording.t[length - 1 :] - recording.t[: len(acc_var)]
+    # Samples that came at one instant are no rest.
+    restless = np.where(lasts < 0.5 * lasts.max(), np.inf, restlessness(acc_var, gyr_var))
     # 1e-6: the quietest second of a sensor without noise is no quieter than the next.
-    start = int(np.argmax(restless <= QUIET_RATIO * restless.min() + 1e-6))
-    rest = rest_over(recording, start, start + length)
-    _refuse_wrong_units(rest.gravity)
+    quiet = restless <= QUIET_RATIO * restless.min() + 1e-6
+    if recording.gyr is not None:  # a steady turn about the vertical is as quiet, but most quiet seconds turn otherwise
+        rate = window_sums(recording.gyr, length) / length
+        off = lengths(rate - median(rate[quiet]))
+        quiet &= off <= max(QUIET_GYR, float(off[quiet].min()))
+    start = int(np.argmax(quiet))
+    stop = start + length
+    acc = recording.acc[start:stop]
+    gyr = np.zeros_like(acc) if recording.gyr is None else recording.gyr[start:stop]
+    gravity = float(np.linalg.norm(acc.mean(axis=0)))
+    if gravity == 0.0:
+        raise TrackingError(
+            "the accelerometer reads zero while at rest, so it is dead or in free fall; check the sensor", value=0.0
+        )
+    _refuse_wrong_units(gravity)
     if acc_var[start] > STILL_ACC**2 or gyr_var[start] > STILL_GYR**2:
         raise TrackingError(
             f"the hand never stands still for {REST_S:g} s: at its quietest (t = {recording.t[start]:.1f} s) it shakes "
@@ -81,22 +95,6 @@ def find_rest(recording: Recording) -> Rest:
             value=float(np.sqrt(acc_var[start])),
             bound=STILL_ACC,
         )
-    return rest
-
-
-def rest_over(recording: Recording, start: int, stop: int) -> Rest:
-    """Noise, bias and gravity over samples in which the sensor rests.
-
-    Raises:
-        TrackingError: no gravity.
-    """
-    acc = recording.acc[start:stop]
-    gyr = np.zeros_like(acc) if recording.gyr is None else recording.gyr[start:stop]
-    gravity, k = float(np.linalg.norm(acc.mean(axis=0))), rows_of_mean(recording.rate_hz)
-    if gravity == 0.0:
-        raise TrackingError(
-            "the accelerometer reads zero while at rest, so it is dead or in free fall; check the sensor", value=0.0
-        )
     return Rest(
         start=start,
         stop=stop,
@@ -106,33 +104,6 @@ def rest_over(recording: Recording, start: int, stop: int) -> Rest:
         gyro_bias=readonly(gyr.mean(axis=0)),
         up_sensor=readonly(acc.mean(axis=0) / gravity),
     )
-
-
-def rest_within(recording: Recording, rest: Rest, stops: tuple[Stop, ...]) -> Rest:
-    """Keep of a rest what lies within a stop: a slow move passes for quiet. Where that is little, take a long stop.
-
-    Raises:
-        TrackingError: no stop is long enough.
-    """
-    least = SHORTEST_REST_S * recording.rate_hz
-
-    def shared(stop: Stop) -> tuple[int, int]:
-        return max(stop.start, rest.start), min(stop.stop, rest.stop)
-
-    start, stop = max(map(shared, stops), key=lambda span: span[1] - span[0])
-    if stop - start == rest.stop - rest.start:
-        return rest
-    if stop - start < 0.5 * (rest.stop - rest.start):
-        longest = max(stops, key=lambda each: each.dwell_s)
-        start, stop = longest.start, longest.stop
-    if stop - start < least:
-        raise TrackingError(
-            f"the hand never stands still for {SHORTEST_REST_S:g} s; start with two seconds of rest, and stop between "
-            "moves",
-            value=(stop - start) / recording.rate_hz,
-            bound=SHORTEST_REST_S,
-        )
-    return rest_over(recording, start, stop)
 
 
 def _refuse_wrong_units(norm_at_rest: float) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array
-from pbd.tracking.first_rest import Rest
+from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, Rest
 from pbd.tracking.moving_windows import calm_variance, calmed, rows_of_mean, squares, window_maxima, window_sums
 from pbd.tracking.noise import Noise
 
@@ -22,9 +22,9 @@ Spans = list[tuple[int, int]]
 ENERGY_WINDOW_S = 0.1
 """s: averaging time of the energies. So motion is seen up to this late."""
 
-QUIET_ENERGY, QUIET_ACC, QUIET_GYR = 10.0, 0.08, 0.02
+QUIET_ENERGY = 10.0
 """A window is quiet if its energy is below QUIET_ENERGY times the rest's, or its rms below that of a hand that holds
-still (m/s2, rad/s)."""
+still."""
 
 LULL_SHARE, LULL_S = 10.0**-2.2, 1.0
 """A foot's stance: where nothing is quiet, the calmest window counts as still of those whose energies are below this

@@ -15,11 +15,13 @@ from pbd.data import Recording
 from pbd.data.one_line_repr import counted
 from pbd.errors import RecordingError, warn
 from pbd.pose import Array
-from pbd.tracking.first_rest import SHORTEST_REST_S
 
 SLOWEST_HZ, FASTEST_HZ = 4.0, 4000.0
 """Rates of inertial sensors: at others the unit of time is wrong. They are a factor of 1000 apart, so that a step tells
 ms, us and ns apart."""
+
+SHORTEST_S = 0.3
+"""Shortest recording, s, that shows whether the hand moves."""
 
 CLOCK_JUMP_S = 60.0
 """Longest silence of a sensor within one demonstration, s: after a longer one its clock jumped."""
@@ -71,12 +73,12 @@ def with_clock(recording: Recording) -> Recording:
     interval = 1.0 / recording.rate_hz
     _refuse_slow(interval)
     lasts = float(t[-1] - t[0]) + interval
-    if lasts < SHORTEST_REST_S:  # too short to see whether the hand moved
+    if lasts < SHORTEST_S:
         raise RecordingError(
             f"the recording lasts {lasts:.2g} s ({counted(len(t), 'sample')}); record at least a second of rest, then "
             "move",
             value=lasts,
-            bound=SHORTEST_REST_S,
+            bound=SHORTEST_S,
         )
     _warn_of_rate(recording)
     return recording

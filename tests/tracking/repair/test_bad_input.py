@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.data import Demonstration
+from pbd.data import Demonstration, Recording
 from pbd.errors import PbdError, PbdWarning, RecordingError, TrackingError
 from pbd.pipeline import track
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
 from tests.scenarios import keyframes_and_errors, pour, with_rows
+from tests.tracking.fault_matrix import Case, named, outcome
 from tests.tracking.faults import broken, every_method, quietly, with_channel
 
 every_channel = pytest.mark.parametrize("channel", ["acc", "gyr", "mag", "device_rpy"])
@@ -32,8 +33,6 @@ def test_under_half_a_second_of_rest_at_the_start_is_enough_if_a_later_one_is_lo
     assert errors.max() < RIGHT_M
 
 
-# pbd.tracking.orientation warms VQF up with the mean of the rest that find_rest took. Where that is a later one, the
-# hand stands otherwise there, and the jump to the first sample turns the heading: by 21 degrees of seed 10.
 @pytest.mark.parametrize("seed", [3, 10])
 def test_a_perfect_sensor_is_tracked_to_a_millimetre_after_a_short_rest(seed: int) -> None:
     demo = simulate(random_task(seed, moves=4, first_rest_s=0.4, rest_s=(1.1, 1.5)), "ideal")
@@ -45,12 +44,37 @@ def test_a_perfect_sensor_is_tracked_to_a_millimetre_after_a_short_rest(seed: in
 @quietly
 @pytest.mark.parametrize("sensor", ["wt901", "os5000"])
 def test_a_gyros_bias_does_no_harm_after_a_short_rest(sensor: str) -> None:
-    """VQF does not learn the bias in 0.4 s. The tilt would drift in the first move, which is slow, and the velocities
-    left over before and after its middle, where the acceleration passes zero, would not cancel."""
     demo = simulate(random_task(7, moves=4, first_rest_s=0.4, rest_s=(1.0, 1.2)), sensor, 7)
     keyframes, errors = keyframes_and_errors(demo)
     assert len(keyframes) == 5
     assert errors.max() < RIGHT_M
+
+
+@quietly
+@pytest.mark.parametrize("sensor", ["wt901", "modern"])
+def test_a_slow_turn_about_the_vertical_is_no_rest(sensor: str) -> None:
+    """Three seconds at 3 degrees per second: as quiet as a rest, but the later rests turn otherwise."""
+    recording = with_channel(simulate("pour", sensor, 1).recording, "mag", None)
+    assert recording.gyr is not None
+    second = round(recording.rate_hz)
+    rows = np.random.default_rng(1).integers(0, second, 3 * second)  # of the rest
+    up = recording.acc[rows].mean(axis=0) / np.linalg.norm(recording.acc[rows].mean(axis=0))
+    begun = Recording(
+        np.arange(len(rows) + len(recording)) / recording.rate_hz,
+        np.vstack((recording.acc[rows], recording.acc)),
+        np.vstack((recording.gyr[rows] + np.radians(3.0) * up, recording.gyr)),
+        info=recording.info,
+    )
+    paths = [track(each) for each in (recording, begun)]
+    places = [path.p_nav_sensor[[stop.start for stop in path.stops]] for path in paths]
+    there, away = (np.linalg.norm(np.diff(each, axis=0), axis=1) for each in places)
+    assert away == pytest.approx(there, abs=0.005)
+
+
+def test_a_rest_that_the_stops_after_it_contradict_is_refused() -> None:
+    """Without it there is no dock, so the whole path would lie elsewhere."""
+    case = Case(named("gyr scaled", "x x 1.1"), "random", "modern", 2)
+    assert outcome(case).said.startswith("the sensor seems to rest from 0.0 to 1.0 s, but not by the stops beside it: ")
 
 
 @quietly
