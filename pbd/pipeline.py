@@ -16,7 +16,7 @@ from pbd.errors import PbdWarning, RecordingError, TrackingError, warn
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.alarm import alarms
 from pbd.tracking.condition_on_claims import condition_on
-from pbd.tracking.estimate import Estimate, doubted_rest, estimate
+from pbd.tracking.estimate import Estimate, estimate, refuse_doubted_rest
 from pbd.tracking.first_rest import Rest, find_rest
 from pbd.tracking.noise import noise_of
 from pbd.tracking.paper import track_as_paper
@@ -148,8 +148,7 @@ def track_alone(
         found = estimate(recording, rest, noise_of(recording, rest, errors), lost, unseen)
     refuse_gaps(gaps, recording, found.stops, accept_gap)
     refuse_freezes(recording, found.path.v, found.stops)
-    if not any(stop.start < rest.stop and rest.start < stop.stop for stop in found.stops):
-        raise doubted_rest(recording.t, rest)  # another stop would be taken for the dock
+    refuse_doubted_rest(recording.t, rest, found.stops)
     _warn_at_rest(recording, rest, errors)
     _warn_of_open_ends(recording.t, found.stops)
     if found.solution is not None:

@@ -74,7 +74,7 @@ def estimate(
     weights = solution.stop_weights().tolist()
     believed = [k for k, weight in enumerate(weights) if weight > 1.0 - DOUBTED_WEIGHT]
     if not believed:
-        raise doubted_rest(t, rest)
+        refuse_doubted_rest(t, rest, ())
     joined = _joined(solution, believed, [event.t for event in recording.grip])
     stops = tuple(
         Stop(start, stop, float(t[stop - 1] - t[start]), max(weights[k] for k in parts))
@@ -100,9 +100,15 @@ def estimate(
     )
 
 
-def doubted_rest(t: Array, rest: Rest) -> TrackingError:
-    """What to say where the first rest is no stop."""
-    return TrackingError(
+def refuse_doubted_rest(t: Array, rest: Rest, stops: Sequence[Stop]) -> None:
+    """Refuse a recording whose first rest is no stop: another stop would be taken for the dock.
+
+    Raises:
+        TrackingError: when the sensor seems to rest.
+    """
+    if any(stop.start < rest.stop and rest.start < stop.stop for stop in stops):
+        return
+    raise TrackingError(
         f"the sensor seems to rest from {t[rest.start]:.1f} to {t[rest.stop - 1]:.1f} s, but not by the stops beside "
         "it: the hand coasts there, or one of the channels is wrong; start with two seconds of rest, and check the "
         "sensor with pbd calibrate sensor",
