@@ -73,7 +73,7 @@ def find_rest(recording: Recording) -> Rest:
     quiet = restless <= QUIET_RATIO * restless.min() + 1e-6
     if recording.gyr is not None:  # a steady turn about the vertical is as quiet, but most quiet seconds turn otherwise
         rate = window_sums(recording.gyr, length) / length
-        off = lengths(rate - median(rate[quiet]))
+        off = lengths(rate - median(rate[quiet][::k]))
         quiet &= off <= max(QUIET_GYR, float(off[quiet].min()))
     start = int(np.argmax(quiet))
     stop = start + length
