@@ -1,8 +1,8 @@
 """Which faults each rule of repair and alarm survives: python tests/benchmarks/repair_ablation.py [--only WORD].
 
-One rule at a time is taken out, and a third of the fault matrix is run again, of one seed (tests/tracking/
-fault_matrix.py; what no sensor can tell is left out). A rule earns its place where, without it, more cases end silently
-wrong, fewer are right, or wrong ones are warned of that were refused.
+One rule at a time is taken out, and a sixth of the fault matrix is run again (tests/tracking/fault_matrix.py; what no
+sensor can tell is left out). A rule earns its place where, without it, more cases end silently wrong, fewer are right,
+or wrong ones are warned of that were refused.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def main() -> None:
     parser = arguments(str(__doc__))
     parser.add_argument("--only", default="", help="rules whose name has this in it")
     args = parser.parse_args()
-    matrix = [case for case in cases(1) if case.untellable is None][:: 24 if args.quick else 3]
+    matrix = [case for case in cases(2) if case.untellable is None][:: 48 if args.quick else 6]
     rules = [rule for rule in WITHOUT if args.only in rule or rule == "nothing"]
     rows: dict[str, dict[str, int]] = {}
     before: list[str] = []
