@@ -4,7 +4,8 @@ Each damage (tests/tracking/damage.py) befalls simulated demonstrations whose tr
 seeds. A case is refused, warned and right, warned and wrong, silent and right, or silent and wrong. Wrong is a keyframe
 off by over 2 cm and over 3 of its own sigmas, or by over 6 degrees and 3 sigmas, or a rest without a right stop.
 What no inertial sensor can tell is counted apart (`untellable`), with the reason. `lag`: 40 tipping tasks for each
-delay of the gyro, low-pass of the accelerometer and rate of polling.
+delay of the gyro, low-pass of the accelerometer and rate of polling. `sound`: recordings without damage, and how many
+are suspected of a move that fits no motion, or of a wrong sensor.
 """
 
 from __future__ import annotations
@@ -27,16 +28,21 @@ from tests.benchmarks.report import arguments, finish
 from tests.tracking.fault_matrix import (
     SENSORS,
     SILENT_WRONG,
+    TASKS,
     VERDICTS,
     Case,
     Outcome,
     cases,
     lags,
+    named,
     outcome,
 )
 
-LAG_CASES = 40
+LAG_CASES, SOUND_SEEDS = 40, range(100, 125)
 NICE = 10
+
+SUSPICIONS = {"moves": "no motion between the stops fits", "sensor": "far more than such a sensor should"}
+"""What an alarm says, by what it suspects."""
 
 
 def main() -> None:
@@ -53,11 +59,14 @@ def main() -> None:
         for seed in range(LAG_CASES)
         if args.only in f"{fault.name} {fault.variant}"
     ]
+    sound = [
+        Case(named("clean", ""), task, sensor, seed) for seed in SOUND_SEEDS for task in TASKS for sensor in SENSORS
+    ]
     if args.quick:
         rng = np.random.default_rng(0)
         matrix = [matrix[i] for i in np.sort(rng.choice(len(matrix), min(300, len(matrix)), replace=False))]
-        lagging = lagging[::8]
-    outcomes = run([*matrix, *lagging])
+        lagging, sound = lagging[::8], sound[::8]
+    outcomes, unspoilt = run([*matrix, *lagging]), run(sound)
     if args.wrong:
         for case, found in zip([*matrix, *lagging], outcomes, strict=True):
             if found.verdict == SILENT_WRONG:
@@ -66,7 +75,9 @@ def main() -> None:
                     f"{np.degrees(found.error_rad):.1f} deg, {found.lost} rests lost",
                     file=sys.stderr,
                 )
-    finish(figures(matrix, outcomes[: len(matrix)], lagging, outcomes[len(matrix) :]), args.json)
+    suspected = {what: sum(line in found.said for found in unspoilt) for what, line in SUSPICIONS.items()}
+    found = figures(matrix, outcomes[: len(matrix)], lagging, outcomes[len(matrix) :])
+    finish(found | {"sound": {"recordings": len(sound)} | suspected}, args.json)
 
 
 @dataclass(frozen=True)
