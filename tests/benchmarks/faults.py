@@ -75,9 +75,9 @@ def main() -> None:
                     f"{np.degrees(found.error_rad):.1f} deg, {found.lost} rests lost",
                     file=sys.stderr,
                 )
-    suspected = {what: sum(line in found.said for found in unspoilt) for what, line in SUSPICIONS.items()}
-    found = figures(matrix, outcomes[: len(matrix)], lagging, outcomes[len(matrix) :])
-    finish(found | {"sound": {"recordings": len(sound)} | suspected}, args.json)
+    suspected = {what: sum(line in each.said for each in unspoilt) for what, line in SUSPICIONS.items()}
+    counted = figures(matrix, outcomes[: len(matrix)], lagging, outcomes[len(matrix) :])
+    finish({**counted, "sound": {"recordings": len(sound), **suspected}}, args.json)
 
 
 @dataclass(frozen=True)
