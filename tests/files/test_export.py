@@ -195,5 +195,5 @@ def test_a_rate_out_of_range(tmp_path: Path, motion: JointTrajectory, rate_hz: f
 
 def test_each_format_has_its_file() -> None:
     folder = Path(exporters.__file__).parent
-    files = {path.stem for path in folder.glob("*.py")} - {"__init__", "job", "check_export"}
+    files = {path.stem for path in folder.glob("*.py")} - {"__init__", "order", "check_export"}
     assert files == {each.file for each in FORMATS.values()}
