@@ -24,7 +24,7 @@ demo: $(VENV)/.installed
 	$(BIN)/pbd replay --robot panda --html replay.html
 
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 check: $(VENV)/.installed-test
 	$(BIN)/ruff check .

@@ -22,6 +22,10 @@ FALSE_ALARM_CHANCE = 0.05
 """Chance that a sound recording is suspected of a wrong leg or a wrong sensor. The modelled noise is larger than the
 real one, so fewer are."""
 
+LINEARISATION_SHARE = 0.02
+"""Relative increase of a leg's residual variance that linearisation causes: without it a leg that nothing else tells of
+is suspected (a gyro that says zero at rest)."""
+
 LEG_RMS = 0.8
 """Largest rms of a leg's nine residuals, in sigmas. Sound recordings show at most 0.73."""
 
@@ -78,7 +82,7 @@ def _of_moves(solution: Solution) -> Iterator[str]:
     if solution.legs is None:
         return
     residuals, spread = solution.legs
-    left, total = np.eye(9) - spread, squares(residuals)
+    left, total = (1.0 + LINEARISATION_SHARE) * np.eye(9) - spread, squares(residuals)
     mean, square = np.trace(left, axis1=1, axis2=2), (left**2).sum(axis=(1, 2))
     # Of chi-square at least 0.7 % is beyond two standard deviations: among seven legs that is no alarm, and
     # scipy.special takes 0.15 s to load.
