@@ -198,10 +198,3 @@ def test_a_wrong_sign_is_told_where_gravity_contradicts_it_by_more_than_a_moving
     after = quat_rotate(quat_exp(turns), up)
     found = find_other_axes([Witness("a", up, after)], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
     assert [each.message[:22] for each in (found,) if each] == ["gz has the wrong sign:"] * told
-
-
-def test_a_gyros_bias_is_no_contradiction() -> None:
-    """In the half second of a pair it would turn what is carried by 12 degrees, were it not taken out."""
-    recording = simulate("pour", "modern", 1).recording
-    assert recording.gyr is not None
-    refuse_disagreement(replace(recording, gyr=recording.gyr + np.radians((14.0, -14.0, 14.0))))
