@@ -65,7 +65,7 @@ def estimate(
     """Smooth a recording and read off the path.
 
     Raises:
-        TrackingError: the hand never stands still.
+        TrackingError: the hand never stands still, or not where the sensor seems to rest.
     """
     solution = smooth(recording, rest, noise, impulses, unseen)
     if solution is None:
@@ -74,7 +74,7 @@ def estimate(
     weights = solution.stop_weights().tolist()
     believed = [k for k, weight in enumerate(weights) if weight > 1.0 - DOUBTED_WEIGHT]
     if not believed:
-        refuse_doubted_rest(t, rest, ())
+        raise _doubted_rest(t, rest)
     joined = _joined(solution, believed, [event.t for event in recording.grip])
     stops = tuple(
         Stop(start, stop, float(t[stop - 1] - t[start]), max(weights[k] for k in parts))
@@ -106,9 +106,12 @@ def refuse_doubted_rest(t: Array, rest: Rest, stops: Sequence[Stop]) -> None:
     Raises:
         TrackingError: when the sensor seems to rest.
     """
-    if any(stop.start < rest.stop and rest.start < stop.stop for stop in stops):
-        return
-    raise TrackingError(
+    if not any(stop.start < rest.stop and rest.start < stop.stop for stop in stops):
+        raise _doubted_rest(t, rest)
+
+
+def _doubted_rest(t: Array, rest: Rest) -> TrackingError:
+    return TrackingError(
         f"the sensor seems to rest from {t[rest.start]:.1f} to {t[rest.stop - 1]:.1f} s, but not by the stops beside "
         "it: the hand coasts there, or one of the channels is wrong; start with two seconds of rest, and check the "
         "sensor with pbd calibrate sensor",

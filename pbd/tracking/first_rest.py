@@ -12,7 +12,8 @@ from pbd.pose import Array, lengths, readonly
 from pbd.tracking.moving_windows import calm_variance, calmed, median, rows_of_mean, window_sums
 
 REST_S = 1.0
-"""s: length of the rest that starts a recording. The first second about as quiet as the quietest is taken."""
+"""s: length of the rest that starts a recording. The first second about as quiet as the quietest is taken
+that turns as most quiet ones do."""
 
 QUIET_RATIO = 4.0
 """Largest variance of a quiet rest, relative to the quietest one."""
@@ -58,6 +59,9 @@ class Rest:
 def find_rest(recording: Recording) -> Rest:
     """Find the first quiet second (the whole of a shorter recording), by both sensors' rms relative to stillness.
 
+    A steady turn about the vertical is as quiet as a rest. So the gyro must read there what it reads in most quiet
+    seconds.
+
     Raises:
         RecordingError: specific force is not in m/s2: its norm is more than 15 % off standard gravity.
         TrackingError: the hand never stood still.
@@ -68,10 +72,10 @@ def find_rest(recording: Recording) -> Rest:
     gyr_var = np.zeros_like(acc_var) if recording.gyr is None else calm_variance(recording.gyr, length, k)
     lasts = recording.t[length - 1 :] - recording.t[: len(acc_var)]
     # Samples that came at one instant are no rest.
-    restless = np.where(lasts < 0.5 * lasts.max(), np.inf, restlessness(acc_var, gyr_var))
+    restless = np.where(lasts < 0.5 * median(lasts), np.inf, restlessness(acc_var, gyr_var))
     # 1e-6: the quietest second of a sensor without noise is no quieter than the next.
     quiet = restless <= QUIET_RATIO * restless.min() + 1e-6
-    if recording.gyr is not None:  # a steady turn about the vertical is as quiet, but most quiet seconds turn otherwise
+    if recording.gyr is not None:
         rate = window_sums(recording.gyr, length) / length
         off = lengths(rate - median(rate[quiet][::k]))
         quiet &= off <= max(QUIET_GYR, float(off[quiet].min()))

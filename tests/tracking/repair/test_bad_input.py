@@ -13,6 +13,7 @@ from pbd.pipeline import track
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
+from pbd.tracking.first_rest import find_rest
 from tests.scenarios import keyframes_and_errors, pour, with_rows
 from tests.tracking.fault_matrix import Case, named, outcome
 from tests.tracking.faults import broken, every_method, quietly, with_channel
@@ -69,6 +70,12 @@ def test_a_slow_turn_about_the_vertical_is_no_rest(sensor: str) -> None:
     places = [path.p_nav_sensor[[stop.start for stop in path.stops]] for path in paths]
     there, away = (np.linalg.norm(np.diff(each, axis=0), axis=1) for each in places)
     assert away == pytest.approx(there, abs=0.005)
+
+
+def test_a_hole_of_seconds_leaves_the_first_rest_where_it_is() -> None:
+    recording = pour().recording
+    t = np.where(np.arange(len(recording)) < len(recording) // 2, recording.t, recording.t + 5.0)
+    assert find_rest(replace(recording, t=t)).start == find_rest(recording).start == 0
 
 
 def test_a_rest_that_the_stops_after_it_contradict_is_refused() -> None:
