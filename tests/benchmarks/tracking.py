@@ -18,6 +18,8 @@ drawn from these with replacement (bootstrap). Of 19 to 49 windows the 95th perc
 
 `sigma` is the share of errors inside one and two of the tracker's own sigmas, of each axis: of all windows and strides,
 and by group: `at_sensor`, `alike` and `jointly` (of displacements), `rotation` (of attitudes at windows' ends).
+
+`refused` has the recordings that the tracker refuses, and why; the others are scored without them.
 """
 
 from __future__ import annotations
@@ -35,7 +37,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 
 from pbd.data import HandPath, Recording
-from pbd.errors import PbdWarning
+from pbd.errors import PbdError, PbdWarning
 from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import Array, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
@@ -72,17 +74,26 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
     """All figures of the data folder's README."""
     orientation: dict[str, Any] = {}
     stops: dict[str, Any] = {}
+    refused: dict[str, str] = {}
     levers: dict[str, float] = {}
     errors: dict[tuple[str, str, str, str], list[float]] = defaultdict(list)
     z_scores: dict[str, list[float]] = defaultdict(list)
     speeds = [0.0]
     for file in sorted((data / "broad").glob("*.npz")):
-        trials = read_broad(file)
-        motions = {rate: motion_of(trials[rate]) for rate in rates}
-        lever = fit_lever(trials["286"], [w for w in window_errors(trials["286"], motions["286"]) if w.length == 1])
+        trials, motions, found = read_broad(file), {}, {}
+        for rate in rates:
+            try:
+                motions[rate], found[rate] = motion_of(trials[rate]), stop_scores(trials[rate])
+            except PbdError as error:
+                refused[f"{file.stem} at {rate} Hz"] = error.message
+        if not motions:
+            continue
+        fastest = next(iter(motions))
+        trial, motion = trials[fastest], motions[fastest]
+        lever = fit_lever(trial, [w for w in window_errors(trial, motion) if w.length == 1])
         levers[file.stem] = float(1e3 * np.linalg.norm(lever))
         kind = kind_of(file.stem)
-        for rate in rates:
+        for rate in motions:
             moved = at_sensor(trials[rate], lever)
             for name, given in SCORES.items():
                 for window in window_errors(trials[rate] if name == "windows" else moved, motions[rate], given=given):
@@ -97,17 +108,24 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
                     for group in groups.get(name, ()):
                         z_scores[group].extend(window.z)
             z_scores[f"rotation.{kind}"].extend(turn_z_scores(trials[rate], motions[rate]))
-        found = {rate: stop_scores(trials[rate]) for rate in rates}
-        orientation[file.stem] = orientation_errors(trials["286"], motions["286"].path.wxyz)
-        stops[file.stem] = found["286"] | {"rates_hz": {rate: {"f1": found[rate]["f1"]} for rate in rates}}
-        speeds.append(samples_per_s(trials["286"].recording))
+        orientation[file.stem] = orientation_errors(trial, motion.path.wxyz)
+        stops[file.stem] = found[fastest] | {"rates_hz": {rate: {"f1": of["f1"]} for rate, of in found.items()}}
+        speeds.append(samples_per_s(trial.recording))
     windows: dict[str, Any] = {name: {} for name in SCORES}
     for (name, kind, seconds, rate), found_errors in sorted(errors.items()):
         windows[name].setdefault(kind, {}).setdefault(seconds, {})[rate] = spread(found_errors, "")
-    walks = {file.stem: walk(track(import_file(file).recording)) for file in sorted((data / "walks").glob("*.csv"))}
-    strides, at_heel = {}, {}
+    walks, strides, at_heel = {}, {}, {}
+    for file in sorted((data / "walks").glob("*.csv")):
+        try:
+            walks[file.stem] = walk(track(import_file(file).recording))
+        except PbdError as error:
+            refused[file.stem] = error.message
     for file in sorted((data / "strides").glob("*.npz")):
-        absolute, scaled, heel, heel_scaled = stride_errors(file)
+        try:
+            absolute, scaled, heel, heel_scaled = stride_errors(file)
+        except PbdError as error:
+            refused[file.stem] = error.message
+            continue
         strides[file.stem], at_heel[file.stem] = spread(absolute, "_abs"), spread(heel, "_abs")
         z_scores["all"].extend(scaled)
         z_scores["strides"].extend(scaled)
@@ -122,6 +140,7 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
         "strides_at_heel": at_heel,
         "sigma": inside(z_scores.pop("all")) | {"groups": {group: inside(z) for group, z in z_scores.items()}},
         "samples_per_s": max(speeds),
+        "refused": refused,
     }
 
 

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from pbd.pose import Array, quat_about_z, quat_canonical, quat_inverse, quat_log, quat_multiply, quat_rotate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import noise_of
+from pbd.tracking.repair.repair_recording import condition
+from pbd.tracking.repair.saturation import find_clips, restore
 from pbd.tracking.smoother.normal_equations import STATE
 from pbd.tracking.smoother.path import Path
 from pbd.tracking.smoother.preintegration import POS, ROT, VEL
@@ -46,12 +48,14 @@ class Motion:
 
 
 def motion_of(trial: Trial, lengths: Sequence[float] = WINDOWS_S) -> Motion:
-    """Smooth a whole trial, with a knot at each end of its windows."""
-    recording = trial.recording
+    """Smooth a whole trial as `track` does, with a knot at each end of its windows."""
+    recording, gaps = condition(trial.recording)
+    recording, lost = restore(recording, find_clips(recording))
     rest = find_rest(recording)
     ends = {length: window_ends(trial, length) for length in lengths}
     asked = sorted({row for of in ends.values() for window in of for row in window})
-    solution = smooth(recording, rest, noise_of(recording, rest), asked=asked)
+    unseen = [(gap.before, gap.after) for gap in gaps]
+    solution = smooth(recording, rest, noise_of(recording, rest), lost, unseen, asked)
     assert solution is not None
     solution, path = with_own_noise(solution), solution.path
     mean = np.where(trial.moving[solution.problem.rows], solution.problem.share, 0.0)
