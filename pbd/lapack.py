@@ -1,12 +1,14 @@
-"""LAPACK as scipy wraps it, without the rest of scipy.linalg, which takes 0.15 s to load."""
+"""Linear algebra as scipy's LAPACK does it, and on how many threads."""
 
 from __future__ import annotations
 
 import sys
+from contextlib import ContextDecorator
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 NAME = "scipy.linalg._flapack"
@@ -14,7 +16,7 @@ NAME = "scipy.linalg._flapack"
 
 @cache
 def lapack() -> Any:
-    """Return the module of its routines, which scipy.linalg.lapack hands on."""
+    """Return the module of LAPACK's routines, without the rest of scipy.linalg, which takes 0.15 s to load."""
     import scipy
 
     stem = Path(scipy.__path__[0], *NAME.split(".")[1:])
@@ -27,3 +29,38 @@ def lapack() -> Any:
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@cache
+def _thread_pools() -> Any:
+    """The BLAS libraries of numpy and scipy."""
+    from threadpoolctl import ThreadpoolController
+
+    lapack()
+    return ThreadpoolController()
+
+
+class _OneBlasThread(ContextDecorator):
+    """Keeps BLAS to one thread: the matrices here are small, and idle threads spin while they wait for work.
+
+    Callers on several threads share the limit; the last to leave gives back what was there before the first.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._callers = Lock(), 0
+        self._limits: Any = None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._callers:
+                self._limits = _thread_pools().limit(limits=1, user_api="blas")
+            self._callers += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._callers -= 1
+            if not self._callers:
+                self._limits.restore_original_limits()
+
+
+one_blas_thread = _OneBlasThread()

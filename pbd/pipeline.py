@@ -13,6 +13,7 @@ from pbd.calibration.sensor import corrected
 from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, SensorErrors, Stop, Tracking
 from pbd.errors import PbdWarning, RecordingError, TrackingError, warn
+from pbd.lapack import one_blas_thread
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.alarm import alarms
 from pbd.tracking.condition_on_claims import condition_on
@@ -79,6 +80,7 @@ def fused_demo(takes: Sequence[Demonstration]) -> Demonstration:
     )
 
 
+@one_blas_thread
 def track(
     source: Recording | Demonstration,
     method: str = "default",
