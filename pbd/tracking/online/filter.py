@@ -96,8 +96,8 @@ class OnlineFilter:
     def predict(self, strapdown: Strapdown) -> tuple[Array, Array, Array]:
         """wxyz_nav_sensor (4,), p_nav_sensor (3,) m and v_nav_sensor (3,) m/s, in the middle of a block of samples."""
         T, E = strapdown.T, self.E
-        v = self.v + E @ strapdown.U[0] - self.gravity * T * UP
-        p = self.p + T * self.v + E @ strapdown.P[0] - 0.5 * self.gravity * T**2 * UP
+        v = self.v + E @ strapdown.U - self.gravity * T * UP
+        p = self.p + T * self.v + E @ strapdown.P - 0.5 * self.gravity * T**2 * UP
         return quat_from_matrix(E @ strapdown.C), p, v
 
     def propagate(self, leg: Leg) -> None:

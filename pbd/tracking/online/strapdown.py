@@ -59,7 +59,7 @@ class Strapdown:
     Attributes:
         C: (3, 3) gyro frame <- sensor.
         u: (3,) m/s2, specific force in the gyro frame; rate (3,) rad/s, without the rest's mean.
-        T, U, P: of the block so far: s, velocity gained and way gone (m/s, m), and these by a second of lag (2, 3).
+        T, U, P: of the block so far: s, velocity gained (3,) m/s and way gone (3,) m.
         clipped: whether the gyro was at the end of its range; the one who reads it resets it.
     """
 
@@ -71,9 +71,8 @@ class Strapdown:
         self.rate = first.gyr - gyro_bias
         self._acc, self._t = first.acc, first.t
         self._before = self.rate
-        forces = self._forces(first.acc)
-        self.u: Array = forces[0]
-        self._u = (forces, forces)
+        self.u: Array = self.C @ first.acc
+        self._u_before = self.u
         self._same, self._fastest, self.clipped = 0, 0.0, False
         # Rows of u and rate. `densities` looks at so many before and after each: noise is charged so much later.
         self._beside = 3 * rows_of_mean(1.0 / interval) - 1
@@ -83,14 +82,9 @@ class Strapdown:
 
     def _begin(self) -> None:
         self.count, self.T = 0, 0.0
-        self.U, self.P = np.zeros((2, 3)), np.zeros((2, 3))
+        self.U, self.P = np.zeros(3), np.zeros(3)
         self._Cs, self._rates, self._accs = [self.C], [self.rate], [self._acc]
         self._guessed = np.zeros(2)
-
-    def _forces(self, acc: Array) -> Array:
-        """Specific force and what a second of lag would add, in the gyro frame (2, 3)."""
-        forces: Array = np.array((acc, _cross(self.rate, acc))) @ self.C.T
-        return forces
 
     def push(self, sample: Sample) -> None:
         """Take the next sample."""
@@ -105,11 +99,11 @@ class Strapdown:
             self.C = self.C @ turn_matrix(turn)
             self._see_range(sample.gyr, rate, dt)
         self._before, self.rate, self._acc, self._t = self.rate, rate, sample.acc, sample.t
-        forces, (earlier, before) = self._forces(sample.acc), self._u
-        gained = _middles(dt, earlier, before, forces)
-        self.P = self.P + dt * (self.U + 0.5 * gained) - dt**2 / 12.0 * (forces - before)
+        u = self.C @ sample.acc
+        gained = _middles(dt, self._u_before, self.u, u)
+        self.P = self.P + dt * (self.U + 0.5 * gained) - dt**2 / 12.0 * (u - self.u)
         self.U = self.U + gained
-        self._u, self.u = (before, forces), forces[0]
+        self._u_before, self.u = self.u, u
         self._guessed += dt * np.array(sample.guessed)
         self.T += dt
         self.count += 1
@@ -133,13 +127,14 @@ class Strapdown:
         """What was integrated since the last one; `up` (3,) m/s2 is gravity in the gyro frame."""
         T, n = self.T, self.count
         C = self._Cs[(n + 1) // 2]
-        rate, force = np.mean(self._rates, axis=0), np.mean(self._accs, axis=0)
+        rates, forces = np.array(self._rates), np.array(self._accs)
+        rate, force = rates.mean(axis=0), forces.mean(axis=0)
         J = np.zeros((9, ERRORS))
         (J[ROT, OF_GYR],), (J[VEL, OF_ACC],) = of_blocks_by_errors(C[None], rate[None], force[None], np.array([T]))
-        J[VEL, OF_GYR] = -0.5 * skew(self.U[0]) @ J[ROT, OF_GYR]
+        J[VEL, OF_GYR] = -0.5 * skew(self.U) @ J[ROT, OF_GYR]
+        J[VEL, LAG] = T * C @ np.cross(rates, forces).mean(axis=0)[:, None]
         J[POS] = 0.5 * T * J[VEL]
-        J[VEL, LAG], J[POS, LAG] = self.U[1][:, None], self.P[1][:, None]
-        leg = Leg(T, self.U[0], self.P[0], J, self._noise(n, T, up), self.C, T * rate)
+        leg = Leg(T, self.U, self.P, J, self._noise(n, T, up), self.C, T * rate)
         self._begin()
         return leg
 
@@ -154,7 +149,7 @@ class Strapdown:
             s_g += self.noise.device_lag * float((lengths(rate[-n:]) ** 2).sum()) * dt
         g, a = np.add((s_g, s_a), self._guessed)
         g, a, togo, h = np.array([g, a, 0.5 * T, T])[:, None]
-        covariance: Array = block_noise(self.U[:1] / T, g, a, togo, h, np.array([0]))[0] + ROUNDING * T / MOVE_KNOT_S
+        covariance: Array = block_noise(self.U[None] / T, g, a, togo, h, np.array([0]))[0] + ROUNDING * T / MOVE_KNOT_S
         return covariance
 
 

@@ -54,7 +54,6 @@ class GyroFrame:
         acc: (n, 3) m/s2, in sensor axes.
         wxyz: (n, 4), gyro frame <- sensor; the first is one.
         u: (n, 3) m/s2, specific force; U, UU: its integral and that one's, from the first row.
-        L, LL: the same of rate x specific force: what a second of lag would add.
     """
 
     t: Array
@@ -64,8 +63,6 @@ class GyroFrame:
     u: Array
     U: Array
     UU: Array
-    L: Array
-    LL: Array
 
     @cached_property
     def dt(self) -> float:
@@ -83,10 +80,10 @@ def gyro_frame(t: Array, gyr: Array, acc: Array, interval: float, wxyz: Array | 
         turns = turns_between_middles(t, gyr, interval)
         turns[0] = 0.0
         wxyz = quat_cumulative(quat_exp(turns))
-    u, lagged = quat_rotate(wxyz, acc), quat_rotate(wxyz, np.cross(gyr, acc))
+    u = quat_rotate(wxyz, acc)
     u[1:-1] += (np.diff(u, n=2, axis=0) - quat_rotate(wxyz[1:-1], np.diff(acc, n=2, axis=0))) / 24.0
-    U, L = integral_of_means(t, u), integral_of_means(t, lagged)
-    return GyroFrame(t, gyr, acc, wxyz, u, U, integral_of_values(t, U, u), L, integral_of_values(t, L, lagged))
+    U = integral_of_means(t, u)
+    return GyroFrame(t, gyr, acc, wxyz, u, U, integral_of_values(t, U, u))
 
 
 def turns_between_middles(t: Array, gyr: Array, interval: float) -> Array:
@@ -184,24 +181,20 @@ def preintegrate(
     def per_leg(blocks: Array) -> Array:
         return np.add.reduceat(blocks, starts, axis=0)
 
-    def gains(V: Array, P: Array) -> tuple[Array, Array]:
-        """Of each block: velocity gained; and the way that it makes until the leg's end."""
-        at_edges = V[edges]
-        dV = np.diff(at_edges, axis=0)
-        return dV, np.diff(P[edges], axis=0) - at_edges[:-1] * h[:, None] + dV * togo
-
     def integrals(values: Array) -> Array:
         """Over each block, of values (n, ...) that change linearly."""
         dt = np.diff(t).reshape(-1, *(1,) * (values.ndim - 1))
         return np.add.reduceat(0.5 * dt * (values[1:] + values[:-1]), edges[:-1])
 
-    dU, dP = gains(frame.U, frame.UU)
-    dL, dLL = gains(frame.L, frame.LL)
+    # Of each block: velocity gained; and the way that it makes until the leg's end.
+    dU = np.diff(frame.U[edges], axis=0)
+    dP = np.diff(frame.UU[edges], axis=0) - frame.U[edges[:-1]] * h[:, None] + dU * togo
     C = quat_to_matrix(frame.wxyz[(edges[:-1] + edges[1:]) // 2])
 
     lasts = np.maximum(h, np.finfo(float).tiny)[:, None]  # samples that came at one instant make an empty block
     rate, force = integrals(frame.gyr) / lasts, integrals(frame.acc) / lasts
     by_gyr, by_acc = of_blocks_by_errors(C, rate, force, h)
+    by_lag = C @ integrals(np.cross(frame.gyr, frame.acc))[:, :, None]
     turned = np.cumsum(by_gyr, axis=0) - 0.5 * by_gyr  # at the block's middle
     turned -= (turned[starts] - 0.5 * by_gyr[starts])[leg]  # since the leg's beginning
     swung = skew(-dU) @ turned
@@ -211,7 +204,7 @@ def preintegrate(
     J[:, POS, OF_GYR] = per_leg(swung * middle[:, None, None])
     J[:, VEL, OF_ACC] = per_leg(by_acc)
     J[:, POS, OF_ACC] = per_leg(by_acc * middle[:, None, None])
-    J[:, VEL, LAG], J[:, POS, LAG] = per_leg(dL)[:, :, None], per_leg(dLL)[:, :, None]
+    J[:, VEL, LAG], J[:, POS, LAG] = per_leg(by_lag), per_leg(by_lag * middle[:, None, None])
 
     gained, way = per_leg(dU), per_leg(dP)
     of_blocks = [[integrals(part) if part.any() else 0.0 * h for part in each] for each in density]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from pbd.pose import quat_inverse, quat_log, quat_multiply
+from pbd.pose import quat_inverse, quat_log, quat_multiply, quat_to_matrix
 from pbd.tracking.smoother.attitude import first_guess
-from pbd.tracking.smoother.preintegration import Impulse, gyro_frame, preintegrate
+from pbd.tracking.smoother.preintegration import LAG, POS, VEL, Impulse, gyro_frame, preintegrate
 
 
 def test_samples_that_came_at_one_instant_are_an_empty_block() -> None:
@@ -29,6 +30,21 @@ def test_a_sensor_that_turns_while_it_samples_is_integrated_as_it_turned() -> No
     acc = np.column_stack((np.zeros(n), seen * np.sin(rate * t), seen * np.cos(rate * t)))
     frame = gyro_frame(t, np.tile((rate, 0.0, 0.0), (n, 1)), acc, dt)
     assert np.allclose(frame.U[-1], (0.0, 0.0, g * t[-1]), atol=1e-3)  # 9e-3 without sculling
+
+
+def test_a_late_gyro_turns_what_the_accelerometer_says() -> None:
+    """What a second of lag adds, against how the attitude changes from sample to sample."""
+    n, dt = 101, 0.01
+    t = dt * np.arange(float(n))
+    gyr = 3.0 * np.sin(2.0 * np.pi * t[:, None] + np.arange(3.0))
+    acc = np.array((0.0, 0.0, 9.8)) + 4.0 * np.cos(3.0 * np.pi * t[:, None] + np.arange(3.0))
+    frame, density = gyro_frame(t, gyr, acc, dt), np.ones((3, n))
+    J = preintegrate(frame, np.array([0, n - 1]), (density, density)).J[0]
+    push = np.einsum("kij,kj->ki", np.gradient(quat_to_matrix(frame.wxyz), dt, axis=0), acc)
+    v = np.vstack((np.zeros(3), np.cumsum(0.5 * dt * (push[1:] + push[:-1]), axis=0)))
+    assert J[VEL, LAG][:, 0] == pytest.approx(v[-1], abs=0.02 * np.linalg.norm(v[-1]))
+    p = (0.5 * dt * (v[1:] + v[:-1])).sum(axis=0)
+    assert J[POS, LAG][:, 0] == pytest.approx(p, abs=0.02 * np.linalg.norm(p))
 
 
 def test_the_first_guess_is_level_where_a_hand_only_seems_to_stop() -> None:

@@ -47,7 +47,7 @@ def test_a_hand_at_rest_may_turn_twice_as_far_as_it_sways_about_a_steady_turn() 
     gyr = np.zeros((len(t), 3))
     gyr[1:, 1] = np.diff(sway * np.sin(2.0 * np.pi * t) + 0.02 * t) / 0.01
     rows, within, unused = np.array([0, 100, 200, 399]), np.array([True, True, False]), np.zeros((len(t), 3))
-    frame = GyroFrame(t, gyr, unused, unused, unused, unused, unused, unused, unused)
+    frame = GyroFrame(t, gyr, unused, unused, unused, unused, unused)
     sigma = _turn_sigma(frame, rows, within, 1e-3)
     assert sigma == pytest.approx([np.hypot(1e-3, 2.0 * sway)] * 2 + [1e-3], rel=1e-3)
 
