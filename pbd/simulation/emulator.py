@@ -20,7 +20,9 @@ TICK_S = 0.01
 
 
 class Emulator:
-    """Plays a recording into a pseudo-terminal; then the hand rests, at its last samples over and over.
+    """Plays a recording into a pseudo-terminal; then the hand rests, at its last samples in random order.
+
+    In their own order they would be blocks that came twice, which tracking refuses (`refuse_doubled`).
 
     Attributes:
         device: the pseudo-terminal's name.
@@ -73,12 +75,15 @@ class Emulator:
     def _send(self) -> None:
         recording, interval = self._recording, 1.0 / self._recording.rate_hz
         rest = max(1, min(len(recording), round(0.5 / interval)))
+        rng, last = np.random.default_rng(0), rest - 1
         begun = time.monotonic()
         while not self._ended.wait(TICK_S):
             due = int((time.monotonic() - begun) / interval)
             messages = []
             for k in range(self.sent, due):
-                row = k if k < len(recording) else len(recording) - rest + (k - len(recording)) % rest
+                if k >= len(recording):  # never the same one twice in a row
+                    last = (last + int(rng.integers(1, max(2, rest)))) % rest
+                row = min(k, len(recording) - rest + last)
                 messages.append(encode(recording, row, round(1e6 * k * interval)))
             with suppress(OSError):  # no reader: like a real sensor, it keeps sending
                 os.write(self._master, b"".join(messages))

@@ -6,13 +6,18 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from pbd.cli.recording.simulated import SimulatedHand, simulated_hand
-from pbd.data import GripEvent, Recording
+from pbd.data import GRAVITY, GripEvent, Recording
 from pbd.errors import SensorError, UsageError
 from pbd.record import Command, Outcome, Status
+from pbd.sensors.decoding import Sample
+from pbd.sensors.port import open_port
+from pbd.sensors.protocols import protocol
 from pbd.simulation.emulator import Emulator
+from pbd.tracking.repair.splices import refuse_doubled
 from tests.cli.test_recording_screen import STILL
 from tests.record.speakers import random_hand
 
@@ -124,3 +129,16 @@ def test_what_was_unplugged_does_not_play(emulator: Emulator) -> None:
     emulator.play()
     emulator.unplug()
     assert emulator.sent == 0
+
+
+def test_its_rest_after_the_task_can_be_tracked() -> None:
+    """The same samples in the same order would be refused as a block that came twice."""
+    rng = np.random.default_rng(0)
+    noise = rng.normal((0.0, 0.0, GRAVITY), 0.02, (60, 3)), rng.normal(0.0, 0.001, (60, 3))
+    decoder, samples = protocol("ximu3").decoder(), list[Sample]()
+    sensor = Emulator(Recording(HAND.t[:60], *noise))
+    with sensor, open_port(sensor.device, 115200) as port:
+        while len(samples) < 180:
+            samples += decoder.feed(port.read())
+    acc, gyr = (np.array([getattr(sample, name) for sample in samples]) for name in ("acc", "gyr"))
+    refuse_doubled(Recording(np.arange(len(acc)) / HAND.rate_hz, acc, gyr))
