@@ -142,14 +142,17 @@ def store_demonstration(
         print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | points | dict(more))
 
 
-def print_result(args: argparse.Namespace, result: dict[str, Any], table: Table) -> None:
-    """Print what was found as is wanted: one JSON object, CSV, or a table."""
+def print_result(args: argparse.Namespace, result: dict[str, Any], *tables: Table) -> bool:
+    """Print JSON, the tables as CSV, or the first of them for a person; return whether a person reads it."""
     from pbd.view.terminal_tables import print_csv, print_table
 
     if args.json:
         print_json(result)
+    elif args.csv:
+        print_csv(*tables)
     else:
-        (print_csv if args.csv else print_table)(table)
+        print_table(tables[0])
+    return not (args.json or args.csv)
 
 
 def write_figures(folder: Path, format_name: str, names: Collection[str], draw: Callable[[str], Figure]) -> list[str]:
