@@ -40,7 +40,7 @@ ASKED = 10
 """How many answers are timed before the arm moves."""
 
 
-def drive(args: argparse.Namespace, robot: Robot) -> int:
+def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
     """Run the demonstration on the arm; return the exit code."""
     assert robot.servos is not None
     assert robot.gripper is not None
