@@ -56,8 +56,9 @@ def run(args: argparse.Namespace) -> None:
             row |= _pose(pose) | {"joints": q}
             row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, about it: arms of five joints
     inside = _success(args, path, keyframes, calibration)
-    for row, probability in zip(rows, () if inside is None else inside.of_each, strict=inside is not None):
-        row["probability"] = probability
+    if inside is not None:
+        for row, probability in zip(rows, inside.of_each, strict=True):
+            row["probability"] = probability
     result = {
         "demo": demo.recording.info.name,
         "keyframes": rows,

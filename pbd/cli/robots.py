@@ -133,7 +133,8 @@ def _rank_row(name: str, path: HandPath) -> dict[str, Any]:
 def _rank_table(rows: list[dict[str, Any]], units: Units) -> Table:
     m = units.length
     figures = (f"time ({units.time})", f"goes to ({m})", f"reaches ({m})", "torque (%)", "scale")
-    table = make_table("name", *figures, "what stops it, or is told", left=("name", "what stops it, or is told"))
+    remarks = "what stops it, or is told"
+    table = make_table("name", *figures, remarks, left=("name", remarks))
     for row in rows:
         table.add_row(
             row["name"],
