@@ -11,7 +11,8 @@ from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.data import Calibration
 from pbd.pose import Array, quat_rotate, quat_to_matrix, skew
 
-PARTS = ("start", "mount", "tracking")
+PARTS = {"start": "where the hand starts", "mount": "the mount", "tracking": "tracking"}
+"""Where the tool's uncertainty comes from, in words."""
 
 
 def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:

@@ -68,14 +68,10 @@ def _table(checks: Sequence[DemoCheck], robot: str | None, units: Units) -> Tabl
         more = f" (and {len(remarks) - SHOWN} more)" if len(remarks) > SHOWN else ""
         table.add_row(
             check.name,
-            *_known(check.duration_s, units.times),
+            *units.times(check.duration_s),
             "" if check.p_dock_sensor is None else str(len(check.p_dock_sensor)),
-            *_known(check.sigma_m, lambda sigma: units.lengths(sigma, finer=1)),
-            *(() if robot is None else _known(check.motion_s, units.times)),
+            *units.lengths(check.sigma_m, finer=1),
+            *(() if robot is None else units.times(check.motion_s)),
             "; ".join(remarks[:SHOWN]) + more,
         )
     return table
-
-
-def _known(value: float, written: Any) -> Sequence[str]:
-    return written(value) if math.isfinite(value) else ("",)

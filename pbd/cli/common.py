@@ -10,14 +10,18 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pbd.cli.console import print_json, say, working
-from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
-from pbd.errors import SensorError, UsageError
+from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Recording, Robot
+from pbd.data.covariance import one_sigma
+from pbd.errors import CalibrationError, SensorError, UsageError
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_demo
 from pbd.files.points import Points, points_csv
 from pbd.io.atomic import atomic_files
 from pbd.io.read_file import read_text
+from pbd.pose import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -58,9 +62,39 @@ def track_demonstration(
     return path, keyframes
 
 
+def track_recording(args: argparse.Namespace, calibration: Calibration) -> tuple[Recording, HandPath]:
+    """Load args.demo and track its recording alone: what is known of its stops does not count."""
+    from pbd.pipeline import track
+
+    recording = load_demo(args.demo).recording
+    with working("tracking"):
+        return recording, track(recording, calibration=calibration, accept_gap=args.accept_gap)
+
+
 def named_calibration(args: argparse.Namespace) -> Calibration | None:
     """Load the calibration that was named, if one was: what a command without a robot tracks with."""
     return load_calibration(args.calibration) if args.calibration else None
+
+
+def replaced_part(path: Path, calibration: Calibration, part: str, force: bool) -> dict[str, str]:
+    """Name which of [dock] and [nav] the new `part` replaces; empty where there is no other.
+
+    Raises:
+        CalibrationError: there is one, and `force` was not given.
+    """
+    other = "nav" if part == "dock" else "dock"
+    if (calibration.T_base_nav if other == "nav" else calibration.T_base_dock) is None:
+        return {}
+    if not force:
+        what = f"{path} has a [{other}], and a calibration can't have [{part}] too"
+        raise CalibrationError(f"{what}; replace it with --force, or give another name", path=path)
+    return {other: part}
+
+
+def sigma_json(cov: Array) -> dict[str, Any]:
+    """One sigma of a pose's covariance (6, 6); NaN (null in JSON) where it is unknown."""
+    sigma = one_sigma(cov)
+    return {"sigma_m": sigma[:3], "sigma_deg": np.degrees(sigma[3:])}
 
 
 def plan_options(args: argparse.Namespace, robot: Robot, measured: tuple[float, ...] | None = None) -> PlanOptions:
@@ -142,14 +176,17 @@ def store_demonstration(
         print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | points | dict(more))
 
 
-def print_result(args: argparse.Namespace, result: dict[str, Any], table: Table) -> None:
-    """Print what was found as is wanted: one JSON object, CSV, or a table."""
+def print_result(args: argparse.Namespace, result: dict[str, Any], *tables: Table) -> bool:
+    """Print JSON, the tables as CSV, or the first of them for a person; return whether a person reads it."""
     from pbd.view.terminal_tables import print_csv, print_table
 
     if args.json:
         print_json(result)
+    elif args.csv:
+        print_csv(*tables)
     else:
-        (print_csv if args.csv else print_table)(table)
+        print_table(tables[0])
+    return not (args.json or args.csv)
 
 
 def write_figures(folder: Path, format_name: str, names: Collection[str], draw: Callable[[str], Figure]) -> list[str]:

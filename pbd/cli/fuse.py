@@ -6,8 +6,8 @@ import argparse
 from dataclasses import replace
 
 from pbd.cli.calibrate.sensor import sensor_parts
-from pbd.cli.common import named_calibration, write_figures
-from pbd.cli.console import print_json, say, working
+from pbd.cli.common import named_calibration, print_result, write_figures
+from pbd.cli.console import say, working
 from pbd.data.one_line_repr import counted
 from pbd.errors import UsageError
 from pbd.files.calibration_edit import calibration_file, update_calibration
@@ -15,7 +15,7 @@ from pbd.files.demo import demo_folder, load_demo, refuse_demo_folder, utc_now, 
 from pbd.fusion.calibration import device_errors
 from pbd.fusion.tables import fusion_rows, fusion_table, takes_table
 from pbd.pipeline import fused_demo, track
-from pbd.view.terminal_tables import print_csv, print_table
+from pbd.view.terminal_tables import print_table
 
 
 def run(args: argparse.Namespace) -> None:
@@ -56,11 +56,8 @@ def run(args: argparse.Namespace) -> None:
             f"keyframes {members} move together against the others, as with a thing that stood elsewhere ({far}); if "
             f"so: pbd keyframes {folder.name} --frame NAME={members}"
         )
-    if args.json:
-        stored = {"demo": folder.name, "folder": str(folder), "files": files} | saved
-        return print_json(stored | fusion_rows(path))
-    if args.csv:
-        return print_csv(fusion_table(path, args.units))
-    print_table(takes_table(fusion, args.units))
-    print()
-    return print_table(fusion_table(path, args.units))
+    if not (args.json or args.csv):
+        print_table(takes_table(fusion, args.units))
+        print()
+    result = {"demo": folder.name, "folder": str(folder), "files": files} | saved | fusion_rows(path)
+    print_result(args, result, fusion_table(path, args.units))

@@ -59,10 +59,10 @@ def run(args: argparse.Namespace) -> None:
     columns = [column.row() for column in understood.columns]
     more = {"columns": columns, "unread": dict(understood.unread)} if columns else {}
     store_demonstration(args, replace(demo, closed=demo.closed or args.closed), "imported", more=more)
-    _tell(args, understood)
+    _print_columns(args, understood)
 
 
-def _tell(args: argparse.Namespace, understood: Understood) -> None:
+def _print_columns(args: argparse.Namespace, understood: Understood) -> None:
     if understood.columns and not args.json:
         from pbd.view.terminal_tables import columns_table, print_table
 
@@ -77,7 +77,7 @@ def _in_its_names(args: argparse.Namespace, understood: Understood) -> Iterator[
     try:
         yield
     except RecordingError as error:
-        _tell(args, understood)
+        _print_columns(args, understood)
         raise RecordingError(understood.in_its_names(error.message), **error.fields) from None
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
 from dataclasses import replace
-from itertools import takewhile
+from os.path import commonprefix
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,8 @@ from pbd.calibration.dock import in_base
 from pbd.calibration.success_probability import Success, success_of
 from pbd.calibration.touch_up import touched_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
-from pbd.cli.common import load_demonstration, named_calibration, plan_options, track_demonstration
-from pbd.cli.console import print_json, say
+from pbd.cli.common import load_demonstration, named_calibration, plan_options, print_result, track_demonstration
+from pbd.cli.console import say
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
 from pbd.data.keyframe import thing_carriers
@@ -28,7 +27,7 @@ from pbd.planning.object_frames import refuse_unknown_things, things
 from pbd.planning.options import PlanOptions, dwells
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
-from pbd.view.terminal_tables import joints_table, keyframes_table, print_csv, print_table
+from pbd.view.terminal_tables import joints_table, keyframes_table, print_table
 
 
 def run(args: argparse.Namespace) -> None:
@@ -57,33 +56,32 @@ def run(args: argparse.Namespace) -> None:
             row |= _pose(pose) | {"joints": q}
             row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, about it: arms of five joints
     inside = _success(args, path, keyframes, calibration)
-    for row, probability in zip(rows, () if inside is None else inside.of_each, strict=inside is not None):
-        row["probability"] = probability
-    if args.json:
-        errors = None if path.sensor is None else _sensor_errors(path.sensor)
-        all_inside = None if inside is None else {"probability": inside.of_all, "band": inside.band}
-        result = {"demo": demo.recording.info.name, "keyframes": rows, "sensor_errors": errors, "success": all_inside}
-        shown_at = [row.get("base_position_m") for row in rows]  # the tool at the first keyframe of a thing
-        frames = [
-            {"name": name, "keyframes": list(members), "base_position_m": shown_at[members[0]]}
+    if inside is not None:
+        for row, probability in zip(rows, inside.of_each, strict=True):
+            row["probability"] = probability
+    result = {
+        "demo": demo.recording.info.name,
+        "keyframes": rows,
+        "sensor_errors": None if path.sensor is None else _sensor_errors(path.sensor),
+        "success": None if inside is None else {"probability": inside.of_all, "band": inside.band},
+        "frames": [  # each with the tool at its first keyframe
+            {"name": name, "keyframes": list(members), "base_position_m": rows[members[0]].get("base_position_m")}
             for name, members in things(keyframes).items()
-        ]
-        return print_json(result | {"frames": frames})
-    inside_each = None if inside is None else inside.of_each
-    table, names = keyframes_table(keyframes, args.units, inside_each), () if robot is None else robot.joints
-    if args.csv:
-        return print_csv(table, *([joints_table(names, rows, args.units)] if names else []))
-    print_table(table)
+        ],
+    }
+    tables = [keyframes_table(keyframes, args.units, None if inside is None else inside.of_each)]
+    tables += [] if robot is None else [joints_table(robot.joints, rows, args.units)]
+    if not print_result(args, result, *tables):
+        return
     if placed:
         print("\nuncertainty of the tool in base, one sigma; right columns: by source (rms over axes)")
         print_table(base_table(rows))
     if inside is not None:
         print(f"\nprobability that all keyframes are within the tolerance: {inside.band}")
-    if names:
-        prefix = _common_prefix(names)
+    if robot is not None:
+        prefix = "".join(commonprefix(robot.joints).rpartition("_")[:2])  # noqa: RUF071  # letter by letter is meant
         print(f"\nthe joints' names begin with {prefix}" if prefix else "")
-        print_table(joints_table([name.removeprefix(prefix) for name in names], rows, args.units))
-    return None
+        print_table(joints_table([name.removeprefix(prefix) for name in robot.joints], rows, args.units))
 
 
 def _success(
@@ -102,14 +100,6 @@ def _success(
     if within_m <= 0.0 or len(within_deg) > 1 or min(within_deg, default=1.0) <= 0.0:
         raise UsageError("--tolerance takes METRES, or METRES DEGREES, above zero")
     return success_of(placed, within_m, math.radians(within_deg[0]) if within_deg else math.inf)
-
-
-def _common_prefix(names: Sequence[str]) -> str:
-    """With what all names begin, up to a "_": in a table it would only take room."""
-    if len(names) < 2:
-        return ""
-    common = takewhile(lambda words: len(set(words)) == 1, zip(*(name.split("_")[:-1] for name in names), strict=False))
-    return "".join(f"{words[0]}_" for words in common)
 
 
 def _saved(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:

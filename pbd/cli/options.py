@@ -45,16 +45,16 @@ class Parser(argparse.ArgumentParser):
             )
 
 
-def adders(to: argparse._ActionsContainer) -> tuple[Callable[..., None], Callable[[str, str], None]]:
-    """What adds an option (names, metavar, help, and what argparse takes), and what adds one without a value."""
+def option(
+    to: argparse._ActionsContainer, names: str, metavar: str | tuple[str, ...] | None, text: str, **more: Any
+) -> None:
+    """Add an option or an argument: its names, metavar, help, and what argparse takes."""
+    to.add_argument(*names.split(), metavar=metavar, help=text, **more)
 
-    def option(names: str, metavar: str | tuple[str, ...] | None, text: str, **more: Any) -> None:
-        to.add_argument(*names.split(), metavar=metavar, help=text, **more)
 
-    def flag(name: str, text: str) -> None:
-        to.add_argument(name, action="store_true", help=text)
-
-    return option, flag
+def flag(to: argparse._ActionsContainer, name: str, text: str) -> None:
+    """Add an option without a value."""
+    to.add_argument(name, action="store_true", help=text)
 
 
 def add_commands(
@@ -87,40 +87,39 @@ def add_demo(parser: argparse.ArgumentParser) -> None:
     """Add the demonstration that a command works on."""
     what = "a demonstration's name (in ./demos, or bundled), its folder, or a recording (.csv, .txt, .npz)"
     newest = "default: the newest in ./demos, else 'pouring'"
-    parser.add_argument("demo", nargs="?", metavar="DEMO", help=f"{what}; {newest}")
+    option(parser, "demo", "DEMO", f"{what}; {newest}", nargs="?")
 
 
 def add_json(parser: argparse._ActionsContainer) -> None:
     """Add --json."""
-    parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+    flag(parser, "--json", "print one JSON object on stdout")
 
 
 def add_force(parser: argparse.ArgumentParser, what: str = "replace a demonstration of that name") -> None:
     """Add --force."""
-    parser.add_argument("--force", action="store_true", help=what)
+    flag(parser, "--force", what)
 
 
 def add_table(parser: argparse.ArgumentParser, units: str | None = None) -> None:
     """Add what every command that prints a table takes: --json, --csv, and --units, with those that are usual there."""
     form = parser.add_mutually_exclusive_group()
     add_json(form)
-    form.add_argument("--csv", action="store_true", help="print the table as CSV")
+    flag(form, "--csv", "print the table as CSV")
     if units is not None:
         _add_units(parser, units, f"units of the table: {'; '.join(CHOICES[unit] for unit in units.split(','))}")
 
 
 def add_tracking(parser: argparse.ArgumentParser, calibration: str = "the robot's own dock, else 'default'") -> None:
     """Add what every command that tracks takes; which `calibration` is used where none is named."""
-    option, _ = adders(parser)
     how = "how to track: with pbd's own method, or with the paper's (default)"
-    option("--method", None, how, choices=("default", "paper"), default="default")
-    option("--calibration", "C", f"name (in ./calibration, or bundled) or file; default: {calibration}")
+    option(parser, "--method", None, how, choices=("default", "paper"), default="default")
+    option(parser, "--calibration", "C", f"name (in ./calibration, or bundled) or file; default: {calibration}")
     add_accept_gap(parser)
 
 
 def add_accept_gap(parser: argparse.ArgumentParser) -> None:
     """Add --accept-gap: every command that tracks takes it."""
-    adders(parser)[1]("--accept-gap", "the hand stood still where data are missing in a rest")
+    flag(parser, "--accept-gap", "the hand stood still where data are missing in a rest")
 
 
 def add_planning(
@@ -131,52 +130,47 @@ def add_planning(
     Where the arm's start is `measured`, nobody may name it or leave it out; nor may that arm touch anything.
     """
     group = parser.add_argument_group("motion")
-    option, flag = adders(group)
-    option("--robot", "R", "name or file; see `pbd robots`", required=robot_required)
-    option("--scale", "S", "multiply the hand's motion (1)", type=positive, default=1.0)
+    option(group, "--robot", "R", "name or file; see `pbd robots`", required=robot_required)
+    option(group, "--scale", "S", "multiply the hand's motion (1)", type=positive, default=1.0)
     fixed = "'fixed' keeps the tool straight down with its heading at the first keyframe (demo)"
-    option("--orientation", None, fixed, choices=("demo", "fixed"), default="demo")
+    option(group, "--orientation", None, fixed, choices=("demo", "fixed"), default="demo")
     way = "between keyframes: straight in joint space, the tool on a straight line, or as the hand went (keyframes)"
-    option("--path", None, way, choices=("keyframes", "line", "demo"), default="keyframes")
+    option(group, "--path", None, way, choices=("keyframes", "line", "demo"), default="keyframes")
     tolerance = "with --path keyframes: moves that stray farther from a straight line are made straight"
-    option("--path-tolerance", "METRES", tolerance, type=positive)
+    option(group, "--path-tolerance", "METRES", tolerance, type=positive)
     pace = "as fast as the limits allow, or at the hand's own pace where they allow it (limits)"
-    option("--time", None, pace, choices=("limits", "demo"), default="limits")
-    option("--speed", "F", "share of the joints' limits, up to 1 (1)", type=within(0.01, 1.0), default=1.0)
+    option(group, "--time", None, pace, choices=("limits", "demo"), default="limits")
+    option(group, "--speed", "F", "share of the joints' limits, up to 1 (1)", type=within(0.01, 1.0), default=1.0)
     margin = "share of those limits that is left for the controller, 0 to 50 (5)"
-    option("--margin", "PERCENT", margin, type=within(0.0, 50.0), default=5.0)
+    option(group, "--margin", "PERCENT", margin, type=within(0.0, 50.0), default=5.0)
     dwell = "longest stay at a keyframe, s (0.5; the hand's own with --time demo; what an edited keyframes.toml says)"
-    option("--dwell", "S", dwell, type=not_negative)
+    option(group, "--dwell", "S", dwell, type=not_negative)
     if measured:
         parser.set_defaults(start=None, no_approach=False, allow_collision=False)
     else:
         start = group.add_mutually_exclusive_group()
-        joints = (
-            "the arm's present joints: a list, an object by name, a /joint_states message, or a file; default: home"
-        )
-        start.add_argument("--from", dest="start", metavar="JSON", help=joints)
-        start.add_argument("--no-approach", action="store_true", help="start at the first keyframe, not at home")
+        joints = "the arm's present joints: a list, an object by name, a /joint_states message, or a file"
+        option(start, "--from", "JSON", f"{joints}; default: home", dest="start")
+        flag(start, "--no-approach", "start at the first keyframe, not at home")
         if units:
             _add_units(group, "m,rad", f"units of --from, but for a message: {_LENGTHS}; {_ANGLES}")
-    flag("--no-retreat", "end at the last keyframe, do not go back home")
-    flag("--no-detour", "refuse a move where nothing but a planner finds a way around what is there")
+    flag(group, "--no-retreat", "end at the last keyframe, do not go back home")
+    flag(group, "--no-detour", "refuse a move where nothing but a planner finds a way around what is there")
     carried = "what the tool carries all the time, and where its centre of mass is in the tool's axes, m (at its point)"
-    option("--payload", ("KG", "X Y Z"), carried, type=finite, nargs="+", default=[0.0])
+    option(group, "--payload", ("KG", "X Y Z"), carried, type=finite, nargs="+", default=[0.0])
     stands = "a thing stands elsewhere: the tool at its first keyframe, m in base, and its turn about the vertical, deg"
-    option("--at", "THING=X,Y,Z[,DEG]", stands, type=thing_place, action="append", default=[])
+    option(group, "--at", "THING=X,Y,Z[,DEG]", stands, type=thing_place, action="append", default=[])
     if not measured:
-        shown = "show a motion that touches something, marked red (never exported)"
-        flag("--allow-collision", shown)
+        flag(group, "--allow-collision", "show a motion that touches something, marked red (never exported)")
 
 
 def add_lines(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     """Add the options of a device that prints numbers, but for --unit."""
     group = parser.add_argument_group("a device that prints numbers (--sensor lines)")
-    option, _ = adders(group)
-    option("--columns", "LIST", "names of the numbers in a line, such as t,ax,ay,az,gx,gy,gz; or a .toml file")
-    option("--separator", "CHAR", "separator between numbers: a character, space or tab (,)", default=",")
-    option("--prefix", "TEXT", "text that each line begins with", default="")
-    option("--wrap", "T", "value at which the device's clock restarts from 0, in its unit", type=float)
+    option(group, "--columns", "LIST", "names of the numbers in a line, such as t,ax,ay,az,gx,gy,gz; or a .toml file")
+    option(group, "--separator", "CHAR", "separator between numbers: a character, space or tab (,)", default=",")
+    option(group, "--prefix", "TEXT", "text that each line begins with", default="")
+    option(group, "--wrap", "T", "value at which the device's clock restarts from 0, in its unit", type=float)
     return group
 
 
@@ -190,8 +184,7 @@ def _add_units(parser: argparse._ActionsContainer, usual: str, help_text: str) -
         except ValueError as reason:
             raise argparse.ArgumentTypeError(str(reason)) from None
 
-    option, _ = adders(parser)
-    option("--units", "U", f"{help_text} ({usual})", type=parsed, default="")
+    option(parser, "--units", "U", f"{help_text} ({usual})", type=parsed, default="")
 
 
 def number(wanted: str, holds: Callable[[float], bool]) -> Callable[[str], float]:

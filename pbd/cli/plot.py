@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> None:
         wanted = "name two or more, or use `pbd keyframes --csv`"
         raise UsageError(f"--csv prints the spread of several demonstrations; {wanted}")
     demo = load_demonstration(args.demos[0] if args.demos else None)
-    folder = _place(args.save, _word(demo))
+    folder = _figures_folder(args.save, _folder_name(demo))
     path, _ = _tracked(args, demo, named_calibration(args))
     with working("preparing the plots"):
         from pbd.plots.demo_values import demo_plot
@@ -44,10 +44,10 @@ def run(args: argparse.Namespace) -> None:
 def _compare(args: argparse.Namespace) -> None:
     loaded = [load_demonstration(name) for name in args.demos]
     titles = _titles(loaded)
-    together = "+".join(dict.fromkeys(map(_word, loaded)))
+    together = "+".join(dict.fromkeys(map(_folder_name, loaded)))
     if len(together) > LONGEST_NAME:
-        together = f"{_word(loaded[0])[:LONGEST_NAME]}+{len(loaded) - 1}"
-    folder = _place(args.save, together)
+        together = f"{_folder_name(loaded[0])[:LONGEST_NAME]}+{len(loaded) - 1}"
+    folder = _figures_folder(args.save, together)
     calibration = named_calibration(args)
     tracked = []
     for title, demo in zip(titles, loaded, strict=True):
@@ -92,17 +92,16 @@ def _tracked(
 
 
 def _titles(demos: list[Demonstration]) -> list[str]:
+    """Their names; one that several have is numbered from the second on."""
     titles: list[str] = []
     for demo in demos:
-        name, number = demo.recording.info.name, 2
-        title = name
-        while title in titles:
-            title, number = f"{name} ({number})", number + 1
-        titles.append(title)
+        name = demo.recording.info.name
+        numbered = (f"{name} ({number})" for number in range(2, len(demos) + 1))
+        titles.append(next(title for title in (name, *numbered) if title not in titles))
     return titles
 
 
-def _word(demo: Demonstration) -> str:
+def _folder_name(demo: Demonstration) -> str:
     """A demonstration's name as that of a folder."""
     if demo.folder is not None:
         return demo.folder.resolve().name
@@ -110,7 +109,7 @@ def _word(demo: Demonstration) -> str:
     return word or "recording"
 
 
-def _place(save: Path | None, name: str) -> Path:
+def _figures_folder(save: Path | None, name: str) -> Path:
     """The folder for the files, tried before anything is drawn."""
     folder = save or Path("plots") / name
     refuse_folder(folder, other="--save")

@@ -156,15 +156,15 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
 def _next(args: argparse.Namespace, folder: Path) -> str:
     """What to do after a recording: of a take the next one, or fusing."""
     if args.take is None:
-        return f"pbd keyframes {_word(folder)}"
+        return f"pbd keyframes {_shell_word(folder)}"
     more, takes = f"pbd record {args.name} --take {args.take + 1}", range(1, args.take + 1)
     if args.take < 2:
         return more
-    words = " ".join(_word(folder.with_name(f"{Path(args.name).name}{take}")) for take in takes)
+    words = " ".join(_shell_word(folder.with_name(f"{Path(args.name).name}{take}")) for take in takes)
     return f"{more}; or pbd fuse {words} -o {shlex.quote(args.name)}"
 
 
-def _word(folder: Path) -> str:
+def _shell_word(folder: Path) -> str:
     """A demonstration as a shell takes it: by its name in ./demos, else by its path."""
     word = folder.name if folder.parent == Path("demos") else str(folder)
     return shlex.quote(f"./{folder}" if word[0] in "-~" else word)

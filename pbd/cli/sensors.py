@@ -1,25 +1,46 @@
-"""pbd sensors."""
+"""pbd sensors: what is plugged in and what is supported; pbd sensors phyphox: the experiment for a phone."""
 
 from __future__ import annotations
 
 import argparse
+import io
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
 
-from pbd.cli.console import print_json
+from pbd.cli.console import print_json, say
 from pbd.cli.recording.device import probed
 from pbd.errors import SensorError
+from pbd.io.atomic import atomic_file, refuse_output
 from pbd.sensors import port as serial_port
+from pbd.sensors.phyphox.experiment import MOST_CODES, NAME, code_parts, experiment
 from pbd.sensors.probe import Found
 from pbd.sensors.protocols import PROTOCOLS
+from pbd.view.terminal import drawing
 from pbd.view.terminal_tables import ports_table, print_csv, print_table, words_table
+
+BORDER = 2
+"""Light modules around a code. Four are the standard's; the app's reader takes two, and a terminal has few lines."""
+
+PIXELS = 6
+"""Pixels of a module in a picture."""
+
+WHITE_ON_BLACK, PLAIN = "\033[97;40m", "\033[0m"
+"""The code is drawn in its light modules; the colours of a terminal may be the other way round."""
+
+SCAN = '1. in phyphox: + (below right), "add experiment from QR code", and scan the code'
+SEND = "1. send {file} to the phone, and open it there with phyphox"
+
+NEXT_STEPS = """\
+2. open the experiment "pbd"; in its menu (three dots) switch "allow remote access" on; it shows an address
+3. pbd record tea --sensor phyphox --port http://ADDRESS"""
 
 
 def run(args: argparse.Namespace) -> None:
     """List, and listen; or prepare a phone."""
     if args.phone:
-        from pbd.cli.recording.phone import prepare
-
-        prepare(args)
-        return None
+        return _prepare_phone(args)
     ports = (serial_port.PortInfo(args.port, "", ""),) if args.port else serial_port.list_ports()
     rows: list[dict[str, str | int | None]] = []
     for port in ports:
@@ -52,3 +73,60 @@ def _note(found: Found) -> str:
     if found.line is not None:
         return f"lines such as {found.line[:40]!r}: record --sensor lines --columns ..."
     return "bytes in no known protocol" if found.bytes_seen else "silent"
+
+
+def _prepare_phone(args: argparse.Namespace) -> None:
+    """Write the experiment or a picture of its code; at a terminal show its codes."""
+    file: Path = args.output or Path(NAME)
+    kind = file.suffix.lower().lstrip(".")
+    if kind not in ("phyphox", "png", "svg"):
+        raise SensorError(f"{file} can't be written as '{kind}'; give a .phyphox, .png or .svg", path=file)
+    refuse_output(file)
+    with atomic_file(file) as there:
+        if kind == "phyphox":
+            there.write_text(experiment(), encoding="utf-8")
+        else:
+            (data,) = code_parts(1)
+            _qr_code(data).save(str(there), kind=kind, scale=PIXELS)
+    if args.json:
+        return print_json({"file": str(file)})
+    shown = sys.stdout.isatty() and kind == "phyphox"
+    if shown:
+        _show_codes()
+    if kind != "phyphox":
+        said = f"{file} is written: show it on a screen or on paper for the phone to scan"
+    elif shown:
+        said = f"{file} is written, for a phone that can't scan: send it there, and open it with phyphox"
+    else:
+        said = f"{file} is written; a terminal shows the code to scan, -o code.png makes a picture of it"
+    print(SCAN if shown or kind != "phyphox" else SEND.format(file=file))
+    print(NEXT_STEPS)
+    return say(said)
+
+
+def _qr_code(data: bytes) -> Any:
+    import segno
+
+    return segno.make_qr(data, mode="byte", error="l", boost_error=False)
+
+
+def _show_codes() -> None:
+    """Show as few codes as fit the terminal, one at a time."""
+    columns, lines = shutil.get_terminal_size()
+    for count in range(1, MOST_CODES + 1):
+        codes = [_qr_code(part) for part in code_parts(count)]
+        width = max(code.symbol_size(border=BORDER)[0] for code in codes)
+        if width <= columns and (width + 1) // 2 + 2 <= lines:
+            break
+    else:
+        raise SensorError(
+            f"a terminal of {columns} x {lines} is too small for a code; make it larger, or give -o pbd.png"
+        )
+    for k, code in enumerate(codes):
+        drawn = io.StringIO()
+        code.terminal(drawn, border=BORDER, compact=True)
+        rows = (f"{WHITE_ON_BLACK}{line}{PLAIN}" for line in drawn.getvalue().splitlines())
+        print("\n".join(rows), file=drawing(sys.stdout))
+        if count > 1:
+            print(f"code {k + 1} of {count}: scan it, then press Enter", flush=True)
+            sys.stdin.readline()

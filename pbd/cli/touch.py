@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
     if args.undo and all(each.undone for each in demo.touch_ups):
         raise RecordingError("there is no touch-up to undo; `pbd touch DEMO KEYFRAME --by X Y Z` makes one")
     if not args.undo:
-        by_base = _asked(args, placed, before)
+        by_base = _wanted_shift(args, placed, before)
         by_nav = quat_rotate(quat_inverse(placed.T_base_nav.wxyz), by_base)
         if not np.abs(by_nav).max() <= LARGEST_NUDGE_M:  # the file could not be read again
             raise RecordingError(
@@ -55,12 +55,12 @@ def run(args: argparse.Namespace) -> None:
     else:
         add_touch_up(file, added)
     after = touched_up(placed, read_touch_ups(file) if args.undo else (*demo.touch_ups, added))
-    _tell(args, placed, before, after)
+    _report(args, placed, before, after)
     back = "" if args.undo else f"; `pbd touch {args.demo} --robot {args.robot} --undo` takes it back"
     say(f"{'undone' if args.undo else 'added'} in {file}, which the arm follows from now on{back}")
 
 
-def _asked(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp) -> Array:
+def _wanted_shift(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp) -> Array:
     """How far the tool is to go, (3,) m in base."""
     count = len(placed.keyframes)
     if not 0 <= args.keyframe < count:
@@ -71,7 +71,7 @@ def _asked(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp)
     return np.asarray(quat_rotate(pose.wxyz, np.array(args.by)) if args.tool else np.array(args.by))
 
 
-def _tell(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp, after: TouchedUp) -> None:
+def _report(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp, after: TouchedUp) -> None:
     p = np.array([pose.p for pose in tool_poses(placed)])
     start, end = p + before.shift, p + after.shift
     old, new = (np.sqrt(np.diagonal(each.cov).reshape(-1, 6)[:, :3].max(axis=1)) for each in (before, after))

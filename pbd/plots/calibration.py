@@ -2,43 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pbd.data import Calibration
+from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
+from pbd.calibration.uncertainty import PARTS, tool_covariances
 from pbd.plots.space import ellipse
 from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, ORANGE, PURPLE, plain, sheet, style
 from pbd.pose import Array, Pose
 
-PARTS = {"start": ("where the hand starts", ORANGE), "mount": ("the mount", PURPLE), "tracking": ("tracking", BLUE)}
+PART_COLOURS = {"start": ORANGE, "mount": PURPLE, "tracking": BLUE}
 
 
-def draw_calibration(
-    calibration: Calibration,
-    demo: str,
-    T_base_nav: Pose,
-    T_base_tool: Sequence[Pose],
-    parts: Mapping[str, Array],
-) -> Figure:
-    """Draw the tool's places from above with their 2 sigma ellipses, and the shares of the variance at each.
-
-    Args:
-        T_base_tool: k poses.
-        parts: covariances (k, 6, 6) in base, m and rad, by the names of PARTS.
-    """
+def draw_calibration(demo: str, placed: KeyframesInBase) -> Figure:
+    """Draw the tool's places from above with their 2 sigma ellipses, and the shares of the variance at each."""
+    p, by_part = np.array([pose.p for pose in tool_poses(placed)]), tool_covariances(placed)
     with style():
-        figure = sheet(f"calibration '{plain(calibration.name, 60)}'", 10.0, 4.8)
+        figure = sheet(f"calibration '{plain(placed.calibration.name, 60)}'", 10.0, 4.8)
         above, shares = figure.subplots(1, 2)
         title = f"the tool in base at the keyframes of {plain(demo, 30)}, with 2 sigma"
         above.set(title=title, xlabel="x in base (m)", ylabel="y in base (m)")
-        _from_above(above, T_base_nav, np.array([pose.p for pose in T_base_tool]), np.sum(list(parts.values()), axis=0))
+        _from_above(above, placed.T_base_nav, p, np.sum(list(by_part.values()), axis=0))
         shares.set(title="what it comes from (share of the variance)", xlabel="keyframe")
         shares.set_ylabel("sigma of the position (mm)")
-        _shares(shares, parts)
+        _shares(shares, by_part)
     return figure
 
 
@@ -59,9 +50,8 @@ def _shares(ax: Axes, parts: Mapping[str, Array]) -> None:
     total = np.sum(list(variance.values()), axis=0)
     sigma_mm, below = 1e3 * np.sqrt(total), np.zeros(len(total))
     for name, of_part in variance.items():
-        label, colour = PARTS[name]
         height = sigma_mm * of_part / np.maximum(total, 1e-18)
-        ax.bar(range(len(total)), height, bottom=below, color=colour, width=0.7, label=label)
+        ax.bar(range(len(total)), height, bottom=below, color=PART_COLOURS[name], width=0.7, label=PARTS[name])
         below = below + height
     ax.legend(loc="upper left")
     ax.set_ylim(0.0, 1.35 * max(float(sigma_mm.max()), 1e-3))

@@ -19,6 +19,7 @@ from pbd.plots.compare import ComparePlot
 from pbd.plots.panels import XYZ
 from pbd.plots.space import YX, YZ, ellipse, number, number_3d, perspective, view
 from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, length_unit, plain, sheet, style
+from pbd.pose import Array
 
 DASHES = ("-", "--", ":", "-.")
 """Line styles: when all colours are used, they are repeated dashed."""
@@ -83,7 +84,7 @@ def positions(plot: ComparePlot) -> Figure:
             ax.plot(run.progress, scale * run.p[:, axis], **_line(k))
             ax.plot(range(len(plot.keyframes)), scale * plot.positions(k)[:, axis], **_dots(k))
         ax.set_ylabel(f"{XYZ[axis]} ({unit})")
-    _keyframe_axis(axes[-1], plot)
+    _keyframe_axis(axes[-1], len(plot.keyframes))
     figure.align_ylabels(axes)
     legend(figure, [], _runs(plot))
     return figure
@@ -91,30 +92,46 @@ def positions(plot: ComparePlot) -> Figure:
 
 def spread(plot: ComparePlot) -> Figure:
     """Spread of the keyframes, and that expected by the trackers' sigmas."""
-    figure = sheet("Spread at each keyframe, between the demonstrations", 10.0, 5.4)
-    upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 2))
-    upper.set_title(_subtitle(plot))
-    k = np.arange(len(plot.keyframes))
     spreads = np.array([keyframe.spread for keyframe in plot.keyframes])
+    turns = np.array([keyframe.turn for keyframe in plot.keyframes])
     sigmas = np.array([keyframe.sigma for keyframe in plot.keyframes]).max(axis=1)
-    scale, unit = length_unit(spreads, sigmas)
-    for axis in range(3):
-        height = scale * np.nan_to_num(spreads[:, axis])
-        upper.bar(k + 0.24 * (axis - 1), height, width=0.22, color=AXES_RGB[axis], label=XYZ[axis])
-    upper.plot(k, scale * sigmas, color=INK, marker="_", markersize=16.0, linestyle="", label="the trackers'\nown σ")
-    upper.set_ylabel(f"standard deviation ({unit})")
-    lower.bar(k, np.nan_to_num(np.degrees([keyframe.turn for keyframe in plot.keyframes])), width=0.4, color=GREY)
-    lower.set_ylabel("of the attitude (°)")
-    for ax in (upper, lower):
-        ax.set_ylim(bottom=0.0)
-    _keyframe_axis(lower, plot)
+    title = "Spread at each keyframe, between the demonstrations"
+    return standard_deviations(title, _subtitle(plot), spreads, turns, sigmas=sigmas)
+
+
+def standard_deviations(
+    title: str, subtitle: str, spreads: Array, turns: Array, log_sigma: Array | None = None, sigmas: Array | None = None
+) -> Figure:
+    """Bars at each keyframe: standard deviations of position (k, 3) m and of attitude (k,) rad.
+
+    Args:
+        log_sigma: (k, 4) one sigma of the logarithm of each, drawn at its end.
+        sigmas: (k,) m, the trackers' own, drawn beside those of position.
+    """
+    figure = sheet(title, 10.0, 5.4)
+    upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 2))
+    upper.set_title(subtitle)
+    k = np.arange(len(spreads))
+    scale, unit = length_unit(spreads, *([] if sigmas is None else [sigmas]))
+    for i, height in enumerate(np.nan_to_num(np.column_stack((scale * spreads, np.degrees(turns)))).T):
+        look: dict[str, Any] = {"color": [*AXES_RGB, GREY][i], "label": [*XYZ, ""][i], "ecolor": INK, "capsize": 2.0}
+        if log_sigma is not None:
+            look["yerr"] = height * np.abs(np.expm1(np.outer((-1.0, 1.0), log_sigma[:, i])))
+        ax, at, width = (lower, k, 0.4) if i == 3 else (upper, k + 0.24 * (i - 1), 0.22)
+        ax.bar(at, height, width, **look)
+    if sigmas is not None:
+        look = {"color": INK, "marker": "_", "markersize": 16.0, "linestyle": ""}
+        upper.plot(k, scale * sigmas, **look, label="the trackers'\nown σ")
+    upper.set(ylabel=f"standard deviation ({unit})", ylim=(0.0, None))
+    lower.set(ylabel="of the attitude (°)", ylim=(0.0, None))
+    _keyframe_axis(lower, len(k))
     figure.align_ylabels([upper, lower])
     legend(figure, [upper])
     return figure
 
 
-def _keyframe_axis(ax: Axes, plot: ComparePlot) -> None:
-    ax.set_xlim(-0.6, len(plot.keyframes) - 0.4)
+def _keyframe_axis(ax: Axes, count: int) -> None:
+    ax.set_xlim(-0.6, count - 0.4)
     ax.xaxis.set_major_locator(MaxNLocator(15, integer=True))
     ax.set_xlabel("keyframe")
 

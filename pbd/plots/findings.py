@@ -69,24 +69,24 @@ def find(
     doubted = [k for k, stop in enumerate(path.stops) if stop.weight < DOUBTED_WEIGHT]
     return (
         *map(Finding, remarks),
-        *_off(path, names, error),
+        *_off_the_truth(path, names, error),
         *_first_rest(path),
-        *_few(
+        *_grouped(
             _trembling(path, names, a_nav),
             "moves end with a trembling hand, so no stop is found there: rest the hand on something",
         ),
-        *_few(
+        *_grouped(
             _doubted(path, names, doubted),
             "keyframes may not be stops, since the hand seems to pass through them: stop for half a second",
         ),
-        *_few(
+        *_grouped(
             _short_stops(path, names, doubted),
             f"keyframes last less than {SHORT_STOP_S:g} s, so the hand may not have stopped there: stop for half a "
             "second",
         ),
         *_unsure_moves(path, names),
-        *_few(
-            _left_over(path, names, doubted),
+        *_grouped(
+            _residual_velocities(path, names, doubted),
             "moves end with more residual velocity than drift explains: hold still at both ends",
         ),
     )
@@ -97,7 +97,7 @@ def stop_names(path: HandPath, keyframes: Sequence[Keyframe]) -> tuple[str, ...]
     t = np.array([keyframe.t for keyframe in keyframes])
     names = []
     for stop in path.stops:
-        begin, end = _during(path, stop)
+        begin, end = _stop_span(path, stop)
         k = int(np.searchsorted(t, begin))
         names.append(str(k) if k < len(t) and t[k] <= end else f"the stop at {begin:.1f} s")
     return tuple(names)
@@ -115,7 +115,7 @@ def length(metres: float) -> str:
     return f"{100.0 * metres:.1f} cm" if metres < 1.0 else f"{metres:.2f} m"
 
 
-def _few(found: Iterator[Weighed], together: str) -> list[Finding]:
+def _grouped(found: Iterator[Weighed], together: str) -> list[Finding]:
     """The worst first; more than a few in one remark."""
     worst = [finding for _, finding in sorted(found, key=lambda each: -each[0])]
     if len(worst) > MOST_REMARKS:
@@ -134,7 +134,7 @@ def _first_rest(path: HandPath) -> Iterator[Finding]:
         yield Finding("the hand stands still all the time: there is nothing to replay")
     elif first.dwell_s < FIRST_REST_S:
         rest = f"the first rest lasts only {first.dwell_s:.2f} s, but all else is measured from it"
-        yield Finding(f"{rest}: hold still for two seconds", (_during(path, first),))
+        yield Finding(f"{rest}: hold still for two seconds", (_stop_span(path, first),))
 
 
 def _doubted(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
@@ -144,7 +144,7 @@ def _doubted(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> It
             f"{at_stop(names[k])} may not be a stop ({100.0 * sure:.0f} % sure): the hand seems to pass through it; "
             "stop for half a second, or move faster"
         )
-        yield -sure, Finding(words, (_during(path, path.stops[k]),))
+        yield -sure, Finding(words, (_stop_span(path, path.stops[k]),))
 
 
 def _short_stops(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
@@ -154,7 +154,7 @@ def _short_stops(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -
                 f"{at_stop(names[k])} lasts only {stop.dwell_s:.2f} s, from {path.t[stop.start]:.1f} s on, so the hand "
                 "may not have stopped: stop for half a second"
             )
-            yield -stop.dwell_s, Finding(words, (_during(path, stop),))
+            yield -stop.dwell_s, Finding(words, (_stop_span(path, stop),))
 
 
 def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[Weighed]:
@@ -177,7 +177,7 @@ def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[W
 
 def _shows(path: HandPath, stop: Stop, span: Span) -> bool:
     """Whether a stop shows the same place as the trembling: a long enough stop right before or after it."""
-    begin, end = _during(path, stop)
+    begin, end = _stop_span(path, stop)
     return stop.dwell_s >= SHORT_STOP_S and begin - SHORT_STOP_S < span[1] and span[0] < end + SHORT_STOP_S
 
 
@@ -201,10 +201,10 @@ def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
 
 def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
     """Find moves that add much uncertainty."""
-    added = _added(path)
+    added = _added_sigma_m(path)
     unsure = sorted(np.flatnonzero(added > UNSURE_MOVE_M).tolist(), key=lambda k: -added[k])
-    moves = [(f"from {names[k]} to {names[k + 1]} ({_lasts(path, k):.1f} s)", length(float(added[k]))) for k in unsure]
-    spans = [_move(path, k) for k in unsure]
+    moves = [(f"from {names[k]} to {names[k + 1]} ({_move_s(path, k):.1f} s)", length(float(added[k]))) for k in unsure]
+    spans = [_move_span(path, k) for k in unsure]
     advice = "stop on the way, or move more calmly"
     if len(moves) > MOST_REMARKS:
         worst, sigma = moves[0]
@@ -219,27 +219,27 @@ def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
     ]
 
 
-def _added(path: HandPath) -> Array:
+def _added_sigma_m(path: HandPath) -> Array:
     """What each move adds to sigma, m, along the worst axis."""
     variance = np.diagonal(path.covariance.of_moves, axis1=1, axis2=2)
     return np.asarray(np.sqrt(variance.max(axis=1, initial=0.0)))
 
 
-def _left_over(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
+def _residual_velocities(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
     """Find moves that end with more velocity than drift explains, unless they have a remark already."""
-    added = _added(path)
+    added = _added_sigma_m(path)
     for k, left_over in enumerate(np.linalg.norm(path.closure, axis=1).tolist()):
-        lasts = _lasts(path, k)
+        lasts = _move_s(path, k)
         remarked = added[k] > UNSURE_MOVE_M or k in doubted or k + 1 in doubted
         if left_over > DRIFT_ACC * lasts and not remarked:
             words = (
                 f"a residual velocity of {length(left_over)}/s at {at_stop(names[k + 1])}, after a move of {lasts:.1f} "
                 f"s, is more than drift: hold still at {names[k]} and {names[k + 1]}, and turn more slowly in between"
             )
-            yield left_over / lasts, Finding(words, (_move(path, k),))
+            yield left_over / lasts, Finding(words, (_move_span(path, k),))
 
 
-def _off(path: HandPath, names: Sequence[str], error: Array | None) -> Iterator[Finding]:
+def _off_the_truth(path: HandPath, names: Sequence[str], error: Array | None) -> Iterator[Finding]:
     """The keyframe that is the most sigmas away from the truth, if that is too many."""
     if error is None:
         return
@@ -250,18 +250,18 @@ def _off(path: HandPath, names: Sequence[str], error: Array | None) -> Iterator[
         k = int(np.argmax(sigmas))
         more = f" ({far} keyframes are more than {OFF_SIGMAS:g} off)" if far > 1 else ""
         words = f"{at_stop(names[k])} is {length(float(off[k]))} from the truth, {sigmas[k]:.0f} sigma{more}"
-        yield Finding(words, (_during(path, path.stops[k]),))
+        yield Finding(words, (_stop_span(path, path.stops[k]),))
 
 
-def _during(path: HandPath, stop: Stop) -> Span:
+def _stop_span(path: HandPath, stop: Stop) -> Span:
     return float(path.t[stop.start]), float(path.t[stop.stop - 1])
 
 
-def _move(path: HandPath, k: int) -> Span:
+def _move_span(path: HandPath, k: int) -> Span:
     """From keyframe k to the one after it."""
     return float(path.t[path.stops[k].stop - 1]), float(path.t[path.stops[k + 1].start])
 
 
-def _lasts(path: HandPath, k: int) -> float:
-    begin, end = _move(path, k)
+def _move_s(path: HandPath, k: int) -> float:
+    begin, end = _move_span(path, k)
     return end - begin

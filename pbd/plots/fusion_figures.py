@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from pbd.data import Fusion, HandPath
 from pbd.data.one_line_repr import counted
-from pbd.plots.compare_figures import LONGEST_NAME, MOST_NAMED
+from pbd.plots.compare_figures import LONGEST_NAME, MOST_NAMED, standard_deviations
 from pbd.plots.panels import XYZ
-from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, plain, sheet, style
+from pbd.plots.style import GREY, RUNS_RGB, legend, plain, sheet, style
 
 
 def draw_fusion(name: str, path: HandPath) -> Figure:
@@ -46,26 +46,8 @@ def match(fusion: Fusion) -> Figure:
 
 def scatter(fusion: Fusion) -> Figure:
     """The hand's scatter at each keyframe, with one sigma of it."""
-    figure = sheet("How the hand scatters from take to take, without the tracker's uncertainty", 10.0, 5.4)
-    upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 2))
-    upper.set_title(_subtitle(fusion))
-    k, bars = np.arange(len(fusion.scatter)), {"width": 0.22, "capsize": 2.0, "ecolor": INK}
-    for axis in range(3):
-        height = 1e3 * fusion.scatter[:, axis]
-        spread = _spread(height, fusion.unsure[:, axis])
-        upper.bar(k + 0.24 * (axis - 1), height, yerr=spread, color=AXES_RGB[axis], label=XYZ[axis], **bars)
-    upper.set_ylabel("standard deviation (mm)")
-    turn = np.degrees(fusion.turn)
-    lower.bar(k, turn, yerr=_spread(turn, fusion.unsure[:, 3]), color=GREY, **bars)
-    lower.set(ylabel="of the attitude (°)", xlabel="keyframe")
-    figure.align_ylabels([upper, lower])
-    legend(figure, [upper])
-    return figure
-
-
-def _spread(values: np.ndarray, log_sigma: np.ndarray) -> np.ndarray:
-    """One sigma of a logarithm on either side, (2, n)."""
-    return np.array((values * (1.0 - np.exp(-log_sigma)), values * (np.exp(log_sigma) - 1.0)))
+    title = "How the hand scatters from take to take, without the tracker's uncertainty"
+    return standard_deviations(title, _subtitle(fusion), fusion.scatter, fusion.turn, fusion.unsure)
 
 
 def _subtitle(fusion: Fusion) -> str:

@@ -59,8 +59,7 @@ class _Window:
         self.channels: list[dict[str, Any]] = []
         self.samplers: list[dict[str, Any]] = []
         self._paths: dict[tuple[str, ...], int] = {(): 0}
-        self._times: dict[bytes, int] = {}
-        self._known: dict[bytes, int] = {}
+        self._known: dict[tuple[object, ...], int] = {}
 
     def send(self, command: Any) -> None:
         """Take one of meshcat's commands; what looks and sounds otherwise is the page's business."""
@@ -115,45 +114,32 @@ class _Window:
             self.nodes[i][name] = values[0].tolist()
             if np.ptp(values, axis=0).max() < STILL:
                 continue
-            sampler = {"input": self._seconds(track.t), "output": self._accessor(values, FLOAT)}
+            seconds = self._accessor(track.t[:, None], FLOAT, bounds=True)
+            sampler = {"input": seconds, "output": self._accessor(values, FLOAT)}
             self.channels.append({"sampler": len(self.samplers), "target": {"node": i, "path": name}})
             self.samplers.append({**sampler, "interpolation": "LINEAR"})
 
-    def _seconds(self, t: Array) -> int:
-        key = t.tobytes()
-        if key not in self._times:
-            self._times[key] = self._accessor(t[:, None], FLOAT, bounds=True)
-        return self._times[key]
-
     def _mesh(self, mesh: Mesh, opacity: float) -> int:
         """The mesh of this form and these colours, which nodes share."""
-        form = mesh.grid, mesh.faces, mesh.rgb, mesh.centre, np.array([mesh.step, opacity, mesh.closed])
-        key = b"".join(each.tobytes() for each in form)
-        if key not in self._known:
-            position = self._accessor(mesh.vertices, FLOAT, ARRAY, bounds=True)
-            attributes = {"POSITION": position, "NORMAL": self._accessor(_normals(mesh), FLOAT, ARRAY)}
-            colours, of = np.unique(mesh.rgb, axis=0, return_inverse=True)
-            few = len(colours) <= FEW_COLOURS
-            if not few:
-                vertices = np.column_stack((linear_light(mesh.rgb), np.full(len(mesh.rgb), 255)))
-                attributes["COLOR_0"] = self._accessor(vertices, UINT8, ARRAY)
-            groups = (
-                [mesh.faces[of.ravel()[mesh.faces[:, 0]] == i] for i in range(len(colours))] if few else [mesh.faces]
-            )
-            primitives = [
-                {
-                    "attributes": attributes,
-                    "indices": self._accessor(
-                        faces.reshape(-1, 1), UINT32 if len(mesh.grid) > 65535 else UINT16, INDEX
-                    ),
-                    "material": self._material(colour if few else None, opacity, mesh.closed),
-                }
-                for faces, colour in zip(groups, colours, strict=False)
-                if len(faces)
-            ]
-            self._known[key] = len(self.meshes)
-            self.meshes.append({"primitives": primitives})
-        return self._known[key]
+        position = self._accessor(mesh.vertices, FLOAT, ARRAY, bounds=True)
+        attributes = {"POSITION": position, "NORMAL": self._accessor(_normals(mesh), FLOAT, ARRAY)}
+        colours, of = np.unique(mesh.rgb, axis=0, return_inverse=True)
+        few = len(colours) <= FEW_COLOURS
+        if not few:
+            vertices = np.column_stack((linear_light(mesh.rgb), np.full(len(mesh.rgb), 255)))
+            attributes["COLOR_0"] = self._accessor(vertices, UINT8, ARRAY)
+        groups = [mesh.faces[of.ravel()[mesh.faces[:, 0]] == i] for i in range(len(colours))] if few else [mesh.faces]
+        index = UINT32 if len(mesh.grid) > 65535 else UINT16
+        primitives = [
+            {
+                "attributes": attributes,
+                "indices": self._accessor(faces.reshape(-1, 1), index, INDEX),
+                "material": self._material(colour if few else None, opacity, mesh.closed),
+            }
+            for faces, colour in zip(groups, colours, strict=False)
+            if len(faces)
+        ]
+        return _position({"primitives": primitives}, self.meshes)
 
     def _material(self, rgb: NDArray[np.uint8] | None, opacity: float, closed: bool) -> int:
         light = [1.0] * 3 if rgb is None else (linear_light(rgb) / 255.0).tolist()
@@ -161,14 +147,16 @@ class _Window:
         material: dict[str, Any] = {"pbrMetallicRoughness": surface, "doubleSided": not closed}
         if opacity < 1.0:
             material["alphaMode"] = "BLEND"
-        if material not in self.materials:
-            self.materials.append(material)
-        return self.materials.index(material)
+        return _position(material, self.materials)
 
     def _accessor(self, values: NDArray[Any], kind: int, target: int | None = None, bounds: bool = False) -> int:
-        """Add numbers (n, k) to the data."""
+        """The numbers (n, k) in the data, added where they are new."""
         dtype = {FLOAT: "<f4", UINT16: "<u2", UINT32: "<u4", UINT8: "u1"}[kind]
         stored = np.ascontiguousarray(values, dtype=dtype)
+        key = (stored.tobytes(), stored.shape, kind, target, bounds)
+        if key in self._known:
+            return self._known[key]
+        self._known[key] = len(self.accessors)
         view = {"buffer": 0, "byteOffset": len(self.data), "byteLength": stored.nbytes}
         self.views.append(view if target is None else view | {"target": target})
         self.data += stored.tobytes() + b"\0" * (-stored.nbytes % 4)
@@ -177,7 +165,14 @@ class _Window:
         if bounds:
             accessor |= {"min": stored.min(axis=0).tolist(), "max": stored.max(axis=0).tolist()}
         self.accessors.append(accessor | ({"normalized": True} if kind == UINT8 else {}))
-        return len(self.accessors) - 1
+        return self._known[key]
+
+
+def _position(item: dict[str, Any], items: list[dict[str, Any]]) -> int:
+    """Where an item is in a list, at whose end it is added if it is new."""
+    if item not in items:
+        items.append(item)
+    return items.index(item)
 
 
 def _normals(mesh: Mesh) -> Array:

@@ -11,7 +11,6 @@ from typing import Any, TextIO
 import numpy as np
 from rich import box
 from rich.cells import cell_len
-from rich.console import RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
@@ -53,31 +52,25 @@ def print_table(table: Table, stream: TextIO | None = None) -> None:
 
 def _fitting(table: Table, width: int) -> list[Table]:
     """Cut a table between columns into parts that fit; each begins with the first column."""
-    cells = [list(column.cells) for column in table.columns]
-
-    def part(columns: list[int]) -> Table:
-        cut = Table(box=table.box, pad_edge=table.pad_edge, show_edge=table.show_edge)
-        for i in columns:
-            column = table.columns[i]
-            cut.add_column(column.header, justify=column.justify, no_wrap=column.no_wrap)
-        for row in zip(*(cells[i] for i in columns), strict=True):
-            cut.add_row(*row)
-        return cut
-
-    needed = [_narrowest(column, texts) for column, texts in zip(table.columns, cells, strict=True)]
-    parts = [[0]]
-    for i in range(1, len(table.columns)):
-        columns = [*parts[-1], i]
-        fits = sum(needed[k] for k in columns) + COLUMN_GAP * (len(columns) - 1) <= width
-        if fits or len(parts[-1]) == 1:
-            parts[-1].append(i)
+    first, *others = table.columns
+    parts = [[first]]
+    for column in others:
+        wider = [*parts[-1], column]
+        if len(wider) == 2 or sum(map(_narrowest, wider)) + COLUMN_GAP * (len(wider) - 1) <= width:
+            parts[-1] = wider
         else:
-            parts.append([0, i])
-    return [part(columns) for columns in parts]
+            parts.append([first, column])
+    return [_table_of(part) for part in parts]
 
 
-def _narrowest(column: Column, cells: Sequence[RenderableType]) -> int:
-    texts = [str(text) for text in (column.header, *cells)]
+def _table_of(columns: Sequence[Column]) -> Table:
+    left = [str(column.header) for column in columns if not column.no_wrap]
+    cells: list[list[Any]] = [list(column.cells) for column in columns]
+    return make_table(*(str(column.header) for column in columns), left=left, rows=zip(*cells, strict=True))
+
+
+def _narrowest(column: Column) -> int:
+    texts = [str(text) for text in (column.header, *column.cells)]
     return max(cell_len(word) for text in texts for word in ([text] if column.no_wrap else [*text.split(), ""]))
 
 

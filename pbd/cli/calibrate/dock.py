@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 from pbd.calibration.dock import dock_at
-from pbd.cli.calibrate.common import instead_of
+from pbd.cli.common import replaced_part
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Robot
 from pbd.errors import CalibrationError, PlanError, UsageError
@@ -26,7 +26,7 @@ LIMIT_TOLERANCE = 1e-6
 def run(args: argparse.Namespace) -> None:
     """Find the pose, make sure that it can be reached, write it."""
     path, calibration = existing_calibration(args.name)
-    instead = instead_of(path, calibration, "dock", args.force)
+    instead = replaced_part(path, calibration, "dock", args.force)
     robot = load_robot(args.robot) if args.robot else None
     T_base_dock, of_pose, source = _pose(args, robot, calibration)
     tool = T_base_dock @ calibration.T_sensor_tool

@@ -9,7 +9,7 @@ import numpy as np
 from pbd.calibration.mount import PivotFit, TurnsFit, fit_pivot, fit_turns
 from pbd.calibration.points import POOR_CHI2
 from pbd.calibration.rests import rms
-from pbd.cli.calibrate.common import sigma_json, tracked
+from pbd.cli.common import sigma_json, track_recording
 from pbd.cli.console import print_json, say
 from pbd.data import Calibration
 from pbd.data.covariance import one_sigma
@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> None:
     if not (args.pivot or args.turns):
         raise UsageError("say what the recording shows: --pivot, --turns x,-x,z, or both")
     path, calibration = existing_calibration(args.name)
-    _, hand = tracked(args, calibration)
+    _, hand = track_recording(args, calibration)
     keyframes = find_keyframes(hand)
     pivot = fit_pivot(keyframes, hand.covariance) if args.pivot else None
     turns = fit_turns(keyframes, args.turns) if args.turns else None

@@ -14,7 +14,7 @@ from pbd.calibration.points import POOR_CHI2, fit_points, refuse_shape
 from pbd.calibration.registration import PointObservations, observe_points
 from pbd.calibration.rests import rms
 from pbd.calibration.sensor import corrected
-from pbd.cli.calibrate.common import instead_of, sigma_json, tracked
+from pbd.cli.common import replaced_part, sigma_json, track_recording
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording
 from pbd.data.covariance import one_sigma
@@ -35,12 +35,12 @@ def run(args: argparse.Namespace) -> None:
     """Track, match, fit, write, and say how far it is to be trusted."""
     points = read_points(args.points, args.unit)
     path, calibration = existing_calibration(args.name)
-    recording, hand = tracked(args, calibration)
+    recording, hand = track_recording(args, calibration)
     if recording.mag is not None:
         with collected_warnings():  # tracking tells them
             recording = replace(recording, mag=condition(recording)[0].mag)  # holes filled; None of a dead one
     part = args.part or ("dock" if recording.mag is None else "nav")
-    instead = instead_of(path, calibration, part, args.force)
+    instead = replaced_part(path, calibration, part, args.force)
     keyframes = find_keyframes(hand)
     with working("fitting"):
         touched = _touched(args, hand, keyframes, points, calibration)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from pbd.calibration.dock import in_base
-from pbd.calibration.tool_poses import tool_poses
-from pbd.calibration.uncertainty import base_sigmas, tool_covariances
+from pbd.calibration.tool_poses import KeyframesInBase
+from pbd.calibration.uncertainty import PARTS, base_sigmas, tool_covariances
 from pbd.cli.common import load_demonstration
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration
@@ -18,45 +18,38 @@ from pbd.errors import CalibrationError, PbdError
 from pbd.files.calibration import load_calibration
 from pbd.io.atomic import atomic_file
 from pbd.pipeline import track
-from pbd.pose import Array, Pose
+from pbd.pose import Pose
 from pbd.tracking.keyframes import keyframes_of
 from pbd.view.calibration_tables import base_table, calibration_table
 from pbd.view.terminal_tables import print_table
 
 
-class Found(NamedTuple):
-    """Of a demonstration: its name, nav in base, the tool's poses there, and their covariances by source."""
-
-    name: str
-    T_base_nav: Pose
-    T_base_tool: tuple[Pose, ...]
-    cov: dict[str, Array]
-
-
-SOURCES = {"start": "where the hand starts", "mount": "the mount", "tracking": "tracking"}
-
-
 def run(args: argparse.Namespace) -> None:
     """Print, and plot."""
     calibration = load_calibration(args.name)
-    found = _contributions(args, calibration)
+    name, placed = _placed(args, calibration) or ("", None)
     if args.save is not None:
-        _save(args.save, calibration, found)
+        _save(args.save, calibration, name, placed)
+    by_part = {} if placed is None else tool_covariances(placed)
+    sigmas = base_sigmas(by_part) if by_part else []
     if args.json:
-        return print_json(_json(calibration, found))
+        return print_json(_json(calibration, sigmas))
     print_table(calibration_table(calibration))
-    if found is not None:
-        print(f"\nthe tool's uncertainty at the keyframes of {found.name}, one sigma, in base (right: by source, rms)")
-        print_table(base_table(base_sigmas(found.cov)))
-        share = {part: float(np.trace(cov[:, :3, :3], axis1=1, axis2=2).mean()) for part, cov in found.cov.items()}
+    if by_part:
+        print(f"\nthe tool's uncertainty at the keyframes of {name}, one sigma, in base (right: by source, rms)")
+        print_table(base_table(sigmas))
+        share = {part: float(np.trace(cov[:, :3, :3], axis1=1, axis2=2).mean()) for part, cov in by_part.items()}
         most = max(share, key=lambda part: share[part])
         percent = 100.0 * share[most] / sum(share.values())
-        say(f"most of the tool's uncertainty ({percent:.0f} % of its variance) comes from {SOURCES[most]}")
+        say(f"most of the tool's uncertainty ({percent:.0f} % of its variance) comes from {PARTS[most]}")
     return None
 
 
-def _contributions(args: argparse.Namespace, calibration: Calibration) -> Found | None:
-    """None where it is not known where the hand starts, or nobody named a demonstration and the newest is of no use."""
+def _placed(args: argparse.Namespace, calibration: Calibration) -> tuple[str, KeyframesInBase] | None:
+    """A demonstration's name, and its keyframes in base.
+
+    None where it is not known where the hand starts, or nobody named a demonstration and the newest is of no use.
+    """
     if not calibration.knows_start:
         if args.demo is not None:
             say(
@@ -68,7 +61,7 @@ def _contributions(args: argparse.Namespace, calibration: Calibration) -> Found 
         demo = load_demonstration(args.demo)
         with working("tracking"):
             keyframes = keyframes_of(track(demo, calibration=calibration, accept_gap=args.accept_gap))
-        placed = in_base(keyframes, calibration)
+        return demo.recording.info.name, in_base(keyframes, calibration)
     except PbdError as reason:
         if args.demo is not None:
             raise
@@ -77,14 +70,12 @@ def _contributions(args: argparse.Namespace, calibration: Calibration) -> Found 
             f"pbd calibrate show {args.name} DEMO"
         )
         return None
-    return Found(demo.recording.info.name, placed.T_base_nav, tool_poses(placed), tool_covariances(placed))
 
 
-def _json(calibration: Calibration, found: Found | None) -> dict[str, Any]:
+def _json(calibration: Calibration, sigmas: list[dict[str, Any]]) -> dict[str, Any]:
     def pose(value: Pose | None) -> dict[str, Any] | None:
         return None if value is None else {"position_m": value.p, "wxyz": value.wxyz}
 
-    rows = () if found is None else base_sigmas(found.cov)
     return {
         "calibration": calibration.name,
         "dock": pose(calibration.T_base_dock),
@@ -93,15 +84,15 @@ def _json(calibration: Calibration, found: Found | None) -> dict[str, Any]:
         "scale": calibration.scale,
         "sensor": None if calibration.sensor is None else calibration.sensor.sensor,
         "fit": calibration.residuals,
-        "keyframes": [{"index": k} | row for k, row in enumerate(rows)],
+        "keyframes": [{"index": k} | row for k, row in enumerate(sigmas)],
     }
 
 
-def _save(file: Path, calibration: Calibration, found: Found | None) -> None:
+def _save(file: Path, calibration: Calibration, demo: str, placed: KeyframesInBase | None) -> None:
     kind = file.suffix.removeprefix(".")
     if kind not in ("png", "svg", "pdf"):
         raise CalibrationError(f"{file} must end in .png, .svg or .pdf; rename it", path=file)
-    if found is None:
+    if placed is None:
         raise CalibrationError(
             f"a plot shows the tool at a demonstration's keyframes; name one after '{calibration.name}'"
             if calibration.knows_start
@@ -111,7 +102,7 @@ def _save(file: Path, calibration: Calibration, found: Found | None) -> None:
         from pbd.plots.calibration import draw_calibration
         from pbd.plots.style import write
 
-        figure = draw_calibration(calibration, *found)
+        figure = draw_calibration(demo, placed)
         with atomic_file(file) as unfinished, unfinished.open("wb") as stream:
             write(figure, stream, kind)
     say(f"a plot: {file}")

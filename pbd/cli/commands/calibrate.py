@@ -7,7 +7,7 @@ from argparse import ArgumentParser
 from collections.abc import Callable
 from pathlib import Path
 
-from pbd.cli.options import add_accept_gap, add_commands, add_force, add_json, adders, finite, positive, within
+from pbd.cli.options import add_accept_gap, add_commands, add_force, add_json, finite, flag, option, positive, within
 
 REPLACE = "replace a [dock] by a [nav], or a [nav] by a [dock]"
 
@@ -26,11 +26,10 @@ def calibrate(parser: ArgumentParser) -> None:
 
 
 def _add_name(parser: ArgumentParser, demo: str = "") -> None:
-    option, _ = adders(parser)
-    option("name", "CALIBRATION", "name (./calibration/CALIBRATION.toml), or its file's path")
+    option(parser, "name", "CALIBRATION", "name (./calibration/CALIBRATION.toml), or its file's path")
     add_json(parser)
     if demo:
-        parser.add_argument("demo", metavar="DEMO", help=demo)
+        option(parser, "demo", "DEMO", demo)
 
 
 def dock(parser: ArgumentParser) -> None:
@@ -44,17 +43,19 @@ def dock(parser: ArgumentParser) -> None:
       pbd calibrate dock shelf --from-keyframe tea 7 --calibration bench
     """
     _add_name(parser)
-    where, _ = adders(parser.add_mutually_exclusive_group(required=True))
-    option, _ = adders(parser)
-    where("--position", ("X", "Y", "Z"), "position of the SENSOR in base, m", nargs=3, type=finite)
-    where("--joints", "Q", "the arm's joints there, degrees (sliding joints: m); needs --robot", nargs="+", type=finite)
-    where("--from-keyframe", ("DEMO", "K"), "where demonstration DEMO stopped at its keyframe K", nargs=2)
+    where = parser.add_mutually_exclusive_group(required=True)
+    option(where, "--position", ("X", "Y", "Z"), "position of the SENSOR in base, m", nargs=3, type=finite)
+    joints = "the arm's joints there, degrees (sliding joints: m); needs --robot"
+    option(where, "--joints", "Q", joints, nargs="+", type=finite)
+    option(where, "--from-keyframe", ("DEMO", "K"), "where demonstration DEMO stopped at its keyframe K", nargs=2)
     rpy = "with --position: roll, pitch, yaw, degrees (as in NAME's dock, else 0 0 0)"
-    option("--rpy", ("R", "P", "Y"), rpy, nargs=3, type=finite)
-    option("--calibration", "C", "calibration to track --from-keyframe with (NAME itself)")
-    option("--robot", "R", "robot of --joints; checks that it reaches the dock")
-    option("--sigma-mm", "MM", "one sigma of the position, each axis, mm (3)", type=positive, default=3.0)
-    option("--sigma-deg", "DEG", "one sigma of the rotation, each axis, degrees (1)", type=positive, default=1.0)
+    option(parser, "--rpy", ("R", "P", "Y"), rpy, nargs=3, type=finite)
+    option(parser, "--calibration", "C", "calibration to track --from-keyframe with (NAME itself)")
+    option(parser, "--robot", "R", "robot of --joints; checks that it reaches the dock")
+    option(parser, "--sigma-mm", "MM", "one sigma of the position, each axis, mm (3)", type=positive, default=3.0)
+    option(
+        parser, "--sigma-deg", "DEG", "one sigma of the rotation, each axis, degrees (1)", type=positive, default=1.0
+    )
     add_force(parser, REPLACE)
     add_accept_gap(parser)
 
@@ -69,25 +70,19 @@ def points(parser: ArgumentParser) -> None:
       pbd calibrate points bench touches --points corners.csv --any-order
     """
     _add_name(parser, "the demonstration whose stops touched the points")
-    option, flag = adders(parser)
-    option("--points", "FILE", "the points, in the robot's base", type=Path, required=True)
-    option("--unit", None, "unit of columns named x, y, z", choices=("m", "cm", "mm"))
-    order = parser.add_mutually_exclusive_group().add_argument
-    order("--any-order", action="store_true", help="the points were touched in an unknown order: find it")
-    order("--stops", type=_stops, metavar="K,K,...", help="the stop that touched each point, in the points' order")
-    flag("--free", "also find the tilt, where the base's z is not vertical")
-    flag("--find-scale", "also find the scale of the hand's path")
-    option("--touch-mm", "MM", "one sigma between tip and point, each axis, mm (1)", type=positive, default=1.0)
-    option(
-        "--as",
-        None,
-        "nav: later demonstrations start at the same point with any heading (needs a magnetometer, and is the "
-        "default with one); dock: they start with the sensor in the same pose",
-        dest="part",
-        choices=("nav", "dock"),
-    )
+    option(parser, "--points", "FILE", "the points, in the robot's base", type=Path, required=True)
+    option(parser, "--unit", None, "unit of columns named x, y, z", choices=("m", "cm", "mm"))
+    order = parser.add_mutually_exclusive_group()
+    flag(order, "--any-order", "the points were touched in an unknown order: find it")
+    option(order, "--stops", "K,K,...", "the stop that touched each point, in the points' order", type=_stops)
+    flag(parser, "--free", "also find the tilt, where the base's z is not vertical")
+    flag(parser, "--find-scale", "also find the scale of the hand's path")
+    option(parser, "--touch-mm", "MM", "one sigma between tip and point, each axis, mm (1)", type=positive, default=1.0)
+    nav = "nav: later demonstrations start at the same point with any heading (needs a magnetometer, and is the default"
+    both = f"{nav} with one); dock: they start with the sensor in the same pose"
+    option(parser, "--as", None, both, dest="part", choices=("nav", "dock"))
     again = "check how well the heading repeats, in demonstrations that began with the sensor put down the same way"
-    option("--again", "DEMO", again, nargs="+", default=())
+    option(parser, "--again", "DEMO", again, nargs="+", default=())
     add_force(parser, REPLACE)
     add_accept_gap(parser)
 
@@ -104,10 +99,9 @@ def mount(parser: ArgumentParser) -> None:
       pbd calibrate mount bench turns --turns x,-x,z,-z
     """
     _add_name(parser, "the recording")
-    option, flag = adders(parser)
-    flag("--pivot", "the tip stayed on one point at every stop")
+    flag(parser, "--pivot", "the tip stayed on one point at every stop")
     turns = "the tool axis of each turn of 20 degrees or more: x, -x, y ..."
-    option("--turns", "A,A", turns, type=_some_of("x", "y", "z", "-x", "-y", "-z"))
+    option(parser, "--turns", "A,A", turns, type=_some_of("x", "y", "z", "-x", "-y", "-z"))
     add_accept_gap(parser)
 
 
@@ -121,13 +115,12 @@ def sensor(parser: ArgumentParser) -> None:
       pbd calibrate sensor bench sides --latitude 48
     """
     _add_name(parser, "the recording")
-    option, _ = adders(parser)
     only = "calibrate only these (gyr, acc, mag), and fail if one can't be"
-    option("--only", "K,K", only, type=_some_of("gyr", "acc", "mag"), default=())
-    gravity = parser.add_mutually_exclusive_group().add_argument
-    gravity("--gravity", type=within(9.7, 9.9, " m/s2"), metavar="G", help="gravity at this place, m/s2 (9.80665)")
-    gravity("--latitude", type=within(-90.0, 90.0), metavar="DEG", help="latitude to compute gravity from")
-    option("--temperature", "C", "room temperature, degrees C, noted in the file", type=finite)
+    option(parser, "--only", "K,K", only, type=_some_of("gyr", "acc", "mag"), default=())
+    place = parser.add_mutually_exclusive_group()
+    option(place, "--gravity", "G", "gravity at this place, m/s2 (9.80665)", type=within(9.7, 9.9, " m/s2"))
+    option(place, "--latitude", "DEG", "latitude to compute gravity from", type=within(-90.0, 90.0))
+    option(parser, "--temperature", "C", "room temperature, degrees C, noted in the file", type=finite)
 
 
 def show(parser: ArgumentParser) -> None:
@@ -138,10 +131,9 @@ def show(parser: ArgumentParser) -> None:
 
       pbd calibrate show bench tea --save bench.png
     """
-    option, _ = adders(parser)
-    option("name", "CALIBRATION", "name of the calibration, or its file's path")
-    option("demo", "DEMO", "default: the newest in ./demos, else 'pouring'", nargs="?")
-    option("--save", "FILE", "also draw it into this file (.png, .svg or .pdf)", type=Path)
+    option(parser, "name", "CALIBRATION", "name of the calibration, or its file's path")
+    option(parser, "demo", "DEMO", "default: the newest in ./demos, else 'pouring'", nargs="?")
+    option(parser, "--save", "FILE", "also draw it into this file (.png, .svg or .pdf)", type=Path)
     add_accept_gap(parser)
     add_json(parser)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from pbd.cli.options import add_force, add_json, add_lines, add_table, adders, pair, positive, whole
+from pbd.cli.options import add_force, add_json, add_lines, add_table, flag, option, pair, positive, whole
 
 
 def record(parser: ArgumentParser) -> None:
@@ -23,34 +23,31 @@ def record(parser: ArgumentParser) -> None:
       pbd record tea --live                      and see the hand, its path and its stops in the browser
       pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s
     """
-    option, flag = adders(parser)
-    option("name", "NAME", "name in ./demos; default: the date and the time", nargs="?")
-    option("--sensor", "SENSOR", "protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it")
-    port = (
-        "the serial port, a phone's http:// address, or a gamepad's /dev/input/eventN; default: the only one plugged in"
-    )
-    option("--port", "P", port)
-    option("--baud", "B", "default: try the sensor's usual rates", type=int)
-    option("--rate", "HZ", "first set the device's rate, where it can be set", type=positive)
-    option("--duration", "S", "end after this many seconds", type=positive)
-    option("--tolerance", "CM", "uncertainty of a move that calls 'pause now' (1)", type=positive, default=1.0)
+    option(parser, "name", "NAME", "name in ./demos; default: the date and the time", nargs="?")
+    option(parser, "--sensor", "SENSOR", "protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it")
+    port = "the serial port, a phone's http:// address, or a gamepad's /dev/input/eventN"
+    option(parser, "--port", "P", f"{port}; default: the only one plugged in")
+    option(parser, "--baud", "B", "default: try the sensor's usual rates", type=int)
+    option(parser, "--rate", "HZ", "first set the device's rate, where it can be set", type=positive)
+    option(parser, "--duration", "S", "end after this many seconds", type=positive)
+    option(parser, "--tolerance", "CM", "uncertainty of a move that calls 'pause now' (1)", type=positive, default=1.0)
     taps = "what marks the grip: space alone, or two quick taps on the sensor's back too"
-    option("--grip", None, taps, choices=("space", "tap"), default="space")
-    flag("--closed", "the hand will end where it began; tracking uses that")
+    option(parser, "--grip", None, taps, choices=("space", "tap"), default="space")
+    flag(parser, "--closed", "the hand will end where it began; tracking uses that")
     take = "of several takes of one task (`pbd fuse`), the one to record: to ./demos/NAMEN, and how to hold the sensor"
-    option("--take", "N", take, type=whole("a whole number from 1 to 99", range(1, 100)))
-    flag("--raw", "also keep the sensor's raw bytes (raw.bin)")
-    flag("--reconnect", "wait for a sensor that was unplugged")
-    option("--calibration", "C", "of this sensor: used to track, and compared with the sensor at rest")
+    option(parser, "--take", "N", take, type=whole("a whole number from 1 to 99", range(1, 100)))
+    flag(parser, "--raw", "also keep the sensor's raw bytes (raw.bin)")
+    flag(parser, "--reconnect", "wait for a sensor that was unplugged")
+    option(parser, "--calibration", "C", "of this sensor: used to track, and compared with the sensor at rest")
     add_force(
         parser,
         "replace a demonstration of that name: the old one is in NAME.before until the new one has ended well, "
         "with two stops or more",
     )
-    flag("--live", "show the hand in the browser, served on this machine only")
-    flag("--no-open", "with --live: open no browser; print the address")
+    flag(parser, "--live", "show the hand in the browser, served on this machine only")
+    flag(parser, "--no-open", "with --live: open no browser; print the address")
     unit = "unit of acc, gyr, mag, angle or t, such as acc=g"
-    adders(add_lines(parser))[0]("--unit", "Q=U", unit, type=pair, action="append", default=[])
+    option(add_lines(parser), "--unit", "Q=U", unit, type=pair, action="append", default=[])
     add_json(parser)
 
 
@@ -62,13 +59,14 @@ def simulate(parser: ArgumentParser) -> None:
       pbd simulate pour tea --sensor-model wt901 --seed 3
       pbd simulate touch trial-touch   to try `pbd calibrate points` with
     """
-    option, _ = adders(parser)
     task = "pour, pick-and-place-stops or pick-and-place-direct; to calibrate from: touch, pivot or sides"
-    option("task", "TASK", task)
-    option("name", "NAME", "the new demonstration's name (in ./demos) or folder")
-    option("--sensor-model", "M", "os5000, os5000-nogyro, wt901, modern, phone or ideal (modern)", default="modern")
-    option("--seed", "N", "random seed of the sensor's errors and noise (0)", type=int, default=0)
-    option("--rate", "HZ", "sample rate (the sensor model's own)", type=positive)
+    option(parser, "task", "TASK", task)
+    option(parser, "name", "NAME", "the new demonstration's name (in ./demos) or folder")
+    option(
+        parser, "--sensor-model", "M", "os5000, os5000-nogyro, wt901, modern, phone or ideal (modern)", default="modern"
+    )
+    option(parser, "--seed", "N", "random seed of the sensor's errors and noise (0)", type=int, default=0)
+    option(parser, "--rate", "HZ", "sample rate (the sensor model's own)", type=positive)
     add_force(parser)
     add_json(parser)
 
@@ -86,20 +84,17 @@ def import_(parser: ArgumentParser) -> None:
       pbd import log.txt tea2                    as WitMotion's program wrote it
       pbd import demos/tea/raw.bin again --sensor witmotion
     """
-    option, flag = adders(parser)
-    option("file", "FILE", "the recording", type=Path)
-    option("name", "NAME", "the new demonstration's name (in ./demos) or folder")
-    column = (
-        "t, gx, gy, gz, ax, ay, az, mx, my, mz, heading, pitch or roll, and the file's name for it; -NAME turns its"
-    )
-    option("--column", "OURS=THEIRS", f"{column} sign", type=pair, action="append", default=[])
+    option(parser, "file", "FILE", "the recording", type=Path)
+    option(parser, "name", "NAME", "the new demonstration's name (in ./demos) or folder")
+    column = "t, gx, gy, gz, ax, ay, az, mx, my, mz, heading, pitch or roll, and the file's name for it"
+    option(parser, "--column", "OURS=THEIRS", f"{column}; -NAME turns its sign", type=pair, action="append", default=[])
     unit = "of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT turns the signs"
-    option("--unit", "WHAT=UNIT", unit, type=pair, action="append", default=[])
-    option("--sensor", "SENSOR", "the sensor that recorded it; needed for a raw.bin")
-    option("--rate", "HZ", "sample rate of a raw.bin, or of a table without times", type=positive)
-    option("--grip", None, "find the grips that two quick taps on the sensor's back marked", choices=("tap",))
-    option("--topic", "TOPIC", "of a bag: its sensor_msgs/Imu; default: the only one")
-    flag("--closed", "the hand ended where it began")
+    option(parser, "--unit", "WHAT=UNIT", unit, type=pair, action="append", default=[])
+    option(parser, "--sensor", "SENSOR", "the sensor that recorded it; needed for a raw.bin")
+    option(parser, "--rate", "HZ", "sample rate of a raw.bin, or of a table without times", type=positive)
+    option(parser, "--grip", None, "find the grips that two quick taps on the sensor's back marked", choices=("tap",))
+    option(parser, "--topic", "TOPIC", "of a bag: its sensor_msgs/Imu; default: the only one")
+    flag(parser, "--closed", "the hand ended where it began")
     add_force(parser)
     add_lines(parser)
     add_json(parser)
@@ -115,10 +110,9 @@ def sensors(parser: ArgumentParser) -> None:
       pbd sensors --probe
       pbd sensors phyphox
     """
-    option, flag = adders(parser)
-    option("phone", None, "prepare a phone with this app", nargs="?", choices=("phyphox",))
+    option(parser, "phone", None, "prepare a phone with this app", nargs="?", choices=("phyphox",))
     output = "with phyphox: the experiment's file (pbd.phyphox), or a picture of its code (.png, .svg)"
-    option("-o --output", "FILE", output, type=Path)
-    flag("--probe", "listen to each port and detect its sensor")
-    option("--port", "P", "this port only")
+    option(parser, "-o --output", "FILE", output, type=Path)
+    flag(parser, "--probe", "listen to each port and detect its sensor")
+    option(parser, "--port", "P", "this port only")
     add_table(parser)

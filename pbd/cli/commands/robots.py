@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from pbd.cli.options import add_demo, add_json, add_planning, add_table, add_tracking, adders, positive, within
+from pbd.cli.options import add_demo, add_json, add_planning, add_table, add_tracking, flag, option, positive, within
 from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ, SUFFIXES
 
 
@@ -19,9 +19,8 @@ def replay(parser: ArgumentParser) -> None:
     """
     add_demo(parser)
     add_json(parser)
-    option, flag = adders(parser)
-    option("--html", "FILE", "write the page to FILE instead of serving it", type=Path)
-    flag("--no-open", "do not open a browser; print the address")
+    option(parser, "--html", "FILE", "write the page to FILE instead of serving it", type=Path)
+    flag(parser, "--no-open", "do not open a browser; print the address")
     add_tracking(parser)
     add_planning(parser)
 
@@ -35,21 +34,18 @@ def export(parser: ArgumentParser) -> None:
       pbd export pouring --robot panda --format csv -o - | head -3
       pbd export tea1 tea2 --robot so101 --format lerobot --task 'pour the tea' -o tea
     """
-    option, flag = adders(parser)
     demos = "names (in ./demos, or bundled), folders, or recordings; default: the newest in ./demos, else 'pouring'; "
-    option("demos", "DEMO", f"{demos}lerobot alone takes several", nargs="*")
+    option(parser, "demos", "DEMO", f"{demos}lerobot alone takes several", nargs="*")
     add_json(parser)
     form = f"{', '.join(FORMATS)}; default: from FILE's ending ({', '.join(SUFFIXES)})"
-    option("--format", None, form, choices=tuple(FORMATS))
+    option(parser, "--format", None, form, choices=tuple(FORMATS))
     output = "the file to write (lerobot: the folder); - is standard output"
-    option("-o --output", "FILE", output, required=True, type=Path)
+    option(parser, "-o --output", "FILE", output, required=True, type=Path)
     rate = "samples a second, from 10 to 100000 (1000; tum: 100; glb: 50; ros2-json: none but the motion's own knots)"
-    option("--rate", "HZ", rate, type=within(LOWEST_HZ, HIGHEST_HZ, " Hz"))
-    dense = (
-        "urscript: servoj at the controller's period (--rate 125, or 500 for e-Series), not a movej for each keyframe"
-    )
-    flag("--dense", dense)
-    option("--task", "WORDS", "lerobot: what the arm does, in words; default: DEMO's name", default="")
+    option(parser, "--rate", "HZ", rate, type=within(LOWEST_HZ, HIGHEST_HZ, " Hz"))
+    dense = "urscript: servoj at the controller's period (--rate 125, or 500 for e-Series)"
+    flag(parser, "--dense", f"{dense}, not a movej for each keyframe")
+    option(parser, "--task", "WORDS", "lerobot: what the arm does, in words; default: DEMO's name", default="")
     add_tracking(parser)
     add_planning(parser)
 
@@ -67,18 +63,17 @@ def run(parser: ArgumentParser) -> None:
     """
     add_demo(parser)
     add_json(parser)
-    option, flag = adders(parser)
-    option("--port", "P", "the arm's serial port; default: the only one with something plugged in")
+    option(parser, "--port", "P", "the arm's serial port; default: the only one with something plugged in")
     servos = "the servos' calibration, LeRobot's JSON; default: ./calibration/R-servos.json, else LeRobot's own"
-    option("--servos", "FILE", servos, type=Path)
-    flag("--yes", "do not ask before the arm moves or sinks")
-    option("--tolerance", "DEG", "a joint farther off its goal stops the arm (10)", type=positive, default=10.0)
+    option(parser, "--servos", "FILE", servos, type=Path)
+    flag(parser, "--yes", "do not ask before the arm moves or sinks")
+    option(parser, "--tolerance", "DEG", "a joint farther off its goal stops the arm (10)", type=positive, default=10.0)
     pace = within(40.0, 100.0, " Hz")  # slower, and a stop would take longer than 50 ms; no servo answers faster
-    option("--rate", "HZ", "goals a second, from 40 to 100 (50)", type=pace, default=50.0)
+    option(parser, "--rate", "HZ", "goals a second, from 40 to 100 (50)", type=pace, default=50.0)
     instead = parser.add_mutually_exclusive_group()
-    instead.add_argument("--dry-run", action="store_true", help="do all but move: read the servos, give them no goals")
-    instead.add_argument("--calibrate", action="store_true", help="find the servos' middles and ends; write --servos")
-    instead.add_argument("--release", action="store_true", help="switch the servos' torque off: hold the arm, it sinks")
+    flag(instead, "--dry-run", "do all but move: read the servos, give them no goals")
+    flag(instead, "--calibrate", "find the servos' middles and ends; write --servos")
+    flag(instead, "--release", "switch the servos' torque off: hold the arm, it sinks")
     add_tracking(parser)
     add_planning(parser, measured=True)
 
@@ -94,10 +89,9 @@ def robots(parser: ArgumentParser) -> None:
       pbd robots --for pouring
       pbd robots --suggest robots/mine.toml
     """
-    option, _ = adders(parser)
-    option("robot", "R", "a robot's name or file; default: all", nargs="?")
+    option(parser, "robot", "R", "a robot's name or file; default: all", nargs="?")
     able = "which robots can replay this demonstration on their own docks, fastest first; what stops the others"
-    option("--for", "DEMO", able, dest="demo")
+    option(parser, "--for", "DEMO", able, dest="demo")
     missing = "find a home and a dock for a robot's TOML that lacks them, with which it replays --for (pouring)"
-    option("--suggest", "FILE", missing, type=Path)
+    option(parser, "--suggest", "FILE", missing, type=Path)
     add_table(parser, units="m")

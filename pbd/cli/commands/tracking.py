@@ -13,9 +13,10 @@ from pbd.cli.options import (
     add_planning,
     add_table,
     add_tracking,
-    adders,
     finite,
+    flag,
     frame,
+    option,
     whole,
 )
 
@@ -47,15 +48,13 @@ def keyframes(parser: ArgumentParser) -> None:
     """
     add_demo(parser)
     add_table(parser, units="m,deg,s")
-    option, flag = adders(parser)
-    flag("--save", "write keyframes.toml into the demonstration, for you to edit")
+    flag(parser, "--save", "write keyframes.toml into the demonstration, for you to edit")
     add_force(parser, "with --save: find the keyframes again, and replace the file")
-    belongs = (
-        "these keyframes belong to a thing, which `pbd replay --at` moves: cup=3..5, or lid=6..7@cup: carried by it"
-    )
-    option("--frame", "THING=I..J", belongs, type=frame, action="append", default=[])
+    belong = "these keyframes belong to a thing, which `pbd replay --at` moves"
+    carried = f"{belong}: cup=3..5, or lid=6..7@cup: carried by it"
+    option(parser, "--frame", "THING=I..J", carried, type=frame, action="append", default=[])
     within = "how likely the tool is so near to where it belongs, and turned by no more (the keyframes' own tolerances)"
-    option("--tolerance", ("METRES", "DEGREES"), within, type=finite, nargs="+")
+    option(parser, "--tolerance", ("METRES", "DEGREES"), within, type=finite, nargs="+")
     add_tracking(parser, calibration="with --robot its own dock, else 'default'; without, none")
     add_planning(parser, robot_required=False, units=False)
 
@@ -69,18 +68,17 @@ def touch(parser: ArgumentParser) -> None:
       pbd touch tea 3 --robot panda --by 0 -0.004 0
       pbd touch tea --robot panda --undo
     """
-    option, flag = adders(parser)
-    option("demo", "DEMO", "a demonstration's name (in ./demos), or its folder")
+    option(parser, "demo", "DEMO", "a demonstration's name (in ./demos), or its folder")
     count = whole("a whole number", range(sys.maxsize))
-    option("keyframe", "KEYFRAME", "its number, as `pbd keyframes` has it", nargs="?", type=count)
-    option("--robot", "R", "the arm that was tried", required=True)
-    option("--by", ("X", "Y", "Z"), "how far the tool is to go, m, in base axes", type=finite, nargs=3)
-    flag("--tool", "with --by: in the tool's own axes")
-    option("--at", ("X", "Y", "Z"), "where the tool belongs in base, m", type=finite, nargs=3)
-    flag("--only", "the other keyframes stay where they are")
-    flag("--undo", "take the last touch-up back; it stays in the file as undone")
+    option(parser, "keyframe", "KEYFRAME", "its number, as `pbd keyframes` has it", nargs="?", type=count)
+    option(parser, "--robot", "R", "the arm that was tried", required=True)
+    option(parser, "--by", ("X", "Y", "Z"), "how far the tool is to go, m, in base axes", type=finite, nargs=3)
+    flag(parser, "--tool", "with --by: in the tool's own axes")
+    option(parser, "--at", ("X", "Y", "Z"), "where the tool belongs in base, m", type=finite, nargs=3)
+    flag(parser, "--only", "the other keyframes stay where they are")
+    flag(parser, "--undo", "take the last touch-up back; it stays in the file as undone")
     wanted = "name (in ./calibration, or bundled) or file; default: the robot's own dock, else 'default'"
-    option("--calibration", "C", wanted)
+    option(parser, "--calibration", "C", wanted)
     add_accept_gap(parser)
     add_table(parser, units="m")
     parser.set_defaults(time="limits", dwell=None, force=False)
@@ -97,16 +95,10 @@ def plot(parser: ArgumentParser) -> None:
       pbd plot pouring --save figures --format svg
       pbd plot paper-test1 paper-test2 --csv > spread.csv
     """
-    option, _ = adders(parser)
-    option(
-        "demos",
-        "DEMO",
-        "names (in ./demos, or bundled), folders, or recordings (.csv, .npz); two or more are compared; "
-        "default: the newest in ./demos, else 'pouring'",
-        nargs="*",
-    )
-    option("--save", "DIR", "folder for the files (./plots/NAME)", type=Path)
-    option("--format", None, "format of the files (png)", choices=FIGURE_FORMATS, default="png")
+    several = "names (in ./demos, or bundled), folders, or recordings (.csv, .npz); two or more are compared"
+    option(parser, "demos", "DEMO", f"{several}; default: the newest in ./demos, else 'pouring'", nargs="*")
+    option(parser, "--save", "DIR", "folder for the files (./plots/NAME)", type=Path)
+    option(parser, "--format", None, "format of the files (png)", choices=FIGURE_FORMATS, default="png")
     add_table(parser, units="cm,deg")
     add_tracking(parser, calibration="none")
 
@@ -123,16 +115,15 @@ def fuse(parser: ArgumentParser) -> None:
       pbd fuse tea tea4 -o tea --force           one more take
       pbd fuse tea1 tea2 tea3 -o tea --save-calibration my-sensor --plot plots/tea
     """
-    option, _ = adders(parser)
-    option("takes", "TAKE", "demonstrations of one task, by name or folder; or a fused one", nargs="+")
-    option("-o --output", "NAME", "the new demonstration's name (in ./demos) or folder", required=True)
+    option(parser, "takes", "TAKE", "demonstrations of one task, by name or folder; or a fused one", nargs="+")
+    option(parser, "-o --output", "NAME", "the new demonstration's name (in ./demos) or folder", required=True)
     kept = "write the device's errors, as all takes show them, into the [sensor] of calibration/NAME.toml"
-    option("--save-calibration", "NAME", kept)
-    option("--plot", "DIR", "draw the takes' match and the hand's scatter into this folder", type=Path)
+    option(parser, "--save-calibration", "NAME", kept)
+    option(parser, "--plot", "DIR", "draw the takes' match and the hand's scatter into this folder", type=Path)
     add_force(parser)
     add_table(parser, units="m,deg")
     wanted = "name (in ./calibration, or bundled) or file: its [sensor] is taken out of each take first"
-    option("--calibration", "C", wanted)
+    option(parser, "--calibration", "C", wanted)
     add_accept_gap(parser)
 
 
@@ -146,9 +137,8 @@ def check(parser: ArgumentParser) -> None:
       pbd check demos/*
       pbd check demos/tea* --robot panda --jobs 4 --csv > tea.csv
     """
-    option, _ = adders(parser)
-    option("demos", "DEMO", "names (in ./demos, or bundled), folders, recordings", nargs="+")
-    option("--robot", "R", "also plan for this robot, on its own dock")
+    option(parser, "demos", "DEMO", "names (in ./demos, or bundled), folders, recordings", nargs="+")
+    option(parser, "--robot", "R", "also plan for this robot, on its own dock")
     jobs = whole(f"1 to {MOST_JOBS}, or -1", (-1, *range(1, MOST_JOBS + 1)))
-    option("--jobs", "N", "how many at once (1); -1: one a core", type=jobs, default=1)
+    option(parser, "--jobs", "N", "how many at once (1); -1: one a core", type=jobs, default=1)
     add_table(parser, units="mm,s")

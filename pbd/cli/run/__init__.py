@@ -1,11 +1,30 @@
-"""pbd run [DEMO] --robot R --port P."""
+"""pbd run [DEMO] --robot R --port P: drive the arm, calibrate its servos, or let go of it."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+import time
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict
+from typing import Any
 
-from pbd.errors import UsageError
+from rich.table import Table
+
+from pbd.cli.console import print_json, say
+from pbd.cli.recording.device import only_port
+from pbd.cli.recording.keys import POLL_S, Keys
+from pbd.cli.run.drive import drive_arm
+from pbd.data import Robot
+from pbd.driving.arm import identify, release
+from pbd.driving.bus import Bus
+from pbd.driving.calibrating import ENDLESS, Calibrating, calibrating
+from pbd.driving.counts import Counts, names_of
+from pbd.errors import PbdError, UsageError
+from pbd.files.robot import load_robot
+from pbd.files.servo_calibration import COUNTS, own_servo_calibration, write_servo_calibration
+from pbd.io.atomic import refuse_output
+from pbd.view.terminal_tables import make_table, print_table
 
 DRIVEN = ("so100", "so101")
 
@@ -16,13 +35,11 @@ DRIVERS = {
 }
 """Of the arms that pbd doesn't drive: the export, and the program that runs it; of others ROS 2's controller."""
 
+SINKS = "Hold the arm: its servos will let go, and it sinks. Enter lets go; any other key cancels."
+
 
 def run(args: argparse.Namespace) -> int:
     """Drive the arm, calibrate its servos, or let go of it."""
-    from pbd.cli.run.drive import drive
-    from pbd.cli.run.servos import calibrate_servos, release_servos
-    from pbd.files.robot import load_robot
-
     robot = load_robot(args.robot)
     if robot.servos is None:
         name, program = DRIVERS.get(robot.name, ("ros2-json", "ros2_control"))
@@ -32,11 +49,83 @@ def run(args: argparse.Namespace) -> int:
             f"{name} -o {file}`, and {program} as in docs/exports.md, 'Programs that drive the arms'"
         )
     if args.calibrate:
-        calibrate_servos(args, robot)
+        _calibrate_servos(args, robot)
         return 0
     if not (args.yes or args.dry_run or sys.stdin.isatty()):
         raise UsageError("pbd run asks before the arm moves: start it at a terminal, or with --yes")
     if args.release:
-        release_servos(args, robot)
+        _release_servos(args, robot)
         return 0
-    return drive(args, robot)
+    return drive_arm(args, robot)
+
+
+def _calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
+    """Guide a person through it; write the file and the servos."""
+    if not sys.stdin.isatty():
+        raise UsageError("pbd run --calibrate needs a person at a terminal, who moves the arm by hand")
+    file = args.servos or own_servo_calibration(robot.name)
+    refuse_output(file)
+    device, ids = args.port or only_port("arm", ""), _ids(robot)
+    with Keys() as keys, Bus.open(device) as bus:
+        identify(bus, ids)
+        keys.ask(SINKS)
+        with calibrating(bus, ids) as session:
+            keys.ask("Move every joint to the middle of its range, the gripper half open. Enter when it stands there.")
+            session.set_middles()
+            others = f"every joint but {ENDLESS}" if ENDLESS in ids else "every joint"
+            say(f"move {others} slowly from stop to stop, one after the other; Enter when all are done")
+            _follow(keys, session, ids)
+            servos = session.result()
+            Counts(robot, servos)  # refuses ranges that are too short
+            session.store(servos)
+            write_servo_calibration(servos, file)
+    print_table(_ranges(ids, [(s.range_min, s.range_max) for s in servos.values()]), sys.stderr)
+    say(f"wrote {file}, and the servos; the arm is loose")
+    if args.json:
+        written = {name: asdict(servo) for name, servo in servos.items()}
+        print_json({"robot": robot.name, "port": device, "written": str(file), "servos": written})
+
+
+def _release_servos(args: argparse.Namespace, robot: Robot) -> None:
+    """Switch the torque off."""
+    device, ids = args.port or only_port("arm", ""), _ids(robot)
+    with Keys() as keys, Bus.open(device) as bus:
+        identify(bus, ids)
+        if not args.yes:
+            keys.ask(SINKS)
+        release(bus, tuple(ids.values()))
+    say("the servos have let go")
+    if args.json:
+        print_json({"robot": robot.name, "port": device, "released": True})
+
+
+def _ids(robot: Robot) -> dict[str, int]:
+    """The servos' numbers, as LeRobot's setup gives them."""
+    return {name: number for number, name in enumerate(names_of(robot), start=1)}
+
+
+def _follow(keys: Keys, session: Calibrating, ids: dict[str, int]) -> None:
+    """Show the ranges as they grow, until Enter."""
+    from pbd.view.screen import Screen
+
+    live: AbstractContextManager[Any] = nullcontext()
+    if sys.stderr.isatty():
+        from rich.live import Live
+
+        live = Live(console=Screen(sys.stderr), transient=True, auto_refresh=False)
+    with live as shown:
+        while not (key := keys.next()):
+            lowest, highest = session.follow()
+            if shown is not None:
+                ends = list(zip(lowest.tolist(), highest.tolist(), strict=True))
+                shown.update(_ranges(ids, ends), refresh=True)
+            time.sleep(POLL_S)
+    if key not in keys.ENTER:
+        raise PbdError("cancelled: the servos have their old calibration again, run it again when you are ready")
+
+
+def _ranges(ids: dict[str, int], ends: list[tuple[int, int]]) -> Table:
+    table = make_table("joint", "servo", "lowest", "highest", "range", left=("joint",))
+    for (name, id_), (low, high) in zip(ids.items(), ends, strict=True):
+        table.add_row(name, str(id_), str(low), str(high), f"{360 * (high - low) / COUNTS:.0f}°")
+    return table

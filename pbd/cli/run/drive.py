@@ -40,7 +40,7 @@ ASKED = 10
 """How many answers are timed before the arm moves."""
 
 
-def drive(args: argparse.Namespace, robot: Robot) -> int:
+def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
     """Run the demonstration on the arm; return the exit code."""
     assert robot.servos is not None
     assert robot.gripper is not None
@@ -98,11 +98,11 @@ def drive(args: argparse.Namespace, robot: Robot) -> int:
                 "servos": str(file),
                 "dry_run": args.dry_run,
                 "duration_s": plan.trajectory.duration,
-                **_told(done, watch, bus, counts.names, args.dry_run),
+                **_motion_json(done, watch, bus, counts.names, args.dry_run),
                 "warnings": args.warnings,
             }
         )
-    return _end(done, watch, counts, args, device)
+    return _report_end(done, watch, counts, args, device)
 
 
 def _check_pace(bus: Bus, arm: ServoArm) -> None:
@@ -142,7 +142,7 @@ def _timetable(trajectory: JointTrajectory, goals: Array, t: Array) -> str:
     return f"{', '.join(parts)}: {t[-1] - t[0]:.1f} s in all, then the arm holds"
 
 
-def _told(done: Streamed, watch: Watch, bus: Bus, names: Sequence[str], dry_run: bool) -> dict[str, Any]:
+def _motion_json(done: Streamed, watch: Watch, bus: Bus, names: Sequence[str], dry_run: bool) -> dict[str, Any]:
     period_ms = 1e3 * done.periods
     return {
         "goals": 0 if dry_run else done.sent,
@@ -162,7 +162,7 @@ def _told(done: Streamed, watch: Watch, bus: Bus, names: Sequence[str], dry_run:
     }
 
 
-def _end(done: Streamed, watch: Watch, counts: Counts, args: argparse.Namespace, device: str) -> int:
+def _report_end(done: Streamed, watch: Watch, counts: Counts, args: argparse.Namespace, device: str) -> int:
     """Say how it ended; return the exit code."""
     lets_go = f"`pbd run --release --robot {args.robot} --port {device}` lets go of it"
     holds = "the arm holds where it stopped"

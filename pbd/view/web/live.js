@@ -11,7 +11,7 @@ class LivePage {
     this.stops = 0;
     this.surroundings = null;
     stage.robot = false;
-    this.axes = ["x", "y", "z"].map((name) => Object.assign(document.createElement("i"), { textContent: name }));
+    this.axes = ["x", "y", "z"].map((name) => make("i", name));
     for (const id of ["recording", "live"]) element(id).hidden = false;
     document.onkeydown = (event) => {
       if (event.key.toLowerCase() === "v" && !event.ctrlKey && !event.metaKey && !event.altKey) this.look(true);
@@ -37,7 +37,7 @@ class LivePage {
     const [word, words, list] = this.card.children;
     this.write(word, badge);
     this.write(words, line);
-    if (list.children.length !== figures.length) list.replaceChildren(...figures.map(() => document.createElement("li")));
+    if (list.children.length !== figures.length) list.replaceChildren(...figures.map(() => make("li")));
     figures.forEach((figure, i) => this.write(list.children[i], figure));
   }
 
@@ -55,7 +55,7 @@ class LivePage {
 
   number(stops) {
     this.stops = stops;
-    const numbers = Array.from({ length: stops }, (_, i) => Object.assign(document.createElement("span"), { textContent: i }));
+    const numbers = Array.from({ length: stops }, (_, i) => make("span", i));
     element("labels").replaceChildren(...this.axes, ...numbers);
     const tips = [[0.135, 0, 0], [0, 0.135, 0], [0, 0, 0.135]];
     const places = numbers.map((_, i) => this.stage.node("pbd", "stops", String(i), "triad").position);

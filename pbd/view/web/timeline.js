@@ -28,7 +28,7 @@ class Timeline {
 
   spans(spans) {
     return spans.map(([from, to]) => {
-      const span = this.at(document.createElement("i"), from);
+      const span = this.at(make("i"), from);
       span.style.right = `calc(100% - ${this.share(to)})`;
       return span;
     });

@@ -1,0 +1,212 @@
+"""pbd robots [R], --suggest FILE, --for DEMO."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
+from pbd.arm.collision.allowed_collisions import link_pairs
+from pbd.arm.collision.geometry import link_bodies
+from pbd.arm.collision.shape_coverage import doubts
+from pbd.arm.model import ArmModel, load_model
+from pbd.arm.reach import farthest
+from pbd.cli.common import load_demonstration, print_result, track_demonstration
+from pbd.cli.console import print_json, say, working
+from pbd.data import HandPath, Robot
+from pbd.errors import PbdError, RobotError, UsageError, collected_warnings, warn
+from pbd.files.find_by_name import names
+from pbd.files.robot import load_robot, read_robot
+from pbd.planning import arm_of, load_arm, plan_path
+from pbd.planning.suggest import Suggestion, suggest
+from pbd.pose import quat_to_rpy
+from pbd.view.terminal_tables import make_table, print_table, robots_table, words_table
+from pbd.view.units import Units
+
+DEMO = "pouring"
+"""What a suggested home and dock must make possible where no demonstration is named."""
+
+
+def run(args: argparse.Namespace) -> None:
+    """List them; or find a home and a dock for one; or say which can do a demonstration."""
+    if args.suggest is not None:
+        return _suggest(args)
+    if args.demo is not None:
+        return _rank(args)
+    with working("reading the robots"):
+        arms = [load_model(load_robot(args.robot))] if args.robot else _readable_arms()
+        robots, reach_m = [arm.robot for arm in arms], [farthest(arm) for arm in arms]
+        collision = [_collision(arm) for arm in arms] if args.robot else []
+    rows = [_row(robot, reach) for robot, reach in zip(robots, reach_m, strict=True)]
+    for row, checked in zip(rows, collision, strict=False):
+        row["collision"] = checked
+    if not print_result(args, {"robots": rows}, robots_table(robots, reach_m, args.units)):
+        return None
+    for checked in collision:
+        bare = ", ".join(checked["links_without_shape"]) or "none"
+        print(f"\nlinks with a collision shape: {', '.join(checked['links'])}\nlinks without: {bare}")
+        for doubt in checked["doubtful_shapes"]:
+            print(f"contacts may be missed: {doubt['link']} {doubt['why']}")
+        print("\nnot checked against each other:")
+        print_table(words_table(("link", "and link", "why"), (each.values() for each in checked["left_out"])))
+    robots_with: dict[str, list[str]] = {}
+    for robot in robots:
+        for note in robot.notes:
+            robots_with.setdefault(note, []).append(robot.name)
+    for note, named in robots_with.items():
+        print(f"\n{', '.join(named)}: {note}")
+    return None
+
+
+def _readable_arms() -> list[ArmModel]:
+    """Load all that can be read; warn of the others."""
+    arms = []
+    for name in names("robots", ".toml"):
+        try:
+            arms.append(load_model(replace(load_robot(name), name=name)))  # a copied file may still carry the old name
+        except RobotError as error:
+            warn(str(error))
+    return arms
+
+
+def _row(robot: Robot, reach: float) -> dict[str, Any]:
+    return {
+        "name": robot.name,
+        "description": robot.description,
+        "joints": list(robot.joints),
+        "reach_m": reach,
+        "gripper": robot.gripper is not None,
+        "gripper_joints": list(robot.gripper.joints) if robot.gripper else [],
+        "limits_source": robot.limits.source,
+        "limits_sources": dict(robot.limits.sources),
+        "assumed": list(robot.limits.assumed),
+        "notes": list(robot.notes),
+        "license": robot.license,
+    }
+
+
+def _collision(arm: ArmModel) -> dict[str, Any]:
+    solid = dict.fromkeys(body.name for body in link_bodies(arm))
+    _, unchecked = link_pairs(arm)
+    return {
+        "links": list(solid),
+        "links_without_shape": [link for link in arm.links if link not in solid],
+        "doubtful_shapes": [{"link": link, "why": why} for link, why in doubts(arm).items()],
+        "left_out": [vars(each) for each in unchecked],
+    }
+
+
+def _rank(args: argparse.Namespace) -> None:
+    """Plan it on each, and print the fastest first."""
+    demo = load_demonstration(args.demo)
+    path, _ = track_demonstration(demo, "default", None, accept_gap=False)
+    arms = [args.robot] if args.robot else names("robots", ".toml")
+    rows = []
+    for number, name in enumerate(arms, start=1):
+        with working(f"planning for {name}, {number} of {len(arms)}"):
+            rows.append(_rank_row(name, path))
+    rows.sort(key=lambda row: (row["why"] is not None, row["duration_s"] or 0.0))
+    print_result(args, {"demo": demo.recording.info.name, "robots": rows}, _rank_table(rows, args.units))
+
+
+def _rank_row(name: str, path: HandPath) -> dict[str, Any]:
+    row: dict[str, Any] = {"name": name}
+    row |= dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "why"))
+    with collected_warnings() as row["warnings"]:
+        try:
+            robot, calibration = load_arm(name)
+            row |= {"reach_m": farthest(arm_of(robot)), "scale": calibration.scale}
+            plan = plan_path(path, calibration, robot)
+            row["farthest_m"] = max(float(np.hypot(*pose.p[:2])) for pose in plan.T_base_tool)
+            row["duration_s"] = plan.trajectory.duration
+            row["torque"] = plan.report.torque and plan.report.torque.share
+        except PbdError as error:
+            row["why"] = error.message
+    return row
+
+
+def _rank_table(rows: list[dict[str, Any]], units: Units) -> Table:
+    m = units.length
+    figures = (f"time ({units.time})", f"goes to ({m})", f"reaches ({m})", "torque (%)", "scale")
+    remarks = "what stops it, or is told"
+    table = make_table("name", *figures, remarks, left=("name", remarks))
+    for row in rows:
+        table.add_row(
+            row["name"],
+            *units.times(row["duration_s"]),
+            *units.lengths((row["farthest_m"], row["reach_m"]), finer=-1),
+            "" if row["torque"] is None else f"{100.0 * row['torque']:.0f}",
+            "" if row["scale"] is None else f"{row['scale']:g}",
+            (row["why"] or "; ".join(row["warnings"])).partition("; ")[0],
+        )
+    return table
+
+
+def _suggest(args: argparse.Namespace) -> None:
+    """Search, and print what was found with what was weighed."""
+    if args.robot or args.csv:
+        raise UsageError("--suggest takes the file itself, and prints TOML, or JSON with --json")
+    robot = read_robot(args.suggest, draft=True)
+    name = args.demo or DEMO
+    demo = load_demonstration(name)
+    _, keyframes = track_demonstration(demo, "default", None, accept_gap=False)
+    with working(f"searching a home and a dock for {robot.name}"):
+        found = suggest(robot, keyframes, demo.grasped, say)
+    values, weighed = _values(found), _weighed(found, name)
+    if args.json:
+        print_json({"robot": robot.name, "demo": name, **values, "weighed": weighed})
+    else:
+        print(_toml(values, weighed))
+
+
+def _values(found: Suggestion) -> dict[str, Any]:
+    dock, at = found.plan.calibration, found.plan.calibration.T_base_dock
+    place: dict[str, Any] = {}
+    if at is not None:
+        yaw_deg = round(float(np.degrees(quat_to_rpy(at.wxyz)[2])), 1) + 0.0
+        place = {"position": at.p.round(3).tolist(), "rpy_deg": [0.0, 0.0, yaw_deg]}
+    touch = {"may_touch": [list(pair) for pair in found.robot.may_touch]} if found.robot.may_touch else {}
+    return {
+        "arm": {"joints": list(found.robot.joints), "home": found.robot.home.tolist(), **touch},
+        "dock": {**place, "table_height": dock.table_height, "scale": dock.scale},
+    }
+
+
+def _weighed(found: Suggestion, demo: str) -> list[str]:
+    """Sentences for people: what speaks for this home and this dock."""
+    joint, room = found.at
+    dock, took_s = found.plan.calibration, found.plan.trajectory.duration
+    table = "the table's height is the file's own"
+    if not found.own_table:
+        stands = dock.table_height == 0.0
+        table = "the arm is taken to stand on the table" if stands else "the table is put as low as the arm needs it"
+        table += " (a table_height in [dock] says better)"
+    touching = [
+        f"{first} and {second} overlap in {count} of {CONFIGURATIONS} random configurations: taken to do so by design, "
+        "so that nothing checks whether they touch; else take them out of may_touch and correct their shapes"
+        for (first, second), count in found.touching.items()
+    ]
+    alone_s = np.abs(np.diff(found.plan.trajectory.keyframe_q, axis=0)).sum(axis=0) / found.robot.limits.velocity
+    slowest = found.robot.joints[int(alone_s.argmax())]
+    slow = f"{slowest} alone takes {alone_s.max():.1f} s of that at top speed; left out of [arm] joints it stays at 0"
+    return [
+        *touching,
+        f"{found.within_reach} of {found.weighed} docks have all of {demo} within reach at {dock.scale:g} of its size; "
+        f"of those farthest from limits and singularities this one is the fastest: {took_s:.1f} s",
+        *([slow] if alone_s.max() > 0.5 * took_s else ()),
+        f"{table}; nothing touches it or the arm itself, as far as the URDF has shapes",
+        f"home is over the dock: {joint} is {room:.2f} from its limit (rad; m where it slides), manipulability is "
+        f"{found.dexterity:.1f} times the lower quartile of all configurations",
+    ]
+
+
+def _toml(values: dict[str, Any], weighed: list[str]) -> str:
+    lines = ["# In place of [arm] and [dock]."]
+    for section, items in values.items():
+        lines += [f"[{section}]", *(f"{key} = {json.dumps(value)}" for key, value in items.items()), ""]
+    return "\n".join((*lines, *(f"# {sentence}." for sentence in weighed)))
