@@ -177,10 +177,7 @@ class Sheet:
             raise self._fault(line, what, next_step, column=name, value=cell) from None
 
     def _fault(self, line: int | None, what: str, next_step: str, **fields: object) -> PbdError:
-        if line is not None:
-            fields["line"] = line
-        where = f"{self.path}:{line}" if line else f"{self.path}"
-        return self.error(f"{where}: {what}; {next_step}", path=self.path, **fields)
+        return self.error.at(self.path, f"{what}; {next_step}", line, **fields)
 
 
 def _blocks(text: str) -> Iterator[str]:
@@ -242,7 +239,7 @@ def open_sheet(
     if foreign and re.fullmatch(r"[-+.,\deE\s]+", "".join(header)):
         what = "numbers where the column names should be"
         add = "add a line with the column names above them, such as t,ax,ay,az,gx,gy,gz"
-        raise error(f"{path}:{above + 1}: {what}; {add}", path=path, line=above + 1)
+        raise error.at(path, f"{what}; {add}", above + 1)
     if not header[-1]:
         header.pop()
     line, preamble = above + 2 + skipped, "\n".join(lines[:above])
