@@ -247,9 +247,7 @@ def _read(section: Section) -> Keyframe:
     for key, values in sigma.items():
         if (values < 0.0).any():
             section.fail(key, "must not be below zero")
-    tolerance = section.numbers("tolerance_m", 3, None, within=LARGEST_M)
-    if tolerance is not None and min(tolerance) <= 0.0:
-        section.fail("tolerance_m", "must be above zero along each axis")
+    tolerance = section.numbers("tolerance_m", 3, None, positive=True, within=LARGEST_M)
     tolerance_deg = section.number("tolerance_deg", None, positive=True, within=FULL_TURN_DEG)
     return Keyframe(
         t=section.number("t_s"),

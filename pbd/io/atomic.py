@@ -8,7 +8,7 @@ import os
 import shutil
 import unicodedata
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
@@ -68,25 +68,6 @@ def atomic_folder(folder: Path, replace: bool = True) -> Iterator[Path]:
             raise
         if aside is not None and (left := remove_folder(aside)):
             warn(f"{folder} is replaced, but {left}")
-
-
-@contextmanager
-def atomic_files(folder: Path, names: Collection[str]) -> Iterator[Path]:
-    """Give a folder in which to write files of these names; they take their places in `folder` when all went well.
-
-    The folder is made where it is missing, and is gone again otherwise.
-
-    Raises:
-        PbdError: the place can't be written.
-    """
-    refuse_folder(folder)
-    for name in names:
-        refuse_file(folder / name)
-    with _refused_as(PbdError, folder), made(folder), _temporary(folder / "files") as new:
-        new.mkdir()
-        yield new
-        for name in names:
-            (new / name).replace(folder / name)
 
 
 def write_text(path: Path, text: str, parents: bool = False, read: Callable[[Path], object] | None = None) -> None:
