@@ -24,7 +24,7 @@ class PbdError(Exception):
         super().__init__(self.message)
 
     @classmethod
-    def at(cls, path: object, what: str, line: int | None = None, **fields: object) -> Self:
+    def at(cls, path: object, what: str, line: object = None, **fields: object) -> Self:
         """Say what is wrong with a file: its path and line stand first in the message, and in the fields."""
         if line is None:
             return cls(f"{path}: {what}", path=path, **fields)
