@@ -24,9 +24,11 @@ class PbdError(Exception):
         super().__init__(self.message)
 
     @classmethod
-    def at(cls, path: object, what: str, **fields: object) -> Self:
-        """Say what is wrong with a file: its path stands first in the message, and in the fields."""
-        return cls(f"{path}: {what}", path=path, **fields)
+    def at(cls, path: object, what: str, line: object = None, **fields: object) -> Self:
+        """Say what is wrong with a file: its path and line stand first in the message, and in the fields."""
+        if line is None:
+            return cls(f"{path}: {what}", path=path, **fields)
+        return cls(f"{path}:{line}: {what}", path=path, line=line, **fields)
 
 
 class SensorError(PbdError):

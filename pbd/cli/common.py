@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -19,7 +20,7 @@ from pbd.errors import CalibrationError, SensorError, UsageError
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_demo
 from pbd.files.points import Points, points_csv
-from pbd.io.atomic import atomic_files
+from pbd.io.atomic import atomic_file, refuse_file
 from pbd.io.read_file import read_text
 from pbd.pose import Array
 
@@ -193,13 +194,16 @@ def write_figures(folder: Path, format_name: str, names: Collection[str], draw: 
     """Draw figures into files, all of them or none, and say where they are."""
     from pbd.plots.style import write
 
-    files = [f"{name}.{format_name}" for name in names]
-    with atomic_files(folder, files) as new:
-        for number, (name, file) in enumerate(zip(names, files, strict=True), 1):
-            with working(f"drawing {number} of {len(files)}: {name}"), (new / file).open("wb") as stream:
+    files = {name: folder / f"{name}.{format_name}" for name in names}
+    for file in files.values():
+        refuse_file(file)
+    with ExitStack() as all_or_none:
+        for number, (name, file) in enumerate(files.items(), 1):
+            new = all_or_none.enter_context(atomic_file(file, parents=True))
+            with working(f"drawing {number} of {len(files)}: {name}"), new.open("wb") as stream:
                 write(draw(name), stream, format_name)
     say(f"wrote {len(files)} files into {folder}")
-    return [str(folder / file) for file in files]
+    return list(map(str, files.values()))
 
 
 def refuse_columns(args: argparse.Namespace, sensor: str) -> None:

@@ -17,7 +17,7 @@ from pbd.data import Calibration
 from pbd.errors import CalibrationError
 from pbd.files.calibration import FORMAT, read_calibration
 from pbd.files.find_by_name import bundled
-from pbd.io.atomic import atomic_file
+from pbd.io.atomic import write_text
 from pbd.io.read_file import read_text
 from pbd.pose import Array, Pose, quat_to_rpy
 
@@ -71,13 +71,7 @@ def update_calibration(
         document["scale"] = round(scale, 5)
     for part, values in parts.items():
         _fill(_table(document, part), values)
-    with atomic_file(path, parents=True) as unfinished:
-        unfinished.write_text(tomlkit.dumps(document), encoding="utf-8")
-        try:
-            read_calibration(unfinished)  # never leave behind what can't be read
-        except CalibrationError as error:
-            said = error.message.replace(str(unfinished), str(path))
-            raise CalibrationError(said, **error.fields | {"path": path}) from None
+    write_text(path, tomlkit.dumps(document), parents=True, read=read_calibration)
 
 
 def pose_values(pose: Pose, where: str, cov: Array) -> dict[str, tuple[Value | None, str]]:

@@ -17,7 +17,7 @@ from pbd.data import Keyframe, TouchUp
 from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, warn
 from pbd.files.calibration import FULL_TURN_DEG, read_pose
-from pbd.io.atomic import atomic_file
+from pbd.io.atomic import write_text
 from pbd.io.read_file import read_text
 from pbd.io.toml import Section, read_toml
 from pbd.pose import quat_to_rpy
@@ -135,9 +135,7 @@ def write_keyframes(
     path = folder / NAME
     if path.exists() and not force:
         raise RecordingError(f"{path} exists and may have been edited; --force replaces it", path=path)
-    text = keyframes_toml(folder.name, keyframes, magnetic, arm_dwell_s, touch_ups)
-    with atomic_file(path) as unfinished:
-        unfinished.write_text(text, encoding="utf-8")
+    write_text(path, keyframes_toml(folder.name, keyframes, magnetic, arm_dwell_s, touch_ups))
     return path
 
 
@@ -218,9 +216,7 @@ def _edited(path: Path) -> Iterator[Any]:
             fcntl.flock(folder, fcntl.LOCK_EX)  # another command may be at it
         document = tomlkit.parse(read_text(path, RecordingError, "give a text file"))
         yield document
-        with atomic_file(path) as unfinished:
-            unfinished.write_text(tomlkit.dumps(document), encoding="utf-8")
-            read_keyframes(unfinished)  # never leave behind what can't be read
+        write_text(path, tomlkit.dumps(document), read=read_keyframes)
     finally:
         os.close(folder)
 
@@ -251,9 +247,7 @@ def _read(section: Section) -> Keyframe:
     for key, values in sigma.items():
         if (values < 0.0).any():
             section.fail(key, "must not be below zero")
-    tolerance = section.numbers("tolerance_m", 3, None, within=LARGEST_M)
-    if tolerance is not None and min(tolerance) <= 0.0:
-        section.fail("tolerance_m", "must be above zero along each axis")
+    tolerance = section.numbers("tolerance_m", 3, None, positive=True, within=LARGEST_M)
     tolerance_deg = section.number("tolerance_deg", None, positive=True, within=FULL_TURN_DEG)
     return Keyframe(
         t=section.number("t_s"),

@@ -16,7 +16,7 @@ from pbd.data import Demonstration, GripEvent, Recording, RecordingInfo
 from pbd.errors import RecordingError
 from pbd.files.demo import demo_toml, refuse_demo_folder
 from pbd.files.imu_columns import CHANNELS
-from pbd.io.atomic import atomic_file, atomic_folder, unwritable
+from pbd.io.atomic import atomic_file, atomic_folder, unwritable, write_text
 from pbd.pose import Array
 
 
@@ -67,7 +67,7 @@ class RecordingWriter:
     def mark(self, grip: GripEvent) -> None:
         """Add a grip event to demo.toml."""
         self._grip.append(grip)
-        self._write_toml()
+        write_text(self.folder / "demo.toml", self._toml())
 
     def finish(self, rate_hz: float | None, clock: str, t: Array | None = None) -> None:
         """Close the files; write what is known at the end only: the rate, the clock, and better times."""
@@ -78,7 +78,7 @@ class RecordingWriter:
                 new.write(next(old))
                 new.writelines(f"{at:.6f},{line.partition(',')[2]}" for at, line in zip(t, old, strict=True))
         self._info = replace(self._info, rate_hz=rate_hz, clock=clock)
-        self._write_toml()
+        write_text(self.folder / "demo.toml", self._toml())
 
     def close(self) -> None:
         """Close the files; closing twice is nothing."""
@@ -109,10 +109,6 @@ class RecordingWriter:
     def _toml(self) -> str:
         recording = Recording(np.zeros(0), np.zeros((0, 3)), grip=tuple(self._grip), info=self._info)
         return demo_toml(Demonstration(recording, closed=self._closed), self.folder.name)
-
-    def _write_toml(self) -> None:
-        with atomic_file(self.folder / "demo.toml") as file:
-            file.write_text(self._toml(), encoding="utf-8")
 
 
 def _append(handle: int, data: bytes) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pbd.errors import CalibrationError, listed, printable
-from pbd.io.atomic import atomic_file, is_file
+from pbd.io.atomic import is_file, write_text
 from pbd.io.read_file import read_text
 
 COUNTS = 4096
@@ -70,8 +70,7 @@ def read_servo_calibration(path: Path, joints: Sequence[str]) -> dict[str, Servo
 def write_servo_calibration(servos: Mapping[str, ServoCalibration], path: Path) -> None:
     """Write it as LeRobot does; raises PbdError where nothing can be written there."""
     text = json.dumps({joint: asdict(servo) for joint, servo in servos.items()}, indent=4)
-    with atomic_file(path, parents=True) as file:
-        file.write_text(text + "\n", encoding="utf-8")
+    write_text(path, text + "\n", parents=True)
 
 
 def find_servo_calibration(named: Path | None, robot: str, robot_type: str) -> Path:

@@ -16,11 +16,13 @@ import numpy as np
 from pbd.errors import PbdError, RecordingError, listed, printable
 from pbd.files.header_line import find_header, with_units
 from pbd.io.numbers import number, seconds
-from pbd.io.read_file import read_bytes, unix_lines
+from pbd.io.read_file import decoded, read_bytes
 from pbd.pose import Array
 
 FOREIGN_ENCODINGS = ("utf-8-sig", "gb18030", "cp1252")
 """Encodings of other programs' text files: UTF-8, Chinese Windows, western Windows."""
+
+NEXT_STEP = "give a CSV file"
 
 LONGEST_PREAMBLE = 100
 """Most lines above the header."""
@@ -177,10 +179,7 @@ class Sheet:
             raise self._fault(line, what, next_step, column=name, value=cell) from None
 
     def _fault(self, line: int | None, what: str, next_step: str, **fields: object) -> PbdError:
-        if line is not None:
-            fields["line"] = line
-        where = f"{self.path}:{line}" if line else f"{self.path}"
-        return self.error(f"{where}: {what}; {next_step}", path=self.path, **fields)
+        return self.error.at(self.path, f"{what}; {next_step}", line, **fields)
 
 
 def _blocks(text: str) -> Iterator[str]:
@@ -197,9 +196,12 @@ def require(path: Path, header: Sequence[str], names: Sequence[str], error: type
         raise error.at(path, f"no column '{missing[0]}'; the columns are {listed(header)}", value=missing[0])
 
 
-def foreign_text(path: Path, data: bytes | None = None) -> str:
+def foreign_text(path: Path, data: bytes | None = None, error: type[PbdError] = RecordingError) -> str:
     """Read another program's text, in any encoding that such have; `data` is what it holds, where that is known."""
-    return _text(path, FOREIGN_ENCODINGS, RecordingError, data)
+    data = read_bytes(path, error, NEXT_STEP) if data is None else data
+    # UTF-16 is what spreadsheets call Unicode text.
+    encodings = ("utf-16",) if data[:2] in (b"\xff\xfe", b"\xfe\xff") else FOREIGN_ENCODINGS
+    return decoded(data, path, error, NEXT_STEP, encodings)
 
 
 def open_sheet(
@@ -219,8 +221,10 @@ def open_sheet(
     Raises:
         error: empty, no rows, not text.
     """
-    if text is None:
-        text = _text(path, FOREIGN_ENCODINGS if foreign else FOREIGN_ENCODINGS[:1], error)
+    if text is None and foreign:
+        text = foreign_text(path, error=error)
+    elif text is None:
+        text = decoded(read_bytes(path, error, NEXT_STEP), path, error, NEXT_STEP, FOREIGN_ENCODINGS[:1])
     if "#" in text:
         text = re.sub(r"(?m)^[ \t]*#.*$", "", text)
     lines = text.split("\n", LONGEST_PREAMBLE)
@@ -242,7 +246,7 @@ def open_sheet(
     if foreign and re.fullmatch(r"[-+.,\deE\s]+", "".join(header)):
         what = "numbers where the column names should be"
         add = "add a line with the column names above them, such as t,ax,ay,az,gx,gy,gz"
-        raise error(f"{path}:{above + 1}: {what}; {add}", path=path, line=above + 1)
+        raise error.at(path, f"{what}; {add}", above + 1)
     if not header[-1]:
         header.pop()
     line, preamble = above + 2 + skipped, "\n".join(lines[:above])
@@ -252,19 +256,6 @@ def open_sheet(
 def read_table(path: Path) -> Table:
     """Read a table of numbers; a RecordingError says line and column."""
     return open_sheet(path).read()
-
-
-def _text(path: Path, encodings: Sequence[str], error: type[PbdError], data: bytes | None = None) -> str:
-    data = read_bytes(path, error, "give a CSV file") if data is None else data
-    if len(encodings) > 1 and data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        encodings = ("utf-16",)  # what spreadsheets call Unicode text
-    for encoding in encodings[:-1]:
-        with suppress(UnicodeDecodeError):
-            return unix_lines(data.decode(encoding))
-    try:
-        return unix_lines(data.decode(encodings[-1]))
-    except UnicodeDecodeError as reason:
-        raise error.at(path, f"can't be read as text ({reason}); give a CSV file") from None
 
 
 def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tuple[int, ...] = ()) -> None:

@@ -82,7 +82,13 @@ def read_poses(path: Path) -> dict[str, dict[str, float]]:
     """Read the named poses of an SRDF: pose name -> joint name -> rad or m; of two poses of one name the first wins."""
     poses: dict[str, dict[str, float]] = {}
     for state in read_xml(path).iterfind("group_state"):
-        joints = {_attribute(path, j, "name"): _number(path, j, "value") for j in state.iterfind("joint")}
+        joints = {}
+        for joint in state.iterfind("joint"):
+            name, text = (_attribute(path, joint, key) for key in ("name", "value"))
+            try:
+                joints[name] = finite(text)
+            except ValueError:
+                raise RobotError.at(path, f"value = {text!r} of a <joint> is not a number; correct it") from None
         poses.setdefault(_attribute(path, state, "name"), joints)
     return poses
 
@@ -112,50 +118,38 @@ def _refuse_no_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint
 
 
 def _joint(path: Path, element: ET.Element) -> UrdfJoint:
+    """Make a joint of its element, whose numbers `read_urdf_xml` has checked."""
     name, kind = _attribute(path, element, "name"), _attribute(path, element, "type")
-    parent, child, limit, mimic = (element.find(tag) for tag in ("parent", "child", "limit", "mimic"))
-    axis = element.find("axis")
+    parent, child, axis, limit, mimic = (element.find(tag) for tag in ("parent", "child", "axis", "limit", "mimic"))
+    bounded = kind in ("revolute", "prismatic")
     wrong = None
     if kind not in KINDS:
         wrong = f"has the type {kind!r}; make it one of {listed(KINDS)}"
-    elif parent is None or child is None or (limit is None and kind in ("revolute", "prismatic")):
+    elif parent is None or child is None or (limit is None and bounded):
         wrong = "lacks its parent, child or limit; add it"
     elif axis is not None and kind in ACTUATED and not any(map(float, axis.get("xyz", "1").split())):
         wrong = "has no axis to move about; give it one"
     if wrong or parent is None or child is None:
         raise RobotError.at(path, f"joint {name!r} {wrong}", joint=name)
-    if limit is None:
-        limit = ET.Element("limit")
-    bounded = kind in ("revolute", "prismatic")
+    limits = {} if limit is None else limit.attrib
     return UrdfJoint(
         name=name,
         kind=kind,
         parent=_attribute(path, parent, "link"),
         child=_attribute(path, child, "link"),
-        lower=_number(path, limit, "lower", 0.0) if bounded else -math.inf,
-        upper=_number(path, limit, "upper", 0.0) if bounded else math.inf,
-        velocity=_number(path, limit, "velocity", math.inf),
-        mimic=None
-        if mimic is None
-        else Mimic(
-            _attribute(path, mimic, "joint"),
-            _number(path, mimic, "multiplier", 1.0),
-            _number(path, mimic, "offset", 0.0),
-        ),
+        lower=float(limits.get("lower", 0.0)) if bounded else -math.inf,
+        upper=float(limits.get("upper", 0.0)) if bounded else math.inf,
+        velocity=float(limits.get("velocity", math.inf)),
+        mimic=None if mimic is None else _mimic(path, mimic),
     )
+
+
+def _mimic(path: Path, element: ET.Element) -> Mimic:
+    multiplier, offset = element.get("multiplier", "1"), element.get("offset", "0")
+    return Mimic(_attribute(path, element, "joint"), float(multiplier), float(offset))
 
 
 def _attribute(path: Path, element: ET.Element, key: str) -> str:
     if not (value := element.get(key)):
         raise RobotError.at(path, f"a <{element.tag}> has no {key}; add it")
     return value
-
-
-def _number(path: Path, element: ET.Element, key: str, default: float | None = None) -> float:
-    text = element.get(key)
-    if text is None and default is not None:
-        return default
-    try:
-        return finite(text or "")
-    except ValueError:
-        raise RobotError.at(path, f"{key} = {text!r} of a <{element.tag}> is not a number; correct it") from None

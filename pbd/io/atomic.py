@@ -7,11 +7,12 @@ import itertools
 import os
 import shutil
 import unicodedata
-from collections.abc import Collection, Iterable, Iterator
+import warnings
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
-from pbd.errors import PbdError, RecordingError, in_words, warn
+from pbd.errors import PbdError, PbdWarning, RecordingError, in_words, warn
 
 DELETED = "the folder that you are in has been deleted; go to another"
 
@@ -69,23 +70,19 @@ def atomic_folder(folder: Path, replace: bool = True) -> Iterator[Path]:
             warn(f"{folder} is replaced, but {left}")
 
 
-@contextmanager
-def atomic_files(folder: Path, names: Collection[str]) -> Iterator[Path]:
-    """Give a folder in which to write files of these names; they take their places in `folder` when all went well.
-
-    The folder is made where it is missing, and is gone again otherwise.
-
-    Raises:
-        PbdError: the place can't be written.
-    """
-    refuse_folder(folder)
-    for name in names:
-        refuse_file(folder / name)
-    with _refused_as(PbdError, folder), made(folder), _temporary(folder / "files") as new:
-        new.mkdir()
-        yield new
-        for name in names:
-            (new / name).replace(folder / name)
+def write_text(path: Path, text: str, parents: bool = False, read: Callable[[Path], object] | None = None) -> None:
+    """Write a file of text, as `atomic_file`; nothing is written that `read` refuses (with the error of that)."""
+    with atomic_file(path, parents) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
+        if read is None:
+            return
+        try:
+            with warnings.catch_warnings():  # whoever reads it gets them
+                warnings.simplefilter("ignore", PbdWarning)
+                read(unfinished)
+        except PbdError as error:
+            said = error.message.replace(str(unfinished), str(path))
+            raise type(error)(said, **error.fields | {"path": path}) from None
 
 
 def refuse_name(path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from collections.abc import Sequence
 from pathlib import Path
 
 from pbd.errors import PbdError, in_words
@@ -36,20 +37,23 @@ def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = LA
         raise error(f"{name or path}: can't be read ({why}); {next_step}", path=path) from None
 
 
-def read_text(
-    path: Path, error: type[PbdError], next_step: str, most: int = SMALL, encoding: str = "utf-8", name: str = ""
-) -> str:
+def read_text(path: Path, error: type[PbdError], next_step: str, most: int = SMALL, name: str = "") -> str:
     """Read a regular file of text, as `read_bytes`; its lines end with a newline alone."""
-    try:
-        text = read_bytes(path, error, next_step, most, name).decode(encoding)
-    except UnicodeDecodeError as reason:
-        raise error(f"{name or path}: can't be read as text ({reason}); {next_step}", path=path) from None
-    return unix_lines(text)
+    return decoded(read_bytes(path, error, next_step, most, name), name or path, error, next_step)
 
 
-def unix_lines(text: str) -> str:
-    """End each line with a newline, whatever ended it."""
-    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+def decoded(
+    data: bytes, path: str | Path, error: type[PbdError], next_step: str, encodings: Sequence[str] = ("utf-8",)
+) -> str:
+    """Turn a file's bytes into text, by the first of these encodings that fits; its lines end with a newline alone."""
+    for encoding in encodings:
+        try:
+            text = data.decode(encoding)
+        except UnicodeDecodeError as fault:
+            reason = fault
+        else:
+            return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+    raise error.at(path, f"can't be read as text ({reason}); {next_step}")
 
 
 def _size_of(status: os.stat_result, most: int) -> int:

@@ -63,8 +63,7 @@ class _Source:
 
     def refuse(self, line: int | None, what: str, next_step: str, **fields: object) -> NoReturn:
         """Raise the file's error."""
-        where = f"{self.path}:{line}" if line else f"{self.path}"
-        raise self._error(f"{where}: {what}; {next_step}", path=self.path, line=line, **fields)
+        raise self._error.at(self.path, f"{what}; {next_step}", line, **fields)
 
     def line(self, section: str, key: str, index: int = 0) -> int | None:
         """Return the line, counted from 1, of `key` in the [section], or of the table around it.

@@ -76,6 +76,7 @@ RULES: dict[str, dict[str, _Rule]] = {
 
 LINK_PARTS = ("inertial", "visual", "collision")
 JOINT_PARTS = ("origin", "parent", "child", "axis", "limit", "mimic")
+SOLIDS = ("box", "cylinder", "sphere", "mesh")
 
 
 def read_urdf_xml(path: Path) -> ET.Element:
@@ -91,22 +92,25 @@ def read_urdf_xml(path: Path) -> ET.Element:
         ("shapes", MOST_SHAPES, len(root.findall("link/visual")) + len(root.findall("link/collision"))),
     ):
         if count > most:
-            message = f"{path}: {count} {what}, more than the {most} that are read; give a file of the arm alone"
-            raise RobotError(message, path=path, value=count, bound=most)
+            tell = f"{count} {what}, more than the {most} that are read; give a file of the arm alone"
+            raise RobotError.at(path, tell, value=count, bound=most)
     for link in root.iterfind("link"):
-        owner = f"link {printable(link.get('name', ''))!r}"
         for part in link:
             if part.tag in LINK_PARTS:
                 for inner in part.iter():
-                    _check_attributes(path, owner, inner)
+                    _check_attributes(path, link, inner)
             if part.tag in ("visual", "collision"):
-                _check_geometry(path, owner, part)
+                solids = [solid.tag for solid in part.findall("geometry/*")]
+                if len(solids) != 1 or solids[0] not in SOLIDS:
+                    raise _wrong(
+                        path, link, f"a <{part.tag}>", f"must hold one of {listed(SOLIDS)}, has {listed(solids)}"
+                    )
             if part.tag == "inertial" and (part.find("mass") is None or part.find("inertia") is None):
-                raise _wrong(path, owner, "its <inertial> lacks its <mass> or <inertia>")
+                raise _wrong(path, link, "the <inertial>", "lacks its <mass> or <inertia>")
     for joint in root.iterfind("joint"):
         for part in joint:
             if part.tag in JOINT_PARTS:
-                _check_attributes(path, f"joint {printable(joint.get('name', ''))!r}", part)
+                _check_attributes(path, joint, part)
     return root
 
 
@@ -126,25 +130,19 @@ def kinematics(path: Path) -> str:
     return ET.tostring(robot, encoding="unicode")
 
 
-def _check_attributes(path: Path, owner: str, element: ET.Element) -> None:
+def _check_attributes(path: Path, owner: ET.Element, element: ET.Element) -> None:
+    """Check an element's attributes; `owner` is the link or the joint that it is in."""
     if element.tag == "mesh" and not element.get("filename"):
-        raise _wrong(path, owner, "a <mesh> has no filename")
+        raise _wrong(path, owner, "a <mesh>", "has no filename")
     for key, rule in RULES.get(element.tag, {}).items():
         text = element.get(key)
         if text is None and rule.needed:
-            raise _wrong(path, owner, f"a <{element.tag}> has no {key}")
+            raise _wrong(path, owner, f"a <{element.tag}>", f"has no {key}")
         if text is not None and (fault := rule.fault(text)):
-            what = f"{key} = {printable(text)!r} in the <{element.tag}> of {owner} is {fault}"
-            raise _wrong(path, owner, what)
+            raise _wrong(path, owner, f"{key} = {printable(text)!r} in the <{element.tag}>", f"is {fault}")
 
 
-def _check_geometry(path: Path, owner: str, shape: ET.Element) -> None:
-    solids = [element.tag for element in shape.findall("geometry/*")]
-    if len(solids) != 1 or solids[0] not in ("box", "cylinder", "sphere", "mesh"):
-        raise _wrong(path, owner, f"a <{shape.tag}> must hold one of box, cylinder, sphere, mesh, has {listed(solids)}")
-
-
-def _wrong(path: Path, owner: str, what: str) -> RobotError:
-    kind, _, name = owner.partition(" ")
-    told = what if owner in what else f"{owner}: {what}"
-    return RobotError(f"{path}: {told}; correct it", path=path, **{kind: name.strip("'")})
+def _wrong(path: Path, owner: ET.Element, part: str, fault: str) -> RobotError:
+    name = owner.get("name", "")
+    what = f"{part} of {owner.tag} {printable(name)!r} {fault}; correct it"
+    return RobotError.at(path, what, **{owner.tag: name})

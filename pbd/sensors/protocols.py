@@ -5,9 +5,8 @@ Nothing heavy is loaded until a decoder is made. Baud rates are in the order in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from pkgutil import resolve_name
 from types import MappingProxyType
 
@@ -23,15 +22,24 @@ class WireProtocol:
     """What a kind of device speaks.
 
     Attributes:
+        made_by: the decoder's file in this folder and its name there; "" where it can't be made without more.
         bauds: to try, in this order; the first is the maker's default. None for a device without a serial port.
         rate_commands: by rate in Hz, the bytes that set it, to be sent in this order with COMMAND_PAUSE_S after each.
     """
 
     title: str
-    decoder: Callable[[], Decoder]
+    made_by: str
     bauds: tuple[int, ...]
     gives: str
     rate_commands: Mapping[int, tuple[bytes, ...]] = field(default_factory=dict)
+
+    def decoder(self) -> Decoder:
+        """Make a decoder at its start."""
+        if not self.made_by:
+            what = 'sensor "lines" needs the names of its columns'
+            raise SensorError(f'{what}; add --columns "ax,ay,az,gx,gy,gz" or a TOML file')
+        decoder: Decoder = resolve_name(f"pbd.sensors.{self.made_by}")()
+        return decoder
 
     def commands_for(self, rate_hz: float) -> tuple[bytes, ...]:
         """Return the bytes that set this rate; SensorError: the device has none such, or it can't be set from here."""
@@ -42,15 +50,6 @@ class WireProtocol:
             known = f"1 to {len(rates)}" if rates[-1] == len(rates) else ", ".join(map(str, rates))
             raise SensorError(f"{self.title} has no rate of {rate_hz:g} Hz; ask for {known} Hz", value=rate_hz)
         return self.rate_commands[int(rate_hz)]
-
-
-def _made_by(name: str) -> Decoder:
-    decoder: Decoder = resolve_name(f"pbd.sensors.{name}")()
-    return decoder
-
-
-def _lines() -> Decoder:
-    raise SensorError('sensor "lines" needs the names of its columns; add --columns "ax,ay,az,gx,gy,gz" or a TOML file')
 
 
 OS5000_RATES = {hz: (b"\x1bR%d " % hz,) for hz in range(1, 41)}
@@ -69,57 +68,57 @@ PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
     {
         "os5000": WireProtocol(
             title="OceanServer OS5000, OS500, OS4000",
-            decoder=partial(_made_by, "os5000:OS5000Decoder"),
+            made_by="os5000:OS5000Decoder",
             bauds=(19200, 38400, 115200, 57600, 9600, 4800),
             gives="acceleration, field, heading, pitch, roll",
             rate_commands=OS5000_RATES,
         ),
         "witmotion": WireProtocol(
             title="WitMotion WT901, JY901, HWT905, WT61",
-            decoder=partial(_made_by, "witmotion:WitMotionDecoder"),
+            made_by="witmotion:WitMotionDecoder",
             bauds=(9600, 115200, 230400, 921600, 57600, 38400, 19200),
             gives="acceleration, gyro, attitude; field but for WT61",
             rate_commands=WITMOTION_RATES,
         ),
         "ximu3": WireProtocol(
             title="x-io x-IMU3",
-            decoder=partial(_made_by, "ximu3:XImu3Decoder"),
+            made_by="ximu3:XImu3Decoder",
             bauds=(115200, 921600, 460800, 230400),
             gives="acceleration, gyro, field, attitude, clock",
         ),
         "vectornav": WireProtocol(
             title="VectorNav VN-100",
-            decoder=partial(_made_by, "vectornav:VectorNavDecoder"),
+            made_by="vectornav:VectorNavDecoder",
             bauds=(115200, 921600, 460800, 230400, 57600, 9600),
             gives="acceleration, gyro, field, attitude; in binary its clock",
         ),
         "xsens": WireProtocol(
             title="Xsens MTi (MTData2)",
-            decoder=partial(_made_by, "xsens:XsensDecoder"),
+            made_by="xsens:XsensDecoder",
             bauds=(115200, 921600, 2000000, 460800, 230400, 57600),
             gives="acceleration, gyro, field, attitude, clock",
         ),
         "lines": WireProtocol(
             title="any device that prints numbers (Arduino)",
-            decoder=_lines,
+            made_by="",
             bauds=(115200, 9600, 57600, 230400, 250000, 500000, 1000000, 38400, 19200),
             gives="what its columns are said to be",
         ),
         "razor": WireProtocol(
             title="SparkFun Razor, 9DOF Sensor Stick (Razor AHRS)",
-            decoder=partial(_made_by, "razor:razor_decoder"),
+            made_by="razor:razor_decoder",
             bauds=(57600, 115200),
             gives="acceleration, gyro, field",
         ),
         "phyphox": WireProtocol(
             title="a phone with the app phyphox",
-            decoder=partial(_made_by, "phyphox.answers:PhyphoxDecoder"),
+            made_by="phyphox.answers:PhyphoxDecoder",
             bauds=(),
             gives="acceleration, gyro, field where it has one, clock",
         ),
         "gamepad": WireProtocol(
             title="DualSense, DualShock 4, Joy-Con, Switch Pro Controller (Linux)",
-            decoder=partial(_made_by, "gamepad:GamepadDecoder"),
+            made_by="gamepad:GamepadDecoder",
             bauds=(),
             gives="acceleration, gyro, clock; its buttons mark the grip",
         ),

@@ -29,7 +29,7 @@ from struct import Struct
 from typing import TypedDict
 
 from pbd.sensors.attitude import from_north_east_down, from_north_west_up, rpy_from_quaternion, wrapped
-from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
+from pbd.sensors.decoding import PacketDecoder, Sample, Triple, WrappingClock, scaled
 
 MAX_PAYLOAD = 2048
 HZ = 10_000  # of the sample time
@@ -120,10 +120,11 @@ class XsensDecoder(PacketDecoder):
 
     def __init__(self) -> None:
         super().__init__()
-        self._ticks: int | None = None  # sample time of the last packet, wrap-around taken out
+        self._clock = WrappingClock(2**32)
+        self._ticks: float | None = None  # sample time of the last packet, wrap-around taken out
         self._counter: int | None = None
         self._interval: float | None = None  # s
-        self._last: dict[str, tuple[int, Triple]] = {}  # field and attitude with their time
+        self._last: dict[str, tuple[float, Triple]] = {}  # field and attitude with their time
         self._moves = False  # whether packets with acceleration or rate have come
 
     def _packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
@@ -165,13 +166,12 @@ class XsensDecoder(PacketDecoder):
         """Follow the sample time through its wrap-around, and the interval between samples."""
         if "ticks" not in found:
             return
-        ticks, counter = found["ticks"][0], found["counter"][0] if "counter" in found else None
+        ticks = self._clock.straight(found["ticks"][0])
+        counter = found["counter"][0] if "counter" in found else None
         if self._ticks is not None:
-            step = (ticks - self._ticks + 2**31) % 2**32 - 2**31  # a device that begins anew steps back
-            ticks = self._ticks + step
             packets = 1 if counter is None or self._counter is None else (counter - self._counter) % 2**16
-            if step > 0 and packets > 0:
-                self._interval = step / HZ / packets
+            if ticks > self._ticks and packets > 0:  # a device that begins anew steps back
+                self._interval = (ticks - self._ticks) / HZ / packets
         self._ticks, self._counter = ticks, counter
 
     def _held(self, what: str, value: Triple | None) -> Triple | None:

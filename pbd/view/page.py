@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import umsgpack
 
-from pbd.io.atomic import atomic_file
+from pbd.io.atomic import write_text
 from pbd.view.meshcat_encoding import ScenePath, Visualizer
 
 if TYPE_CHECKING:  # the server of the live viewer makes a page too, and needs no robot library
@@ -47,9 +47,7 @@ def write_page(scene: ReplayScene, path: Path) -> None:
 
     window = _Collector()
     build(scene, Visualizer.view_into(window, ScenePath((SCENE_ROOT,))))
-    text = page_html(scene.title, b"".join(window.commands))
-    with atomic_file(path) as file:
-        file.write_text(text, encoding="utf-8", newline="\n")
+    write_text(path, page_html(scene.title, b"".join(window.commands)))
 
 
 def page_html(title: str, commands: bytes, connect: str = "'none'") -> str:

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import RecordingError
-from pbd.files.importers import import_file, import_recording, zipped
+from pbd.files.importers import import_file, import_recording, phones
 
 N = 200
 T = np.arange(N) / 100.0
@@ -178,7 +178,7 @@ def test_half_a_zip_and_a_bomb_are_one_line(tmp_path: Path, monkeypatch: pytest.
         half.write_bytes(whole[:cut])
         with pytest.raises(RecordingError, match=r"damaged or cut off .*; copy or export it again"):
             read(half)
-    monkeypatch.setattr(zipped, "LARGEST_FILE", 100_000)
+    monkeypatch.setattr(phones, "LARGEST_FILE", 100_000)
     with zipfile.ZipFile(half, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("TotalAcceleration.csv", b"0" * 1_000_000)
     with pytest.raises(RecordingError, match="has 1 MB, more than the 0 MB that are read"):

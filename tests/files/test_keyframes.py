@@ -15,7 +15,14 @@ from hypothesis import strategies as st
 from pbd.data import Keyframe, TouchUp
 from pbd.errors import PbdError, PbdWarning, RecordingError
 from pbd.files.demo import read_demo, write_demo
-from pbd.files.keyframes import add_touch_up, keyframes_toml, read_keyframes, read_touch_ups, write_keyframes
+from pbd.files.keyframes import (
+    add_touch_up,
+    keyframes_toml,
+    read_keyframes,
+    read_touch_ups,
+    set_frames,
+    write_keyframes,
+)
 from pbd.pipeline import track
 from pbd.pose import Pose, quat_exp
 from pbd.simulation.simulate import simulate
@@ -268,6 +275,16 @@ def test_a_demonstration_has_them(tmp_path: Path) -> None:
     read = read_demo(folder).keyframes
     assert read is not None
     assert_same(read, FOUND[:4])
+
+
+def test_an_edit_is_refused_by_the_files_own_name(tmp_path: Path) -> None:
+    """What is written first has another. What the file is warned of is said when it is read, not here."""
+    path = write_keyframes(tmp_path, [FOUND[0], replace(FOUND[1], dwell_s=100.0), *FOUND[2:]], magnetic=True)
+    before = path.read_bytes()
+    with pytest.raises(RecordingError, match=rf"^{path}:\d+: \[keyframe\] frames ") as caught:
+        set_frames(path, {1: ("cup", "lid"), 2: ("lid", "cup")})
+    assert caught.value.fields["path"] == path
+    assert path.read_bytes() == before
 
 
 def test_touch_ups_at_once_all_count(tmp_path: Path) -> None:

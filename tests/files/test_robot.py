@@ -461,8 +461,8 @@ def test_what_a_robot_is_made_of(folder: Path, file: str, old: str, new: str, me
         ),
         ('<sphere radius="-0.1"/>', "radius = '-0.1' in the <sphere> of link 'hand' is smaller than 1e-06"),
         ('<box size="1 1 1e9"/>', "size = '1 1 1e9' in the <box> of link 'hand' is larger than 100"),
-        ('<cylinder radius="0.1"/>', "link 'hand': a <cylinder> has no length"),
-        ("", "link 'hand': a <collision> must hold one of box, cylinder, sphere, mesh, has (none)"),
+        ('<cylinder radius="0.1"/>', "a <cylinder> of link 'hand' has no length"),
+        ("", "a <collision> of link 'hand' must hold one of box, cylinder, sphere, mesh, has (none)"),
     ],
 )
 def test_a_shape_that_can_not_be(folder: Path, shape: str, message: str) -> None:

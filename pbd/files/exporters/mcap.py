@@ -94,13 +94,12 @@ class _Bag:
             self.put("/gripper_trajectory", 0.0, GOAL, finger_message(order.trajectory, robot.gripper))
         moving = self.put_links(states)
         keyframes = order.trajectory.keyframe_t, *self.source.tool(order.trajectory.keyframe_q)
-        self.put_poses("/keyframes", robot.base, *keyframes)
-        self.put_path("/keyframes/path", robot.base, *keyframes)
+        self.put_path("/keyframes/path", robot.base, *keyframes, each="/keyframes")
         self.put_path("/tool/path", robot.base, states.t, *self.source.tool(states.q))
-        self.put_path("/hand/path", NAV, hand.t, hand.p_nav_sensor, hand.wxyz_nav_sensor)
-        self.put_poses("/hand/pose", NAV, hand.t, hand.p_nav_sensor, hand.wxyz_nav_sensor)
-        for at, *pose in zip(hand.t.tolist(), hand.p_nav_sensor, hand.wxyz_nav_sensor, strict=True):
-            self.put_transforms("/tf", at, [(NAV, SENSOR, Pose(*pose))])
+        poses = hand.t, hand.p_nav_sensor, hand.wxyz_nav_sensor
+        self.put_path("/hand/path", NAV, *poses, each="/hand/pose")
+        for at, *pose in zip(*poses, strict=True):
+            self.put_transforms("/tf", float(at), [(NAV, SENSOR, Pose(*pose))])
         fixed = [(robot.base, NAV, self.source.T_base_nav), (robot.body, TOOL, robot.T_body_tool)]
         fixed += [(parent, link, at) for link, (parent, at) in self.links(states, 0).items() if link not in moving]
         self.put_transforms("/tf_static", 0.0, fixed)
@@ -147,13 +146,16 @@ class _Bag:
             field = {"header": self.header(SENSOR, at), "magnetic_field": tesla, "magnetic_field_covariance": known}
             self.put("/magnetic_field", at, "sensor_msgs/msg/MagneticField", field)
 
-    def put_poses(self, topic: str, frame: str, *poses: Array) -> None:
-        for at, p, wxyz in zip(*poses, strict=True):
-            self.put(topic, float(at), "geometry_msgs/msg/PoseStamped", self.stamped(frame, float(at), p, wxyz))
-
-    def put_path(self, topic: str, frame: str, *poses: Array) -> None:
-        stamped = [self.stamped(frame, float(at), p, wxyz) for at, p, wxyz in zip(*poses, strict=True)]
+    def put_path(self, topic: str, frame: str, *poses: Array, each: str = "") -> None:
+        """Write times, positions and wxyz as one message; and each pose at its time to the topic `each`."""
+        stamped = [
+            {"header": self.header(frame, float(at)), "pose": {"position": _xyz(p), "orientation": _xyzw(wxyz)}}
+            for at, p, wxyz in zip(*poses, strict=True)
+        ]
         self.put(topic, 0.0, "nav_msgs/msg/Path", {"header": self.header(frame, 0.0), "poses": stamped})
+        if each:
+            for at, pose in zip(poses[0], stamped, strict=True):
+                self.put(each, float(at), "geometry_msgs/msg/PoseStamped", pose)
 
     def put_transforms(self, topic: str, at: float, found: Sequence[tuple[str, str, Pose]]) -> None:
         transforms = [
@@ -191,9 +193,6 @@ class _Bag:
     def header(self, frame: str, at: float) -> dict[str, Any]:
         sec, nanosec = divmod(self.start_ns + round(1e9 * at), 10**9)
         return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame}
-
-    def stamped(self, frame: str, at: float, p: Array, wxyz: Array) -> dict[str, Any]:
-        return {"header": self.header(frame, at), "pose": {"position": _xyz(p), "orientation": _xyzw(wxyz)}}
 
 
 @cache

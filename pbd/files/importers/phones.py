@@ -13,9 +13,11 @@ from __future__ import annotations
 import csv
 import io
 import re
+import zipfile
+import zlib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
@@ -23,9 +25,8 @@ from pbd.data import GRAVITY, Recording, RecordingInfo
 from pbd.data.streams import Moment, Moments, Stream, joined
 from pbd.errors import RecordingError, in_words, listed
 from pbd.files.importers.columns import CHANNEL_OF, UNUSED, Column, Understood, why_left
-from pbd.files.importers.zipped import MOST_FILES, PHYPHOX_MOMENTS, Files, zipped_tables
 from pbd.files.table import Sheet, foreign_text, open_sheet
-from pbd.io.read_file import read_bytes
+from pbd.io.read_file import LARGE, read_bytes
 
 LOGGER_FILES = (
     *("TotalAcceleration", "Accelerometer", "AccelerometerUncalibrated", "Gravity"),
@@ -44,10 +45,21 @@ PHYPHOX_UNITS = {"gyr": "rad/s", "acc": "m/s2", "mag": "ut"}
 PHYPHOX_TIME = "Time (s)"
 LOGGER = "Sensor Logger"
 
+LARGEST_FILE = LARGE // 4
+"""Largest file in a zip, bytes: an hour at 400 Hz has 120 MB. So a small zip can't fill the memory."""
+
+MOST_FILES = 1000
+"""Most files of a recording that are looked at: Sensor Logger keeps pictures, too."""
+
+PHYPHOX_MOMENTS = "meta/time"
+"""phyphox' table of starts and pauses. What else is in its folder `meta` is about the phone."""
+
+Files = dict[str, Callable[[], bytes]]
+
 
 def read_phone(path: Path) -> tuple[Recording, Understood] | None:
     """Read a phone's recording from a zip, a folder, or a CSV in such a folder; None where it is of neither app."""
-    files = zipped_tables(path) if path.suffix.lower() == ".zip" else _beside(path)
+    files = _zipped(path) if path.suffix.lower() == ".zip" else _beside(path)
     if not files:
         return None
     logger = {name: files[name] for name in LOGGER_FILES if name in files}
@@ -61,6 +73,40 @@ def read_phone(path: Path) -> tuple[Recording, Understood] | None:
     else:
         return None
     return recording, understood.with_unread({f"{name}.csv": UNUSED for name in sorted(files.keys() - read)})
+
+
+def _zipped(path: Path) -> Files:
+    """The tables of a zip by name, whatever folder they are in; RecordingError: no zip, or several recordings."""
+    data = read_bytes(path, RecordingError, "export it again")
+    try:
+        archive = zipfile.ZipFile(io.BytesIO(data))
+    except (zipfile.BadZipFile, OSError, ValueError) as reason:
+        what = f"{path}: the zip is damaged or cut off ({in_words(reason)}); copy or export it again"
+        raise RecordingError(what, path=path) from None
+    files: Files = {}
+    for member in archive.infolist()[:MOST_FILES]:
+        place = PurePosixPath(member.filename)
+        if place.suffix.lower() != ".csv" or "__MACOSX" in place.parts:
+            continue
+        name = PHYPHOX_MOMENTS if place.parts[-2:] == ("meta", "time.csv") else place.stem
+        if place.parts[-2:-1] == ("meta",) and name != PHYPHOX_MOMENTS:
+            continue
+        if name in files:
+            raise RecordingError.at(path, f"it holds several recordings ({name}.csv twice); export one")
+        files[name] = partial(_member, path, archive, member)
+    return files
+
+
+def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
+    if member.file_size > LARGEST_FILE:
+        most = f"{LARGEST_FILE / 1e6:.0f} MB"
+        what = f"'{member.filename}' in it has {member.file_size / 1e6:.3g} MB, more than the {most} that are read"
+        raise RecordingError.at(path, f"{what}; export a shorter recording", value=member.file_size)
+    try:
+        return archive.read(member)
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError, ValueError) as reason:
+        what = f"'{member.filename}' in the zip can't be read ({in_words(reason)}); export it again"
+        raise RecordingError.at(path, what) from None
 
 
 def _beside(path: Path) -> Files:

@@ -154,11 +154,11 @@ def test_a_mesh_is_found_and_scaled(tmp_path: Path, cache: Path, address: str) -
             '<mesh filename="meshes/t.obj" scale="1 two 3"/>',
             "scale = '1 two 3' in the <mesh> of link 'hand' is not three",
         ),
-        (OBJ, '<mesh scale="1 1 1"/>', "link 'hand': a <mesh> has no filename; correct it"),
+        (OBJ, '<mesh scale="1 1 1"/>', "a <mesh> of link 'hand' has no filename; correct it"),
         (
             OBJ,
             '<cone radius="1"/>',
-            "link 'hand': a <collision> must hold one of box, cylinder, sphere, mesh, has cone",
+            "a <collision> of link 'hand' must hold one of box, cylinder, sphere, mesh, has cone",
         ),
     ],
 )
