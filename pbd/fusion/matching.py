@@ -43,6 +43,12 @@ class Keyframes:
     grip: tuple[bool | None, ...]
     sigma: Array
 
+    @classmethod
+    def of_candidates(cls, candidates: Sequence[Candidate]) -> Keyframes:
+        """The task's, as the first take that has each shows it."""
+        p, R, grip, sigma = zip(*((one.p, one.R, one.grip, one.sigma) for one in candidates), strict=True)
+        return cls(np.array(p), np.array(R), grip, np.array(sigma))
+
     def __len__(self) -> int:
         return len(self.p)
 
@@ -163,13 +169,7 @@ def _dock(one: Keyframes) -> Keyframes:
 
 def _add(candidates: list[Candidate], take: int, there: Keyframes) -> None:
     """Give each keyframe of a registered take to its candidate, or make it a new one in its place."""
-    known = Keyframes(
-        np.array([one.p for one in candidates]),
-        np.array([one.R for one in candidates]),
-        tuple(one.grip for one in candidates),
-        np.array([one.sigma for one in candidates]),
-    )
-    partner = {j: i for i, j in by_pose(known, there)}
+    partner = {j: i for i, j in by_pose(Keyframes.of_candidates(candidates), there)}
     merged, done = list[Candidate](), 0
     for j in range(len(there)):
         if j in partner:

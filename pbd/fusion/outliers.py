@@ -5,7 +5,6 @@ An outlier makes the hand seem to scatter. So the scatter that it is tested by i
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -13,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.fusion.joint_estimate import Joint, Parts, estimate_jointly, without
+from pbd.fusion.joint_estimate import Joint, Parts, estimate_jointly
 from pbd.fusion.scatter import Scatter, alike
 from pbd.pose import Array, lengths
 
@@ -51,7 +50,7 @@ def believed(parts: Parts, joint: Joint) -> tuple[Joint, Parts, Disbelieved]:
     out: list[tuple[int, int]] = []
     while (worst := _outlier(parts, joint, LEAST_TAKES)) is not None:
         out.append(worst)
-        parts = without(parts, worst[0], worst[1])
+        parts = parts.only(~_is(parts, *worst))
         joint = estimate_jointly(parts, joint.state, alike(len(joint.state.m)))
     return joint, parts, Disbelieved(None, tuple(out))
 
@@ -61,38 +60,38 @@ def disagreement(parts: Parts, joint: Joint, names: Sequence[str]) -> str:
     worst = _outlier(parts, joint, 2)
     if worst is None:
         return ""
-    both = " and ".join(name for name, at in zip(names, parts.at, strict=True) if worst[1] in at)
+    both = " and ".join(names[k] for k in parts.take[parts.at == worst[1]])
     return f"{both} differ at keyframe {worst[1]}; a third take would show which is wrong"
 
 
 def _outlier(parts: Parts, joint: Joint, takes: int) -> tuple[int, int] | None:
     """The keyframe of a take that fits the others worst, if it is an outlier; of those that so many takes have."""
-    counts = Counter(int(j) for at in parts.at for j in at)
-    which, rows = [], []
-    for k, (at, own) in enumerate(zip(parts.at, parts.rows, strict=True)):
-        for i, j in enumerate(at.tolist()):
-            if counts[j] == takes or counts[j] > takes >= LEAST_TAKES:
-                which.append((k, j))
-                rows.append(own.start + 6 * i + np.arange(6))
-    if not which:
+    counts = np.bincount(parts.at)[parts.at]
+    tested = np.flatnonzero((counts == takes) | (counts > takes) & (takes >= LEAST_TAKES))
+    if not len(tested):
         return None
+    rows = 6 * tested[:, None] + np.arange(6)
     worst = int(np.argmax(joint.squares(rows)))
-    k, j = which[worst]
-    found = _stands_out(parts, joint, without(parts, k, j), rows[worst], len(which))
-    return which[worst] if found else None
+    which = int(parts.take[tested[worst]]), int(parts.at[tested[worst]])
+    found = _stands_out(parts, joint, parts.only(~_is(parts, *which)), rows[worst], len(tested))
+    return which if found else None
+
+
+def _is(parts: Parts, take: int, keyframe: int) -> NDArray[np.bool_]:
+    return (parts.take == take) & (parts.at == keyframe)
 
 
 def _outlier_take(parts: Parts, joint: Joint) -> int | None:
     """The take that is farthest off, if it is an outlier."""
-    if len(parts.at) < LEAST_TAKES:
+    if len(parts.marginals) < LEAST_TAKES:
         return None
     off = np.array([np.median(lengths(joint.residuals[rows].reshape(-1, 6)[:, :3])) for rows in parts.rows])
     worst = int(np.argmax(off))
     if off[worst] < SUSPECT * np.median(off):
         return None
     rows = np.arange(parts.rows[worst].start, parts.rows[worst].stop)
-    rest = without(parts, worst, *parts.at[worst].tolist())
-    return worst if _stands_out(parts, joint, rest, rows, len(parts.at)) else None
+    rest = parts.only(parts.take != worst)
+    return worst if _stands_out(parts, joint, rest, rows, len(parts.rows)) else None
 
 
 def _stands_out(parts: Parts, joint: Joint, rest: Parts, rows: NDArray[np.intp], tests: int) -> bool:
