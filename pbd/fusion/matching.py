@@ -181,8 +181,8 @@ def _add(candidates: list[Candidate], take: int, there: Keyframes) -> None:
     candidates[:] = [*merged, *candidates[done:]]
 
 
-def register(here: Keyframes, there: Keyframes, pairs: Sequence[tuple[int, int]]) -> Registration:
-    """Turn about the vertical, shift, and turn of the sensor in the hand that bring pairs of keyframes together."""
+def register(here: Keyframes, there: Keyframes, pairs: Sequence[tuple[int, int]], in_hand: bool = True) -> Registration:
+    """Turn about the vertical, shift and, `in_hand`, turn of the sensor in the hand that bring keyframes together."""
     i, j = np.transpose(pairs)
     p, q, R, S = here.p[i], there.p[j], here.R[i], there.R[j]
     mean = p.mean(axis=0), q.mean(axis=0)
@@ -191,7 +191,7 @@ def register(here: Keyframes, there: Keyframes, pairs: Sequence[tuple[int, int]]
         """What each heading leaves over, (n,), and its turn of the sensor, (n, 3, 3)."""
         turns = quat_to_matrix(quat_about_z(yaws))
         turned = turns[:, None] @ S
-        Q = _mean(turned.swapaxes(-1, -2) @ R)
+        Q = _mean(turned.swapaxes(-1, -2) @ R) if in_hand else np.tile(np.eye(3), (len(yaws), 1, 1))
         off = p - mean[0] - (q - mean[1]) @ turns.swapaxes(-1, -2)
         angles = matrix_log(turned @ Q[:, None] @ R.swapaxes(-1, -2))
         return (off**2).sum(axis=(1, 2)) + TURN_LEVER_M**2 * (angles**2).sum(axis=(1, 2)), Q
