@@ -9,14 +9,14 @@ import numpy as np
 from pbd.fusion.marginals import BIAS, DEVICE, Marginal
 
 BIAS_REPEATS = 0.002
-"""m/s2: how an accelerometer's bias differs from one take to the next (0.2 mg: a fraction of a degree of warmth)."""
+"""Sigma of an accelerometer's bias from take to take, m/s2 (0.2 mg: a fraction of a degree of temperature)."""
 
 ANOTHER = 5.0 * DEVICE
-"""Chi-square of a take's errors against the others' from which it is of another device. Simulated (WT901, 64 takes) one
-device gives at most 13, two give 700 and more."""
+"""Chi-square between a take's sensor errors and a device's, above which the take is of another device. Simulated
+(WT901, 64 takes), one device gives at most 13, two give 700 or more."""
 
 LEAST_KNOWN = 1e-6
-"""Share of the largest information below which a direction is taken as unknown."""
+"""Smallest eigenvalue of the (scaled) information that counts as known, as a share of the largest."""
 
 
 def devices_of(marginals: Sequence[Marginal], names: Sequence[Hashable]) -> tuple[int, ...]:

@@ -25,20 +25,25 @@ from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX
 from pbd.tracking.smoother.state import lower_matrix
 
 LEVER_M, LEVER_WORTH = 0.005, 3.0
-"""m: how differently a sensor is put into the hand, along each axis; degrees of freedom that this is worth beside what
-the takes show."""
+"""Prior of the lever between takes: sigma along each axis, m, and its degrees of freedom."""
 
 WEAK = 0.01
-"""Information (1/m2, 1/rad2) that is added to poses and levers in each step, so that no matrix is singular."""
+"""Damping (1/m2, 1/rad2) of poses and levers in each step, so that no matrix is singular."""
 
 MAX_ITERATIONS, CONVERGED, CONVERGED_LOG = 25, 1e-6, 0.01
-"""Gauss-Newton: limit; largest last step of the unknowns (m, rad) and of the scatter's logarithms."""
+"""Gauss-Newton: most iterations; convergence of the keyframes (m, rad) and of the scatter's logarithms."""
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The task's keyframes m (J, 3), A (J, 3, 3); of each frame (a thing's, and that of all other
-    keyframes) and take yaw (F, K), c (F, K, 3); of each take Q (K, 3, 3), l (K, 3); the devices' errors (D, DEVICE)."""
+    """The unknowns: of the task, of each take, of each device.
+
+    Attributes:
+        m, A: (J, 3) m and (J, 3, 3), the task's keyframes.
+        yaw, c: (F, K) rad and (F, K, 3) m, nav of each take in the task's frame 0, and in frame 1, a moved thing's.
+        Q, lever: (K, 3, 3) and (K, 3) m, how the sensor sits in the hand, against the first take.
+        devices: (D, DEVICE), the devices' errors.
+    """
 
     m: Array
     A: Array

@@ -15,23 +15,23 @@ import numpy as np
 from pbd.pose import Array, matrix_log, quat_about_z, quat_to_matrix
 
 HAND_M, HAND_RAD, HAND_SHARE = 0.03, np.radians(10.0), 0.1
-"""How differently a hand does the same again, for matching only: m, rad, and a share of the move."""
+"""Repeatability of a hand, for matching only: m, rad, and a share of the move."""
 
 SKIP, GRIP = 8.0, 12.0
-"""Cost of a keyframe without a partner, and of a grip that differs, in squared sigmas. Two keyframes are partners up
-to twice SKIP: four sigmas."""
+"""Cost of a keyframe without a match, and of a grip that differs, in squared sigmas. Two keyframes match up to twice
+SKIP: four sigmas."""
 
 MAX_SKIPS = 4
-"""Most keyframes in a row that may lack a partner while moves are compared."""
+"""Most keyframes in a row without a match, while moves are compared."""
 
 TURN_LEVER_M = 0.1
-"""m: by which a turn counts as a shift when keyframes are compared: a hand's width, about from sensor to tip."""
+"""Lever, m, that makes a rotation error comparable with a position error: a hand's width."""
 
 YAWS, RESTATED = 72, 3
-"""Headings tried, over a full turn; how often registration and matching are repeated."""
+"""Number of headings tried over a full turn; number of rounds of registration and matching."""
 
 LEAST_SHARE = 0.5
-"""Share of keyframes with a partner below which two takes are of different tasks."""
+"""Share of keyframes with a match below which two takes are of different tasks."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,17 +20,17 @@ from pbd.pose import Array, lengths, matrix_log
 Index = NDArray[np.intp]
 
 AGAIN_M = 0.003
-"""m: by which a hand misses a place, at least; what is left over may be more, and counts as that then."""
+"""Least sigma, m, of how a hand meets a place again. If the residuals are larger, they set it."""
 
 LEAST_GAIN = 10.0
-"""Logarithm of the likelihoods' ratio above which a thing has moved: 1 in 20,000, as far as the noise is normal."""
+"""Log likelihood ratio above which a thing has moved: 1 in 20,000 if the noise is normal."""
 
 LEAST_TAKES, LEVEL_M = 3, 0.01
-"""Of one keyframe nothing shows that it keeps to something else. It must be elsewhere in each of so many takes, as else
-it may be a mistake; and be as high, m, as on one table: a hand that passes through the air somehow is not."""
+"""Conditions for a thing of a single keyframe: fewest takes, in each of which it stands elsewhere (else it may be a
+mistake); largest difference in height, m (a waypoint in the air varies more)."""
 
 LEAST_LEFT = 3
-"""Fewest keyframes of the rest, the dock among them."""
+"""Fewest keyframes that are not the thing's, with the dock."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,19 +17,19 @@ from pbd.fusion.scatter import Scatter, alike
 from pbd.pose import Array, lengths
 
 FALSE_RATE = 0.01
-"""Share of sound fusions in which something is taken for an outlier, by chance."""
+"""Chance that a fusion without outliers reports one."""
 
 LEAST_TAKES = 3
-"""Fewest takes of which one can be told to be wrong."""
+"""Fewest takes among which an outlier can be located."""
 
 UNSURE_SIGMAS = 2.0
-"""The scatter of the rest is taken as large as that many sigmas of its logarithm allow: it may be of few takes."""
+"""How far the scatter of the rest is raised for the test, in sigmas of its logarithm: few takes show it badly."""
 
 SUSPECT = 2.0
-"""A take is tested if its keyframes (their median) are so many times as far off as the median take's."""
+"""A take is tested if its median residual is this many times the median take's."""
 
 KNOWN_SPREAD = 1e-3
-"""Spread of a scatter's logarithm that is held where it is."""
+"""Prior sigma of a logarithm of scatter that is held fixed."""
 
 
 class Disbelieved(NamedTuple):
@@ -56,7 +56,7 @@ def believed(parts: Parts, joint: Joint) -> tuple[Joint, Parts, Disbelieved]:
 
 
 def disagreement(parts: Parts, joint: Joint, names: Sequence[str]) -> str:
-    """Where two takes differ too much and nobody can tell which is right; "" where none do."""
+    """Say where two takes differ too much, without telling which is right; "" if none do."""
     worst = _outlier(parts, joint, 2)
     if worst is None:
         return ""
@@ -65,20 +65,20 @@ def disagreement(parts: Parts, joint: Joint, names: Sequence[str]) -> str:
 
 
 def _outlier(parts: Parts, joint: Joint, takes: int) -> tuple[int, int] | None:
-    """The keyframe of a take that fits the others worst, if it is an outlier; of those that so many takes have."""
+    """The worst keyframe of a take, if it is an outlier; of those that so many takes have (or more, from three on)."""
     counts = np.bincount(parts.at)[parts.at]
-    tested = np.flatnonzero((counts == takes) | (counts > takes) & (takes >= LEAST_TAKES))
+    tested = np.flatnonzero((counts == takes) | ((counts > takes) & (takes >= LEAST_TAKES)))
     if not len(tested):
         return None
     rows = 6 * tested[:, None] + np.arange(6)
-    worst = int(np.argmax(joint.squares(rows)))
+    worst = int(np.argmax(joint.squares(list(rows))))
     which = int(parts.take[tested[worst]]), int(parts.at[tested[worst]])
     found = _stands_out(parts, joint, parts.only(~_is(parts, *which)), rows[worst], len(tested))
     return which if found else None
 
 
 def _is(parts: Parts, take: int, keyframe: int) -> NDArray[np.bool_]:
-    return (parts.take == take) & (parts.at == keyframe)
+    return np.asarray((parts.take == take) & (parts.at == keyframe))
 
 
 def _outlier_take(parts: Parts, joint: Joint) -> int | None:
