@@ -23,7 +23,7 @@ HEADING_BASE_M = 0.03
 """m, horizontal: least distance between two stops or points that give a heading."""
 
 AMBIGUOUS_COST = 12.0
-"""Difference in cost below which two answers are equally likely. A true point adds about 3."""
+"""Difference in cost below which two answers count as equally likely. A true point costs about 3."""
 
 SAME_ANSWER_M, SAME_ANSWER_RAD = 0.05, np.radians(10.0)
 """Distance and angle, m and rad, below which two answers are the same."""

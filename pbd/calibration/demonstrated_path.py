@@ -27,10 +27,11 @@ SMOOTH_M, SMOOTH_RAD = 0.005, np.radians(2.0)
 SPACING_M, SPACING_RAD = 0.005, np.radians(2.0)
 """Largest distance, m and rad, between two poses of the path."""
 
-FEWEST_POSES = 8
-STRENGTHS = np.logspace(-12, 1, 27)
-END_WEIGHT = 1e6
-FEWEST_SMOOTHED = 5
+FEWEST_POSES, FEWEST_SMOOTHED = 8, 5
+"""Fewest poses of a path; fewest samples that are smoothed."""
+
+STRENGTHS, END_WEIGHT = np.logspace(-12, 1, 27), 1e6
+"""Strengths of smoothing that are tried; weight of both ends, which are met."""
 
 
 @dataclass(frozen=True, eq=False)

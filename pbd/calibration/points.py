@@ -12,7 +12,6 @@ from pbd.calibration.registration import (
     Fit,
     PointObservations,
     Problem,
-    predict,
     register,
     variance,
     widened,
@@ -94,9 +93,9 @@ def fit_points(
     refuse_shape(points, free)
     touched = replace(touched, cov=touched.cov + touch_m**2 * np.eye(len(touched.cov)))
     problem = Problem(touched, points, free, scaled)
-    keep, fit = _consistent(problem)
+    wrong, fit = _consistent(problem)
     cov = widened(fit.cov, fit.chi2, fit.freedom)
-    left_out = [_left_out(problem, k, keep, fit) for k in range(len(points))]
+    left_out = [_left_out(problem, k, wrong, fit) for k in range(len(points))]
     return PointFit(
         T_base_nav=fit.pose,
         cov=cov[:6, :6],
@@ -105,24 +104,25 @@ def fit_points(
         residuals=points - fit.in_base(touched),
         left_out=np.array([off for off, _ in left_out]),
         left_out_sigma=np.array([sigma for _, sigma in left_out]),
-        used=tuple(k in keep for k in range(len(points))),
+        used=tuple(k not in wrong for k in range(len(points))),
         chi2=fit.chi2 / fit.freedom,
     )
 
 
 def _consistent(problem: Problem) -> tuple[list[int], Fit]:
-    keep = list(range(len(problem.points)))
+    """The points that are wrong, and the fit of the others."""
+    wrong: list[int] = []
     while True:
-        fit = register(problem.only(keep))
-        known = {k: register(problem.only(rest)) for k in keep if (rest := _without(problem, keep, k))}
-        gained = {k: fit.chi2 - each.chi2 for k, each in known.items()}
+        fit, used = register(problem, wrong), [k for k in range(len(problem.points)) if k not in wrong]
+        without = {k: register(problem, [*wrong, k]) for k in used if _enough(problem, [*wrong, k])}
+        gained = {k: fit.chi2 - each.chi2 for k, each in without.items()}
         worst = max(gained, key=lambda k: gained[k], default=None)
-        if worst is None or not _wrong(gained[worst], known[worst]):
-            return keep, fit
+        if worst is None or not _wrong(gained[worst], without[worst]):
+            return wrong, fit
         rivals = [k for k in gained if k != worst and gained[worst] - gained[k] < CLEARER_CHI2]
-        if rivals or len(keep) <= FEWEST or fit.freedom < 6:
-            raise _contradiction(problem, fit, [worst, *rivals] if rivals else keep)
-        keep.remove(worst)
+        if rivals or len(used) <= FEWEST or fit.freedom < 6:
+            raise _contradiction(problem, fit, [worst, *rivals] if rivals else used)
+        wrong.append(worst)
 
 
 def _wrong(gained: float, others: Fit) -> bool:
@@ -133,21 +133,20 @@ def _wrong(gained: float, others: Fit) -> bool:
     return bool(fdtrc(3.0, PRIOR_FREEDOM + others.freedom, share) < WRONG_CHANCE)
 
 
-def _without(problem: Problem, keep: Sequence[int], k: int) -> list[int]:
-    """The others; none where they are too few or lie badly."""
-    others = [other for other in keep if other != k]
-    if problem.only(others).freedom < 1 or _bad_shape(problem.points[others], problem.free, len(others)):
-        return []
-    return others
+def _enough(problem: Problem, left_out: Sequence[int]) -> bool:
+    """Whether the other points are enough for a fit, and lie well."""
+    others = np.delete(problem.points, list(left_out), axis=0)
+    return problem.freedom(len(others)) > 0 and not _bad_shape(others, problem.free, len(others))
 
 
-def _left_out(problem: Problem, k: int, keep: Sequence[int], fit: Fit) -> tuple[Array, Array]:
+def _left_out(problem: Problem, k: int, wrong: Sequence[int], fit: Fit) -> tuple[Array, Array]:
     """Point k less where the others put it, and the sigma of that, (3,) m; where they can't, by all."""
-    others = _without(problem, keep, k)
-    if others:
-        return predict(problem, k, others)
-    cov = widened(fit.cov, fit.chi2, fit.freedom)
-    return problem.points[k] - fit.in_base(problem.touched)[k], np.sqrt(np.diagonal(cov)[:3])
+    out = [k, *(each for each in wrong if each != k)]
+    off, cov = problem.points[k] - fit.in_base(problem.touched)[k], fit.cov[:3, :3]
+    if _enough(problem, out):
+        fit = register(problem, out)
+        off, cov = fit.left_out[0], fit.cov_left_out[0]
+    return off, np.sqrt(np.diagonal(widened(cov, fit.chi2, fit.freedom)))
 
 
 def refuse_shape(points: Array, free: bool) -> None:

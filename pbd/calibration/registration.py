@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pbd.data import Keyframe
 from pbd.data.covariance import PoseCovariance
@@ -51,18 +50,13 @@ class PointObservations:
 
     def only(self, keep: Sequence[int]) -> PointObservations:
         """Some of them."""
-        rows = rows_of(keep)
+        rows = (3 * np.asarray(keep)[:, None] + np.arange(3)).ravel()
         return PointObservations(
             self.p_nav_sensor[list(keep)],
             self.lever[list(keep)],
             self.cov[np.ix_(rows, rows)],
             tuple(self.stops[k] for k in keep),
         )
-
-
-def rows_of(keep: Sequence[int]) -> NDArray[np.intp]:
-    """The rows of some touches in a matrix that has three for each."""
-    return (3 * np.asarray(keep)[:, None] + np.arange(3)).ravel()
 
 
 def observe_points(
@@ -103,19 +97,14 @@ class Problem:
     free: bool = False
     scaled: bool = False
 
-    def only(self, keep: Sequence[int]) -> Problem:
-        """With some of the points."""
-        return Problem(self.touched.only(keep), self.points[list(keep)], self.free, self.scaled)
-
     @property
     def unknowns(self) -> list[int]:
         """Which of position (0 to 2), rotation vector in base (3 to 5) and log of the scale (6) are unknown."""
         return [0, 1, 2, *((3, 4, 5) if self.free else (5,)), *((6,) if self.scaled else ())]
 
-    @property
-    def freedom(self) -> int:
-        """Degrees of freedom that are left."""
-        return 3 * len(self.points) - len(self.unknowns)
+    def freedom(self, used: int) -> int:
+        """Degrees of freedom that so many points leave."""
+        return 3 * used - len(self.unknowns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +114,8 @@ class Fit:
     Attributes:
         cov: (7, 7) of position, rotation vector in base and log of the scale, by the tracker's sigmas.
         chi2: the whole sum.
+        left_out: (l, 3) m in base, each point that was left out less where its touch lies by the others.
+        cov_left_out: (l, 3, 3) m2, of these, by the tracker's sigmas.
     """
 
     pose: Pose
@@ -132,6 +123,8 @@ class Fit:
     cov: Array
     chi2: float
     freedom: int
+    left_out: Array
+    cov_left_out: Array
 
     def in_base(self, touched: PointObservations) -> Array:
         """Where the tips lie, (m, 3) m."""
@@ -173,46 +166,42 @@ def align(p_from: Array, p_to: Array, free: bool = False) -> Pose:
     return Pose(middle_to - quat_rotate(wxyz, middle_from), wxyz)
 
 
-def register(problem: Problem) -> Fit:
-    """Fit, by Gauss and Newton's steps.
+def register(problem: Problem, left_out: Sequence[int] = ()) -> Fit:
+    """Fit, by Gauss and Newton's steps. The touch of a point that is left out has an error of its own, unknown too.
 
-    What is left is whitened in nav: there the noise does not turn with the unknown rotation.
+    That error is found with all correlations: what the others show of the tracker's errors is taken out of it. What is
+    left is whitened in nav: there the noise does not turn with the unknown rotation.
     """
     touched, where = problem.touched, problem.unknowns
-    pose, scale = align(touched.p_nav_sensor + touched.lever, problem.points, problem.free), 1.0
-    whiten = np.linalg.inv(np.linalg.cholesky(problem.touched.cov))
+    used = np.delete(np.arange(len(problem.points)), left_out)
+    pose = align((touched.p_nav_sensor + touched.lever)[used], problem.points[used], problem.free)
+    scale, errors = 1.0, np.zeros((len(left_out), 3))
+    whiten = np.linalg.inv(np.linalg.cholesky(touched.cov))
+    by_error = whiten.reshape(len(whiten), -1, 3)[:, list(left_out)].reshape(len(whiten), -1)
     for _ in range(MAX_ITERATIONS):
-        off = whiten @ misfit(problem, pose, scale).ravel()
-        by_unknown = whiten @ jacobian(problem, pose, scale)
+        off = whiten @ misfit(problem, pose, scale).ravel() - by_error @ errors.ravel()
+        by_unknown = np.hstack((whiten @ jacobian(problem, pose, scale), -by_error))
         inverse = np.linalg.inv(by_unknown.T @ by_unknown)
+        change = -inverse @ (by_unknown.T @ off)
         step = np.zeros(7)
-        step[where] = -inverse @ (by_unknown.T @ off)
+        step[where] = change[: len(where)]
         pose, scale = moved(pose, scale, step)
-        if np.abs(step).max() < CONVERGED_STEP:
+        errors += change[len(where) :].reshape(-1, 3)
+        if np.abs(change).max() < CONVERGED_STEP:
             break
     cov = np.zeros((7, 7))
-    cov[np.ix_(where, where)] = inverse
-    return Fit(pose, scale, cov, float(off @ off), problem.freedom)
-
-
-def predict(problem: Problem, k: int, keep: Sequence[int]) -> tuple[Array, Array]:
-    """Point k less where its touch lies by the others, (3,) m in base, and the sigma of that (3,).
-
-    With all correlations: what the others show of the tracker's errors is taken out of this touch too.
-
-    Args:
-        keep: the others that count; they must be enough for a fit.
-    """
-    fit = register(problem.only(keep))
-    rows, own, cov = rows_of(keep), rows_of([k]), problem.touched.cov
-    off, by_unknown = misfit(problem, fit.pose, fit.scale).ravel(), jacobian(problem, fit.pose, fit.scale)
-    gain = cov[np.ix_(own, rows)] @ np.linalg.inv(cov[np.ix_(rows, rows)])
-    by_unknown = by_unknown[own] - gain @ by_unknown[rows]
-    of_fit = fit.cov[np.ix_(problem.unknowns, problem.unknowns)]
-    left = cov[np.ix_(own, own)] - gain @ cov[np.ix_(rows, own)] + by_unknown @ of_fit @ by_unknown.T
-    to_base = -fit.scale * quat_to_matrix(fit.pose.wxyz)
-    sigma = np.sqrt(np.diagonal(widened(to_base @ left @ to_base.T, fit.chi2, fit.freedom)))
-    return to_base @ (off[own] - gain @ off[rows]), sigma
+    cov[np.ix_(where, where)] = inverse[: len(where), : len(where)]
+    to_base = -scale * quat_to_matrix(pose.wxyz)
+    cov_errors = [inverse[k : k + 3, k : k + 3] for k in range(len(where), len(inverse), 3)]
+    return Fit(
+        pose,
+        scale,
+        cov,
+        chi2=float(off @ off),
+        freedom=problem.freedom(len(used)),
+        left_out=errors @ to_base.T,
+        cov_left_out=to_base @ np.reshape(cov_errors, (-1, 3, 3)) @ to_base.T,
+    )
 
 
 def misfit(problem: Problem, pose: Pose, scale: float) -> Array:

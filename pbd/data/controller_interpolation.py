@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 
 from pbd.data.robot import JointLimits, Samples
 from pbd.pose import Array
@@ -90,7 +91,7 @@ def shares(points: Samples, rule: Rule, limits: JointLimits, digits: float = EPS
         if rule == "hold":
             peaks: Array = np.abs(np.diff(values[order - 1], axis=0)) / h
         else:
-            peaks = _peaks(_derivative(coefficients, order), h)
+            peaks = _peaks(np.asarray(polyder(coefficients, order, axis=1), dtype=np.float64), h)
         worst = (peaks - _ROUNDING[order - 1] * rounding / h**order) / bound
         point, joint = np.unravel_index(int(np.argmax(worst)), worst.shape)
         found.append(Share(name, int(joint), int(point), float(worst[point, joint])))
@@ -111,15 +112,6 @@ def _peaks(coefficients: Array, h: Array) -> Array:
     return np.asarray(np.maximum.reduce([np.abs(evaluate(coefficients, s)) for s in instants]))
 
 
-def _derivative(coefficients: Array, order: int) -> Array:
-    for _ in range(order):
-        coefficients = coefficients[:, 1:] * np.arange(1.0, coefficients.shape[1])[:, None]
-    return coefficients
-
-
 def evaluate(coefficients: Array, s: Array) -> Array:
     """Evaluate polynomials (n, terms, k) at s (n, 1) seconds from their beginnings."""
-    value: Array = np.zeros_like(coefficients[:, 0])
-    for term in np.moveaxis(coefficients[:, ::-1], 1, 0):
-        value = value * s + term
-    return value
+    return np.asarray(polyval(s, np.moveaxis(coefficients, 1, 0), tensor=False))

@@ -7,29 +7,26 @@ from collections.abc import Hashable, Sequence
 import numpy as np
 
 from pbd.fusion.marginals import BIAS, DEVICE, Marginal
-from pbd.pose import Array
 
 BIAS_REPEATS = 0.002
-"""m/s2: how an accelerometer's bias differs from one take to the next (0.2 mg: a fraction of a degree of warmth)."""
+"""Sigma of an accelerometer's bias from take to take, m/s2 (0.2 mg: a fraction of a degree of temperature)."""
 
 ANOTHER = 5.0 * DEVICE
-"""Chi-square of a take's errors against the others' from which it is of another device. Simulated (WT901, 64 takes) one
-device gives at most 13, two give 700 and more."""
+"""Chi-square between a take's sensor errors and a device's, above which the take is of another device. Simulated
+(WT901, 64 takes), one device gives at most 13, two give 700 or more."""
 
 LEAST_KNOWN = 1e-6
-"""Share of the largest information below which a direction is taken as unknown."""
+"""Smallest eigenvalue of the (scaled) information that counts as known, as a share of the largest."""
 
 
 def devices_of(marginals: Sequence[Marginal], names: Sequence[Hashable]) -> tuple[int, ...]:
     """Number the devices of takes, from 0 on in their order. Takes of different names are of different devices."""
     groups: list[list[int]] = []
     for k, (marginal, name) in enumerate(zip(marginals, names, strict=True)):
-        fits = [
-            (_misfit(marginal, [marginals[i] for i in group]), group) for group in groups if names[group[0]] == name
-        ]
-        misfit, group = min(fits, key=lambda fit: fit[0], default=(np.inf, []))
-        if misfit < ANOTHER:
-            group.append(k)
+        namesakes = [group for group in groups if names[group[0]] == name]
+        misfits = [_misfit(marginal, [marginals[i] for i in group]) for group in namesakes]
+        if min(misfits, default=np.inf) < ANOTHER:
+            namesakes[int(np.argmin(misfits))].append(k)
         else:
             groups.append([k])
     return tuple(next(d for d, group in enumerate(groups) if k in group) for k in range(len(marginals)))
@@ -44,7 +41,5 @@ def _misfit(marginal: Marginal, others: Sequence[Marginal]) -> float:
     known = marginal.information
     off = marginal.gradient - known @ errors
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(known), np.finfo(float).tiny))
-    spread: Array = (known + known @ cov @ known) * np.outer(scale, scale)
-    values, axes = np.linalg.eigh(0.5 * (spread + spread.T))
-    sure = values > LEAST_KNOWN * values[-1]
-    return float(((axes.T @ (off * scale))[sure] ** 2 / values[sure]).sum())
+    spread = (known + known @ cov @ known) * np.outer(scale, scale)
+    return float((off * scale) @ np.linalg.pinv(spread, LEAST_KNOWN, hermitian=True) @ (off * scale))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from pbd.data import Calibration, Demonstration, FusedTake, HandPath
 from pbd.errors import TrackingError, warn
 from pbd.fusion.joint_estimate import Joint, Parts, State, estimate_jointly
@@ -107,11 +109,8 @@ def _left_out(takes: Sequence[FusedTake]) -> list[str]:
             if take.extra
         ]
     return words + [
-        f"{take.name} is not believed at keyframe {j}: it is {_mm(take, j):.0f} mm from the other takes"
+        f"{take.name} is not believed at keyframe {j}: it is {1e3 * np.linalg.norm(take.off[j]):.0f} mm from the other "
+        "takes"
         for take in takes
         for j in take.outliers
     ]
-
-
-def _mm(take: FusedTake, j: int) -> float:
-    return 1e3 * float((take.off[j] ** 2).sum() ** 0.5)

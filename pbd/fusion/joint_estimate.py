@@ -25,20 +25,25 @@ from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX
 from pbd.tracking.smoother.state import lower_matrix
 
 LEVER_M, LEVER_WORTH = 0.005, 3.0
-"""m: how differently a sensor is put into the hand, along each axis; degrees of freedom that this is worth beside what
-the takes show."""
+"""Prior of the lever between takes: sigma along each axis, m, and its degrees of freedom."""
 
 WEAK = 0.01
-"""Information (1/m2, 1/rad2) that is added to poses and levers in each step, so that no matrix is singular."""
+"""Damping (1/m2, 1/rad2) of poses and levers in each step, so that no matrix is singular."""
 
 MAX_ITERATIONS, CONVERGED, CONVERGED_LOG = 25, 1e-6, 0.01
-"""Gauss-Newton: limit; largest last step of the unknowns (m, rad) and of the scatter's logarithms."""
+"""Gauss-Newton: most iterations; convergence of the keyframes (m, rad) and of the scatter's logarithms."""
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The task's keyframes m (J, 3), A (J, 3, 3); of each frame (a thing's, and that of all other
-    keyframes) and take yaw (F, K), c (F, K, 3); of each take Q (K, 3, 3), l (K, 3); the devices' errors (D, DEVICE)."""
+    """The unknowns: of the task, of each take, of each device.
+
+    Attributes:
+        m, A: (J, 3) m and (J, 3, 3), the task's keyframes.
+        yaw, c: (F, K) rad and (F, K, 3) m, nav of each take in the task's frame 0, and in frame 1, a moved thing's.
+        Q, lever: (K, 3, 3) and (K, 3) m, how the sensor sits in the hand, against the first take.
+        devices: (D, DEVICE), the devices' errors.
+    """
 
     m: Array
     A: Array
@@ -67,20 +72,32 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What belongs together: of each take which task keyframes it has (at) and which of its own those are (own), and
-    which device made it; of each task keyframe in which frame it is. The first take defines the frame."""
+    """What takes show of the task. The first take defines the frame.
+
+    Attributes:
+        marginals: of each take.
+        take, at, own: (n,) each keyframe of a take that is used: which take's, in their order; which of the task's it
+            is; which of the take's.
+        device: of each take.
+        frame: (J,) of each of the task's keyframes.
+    """
 
     marginals: tuple[Marginal, ...]
-    at: tuple[NDArray[np.intp], ...]
-    own: tuple[NDArray[np.intp], ...]
+    take: NDArray[np.intp]
+    at: NDArray[np.intp]
+    own: NDArray[np.intp]
     device: tuple[int, ...]
     frame: NDArray[np.intp]
+
+    def only(self, keep: NDArray[np.bool_]) -> Parts:
+        """Some of the keyframes, (n,)."""
+        return replace(self, take=self.take[keep], at=self.at[keep], own=self.own[keep])
 
     @property
     def rows(self) -> list[slice]:
         """Of each take's residuals."""
-        ends = np.cumsum([0, *(6 * len(at) for at in self.at)]).tolist()
-        return [slice(start, end) for start, end in pairwise(ends)]
+        ends = 6 * np.searchsorted(self.take, np.arange(len(self.marginals) + 1))
+        return [slice(start, end) for start, end in pairwise(ends.tolist())]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,19 +127,19 @@ class Joint:
 
 def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
     """Gauss-Newton over all unknowns, with the scatter's marginal likelihood in step."""
-    columns = _Columns(len(x.m), len(x.yaw), len(parts.at), len(x.devices))
-    shown = _Shown(parts)
-    group = scatter.group[shown.at].ravel()
+    columns = _Columns(len(x.m), len(x.yaw), len(parts.marginals), len(x.devices))
+    group = scatter.group[parts.at].ravel()
+    covs = [_relative(marginal, parts.own[parts.take == k]) for k, marginal in enumerate(parts.marginals)]
     known, of_devices = _known(parts, columns)
     devices = slice(columns.devices, columns.count)
-    of_takes = columns.take(np.arange(1, len(parts.at)))[:, None]
+    of_takes = columns.take(np.arange(1, len(parts.marginals)))[:, None]
     turns, levers = of_takes + np.arange(3), (of_takes + np.arange(3, 6)).ravel()
     lever_variance = LEVER_M**2
     for _ in range(MAX_ITERATIONS):
-        r, J = _residuals(shown, x, columns)
+        r, J = _residuals(parts, x, columns)
         W, WJ, drift = np.zeros((len(r), len(r))), np.empty_like(J), np.zeros((len(r), len(r)))
-        hand = scatter.sigma[shown.at].ravel() ** 2
-        for rows, own in zip(parts.rows, shown.drift(x.turn), strict=True):
+        hand = scatter.sigma[parts.at].ravel() ** 2
+        for rows, own in zip(parts.rows, _drift(parts, covs, x.turn), strict=True):
             drift[rows, rows] = scatter.tracker * own
             W[rows, rows] = np.linalg.inv(drift[rows, rows] + np.diag(hand[rows]))
             WJ[rows] = W[rows, rows] @ J[rows]
@@ -141,43 +158,27 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
         if np.abs(step[columns.poses]).max() < CONVERGED and scatter.change(before) < CONVERGED_LOG:
             break
     poses, each = columns.poses, [columns.device(d) for d in range(len(x.devices))]
-    turn_sigma = np.zeros(len(parts.at))  # against the first
+    turn_sigma = np.zeros(len(parts.marginals))  # against the first
     turn_sigma[1:] = np.sqrt(np.linalg.eigvalsh(cov[turns[:, :, None], turns[:, None]])[:, -1])
     return Joint(
         x, cov[poses, poses], scatter, r + J @ step, precision, np.array([cov[d, d] for d in each]), turn_sigma
     )
 
 
-class _Shown:
-    """What takes show of the task's keyframes, one after another (n): of which take, task keyframe, frame and device;
-    p (n, 3), R (n, 3, 3) in the take's own nav, by_device (n, 6, DEVICE), at the errors device_errors (n, DEVICE).
-
-    Their covariance is relative to each take's first keyframe and its heading. All of a nav is shifted and turned alike
-    by the errors of those, as by another yaw and another origin.
-    """
-
-    def __init__(self, parts: Parts) -> None:
-        counts = list(map(len, parts.at))
-        self.take, self.at = np.repeat(np.arange(len(counts)), counts), np.concatenate(parts.at)
-        self.frame, self.device = parts.frame[self.at], np.repeat(parts.device, counts)
-        both = list(zip(parts.marginals, parts.own, strict=True))
-        self.p = np.concatenate([marginal.p[own] for marginal, own in both])
-        self.R = np.concatenate([marginal.R[own] for marginal, own in both])
-        self.by_device = np.concatenate([marginal.by_device.reshape(-1, 6, DEVICE)[own] for marginal, own in both])
-        self.device_errors = np.repeat([marginal.device for marginal, _ in both], counts, axis=0)
-        self._covs = [_relative(marginal, own) for marginal, own in both]
-
-    def drift(self, turns: Array) -> Iterator[Array]:
-        """Covariance (6n, 6n) of each take's residuals by its tracking, its device given; turns (F, K, 3, 3) of nav."""
-        for k, cov in enumerate(self._covs):
-            turn = turns[self.frame[self.take == k], k, None]
-            for _ in range(2):  # rows, then columns
-                cov = (turn @ cov.T.reshape(len(turn), 2, 3, len(cov))).reshape(cov.shape)
-            yield cov
+def _drift(parts: Parts, covs: Sequence[Array], turns: Array) -> Iterator[Array]:
+    """Covariance (6n, 6n) of each take's residuals by its tracking, from `_relative`; turns (F, K, 3, 3) of nav."""
+    for k, cov in enumerate(covs):
+        turn = turns[parts.frame[parts.at[parts.take == k]], k, None]
+        for _ in range(2):  # rows, then columns
+            cov = (turn @ cov.T.reshape(len(turn), 2, 3, len(cov))).reshape(cov.shape)
+        yield cov
 
 
 def _relative(marginal: Marginal, own: NDArray[np.intp]) -> Array:
-    """Covariance (6n, 6n) of some of a take's keyframes relative to its first, its device given."""
+    """Covariance (6n, 6n) of some of a take's keyframes relative to its first and its heading, its device given.
+
+    All of a nav is shifted and turned alike by the errors of those, as by another yaw and another origin.
+    """
     by_bias, i = marginal.by_device[:, BIAS], (6 * own[:, None] + np.arange(6)).ravel()
     cov = marginal.cov + BIAS_REPEATS**2 * by_bias @ by_bias.T
     for _ in range(2):  # rows, then columns
@@ -216,21 +217,21 @@ def _known(parts: Parts, columns: _Columns) -> tuple[Array, Array]:
     return information, constant[columns.devices :]
 
 
-def placed(p: Array, R: Array, by_device: Array, errors: Array) -> tuple[Array, Array]:
-    """A take's keyframes p (n, 3), R (n, 3, 3) with other errors of its device, (n, DEVICE); see Marginal."""
-    by = (by_device.reshape(len(p), 6, DEVICE) @ errors[..., None])[..., 0]
-    return p + by[:, :3], quat_to_matrix(quat_exp(by[:, 3:])) @ R
-
-
-def _residuals(shown: _Shown, x: State, columns: _Columns) -> tuple[Array, Array]:
+def _residuals(parts: Parts, x: State, columns: _Columns) -> tuple[Array, Array]:
     """Residuals (6n,), and how they go with the unknowns, (6n, columns.count)."""
-    take, at, count = shown.take, shown.at, len(shown.at)
-    p, R = placed(shown.p, shown.R, shown.by_device, x.devices[shown.device] - shown.device_errors)
-    turn = x.turn[shown.frame, take]
+    take, at, count = parts.take, parts.at, len(parts.at)
+    frame, device = parts.frame[at], np.take(parts.device, take)
+    shown = [
+        (*marginal.placed(x.devices[d]), marginal.by_device.reshape(-1, 6, DEVICE))
+        for marginal, d in zip(parts.marginals, parts.device, strict=True)
+    ]
+    where = list(zip(take.tolist(), parts.own.tolist(), strict=True))
+    p, R, by_device = (np.array([shown[k][value][i] for k, i in where]) for value in range(3))
+    turn = x.turn[frame, take]
     p, R = (turn @ p[..., None])[..., 0], turn @ R @ x.Q[take]
     A = x.A[at]
     arm = (A @ x.lever[take][..., None])[..., 0]
-    r = np.concatenate((p + x.c[shown.frame, take] - x.m[at] - arm, matrix_log(R @ A.transpose(0, 2, 1))), axis=1)
+    r = np.concatenate((p + x.c[frame, take] - x.m[at] - arm, matrix_log(R @ A.transpose(0, 2, 1))), axis=1)
     J = np.zeros((count, 6, columns.count))
 
     def put(which: NDArray[np.intp], row: int, first: NDArray[np.intp], block: Array) -> None:
@@ -245,13 +246,13 @@ def _residuals(shown: _Shown, x: State, columns: _Columns) -> tuple[Array, Array
     own = columns.take(take[later])
     put(later, 3, own, R[later])
     put(later, 0, own + 3, -A[later])
-    yaw = own + 6 + 4 * shown.frame[later]
+    yaw = own + 6 + 4 * frame[later]
     put(later, 0, yaw, np.cross(up, p[later])[..., None])
     put(later, 3, yaw, up[None, :, None])
     put(later, 0, yaw + 1, one)
-    errors = columns.devices + DEVICE * shown.device
-    put(every, 0, errors, turn @ shown.by_device[:, :3])
-    put(every, 3, errors, turn @ shown.by_device[:, 3:])
+    errors = columns.devices + DEVICE * device
+    put(every, 0, errors, turn @ by_device[:, :3])
+    put(every, 3, errors, turn @ by_device[:, 3:])
     return r.ravel(), J.reshape(6 * count, -1)
 
 
@@ -269,11 +270,3 @@ def _moved(x: State, step: Array, columns: _Columns) -> State:
         x.lever + takes[:, 3:6],
         x.devices + step[columns.devices :].reshape(-1, DEVICE),
     )
-
-
-def without(parts: Parts, take: int, *keyframes: int) -> Parts:
-    """The same without what one take says about some keyframes."""
-    keep = ~np.isin(parts.at[take], keyframes)
-    at, own = list(parts.at), list(parts.own)
-    at[take], own[take] = at[take][keep], own[take][keep]
-    return replace(parts, at=tuple(at), own=tuple(own))

@@ -54,6 +54,10 @@ class Marginal:
     prior: Array
     mean: Array
 
+    def placed(self, device: Array) -> tuple[Array, Array]:
+        """p and R, where its device has other errors, (DEVICE,)."""
+        return _moved(self.p, self.R, self.by_device @ (device - self.device))
+
     @property
     def of_poses(self) -> Array:
         """(6n, 6n), their covariance with what the take and the class know of the device."""
@@ -112,15 +116,19 @@ def conditioned(marginal: Marginal, dependence: Array, noise: Array, misfit: Arr
     left = np.eye(len(cov))
     left[:, :n] -= gain @ dependence.T
     moved = gain @ misfit
-    by = moved[:n].reshape(-1, 6)
     return _split(
-        marginal.p + by[:, :3],
-        quat_to_matrix(quat_exp(by[:, 3:])) @ marginal.R,
+        *_moved(marginal.p, marginal.R, moved[:n]),
         marginal.device + moved[n:],
         left @ cov @ left.T + gain @ noise @ gain.T,
         marginal.prior,
         marginal.mean,
     )
+
+
+def _moved(p: Array, R: Array, by: Array) -> tuple[Array, Array]:
+    """Poses (n, 3) and (n, 3, 3) elsewhere: by shifts and rotation vectors, (6n,)."""
+    by = by.reshape(-1, 6)
+    return p + by[:, :3], quat_to_matrix(quat_exp(by[:, 3:])) @ R
 
 
 def pinned(solution: Solution, device: Array) -> State:

@@ -15,23 +15,23 @@ import numpy as np
 from pbd.pose import Array, matrix_log, quat_about_z, quat_to_matrix
 
 HAND_M, HAND_RAD, HAND_SHARE = 0.03, np.radians(10.0), 0.1
-"""How differently a hand does the same again, for matching only: m, rad, and a share of the move."""
+"""Repeatability of a hand, for matching only: m, rad, and a share of the move."""
 
 SKIP, GRIP = 8.0, 12.0
-"""Cost of a keyframe without a partner, and of a grip that differs, in squared sigmas. Two keyframes are partners up
-to twice SKIP: four sigmas."""
+"""Cost of a keyframe without a match, and of a grip that differs, in squared sigmas. Two keyframes match up to twice
+SKIP: four sigmas."""
 
 MAX_SKIPS = 4
-"""Most keyframes in a row that may lack a partner while moves are compared."""
+"""Most keyframes in a row without a match, while moves are compared."""
 
 TURN_LEVER_M = 0.1
-"""m: by which a turn counts as a shift when keyframes are compared: a hand's width, about from sensor to tip."""
+"""Lever, m, that makes a rotation error comparable with a position error: a hand's width."""
 
 YAWS, RESTATED = 72, 3
-"""Headings tried, over a full turn; how often registration and matching are repeated."""
+"""Number of headings tried over a full turn; number of rounds of registration and matching."""
 
 LEAST_SHARE = 0.5
-"""Share of keyframes with a partner below which two takes are of different tasks."""
+"""Share of keyframes with a match below which two takes are of different tasks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +42,12 @@ class Keyframes:
     R: Array
     grip: tuple[bool | None, ...]
     sigma: Array
+
+    @classmethod
+    def of_candidates(cls, candidates: Sequence[Candidate]) -> Keyframes:
+        """The task's, as the first take that has each shows it."""
+        p, R, grip, sigma = zip(*((one.p, one.R, one.grip, one.sigma) for one in candidates), strict=True)
+        return cls(np.array(p), np.array(R), grip, np.array(sigma))
 
     def __len__(self) -> int:
         return len(self.p)
@@ -163,13 +169,7 @@ def _dock(one: Keyframes) -> Keyframes:
 
 def _add(candidates: list[Candidate], take: int, there: Keyframes) -> None:
     """Give each keyframe of a registered take to its candidate, or make it a new one in its place."""
-    known = Keyframes(
-        np.array([one.p for one in candidates]),
-        np.array([one.R for one in candidates]),
-        tuple(one.grip for one in candidates),
-        np.array([one.sigma for one in candidates]),
-    )
-    partner = {j: i for i, j in by_pose(known, there)}
+    partner = {j: i for i, j in by_pose(Keyframes.of_candidates(candidates), there)}
     merged, done = list[Candidate](), 0
     for j in range(len(there)):
         if j in partner:
@@ -181,8 +181,8 @@ def _add(candidates: list[Candidate], take: int, there: Keyframes) -> None:
     candidates[:] = [*merged, *candidates[done:]]
 
 
-def register(here: Keyframes, there: Keyframes, pairs: Sequence[tuple[int, int]]) -> Registration:
-    """Turn about the vertical, shift, and turn of the sensor in the hand that bring pairs of keyframes together."""
+def register(here: Keyframes, there: Keyframes, pairs: Sequence[tuple[int, int]], in_hand: bool = True) -> Registration:
+    """Turn about the vertical, shift and, `in_hand`, turn of the sensor in the hand that bring keyframes together."""
     i, j = np.transpose(pairs)
     p, q, R, S = here.p[i], there.p[j], here.R[i], there.R[j]
     mean = p.mean(axis=0), q.mean(axis=0)
@@ -191,7 +191,7 @@ def register(here: Keyframes, there: Keyframes, pairs: Sequence[tuple[int, int]]
         """What each heading leaves over, (n,), and its turn of the sensor, (n, 3, 3)."""
         turns = quat_to_matrix(quat_about_z(yaws))
         turned = turns[:, None] @ S
-        Q = _mean(turned.swapaxes(-1, -2) @ R)
+        Q = _mean(turned.swapaxes(-1, -2) @ R) if in_hand else np.tile(np.eye(3), (len(yaws), 1, 1))
         off = p - mean[0] - (q - mean[1]) @ turns.swapaxes(-1, -2)
         angles = matrix_log(turned @ Q[:, None] @ R.swapaxes(-1, -2))
         return (off**2).sum(axis=(1, 2)) + TURN_LEVER_M**2 * (angles**2).sum(axis=(1, 2)), Q

@@ -15,22 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.fusion.matching import HAND_M, TURN_LEVER_M, Keyframes, Registration, register
-from pbd.pose import Array, lengths, matrix_log, quat_about_z, quat_to_matrix
+from pbd.pose import Array, lengths, matrix_log
 
 Index = NDArray[np.intp]
 
 AGAIN_M = 0.003
-"""m: by which a hand misses a place, at least; what is left over may be more, and counts as that then."""
+"""Least sigma, m, of how a hand meets a place again. If the residuals are larger, they set it."""
 
 LEAST_GAIN = 10.0
-"""Logarithm of the likelihoods' ratio above which a thing has moved: 1 in 20,000, as far as the noise is normal."""
+"""Log likelihood ratio above which a thing has moved: 1 in 20,000 if the noise is normal."""
 
 LEAST_TAKES, LEVEL_M = 3, 0.01
-"""Of one keyframe nothing shows that it keeps to something else. It must be elsewhere in each of so many takes, as else
-it may be a mistake; and be as high, m, as on one table: a hand that passes through the air somehow is not."""
+"""Conditions for a thing of a single keyframe: fewest takes, in each of which it stands elsewhere (else it may be a
+mistake); largest difference in height, m (a waypoint in the air varies more)."""
 
 LEAST_LEFT = 3
-"""Fewest keyframes of the rest, the dock among them."""
+"""Fewest keyframes that are not the thing's, with the dock."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +111,9 @@ def _shifts(here: Keyframes, takes: Sequence[Keyframes], run: Index, registered:
 
 def _left_over(here: Keyframes, there: Keyframes, rest: Index, run: Index) -> tuple[float, Registration, Registration]:
     """Squared sigmas that are left over, and the two frames of a take: of the rest, and of a run of keyframes."""
-    first = register(here, there, [(i, i) for i in rest.tolist()])
-    second = _turned_and_shifted(here, first.of(there), run).after(first) if len(run) else first
+    first = second = register(here, there, [(i, i) for i in rest.tolist()])
+    if len(run):
+        second = register(here, first.of(there), [(i, i) for i in run.tolist()], in_hand=False).after(first)
     square = 0.0
     for one, at in ((first, rest), (second, run)):
         moved = one.of(there)
@@ -121,12 +122,3 @@ def _left_over(here: Keyframes, there: Keyframes, rest: Index, run: Index) -> tu
         variance = AGAIN_M**2 + here.sigma[at] ** 2 + there.sigma[at] ** 2
         square += float(((off + TURN_LEVER_M**2 * turn) / variance).sum())
     return square, first, second
-
-
-def _turned_and_shifted(here: Keyframes, there: Keyframes, at: Index) -> Registration:
-    """Turn about the vertical and shift that bring some keyframes together, the sensor in the hand as it is."""
-    p, q = (one.p[at] - one.p[at].mean(axis=0) for one in (here, there))
-    both = 2.0 * p.T @ q + TURN_LEVER_M**2 * np.einsum("nij,nkj->ik", here.R[at], there.R[at])
-    yaw = float(np.arctan2(both[1, 0] - both[0, 1], both[0, 0] + both[1, 1]))
-    turn = quat_to_matrix(quat_about_z(yaw))
-    return Registration(yaw, here.p[at].mean(axis=0) - turn @ there.p[at].mean(axis=0), np.eye(3))

@@ -5,7 +5,6 @@ An outlier makes the hand seem to scatter. So the scatter that it is tested by i
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -13,24 +12,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.fusion.joint_estimate import Joint, Parts, estimate_jointly, without
+from pbd.fusion.joint_estimate import Joint, Parts, estimate_jointly
 from pbd.fusion.scatter import Scatter, alike
 from pbd.pose import Array, lengths
 
 FALSE_RATE = 0.01
-"""Share of sound fusions in which something is taken for an outlier, by chance."""
+"""Chance that a fusion without outliers reports one."""
 
 LEAST_TAKES = 3
-"""Fewest takes of which one can be told to be wrong."""
+"""Fewest takes among which an outlier can be located."""
 
 UNSURE_SIGMAS = 2.0
-"""The scatter of the rest is taken as large as that many sigmas of its logarithm allow: it may be of few takes."""
+"""How far the scatter of the rest is raised for the test, in sigmas of its logarithm: few takes show it badly."""
 
 SUSPECT = 2.0
-"""A take is tested if its keyframes (their median) are so many times as far off as the median take's."""
+"""A take is tested if its median residual is this many times the median take's."""
 
 KNOWN_SPREAD = 1e-3
-"""Spread of a scatter's logarithm that is held where it is."""
+"""Prior sigma of a logarithm of scatter that is held fixed."""
 
 
 class Disbelieved(NamedTuple):
@@ -51,48 +50,48 @@ def believed(parts: Parts, joint: Joint) -> tuple[Joint, Parts, Disbelieved]:
     out: list[tuple[int, int]] = []
     while (worst := _outlier(parts, joint, LEAST_TAKES)) is not None:
         out.append(worst)
-        parts = without(parts, worst[0], worst[1])
+        parts = parts.only(~_is(parts, *worst))
         joint = estimate_jointly(parts, joint.state, alike(len(joint.state.m)))
     return joint, parts, Disbelieved(None, tuple(out))
 
 
 def disagreement(parts: Parts, joint: Joint, names: Sequence[str]) -> str:
-    """Where two takes differ too much and nobody can tell which is right; "" where none do."""
+    """Say where two takes differ too much, without telling which is right; "" if none do."""
     worst = _outlier(parts, joint, 2)
     if worst is None:
         return ""
-    both = " and ".join(name for name, at in zip(names, parts.at, strict=True) if worst[1] in at)
+    both = " and ".join(names[k] for k in parts.take[parts.at == worst[1]])
     return f"{both} differ at keyframe {worst[1]}; a third take would show which is wrong"
 
 
 def _outlier(parts: Parts, joint: Joint, takes: int) -> tuple[int, int] | None:
-    """The keyframe of a take that fits the others worst, if it is an outlier; of those that so many takes have."""
-    counts = Counter(int(j) for at in parts.at for j in at)
-    which, rows = [], []
-    for k, (at, own) in enumerate(zip(parts.at, parts.rows, strict=True)):
-        for i, j in enumerate(at.tolist()):
-            if counts[j] == takes or counts[j] > takes >= LEAST_TAKES:
-                which.append((k, j))
-                rows.append(own.start + 6 * i + np.arange(6))
-    if not which:
+    """The worst keyframe of a take, if it is an outlier; of those that so many takes have (or more, from three on)."""
+    counts = np.bincount(parts.at)[parts.at]
+    tested = np.flatnonzero((counts == takes) | ((counts > takes) & (takes >= LEAST_TAKES)))
+    if not len(tested):
         return None
-    worst = int(np.argmax(joint.squares(rows)))
-    k, j = which[worst]
-    found = _stands_out(parts, joint, without(parts, k, j), rows[worst], len(which))
-    return which[worst] if found else None
+    rows = 6 * tested[:, None] + np.arange(6)
+    worst = int(np.argmax(joint.squares(list(rows))))
+    which = int(parts.take[tested[worst]]), int(parts.at[tested[worst]])
+    found = _stands_out(parts, joint, parts.only(~_is(parts, *which)), rows[worst], len(tested))
+    return which if found else None
+
+
+def _is(parts: Parts, take: int, keyframe: int) -> NDArray[np.bool_]:
+    return np.asarray((parts.take == take) & (parts.at == keyframe))
 
 
 def _outlier_take(parts: Parts, joint: Joint) -> int | None:
     """The take that is farthest off, if it is an outlier."""
-    if len(parts.at) < LEAST_TAKES:
+    if len(parts.marginals) < LEAST_TAKES:
         return None
     off = np.array([np.median(lengths(joint.residuals[rows].reshape(-1, 6)[:, :3])) for rows in parts.rows])
     worst = int(np.argmax(off))
     if off[worst] < SUSPECT * np.median(off):
         return None
     rows = np.arange(parts.rows[worst].start, parts.rows[worst].stop)
-    rest = without(parts, worst, *parts.at[worst].tolist())
-    return worst if _stands_out(parts, joint, rest, rows, len(parts.at)) else None
+    rest = parts.only(parts.take != worst)
+    return worst if _stands_out(parts, joint, rest, rows, len(parts.rows)) else None
 
 
 def _stands_out(parts: Parts, joint: Joint, rest: Parts, rows: NDArray[np.intp], tests: int) -> bool:

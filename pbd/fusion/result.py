@@ -22,7 +22,7 @@ from pbd.data import (
     Tracking,
 )
 from pbd.data.covariance import PoseCovariance
-from pbd.fusion.joint_estimate import Joint, Parts, placed
+from pbd.fusion.joint_estimate import Joint, Parts
 from pbd.fusion.known_stops import points_of_base
 from pbd.fusion.marginals import BIAS, SHARED
 from pbd.fusion.matching import Candidate
@@ -86,7 +86,7 @@ def _way(fused: Fused, i: int) -> Way:
     wxyz = quat_multiply(quat_multiply(quat_about_z(float(x.yaw[0, i])), path.wxyz), quat_from_matrix(x.Q[i]))
     p = path.p @ x.turn[0, i].T + x.c[0, i] - quat_rotate(wxyz, x.lever[i])
     t, stops, weight = take.path.t, np.full((len(x.m), 2), np.nan), np.zeros(len(x.m))
-    for j, own in zip(parts.at[i].tolist(), parts.own[i].tolist(), strict=True):
+    for j, own in zip(parts.at[parts.take == i].tolist(), parts.own[parts.take == i].tolist(), strict=True):
         stop = take.path.stops[own]
         stops[j], weight[j] = (t[stop.start], t[stop.stop - 1]), stop.weight
     return Way(t, p, wxyz, stops, weight)
@@ -102,8 +102,7 @@ def _fusion(fused: Fused, mean: MeanWay) -> Fusion:
             told.append(FusedTake(take.name, own, off, left_out=fused.left_out[k]))
             continue
         i, at, mine = fused.used.index(k), *np.array([(j, i) for j, i in enumerate(own) if i is not None]).T
-        marginal = parts.marginals[i]
-        p, _ = placed(marginal.p, marginal.R, marginal.by_device, x.devices[parts.device[i]] - marginal.device)
+        p, _ = parts.marginals[i].placed(x.devices[parts.device[i]])
         turned = (x.turn[parts.frame[at], i] @ p[mine, :, None])[..., 0] + x.c[parts.frame[at], i]
         off[at] = turned - x.m[at] - x.A[at] @ x.lever[i]
         told.append(

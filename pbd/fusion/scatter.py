@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 from pbd.pose import Array
 
 HAND_M, HAND_RAD, HAND_SPREAD = 0.002, np.radians(2.0), 1.4
-"""A hand that does the same again: m along each axis, rad about each; and the spread of their logarithms."""
+"""Prior of a hand's scatter: m along each axis, rad about each axis, and the sigma of their logarithms."""
 
 DOCK_M, DOCK_RAD, DOCK_SPREAD = 0.0005, np.radians(0.2), 1.0
-"""The same at the first keyframe, where the hand is put against something."""
+"""Prior of the scatter at the first keyframe, the dock: m, rad, and the sigma of their logarithms."""
 
 LIKE_OTHERS_SPREAD = 0.5
-"""Spread of the logarithm of one keyframe's scatter along one axis about that of all."""
+"""Prior sigma of the logarithm of one keyframe's scatter along one axis, about the scatter of all keyframes."""
 
 TRACKER_WORTH = 1.0
-"""Degrees of freedom that the tracker's own covariance is worth beside what the takes show. Of 1, 3 and 10 the one by
-which two, four and eight takes of simulated WT901, phone and OS5000 were as sure as they were right."""
+"""Degrees of freedom of the prior that the tracker's covariance is right (factor 1). Chosen from 1, 3 and 10: with 1
+the fused sigmas were honest for two, four and eight takes of simulated WT901, phone and OS5000."""
 
 LARGEST_STEP = 1.0
 """Largest change of a logarithm in one step."""

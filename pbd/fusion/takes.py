@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
-from pbd.errors import PbdError, TrackingError, warn
+from pbd.errors import PbdError, TrackingError, collected_warnings, warn
 from pbd.fusion.devices import devices_of
 from pbd.fusion.joint_estimate import Parts, State
 from pbd.fusion.marginals import Marginal, marginal_of
-from pbd.fusion.matching import Alignment, Candidate, Keyframes
+from pbd.fusion.matching import Alignment, Keyframes
 from pbd.fusion.moved_things import Moved
 from pbd.pipeline import track_alone
 from pbd.tracking.estimate import Estimate
@@ -43,15 +41,14 @@ class Take:
 def tracked_take(demo: Demonstration, calibration: Calibration | None, accept_gap: bool) -> Take:
     """Track a take alone; warnings and errors begin with its name."""
     name = demo.recording.info.name
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
+    with collected_warnings() as told:
         try:
             path, found = track_alone(demo, "default", calibration, accept_gap)
         except PbdError as error:
             raise type(error)(f"{name}: {error.message}", **error.fields) from None
         keyframes = find_keyframes(path)
-    for warning in told:
-        warn(f"{name}: {warning.message}")
+    for line in told:
+        warn(f"{name}: {line}")
     assert found.solution is not None
     knots = _middles(found)
     return Take(name, path, found.solution, knots, keyframes, marginal_of(found.solution, knots))
@@ -93,41 +90,23 @@ def refuse_strangers(takes: Sequence[Take], found: Alignment) -> None:
 
 def start(takes: Sequence[Take], used: Sequence[int], found: Alignment, thing: Moved | None) -> tuple[Parts, State]:
     """What belongs together, and where to begin: all in the nav of the first take that is used."""
-    kept, registered = found.kept(), found.registered
-    of_thing = _of_thing(kept, thing)
-    device = devices_of([takes[k].marginal for k in used], [takes[k].device for k in used])
-    parts = Parts(
-        tuple(takes[k].marginal for k in used),
-        tuple(np.array([j for j, one in enumerate(kept) if k in one.own]) for k in used),
-        tuple(np.array([one.own[k] for one in kept if k in one.own]) for k in used),
-        device,
-        of_thing,
-    )
-    back = registered[used[0]].inverse()
-    here = [back.after(registered[k]) for k in used]
-    frames = [[one.yaw for one in here]], [[one.c for one in here]]
-    begun = back.of(_keyframes(kept))
+    kept, device = found.kept(), devices_of([takes[k].marginal for k in used], [takes[k].device for k in used])
+    shown = [(i, j, one.own[k]) for i, k in enumerate(used) for j, one in enumerate(kept) if k in one.own]
+    take, at, own = np.array(shown, dtype=np.intp).T
+    frames, of_thing = [found.registered], np.zeros(len(kept), dtype=np.intp)
     if thing is not None:
-        back = thing.back.get(used[0], registered[used[0]]).inverse()
-        there = [back.after(thing.back.get(k, registered[k])) for k in used]
-        frames = ([*frames[0], [one.yaw for one in there]], [*frames[1], [one.c for one in there]])
-        own = back.of(_keyframes(kept))
-        begun = replace(
-            begun,
-            p=np.where(of_thing[:, None] > 0, own.p, begun.p),
-            R=np.where(of_thing[:, None, None] > 0, own.R, begun.R),
-        )
-    errors = np.array([takes[used[device.index(d)]].marginal.device for d in range(max(device) + 1)])
-    Q = np.array([one.Q for one in here])
-    return parts, State(begun.p, begun.R, np.array(frames[0]), np.array(frames[1]), Q, np.zeros((len(used), 3)), errors)
-
-
-def _keyframes(kept: Sequence[Candidate]) -> Keyframes:
-    p, R = np.array([one.p for one in kept]), np.array([one.R for one in kept])
-    return Keyframes(p, R, (None,) * len(kept), np.zeros(len(kept)))
-
-
-def _of_thing(kept: Sequence[Candidate], thing: Moved | None) -> NDArray[np.intp]:
-    """For each of the task's keyframes the frame it is in: 0, or 1 for the thing's."""
-    at = [-1 if thing is None else one.own.get(thing.reference, -1) for one in kept]
-    return np.array([int(thing is not None and thing.first <= i <= thing.last) for i in at], dtype=np.intp)
+        frames.append(found.registered | thing.back)
+        of_thing[[thing.first <= one.own.get(thing.reference, -1) <= thing.last for one in kept]] = 1
+    parts = Parts(tuple(takes[k].marginal for k in used), take, at, own, device, of_thing)
+    back = [frame[used[0]].inverse() for frame in frames]
+    here = [[one.after(frame[k]) for k in used] for one, frame in zip(back, frames, strict=True)]
+    begun, j = [one.of(Keyframes.of_candidates(kept)) for one in back], np.arange(len(kept))
+    return parts, State(
+        np.array([one.p for one in begun])[of_thing, j],
+        np.array([one.R for one in begun])[of_thing, j],
+        np.array([[one.yaw for one in frame] for frame in here]),
+        np.array([[one.c for one in frame] for frame in here]),
+        np.array([one.Q for one in here[0]]),
+        np.zeros((len(used), 3)),
+        np.array([takes[used[device.index(d)]].marginal.device for d in range(max(device) + 1)]),
+    )

@@ -60,8 +60,8 @@ def parts(true: Truth, hand: Array, sigma: float, seed: int = 0, off: Array | No
         none, zero = np.zeros(DEVICE), np.zeros((DEVICE, DEVICE))
         by_device = np.zeros((6 * count, DEVICE))
         marginals.append(Marginal(p @ back.T, R, by_device, cov, none, zero, none, PRIOR, none))
-    at = (np.arange(count),) * takes
-    return Parts(tuple(marginals), at, at, (0,) * takes, np.zeros(count, dtype=np.intp))
+    take, at = np.divmod(np.arange(takes * count), count)
+    return Parts(tuple(marginals), take, at, at, (0,) * takes, np.zeros(count, dtype=np.intp))
 
 
 def begun(true: Truth) -> State:
