@@ -82,10 +82,8 @@ def _allowed(keyframe: Keyframe, R_base_nav: Array) -> Array | None:
 
 def robot_motion(arm: ArmModel, samples: Samples) -> RobotMotion:
     """Give the whole robot's motion, arm and fingers, at the instants of samples."""
-    from pbd.arm.model import from_se3
-
     q = arm.configurations(np.column_stack((samples.q, samples.gripper)))
-    return RobotMotion(arm.full, from_se3(arm.T_base_universe), samples.t, q)
+    return RobotMotion(arm.full, samples.t, q)
 
 
 def detours(plan: Plan) -> tuple[tuple[float, float], ...]:
@@ -113,11 +111,8 @@ def _touching(plan: Plan) -> tuple[Touching, ...]:
 
     if plan.touching is None:
         return ()
-    first, error = plan.touching.found, plan.touching.error
-    messages = []
-    for each in plan.touching.hits:
-        bodies = (each.hit.first, each.hit.second)
-        is_first = each.t == first.t and bodies == (first.hit.first, first.hit.second)
-        words = error.message if is_first else f"t = {each.t:.1f} s: {describe(each.hit)}"
-        messages.append(Touching(bodies, each.t, each.parted_t, words))
-    return tuple(messages)
+    later = (f"t = {each.t:.1f} s: {describe(each.hit)}" for each in plan.touching.hits[1:])
+    return tuple(
+        Touching((each.hit.first, each.hit.second), each.t, each.parted_t, words)
+        for each, words in zip(plan.touching.hits, (plan.touching.error.message, *later), strict=True)
+    )

@@ -57,13 +57,13 @@ def tool_rod(arm: ArmModel) -> Body | None:
     joint, T_joint_tool = tool_on_joint(arm)
     data = arm.full.createData()
     pin.forwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, 0.0)))
-    T_tool_universe = T_joint_tool.inverse() @ from_se3(data.oMi[joint]).inverse()
+    T_tool_base = T_joint_tool.inverse() @ from_se3(data.oMi[joint]).inverse()
     start = T_joint_tool.inverse().p if joint > 0 else np.zeros(3)
     nearest = np.inf
     for link in links:
         if link.name not in gripper:
             continue
-        T_tool_body = T_tool_universe @ from_se3(data.oMi[link.joint]) @ link.T_joint_body
+        T_tool_body = T_tool_base @ from_se3(data.oMi[link.joint]) @ link.T_joint_body
         if apart(link, T_tool_body, _AHEAD, _TURNED)[0] < LEAST_GAP_M:
             return None
         distance, p_tool, _ = apart(link, T_tool_body, _POINT, Pose.identity())

@@ -34,9 +34,8 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Touching:
-    """The first hit of a motion, the error that tells it, and all hits by when they begin."""
+    """All hits of a motion by when they begin, and the error that describes the first."""
 
-    found: MotionHit
     error: PlanError
     hits: tuple[MotionHit, ...]
 
@@ -93,12 +92,10 @@ class Plan:
 
 def find_touching(scene: CollisionScene, trajectory: JointTrajectory) -> Touching | None:
     """Say what a motion touches."""
-    from pbd.arm.collision.motion_check import all_hits, check_motion, collision_error
+    from pbd.arm.collision.motion_check import check_motion, collision_error
 
-    found = check_motion(scene, trajectory)
-    if found is None:
-        return None
-    return Touching(found, collision_error(scene, trajectory, found), all_hits(scene, trajectory))
+    hits = check_motion(scene, trajectory)
+    return Touching(collision_error(scene, trajectory, hits[0]), hits) if hits else None
 
 
 def find_stretched(took_s: Array, keyframes: Sequence[Keyframe]) -> tuple[Stretch, ...]:

@@ -123,9 +123,14 @@ class Clearance:
         return pair in self.rests and self.rests[pair](self.arm.forward(x[:-1]))
 
     def witness(self, x: Array, pair: int) -> Array:
-        """Where a pair is nearest or touches (3,), in pinocchio's world, at coordinates (k + 1,)."""
+        """Where a pair is nearest or touches (3,) m in base, at coordinates (k + 1,)."""
         self._place(self.arm.configurations(x))
         return self._witness(pair)
+
+    def names(self, pair: int) -> tuple[str, str]:
+        """Return the names of a pair's bodies."""
+        first, second = self.pairs[pair]
+        return self.bodies[first].name, self.bodies[second].name
 
     def always_touching(self, x: Array, share: float) -> dict[int, int]:
         """Return the pairs that touch in at least a share of coordinates (n, k + 1): in how many."""

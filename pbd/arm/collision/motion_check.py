@@ -44,29 +44,17 @@ class MotionHit:
     at_keyframe: bool
 
 
-def check_motion(scene: CollisionScene, trajectory: JointTrajectory) -> MotionHit | None:
-    """Return the first hit of a motion, None where it is free.
+def check_motion(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[MotionHit, ...]:
+    """Return all hits of a motion by when they begin; of those that begin together the deepest comes first.
 
     The object is carried as the gripper's track says, the fingers are where it puts them.
     """
-    first: MotionHit | None = None
-    for clearance, start, end in _phases(scene, trajectory):
-        if first is None or start <= first.t:
-            path = along(trajectory, clearance.rates, start, min(end, first.t) if first else end)
-            met = clearance.first_contact(path)
-            found = None if met is None else _motion_hit(scene, trajectory, clearance, path, met)
-            first = found if first is None or (found is not None and found.t < first.t) else first
-    return first
-
-
-def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[MotionHit, ...]:
-    """Return all hits of a motion by when they begin, for people to see; two bodies that hardly part hit once."""
     found: list[MotionHit] = []
     for clearance, start, end in _phases(scene, trajectory):
         path = along(trajectory, clearance.rates, start, end)
         found += [_motion_hit(scene, trajectory, clearance, path, met) for met in clearance.contacts(path)]
     hits: list[MotionHit] = []
-    for hit in sorted(found, key=lambda each: each.t):
+    for hit in sorted(found, key=lambda each: (each.t, each.hit.distance)):
         i = next((i for i, other in enumerate(hits) if _one_hit(other, hit)), None)
         if i is None:
             hits.append(hit)

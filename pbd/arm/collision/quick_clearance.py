@@ -86,18 +86,18 @@ class QuickClearance(Clearance):
         """Return what moves with the tool and touches what stands still, with the tool at some poses.
 
         Returns:
-            The first pair that was found, its distance in m, and where (3,) in pinocchio's world.
+            The first pair that was found, its distance in m, and where (3,) m in base.
         """
         joint, T_joint_tool = tool_on_joint(self.arm)
         self._place(self.arm.configurations(np.append(self.arm.robot.home, opening)))
-        T_joint_universe, pairs = self._data.oMi[joint].inverse(), np.flatnonzero(self._of_tool).tolist()
+        T_joint_base, pairs = self._data.oMi[joint].inverse(), np.flatnonzero(self._of_tool).tolist()
         carried = {int(i) for i in self.pairs[pairs].ravel() if self.bodies[i].joint > 0}
-        T_joint_body = {i: T_joint_universe * self._placed.oMg[i] for i in carried}
-        T_base_universe, T_tool_joint = self.arm.T_base_universe.inverse(), to_se3(T_joint_tool.inverse())
+        T_joint_body = {i: T_joint_base * self._placed.oMg[i] for i in carried}
+        T_tool_joint = to_se3(T_joint_tool.inverse())
         for pose in T_base_tool:
-            T_universe_joint = T_base_universe * to_se3(pose) * T_tool_joint
+            T_base_joint = to_se3(pose) * T_tool_joint
             for i, T in T_joint_body.items():
-                self._placed.oMg[i] = T_universe_joint * T
+                self._placed.oMg[i] = T_base_joint * T
             for pair in pairs:
                 distance = self._distance(pair)
                 if not distance >= self.margin_m and not (pair in self.rests and self.rests[pair](pose)):

@@ -21,11 +21,11 @@ from pbd.arm.collision.geometry import Body, apart
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.collision.quick_clearance import QuickClearance
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
-from pbd.arm.model import ArmModel, from_se3
+from pbd.arm.model import ArmModel
 from pbd.arm.path_sampling import polyline
 from pbd.data import GraspedObject, Obstacle
 from pbd.data.world import Stay, holds, stays
-from pbd.pose import Array, Pose, quat_about_z, quat_rotate
+from pbd.pose import Array, Pose
 
 TABLE = "the table"
 
@@ -94,13 +94,12 @@ class CollisionScene:
         self.arm, self._table_height, self._grasped = arm, table_height, grasped
         obstacles, self.margin_m = tuple(obstacles), MARGIN_M
         self.obstacles = frozenset(obstacle.name for obstacle in obstacles)
-        self._T_universe_base = from_se3(arm.T_base_universe).inverse()
         self._links, (pairs, self.unchecked) = arm_bodies(arm), link_pairs(arm)
         self.links = frozenset(link.name for link in self._links) - {THE_TOOL}
-        world = [Body(o.name, 0, self._T_universe_base @ o.T_base_obstacle, o.shape, o.size) for o in obstacles]
+        world = [Body(o.name, 0, o.T_base_obstacle, o.shape, o.size) for o in obstacles]
         if table_height is not None:
-            T_base_table = Pose(np.array([0.0, 0.0, table_height]), quat_about_z(0.0))
-            world.insert(0, Body(TABLE, 0, self._T_universe_base @ T_base_table, "floor"))
+            T_base_table = Pose.from_rpy((0.0, 0.0, table_height), np.zeros(3))
+            world.insert(0, Body(TABLE, 0, T_base_table, "floor"))
         self._bodies = (*self._links, *world)
         around = self._against(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
         around = self._off_the_table(around)
@@ -124,13 +123,13 @@ class CollisionScene:
                     worst = self.as_hit(each, pair, x, distance)
         return worst
 
-    def meets(self, q: Array, leg: Leg) -> bool:
-        """Whether there is a hit at joints (1, k), or on straight moves in joint space from each of (m, k) to the next.
+    def is_free(self, q: Array, leg: Leg) -> bool:
+        """Whether nothing is hit at joints (1, k), or on straight moves in joint space from each of (m, k) to the next.
 
-        What comes nearer than MARGIN_M but doesn't touch counts where somebody looks: `check_path` looks elsewhere.
+        It measures at other places than `check_path`: only one of the two may notice a gap that is below the margin.
         """
         x = np.column_stack((q[[0, -1]], (leg.opening, leg.opening)))[: len(q)]
-        return any(
+        return not any(
             any(each.touches(end) for end in x)
             or (len(q) == 2 and each.meets(x))
             or (len(q) > 2 and each.meets_along(polyline(q, leg.opening, each.rates, 2.0 * self.margin_m)))
@@ -145,7 +144,8 @@ class CollisionScene:
             poses = (T_base_tool[i] for i in middle_first)
             met = each.tool_contact(poses, leg.opening)
             if met is not None:
-                return self._hit(each, *met)
+                pair, distance, p_base = met
+                return Hit(*each.names(pair), distance, p_base)
         return None
 
     def check_path(self, q: Array, leg: Leg | None = None) -> Hit | None:
@@ -199,18 +199,14 @@ class CollisionScene:
 
     def as_hit(self, clearance: Clearance, pair: int, x: Array, distance: float, share: float = 0.0) -> Hit:
         """Describe a pair that touches at coordinates x (k + 1,)."""
-        return self._hit(clearance, pair, distance, clearance.witness(x, pair), share)
-
-    def _hit(self, clearance: Clearance, pair: int, distance: float, p_universe: Array, share: float = 0.0) -> Hit:
-        first, second = (clearance.bodies[i].name for i in clearance.pairs[pair])
-        return Hit(first, second, distance, self._T_universe_base.inverse().act(p_universe), share)
+        return Hit(*clearance.names(pair), distance, clearance.witness(x, pair), share)
 
     def _object_pairs(self, stay: Stay) -> QuickClearance:
         thing = self._grasped
         if thing is None:
             raise ValueError("a scene without an object has none to check")
         joint, T_joint_tool = tool_on_joint(self.arm)
-        placed = (joint, T_joint_tool @ stay.pose) if stay.held else (0, self._T_universe_base @ stay.pose)
+        placed = (joint, T_joint_tool @ stay.pose) if stay.held else (0, stay.pose)
         bodies = (*self._bodies, Body(f"the {thing.shape}", *placed, thing.shape, thing.size))
         this, gripper = len(self._bodies), gripper_links(self.arm, self._links)
         others = [i for i, link in enumerate(self._links) if link.name not in gripper]
@@ -231,9 +227,8 @@ class CollisionScene:
 
     def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:
         """Whether something that stands still holds up an object."""
-        up = quat_rotate(self._T_universe_base.wxyz, (0.0, 0.0, 1.0))
-        distance, _, normal = apart(thing, self._T_universe_base @ T_base_thing, support, support.T_joint_body)
-        return bool(abs(distance) <= REST_M and -normal @ up >= STEEP)
+        distance, _, normal = apart(thing, T_base_thing, support, support.T_joint_body)
+        return bool(abs(distance) <= REST_M and -normal[2] >= STEEP)
 
     def _against(self, bodies: Sequence[Body], ones: Iterable[int], others: Iterable[int]) -> Pairs:
         """Pair up bodies, but for those that no joint moves against each other."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 
 from pbd.arm.ik.closed_form import closed_form, flipped_elbow
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
@@ -10,8 +11,7 @@ from pbd.arm.ik.partial_pose import FULL_POSE, SLACK_RAD, finish, is_partial, so
 from pbd.arm.ik.seven_joints import seven_joints
 from pbd.arm.ik.solver import solve
 from pbd.arm.ik.starts import manipulability, starts_of
-from pbd.arm.model import ArmModel
-from pbd.arm.tool import Target, target
+from pbd.arm.model import ArmModel, to_se3
 from pbd.lapack import lapack
 from pbd.pose import Array, Pose
 
@@ -51,7 +51,7 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
     """
     if is_partial(arm):
         return _partial(arm, T_base_tool, before)
-    goal = target(T_base_tool)
+    goal = to_se3(T_base_tool)
     third = starts // 3
     carried = apart(before, third, CARRIED_APART_RAD)
     around = min(ALONG_APART_RAD, 2.0 * np.pi / third)
@@ -69,7 +69,7 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
     return found
 
 
-def _solutions(arm: ArmModel, goal: Target, q_seeds: Array) -> Array:
+def _solutions(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> Array:
     """Find the different solutions (m, k) that seeds lead to, exact to rounding."""
     q, squares = descend_each(arm, goal, q_seeds, all_of_them=True)
     solved = squares < SOLVED
@@ -117,7 +117,7 @@ def apart(q: Array, most: int, distance: float) -> Array:
     return np.array(kept).reshape(-1, q.shape[1])
 
 
-def polish(arm: ArmModel, goal: Target, q: Array) -> Array:
+def polish(arm: ArmModel, goal: pin.SE3, q: Array) -> Array:
     """Take one Newton step from solutions (m, k) within tolerance: exact to rounding, unless a limit bars it."""
     residual = Residual(arm, goal)
     for i, each in enumerate(q):
@@ -129,7 +129,7 @@ def polish(arm: ArmModel, goal: Target, q: Array) -> Array:
 
 
 def _partial(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:
-    goal, carried = target(T_base_tool), apart(before, CARRIED_RELAXED, CARRIED_APART_RAD)
+    goal, carried = to_se3(T_base_tool), apart(before, CARRIED_RELAXED, CARRIED_APART_RAD)
     ways = solve_partial(arm, goal, carried) + [finish(arm, goal, q) for q in carried]
     reached = [way for way in ways if way.reached]
     least = min((way.off for way in reached), default=0.0)

@@ -12,8 +12,7 @@ import numpy as np
 
 from pbd.arm.ik.levenberg_marquardt import Residual
 from pbd.arm.ik.partial_pose import finish, is_partial
-from pbd.arm.model import ArmModel
-from pbd.arm.tool import target
+from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose, quat_slerp
 
 SPACING_M, SPACING_RAD = 0.005, np.radians(2.0)
@@ -79,7 +78,7 @@ def _leaps(arm: ArmModel, T_before: Pose, T_after: Pose, q_before: Array, q_afte
 
 def refine(arm: ArmModel, pose: Pose, q_seed: Array) -> Array | None:
     """Go from joints (k,) that are nearly right for a pose to those that are; None where they aren't within limits."""
-    goal = target(pose)
+    goal = to_se3(pose)
     if is_partial(arm):
         found = finish(arm, goal, q_seed)
         return found.q if found.reached else None

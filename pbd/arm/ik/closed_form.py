@@ -11,10 +11,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from pbd.arm.ik.subproblems import TOGETHER_M, Axis, axes_of, beyond, sines, within_turns
 from pbd.arm.model import ArmModel
-from pbd.arm.tool import Target, in_universe
 from pbd.pose import Array
 
 STRETCHED_RAD = float(np.arccosh(1.001))
@@ -30,20 +30,18 @@ class _Kind(NamedTuple):
     """An arm of one of the two kinds; `signs` (6,): -1 where a parallel joint turns the other way than its axis."""
 
     axes: list[Axis]
-    tool: Target
+    T_base_tool: pin.SE3
     signs: Array
     spherical: bool
 
 
-def closed_form(arm: ArmModel, goal: Target) -> Array:
+def closed_form(arm: ArmModel, goal: pin.SE3) -> Array:
     """Return joints (m, 6) that bring the tool to a pose, to rounding; none where the arm isn't of these kinds."""
     kind = _kind(arm)
     if kind is None:
         return np.empty((0, len(arm.limits.lower)))
-    wanted = in_universe(arm, goal)
-    R = wanted.R @ kind.tool.R.T
-    # Where the point of the last axis goes.
-    p = wanted.p + R @ (kind.axes[5].p - kind.tool.p)
+    moved = goal * kind.T_base_tool.inverse()
+    R, p = moved.rotation, moved.act(kind.axes[5].p)  # where the point of the last axis goes
     q, short = (_spherical if kind.spherical else _parallel)(kind.axes, R, p)
     every = np.stack(np.broadcast_arrays(*q), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 6)
     found = within_turns(arm, every * kind.signs)

@@ -14,7 +14,6 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.model import ArmModel
-from pbd.arm.tool import Target, in_universe, tool_in_universe
 from pbd.lapack import lapack
 from pbd.pose import Array
 
@@ -42,7 +41,7 @@ UNTIL_IT_STOPS = MOST_STEPS
 
 def descend_each(
     arm: ArmModel,
-    target: Target,
+    target: pin.SE3,
     q_seeds: Array,
     *,
     patience: int = PATIENCE,
@@ -70,10 +69,11 @@ def descend_each(
     return np.array(found), np.array(squares)
 
 
-def residual_norms(arm: ArmModel, target: Target, q: Array) -> tuple[float, float]:
+def residual_norms(arm: ArmModel, target: pin.SE3, q: Array) -> tuple[float, float]:
     """Return how far the tool is from a target at joints q (k,), by pinocchio: m, rad."""
     T_base_tool = arm.placement(q)
-    off, turned = T_base_tool.translation - target.p, pin.log3(T_base_tool.rotation @ target.R.T)
+    off = T_base_tool.translation - target.translation
+    turned = pin.log3(T_base_tool.rotation @ target.rotation.T)
     return math.sqrt(off.dot(off)), math.sqrt(turned.dot(turned))
 
 
@@ -83,10 +83,8 @@ class Residual:
     That derivative leaves J^T e as it is, since log3(R R_target^T) is its own axis, and is the identity at e = 0.
     """
 
-    def __init__(self, arm: ArmModel, target: Target) -> None:
-        self.tool = tool_in_universe(arm)
-        self.p, self.R = in_universe(arm, target)
-        self.R_inverse = self.R.T
+    def __init__(self, arm: ArmModel, target: pin.SE3) -> None:
+        self.tool, self.p, self.R_inverse = arm.tool, target.translation.copy(), target.rotation.T.copy()
 
     def __call__(self, q: Array) -> tuple[Array, Array]:
         """Return e (6,) and J (6, k) at joints (k,)."""

@@ -18,11 +18,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from pbd.arm.ik.levenberg_marquardt import descend
 from pbd.arm.ik.starts import starts_of
-from pbd.arm.model import ArmModel
-from pbd.arm.tool import Target, in_universe, target, tool_in_universe
+from pbd.arm.model import ArmModel, to_se3
 from pbd.errors import warn
 from pbd.pose import Array, Pose
 
@@ -77,7 +77,7 @@ def is_partial(arm: ArmModel) -> bool:
     return len(arm.robot.joints) < FULL_POSE
 
 
-def solve_partial(arm: ArmModel, goal: Target, q_seeds: Array) -> list[PartialPose]:
+def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialPose]:
     """Find different ways to come near to a pose, from seeds (m, k) and from the arm's own: the nearest first.
 
     Where not even the position can be met there is one: the nearest place.
@@ -92,7 +92,7 @@ def solve_partial(arm: ArmModel, goal: Target, q_seeds: Array) -> list[PartialPo
             kept.append(q)
     places = [measure(arm, goal, nearest_place(arm, goal, q)) for q in kept]
     if not any(place.reached for place in places):  # not yet: the rotation may have led away from where it can be
-        kept = [nearest_place(arm, goal, q) for q in samples.at(goal.p, AT_PLACE)[::EVERY]]
+        kept = [nearest_place(arm, goal, q) for q in samples.at(goal.translation, AT_PLACE)[::EVERY]]
         places += [measure(arm, goal, q) for q in kept]
         if not any(place.reached for place in places):
             return [min(places, key=lambda place: place.position_m)]
@@ -102,7 +102,7 @@ def solve_partial(arm: ArmModel, goal: Target, q_seeds: Array) -> list[PartialPo
     return sorted(found, key=lambda way: way.off)
 
 
-def finish(arm: ArmModel, goal: Target, q_seed: Array) -> PartialPose:
+def finish(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> PartialPose:
     """Go from a seed (k,) down to the nearest way to hold the tool by the rule."""
     bounds = (arm.limits.lower, arm.limits.upper)
     q, _ = descend(
@@ -111,26 +111,25 @@ def finish(arm: ArmModel, goal: Target, q_seed: Array) -> PartialPose:
     return measure(arm, goal, nearest_place(arm, goal, q))
 
 
-def nearest_place(arm: ArmModel, goal: Target, q_seed: Array) -> Array:
+def nearest_place(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
     """Go from a seed (k,) down to the joints whose tool is nearest to a target's position, however it is turned."""
-    tool, p_target = tool_in_universe(arm), in_universe(arm, goal).p
+    p_goal = goal.translation
 
-    def look(q: Array) -> tuple[Array, Array]:
-        p, _, J = tool(q)
-        return p - p_target, J[:3]
+    def residual(q: Array) -> tuple[Array, Array]:
+        p, _, J = arm.tool(q)
+        return p - p_goal, J[:3]
 
-    q, _ = descend(look, (arm.limits.lower, arm.limits.upper), q_seed, solved=EXACT_M**2)
+    q, _ = descend(residual, (arm.limits.lower, arm.limits.upper), q_seed, solved=EXACT_M**2)
     return q
 
 
-def measure(arm: ArmModel, goal: Target, q: Array) -> PartialPose:
+def measure(arm: ArmModel, goal: pin.SE3, q: Array) -> PartialPose:
     """Say how near joints (k,) bring the tool to a pose: its approach axis first, then the shortest turn about it."""
-    p, R, _ = tool_in_universe(arm)(q)
-    p_target, R_target = in_universe(arm, goal)
-    off = R_target.T @ R
+    p, R, _ = arm.tool(q)
+    off = goal.rotation.T @ R
     approach = np.arctan2(np.hypot(off[0, 2], off[1, 2]), off[2, 2])
     about = abs(np.arctan2(off[1, 0] - off[0, 1], off[0, 0] + off[1, 1]))
-    return PartialPose(q, float(np.linalg.norm(p - p_target)), float(approach), float(about))
+    return PartialPose(q, float(np.linalg.norm(p - goal.translation)), float(approach), float(about))
 
 
 def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tuple[Pose, ...], Array]:
@@ -141,7 +140,7 @@ def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tuple[Po
     """
     if not is_partial(arm):
         return tuple(T_base_tool), np.zeros((len(q), 2))
-    found = [measure(arm, target(pose), joints) for pose, joints in zip(T_base_tool, q, strict=True)]
+    found = [measure(arm, to_se3(pose), joints) for pose, joints in zip(T_base_tool, q, strict=True)]
     held = tuple(Pose(pose.p, arm.forward(joints).wxyz) for pose, joints in zip(T_base_tool, q, strict=True))
     off = np.array([(each.approach_rad, each.about_rad) for each in found]).reshape(-1, 2)
     if len(off) and off.max() > TELL_RAD:
@@ -158,17 +157,17 @@ def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tuple[Po
 class _Residual:
     """The error (12,): position in m, then the tool's axes z, x and y less the target's, by their weights; with J."""
 
-    def __init__(self, arm: ArmModel, goal: Target, weight_m: float) -> None:
-        self.tool = tool_in_universe(arm)
-        self.p, self.R = in_universe(arm, goal)
+    def __init__(self, arm: ArmModel, goal: pin.SE3, weight_m: float) -> None:
+        self.tool, self.p = arm.tool, goal.translation
         self.weights = weight_m * np.array([ABOUT_AXIS, ABOUT_AXIS, 1.0])
+        self.axes = goal.rotation * self.weights
 
     def __call__(self, q: Array) -> tuple[Array, Array]:
         p, R, J_tool = self.tool(q)
         e, J = np.empty(12), np.empty((12, len(q)))
         e[:3], J[:3] = p - self.p, J_tool[:3]
         axes = R * self.weights
-        e[3:] = (axes - self.R * self.weights).T.ravel()
+        e[3:] = (axes - self.axes).T.ravel()
         for column in range(3):  # an axis a that turns by w moves by w x a
             x, y, z = axes[:, column].tolist()
             cross = np.array(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)))

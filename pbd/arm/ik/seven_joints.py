@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+import pinocchio as pin
 
 from pbd.arm.ik.subproblems import TINY, TOGETHER_M, Axis, axes_of, beyond, sines, within_turns
 from pbd.arm.model import ArmModel
-from pbd.arm.tool import Target, in_universe
 from pbd.pose import Array
 
 COUNT, FEWEST = 128, 8
@@ -33,7 +33,7 @@ NEARLY_RAD = 0.2
 
 
 @lru_cache(maxsize=4)
-def _axes(arm: ArmModel) -> tuple[list[Axis], Target] | None:
+def _axes(arm: ArmModel) -> tuple[list[Axis], pin.SE3] | None:
     """The arm's axes and its tool; None where it isn't of this kind."""
     if arm.model.nv != 7 or not arm.turns.all():
         return None
@@ -46,7 +46,7 @@ def _axes(arm: ArmModel) -> tuple[list[Axis], Target] | None:
     return axes, tool
 
 
-def seven_joints(arm: ArmModel, goal: Target) -> list[Array]:
+def seven_joints(arm: ArmModel, goal: pin.SE3) -> list[Array]:
     """Return every branch, as joints (m, 7) along it; an arm that isn't of this kind has none.
 
     Those of one configuration lie just beyond the limits: a descent from there may lead to a short branch.
@@ -54,9 +54,8 @@ def seven_joints(arm: ArmModel, goal: Target) -> list[Array]:
     if (known := _axes(arm)) is None:
         return []
     axes, tool = known
-    wanted = in_universe(arm, goal)
-    R = wanted.R @ tool.R.T
-    to_shoulder = axes[0].p - R @ (axes[6].p - tool.p) - wanted.p
+    moved = goal * tool.inverse()
+    R, to_shoulder = moved.rotation, axes[0].p - moved.act(axes[6].p)
     q7 = _last(arm, axes, R.T @ to_shoulder, axes[4].p - axes[6].p)
     if not len(q7):
         return []

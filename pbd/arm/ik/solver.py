@@ -13,8 +13,7 @@ import numpy as np
 from pbd.arm.ik.levenberg_marquardt import SOLVED, UNTIL_IT_STOPS, descend_each, residual_norms
 from pbd.arm.ik.partial_pose import is_partial, solve_partial
 from pbd.arm.ik.starts import starts_of
-from pbd.arm.model import ArmModel
-from pbd.arm.tool import target
+from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
 TOLERANCE_M = 1e-5
@@ -61,7 +60,7 @@ def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkRe
         The first solution, or, where `reached` is false, the joints with the smallest |e| that were found. Of an arm
         with too few joints the nearest by its rule.
     """
-    goal, starts = target(T_base_tool), starts_of(arm)
+    goal, starts = to_se3(T_base_tool), starts_of(arm)
     seeds = np.empty((0, len(arm.limits.lower))) if q_seed is None else q_seed[None]
     if is_partial(arm):  # for once the whole pose may be met
         q, squares = descend_each(arm, goal, starts.nearest(goal, NEAREST_PARTIAL))
@@ -80,4 +79,4 @@ def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkRe
 
 def check(arm: ArmModel, T_base_tool: Pose, q: Array) -> IkResult:
     """Say how far the tool is from a pose at joints q (k,), by forward kinematics."""
-    return IkResult(q, *residual_norms(arm, target(T_base_tool), q), is_partial(arm))
+    return IkResult(q, *residual_norms(arm, to_se3(T_base_tool), q), is_partial(arm))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+import pinocchio as pin
 
 from pbd.arm.model import ArmModel, FloatArray
 from pbd.arm.reach import sample
-from pbd.arm.tool import Target
 from pbd.pose import Array
 
 SAMPLES = 10_000
@@ -37,9 +37,9 @@ class Starts:
         J = np.array([arm.jacobian(q) for q in self.q[:_MEASURED]])
         self.clumsy = float(np.quantile(manipulability(J), CLUMSY))
 
-    def nearest(self, target: Target, count: int) -> Array:
+    def nearest(self, goal: pin.SE3, count: int) -> Array:
         """Return the (count, k) samples whose tool is nearest to a pose, nearest first."""
-        wanted = np.concatenate((target.p, ROTATION_WEIGHT_M * target.R.ravel())).astype(np.float32)
+        wanted = np.concatenate((goal.translation, ROTATION_WEIGHT_M * goal.rotation.ravel())).astype(np.float32)
         # Half the squared distance, without the term common to all samples. A tree in twelve dimensions is no faster.
         return self._least(self._half_squares - self._features @ wanted, count)
 

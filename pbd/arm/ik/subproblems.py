@@ -13,7 +13,6 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.model import ArmModel
-from pbd.arm.tool import Target
 from pbd.pose import Array
 
 PARALLEL, TOGETHER_M = 1e-3, 1e-3
@@ -24,7 +23,7 @@ TINY = 1e-12
 
 @dataclass(eq=False)
 class Axis:
-    """A joint's axis with all joints at zero, in pinocchio's world: its direction h (3,), a point of it p (3,) m."""
+    """A joint's axis with all joints at zero, in base: its direction h (3,), a point on it p (3,) m."""
 
     h: Array
     p: Array
@@ -77,14 +76,13 @@ class Axis:
         return bool(np.linalg.norm(np.cross(self.h, other.h)) < PARALLEL)
 
 
-def axes_of(arm: ArmModel) -> tuple[list[Axis], Target]:
-    """Find the axes of an arm, and its tool, with all joints at zero."""
+def axes_of(arm: ArmModel) -> tuple[list[Axis], pin.SE3]:
+    """Return the axes of an arm, and T_base_tool, with all joints at zero."""
     model, data = arm.model, arm.model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
     h = pin.computeJointJacobians(model, data, pin.neutral(model))[3:].T
     axes = [Axis(h[i].copy(), data.oMi[i + 1].translation.copy()) for i in range(len(h))]
-    tool = data.oMf[arm.tool_id]
-    return axes, Target(tool.translation.copy(), tool.rotation.copy())
+    return axes, data.oMf[arm.tool_id].copy()
 
 
 def sines(q: Array) -> tuple[Array, Array]:

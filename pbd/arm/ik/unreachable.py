@@ -10,8 +10,7 @@ from pbd.arm.ik.levenberg_marquardt import Residual
 from pbd.arm.ik.partial_pose import nearest_place
 from pbd.arm.ik.solver import TOLERANCE_M, IkResult, solve
 from pbd.arm.ik.starts import starts_of
-from pbd.arm.model import ArmModel
-from pbd.arm.tool import target
+from pbd.arm.model import ArmModel, to_se3
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
 
@@ -44,10 +43,10 @@ class Unreached:
 
 def find_reason(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Unreached:
     """Find out what stops an arm at the nearest pose that it reaches (`solve`)."""
-    goal = target(T_base_tool)
+    goal = to_se3(T_base_tool)
     residual = Residual(arm, goal)
     q_least, gap_least, beyond = nearest.q, T_base_tool.p - arm.forward(nearest.q).p, np.inf
-    others = () if nearest.partial else starts_of(arm).at(goal.p, _STARTS)  # relaxed, the place alone was sought
+    others = () if nearest.partial else starts_of(arm).at(T_base_tool.p, _STARTS)  # relaxed, the place alone was sought
     for q_seed in (nearest.q, *others):
         q = nearest_place(arm, goal, q_seed)
         gap = T_base_tool.p - arm.forward(q).p
@@ -88,7 +87,7 @@ def _shoulder(arm: ArmModel, q: Array) -> Array:
     """Where the second joint is, in base: the arm swings about it."""
     arm.forward(q)
     joint = min(2, arm.model.njoints - 1)
-    shoulder: Array = (arm.T_base_universe * arm.data.oMi[joint]).translation
+    shoulder: Array = arm.data.oMi[joint].translation
     return shoulder
 
 
