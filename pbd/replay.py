@@ -111,8 +111,11 @@ def _touching(plan: Plan) -> tuple[Touching, ...]:
 
     if plan.touching is None:
         return ()
-    later = (f"t = {each.t:.1f} s: {describe(each.hit)}" for each in plan.touching.hits[1:])
-    return tuple(
-        Touching((each.hit.first, each.hit.second), each.t, each.parted_t, words)
-        for each, words in zip(plan.touching.hits, (plan.touching.error.message, *later), strict=True)
-    )
+    first, error = plan.touching.found, plan.touching.error
+    messages = []
+    for each in plan.touching.hits:
+        bodies = (each.hit.first, each.hit.second)
+        is_first = each.t == first.t and bodies == (first.hit.first, first.hit.second)
+        words = error.message if is_first else f"t = {each.t:.1f} s: {describe(each.hit)}"
+        messages.append(Touching(bodies, each.t, each.parted_t, words))
+    return tuple(messages)

@@ -281,10 +281,10 @@ def test_what_touches_is_told_with_both_bodies_how_deep_and_when() -> None:
     plan = plan_keyframes(*low(), PANDA, PlanOptions(allow_collision=True))
     touching, t = plan.touching, plan.trajectory.keyframe_t
     assert touching is not None
-    assert touching.hits[0].hit.second == "the table"
-    assert t[0] < touching.hits[0].t < t[1] < touching.hits[0].parted_t < t[2]
-    assert touching.error.fields["bodies"] == (touching.hits[0].hit.first, "the table")
-    assert 0.015 < touching.hits[0].hit.depth < 0.05
+    assert touching.found.hit.second == "the table"
+    assert t[0] < touching.found.t < t[1] < touching.found.parted_t < t[2]
+    assert touching.error.fields["bodies"] == (touching.found.hit.first, "the table")
+    assert 0.015 < touching.found.hit.depth < 0.05
 
 
 def test_a_trajectory_alone_can_not_say_that_it_touches_something() -> None:

@@ -26,7 +26,7 @@ def sample(arm: ArmModel, count: int) -> Array:
 
 def farthest(arm: ArmModel) -> float:
     """Return the largest distance of the tool from base's z axis, m: sampled, then climbed from the best samples."""
-    from scipy.optimize import minimize  # takes its time to load
+    from scipy.optimize import Bounds, minimize  # takes its time to load
 
     def inward(q: Array) -> tuple[float, Array]:
         p, _, J = arm.tool(q)
@@ -36,5 +36,5 @@ def farthest(arm: ArmModel) -> float:
     q = sample(arm, _SAMPLES)
     p, _ = arm.forward_many(q)
     best = q[np.argsort(-np.hypot(p[:, 0], p[:, 1]))[:_CLIMBERS]]
-    bounds = np.stack((arm.limits.lower, arm.limits.upper), axis=1)
+    bounds = Bounds(arm.limits.lower, arm.limits.upper)
     return max(-float(minimize(inward, each, jac=True, bounds=bounds, method="L-BFGS-B").fun) for each in best)

@@ -59,7 +59,7 @@ def touching_json(plan: Plan) -> dict[str, Any] | None:
     """What touches, where that was allowed."""
     if plan.touching is None:
         return None
-    found = plan.touching.hits[0]
+    found = plan.touching.found
     return {
         "bodies": [found.hit.first, found.hit.second],
         "depth_m": found.hit.depth,

@@ -34,8 +34,9 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Touching:
-    """All hits of a motion by when they begin, and the error that describes the first."""
+    """The first hit of a motion, the error that tells it, and all hits by when they begin."""
 
+    found: MotionHit
     error: PlanError
     hits: tuple[MotionHit, ...]
 
@@ -92,10 +93,12 @@ class Plan:
 
 def find_touching(scene: CollisionScene, trajectory: JointTrajectory) -> Touching | None:
     """Say what a motion touches."""
-    from pbd.arm.collision.motion_check import check_motion, collision_error
+    from pbd.arm.collision.motion_check import all_hits, check_motion, collision_error
 
-    hits = check_motion(scene, trajectory)
-    return Touching(collision_error(scene, trajectory, hits[0]), hits) if hits else None
+    found = check_motion(scene, trajectory)
+    if found is None:
+        return None
+    return Touching(found, collision_error(scene, trajectory, found), all_hits(scene, trajectory))
 
 
 def find_stretched(took_s: Array, keyframes: Sequence[Keyframe]) -> tuple[Stretch, ...]:

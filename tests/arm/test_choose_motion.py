@@ -69,7 +69,7 @@ def chosen(poses: Sequence[Pose], obstacles: Sequence[Obstacle] = (), **request:
     back = None if found.back is None else Move(found.back.q, found.back.curved)
     start = HOME if request.get("approach", True) else found.q[0]
     trajectory, _ = time_moves(ARM, start, moves, [0.2] * len(moves), [None] * len(moves), retreat=back)
-    assert check_motion(scene, trajectory) == ()
+    assert check_motion(scene, trajectory) is None
     for pose, q in zip(poses, found.q, strict=True):
         assert max(pose.distance(ARM.forward(q))) < 1e-5
     return found

@@ -95,7 +95,7 @@ def free_motions(scene: CollisionScene, count: int) -> list[JointTrajectory]:
         spread = rng.uniform(-SPREAD_RAD, SPREAD_RAD, (9, len(arm.robot.joints)))
         q: Array = np.clip(arm.robot.home + spread, arm.limits.lower, arm.limits.upper)
         trajectory = time_keyframes(arm, q, [0.2] * 9, grips, arm.robot.home)
-        if not check_motion(scene, trajectory):
+        if check_motion(scene, trajectory) is None:
             found.append(trajectory)
         if len(found) == count:
             break

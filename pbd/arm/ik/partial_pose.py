@@ -1,15 +1,15 @@
-"""The rule for arms of fewer than six joints, which can't bring their tool to a pose but only near it.
+"""The rule for arms of fewer than six joints, which can bring their tool only near to most poses.
 
-**The position is met exactly. Of the rotations that this leaves, the nearest is taken, where a degree between the
-approach axes (the tool's z) counts as much as ten degrees of rotation about them.** So where the approach axis can be
-met it is, and the rotation about it comes as near as it can; where it can't, both are as near as the position allows.
+**The position is met exactly. Of the rotations that this leaves the nearest is taken, where a degree between the
+approach axes (the tool's z) counts as much as ten degrees of rotation about them.** Where the approach axis can be met
+it is, and the rotation about it is as near as possible; where it can't, both are as near as the position allows.
 
-Ten, and not without end: an arm whose last axis passes 8 mm beside its tool (so101) would turn its jaws by 30 degrees
-to gain a twentieth of a degree of approach. At ten it gives away less than that twentieth.
+A larger factor than ten would cost more than it gains: an arm whose last axis passes 8 mm beside its tool (so101) would
+turn its jaws by 30 degrees to gain a twentieth of a degree of approach. With ten it loses less than that twentieth.
 
-It is solved as one least-squares problem in which rotations weigh little against the position, and then the position
-is made exact, which moves the joints by next to nothing. Rotations are compared by their axes, |z - z_target| and so
-on, which has a smooth gradient everywhere but at half a turn.
+One least-squares problem is solved in which rotations have a small weight, then the position is made exact, which
+hardly moves the joints. Rotations are compared by their axes, |z - z_target| and so on: the gradient is smooth
+everywhere but at half a turn.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from pbd.errors import warn
 from pbd.pose import Array, Pose
 
 FULL_POSE = 6
-"""Joints that it takes to bring a tool to any pose."""
+"""Joints needed to bring a tool to any pose."""
 
 ABOUT_AXIS = 0.1
 """Weight of rotation about the approach axis, against that of the axis itself."""
 
 SLACK_RAD = np.deg2rad(0.1)
-"""A path may take any solution whose rotation is this close to the nearest, as the rule counts."""
+"""A path may use any solution whose rotation, weighted by the rule, is this close to the nearest."""
 
 NEAR_M, EXACT_M = 1e-5, 1e-9
 """Tolerance of the position, and the accuracy to which it is solved."""
@@ -42,19 +42,19 @@ TELL_RAD = np.deg2rad(5.0)
 """Rotation error above which a warning is given."""
 
 NEAREST, ANYWHERE = 8, 16
-"""Samples to start from: near the pose, and from all over."""
+"""Samples to start from: near the pose, and anywhere."""
 AT_PLACE, EVERY = 32, 4
-"""Where the place seems out of reach: samples near it, and the share of them that is tried (neighbours lead to one)."""
+"""Where the position seems out of reach: samples near it, of which every so many is tried (neighbours are alike)."""
 
-_ROUGH, _FINE = 0.3, 0.03  # m: what a rotation of one rad of the approach axis weighs, at first and at last
+_ROUGH, _FINE = 0.3, 0.03  # m: weight of one rad of the approach axis, at first and at last
 _ROUGH_STEPS, _FINE_STEPS = 8, 200
-_KEPT = 4  # of the starts are followed to the end
-_APART_RAD = 0.2  # starts that come nearer to each other than this are one
+_KEPT = 4  # starts that are followed to the end
+_APART_RAD = 0.2  # starts that end nearer to each other than this are one
 _STILL_RAD = 1e-7
 
 
 class PartialPose(NamedTuple):
-    """The joints (k,) that come nearest to a pose by the rule, and how near: m, rad, rad."""
+    """Joints (k,), and how far from a pose they bring the tool: m, rad, rad."""
 
     q: Array
     position_m: float
@@ -68,7 +68,7 @@ class PartialPose(NamedTuple):
 
     @property
     def off(self) -> float:
-        """How far the rotation is off, in rad, as the rule counts."""
+        """How far the rotation is off, in rad, weighted by the rule."""
         return float(np.hypot(self.approach_rad, ABOUT_AXIS * self.about_rad))
 
 
@@ -78,9 +78,9 @@ def is_partial(arm: ArmModel) -> bool:
 
 
 def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialPose]:
-    """Find different ways to come near to a pose, from seeds (m, k) and from the arm's own: the nearest first.
+    """Find different joints near to a pose, from seeds (m, k) and from the arm's own samples: the nearest first.
 
-    Where not even the position can be met there is one: the nearest place.
+    Where not even the position can be met there is one: the nearest position.
     """
     samples = starts_of(arm)
     starts = (q_seeds, samples.nearest(goal, NEAREST), samples.q[:ANYWHERE])
@@ -91,19 +91,19 @@ def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialP
         if all(np.abs(q - other).max() > _APART_RAD for other in kept) and len(kept) < _KEPT:
             kept.append(q)
     places = [measure(arm, goal, nearest_place(arm, goal, q)) for q in kept]
-    if not any(place.reached for place in places):  # not yet: the rotation may have led away from where it can be
+    if not any(place.reached for place in places):  # the rotation may have led away from the position
         kept = [nearest_place(arm, goal, q) for q in samples.at(goal.translation, AT_PLACE)[::EVERY]]
         places += [measure(arm, goal, q) for q in kept]
         if not any(place.reached for place in places):
             return [min(places, key=lambda place: place.position_m)]
     ways = [finish(arm, goal, q) for q in kept]
-    # Turning the tool right may run into limits, from which the way back to the place is barred.
+    # Turning the tool may end at limits from which the position is lost.
     found = [way for way in ways if way.reached] or [place for place in places if place.reached]
     return sorted(found, key=lambda way: way.off)
 
 
 def finish(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> PartialPose:
-    """Go from a seed (k,) down to the nearest way to hold the tool by the rule."""
+    """Descend from a seed (k,) to the nearest joints by the rule."""
     bounds = (arm.limits.lower, arm.limits.upper)
     q, _ = descend(
         _Residual(arm, goal, _FINE), bounds, q_seed, steps=_FINE_STEPS, solved=EXACT_M**2, stalled=1.0, still=_STILL_RAD
@@ -112,7 +112,7 @@ def finish(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> PartialPose:
 
 
 def nearest_place(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
-    """Go from a seed (k,) down to the joints whose tool is nearest to a target's position, however it is turned."""
+    """Descend from a seed (k,) to the joints whose tool is nearest to a target's position, whatever its rotation."""
     p_goal = goal.translation
 
     def residual(q: Array) -> tuple[Array, Array]:
@@ -124,7 +124,7 @@ def nearest_place(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
 
 
 def measure(arm: ArmModel, goal: pin.SE3, q: Array) -> PartialPose:
-    """Say how near joints (k,) bring the tool to a pose: its approach axis first, then the shortest turn about it."""
+    """Measure how far joints (k,) bring the tool from a pose: its approach axis, then the shortest turn about it."""
     p, R, _ = arm.tool(q)
     off = goal.rotation.T @ R
     approach = np.arctan2(np.hypot(off[0, 2], off[1, 2]), off[2, 2])
@@ -133,10 +133,10 @@ def measure(arm: ArmModel, goal: pin.SE3, q: Array) -> PartialPose:
 
 
 def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tuple[Pose, ...], Array]:
-    """Say which poses in base an arm holds at the joints (n, k) found for n tool poses; warn where that is far off.
+    """Return the tool's poses at the joints (n, k) that were found for n tool poses; warn where they are far off.
 
-    With them how far off (n, 2) they are, rad: the approach axis, and the rotation about it.
-    Of an arm with joints enough they are those asked for. Of another the positions are, and the rotations its own.
+    With them how far off (n, 2) they are, rad: the approach axis, and the rotation about it. An arm with enough joints
+    has the poses that were asked for, another one their positions with rotations of its own.
     """
     if not is_partial(arm):
         return tuple(T_base_tool), np.zeros((len(q), 2))

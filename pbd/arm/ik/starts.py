@@ -1,4 +1,4 @@
-"""Where inverse kinematics starts from: sampled configurations of an arm, found by where they put its tool."""
+"""Seeds for inverse kinematics: sampled configurations of an arm, looked up by the pose of their tool."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Starts:
 
     Attributes:
         q: (n, k) rad.
-        p: (n, 3) m, where they put the tool.
+        p: (n, 3) m, the tool's positions.
         clumsy: 25th percentile of manipulability.
     """
 
@@ -44,7 +44,7 @@ class Starts:
         return self._least(self._half_squares - self._features @ wanted, count)
 
     def at(self, p: Array, count: int) -> Array:
-        """Return the (count, k) samples whose tool is nearest to a place p (3,) in base, however turned."""
+        """Return the (count, k) samples whose tool is nearest to a position p (3,) in base, in any rotation."""
         return self._least(np.linalg.norm(self.p - p, axis=1), count)
 
     def _least(self, distance: FloatArray, count: int) -> Array:

@@ -18,7 +18,7 @@ from pbd.pose import Array
 PARALLEL, TOGETHER_M = 1e-3, 1e-3
 """Sine of the angle between parallel axes at most; distance of crossing ones at most, m."""
 TINY = 1e-12
-"""Keeps a ratio finite where a joint has no say."""
+"""Keeps a ratio finite where a joint has no influence."""
 
 
 @dataclass(eq=False)
@@ -34,7 +34,7 @@ class Axis:
         return np.cross(self.h, np.eye(3))
 
     def turn(self, by: tuple[Array, Array], v: Array) -> Array:
-        """Turn vectors (..., 3) by angles (...) of which the `sines` are given."""
+        """Turn vectors (..., 3) by angles (...) given by their `sines`."""
         return _turned(self.K, by, v)
 
     def back(self, by: tuple[Array, Array], v: Array) -> Array:
@@ -42,15 +42,15 @@ class Axis:
         return _turned(self.K.T, by, v)
 
     def align(self, v: Array, w: Array) -> Array:
-        """Angles (...) by which v is to be turned to come nearest to w; both (..., 3)."""
+        """Angles (...) that turn v nearest to w; both (..., 3)."""
         across = v @ self.K
         angle: Array = np.arctan2(_dot(across, w), -_dot(across @ self.K, w))
         return angle
 
     def meet(self, n: Array, v: Array, d: Array) -> tuple[Array, Array]:
-        """Angles (2, ...) with n . turned(v) = d (...), to both sides; and how far they are short, rad.
+        """Angles (2, ...) with n . turned(v) = d (...), to both sides; and by how much they fall short, rad.
 
-        Where there is none it is the nearest, short by the angle's imaginary part.
+        Where no angle solves it, the nearest is given; the shortfall is the imaginary part of the complex solution.
         """
         across = v @ self.K
         a, b = -(across @ self.K) @ n, across @ n
@@ -59,11 +59,11 @@ class Axis:
         return np.stack((middle + half, middle - half)), np.arccosh(np.maximum(np.abs(cosine), 1.0))
 
     def bend(self, upper: Array, fore: Array, reach: Array) -> tuple[Array, Array]:
-        """Angles at which |upper + turned(fore)| is |reach|, of vectors (..., 3) m; as `meet` gives them."""
+        """Angles with |upper + turned(fore)| = |reach|, of vectors (..., 3) m; returned as by `meet`."""
         return self.meet(upper, fore, 0.5 * (_dot(reach, reach) - upper @ upper - fore @ fore))
 
     def crossing(self, other: Axis) -> Array | None:
-        """Where it crosses another one (3,) m; None where it doesn't."""
+        """Point (3,) m where it crosses another axis; None where it doesn't."""
         normal = np.cross(self.h, other.h)
         square, off = float(normal @ normal), other.p - self.p
         if square < PARALLEL**2 or abs(off @ normal) > TOGETHER_M * math.sqrt(square):
@@ -72,7 +72,7 @@ class Axis:
         return place
 
     def is_parallel(self, other: Axis) -> bool:
-        """Whether it leads the same way as another one, or the opposite."""
+        """Whether it is parallel to another axis, in either direction."""
         return bool(np.linalg.norm(np.cross(self.h, other.h)) < PARALLEL)
 
 

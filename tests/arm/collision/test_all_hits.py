@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pbd.arm.collision.motion_check import check_motion, object_stays
+from pbd.arm.collision.motion_check import all_hits, check_motion, object_stays
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel
 from pbd.data import GraspedObject, JointTrajectory
@@ -38,7 +38,7 @@ def test_all_hits_are_those_that_a_search_finds(
 ) -> None:
     scene = CollisionScene(arm, table, [board(0.0, height)], grasped)
     trajectory = through(arm, PLACES, GRIPS)
-    hits = check_motion(scene, trajectory)
+    hits = all_hits(scene, trajectory)
     step = 0.02
     wanted = sampled(scene, trajectory, np.arange(0.0, trajectory.duration, step))
     assert len(hits) >= least
@@ -53,5 +53,16 @@ def test_all_hits_are_those_that_a_search_finds(
         assert earlier.t <= later.t
 
 
+def test_the_first_is_the_one_that_a_refusal_tells(arm: ArmModel) -> None:
+    scene = CollisionScene(arm, 0.12, [board(0.0, 0.45)], BOTTLE)
+    trajectory = through(arm, PLACES, GRIPS)
+    first, (told, *_) = check_motion(scene, trajectory), all_hits(scene, trajectory)
+    assert first is not None
+    assert told.t == first.t
+    assert (first.hit.first, first.hit.second) in {
+        (each.hit.first, each.hit.second) for each in all_hits(scene, trajectory) if each.t == first.t
+    }
+
+
 def test_a_free_motion_has_none(arm: ArmModel) -> None:
-    assert check_motion(CollisionScene(arm, 0.0, [board(0.0, 0.15)], BOTTLE), through(arm, PLACES, GRIPS)) == ()
+    assert all_hits(CollisionScene(arm, 0.0, [board(0.0, 0.15)], BOTTLE), through(arm, PLACES, GRIPS)) == ()
