@@ -101,7 +101,7 @@ class LinkChecks:
         for i, deviation in zip(asked.tolist(), tool_deviations(self.arm, q_before[asked], q[asked]), strict=True):
             self.at(places[i])[1].found_wide += deviation.wide
             wide[i] = deviation.wide
-        return (WIDE_COST * wide).tolist()
+        return [WIDE_COST * float(each) for each in wide]
 
     def cost(self, place: int, q_before: Array, q: Array) -> float:
         """Return the cost of a move to a layer beside its travel, rad; infinite where it isn't free."""
