@@ -82,10 +82,8 @@ def _allowed(keyframe: Keyframe, R_base_nav: Array) -> Array | None:
 
 def robot_motion(arm: ArmModel, samples: Samples) -> RobotMotion:
     """Give the whole robot's motion, arm and fingers, at the instants of samples."""
-    from pbd.arm.model import from_se3
-
     q = arm.configurations(np.column_stack((samples.q, samples.gripper)))
-    return RobotMotion(arm.full, from_se3(arm.T_base_universe), samples.t, q)
+    return RobotMotion(arm.full, samples.t, q)
 
 
 def detours(plan: Plan) -> tuple[tuple[float, float], ...]:

@@ -9,7 +9,6 @@ import pytest
 
 import pbd
 from pbd.arm.gripper import THE_TOOL, arm_bodies
-from pbd.arm.model import from_se3
 from pbd.data import Obstacle
 from pbd.planning import PlanOptions, arm_of, plan_keyframes
 from pbd.pose import Pose
@@ -74,5 +73,5 @@ def test_the_tool_that_is_checked_is_shown(name: str, ahead_m: float) -> None:
     assert rod is not None
     assert (rod.diameter, rod.length) == checked.size
     x = np.append(robot.home, 1.0)
-    T_base_rod = from_se3(arm.T_base_universe) @ placements(arm, x)[checked.joint] @ checked.T_joint_body
+    T_base_rod = placements(arm, x)[checked.joint] @ checked.T_joint_body
     assert max((arm.forward(robot.home) @ rod.T_tool_rod).distance(T_base_rod)) < 1e-9

@@ -1,9 +1,9 @@
-"""Motion choice: which way the arm takes from keyframe to keyframe, mended where something bars it.
+"""Choose the arm's motion from keyframe to keyframe, and mend it where something bars it.
 
-All keyframes lie on one ladder graph; its links are straight moves in joint space, or paths of the tool. A link that is
-barred is mended on its own, and all else that is known is kept: first the hand's path is tried there (or a line, where
-no hand is known), then more ways to hold the arm at both ends, then joints along the path (a link of its own for every
-few poses), then any way around (detour.py). So the cost grows with the keyframes, and with the barred links.
+All keyframes lie on one ladder graph. Its links are straight moves in joint space, or paths of the tool. A barred link
+is mended on its own; what is known of the others is kept. Tried in this order: the hand's path (a line where no hand is
+known), more configurations at both ends, configurations along the path (a link for every few poses), a detour
+(detour.py). The cost grows with the number of keyframes and of barred links.
 """
 
 from __future__ import annotations
@@ -14,12 +14,10 @@ from functools import partial
 
 import numpy as np
 
-from pbd.arm.collision.queries import CollisionQueries
-from pbd.arm.collision.scene import Hit
+from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.joint_path import Unreachable, add_turns, build_ladder, turnable, widen
-from pbd.arm.ladder_checks import WIDE_COST
 from pbd.arm.ladder_graph import Barred, Ladder
 from pbd.arm.ladder_links import Link, Move, motion_of
 from pbd.arm.ladder_mending import Mending
@@ -30,26 +28,26 @@ from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
 from pbd.pose import Array
 
 MOST_STRAIGHT, MOST_ONLY_STRAIGHT = 12, 36
-"""Refused straight moves between two keyframes before the link is mended: where a detour may be made, and where not."""
+"""Barred straight moves between two keyframes before the link is mended: with detours allowed, and without."""
 WINDOW, KEPT = 64, 32
-"""Layers that are searched at once, and how many of them again with what follows."""
+"""Layers that are searched at once, and how many of them are searched again with those that follow."""
 
 
-def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> Motion | Refusal:
-    """Choose joints at the keyframes and the segments between them; without `queries` collisions are ignored.
+def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene | None) -> Motion | Refusal:
+    """Choose joints at the keyframes and the segments between them; without a scene collisions are ignored.
 
     Warns:
-        PbdWarning: the way back is left out, the arm makes a detour, or only a motion close to something is free.
+        PbdWarning: the way back is left out, the arm makes a detour, or the only free motion is close to something.
     """
-    poses, wide_cost = request.T_base_tool, WIDE_COST if request.kind == STRAIGHT else 0.0
+    poses = request.T_base_tool
     most_refused = MOST_STRAIGHT if request.detour else MOST_ONLY_STRAIGHT
-    ladder = build_ladder(arm, poses, request.q_start, request.q_back, most_refused, wide_cost)
+    ladder = build_ladder(arm, poses, request.q_start, request.q_back, most_refused)
     if isinstance(ladder, Unreachable):
         return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
-    search = _Search(arm, request, queries, ladder.copy())
+    search = _Search(arm, request, scene, ladder.copy())
     found = search.run()
-    if queries is not None and isinstance(found, Refusal) and found.why == COLLISION:
-        close = _Search(arm, request, queries.closer(), ladder)
+    if scene is not None and isinstance(found, Refusal) and found.why == COLLISION:
+        close = _Search(arm, request, scene.closer(), ladder)
         if isinstance(closer := close.run(), Motion):
             warn_of_closeness(found.error)
             search, found = close, closer
@@ -59,10 +57,10 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
 
 
 class _Search(Mending):
-    """The search for a motion: the ladder is searched, and what bars it mended, until a path is free."""
+    """Search the ladder, and mend what is barred, until a path is free."""
 
-    def __init__(self, arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None, ladder: Ladder) -> None:
-        super().__init__(arm, request, queries, ladder)
+    def __init__(self, arm: ArmModel, request: MotionRequest, scene: CollisionScene | None, ladder: Ladder) -> None:
+        super().__init__(arm, request, scene, ladder)
         ladder.end = min(WINDOW, len(ladder.layers))
         self.no_way_back: Hit | None = None
         self.before_line: tuple[Ladder, list[Link], list[Move], Hit | None] | None = None
@@ -87,7 +85,7 @@ class _Search(Mending):
                 return motion_of(self.arm, self.links, self.moves, self.ladder.joints(path), self.n)
 
     def _mend_all(self, barred: Barred) -> Callable[[], Refusal] | None:
-        """Mend what is barred, from the last on; where that puts in layers, the search tells anew what else is."""
+        """Mend barred layers, the last one first; once a mend has inserted layers, places are stale, so stop."""
         refused, count = None, len(self.ladder.layers)
         for place, standing in reversed([*zip(barred.layers, barred.standing, strict=True)]):
             refused = self._mend(place, standing) or refused
@@ -96,11 +94,11 @@ class _Search(Mending):
         return refused
 
     def _mend(self, place: int, standing: bool) -> Callable[[], Refusal] | None:
-        """Change how a layer is come to, if there is another way; else give what says what was tried."""
+        """Change how the arm gets to a layer; where nothing is left to try return what makes the refusal."""
         link, move = self.at(place)
         i = link.keyframe
         if standing and link.found and move.detour and self.ladder.layers[place].unseen < np.inf:
-            self.ladder.doubt(place, np.inf)  # one of those that were found, or none
+            self.ladder.doubt(place, np.inf)  # from now on only detours that were found
             return None
         if not standing and not move.widened and {"widen", "connect"} & {*move.remedies}:
             move.widened, move.remedies = True, [each for each in move.remedies if each != "widen"]
@@ -131,7 +129,7 @@ class _Search(Mending):
         return None
 
     def _make_lines(self, path: Sequence[int]) -> bool:
-        """Let the tool follow a line where a straight move leaves it too far, or is wide; say whether any does."""
+        """Replace straight moves by lines where the tool strays beyond the tolerance, or wide; say whether any was."""
         tolerance, wide, made = self.request.tolerance_m, dict[int, ToolDeviation](), False
         q, within = self.ladder.joints(path), range(self.ladder.first + 1, self.ladder.end)
         at = [place for place in within if self.straight(place)]
@@ -146,7 +144,7 @@ class _Search(Mending):
                 wide[place] = deviation
         if made:
             return True
-        if self.before_line is not None:  # a line that is taken may be mended again
+        if self.before_line is not None:  # the line works: its move may be mended again
             for move, before in zip(self.moves, self.before_line[2], strict=True):
                 move.remedies = move.remedies or [*before.remedies]
             self.before_line = None
@@ -155,7 +153,7 @@ class _Search(Mending):
             if not self._unwind(i, q[place - 1], q[place]):
                 self.moves[i].wide = deviation
                 straight = line(*self.request.T_base_tool[i - 1 : i + 1])
-                barred = self.queries is not None and self.queries.tool_hit(i, straight) is not None
+                barred = self.tool_hit(i, straight) is not None
                 if barred and self.request.hand is None:
                     continue
                 self.before_line = self._copy()
@@ -165,7 +163,7 @@ class _Search(Mending):
         return False
 
     def _unwind(self, i: int, q_before: Array, q: Array) -> bool:
-        """Let a joint that turned back, or that a direct move leads over its limit, be a whole turn elsewhere."""
+        """Add whole turns of each joint that turned back, or that a direct move would lead over its limit."""
         joints = turnable(self.arm, self.request.T_base_tool[i], q_before, q) - self.unwound
         self.unwound |= joints
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe < self.n]
@@ -188,15 +186,15 @@ class _Search(Mending):
         return refuse_move(i, move, unfollowed)
 
     def _alone(self, i: int) -> Hit | None:
-        """Return what the tool's path to keyframe i touches where nothing else holds the arm back."""
-        if self.queries is None:
+        """Return what the tool's path to keyframe i touches, if the arm can follow that path on its own."""
+        if self.scene is None:
             return None
         ends, move = self.request.T_base_tool[i - 1 : i + 1], self.moves[i]
         before = next(place for place, link in enumerate(self.links) if link.keyframe == i)
         hand = self.request.hand
         q_start = self.ladder.layers[before].q[0]
-        alone = MotionRequest(ends, q_start, False, None, move.kind, hand and (lambda: hand()[i - 1 : i]))
+        alone = MotionRequest(ends, q_start, False, kind=move.kind, hand=hand and (lambda: hand()[i - 1 : i]))
         found = choose_motion(self.arm, alone, None)
         if not isinstance(found, Motion):
             return None
-        return self.queries.moving(i, np.vstack((found.q[:1], found.segments[1].q)))
+        return self.scene.check_path(np.vstack((found.q[:1], found.segments[1].q)), self.legs[i])

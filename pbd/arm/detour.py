@@ -1,7 +1,7 @@
-"""A way around what bars a straight move: RRT-Connect, then shortcuts, then smooth bends, every part of it checked.
+"""A detour around what bars a straight move: RRT-Connect, then shortcuts, then smooth bends, every part of it checked.
 
-Kuffner and LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Planning", 2000, as OMPL has it. It
-ends after a number of checks rather than a time, and its seed is fixed: what is found depends on nothing else.
+Kuffner and LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Planning", 2000, as OMPL implements it.
+The result is the same each time: the search ends after a number of checks, not after a time, and its seed is fixed.
 """
 
 from __future__ import annotations
@@ -13,46 +13,46 @@ from operator import itemgetter
 import numpy as np
 from ompl import base, geometric, util
 
-from pbd.arm.collision.queries import CollisionQueries
+from pbd.arm.collision.scene import CollisionScene, Leg
 from pbd.arm.ladder_links import DetourSearch
 from pbd.arm.timing.path_smoothing import Curve
 from pbd.pose import Array
 
-_THINNED = 20  # of a known way's points one in so many begins a tree
+_THINNED = 20  # every so many points of a known path one begins a tree
 _SHORTCUTS = 40
-_WARPED = 8  # of known detours so many are bent and checked, the shortest first
-_WORSE = 1.2  # and no longer, beside the straight move, than so many times what they were
+_WARPED = 8  # known detours that are bent and checked, the shortest first
+_WORSE = 1.2  # largest growth of a bent detour's length, relative to the straight move
 _NEARER = 0.5, 0.7, 0.85  # shares of its offset from the straight move that a bent detour keeps: the first that is free
-_BENDS = 2  # times that the path is divided in two to bend it
-_BETWEEN_RAD = 0.05, 0.02, 0.01  # a spline through points so near to each other keeps to the straight lines
+_BENDS = 2  # halvings of the path when OMPL smooths it
+_BETWEEN_RAD = 0.05, 0.02, 0.01  # spacing of points on straight lines at which a spline through them is tried
 
 
 def find_detour(
-    queries: CollisionQueries,
-    leg: int,
+    scene: CollisionScene,
+    leg: Leg,
     starts: Array,
     goals: Array,
     effort: DetourSearch,
     most_checks: int,
     known: Sequence[Array] = (),
 ) -> tuple[Array | None, int]:
-    """Find a way to keyframe `leg` from one of the starts (s, k) to one of the goals (g, k).
+    """Find a collision-free path from one of the starts (s, k) to one of the goals (g, k).
 
     Args:
-        most_checks: how many checks to make at most, before the way is made smooth.
-        known: free paths (m, k) of legs alike; the detour may follow part of one, in either direction.
+        most_checks: collision checks before the search is given up; smoothing comes on top.
+        known: free paths (m, k) of the same leg; the detour may follow part of one, in either direction.
 
     Returns:
-        Joints (m, k) on a curve from a start to a goal, or just these two if it is straight; None where none is found
-        by so many checks. And how many checks were made.
+        Joints (m, k) on a curve from a start to a goal, only these two if it is straight, or None. And the number of
+        checks.
     """
-    starts = np.array([q for q in starts if queries.passes(leg, q[None])]).reshape(-1, goals.shape[1])
-    goals = np.array([q for q in goals if queries.passes(leg, q[None])]).reshape(-1, goals.shape[1])
+    starts = np.array([q for q in starts if scene.is_free(q[None], leg)]).reshape(-1, goals.shape[1])
+    goals = np.array([q for q in goals if scene.is_free(q[None], leg)]).reshape(-1, goals.shape[1])
     if not len(starts) or not len(goals) or most_checks <= 0:
         return None, 0
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(effort.seed)
-    search = _Search(queries, leg, np.vstack((starts, goals)), effort.winding_rad)
+    search = _Search(scene, leg, np.vstack((starts, goals)), effort.winding_rad)
     ways = _ways_from(starts, known)
     there = next((ways[q.tobytes()] for q in goals if q.tobytes() in ways), None)
     if there is None:
@@ -65,16 +65,16 @@ def find_detour(
     return search.smooth(there), search.checker.checks
 
 
-def warp_detour(queries: CollisionQueries, leg: int, start: Array, goal: Array, known: Sequence[Array]) -> Array | None:
-    """Bend one of known detours (m, k) of legs alike, so that it leads from joints (k,) to others.
+def warp_detour(scene: CollisionScene, leg: Leg, start: Array, goal: Array, known: Sequence[Array]) -> Array | None:
+    """Bend a known detour (m, k) of the same leg to other ends (k,).
 
-    Most ways around one obstacle are alike: this takes a check or two, a search some fifty.
+    Most detours around one obstacle are similar: this takes a check or two, a search about fifty.
 
     Returns:
-        Joints (m, k): just the ends if the straight move is free, else the shortest of what is tried and free, or None.
+        Joints (m, k): only the ends if the straight move is free, else the shortest free detour, or None.
     """
     straight: Array = np.stack((start, goal))
-    if queries.passes(leg, straight):
+    if scene.is_free(straight, leg):
         return straight
     ways: list[tuple[float, Array]] = []
     for way in known:
@@ -87,10 +87,10 @@ def warp_detour(queries: CollisionQueries, leg: int, start: Array, goal: Array, 
                 ways.append((length, warped))
     ways.sort(key=itemgetter(0))
     for _, way in ways[:_WARPED]:
-        if _curve_passes(queries, leg, way):
+        if _is_free_curve(scene, leg, way):
             direct = start + np.linspace(0.0, 1.0, len(way))[:, None] * (goal - start)
             nearer = (direct + share * (way - direct) for share in _NEARER)
-            return next((each for each in nearer if _curve_passes(queries, leg, each)), way)
+            return next((each for each in nearer if _is_free_curve(scene, leg, each)), way)
     return None
 
 
@@ -100,7 +100,7 @@ def _length(q: Array) -> float:
 
 
 def _ways_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
-    """Return a path (m, k) to each end that known paths lead to from starts (s, k), by that end: the starts first."""
+    """Return a path (m, k) to each end that known paths reach from starts (s, k), by the end's bytes; starts first."""
     beside: dict[bytes, list[Array]] = {}
     for way in known:
         for before, after in pairwise(way):
@@ -116,19 +116,19 @@ def _ways_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
     return ways
 
 
-def _curve_passes(queries: CollisionQueries, leg: int, q: Array) -> bool:
+def _is_free_curve(scene: CollisionScene, leg: Leg, q: Array) -> bool:
     """Whether the curve through joints (m, k) is free."""
-    limits = queries.arm.limits
+    limits = scene.arm.limits
     if (q < limits.lower).any() or (q > limits.upper).any() or (curve := Curve.through(q, limits)) is None:
         return False
-    return queries.passes(leg, curve.q(curve.grid()))
+    return scene.is_free(curve.q(curve.grid()), leg)
 
 
 class _Search:
-    """A search by OMPL among the joints around ends (m, k) of one leg."""
+    """A search by OMPL in the joint space around ends (m, k) of one leg."""
 
-    def __init__(self, queries: CollisionQueries, leg: int, ends: Array, winding_rad: float) -> None:
-        limits, count = queries.arm.limits, ends.shape[1]
+    def __init__(self, scene: CollisionScene, leg: Leg, ends: Array, winding_rad: float) -> None:
+        limits, count = scene.arm.limits, ends.shape[1]
         space, bounds = base.RealVectorStateSpace(count), base.RealVectorBounds(count)
         lower = np.maximum(limits.lower, ends.min(axis=0) - winding_rad)
         upper = np.minimum(limits.upper, ends.max(axis=0) + winding_rad)
@@ -137,13 +137,13 @@ class _Search:
             bounds.setHigh(joint, float(upper[joint]))
         space.setBounds(bounds)
         self.information = base.SpaceInformation(space)
-        self.checker = _Checker(self.information, queries, leg, count)
+        self.checker = _Checker(self.information, scene, leg, count)
         self.information.setStateValidityChecker(self.checker.stands)
         self.information.setMotionValidator(self.checker)
         self.information.setup()
 
     def connect(self, starts: Array, goals: Array, step_rad: float, most_checks: int) -> Array | None:
-        """Return the corners (m, k) of a way from a start to a goal, None where none is found by so many checks."""
+        """Return the corners (m, k) of a path from a start to a goal, None where the checks are used up first."""
         problem, ends = base.ProblemDefinition(self.information), base.GoalStates(self.information)
         for q in starts:
             problem.addStartState(self._state(q))
@@ -158,7 +158,7 @@ class _Search:
         return self.checker.joints(problem.getSolutionPath()) if problem.hasExactSolution() else None
 
     def smooth(self, q: Array) -> Array | None:
-        """Return joints (m, k) on a curve by a shorter way than corners (l, k); or its two ends, if straight."""
+        """Shorten and smooth a path of corners (l, k): joints (m, k) on a curve, or two ends if it is straight."""
         path = geometric.PathGeometric(self.information)
         for each in q:
             path.append(self._state(each))
@@ -173,7 +173,7 @@ class _Search:
         for waypoints in (self.checker.joints(path), corners):
             for between_rad in _BETWEEN_RAD:
                 dense = _divided(waypoints, between_rad)
-                if _curve_passes(self.checker.queries, self.checker.leg, dense):
+                if _is_free_curve(self.checker.scene, self.checker.leg, dense):
                     return dense
         return None
 
@@ -184,19 +184,19 @@ class _Search:
 
 
 class _Checker(base.MotionValidator):  # type: ignore[misc]
-    """The checks of one leg, as OMPL asks for them. It knows no search: OMPL could not free a circle."""
+    """The checks of one leg, as OMPL calls them. It must not refer to the search: OMPL can't free reference cycles."""
 
-    def __init__(self, information: base.SpaceInformation, queries: CollisionQueries, leg: int, count: int) -> None:
+    def __init__(self, information: base.SpaceInformation, scene: CollisionScene, leg: Leg, count: int) -> None:
         super().__init__(information)
-        self.queries, self.leg, self.count, self.checks = queries, leg, count, 0
+        self.scene, self.leg, self.count, self.checks = scene, leg, count, 0
 
     def stands(self, state: base.State) -> bool:
         self.checks += 1
-        return self.queries.passes(self.leg, self._of(state)[None])
+        return self.scene.is_free(self._of(state)[None], self.leg)
 
     def checkMotion(self, before: base.State, after: base.State) -> bool:
         self.checks += 1
-        return self.queries.passes(self.leg, np.stack((self._of(before), self._of(after))))
+        return self.scene.is_free(np.stack((self._of(before), self._of(after))), self.leg)
 
     def joints(self, path: geometric.PathGeometric) -> Array:
         return np.array([self._of(state) for state in path.getStates()])
@@ -206,7 +206,7 @@ class _Checker(base.MotionValidator):  # type: ignore[misc]
 
 
 def _divided(q: Array, between_rad: float) -> Array:
-    """Put points on straight moves (m, k), so near to each other that no joint moves by more from one to the next."""
+    """Put points on straight moves (m, k) so that no joint moves by more than `between_rad` from one to the next."""
     steps = np.maximum(np.ceil(np.abs(np.diff(q, axis=0)).max(axis=1) / between_rad).astype(np.int64), 1)
     parts = [a + np.arange(n)[:, None] / n * (b - a) for a, b, n in zip(q[:-1], q[1:], steps, strict=True)]
     return np.vstack((*parts, q[-1:]))

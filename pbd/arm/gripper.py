@@ -1,7 +1,7 @@
-"""What the arm's last joint carries, and what stands for the gripper where the model has none.
+"""The gripper: what the arm's last joint carries, or a rod where the model has none.
 
 Most models end at the flange, and the tool's point lies in front of it where a gripper's fingertips would be. A rod
-from the flange to there, a capsule, is checked as fingers would be: it may touch what is grasped, and nothing else.
+from the flange to there, a capsule, is checked as fingers would be: it may touch the grasped object, nothing else.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ THE_TOOL = "the tool"
 ROD_RADIUS_M = 0.01
 
 ROD_SHORT_M = 0.005
-"""How far before the tool's point the rod ends, m: that point may come down to the table."""
+"""How far before the tool's point the rod ends, m, since that point may come down to the table."""
 
 LEAST_GAP_M = 0.02
-"""Where the gripper's links end farther behind the tool's point than this, m, the model has nothing there."""
+"""The model has no gripper where its links end farther behind the tool's point than this, m."""
 
 _AHEAD, _TURNED = Body("ahead", 0, Pose.identity(), "floor"), Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
 _POINT = Body("point", 0, Pose.identity(), "sphere", (0.0,))
@@ -38,7 +38,7 @@ def tool_on_joint(arm: ArmModel) -> tuple[int, Pose]:
 
 
 def gripper_links(arm: ArmModel, bodies: Iterable[Body]) -> frozenset[str]:
-    """Name the bodies that are fixed to the tool or move with its fingers: they may touch what is grasped."""
+    """Return the names of bodies that the tool's joint carries: they may touch the grasped object."""
     joint, _ = tool_on_joint(arm)
     return frozenset(body.name for body in bodies if joint > 0 and joint in list(arm.full.supports[body.joint]))
 
@@ -57,13 +57,13 @@ def tool_rod(arm: ArmModel) -> Body | None:
     joint, T_joint_tool = tool_on_joint(arm)
     data = arm.full.createData()
     pin.forwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, 0.0)))
-    T_tool_universe = T_joint_tool.inverse() @ from_se3(data.oMi[joint]).inverse()
+    T_tool_base = T_joint_tool.inverse() @ from_se3(data.oMi[joint]).inverse()
     start = T_joint_tool.inverse().p if joint > 0 else np.zeros(3)
     nearest = np.inf
     for link in links:
         if link.name not in gripper:
             continue
-        T_tool_body = T_tool_universe @ from_se3(data.oMi[link.joint]) @ link.T_joint_body
+        T_tool_body = T_tool_base @ from_se3(data.oMi[link.joint]) @ link.T_joint_body
         if apart(link, T_tool_body, _AHEAD, _TURNED)[0] < LEAST_GAP_M:
             return None
         distance, p_tool, _ = apart(link, T_tool_body, _POINT, Pose.identity())

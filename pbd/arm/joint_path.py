@@ -1,15 +1,15 @@
-"""The ladder through all keyframes: of the many ways to reach each, those that together move the joints least.
+"""The ladder through all keyframes: of the configurations that reach each, those with least joint travel together.
 
-Each keyframe gets a dozen branches or so: some that follow from those of the keyframe before, so that a way of holding
-the arm is carried along for as long as it lasts, and some found afresh. An arm with more than six joints then slides
-along its null space, toward its neighbours and away from limits.
+Each keyframe gets about a dozen branches: some continue those of the keyframe before, for as long as they last, and
+some start afresh. An arm with more than six joints then slides along its null space, toward its neighbours and away
+from limits.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -19,14 +19,13 @@ from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import FULL_POSE
 from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.ladder_graph import Barred, Ladder, Layer
-from pbd.arm.model import ArmModel
-from pbd.arm.tool import target
+from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
 STARTS, STARTS_WIDE, STARTS_CLOSE = 12, 81, 1000
-"""Descents made for each keyframe: at first, where what is near it is barred, and where nothing at all was free."""
+"""Descents for each keyframe: at first, where moves next to it are barred, and where no configuration was free."""
 CONTINUOUS_RAD, MOST_STEPS = 0.5, 60
-"""Largest motion of a joint between two layers along a path, and refused moves before the link is mended."""
+"""Largest motion of a joint between two layers along a path, rad; barred moves there before the link is mended."""
 SWEEPS = 3
 """Passes over the path in which each configuration slides toward the middle of its neighbours."""
 
@@ -34,7 +33,7 @@ _RIDGE = 1e-9  # keeps the projection onto the null space solvable where the arm
 
 
 class States(NamedTuple):
-    """Ways to hold the arm, the least travel first: q (m, k) rad, cost (m,) rad, travel (m,) rad from the start."""
+    """Configurations, the least travel first: q (m, k) rad, cost (m,) rad, travel (m,) rad from the start."""
 
     q: Array
     cost: Array
@@ -51,7 +50,7 @@ class Unreachable(NamedTuple):
 def solve_path(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array) -> Array:
     """Find joints (n, k) that reach n tool poses with little joint travel (sum of |dq|) from `q_start` (k,) on.
 
-    Whatever is in the way between them: see choose_motion.py for one that is free of collisions.
+    Collisions are ignored: see choose_motion.py.
 
     Raises:
         PlanError: a keyframe can't be reached; see `out_of_reach` for its fields.
@@ -64,12 +63,7 @@ def solve_path(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array) -> Ar
 
 
 def build_ladder(
-    arm: ArmModel,
-    T_base_tool: Sequence[Pose],
-    q_start: Array,
-    q_end: Array | None,
-    most_refused: int,
-    wide_cost: float = 0.0,
+    arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, q_end: Array | None, most_refused: int
 ) -> Ladder | Unreachable:
     """Lay out the branches at n poses: layer 0 is `q_start`, layer i + 1 pose i, the last `q_end`; both (k,)."""
     at = States(q_start[None], np.zeros(1), np.zeros(1))
@@ -79,7 +73,7 @@ def build_ladder(
         if not len(following.q):
             return Unreachable(keyframe, at.q[0])
         at = following
-        layers.append(Layer(at.q, at.cost, most_refused, wide_cost=wide_cost if keyframe > 0 else 0.0))
+        layers.append(Layer(at.q, at.cost, most_refused))
     if q_end is not None:
         layers.append(Layer(q_end[None], np.zeros(1), most_refused))
     ladder = Ladder(layers)
@@ -89,7 +83,7 @@ def build_ladder(
 
 
 def states_at(arm: ArmModel, pose: Pose, before: States, starts: int) -> States:
-    """Find the branches of a pose, whole turns taken toward where the arm may come from."""
+    """Find the branches of a pose, with whole turns chosen nearest to the states before."""
     found = find_branches(arm, pose, before.q, starts)
     if not len(found):
         return States(found, np.empty(0), np.empty(0))
@@ -104,7 +98,7 @@ def states_at(arm: ArmModel, pose: Pose, before: States, starts: int) -> States:
 
 
 def layers_along(arm: ArmModel, ladder: Ladder, place: int, T_base_tool: Sequence[Pose]) -> list[Layer] | None:
-    """Lay out the branches at poses that follow on from a layer, each from those before; None where one has none."""
+    """Lay out the branches at poses that follow on from a layer; None where a pose has none."""
     before, travel = ladder.layers[place], ladder.travel(place)
     order = np.argsort(travel)[: np.isfinite(travel).sum()]
     at, layers = States(before.q[order], before.cost[order], travel[order]), []
@@ -124,9 +118,9 @@ def widen(
     starts: int = STARTS_WIDE,
     stands: Callable[[Array], bool] = lambda q: True,
 ) -> int:
-    """Add to a layer what a larger search from the layer before finds for its pose; return how many.
+    """Add to a layer the new states that a larger search from the layer before finds; return how many.
 
-    `stands`: whether the arm may stand so.
+    `stands`: whether a state is free.
     """
     before, known = ladder.layers[place - 1].q, ladder.layers[place].q
     found = states_at(arm, pose, States(before, np.zeros(len(before)), np.zeros(len(before))), starts)
@@ -136,7 +130,7 @@ def widen(
 
 
 def add_turns(arm: ArmModel, ladder: Ladder, place: int, joint: int) -> int:
-    """Add to a layer what a whole turn of a joint, within its limits, makes of its states; return how many."""
+    """Add to a layer its states with a joint turned by a whole turn, within its limits; return how many."""
     q = np.repeat(ladder.layers[place].q, 2, axis=0)
     q[::2, joint] += 2.0 * np.pi
     q[1::2, joint] -= 2.0 * np.pi
@@ -147,27 +141,24 @@ def add_turns(arm: ArmModel, ladder: Ladder, place: int, joint: int) -> int:
 
 
 def turned(arm: ArmModel, q: Array, before: Array, most: int) -> Array:
-    """What whole turns of joints, within limits, make of (m, k): of each so many, those nearest to (b, k) joints."""
+    """Turn joints by whole turns, within limits; return for each of (m, k) the `most` nearest to any of (b, k)."""
+    turns = 2.0 * np.pi * np.array([*product(*((-1.0, 0.0, 1.0) if turn else (0.0,) for turn in arm.turns))])
     found = []
     for each in q:
-        ways = each[None]
-        for joint in np.flatnonzero(arm.turns):
-            turns = ways + 2.0 * np.pi * np.array([-1.0, 0.0, 1.0])[:, None, None] * np.eye(len(each))[joint]
-            ways = turns.reshape(-1, len(each))
-            inside = (ways[:, joint] >= arm.limits.lower[joint]) & (ways[:, joint] <= arm.limits.upper[joint])
-            ways = ways[inside]
-            far = np.linalg.norm(ways[:, None] - before, axis=2).min(axis=1)
-            ways = ways[np.argsort(far, kind="stable")[: 3 * most]]
-        found.append(ways[:most])
+        other = each + turns
+        other = other[((other >= arm.limits.lower) & (other <= arm.limits.upper)).all(axis=1)]
+        far = np.linalg.norm(other[:, None] - before, axis=2).min(axis=1)
+        found.append(other[np.argsort(far, kind="stable")[:most]])
     return np.vstack(found)
 
 
 def turnable(arm: ArmModel, T_base_tool: Pose, q_before: Array, q: Array) -> set[int]:
-    """Name the joints that could be a whole turn elsewhere, and should: they turn back on the way from q_before to q.
+    """Return the joints that had better be a whole turn elsewhere.
 
-    Or a direct motion to the pose would lead them over their limits, to first order.
+    They turn back by more than half a turn between q_before and q, or a direct motion to the pose would, to first
+    order, lead them over their limits.
     """
-    off, J = Residual(arm, target(T_base_tool))(q_before)
+    off, J = Residual(arm, to_se3(T_base_tool))(q_before)
     there = q_before - np.linalg.lstsq(J, off, rcond=None)[0]
     over = (there < arm.limits.lower) | (there > arm.limits.upper)
     back = np.abs(q - q_before) > np.pi
@@ -175,13 +166,13 @@ def turnable(arm: ArmModel, T_base_tool: Pose, q_before: Array, q: Array) -> set
 
 
 def _slide(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:
-    """Slide the shortest path, each tool standing still, toward the middle of its neighbours; add it to the layers."""
+    """Slide the shortest path along null spaces, toward the middle of its neighbours; add it to the layers."""
     shortest = ladder.shortest()
     if isinstance(shortest, Barred):
         return
     path = ladder.joints(shortest)
     costs = configuration_cost(arm, path)
-    goals = [target(pose) for pose in T_base_tool]
+    goals = [to_se3(pose) for pose in T_base_tool]
     for _ in range(SWEEPS):
         for i, goal in enumerate(goals, start=1):
             q, before, after = path[i], path[i - 1], path[i + 1] if i + 1 < len(path) else path[i - 1]
@@ -192,7 +183,7 @@ def _slide(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:
             J = arm.jacobian(q)
             pull -= J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), J @ pull)
             ended, squares = descend_each(arm, goal, (q + pull)[None])
-            # What it may cost to be better than what is there.
+            # It is better if it costs less than this.
             most = costs[i] + _travel(before, q, after) - _travel(before, ended[0], after)
             if squares[0] < SOLVED and most > 0.0 and (cost := float(configuration_cost(arm, ended)[0])) < most:
                 path[i], costs[i] = ended[0], cost

@@ -1,16 +1,17 @@
-"""What is free on the links of a motion's ladder graph, and what it costs; what was found stays with link and move."""
+"""Which links of a motion's ladder graph are free, and their cost. Results are stored with each link and move."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from pbd.arm.collision.clearance import MARGIN_M
-from pbd.arm.collision.queries import CollisionQueries
-from pbd.arm.collision.scene import Leg
+from pbd.arm.collision.scene import CollisionScene, Hit, Leg
 from pbd.arm.ik.branches import configuration_cost
-from pbd.arm.ik.cartesian import follow
+from pbd.arm.ik.cartesian import follow, line, refine
+from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.joint_path import turned, widen
 from pbd.arm.ladder_graph import Ladder
 from pbd.arm.ladder_links import (
@@ -29,67 +30,81 @@ from pbd.arm.ladder_links import (
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import STRAIGHT, MotionRequest
 from pbd.arm.tool_deviation import tool_deviations
-from pbd.pose import Array
+from pbd.pose import Array, Pose
 
 WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
-"""Cost of a wide move, in rad of joint travel; and after how many between two keyframes nobody asks any more."""
+"""Cost of a wide move, in rad of joint travel; after so many between two keyframes others are not tested."""
+APPROACH_M = 0.08, 0.16
+"""Distances before a keyframe, along the approach axis, from which the arm comes where it can't come straight from its
+start; the first that is free. It leaves the last keyframe for home in the same manner."""
 
 
 class LinkChecks:
-    """The ladder of a motion, and what each of its links and moves is: link j leads to layer j + 1.
+    """The ladder of a motion, with its links and moves: link j leads to layer j + 1.
 
-    Without `queries` collisions are ignored.
+    Without a scene collisions are ignored.
+
+    Attributes:
+        legs: leg i leads to keyframe i, leg n away from the last one.
     """
 
-    def __init__(self, arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None, ladder: Ladder) -> None:
-        self.arm, self.request, self.queries, self.ladder = arm, request, queries, ladder
+    def __init__(self, arm: ArmModel, request: MotionRequest, scene: CollisionScene | None, ladder: Ladder) -> None:
+        self.arm, self.request, self.scene, self.ladder = arm, request, scene, ladder
+        self.legs = () if scene is None else scene.legs(request.T_base_tool, request.grips)
         self.n = len(request.T_base_tool)
         self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
-        may_detour = request.detour and queries is not None
+        may_detour = request.detour and scene is not None
         self.moves = [Move(STRAIGHT, remedies_of(request, i, may_detour=may_detour)) for i in range(len(self.links))]
         self.checks_left = CHECKS + self.n * CHECKS_EACH
-        self.detours: dict[Leg, list[Array]] = {}  # that were searched for
-        self.close = queries is not None and queries.scene.margin_m < MARGIN_M
+        self.detours: dict[Leg, list[Array]] = {}  # those that a search found
+        self.close = scene is not None and scene.margin_m < MARGIN_M
         if self.close:
             self.checks_left = int(CHECKS_CLOSE * self.checks_left)
 
     def at(self, place: int) -> tuple[Link, Move]:
-        """Return what leads to a layer, and the move that it is part of."""
+        """Return the link to a layer, and the move that it is part of."""
         link = self.links[place - 1]
         return link, self.moves[link.keyframe]
 
     def stands(self, place: int, q: Array) -> bool:
         """Whether the arm may stand at joints (k,) in a layer."""
-        (link, move), queries = self.at(place), self.queries
+        link, move = self.at(place)
         i = link.keyframe
-        if queries is None or i == self.n:
+        if self.scene is None or i == self.n:
             return True
         if not link.at_keyframe:
-            return queries.passes(i, q[None])
-        if queries.stands(i, q):
+            return self.scene.is_free(q[None], self.legs[i])
+        if self.stands_at(i, q):
             return True
-        if move.pose_hit is None:  # only of the first it is kept what touches
-            move.pose_hit = queries.standing(i, q)
+        if move.pose_hit is None:  # the first one is kept, for the message
+            hits = (self.scene.hit(q, leg) for leg in self.legs[i : i + 2])
+            move.pose_hit = next((hit for hit in hits if hit), None)
         return False
 
+    def stands_at(self, i: int, q: Array) -> bool:
+        """Whether the arm touches nothing at keyframe i with joints (k,), as it arrives and as it leaves."""
+        legs = dict.fromkeys(self.legs[i : i + 2])  # mostly alike
+        return self.scene is None or all(self.scene.is_free(q[None], leg) for leg in legs)
+
+    def tool_hit(self, i: int, T_base_tool: Sequence[Pose]) -> Hit | None:
+        """Return a hit on the way to keyframe i of what moves with the tool: it is there however the arm is held."""
+        if self.scene is None or is_partial(self.arm):
+            return None
+        return self.scene.tool_hit(T_base_tool, self.legs[i])
+
     def wide_costs(self, places: Sequence[int], q_before: Array, q: Array) -> list[float]:
-        """What moves to layers cost for being wide, rad, each from one of joints (n, k) to the other in its place."""
-        turns, costs = np.abs(q - q_before).max(axis=1) > np.pi, [0.0] * len(places)
-        asked = [
-            i
-            for i, place in enumerate(places)
-            if self.straight(place)
-            and self.at(place)[1].found_wide < MOST_WIDE
-            # The ladder charges a move for a joint that turns by more than half a turn already.
-            and not (turns[i] and self.ladder.layers[place].wide_cost > 0.0)
-        ]
-        for i, deviation in zip(asked, tool_deviations(self.arm, q_before[asked], q[asked]), strict=True):
+        """Return what each straight move to a layer costs for being wide, rad; rows of (n, k) to rows of (n, k)."""
+        straight = np.array([self.straight(place) for place in places], dtype=bool)
+        wide = straight & (np.abs(q - q_before).max(axis=1) > np.pi)
+        few = np.array([self.at(place)[1].found_wide < MOST_WIDE for place in places], dtype=bool)
+        asked = np.flatnonzero(straight & few & ~wide)
+        for i, deviation in zip(asked.tolist(), tool_deviations(self.arm, q_before[asked], q[asked]), strict=True):
             self.at(places[i])[1].found_wide += deviation.wide
-            costs[i] = WIDE_COST * deviation.wide
-        return costs
+            wide[i] = deviation.wide
+        return [WIDE_COST * float(each) for each in wide]
 
     def cost(self, place: int, q_before: Array, q: Array) -> float:
-        """What else a move to a layer costs beside its travel, rad; infinite where it isn't free."""
+        """Return the cost of a move to a layer beside its travel, rad; infinite where it isn't free."""
         link, move = self.at(place)
         along, cost = self._along(link, move, q_before, q), 0.0
         if along is None:
@@ -101,28 +116,28 @@ class LinkChecks:
                 cost = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() - np.linalg.norm(q - q_before))
                 if len(link.found) == ENOUGH_DETOURS:
                     self.ladder.doubt(place, ANY_OTHER)
-        if move.tool_barred:  # it does however the arm is held
+        if move.tool_barred:  # in every configuration of the arm
             layer = self.ladder.layers[place]
             layer.refused = layer.most_refused
             move.leave_path()
         return cost
 
     def straight(self, place: int) -> bool:
-        """Whether a layer is come to by a straight move between two keyframes."""
+        """Whether the link to a layer is a straight move between two keyframes."""
         link, move = self.at(place)
         return link.poses is None and 0 < link.keyframe < self.n and not move.detour
 
     def connect(self, place: int) -> None:
-        """Replace all moves to a layer by one detour, from any joints of the layer before; bar them if there is none.
+        """Replace all moves to a layer by one detour from any state of the layer before; bar them if there is none.
 
-        What is known to be free on any of the links whose leg is alike may be part of it.
+        It may use paths that are known to be free on links whose leg is the same.
         """
         ladder, (link, move) = self.ladder, self.at(place)
         before, layer, i = ladder.layers[place - 1], ladder.layers[place], link.keyframe
         if i < self.n:
             widen(self.arm, self.request.T_base_tool[i], ladder, place)
         starts = before.q[np.isfinite(ladder.travel(place - 1))]
-        if place > 1:  # from where the arm is known to get to, if it is
+        if place > 1:  # prefer states that a free path is known to reach
             ends = {along[-1].tobytes() for along in self.links[place - 2].found.values()}
             known = np.array([q.tobytes() in ends for q in starts], dtype=bool)
             starts = starts[known] if known.any() else starts
@@ -137,10 +152,10 @@ class LinkChecks:
         ladder.settle(place, found[0], found[-1], float(np.linalg.norm(np.diff(found, axis=0), axis=1).sum()))
 
     def _connect(self, i: int, move: Move, starts: Array, goals: Array) -> Array | None:
-        """Return joints (m, k) of a detour to keyframe i from one of some joints (s, k) to one of others (g, k)."""
-        if self.queries is None:
+        """Return joints (m, k) of a detour to keyframe i, from any of the starts (s, k) to any of the goals (g, k)."""
+        if self.scene is None:
             return None
-        legs, count = self.queries.legs, starts.shape[1]
+        legs, count = self.legs, starts.shape[1]
         known = [
             np.vstack((np.frombuffer(ends)[:count], along))
             for link in self.links
@@ -158,19 +173,19 @@ class LinkChecks:
     ) -> Array | None:
         from pbd.arm.detour import find_detour  # OMPL takes its time to load
 
-        assert self.queries is not None
+        assert self.scene is not None
         most_checks = min(effort.most_checks, self.checks_left)
-        found, checks = find_detour(self.queries, i, starts, goals, effort, most_checks, known)
+        found, checks = find_detour(self.scene, self.legs[i], starts, goals, effort, most_checks, known)
         move.searched, self.checks_left = move.searched + checks, self.checks_left - checks
         return found
 
     def _around(self, i: int, move: Move, q_before: Array, q: Array) -> Array | None:
-        """Return the joints (m, k) of a detour to keyframe i: as one that is known goes, else any."""
+        """Return the joints (m, k) of a detour to keyframe i: a known one, bent to these ends, else a new one."""
         from pbd.arm.detour import warp_detour
 
-        assert self.queries is not None
-        known = self.detours.setdefault(self.queries.legs[i], [])
-        found = warp_detour(self.queries, i, q_before, q, known)
+        assert self.scene is not None
+        known = self.detours.setdefault(self.legs[i], [])
+        found = warp_detour(self.scene, self.legs[i], q_before, q, known)
         if found is None:
             found = self._find_detour(i, move, q_before[None], q[None], BETWEEN_TWO)
             if found is not None and len(found) > 2:
@@ -178,26 +193,39 @@ class LinkChecks:
         return None if found is None else found[1:]
 
     def _along(self, link: Link, move: Move, q_before: Array, q: Array) -> Array | None:
-        """Return the joints (m, k) by which the arm moves from some to others; None where it can't."""
-        i, queries = link.keyframe, self.queries
-        if (queries is None and link.poses is None) or (i == 0 and not self.request.approach):
+        """Return the joints (m, k) along a free move from one configuration to another; None where there is none."""
+        i, scene = link.keyframe, self.scene
+        if (scene is None and link.poses is None) or (i == 0 and not self.request.approach):
             return q[None]
-        if queries is not None and move.detour:
+        if scene is not None and move.detour:
             return self._around(i, move, q_before, q)
-        if queries is not None and i in (0, self.n):
-            found = queries.by_the_axis(i, q_before, q)
-            if found is None and move.kind not in move.hits and (hit := queries.moving(i, np.stack((q_before, q)))):
-                move.hits[move.kind] = hit
-            return found
-        if queries is not None and link.poses is not None and not link.tool_free:
-            tool_hit = queries.tool_hit(i, link.poses)
+        if link.poses is not None and not link.tool_free:
+            tool_hit = self.tool_hit(i, link.poses)
             link.tool_free, move.tool_barred = tool_hit is None, tool_hit is not None
             if tool_hit is not None:
                 move.hits[move.kind] = tool_hit
                 return None
         along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
-        if along is None or queries is None or queries.passes(i, along):
+        if along is None or scene is None or scene.is_free(along, self.legs[i]):
             return None if along is None else along[1:]
-        if move.kind not in move.hits and (hit := queries.moving(i, along)):
+        ends = (q, q_before) if i == 0 else (q_before, q)
+        if i in (0, self.n) and (between := self._on_the_axis(self.legs[i], *ends)) is not None:
+            return np.stack((between, q))
+        if move.kind not in move.hits and (hit := scene.check_path(along, self.legs[i])):
             move.hits[move.kind] = hit
+        return None
+
+    def _on_the_axis(self, leg: Leg, q: Array, q_away: Array) -> Array | None:
+        """Find joints from which the tool moves along its approach axis to joints q at an end of the motion."""
+        assert self.scene is not None
+        T_base_tool, before = self.arm.forward(q), q
+        for near, far in pairwise((0.0, *APPROACH_M)):
+            T_near, T_far = (T_base_tool @ Pose.from_rpy((0.0, 0.0, -away), np.zeros(3)) for away in (near, far))
+            for pose in line(T_near, T_far)[1:]:
+                found = refine(self.arm, pose, before)
+                if found is None:
+                    return None
+                before = found
+            if self.scene.is_free(np.stack((q, before, q_away)), leg):
+                return before
         return None

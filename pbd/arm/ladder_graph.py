@@ -1,12 +1,12 @@
-"""A ladder graph: layers of ways to hold the arm, moves between neighbouring layers, and the shortest free path.
+"""A ladder graph: layers of configurations, moves between neighbouring layers, and the shortest free path.
 
-Collision checks are costly, so they are lazy: the shortest path is found by dynamic programming as if all were free,
-and only the states and moves on it are checked. What is barred is dropped, and the path is found anew from there on
-(LazySP: Dellin and Srinivasa, "A Unifying Formalism for Shortest Path Problems with Expensive Edge Evaluations", 2016).
-A link between two layers that seems barred altogether is handed back to be mended; all else that is known is kept.
+Collision checks are costly, so they are lazy: dynamic programming finds the shortest path as if all were free, and only
+the states and moves on it are checked. Barred ones are dropped, and the path is searched again from there on (LazySP:
+Dellin and Srinivasa, "A Unifying Formalism for Shortest Path Problems with Expensive Edge Evaluations", 2016). A link
+between two layers on which too many moves are barred is handed back to be mended; what else is known is kept.
 
-A long ladder is searched window by window, so that the cost grows with the layers and not with their square: of what
-is free in one window the first part stays as it is, and the rest is sought again with what follows.
+A long ladder is searched window by window, so the cost grows linearly with its layers. The first part of a window's
+path is final; the rest is searched again with the layers that follow.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from numpy.typing import NDArray
 from pbd.pose import Array
 
 Stands = Callable[[int, Array], bool]
-"""Whether the arm may stand in a layer (counted from 0, the start) with joints (k,)."""
+"""Whether joints (k,) are free in a layer (counted from 0, the start)."""
 Moves = Callable[[int, Array, Array], float]
-"""What a move to that layer from joints (k,) to others costs beside its travel, rad; infinite where it is barred."""
+"""Cost of a move to that layer, from joints (k,) to others, beside its travel, rad; infinite where it is barred."""
 Weighs = Callable[[list[int], Array, Array], Sequence[float]]
-"""What moves to such layers cost more, rad, each from one of joints (n, k) to the other in its place."""
+"""Further cost of moves to layers, rad, from rows of joints (n, k) to rows of others."""
 
 
 UNSEEN = 0.2
-"""What a move costs more, rad, as long as nobody knows that it is free: what is known isn't left for a little less."""
+"""Further cost of an unchecked move, rad: a free path is not given up for one that is only a little shorter."""
 
 
 @dataclass(frozen=True)
 class Barred:
-    """Why no path was found: the layers that can't be come to.
+    """Why no path was found: the layers that no free move leads to.
 
-    `standing` says of each whether the arm can stand there, so that it is the moves to it that are barred.
+    `standing`: whether a layer has a free state, so that it is the moves to it that are barred.
     """
 
     layers: tuple[int, ...]
@@ -46,17 +46,16 @@ class Barred:
 
 @dataclass(eq=False)
 class Layer:
-    """Ways to hold the arm at one pose, and the moves to them from the layer before.
+    """Configurations at one pose, and the moves to them from the layer before.
 
     Attributes:
         q: (m, k) rad.
-        cost: (m,) rad of joint travel, beside that of the moves; infinite where the arm may not stand.
-        most_refused: how many refused moves make the layer count as out of reach.
-        costly: the moves to it are checked once all others on the path are free.
-        in_order: they are checked once those before them on the path are.
+        cost: (m,) rad of joint travel, beside that of the moves; infinite where a state isn't free.
+        most_refused: so many barred moves make the layer count as out of reach.
+        costly: moves to it are checked last, once all others on the path are free.
+        in_order: moves to it are checked once those before them on the path are free.
         most_step: rad, the largest motion of a joint on a move to this layer.
-        unseen: rad, what a move costs more as long as nobody knows whether it is free.
-        wide_cost: rad, of a move to this layer on which a joint turns by more than half a turn.
+        unseen: rad, further cost of an unchecked move.
         length: (l, m) rad, of the moves from the l states before; infinite where barred.
     """
 
@@ -66,7 +65,6 @@ class Layer:
     most_step: float = np.inf
     costly: bool = False
     in_order: bool = False
-    wide_cost: float = 0.0
     unseen: float = UNSEEN
     length: Array = field(init=False)
     refused: int = field(init=False, default=0)
@@ -80,18 +78,17 @@ class Layer:
         self.moved = self.weighed = np.empty((0, 0), dtype=bool)
 
     def copy(self) -> Layer:
-        """Copy it with what is changed in place; its states are only ever replaced."""
+        """Copy it with the arrays that change in place; `q` is only ever replaced."""
         copied = copy(self)
         for name in ("cost", "stood", "length", "moved", "weighed"):
             setattr(copied, name, getattr(self, name).copy())
         return copied
 
     def link(self, before: Array, *, anew: bool = False) -> None:
-        """Measure the moves from states (l, k); keep what is known of those that were there, but for `anew`."""
+        """Measure the moves from states (l, k); keep what is known of earlier ones, unless `anew`."""
         step = before[:, None] - self.q
         length, (moved, weighed) = np.linalg.norm(step, axis=2), np.zeros((2, *step.shape[:2]), dtype=bool)
         farthest = np.abs(step).max(axis=2, initial=0.0)
-        length += self.wide_cost * (farthest > np.pi)
         length[farthest > self.most_step] = np.inf
         length += self.unseen
         if anew:
@@ -103,10 +100,10 @@ class Layer:
 
 
 class Ladder:
-    """Layers to find a path through, the start's (of one state) first. Those with `q` alike cost nothing to pass.
+    """Layers to find a path through, the start's (of one state) first.
 
     Attributes:
-        first, end: the window: the path up to layer `first` is decided, layers from `end` on aren't looked at yet.
+        first, end: the window: the path up to layer `first` is final, layers from `end` on aren't searched yet.
     """
 
     def __init__(self, layers: Sequence[Layer]) -> None:
@@ -117,7 +114,7 @@ class Ladder:
         self._totals = [self.layers[0].cost]
 
     def copy(self) -> Ladder:
-        """Copy all that may be changed by what is done in the window."""
+        """Copy all that may change in the window."""
         copied = copy(self)
         copied.layers = [*self.layers]
         for place in range(self.first, min(self.end + 1, len(self.layers))):
@@ -126,19 +123,19 @@ class Ladder:
         return copied
 
     def advance(self, path: Sequence[int], first: int, end: int) -> None:
-        """Let the window begin at a layer `first`, reached as on a path, and end before another."""
+        """Move the window: it begins at layer `first`, in the state on the path, and ends before layer `end`."""
         self.shortest()
         self._totals[first] = np.where(np.arange(len(self.layers[first].q)) == path[first], 0.0, np.inf)
         self.first, self.end = first, min(end, len(self.layers))
         self._forget(first + 1)
 
     def release(self) -> None:
-        """Let nothing be decided any more."""
+        """Let the window begin at the start again."""
         self.first = 0
         self._forget(1)
 
     def add(self, place: int, q: Array, cost: Array) -> None:
-        """Add states (m, k) to a layer; none where it is decided which is taken."""
+        """Add states (m, k) to a layer; none where its state is final."""
         if place <= self.first:
             return
         layer = self.layers[place]
@@ -152,28 +149,28 @@ class Ladder:
     def reopen(
         self, place: int, most_refused: int, *, costly: bool, in_order: bool = False, unseen: float = UNSEEN
     ) -> None:
-        """Take the moves to a layer for unknown again: they are made in another way from now on."""
+        """Mark the moves to a layer as unchecked: they are made differently from now on."""
         layer = self.layers[place]
         layer.most_refused, layer.costly, layer.in_order, layer.unseen = most_refused, costly, in_order, unseen
         layer.link(self.layers[place - 1].q, anew=True)
         self._forget(place)
 
     def settle(self, place: int, q_before: Array, q: Array, length: float) -> None:
-        """Leave only one move to a layer, of so much rad, which is known to be free."""
+        """Leave only one move to a layer, which is free, and `length` rad long."""
         layer, before = self.layers[place], self.layers[place - 1]
         layer.length[:], layer.moved[:], layer.refused = np.inf, True, 0
         layer.length[(before.q == q_before).all(axis=1).argmax(), (layer.q == q).all(axis=1).argmax()] = length
         self._forget(place)
 
     def doubt(self, place: int, unseen: float) -> None:
-        """Let moves to a layer of which nobody knows whether they are free cost so much more, rad, from now on."""
+        """Change the further cost of unchecked moves to a layer, rad."""
         layer = self.layers[place]
         layer.length[~layer.moved] += unseen - layer.unseen
         layer.unseen, layer.refused = unseen, 0
         self._forget(place)
 
     def insert(self, place: int, layers: Sequence[Layer]) -> None:
-        """Put layers before one of them."""
+        """Insert layers before one of them."""
         after = place + len(layers)
         self.end += len(layers)
         self.layers[place:place] = layers
@@ -182,7 +179,7 @@ class Ladder:
         self._forget(place)
 
     def drop(self, place: int, end: int) -> None:
-        """Take out layers up to `end`, and let the one after them be come to straight."""
+        """Remove layers up to `end`; the moves to the one after them are straight."""
         del self.layers[place:end]
         self.end -= end - place
         if place < len(self.layers):
@@ -195,7 +192,7 @@ class Ladder:
         return np.array([layer.q[state] for layer, state in zip(self.layers, path, strict=False)])
 
     def shortest(self) -> list[int] | Barred:
-        """Return which state to take of each layer before `end`; or the first one that no free path leads to."""
+        """Return the state to take of each layer before `end`; or the first layer that no free path leads to."""
         for place in range(len(self._totals), self.end):
             layer = self.layers[place]
             total = (self._totals[-1][:, None] + layer.length).min(axis=0) + layer.cost
@@ -213,9 +210,9 @@ class Ladder:
         return self._totals[place] if place < len(self._totals) else np.full(len(self.layers[place].q), np.inf)
 
     def search(self, stands: Stands, moves: Moves, weigh: Weighs | None = None) -> list[int] | Barred:
-        """Return the shortest path, all of it free and its cost known; or the layers that need mending first.
+        """Return the shortest path, checked and free; or the layers that need mending first.
 
-        `weigh`: what moves cost more that is told sooner than whether they are free.
+        `weigh`: a further cost of moves that is cheaper to find than whether they are free.
         """
         while True:
             path = self.shortest()
@@ -274,6 +271,6 @@ class Ladder:
         return barred
 
     def _forget(self, place: int) -> None:
-        """Drop the totals from a layer on."""
+        """Drop the path costs from a layer on."""
         place = max(self.first + 1, place)
         del self._totals[place:]

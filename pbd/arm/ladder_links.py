@@ -15,24 +15,24 @@ from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
 from pbd.pose import Array, Pose
 
 MOST_PATHS = 4
-"""Refused paths of the tool, from end to end, before a link is mended."""
+"""Barred paths of the tool, from end to end, before a link is mended."""
 MOST_DETOURS = 4
-"""Pairs of ways to hold the arm between which a detour is sought in vain."""
+"""Pairs of configurations without a detour before a link is mended."""
 DETOUR_EXTRA = 1.0
-"""How much farther than straight a detour is taken to be, rad, until it is found."""
+"""How much longer than straight a detour is assumed to be, rad, until it is found."""
 ENOUGH_DETOURS, ANY_OTHER = 1, 100.0
-"""After so many detours another costs so many rad more: it is sought only where these lead nowhere."""
+"""After so many detours another costs so many rad more: it is searched for only where these lead nowhere."""
 
 
 class DetourSearch(NamedTuple):
-    """How a detour is sought.
+    """How a detour is searched for.
 
     Attributes:
-        most_checks: after so many it is given up.
+        most_checks: collision checks before it is given up.
         seed: of random joints.
         step_rad: the longest move that is added to a tree, over all joints.
         winding_rad: how far beyond all starts and goals a joint may go.
-        turned: goals that whole turns make of each way to hold the arm.
+        turned: goals that are made of each configuration by whole turns.
     """
 
     most_checks: int
@@ -50,21 +50,21 @@ FROM_ANY_TO_ANY = (
     DetourSearch(1500, winding_rad=0.5 * np.pi, seed=3, step_rad=0.5),
     DetourSearch(1500, seed=4, step_rad=0.5),
 )
-"""Most searches end soon or never, so that several short ones, unlike each other, find more than a long one."""
+"""Most searches end soon or never: several short ones that differ find more than a long one."""
 CHECKS, CHECKS_EACH, CHECKS_CLOSE = 6000, 1000, 0.5
-"""Checks for all detours of a motion, so many more for each keyframe; and the share made where things may be close."""
+"""Checks for all detours of a motion; more for each keyframe; share of that at the smaller margin."""
 
 
 @dataclass(eq=False)
 class Move:
-    """A move to a keyframe: its kind, how else it may be made, and what was found to be in the way of each kind.
+    """A move to a keyframe: its kind, the remedies left to try, and the first hit of each kind that was tried.
 
-    `pose_hit`: what the arm touches at the keyframe itself. `tried`: how many pairs of ways to hold the arm were.
-    `found_wide`: on how many of these pairs the tool deviates widely.
-    `wide`: the deviation that made a line be tried instead.
-    `tool_barred`: what the tool carries touches something on its path, however the arm is held.
-    `detour`: nothing else was free, so that any way around is sought; `searched`: how many checks were for that.
-    `widened`: more ways to hold the arm were sought at its end; `looked_closely`: all that its null space has.
+    `pose_hit`: what the arm touches at the keyframe itself. `tried`: barred pairs of configurations.
+    `found_wide`: pairs of configurations on which the tool deviates widely.
+    `wide`: the deviation because of which a line is tried instead.
+    `tool_barred`: what the tool carries touches something on its path, in every configuration.
+    `detour`: nothing else was free, so a detour is searched for; `searched`: collision checks for that.
+    `widened`: more configurations were added at its end; `looked_closely`: those of all its null space.
     """
 
     kind: str
@@ -81,12 +81,12 @@ class Move:
     looked_closely: bool = False
 
     def last_resort(self) -> bool:
-        """Whether a detour is left; no other remedy is from now on."""
+        """Drop all remedies but detours; say whether any is left."""
         self.remedies[:] = self._detours()
         return bool(self.remedies)
 
     def leave_path(self) -> None:
-        """What the tool carries touches something on its path: no more joints are sought along it."""
+        """Drop the remedies that keep the tool on its path, on which it touches something."""
         first = self.remedies.index("split") if "split" in self.remedies else len(self.remedies)
         self.remedies = [*self.remedies[:first], *(self._detours() if first < len(self.remedies) else ())]
         self.tool_barred = False
@@ -95,16 +95,16 @@ class Move:
         return self.remedies[self.remedies.index("detour") :] if "detour" in self.remedies else self.remedies[:0]
 
     def segment(self, q: Array) -> Segment:
-        """The segment that joints (m, k) make of it; a detour of one row is a straight move."""
+        """Make a segment of joints (m, k); a detour of one row is a straight move."""
         kind = (DETOUR if len(q) > 1 else STRAIGHT) if self.detour else self.kind
         return Segment(kind, q, avoided=None if kind == STRAIGHT else self.hits.get(STRAIGHT), wide=self.wide)
 
 
 @dataclass(eq=False)
 class Link:
-    """What leads to a layer: part of the move to a keyframe, along poses of the tool or (None) straight.
+    """The link to a layer: part of the move to a keyframe, along poses of the tool or (None) straight.
 
-    `at_keyframe`: whether the layer is the keyframe itself. `found`: joints (m, k) of what is free, by both ends.
+    `at_keyframe`: the layer is the keyframe itself. `found`: joints (m, k) of free moves, by the bytes of both ends.
     `tool_free`: what the tool carries is known to touch nothing on the path.
     """
 
@@ -116,7 +116,7 @@ class Link:
 
 
 def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str]:
-    """Say how else the move to keyframe i may be made, the likeliest first; i = n leads away from the last one."""
+    """Return the remedies for the move to keyframe i, the likeliest first; i = n leads away from the last one."""
     if i in (0, len(request.T_base_tool)):
         return ["detour", "connect"] if may_detour else ["widen"]
     if request.kind != STRAIGHT:
@@ -124,12 +124,12 @@ def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str
     if not may_detour or request.tolerance_m is not None:
         return ["follow", "widen", "split"]
     # Search less for an optional line than for the hand's path.
-    way = ["follow", "widen", "split"] if request.hand else ["follow"]
-    return [*way, "detour", "connect"]
+    path = ["follow", "widen", "split"] if request.hand else ["follow"]
+    return [*path, "detour", "connect"]
 
 
 def motion_of(arm: ArmModel, links: Sequence[Link], moves: Sequence[Move], q: Array, n: int) -> Motion:
-    """Put a motion together from what was found on the links between joints (l + 1, k): n keyframes."""
+    """Put a motion through n keyframes together from what was found on the links between joints (l + 1, k)."""
     parts: list[list[Array]] = [[] for _ in moves]
     ends = [q[0]] * n
     for place, link in enumerate(links, start=1):

@@ -1,11 +1,11 @@
-"""How the links of a motion's ladder graph are mended: other paths, more ways to hold the arm, joints along a path."""
+"""Remedies for barred links of a motion's ladder graph: another path, more configurations, more layers, a detour."""
 
 from __future__ import annotations
 
 from functools import partial
 from itertools import pairwise
 
-from pbd.arm.collision.queries import CollisionQueries
+from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.partial_pose import FULL_POSE
 from pbd.arm.joint_path import CONTINUOUS_RAD, MOST_STEPS, STARTS, STARTS_CLOSE, layers_along, widen
@@ -17,33 +17,33 @@ from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, MotionRequest
 from pbd.pose import Pose
 
 MOST_STRAIGHT_WIDE = 150
-"""Refused straight moves between two keyframes, among more branches, before the link is mended again."""
+"""Barred straight moves between two keyframes, once widened, before the link is mended again."""
 COARSE = 4
-"""Poses from one layer to the next where joints are sought along a path."""
+"""Poses of a path from one layer to the next, where it is split."""
 LOOK_BACK = 8
-"""Paths before a barred one along which joints are sought with it."""
+"""Paths before a barred one that are split with it."""
 
 
 class Mending(LinkChecks):
-    """The ladder of a motion, and what its links may be changed to."""
+    """The ladder of a motion, and the remedies for its links."""
 
-    def __init__(self, arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None, ladder: Ladder) -> None:
-        super().__init__(arm, request, queries, ladder)
+    def __init__(self, arm: ArmModel, request: MotionRequest, scene: CollisionScene | None, ladder: Ladder) -> None:
+        super().__init__(arm, request, scene, ladder)
         for i in range(1, self.n if request.kind != STRAIGHT else 1):
             self._follow_path(i + 1, request.kind)
 
     def _follow_path(self, place: int, kind: str | None = None) -> None:
-        """Let the tool follow a path to a layer, from end to end: by default as the hand went, where that is known."""
+        """Let the tool follow a path to a layer from end to end: the hand's if it is known and `kind` isn't LINE."""
         link = self.links[place - 1]
         i, T_base_tool = link.keyframe, self.request.T_base_tool
         hand = self.request.hand if kind != LINE else None
         self.moves[i].kind = DEMO if hand else LINE
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
-        link.tool_free, self.ladder.layers[place].wide_cost = False, 0.0
+        link.tool_free = False
         self.ladder.reopen(place, MOST_PATHS, costly=True)
 
     def _detour(self, i: int) -> None:
-        """Let the arm go any way from keyframe to keyframe, whatever the tool does."""
+        """Let the arm go around, whatever the tool does on the way to keyframe i."""
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
         self.moves[i].detour = True
         self.ladder.drop(places[0], places[-1])
@@ -51,7 +51,7 @@ class Mending(LinkChecks):
         self.ladder.reopen(places[0], MOST_DETOURS, costly=True, in_order=True, unseen=DETOUR_EXTRA)
 
     def _widen(self, i: int) -> None:
-        """Look for more ways to hold the arm all along a move; where it followed a path straight moves are tried."""
+        """Add configurations all along a move; where it followed a path in one link, try straight moves again."""
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
         for place in (places[0] - 1, *places):
             if place > 0 and self.links[place - 1].keyframe < self.n:
@@ -62,15 +62,15 @@ class Mending(LinkChecks):
             self.ladder.reopen(place, MOST_STRAIGHT_WIDE, costly=len(places) > 1)
 
     def _look_closely(self, i: int, place: int) -> bool:
-        """Seek free ways to hold the arm at a keyframe all along its null space; say whether there are any."""
-        queries, move = self.queries, self.moves[i]
-        if queries is None or not self.close or move.looked_closely or self.arm.model.nv <= FULL_POSE:
+        """Add free configurations all along the null space at a keyframe; say whether there are any."""
+        move = self.moves[i]
+        if not self.close or move.looked_closely or self.arm.model.nv <= FULL_POSE:
             return False
         move.looked_closely = True
-        return widen(self.arm, self._pose(place), self.ladder, place, STARTS_CLOSE, partial(queries.stands, i)) > 0
+        return widen(self.arm, self._pose(place), self.ladder, place, STARTS_CLOSE, partial(self.stands_at, i)) > 0
 
     def _split(self, place: int) -> bool:
-        """Seek joints along a path, and along the paths just before it: those decide how the arm comes to it."""
+        """Split a path, and the paths just before it, as they decide the configuration in which the arm arrives."""
         if self.links[place - 1].poses is None:  # widening made it straight
             self._follow_path(place)
         first = place
@@ -87,12 +87,12 @@ class Mending(LinkChecks):
         return True
 
     def _whole(self, place: int) -> bool:
-        """Whether a layer is come to by a path of the tool from end to end."""
+        """Whether the link to a layer is a whole path of the tool from keyframe to keyframe."""
         link, before = self.links[place - 1], self.links[place - 2]
         return link.poses is not None and link.at_keyframe and before.keyframe != link.keyframe
 
     def _split_one(self, place: int) -> int | None:
-        """Put a layer at every few poses of a path; return how many, None where a pose has no solution."""
+        """Insert a layer at every few poses of a path; return how many, None where a pose has no solution."""
         link = self.links[place - 1]
         poses = link.poses or ()
         marks = [0, *range(COARSE, len(poses) - 1, COARSE), len(poses) - 1]

@@ -2,7 +2,7 @@
 
 Joint vectors `q` here and in all of pbd/arm are (k,) in the order of `robot.joints`, rad (m for a sliding joint); a
 continuous joint is one angle, not pinocchio's cosine and sine. Coordinates `x` are (k + 1,): q, then the gripper's
-opening, 1 open to 0 closed. No mesh is read here: that can take seconds.
+opening, 1 open to 0 closed. Pinocchio's world is `base` in both models. No mesh is read here: that can take seconds.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ FloatArray = NDArray[np.floating[Any]]
 
 TOOL = "pbd_tool"
 _JOINT = " (joint)"
+_BASE_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 def load_model(robot: Robot) -> ArmModel:
@@ -40,16 +41,16 @@ def load_model(robot: Robot) -> ArmModel:
 
 
 class ArmModel:
-    """An arm that can be asked where its tool is. Not to be shared between threads: pinocchio keeps its workings in it.
+    """An arm's forward kinematics. Not to be shared between threads: pinocchio keeps its workings in it.
 
     Attributes:
         full: pinocchio's model of the whole URDF, for the viewer and for collision.
         axes: by joint of `full`: its axis in its own frame, and whether it slides along it.
-        drives: by joint of `full` that moves: its column of x, and the slope and the value at zero of its own value.
+        drives: by joint of `full` that moves: its column of x; its value is at_zero + slope * x: slope, at_zero.
         model, data: pinocchio's model of the arm's joints alone, and its workings.
         configuration: turns joints (k,) into pinocchio's configuration of `model`.
         tool_id: the tool's frame in `model`.
-        T_base_universe: pinocchio's world in `base`.
+        turns: (k,) 1 where a joint is back in its place after a whole turn, 0 where it slides.
     """
 
     def __init__(self, robot: Robot, full: Any) -> None:
@@ -75,22 +76,22 @@ class ArmModel:
                 f"{listed(self.model.names[1:])}",
                 robot=robot.name,
             )
-        body = self._frame(robot.body)
-        T_joint_tool = body.placement * to_se3(robot.T_body_tool)
-        frame = pin.Frame(TOOL, body.parentJoint, 0, T_joint_tool, pin.FrameType.OP_FRAME)
-        self.tool_id: int = self.model.addFrame(frame)
-        base = self._frame(robot.base)
+        body, base = self._frame(robot.body), self._frame(robot.base)
         if base.parentJoint != 0:
             raise RobotError(
                 f"{robot.name}: base {robot.base!r} moves with joint {self.model.names[base.parentJoint]}; choose a "
                 "link that is fixed",
                 robot=robot.name,
             )
-        self.T_base_universe: Any = base.placement.inverse()
+        T_base_universe = base.placement.inverse()
+        for model in (full, self.model):
+            _move_world(model, T_base_universe)
+        T_joint_tool = body.placement * to_se3(robot.T_body_tool)
+        frame = pin.Frame(TOOL, body.parentJoint, 0, T_joint_tool, pin.FrameType.OP_FRAME)
+        self.tool_id: int = self.model.addFrame(frame)
         self.data = self.model.createData()
         self.configuration = _configured(self.model)
         self.steps = _steps(self)
-        # Which joints are at the same place after a whole turn.
         self.turns: Array = np.array([step.joint == "turns" for step in self.steps[:-1]], dtype=np.float64)
 
     @property
@@ -110,7 +111,7 @@ class ArmModel:
     def placement(self, q: Array) -> Any:
         """The same as pinocchio's pose."""
         pin.forwardKinematics(self.model, self.data, self.configuration(q))
-        return self.T_base_universe * pin.updateFramePlacement(self.model, self.data, self.tool_id)
+        return pin.updateFramePlacement(self.model, self.data, self.tool_id)
 
     def forward_many(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the tool's positions (n, 3) in m and rotation matrices (n, 3, 3) in base, at joints (n, k).
@@ -136,6 +137,15 @@ class ArmModel:
             self.model, self.data, self.configuration(q), self.tool_id, pin.ReferenceFrame.LOCAL
         ).reshape(6, -1)  # pinocchio's of one joint is a vector
         return J
+
+    def tool(self, q: Array) -> tuple[Array, Array, Array]:
+        """Return the tool's p (3,), R (3, 3) and Jacobian (6, k) in base, at q (k,), as inverse kinematics needs them.
+
+        p and R are pinocchio's own: the next call overwrites them.
+        """
+        J = pin.computeFrameJacobian(self.model, self.data, self.configuration(q), self.tool_id, _BASE_AXES)
+        placement = self.data.oMf[self.tool_id]
+        return placement.translation, placement.rotation, J.reshape(6, -1)
 
     def configurations(self, x: Array) -> Array:
         """Return pinocchio's configurations (..., nq) of the `full` model at coordinates (..., k + 1).
@@ -170,6 +180,16 @@ def _reduced(full: Any, joints: tuple[str, ...], reference: Array) -> Any:
     for joint in range(1, reduced.njoints):
         reduced.names[joint] = reduced.names[joint].removesuffix(_JOINT)
     return reduced
+
+
+def _move_world(model: Any, T_new_old: Any) -> None:
+    """Let a model's world be another frame that stands still."""
+    for joint in range(1, model.njoints):
+        if model.parents[joint] == 0:
+            model.jointPlacements[joint] = T_new_old * model.jointPlacements[joint]
+    for frame in model.frames:
+        if frame.parentJoint == 0:
+            frame.placement = T_new_old * frame.placement
 
 
 def _configured(model: Any) -> Callable[[Array], Array]:
@@ -222,7 +242,7 @@ class _Step(NamedTuple):
 def _steps(arm: ArmModel) -> list[_Step]:
     """Break the arm into steps from base to tool; no joint follows the last."""
     model, steps = arm.model, list[_Step]()
-    T_axis_joint = arm.T_base_universe
+    T_axis_joint = pin.SE3.Identity()
     for i in range(1, model.njoints):
         axis, slides = arm.axes[arm.full.getJointId(model.names[i])]
         T_joint_axis = pin.SE3(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).matrix(), np.zeros(3))

@@ -1,4 +1,4 @@
-"""What a motion is to be, and what was chosen for it."""
+"""What is asked of a motion, and the motion that was chosen."""
 
 from __future__ import annotations
 
@@ -10,22 +10,24 @@ from pbd.arm.tool_deviation import ToolDeviation
 from pbd.pose import Array, Pose
 
 STRAIGHT, LINE, DEMO, DETOUR = "straight", "line", "demo", "detour"
-"""Kinds of moves: straight in joint space, the tool on a straight line, as the hand went, around what bars these."""
+"""Kinds of moves: straight in joint space; the tool on a straight line; as the hand went; around what is in the way."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionRequest:
-    """What the motion is to be.
+    """What is asked of a motion.
 
     Attributes:
-        q_start: (k,) rad, where the arm comes from.
-        approach: it does come from there; else the motion begins at keyframe 0.
+        q_start: (k,) rad, where the arm stands; branches near it are preferred.
+        approach: the motion begins there; else at keyframe 0.
         q_back: (k,) rad, where it goes after the last keyframe, or None.
         kind: of the moves between keyframes: STRAIGHT, LINE or DEMO.
-        hand: gives n - 1 paths of the tool as the hand went, asked only where they are needed; or None.
-        tolerance_m: a straight move whose tool gets farther from the line is made as LINE; without it one that is
-            wide (see tool_deviation.py) is, where that can be.
-        detour: where nothing else is free, a DETOUR is sought, unless the tool was to follow something.
+        hand: returns the n - 1 paths of the tool as the hand went, computed when first called; or None.
+        tolerance_m: a straight move whose tool gets farther from the line becomes a LINE; without a tolerance a wide
+            one (see tool_deviation.py) does where possible.
+        detour: where nothing else is free, search for a DETOUR, unless the tool was to follow something.
+        grips: at each keyframe True where the gripper closes, False where it opens, None where nothing changes; none:
+            it stays open.
     """
 
     T_base_tool: Sequence[Pose]
@@ -36,18 +38,19 @@ class MotionRequest:
     hand: Callable[[], Sequence[Sequence[Pose]]] | None = None
     tolerance_m: float | None = None
     detour: bool = True
+    grips: Sequence[bool | None] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """How the arm comes to a keyframe.
+    """The move to a keyframe.
 
     Attributes:
         kind: STRAIGHT, LINE, DEMO or DETOUR.
-        q: (m, k) rad, from the first joints after those before to those at the keyframe.
-        off_line_m: the tool's largest distance from the straight line, where the move is straight in joint space.
+        q: (m, k) rad, without the joints that the move begins at; the last row is the keyframe's.
+        off_line_m: of a move straight in joint space: the tool's largest distance from the straight line.
         avoided: what a straight move would have touched, where that is why this isn't one.
-        wide: what the tool does on a straight move that is wide; or would do, where that is why this is a LINE.
+        wide: the tool's deviation on a wide straight move; or the one because of which this is a LINE.
     """
 
     kind: str

@@ -13,7 +13,7 @@ _SAME_S = 1e-9  # instants nearer than this are one
 
 
 def polyline(q: Array, opening: float, rates: Array, step_m: float = STEP_M) -> JointPath:
-    """Sample the straight moves in joint space from each of joints (m, k) to the next; t is the share of their number.
+    """Sample straight moves in joint space from each of joints (m, k) to the next; t is 0 to 1, equal for each move.
 
     `rates` (p, k + 1): see motion_bounds.py. No pair moves by more than `step_m` from one sample to the next.
 
@@ -38,7 +38,7 @@ def along(trajectory: JointTrajectory, rates: Array, start: float = 0.0, end: fl
     marks = np.concatenate((_turning_points(trajectory), trajectory.knots, trajectory.gripper_t, (start, end)))
     marks = np.unique(marks[(marks >= start) & (marks <= end)])
     marks = np.append(marks[:-1][np.diff(marks) > _SAME_S], marks[-1])
-    # Between two marks each joint goes one way, and gains or loses speed throughout: its ends bound it.
+    # Between two marks each joint moves in one direction, and its speed is monotonic: the ends bound it.
     duration = np.diff(marks)
     opening = np.interp(marks, trajectory.gripper_t, trajectory.gripper_opening)
     speed = np.column_stack((_top_speeds(trajectory, marks), np.abs(np.diff(opening)) / duration))
@@ -51,7 +51,7 @@ def along(trajectory: JointTrajectory, rates: Array, start: float = 0.0, end: fl
 
 
 def _shares(steps: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
-    """Divide spans into steps: for the beginning of each step the index of its span, and how far along that it is."""
+    """Divide spans into steps; return for each step the index of its span, and the share of the span before it."""
     span = np.repeat(np.arange(len(steps)), steps)
     return span, (np.arange(len(span)) - np.repeat(np.cumsum(steps) - steps, steps)) / steps[span]
 

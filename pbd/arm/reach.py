@@ -5,18 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from pbd.arm.model import ArmModel
-from pbd.pose import Array, quat_to_matrix
+from pbd.pose import Array
 
 _SAMPLES = 20_000
 _CLIMBERS = 4
-_ENOUGH_M = 1e-5
+_ON_AXIS_M = 1e-9
 
 
 def sample(arm: ArmModel, count: int) -> Array:
     """Draw configurations (count, k) uniformly between the joint limits, the same ones each time.
 
-    A joint that can turn further is sampled over one turn, as the rest repeats it; which turn is chosen later
-    (joint_path.py).
+    A joint with a range of more than a turn is sampled over one turn; joint_path.py chooses the turn later.
     """
     lower, upper = arm.limits.lower, arm.limits.upper
     further = upper - lower > 2.0 * np.pi
@@ -26,26 +25,16 @@ def sample(arm: ArmModel, count: int) -> Array:
 
 
 def farthest(arm: ArmModel) -> float:
-    """How far from the z axis of base, in m, the arm brings its tool: sampled, then climbed from the best samples."""
+    """Return the largest distance of the tool from base's z axis, m: sampled, then climbed from the best samples."""
+    from scipy.optimize import Bounds, minimize  # takes its time to load
+
+    def inward(q: Array) -> tuple[float, Array]:
+        p, _, J = arm.tool(q)
+        distance = max(float(np.hypot(p[0], p[1])), _ON_AXIS_M)
+        return -distance, -(p[:2] / distance) @ J[:2]
+
     q = sample(arm, _SAMPLES)
     p, _ = arm.forward_many(q)
     best = q[np.argsort(-np.hypot(p[:, 0], p[:, 1]))[:_CLIMBERS]]
-    return max(_climb(arm, start) for start in best)
-
-
-def _climb(arm: ArmModel, q: Array) -> float:
-    """Follow the gradient of the tool's distance from base's z axis, in longer steps as long as they lead up."""
-    pose, gained, step = arm.forward(q), np.inf, 1.0
-    distance = float(np.hypot(*pose.p[:2]))
-    while gained > _ENOUGH_M:
-        outward = np.array([*pose.p[:2], 0.0]) / max(distance, _ENOUGH_M)
-        gradient = outward @ quat_to_matrix(pose.wxyz) @ arm.jacobian(q)[:3]
-        while True:
-            q_next = np.clip(q + step * gradient, arm.limits.lower, arm.limits.upper)
-            pose = arm.forward(q_next)
-            gained = float(np.hypot(*pose.p[:2])) - distance
-            if gained > 0.0 or step < 1e-3:
-                break
-            step *= 0.5
-        q, distance, step = q_next, distance + max(gained, 0.0), 2.0 * step
-    return distance
+    bounds = Bounds(arm.limits.lower, arm.limits.upper)
+    return max(-float(minimize(inward, each, jac=True, bounds=bounds, method="L-BFGS-B").fun) for each in best)

@@ -1,4 +1,4 @@
-"""Why there is no motion, and what is told of it: what was tried, and what came closest."""
+"""Messages where no motion is found, or one with reservations: what was tried, and what came closest."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion
 from pbd.errors import PlanError, warn
 
 UNREACHABLE, COLLISION, CANNOT_FOLLOW = "unreachable", "collision", "cannot follow"
-"""A keyframe is out of reach, something is in the way, the arm can't follow the path that was asked for."""
+"""A keyframe is out of reach; something is in the way; the arm can't follow the path that was asked for."""
 
 _SPOKEN = {STRAIGHT: "Straight in joint space", LINE: "Straight line of the tool", DEMO: "Demonstrated path"}
 
@@ -26,14 +26,14 @@ class Refusal:
 
 
 def refuse_pose(i: int, tried: int, hit: Hit) -> Refusal:
-    """Refuse keyframe i, where the arm touches something in each of the poses that were tried."""
+    """Refuse keyframe i, at which the arm touches something in each configuration that was tried."""
     return _collision(i, f"arm pose at keyframe {i} among {tried}: {describe(hit)}", STRAIGHT, hit)
 
 
 def refuse_move(i: int, move: Move, unfollowed: str | None) -> Refusal:
-    """Refuse the move to keyframe i; the message names what is touched least deep.
+    """Refuse the move to keyframe i; the message names the shallowest hit.
 
-    `unfollowed`: a kind of path that the arm can't follow, whatever is in the way.
+    `unfollowed`: a kind of path that the arm can't follow, even if nothing were in the way.
     """
     if not (hits := move.hits):
         path = "the demonstrated path" if unfollowed == DEMO else "the straight line"
@@ -71,7 +71,7 @@ def tell(motion: Motion, no_way_back: Hit | None) -> None:
 
 
 def warn_of_closeness(error: PlanError) -> None:
-    """Warn that only a motion is free that comes nearer to something than is kept elsewhere."""
+    """Warn that the only motion that was found comes nearer to something than MARGIN_M."""
     bodies = error.fields["bodies"]
     assert isinstance(bodies, tuple)
     warn(

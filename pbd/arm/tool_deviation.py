@@ -1,4 +1,4 @@
-"""How far out of its way a straight move in joint space takes the tool: the long way round, or in a wide arc."""
+"""How far the tool deviates from the direct path on a straight move in joint space: by a long turn, or a wide arc."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pbd.arm.model import ArmModel, FloatArray
 from pbd.pose import Array
 
 TURN_RAD = math.radians(30.0)
-"""A move is wide that turns the tool by so much more than directly."""
+"""A move is wide if it turns the tool by so much more than the direct rotation does."""
 STRAY_M, STRAY_SHARE = 0.1, 0.25
-"""It is wide too where the tool leaves the straight line by more than this and that share of the line's length."""
+"""A move is wide if the tool leaves the straight line by more than this plus that share of the line's length."""
 
 _SAMPLES = 33
 
@@ -23,10 +23,10 @@ class ToolDeviation:
     """What the tool does on a straight move in joint space.
 
     Attributes:
-        turn_rad: how far it turns in all, along the way.
-        direct_rad: how far about one axis.
+        turn_rad: length of its rotation along the move.
+        direct_rad: angle of the direct rotation.
         off_line_m: its largest distance from the straight line.
-        line_m: how long that is.
+        line_m: length of the line.
     """
 
     turn_rad: float
@@ -36,12 +36,12 @@ class ToolDeviation:
 
     @property
     def turns(self) -> bool:
-        """Whether it turns much more than it has to."""
+        """Whether it turns much more than needed."""
         return self.turn_rad > self.direct_rad + TURN_RAD
 
     @property
     def wide(self) -> bool:
-        """Whether it turns, or strays from the line, much more than it has to."""
+        """Whether it turns, or strays from the line, much more than needed."""
         return self.turns or self.off_line_m > STRAY_M + STRAY_SHARE * self.line_m
 
     def __str__(self) -> str:
@@ -51,7 +51,7 @@ class ToolDeviation:
 
 
 def tool_deviations(arm: ArmModel, q_before: Array, q: Array) -> list[ToolDeviation]:
-    """Say what the tool does on straight moves, each from one of joints (n, k) to the other in its place."""
+    """Measure straight moves from rows of joints (n, k) to rows of others."""
     along = q_before[:, None] + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (q - q_before)[:, None]
     p, R = arm.forward_many(along.reshape(-1, q.shape[1]))
     p, R = p.reshape(len(q), _SAMPLES, 3), R.reshape(len(q), _SAMPLES, 3, 3)
@@ -71,7 +71,7 @@ def off_line(p: FloatArray) -> FloatArray:
 
 
 def _angles(R_before: FloatArray, R: FloatArray) -> FloatArray:
-    """Angles (...) between rotations (..., 3, 3): by half their difference, which small ones keep their digits in."""
+    """Angles (...) between rotations (..., 3, 3), by the arcsine, which is precise for small ones."""
     apart = np.linalg.norm(R - R_before, axis=(-2, -1)) / np.sqrt(8.0)
     angles: FloatArray = 2.0 * np.arcsin(np.minimum(1.0, apart))
     return angles

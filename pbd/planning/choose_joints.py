@@ -28,30 +28,24 @@ class Refused(NamedTuple):
 
 
 def choose_joints(
-    arm: ArmModel,
-    scene: CollisionScene | None,
-    request: MotionRequest,
-    keyframes: Sequence[Keyframe],
-    options: PlanOptions,
+    arm: ArmModel, scene: CollisionScene | None, request: MotionRequest, options: PlanOptions
 ) -> Motion | Refused:
     """Choose joints and segments; without a scene whatever is in the way."""
     from pbd.arm.choose_motion import choose_motion
     from pbd.arm.collision.motion_check import describe, refuse_home
-    from pbd.arm.collision.queries import CollisionQueries
     from pbd.arm.motion_request import Motion
 
-    queries = None
     if scene is not None:
         if options.retreat or (options.approach and options.start is None):
             try:
                 refuse_home(scene)
             except PlanError as error:
                 return Refused(error, (_without_home(options),))
-        queries = CollisionQueries(scene, request.T_base_tool, [keyframe.grip for keyframe in keyframes])
-        if options.approach and (hit := scene.hit(request.q_start, queries.legs[0])) is not None:
+        leg, *_ = scene.legs(request.T_base_tool, request.grips)
+        if options.approach and (hit := scene.hit(request.q_start, leg)) is not None:
             what = f"at the arm's start: {describe(hit)}; move the arm, or correct the obstacles in the calibration"
             return Refused(PlanError(what, bodies=(hit.first, hit.second), value=hit.depth, p_base=hit.p_base))
-    found = choose_motion(arm, request, queries)
+    found = choose_motion(arm, request, scene)
     return found if isinstance(found, Motion) else Refused(found.error, _instead(found, options))
 
 

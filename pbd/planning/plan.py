@@ -171,10 +171,10 @@ def _prepare(task: Task, options: PlanOptions) -> _Prepared | Refused:
     between = keyframes, T_base_nav, T_base_tool, calibration, options.scale, fixed
     # It is worked out where somebody asks.
     hand = None if hand_path is None else cache(partial(demonstrated_moves, hand_path, *between))
-    request = request_of(arm, T_base_tool, q_start, hand, options)
-    chosen = choose_joints(arm, scene, request, keyframes, options)
+    request = request_of(arm, T_base_tool, q_start, hand, options, [keyframe.grip for keyframe in keyframes])
+    chosen = choose_joints(arm, scene, request, options)
     if isinstance(chosen, Refused) and options.allow_collision:
-        chosen = choose_joints(arm, None, request, keyframes, options)
+        chosen = choose_joints(arm, None, request, options)
     if isinstance(chosen, Refused):
         return chosen
     return _Prepared(arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen)

@@ -217,7 +217,7 @@ def _hold_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
     """Joints (m, k) of m different poses; None where one is out of reach. What is least like the first comes first."""
     from pbd.arm.ik.partial_pose import is_partial, measure
     from pbd.arm.ik.solver import solve
-    from pbd.arm.tool import target
+    from pbd.arm.model import to_se3
 
     found, left = list[Array](), sorted(poses, key=lambda pose: -sum(pose.distance(poses[0])))
     while left:
@@ -225,7 +225,7 @@ def _hold_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
         result = solve(arm, pose, found[-1] if found else None)
         if not result.reached:
             return None
-        if is_partial(arm) and measure(arm, target(pose), result.q).approach_rad > APPROACH_OFF_RAD:
+        if is_partial(arm) and measure(arm, to_se3(pose), result.q).approach_rad > APPROACH_OFF_RAD:
             return None
         found.append(result.q)
         left = [other for other in left if max(pose.distance(other)) > 0.01]

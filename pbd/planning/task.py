@@ -41,7 +41,12 @@ def load_arm(robot: str, calibration: str | None = None) -> tuple[Robot, Calibra
 
 
 def request_of(
-    arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, hand: Hand | None, options: PlanOptions
+    arm: ArmModel,
+    T_base_tool: Sequence[Pose],
+    q_start: Array,
+    hand: Hand | None,
+    options: PlanOptions,
+    grips: Sequence[bool | None] = (),
 ) -> MotionRequest:
     """Say what the motion is to be."""
     from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, MotionRequest
@@ -55,6 +60,7 @@ def request_of(
         hand and (lambda: [move.T_base_tool for move in hand()]),
         options.tolerance_m,
         options.detour,
+        grips,
     )
 
 

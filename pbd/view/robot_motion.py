@@ -40,14 +40,12 @@ class RobotMotion:
     """A whole robot that goes through configurations.
 
     Attributes:
-        model: pinocchio's, of the whole URDF.
-        T_base_universe: pinocchio's world in base.
+        model: pinocchio's, of the whole URDF; its world is base.
         t: (n,) s, FRAME_RATE_HZ.
         q: (n, nq) pinocchio's configurations.
     """
 
     model: Any
-    T_base_universe: Pose
     t: Array
     q: Array
 
@@ -59,8 +57,7 @@ class RobotMotion:
 
     def joint(self, index: int) -> Poses:
         """T_base_joint over time."""
-        world = _poses(self._placements[1][:, index])
-        return Poses(self.T_base_universe.act(world.p), quat_multiply(self.T_base_universe.wxyz, world.wxyz))
+        return _poses(self._placements[1][:, index])
 
     def link(self, name: str) -> tuple[int, Pose]:
         """The joint that a link moves with, and T_joint_link."""

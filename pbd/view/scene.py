@@ -83,7 +83,6 @@ def _robot(
     motion: RobotMotion, visuals: tuple[Visual, ...], red: Set[str], into: Visualizer
 ) -> tuple[dict[int, Visualizer], list[PoseTrack]]:
     """Nest the links as they hang on one another, so that each joint's own motion is all that is animated."""
-    into.set_transform(motion.T_base_universe.matrix())
     nodes, tracks = {0: into}, []
     for joint, parent, name, local in motion.joints():
         node = nodes[joint] = nodes[parent][name.replace("/", "_")]

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import pbd
-from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.ik.solver import solve
 from pbd.arm.motion_request import DETOUR, LINE, STRAIGHT
@@ -58,11 +57,13 @@ def test_what_is_grasped_is_in_the_hand_from_its_keyframe_on() -> None:
     arm = arm_of("panda")
     grasp = Pose(np.array([0.5, 0.0, 0.5 * CUP.size[-1]]), np.array([0.0, 1.0, 0.0, 0.0]))
     beside = Pose(grasp.p + np.array([0.1, 0.0, 0.0]), grasp.wxyz)
-    queries = CollisionQueries(CollisionScene(arm, 0.0, (), CUP), [beside, grasp], [None, True])
+    scene = CollisionScene(arm, 0.0, (), CUP)
+    _, arrives, leaves = scene.legs([beside, grasp], [None, True])
     q_beside, q_grasp = (solve(arm, pose, arm.robot.home).q for pose in (beside, grasp))
-    assert queries.scene.hit(q_beside, queries.legs[1]) is None
-    assert queries.standing(1, q_beside) is not None
-    assert queries.standing(1, q_grasp) is None
+    assert scene.hit(q_beside, arrives) is None
+    assert scene.hit(q_beside, leaves) is not None
+    assert scene.hit(q_grasp, arrives) is None
+    assert scene.hit(q_grasp, leaves) is None
 
 
 def carried(*obstacles: Obstacle, y: float) -> Plan:

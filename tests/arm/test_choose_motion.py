@@ -13,11 +13,11 @@ from pbd.arm import ladder_checks
 from pbd.arm.choose_motion import choose_motion
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.motion_check import check_motion
-from pbd.arm.collision.queries import APPROACH_M, CollisionQueries
 from pbd.arm.collision.scene import CollisionScene, Leg
 from pbd.arm.detour import warp_detour
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.cartesian import line
+from pbd.arm.ladder_checks import APPROACH_M
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION, UNREACHABLE, Refusal
 from pbd.arm.timing.time_moves import Move, time_moves
@@ -58,8 +58,7 @@ def asked(
     poses: Sequence[Pose], obstacles: Sequence[Obstacle] = (), **request: object
 ) -> tuple[Motion | Refusal, CollisionScene]:
     scene = CollisionScene(ARM, None, obstacles)
-    queries = CollisionQueries(scene, poses, [None] * len(poses))
-    return choose_motion(ARM, MotionRequest(poses, HOME, **request), queries), scene  # type: ignore[arg-type]
+    return choose_motion(ARM, MotionRequest(poses, HOME, **request), scene), scene  # type: ignore[arg-type]
 
 
 def chosen(poses: Sequence[Pose], obstacles: Sequence[Obstacle] = (), **request: object) -> Motion:
@@ -114,7 +113,7 @@ def test_a_link_that_is_barred_is_gone_round_by_holding_the_arm_otherwise() -> N
     """A ball where the elbow would pass in the middle of the move: the hand's path isn't needed."""
     free = chosen((LEFT, RIGHT), approach=False)
     ARM.forward(0.5 * (free.q[0] + free.q[1]))
-    elbow = (ARM.T_base_universe * ARM.data.oMi[4]).translation - T_HOME.p
+    elbow = ARM.data.oMi[4].translation - T_HOME.p
     motion = chosen(
         (LEFT, RIGHT), [ball(elbow[0], elbow[1] + 0.1, elbow[2], 0.05)], approach=False, hand=lambda: [OVER]
     )
@@ -143,13 +142,13 @@ def test_what_is_barred_is_mended_where_it_is() -> None:
 
 def test_many_keyframes_cost_as_much_each_as_few(monkeypatch: pytest.MonkeyPatch) -> None:
     """More than one window of them; what is checked is counted."""
-    counted, passes = list[int](), CollisionQueries.passes
+    counted, is_free = list[Leg](), CollisionScene.is_free
 
-    def count(self: CollisionQueries, i: int, q: Array) -> bool:
-        counted.append(i)
-        return passes(self, i, q)
+    def count(self: CollisionScene, q: Array, leg: Leg) -> bool:
+        counted.append(leg)
+        return is_free(self, q, leg)
 
-    monkeypatch.setattr(CollisionQueries, "passes", count)
+    monkeypatch.setattr(CollisionScene, "is_free", count)
     checks = []
     for many in (1, 3):
         poses = [moved(x=0.002 * i, y=(-0.2, 0.2)[i % 2], z=-0.1) for i in range(30)] * many
@@ -213,13 +212,13 @@ def test_a_known_detour_is_bent_to_joints_nearby_and_is_no_longer_for_that() -> 
     with pytest.warns(PbdWarning, match="the arm goes around the plate"):
         found = chosen((LEFT, RIGHT), PLATE, approach=False)
     way = np.vstack((found.q[0], found.segments[1].q))
-    queries = CollisionQueries(CollisionScene(ARM, None, PLATE), (LEFT, RIGHT), [None, None])
+    scene = CollisionScene(ARM, None, PLATE)
     start, goal = way[-1] + 0.02, way[0] - 0.02
-    assert warp_detour(queries, 1, start, goal, []) is None
-    back = warp_detour(queries, 1, start, goal, [way])
+    assert warp_detour(scene, Leg(), start, goal, []) is None
+    back = warp_detour(scene, Leg(), start, goal, [way])
     assert back is not None
     assert (back[[0, -1]] == (start, goal)).all()
-    assert queries.passes(1, back)
+    assert scene.is_free(back, Leg())
     assert np.abs(np.diff(back, axis=0)).sum() < 1.1 * np.abs(np.diff(way, axis=0)).sum()
 
 
@@ -234,8 +233,8 @@ def test_what_was_tried_is_told_where_there_is_no_way_around(monkeypatch: pytest
 def test_a_detour_may_turn_a_joint_the_longer_way() -> None:
     """The nearer turn of the base leads nowhere: no pair of ways to hold the arm that is nearest has a detour."""
     arm, obstacles, poses = made("ur5", "bin", 4)
-    queries = CollisionQueries(CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
-    motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), queries)
+    scene = CollisionScene(arm, None, obstacles)
+    motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), scene)
     assert isinstance(motion, Motion)
     assert motion.back is not None
     assert motion.q[1, 0] - motion.q[0, 0] < np.pi
@@ -245,10 +244,10 @@ def test_a_detour_may_turn_a_joint_the_longer_way() -> None:
 def test_a_narrow_part_of_the_null_space_is_found_where_nothing_else_is_free() -> None:
     """Panda's last joint has 7 mrad in which the arm is 1 mm from the beam."""
     arm, obstacles, poses = made("panda", "portal", 11)
-    queries = CollisionQueries(CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
-    motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, approach=False), queries)
+    scene = CollisionScene(arm, None, obstacles)
+    motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, approach=False), scene)
     assert isinstance(motion, Motion)
-    assert queries.closer().stands(1, motion.q[1])
+    assert scene.closer().is_free(motion.q[1:], Leg())
 
 
 @pytest.mark.parametrize("higher_m", [1e-3, 3e-3])
@@ -276,9 +275,9 @@ def test_a_motion_close_to_things_is_made_where_no_other_is_free_and_told(higher
 def test_a_detour_is_looked_for_before_the_arm_is_held_quite_otherwise() -> None:
     """A straight move is free among the first 36, but it is twice as long as the detour."""
     arm, obstacles, poses = made("ur5", "shelf", 7000)
-    queries = CollisionQueries(CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
+    scene = CollisionScene(arm, None, obstacles)
     with pytest.warns(PbdWarning, match="goes around"):
-        found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), queries)
+        found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), scene)
     assert isinstance(found, Motion)
     assert travel(found) < 8.0
 

@@ -8,7 +8,7 @@ import pytest
 from pbd.arm.ik.branches import find_branches
 from pbd.arm.ik.closed_form import closed_form, flipped_elbow
 from pbd.arm.ik.seven_joints import APART_RAD, seven_joints
-from pbd.arm.tool import target
+from pbd.arm.model import to_se3
 from tests.arm.bundled import arm_of
 from tests.arm.conftest import random_joints
 from tests.benchmarks.branches import measure
@@ -20,7 +20,7 @@ def test_every_way_reaches_the_pose_and_the_known_one_is_among_them(name: str, w
     joints = random_joints(arm.robot, 50, seed=11)
     for truth in joints:
         pose = arm.forward(truth)
-        found = closed_form(arm, target(pose))
+        found = closed_form(arm, to_se3(pose))
         assert max(max(pose.distance(arm.forward(q))) for q in found) < 1e-4
         off = found - truth
         assert np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi))).max(axis=1).min() < 1e-6
@@ -33,7 +33,7 @@ def test_every_branch_of_seven_joints_holds_the_pose_and_one_leads_past_the_know
     arm = arm_of(name)
     for truth in random_joints(arm.robot, 50, seed=11):
         pose = arm.forward(truth)
-        found = [branch for branch in seven_joints(arm, target(pose)) if len(branch) > 1]
+        found = [branch for branch in seven_joints(arm, to_se3(pose)) if len(branch) > 1]
         assert all(max(pose.distance(arm.forward(branch[len(branch) // 2]))) < 1e-5 for branch in found)
         off = np.vstack(found) - truth
         assert np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi))).max(axis=1).min() < 0.3
@@ -63,5 +63,5 @@ def test_planning_finds_what_a_search_a_hundred_times_longer_finds(name: str) ->
 @pytest.mark.parametrize("name", ["panda", "so101"])
 def test_other_arms_are_left_to_descents(name: str) -> None:
     arm = arm_of(name)
-    assert not len(closed_form(arm, target(arm.forward(arm.robot.home))))
-    assert not seven_joints(arm_of("ur5"), target(arm_of("ur5").forward(arm_of("ur5").robot.home)))
+    assert not len(closed_form(arm, to_se3(arm.forward(arm.robot.home))))
+    assert not seven_joints(arm_of("ur5"), to_se3(arm_of("ur5").forward(arm_of("ur5").robot.home)))

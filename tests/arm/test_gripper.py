@@ -13,7 +13,7 @@ from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.collision.scene import TABLE, CollisionScene, Leg
 from pbd.arm.gripper import ROD_RADIUS_M, ROD_SHORT_M, THE_TOOL, arm_bodies, gripper_links, tool_rod
 from pbd.arm.ik.solver import solve
-from pbd.arm.model import ArmModel, from_se3
+from pbd.arm.model import ArmModel
 from pbd.data import GraspedObject, Obstacle
 from pbd.data.world import Stay
 from pbd.errors import PlanError
@@ -48,10 +48,10 @@ def test_it_leads_from_the_flange_to_just_before_the_tool(name: str) -> None:
     rod = arm_bodies(arm)[-1]
     assert rod.name == THE_TOOL
     for x in coordinates(arm, 5):
-        T_universe_rod = placements(arm, x)[rod.joint] @ rod.T_joint_body
-        ends = T_universe_rod.act(np.array([[0.0, 0.0, side * 0.5 * rod.size[1]] for side in (-1, 1)]))
+        T_base_rod = placements(arm, x)[rod.joint] @ rod.T_joint_body
+        ends = T_base_rod.act(np.array([[0.0, 0.0, side * 0.5 * rod.size[1]] for side in (-1, 1)]))
         tool = arm.forward(x[:-1])
-        far, near = np.linalg.norm(ends - from_se3(arm.T_base_universe).inverse().act(tool.p), axis=1)
+        far, near = np.linalg.norm(ends - tool.p, axis=1)
         assert near == pytest.approx(ROD_SHORT_M + ROD_RADIUS_M, abs=1e-6)
         assert far == pytest.approx(np.linalg.norm(arm.robot.T_body_tool.p), abs=5e-3)
 

@@ -31,8 +31,7 @@ from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import SLACK_RAD, finish, is_partial
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.joint_path import STARTS, STARTS_WIDE
-from pbd.arm.model import ArmModel, load_model
-from pbd.arm.tool import Target, target
+from pbd.arm.model import ArmModel, load_model, to_se3
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
 from pbd.pose import Array, Pose
@@ -70,7 +69,7 @@ def measure(arm: ArmModel, count: int) -> dict[str, Any]:
         ours = find_branches(arm, pose, arm.robot.home[None], STARTS)
         took += time.process_time() - start
         wide = find_branches(arm, pose, arm.robot.home[None], STARTS_WIDE)
-        known = branches(arm, target(pose), q)
+        known = branches(arm, to_se3(pose), q)
         first, second = (
             sum(bool(_near(arm, branch, some).any()) for branch in known) for some in (ours, np.vstack((ours, wide)))
         )
@@ -87,7 +86,7 @@ def measure(arm: ArmModel, count: int) -> dict[str, Any]:
     }
 
 
-def branches(arm: ArmModel, goal: Target, q: Array) -> list[Array]:
+def branches(arm: ArmModel, goal: Any, q: Array) -> list[Array]:
     """The branches, each as joints (m, k) along it, that a long search finds from all over, and from joints (k,)."""
     samples, half = starts_of(arm), LONGER * STARTS // 2
     seeds = np.vstack((q, samples.nearest(goal, half), samples.q[:half]))
@@ -98,7 +97,7 @@ def branches(arm: ArmModel, goal: Target, q: Array) -> list[Array]:
     return known
 
 
-def _all(arm: ArmModel, goal: Target, seeds: Array) -> Iterable[Array]:
+def _all(arm: ArmModel, goal: Any, seeds: Array) -> Iterable[Array]:
     ended, squares = descend_each(arm, goal, seeds, all_of_them=True)
     for each in ended[squares < SOLVED]:
         # Where the arm is singular there are any number of ways.
@@ -106,13 +105,13 @@ def _all(arm: ArmModel, goal: Target, seeds: Array) -> Iterable[Array]:
             yield each
 
 
-def _partly(arm: ArmModel, goal: Target, seeds: Array) -> Iterable[Array]:
+def _partly(arm: ArmModel, goal: Any, seeds: Array) -> Iterable[Array]:
     ways = [way for seed in seeds if (way := finish(arm, goal, seed)).reached]
     least = min(way.off for way in ways)
     return [way.q for way in ways if way.off <= least + SLACK_RAD]
 
 
-def traced(arm: ArmModel, goal: Target, q: Array) -> Array:
+def traced(arm: ArmModel, goal: Any, q: Array) -> Array:
     """Go along the null space from joints (k,), both ways, until a limit or the place where it began: (m, k)."""
     residual, parts = Residual(arm, goal), list[Array]()
     for sign in (-1.0, 1.0):

@@ -131,7 +131,7 @@ def pink_solver(arm: ArmModel) -> Callable[[Pose], Array] | None:
         return clipped
 
     def solve_one(pose: Pose) -> Array:
-        target = arm.T_base_universe.inverse() * to_se3(pose)
+        target = to_se3(pose)
         task.set_target(target)
         q_start = 0.5 * (lower + upper)
         for _ in range(PINK_RESTARTS + 1):

@@ -28,7 +28,6 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 
 from pbd.arm.choose_motion import choose_motion
-from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DETOUR, Motion, MotionRequest, Segment
@@ -158,9 +157,9 @@ def made(name: str, kind: str, seed: int) -> tuple[ArmModel, list[Obstacle], lis
 def tell(name: str, kind: str, seed: int) -> Told:
     """Plan one scene, and check what was found."""
     arm, obstacles, poses = made(name, kind, seed)
-    queries = CollisionQueries(CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
+    scene = CollisionScene(arm, None, obstacles)
     start = time.process_time()
-    found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), queries)
+    found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), scene)
     took = time.process_time() - start
     if not isinstance(found, Motion):
         return Told(name, kind, seed, took, None, False, False)

@@ -16,7 +16,6 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 
 from pbd.arm.choose_motion import choose_motion
-from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DETOUR, Motion, MotionRequest
@@ -64,8 +63,8 @@ def chosen(arm: ArmModel, count: int) -> object:
     poses = [keyframe((-1, 1)[i % 2]) for i in range(count)]
     placed = Pose.from_rpy(at(reach + 0.1, 0.0, 0.5 * top), (0.0, 0.0, ahead))
     wall = Obstacle("the wall", "box", (0.9 * reach, 0.02, top), placed)
-    queries = CollisionQueries(CollisionScene(arm, None, [wall]), poses, [None] * count)
-    return choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), queries)
+    scene = CollisionScene(arm, None, [wall])
+    return choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), scene)
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ def test_every_joint_is_where_forward_kinematics_has_it(tmp_path: Path, name: st
     for frame in range(0, len(player.t), 17):
         pin.forwardKinematics(arm.full, data, arm.configurations(np.append(samples.q[frame], samples.gripper[frame])))
         for joint in range(1, arm.full.njoints):
-            T_base_joint = from_se3(arm.T_base_universe) @ from_se3(data.oMi[joint])
+            T_base_joint = from_se3(data.oMi[joint])
             shown = player.world(arm.full.names[joint], frame)
             assert max(shown.distance(T_base_joint)) < 1e-5
 

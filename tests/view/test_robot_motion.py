@@ -34,7 +34,7 @@ def test_the_tool_is_where_pinocchio_says(pouring: ReplayScene) -> None:
 
 
 def test_joint_motions_chain_up_to_the_links(pouring: ReplayScene) -> None:
-    world = {0: pouring.motion.T_base_universe}
+    world = {0: Pose.identity()}
     for joint, parent, _, local in pouring.motion.joints():
         world[joint] = world[parent] @ local[150]
         assert max(world[joint].distance(pouring.motion.joint(joint)[150])) < 1e-7

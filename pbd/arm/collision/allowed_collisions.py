@@ -21,16 +21,16 @@ TRUSTED = ("Adjacent", "Never")
 """The SRDF's reasons that are believed. Others ("Default", "disabled") were made by hand or at one pose only."""
 
 SAMPLES = 200
-"""Random configurations by which it is decided whether two bodies always touch; always the same ones."""
+"""Random configurations, always the same ones, in which two bodies must touch to count as always touching."""
 
 NEARLY_ALWAYS = 0.95
-"""Bodies that touch in at least this share of the samples are not checked: no arm is built so, their shapes overlap.
-The share is that of MoveIt's setup assistant."""
+"""Bodies that touch in at least this share of the samples are not checked: their shapes overlap, which no arm's links
+do. The share is that of MoveIt's setup assistant."""
 
 
 @dataclass(frozen=True)
 class Unchecked:
-    """Two links of which nobody checks whether they touch (or some parts of them), and why."""
+    """Two links that are not checked against each other (or some of their bodies aren't), and why."""
 
     first: str
     second: str
@@ -41,9 +41,9 @@ class Unchecked:
 def link_pairs(arm: ArmModel) -> tuple[Pairs, tuple[Unchecked, ...]]:
     """Return the pairs (p, 2) of the arm's bodies that are checked, and those pairs of links that are not.
 
-    Left out are links next to each other (or with nothing solid between), those that the robot's TOML lets touch or the
-    SRDF says are adjacent or never meet, those that both belong to the gripper, and bodies that touch in nearly all
-    configurations. Bodies that no joint moves against each other are no pair at all.
+    Not checked are links next to each other (or with nothing solid between), those that the robot's TOML lets touch or
+    the SRDF says are adjacent or never meet, those that both belong to the gripper, and bodies that touch in nearly all
+    configurations. Bodies that no joint moves against each other are in neither list.
     """
     bodies = arm_bodies(arm)
     pairs = np.stack(np.triu_indices(len(bodies), 1), axis=1)
@@ -68,10 +68,10 @@ def samples(arm: ArmModel, count: int) -> Array:
 
 
 def _reasons(arm: ArmModel, bodies: Sequence[Body], links: Iterable[tuple[str, str]]) -> dict[tuple[str, str], str]:
-    """Say which pairs of links are left out by their names alone, and why."""
+    """Return why pairs of links are left out, for those that are by their names alone."""
     gripper, solid = gripper_links(arm, bodies), frozenset(body.name for body in bodies)
     carrier = {link: _carrier(arm, link, solid) for link in solid - {THE_TOOL}}
-    if THE_TOOL in solid:  # the gripper's links may touch it anyhow, so the next one counts
+    if THE_TOOL in solid:  # the gripper's links are left out anyway: take the next one
         carrier[THE_TOOL] = _carrier(arm, arm.robot.body, solid - gripper)
     trusted, reasons = _trusted(arm), {}
     for first, second in links:

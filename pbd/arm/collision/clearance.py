@@ -1,16 +1,16 @@
 """Whether bodies keep clear of each other along a whole path, with few distances measured.
 
 This is adaptive dynamic collision checking (Schwarzer, Saha and Latombe, 2005), pair by pair. Two bodies that are a
-distance d apart can't touch before they have moved by d against each other, which motion_bounds.py bounds. So they are
-measured again after a motion of d + MARGIN_M, where they must be at least MARGIN_M apart: an instant after a motion of
-a from the one look and b before the next has a + b <= d + MARGIN_M, so a < d or b <= MARGIN_M. As every look finds at
-least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far longer.
+distance d apart can't touch before they have moved by d against each other, which motion_bounds.py bounds. They are
+measured again after a motion of d + MARGIN_M, where they must be at least MARGIN_M apart: an instant in between, after
+a motion of a from the first measurement and b before the second, has a + b <= d + MARGIN_M, hence a < d or
+b <= MARGIN_M. A step of STEP_M = 2 MARGIN_M is always allowed; most are far longer.
 
-Where nobody wants to know what touches see quick_clearance.py.
+quick_clearance.py is faster where it doesn't matter what touches.
 
-Bodies are hulls. Where a link's hull is near another body, hulls of its parts are measured, then its mesh is asked
-whether they are MARGIN_M apart. Hulls are measured because coal's `collide` overlooks some deep contacts of theirs (4
-in 10^5 pairs of so101). A distance that is not a number counts as a contact.
+Bodies are hulls. Where a link's hull is near another body, hulls of its parts are measured, then its mesh. Distances of
+hulls are measured because coal's `collide` misses some deep contacts (4 in 10^5 pairs of so101). A distance that is not
+a number counts as a contact.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
-MARGIN_M, CLOSE_M = 2.5e-3, 5e-4  # kept everywhere; and where nothing is free that keeps it
+MARGIN_M, CLOSE_M = 2.5e-3, 5e-4  # distance that is kept; and where no motion keeps that one
 STEP_M = 2.0 * MARGIN_M
 
 Pairs = NDArray[np.int64]
@@ -65,8 +65,8 @@ class Contact:
 
 
 class Walk(NamedTuple):
-    """A path, and at each node pinocchio's configuration q (n, nq) and how far each coordinate has gone up to there, to
-    and fro: `moved` (k + 1, n)."""
+    """A path; at each node pinocchio's configuration q (n, nq), and each coordinate's travel up to there, to and fro:
+    `moved` (k + 1, n)."""
 
     path: JointPath
     q: Array
@@ -80,7 +80,7 @@ class Clearance:
         bodies, pairs: what is checked; pairs (p, 2) index the bodies.
         rates: (p, k + 1), see motion_bounds.py.
         margin_m: bodies that are nearer to each other count as touching.
-        rests: which of them may, and where.
+        rests: which pairs may touch, and where.
     """
 
     def __init__(
@@ -123,9 +123,14 @@ class Clearance:
         return pair in self.rests and self.rests[pair](self.arm.forward(x[:-1]))
 
     def witness(self, x: Array, pair: int) -> Array:
-        """Where a pair is nearest or touches (3,), in pinocchio's world, at coordinates (k + 1,)."""
+        """Where a pair is nearest or touches (3,) m in base, at coordinates (k + 1,)."""
         self._place(self.arm.configurations(x))
         return self._witness(pair)
+
+    def names(self, pair: int) -> tuple[str, str]:
+        """Return the names of a pair's bodies."""
+        first, second = self.pairs[pair]
+        return self.bodies[first].name, self.bodies[second].name
 
     def always_touching(self, x: Array, share: float) -> dict[int, int]:
         """Return the pairs that touch in at least a share of coordinates (n, k + 1): in how many."""
@@ -140,9 +145,9 @@ class Clearance:
         return always
 
     def first_contact(self, path: JointPath) -> Contact | None:
-        """Follow a path; return the first contact: the one that begins first, of several the deepest.
+        """Follow a path; return the contact that begins first, of several the deepest.
 
-        Its nodes are close enough for `rates`, see path_sampling.py.
+        The path's nodes must be close enough for `rates`, see path_sampling.py.
         """
         walk, found = self._walk(path), None
         stop = len(walk.q) - 1
@@ -154,7 +159,7 @@ class Clearance:
         return found and self._until_clear(walk, found)
 
     def contacts(self, path: JointPath) -> list[Contact]:
-        """Follow a path to its end; return all contacts, one pair's after another's."""
+        """Follow a path to its end; return all contacts, pair by pair."""
         walk, found = self._walk(path), []
         stop = len(walk.q) - 1
         for pair, distance in self._near(walk):
@@ -174,13 +179,16 @@ class Clearance:
         return Walk(path, self.arm.configurations(path.x), moved)
 
     def _near(self, walk: Walk) -> list[tuple[int, float]]:
-        """Return the pairs that may meet on a path, with their distances at its start; most are too far apart."""
+        """Return the pairs that are near enough to meet on a path, with their distances at its start."""
         at_start = self.distances(walk.path.x[0])
         near = np.flatnonzero(~(at_start - self.margin_m >= self.rates @ walk.moved[:, -1])).tolist()
         return [(pair, float(at_start[pair])) for pair in near]
 
     def _follow(self, walk: Walk, pair: int, node: int, distance: float, stop: int) -> tuple[int, float] | None:
-        """Return the first node up to `stop` at which a pair touches, and their distance; given that at `node`."""
+        """Return the first node from `node` to `stop` at which a pair touches, and the distance there.
+
+        `distance`: the pair's at `node`.
+        """
         travel = self.rates[pair] @ walk.moved
         while True:
             if not distance >= self.margin_m and not self.may_touch(pair, walk.path.x[node]):
@@ -226,7 +234,7 @@ class Clearance:
         return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])
 
     def _of_meshes(self, pair: int, distance: float) -> float:
-        """Ask the meshes of a pair whose hulls are near: how far apart they are if that's enough, else the hulls'."""
+        """Return the distance of a pair's meshes if it is at least the margin, else `distance`, that of their hulls."""
         one, other = self.pairs[pair].tolist()
         placed = self._placed.oMg[one], self._placed.oMg[other]
         apart = meshes_apart(self.bodies[one], placed[0], self.bodies[other], placed[1], self.margin_m)

@@ -1,7 +1,7 @@
-"""A robot's links as convex bodies: what distances are measured between.
+"""A robot's links as convex bodies, between which distances are measured.
 
-A mesh becomes its convex hull, which fills its bends: a contact can be seen too early, but none is missed. Where the
-hulls of two links touch, their meshes are asked (clearance.py).
+A mesh becomes its convex hull, which is larger: a contact can be found too early, but none is missed. Where the hulls
+of two links touch, their meshes decide (clearance.py).
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Body:
 
 
 SLABS = 4
-"""Parts that a mesh is cut into: of 2 to 6 so many leave the fewest looks at ur5's meshes."""
+"""Parts that a mesh is cut into: of 2 to 6 this number leaves the fewest queries of ur5's meshes."""
 
 
 @lru_cache(maxsize=4)
@@ -127,7 +127,7 @@ def shape_of(body: Body) -> Any:
 
 
 def _extent(body: Body) -> tuple[float, float]:
-    """Return how wide a body is at least and at most, m: no less and no more than that, but not exactly that."""
+    """Return a lower and an upper bound of a body's width, m."""
     if body.shape == "floor":
         return np.inf, np.inf
     if body.shape == "hull":
@@ -150,10 +150,10 @@ def moves_with_tool(arm: ArmModel, first: Body, second: Body) -> bool:
 
 
 def mesh_to(first: Body, second: Body) -> float:
-    """How deep (m) the hulls of two bodies may overlap where their meshes alone say whether they touch.
+    """How deep (m) the hulls of two bodies may overlap while their meshes decide whether they touch.
 
-    No limit for two links. Something else, as deep inside a hull as it is thin, may be inside the mesh too without
-    touching it: the hull counts from there on, unless it is too large to be inside.
+    There is no limit for two links. Another body that is deeper inside a hull than it is thin may be inside the mesh
+    without touching its surface: from there on the hull decides, unless the body is too large to be inside.
     """
     if first.mesh is None or second.mesh is None:
         meshed, other = (first, second) if first.mesh else (second, first)
@@ -207,7 +207,7 @@ def _slabs(triangles: Array) -> dict[str, Any]:
 
 
 def meshes_apart(first: Body, T_first: Any, second: Body, T_second: Any, margin_m: float) -> float | None:
-    """How far apart the meshes of two bodies are, m, at least, where that is `margin_m`; None where it isn't."""
+    """Return a lower bound of the distance of two bodies' meshes, m; None where it is below `margin_m`."""
     T_first, T_second = (coal.Transform3s(T.rotation, T.translation) for T in (T_first, T_second))
     pad, asked, least = first.pad + second.pad, coal.DistanceRequest(), coal.DistanceResult()
     for one, other in product(slabs_of(first), slabs_of(second)):
@@ -223,7 +223,7 @@ def meshes_apart(first: Body, T_first: Any, second: Body, T_second: Any, margin_
 
 
 def apart(first: Body, T_first: Pose, second: Body, T_second: Pose) -> tuple[float, Array, Array]:
-    """Measure two bodies in places of their own.
+    """Measure the distance of two bodies at given poses.
 
     Returns:
         Distance in m, negative as deep as they overlap; the first's nearest point (3,); the normal (3,) to the second.

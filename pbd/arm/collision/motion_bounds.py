@@ -1,8 +1,8 @@
-"""How far a body can move at most while joints turn: the bound that lets collision checks skip ahead.
+"""Bounds on how far a body moves while joints turn: they let collision checks skip ahead.
 
-A point moves with a turning joint by no more than the angle times its distance from the axis, whatever the other joints
-do: a body is within a ball, and all places where another joint may take that are within a larger ball around its axis.
-Two bodies get no nearer to each other than either moves as seen from the other: the one nearer to the axis bounds both.
+A turning joint moves a point by no more than the angle times its distance from the axis, whatever the other joints do:
+a body is within a ball, and all places to which another joint may take that are within a larger ball around its axis.
+Two bodies approach each other by no more than either moves as seen from the other: the one nearer to the axis counts.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ def rates(arm: ArmModel, bodies: Sequence[Body], pairs: NDArray[np.int64]) -> Ar
 
 @lru_cache(maxsize=1024)
 def levers(arm: ArmModel, body: Body) -> Array:
-    """For each joint: m that any of the body's points moves at most per rad (or per m) of it.
+    """Return for each joint the largest motion of any of the body's points, m per rad (or per m).
 
-    Of a joint that doesn't carry the body: as seen from what it carries.
+    For a joint that doesn't carry the body this is as seen from what it carries.
     """
     model, found = arm.full, np.full(arm.full.njoints, np.inf)
     if body.shape == "floor":
@@ -73,7 +73,7 @@ def _swept(arm: ArmModel, joint: int, p: Array, radius: float) -> tuple[float, A
 
 
 def outline(body: Body) -> tuple[Array, float]:
-    """Points and a radius: all of the body lies within the radius of their hull."""
+    """Return points and a radius: the body lies within the radius of the points' hull."""
     if body.shape == "hull":
         return body.points, body.pad
     if body.shape == "sphere":
@@ -86,7 +86,7 @@ def outline(body: Body) -> tuple[Array, float]:
 
 
 def _most_slide(arm: ArmModel, joint: int) -> float:
-    """How far a sliding joint can be from its zero, m; one that is locked stands at zero."""
+    """Return the largest distance of a sliding joint from its zero, m; a locked one stands at zero."""
     column, slope, at_zero = arm.drives.get(joint, (0, 0.0, 0.0))
     ends = np.append(arm.limits.lower, 0.0)[column], np.append(arm.limits.upper, 1.0)[column]
     return max(abs(at_zero + slope * float(end)) for end in ends)

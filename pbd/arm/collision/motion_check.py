@@ -1,6 +1,6 @@
-"""Whether a motion touches anything on its way: checked along all of it, and told in one line.
+"""Whether a motion touches anything on its way, checked along all of it; and the messages about that.
 
-In a motion that passes no two bodies that are checked touch at any instant (clearance.py says why); wherever they were
+In a free motion no two bodies that are checked touch at any instant (clearance.py says why); wherever they were
 measured they were at least MARGIN_M apart.
 """
 
@@ -31,9 +31,9 @@ class MotionHit:
     """A hit of a motion.
 
     Attributes:
-        hit: the two bodies, where the parts that touch first overlap the most before they part.
-        t: s, when they first touch; `parted_t`, when they were last seen to.
-        keyframe: the keyframe at which they touch, or on the way to which; one more than the last: after that.
+        hit: the two bodies, at the instant of the deepest contact.
+        t, parted_t: s, first and last instant of contact.
+        keyframe: the keyframe at which they touch, or on the way to which; after the last one its number plus one.
         at_keyframe: whether they touch at the keyframe itself.
     """
 
@@ -77,7 +77,7 @@ def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Motion
 
 
 def _phases(scene: CollisionScene, trajectory: JointTrajectory) -> Iterator[tuple[Clearance, float, float]]:
-    """What is checked from when to when, s."""
+    """What is checked, from when to when (s)."""
     yield scene.always, 0.0, trajectory.duration
     for stay in object_stays(scene, trajectory):
         start, end = max(0.0, stay.start), min(stay.end, trajectory.duration)
@@ -86,7 +86,7 @@ def _phases(scene: CollisionScene, trajectory: JointTrajectory) -> Iterator[tupl
 
 
 def _one_hit(earlier: MotionHit, later: MotionHit) -> bool:
-    """Whether these are parts of the same two bodies, and touch at nearly the same time."""
+    """Whether two hits are of the same two bodies, at nearly the same time."""
     bodies = [(each.hit.first, each.hit.second) for each in (earlier, later)]
     return bodies[0] == bodies[1] and later.t <= earlier.parted_t + _APART_S
 
@@ -94,7 +94,7 @@ def _one_hit(earlier: MotionHit, later: MotionHit) -> bool:
 def object_stays(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Stay, ...]:
     """Where the grasped object is during a motion."""
 
-    def tool(t: float) -> Pose:  # what is never let go may rest at the last keyframe: the arm may still go home with it
+    def tool(t: float) -> Pose:  # an object that is never let go may rest at the last keyframe
         return scene.arm.forward(trajectory.at(np.array([min(t, *trajectory.keyframe_t[-1:])])).q[0])
 
     return scene.stays(holds(trajectory.gripper_t, trajectory.gripper_opening), tool)
@@ -117,7 +117,7 @@ def refuse_home(scene: CollisionScene) -> None:
 
 
 def _away_from_home(scene: CollisionScene, hit: Hit) -> str:
-    """Say what to do about the thing that is in the way, first of all."""
+    """Give the advice for what is in the way at home."""
     change = "change home in the robot's TOML"
     if hit.second == TABLE:
         return f"correct table_height in the calibration, or {change}"
@@ -125,7 +125,7 @@ def _away_from_home(scene: CollisionScene, hit: Hit) -> str:
 
 
 def _by_design(scene: CollisionScene, hit: Hit) -> str:
-    """Say where two links of the arm can be let touch: the shapes of some overlap wherever they are."""
+    """Say how to let two links of the arm touch: the shapes of some overlap in every configuration."""
     if not {hit.first, hit.second} <= scene.links:
         return ""
     pair = json.dumps([hit.first, hit.second])
@@ -133,9 +133,9 @@ def _by_design(scene: CollisionScene, hit: Hit) -> str:
 
 
 def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:
-    """Tell a hit in one line; fields: keyframe, t (s), bodies, value (m, how deep), p_base (m)."""
+    """Describe a hit in one line; fields: keyframe, t (s), bodies, value (m, how deep), p_base (m)."""
     told = describe(found.hit)
-    if found.t == 0.0:  # they do before anything moves
+    if found.t == 0.0:  # they touch before anything moves
         told = told.replace("would touch", "touches").replace("would come", "comes")
     return PlanError(
         f"{_when(trajectory, found)} (t = {found.t:.1f} s): {told}; {_advice(scene, trajectory, found)}",

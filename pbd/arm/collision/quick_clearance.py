@@ -1,7 +1,7 @@
-"""Whether anything touches on a path, for a search that asks of many: which two bodies do first it doesn't say.
+"""Whether anything touches on a path, for searches that check many paths: not which two bodies do first.
 
-A path is halved: two bodies that are d and e apart at its ends can't touch on it unless they move by d + e. So the
-looks in the middle, where most moves are barred, come first; and before them those at the pairs that touched lately.
+A path is halved: two bodies that are d and e apart at its ends can't touch on it unless they move by d + e. The middle,
+where most moves are barred, is measured first; and before it the pairs that touched lately.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
 RECENT, REMEMBERED = 4, 2000
-"""Pairs that touched lately, which are looked at first; and coordinates of which the distances are kept."""
+"""Pairs that touched lately and are measured first; coordinates whose distances are cached."""
 
 LIKELY = 0.5, 0.25, 0.75
-"""Where a straight move is looked at first, as shares of it."""
+"""Where a straight move is measured first, as shares of it."""
 
 
 class QuickClearance(Clearance):
-    """Distances between pairs of bodies, remembered, and what touched lately."""
+    """Distances between pairs of bodies, cached, and the pairs that touched lately."""
 
     def __init__(
         self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs, margin_m: float = MARGIN_M, rests: Rests = NOWHERE
@@ -86,18 +86,18 @@ class QuickClearance(Clearance):
         """Return what moves with the tool and touches what stands still, with the tool at some poses.
 
         Returns:
-            The first pair that was found, its distance in m, and where (3,) in pinocchio's world.
+            The first pair that was found, its distance in m, and where (3,) m in base.
         """
         joint, T_joint_tool = tool_on_joint(self.arm)
         self._place(self.arm.configurations(np.append(self.arm.robot.home, opening)))
-        T_joint_universe, pairs = self._data.oMi[joint].inverse(), np.flatnonzero(self._of_tool).tolist()
+        T_joint_base, pairs = self._data.oMi[joint].inverse(), np.flatnonzero(self._of_tool).tolist()
         carried = {int(i) for i in self.pairs[pairs].ravel() if self.bodies[i].joint > 0}
-        T_joint_body = {i: T_joint_universe * self._placed.oMg[i] for i in carried}
-        T_base_universe, T_tool_joint = self.arm.T_base_universe.inverse(), to_se3(T_joint_tool.inverse())
+        T_joint_body = {i: T_joint_base * self._placed.oMg[i] for i in carried}
+        T_tool_joint = to_se3(T_joint_tool.inverse())
         for pose in T_base_tool:
-            T_universe_joint = T_base_universe * to_se3(pose) * T_tool_joint
+            T_base_joint = to_se3(pose) * T_tool_joint
             for i, T in T_joint_body.items():
-                self._placed.oMg[i] = T_universe_joint * T
+                self._placed.oMg[i] = T_base_joint * T
             for pair in pairs:
                 distance = self._distance(pair)
                 if not distance >= self.margin_m and not (pair in self.rests and self.rests[pair](pose)):
@@ -105,7 +105,7 @@ class QuickClearance(Clearance):
         return None
 
     def _in_reach(self, at_start: Array, at_end: Array, travel: Array) -> list[int]:
-        """Pairs that may touch on the way, those that touched lately first; given their distances at its ends."""
+        """Return the pairs that may touch on a path, those that touched lately first; from distances at its ends."""
         open_ = ~(at_start + at_end > travel) & (travel > 0.0)
         near = np.flatnonzero(open_).tolist()
         near.sort(key=lambda pair: self._lately.index(pair) if pair in self._lately else RECENT)
@@ -118,7 +118,7 @@ class QuickClearance(Clearance):
         for first, before, last, after in parts:
             if last - first < 2 or before + after > travel[last] - travel[first]:
                 continue
-            # In the middle of what the two distances leave open.
+            # The middle of the part that the two distances don't cover.
             middle = 0.5 * (travel[first] + before + travel[last] - after)
             node = min(max(int(travel.searchsorted(middle)), first + 1), last - 1)
             self._place(walk.q[node])
@@ -131,7 +131,7 @@ class QuickClearance(Clearance):
         return False
 
     def _remembered(self, x: Array) -> Array:
-        """Measure all distances once: the same joints are come from and gone to again and again."""
+        """Measure all distances, cached: the same joints are the ends of many moves."""
         key = x.tobytes()
         if key not in self._known:
             if len(self._known) == REMEMBERED:

@@ -1,9 +1,8 @@
 """An arm among what it must not touch: itself, the table, obstacles, and the object that it carries.
 
-The fingers are where the gripper's opening puts them. The gripper (all that the arm's last joint carries) may touch the
-object. While it is held, the object may touch the table, and what it stands on, as long as it is within REST_M of where
-it was gripped or is let go.
-Where the model has no gripper a rod stands for it (gripper.py).
+The gripper (all that the arm's last joint carries) may touch the object. While it is held, the object may touch what
+it stands on, the table or an obstacle, within REST_M of where it is gripped or let go. Where the model has no gripper a
+rod stands for it (gripper.py).
 """
 
 from __future__ import annotations
@@ -21,25 +20,25 @@ from pbd.arm.collision.geometry import Body, apart
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.collision.quick_clearance import QuickClearance
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
-from pbd.arm.model import ArmModel, from_se3
+from pbd.arm.model import ArmModel
 from pbd.arm.path_sampling import polyline
 from pbd.data import GraspedObject, Obstacle
 from pbd.data.world import Stay, holds, stays
-from pbd.pose import Array, Pose, quat_about_z, quat_rotate
+from pbd.pose import Array, Pose
 
 TABLE = "the table"
 
 REST_M = 0.03
-"""Within this of where it was gripped or is let go, m, a held object may touch what it stands on there."""
+"""Within this distance of where it is gripped or let go, m, a held object may touch what it stands on there."""
 
 STEEP = float(np.cos(np.radians(45.0)))
-"""What an object stands on holds it up at less than this angle from the vertical: least z of its normal."""
+"""Least z of the normal of a surface that an object can stand on: 45 degrees from the vertical."""
 
 MOST_LOOKS = 32
-"""At how many poses of a path the tool is looked at before joints are sought along it."""
+"""Most poses of a path at which `tool_hit` checks the tool."""
 
 MOST_STAYS = 64
-"""For how many places of the object the pairs are remembered."""
+"""Places of the object whose pairs are cached."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +76,10 @@ class CollisionScene:
     """What can touch what, for one arm in one place. Not to be shared between threads, as the arm isn't.
 
     Attributes:
-        unchecked: the pairs of links that nobody checks, and why.
+        unchecked: the pairs of links that are not checked, and why.
         obstacles: names.
         links: names of those that have a shape.
-        margin_m: things that are nearer to each other count as touching.
+        margin_m: bodies that are nearer to each other count as touching.
         always: the arm against itself, the table and the obstacles.
     """
 
@@ -94,13 +93,12 @@ class CollisionScene:
         self.arm, self._table_height, self._grasped = arm, table_height, grasped
         obstacles, self.margin_m = tuple(obstacles), MARGIN_M
         self.obstacles = frozenset(obstacle.name for obstacle in obstacles)
-        self._T_universe_base = from_se3(arm.T_base_universe).inverse()
         self._links, (pairs, self.unchecked) = arm_bodies(arm), link_pairs(arm)
         self.links = frozenset(link.name for link in self._links) - {THE_TOOL}
-        world = [Body(o.name, 0, self._T_universe_base @ o.T_base_obstacle, o.shape, o.size) for o in obstacles]
+        world = [Body(o.name, 0, o.T_base_obstacle, o.shape, o.size) for o in obstacles]
         if table_height is not None:
-            T_base_table = Pose(np.array([0.0, 0.0, table_height]), quat_about_z(0.0))
-            world.insert(0, Body(TABLE, 0, self._T_universe_base @ T_base_table, "floor"))
+            T_base_table = Pose.from_rpy((0.0, 0.0, table_height), np.zeros(3))
+            world.insert(0, Body(TABLE, 0, T_base_table, "floor"))
         self._bodies = (*self._links, *world)
         around = self._against(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
         around = self._off_the_table(around)
@@ -108,7 +106,7 @@ class CollisionScene:
         self._with_object: dict[Stay, QuickClearance] = {}
 
     def closer(self) -> CollisionScene:
-        """The same scene, but things that are CLOSE_M apart don't touch."""
+        """The same scene with the margin CLOSE_M."""
         scene = copy(self)
         scene.margin_m, scene._with_object = CLOSE_M, {}
         scene.always = QuickClearance(self.arm, self._bodies, self.always.pairs, CLOSE_M)
@@ -124,13 +122,13 @@ class CollisionScene:
                     worst = self.as_hit(each, pair, x, distance)
         return worst
 
-    def meets(self, q: Array, leg: Leg) -> bool:
-        """Whether there is a hit at joints (1, k), or on straight moves in joint space from each of (m, k) to the next.
+    def is_free(self, q: Array, leg: Leg) -> bool:
+        """Whether nothing is hit at joints (1, k), or on straight moves in joint space from each of (m, k) to the next.
 
-        What comes nearer than MARGIN_M but doesn't touch counts where somebody looks: `check_path` looks elsewhere.
+        It measures at other places than `check_path`: only one of the two may notice a gap that is below the margin.
         """
         x = np.column_stack((q[[0, -1]], (leg.opening, leg.opening)))[: len(q)]
-        return any(
+        return not any(
             any(each.touches(end) for end in x)
             or (len(q) == 2 and each.meets(x))
             or (len(q) > 2 and each.meets_along(polyline(q, leg.opening, each.rates, 2.0 * self.margin_m)))
@@ -138,14 +136,15 @@ class CollisionScene:
         )
 
     def tool_hit(self, T_base_tool: Sequence[Pose], leg: Leg) -> Hit | None:
-        """Return a hit of what moves with the tool at some poses, which is there however the arm is held."""
+        """Return a hit of what moves with the tool at some poses, in whatever configuration of the arm."""
         count = len(T_base_tool)
         middle_first = sorted(range(0, count, count // MOST_LOOKS + 1), key=lambda i: abs(2 * i - count))
         for each in self.clearances(leg.stay):
             poses = (T_base_tool[i] for i in middle_first)
             met = each.tool_contact(poses, leg.opening)
             if met is not None:
-                return self._hit(each, *met)
+                pair, distance, p_base = met
+                return Hit(*each.names(pair), distance, p_base)
         return None
 
     def check_path(self, q: Array, leg: Leg | None = None) -> Hit | None:
@@ -161,7 +160,7 @@ class CollisionScene:
         return first
 
     def legs(self, T_base_tool: Sequence[Pose], grips: Sequence[bool | None]) -> tuple[Leg, ...]:
-        """Say how the arm moves through n keyframes: leg i leads to keyframe i, leg n away from the last one.
+        """Return the legs of a motion through n keyframes: leg i leads to keyframe i, leg n away from the last one.
 
         Args:
             T_base_tool: the tool's poses at the keyframes.
@@ -186,11 +185,11 @@ class CollisionScene:
         return () if self._grasped is None else stays(self._grasped, spans, tool, self._table_height)
 
     def clearances(self, stay: Stay | None) -> list[QuickClearance]:
-        """Return all that is checked while the object is where `stay` says (None: there is no object)."""
+        """Return what is checked while the object is where `stay` says (None: there is no object)."""
         return [self.always] if stay is None else [self.always, self.around_object(stay)]
 
     def around_object(self, stay: Stay) -> QuickClearance:
-        """Return what is checked because of the object: the arm, and what stands around while it is held."""
+        """Return what is checked against the object: the arm, and the world while it is held."""
         if stay not in self._with_object:
             if len(self._with_object) == MOST_STAYS:
                 self._with_object.clear()
@@ -199,18 +198,14 @@ class CollisionScene:
 
     def as_hit(self, clearance: Clearance, pair: int, x: Array, distance: float, share: float = 0.0) -> Hit:
         """Describe a pair that touches at coordinates x (k + 1,)."""
-        return self._hit(clearance, pair, distance, clearance.witness(x, pair), share)
-
-    def _hit(self, clearance: Clearance, pair: int, distance: float, p_universe: Array, share: float = 0.0) -> Hit:
-        first, second = (clearance.bodies[i].name for i in clearance.pairs[pair])
-        return Hit(first, second, distance, self._T_universe_base.inverse().act(p_universe), share)
+        return Hit(*clearance.names(pair), distance, clearance.witness(x, pair), share)
 
     def _object_pairs(self, stay: Stay) -> QuickClearance:
         thing = self._grasped
         if thing is None:
             raise ValueError("a scene without an object has none to check")
         joint, T_joint_tool = tool_on_joint(self.arm)
-        placed = (joint, T_joint_tool @ stay.pose) if stay.held else (0, self._T_universe_base @ stay.pose)
+        placed = (joint, T_joint_tool @ stay.pose) if stay.held else (0, stay.pose)
         bodies = (*self._bodies, Body(f"the {thing.shape}", *placed, thing.shape, thing.size))
         this, gripper = len(self._bodies), gripper_links(self.arm, self._links)
         others = [i for i, link in enumerate(self._links) if link.name not in gripper]
@@ -230,19 +225,18 @@ class CollisionScene:
         return QuickClearance(self.arm, bodies, np.concatenate((pairs, around)), self.margin_m, rests)
 
     def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:
-        """Whether something that stands still holds up an object."""
-        up = quat_rotate(self._T_universe_base.wxyz, (0.0, 0.0, 1.0))
-        distance, _, normal = apart(thing, self._T_universe_base @ T_base_thing, support, support.T_joint_body)
-        return bool(abs(distance) <= REST_M and -normal @ up >= STEEP)
+        """Whether an object at a pose stands on a support."""
+        distance, _, normal = apart(thing, T_base_thing, support, support.T_joint_body)
+        return bool(abs(distance) <= REST_M and -normal[2] >= STEEP)
 
     def _against(self, bodies: Sequence[Body], ones: Iterable[int], others: Iterable[int]) -> Pairs:
-        """Pair up bodies, but for those that no joint moves against each other."""
+        """Pair up bodies, without those that no joint moves against each other."""
         others = tuple(others)
         pairs = np.array([(a, b) for a in ones for b in others], dtype=np.int64).reshape(-1, 2)
         return pairs[(rates(self.arm, bodies, pairs) > 0.0).any(axis=1)]
 
     def _off_the_table(self, around: Pairs) -> Pairs:
-        """Leave out what is on the table however the arm stands: a turntable that it is mounted with."""
+        """Leave out links that touch the table in nearly every configuration, such as the arm's mount."""
         on_table = np.flatnonzero([self._bodies[second].name == TABLE for _, second in around])
         clearance = QuickClearance(self.arm, self._bodies, around[on_table])
         always = on_table[list(clearance.always_touching(samples(self.arm, SAMPLES), NEARLY_ALWAYS))]

@@ -1,6 +1,6 @@
-"""Whether the collision shapes of an arm cover it: what has none is never found to touch anything.
+"""Whether the collision shapes of an arm cover it: a link without one is never found to touch anything.
 
-Shapes are as large as the links that they stand for; a mesh in millimetres that is read in metres isn't.
+A shape should be as large as its link; one whose unit was mistaken isn't.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from pbd.arm.model import ArmModel
 from pbd.io.urdf_shapes import Shape, read_shapes
 
 SMALL = 0.5
-"""A shape is doubted below this share of what is drawn of its link, or of the distance between its joints. Of the
-bundled arms' links the smallest shares are 0.78 and 0.79."""
+"""A shape is doubted below this share of its link's visual shape, or of the distance between its joints. The smallest
+shares of the bundled arms are 0.78 and 0.79."""
 
 LEAST_LINK_M = 0.01
 """A link whose joints are closer than this may do without a shape: a wrist may be several joints in one place."""
@@ -27,7 +27,7 @@ LEAST_LINK_M = 0.01
 
 @lru_cache(maxsize=4)
 def doubts(arm: ArmModel) -> dict[str, str]:
-    """Return the links whose shapes can't be trusted, in the URDF's order, and why ("has no collision shape").
+    """Return the links whose shapes are doubtful, in the URDF's order, and why ("has no collision shape").
 
     Raises:
         RobotError: as `link_bodies`.
@@ -48,7 +48,7 @@ def doubts(arm: ArmModel) -> dict[str, str]:
 
 
 def _between_joints(arm: ArmModel, joint: int, own: list[Body]) -> str | None:
-    """Say what is wrong with all that moves with a joint (0: with the base), by how far the next joints are."""
+    """Compare the bodies on a joint (0: on the base) with the distance to the next joints; return what is wrong."""
     model = arm.full
     following = [i for i in range(1, model.njoints) if model.parents[i] == joint]
     length = max((float(np.linalg.norm(model.jointPlacements[i].translation)) for i in following), default=0.0)

@@ -1,8 +1,9 @@
-"""The ways to hold the arm at a pose that a joint path may choose from (branches), and what each costs."""
+"""The branches of a pose: different joints that reach it, for a joint path to choose from, and their cost."""
 
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 
 from pbd.arm.ik.closed_form import closed_form, flipped_elbow
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
@@ -10,32 +11,32 @@ from pbd.arm.ik.partial_pose import FULL_POSE, SLACK_RAD, finish, is_partial, so
 from pbd.arm.ik.seven_joints import seven_joints
 from pbd.arm.ik.solver import solve
 from pbd.arm.ik.starts import manipulability, starts_of
-from pbd.arm.model import ArmModel
-from pbd.arm.tool import Target, target
+from pbd.arm.model import ArmModel, to_se3
 from pbd.lapack import lapack
 from pbd.pose import Array, Pose
 
 _dposv = lapack().dposv
 
 MARGIN_RAD = 0.1
-"""A joint nearer to a limit than this (rad, or m) costs something."""
+"""A joint nearer to a limit than this (rad, or m) has a cost."""
 AT_LIMIT = 0.3
 """Cost of a joint at its limit, in rad of joint travel."""
 SINGULAR = 0.3
 """Cost of a singular arm, in rad of joint travel."""
 
 CARRIED_RELAXED = 2
-"""Solutions of the pose before from which an arm with too few joints starts: it has few branches, and is slow."""
+"""States before from which an arm with too few joints starts: it has few branches, and its descents are slow."""
 CARRIED_APART_RAD, FRESH_APART_RAD, FRESH_APART_REDUNDANT_RAD = 0.3, 2.0, 1.2
-"""Starts nearer to each other than this, in every joint, lead to the same solution; the last of a redundant arm."""
+"""Starts nearer to each other than this, in every joint, count as one: of the states before, from seeds, and from seeds
+of a redundant arm."""
 ALONG_APART_RAD = 0.6
-"""How far apart ways to hold a redundant arm are taken of a branch, at most: those nearest to what is carried."""
+"""Largest spacing of the configurations that are taken of a redundant arm's branch."""
 NEARBY = 256
-"""Samples near the pose that starts are chosen from."""
+"""Seeds near the pose that starts are chosen from."""
 SAME_RAD = 1e-3
 """Solutions nearer to each other than this, in every joint, are one."""
 EXACT = 1e-9
-"""Of |e| (m, rad): below it a solution is left as it is."""
+"""|e| (m, rad) below which a solution isn't polished."""
 
 _RIDGE = 1e-12 * np.eye(6)  # keeps the step small where the arm is singular
 
@@ -45,19 +46,18 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
 
     Args:
         before: (b, k) rad, where the arm may come from, the likeliest first.
-        starts: the number of descents: a third of them from `before`, the others from seeds near the pose, those
-            first from which the way to what is carried on is shortest. Of each of a redundant arm's branches a third as
-            many are taken.
+        starts: the number of descents: a third from `before`, the others from those seeds near the pose that are
+            nearest to `before`. A third as many configurations are taken of each branch of a redundant arm.
     """
     if is_partial(arm):
         return _partial(arm, T_base_tool, before)
-    goal = target(T_base_tool)
+    goal = to_se3(T_base_tool)
     third = starts // 3
     carried = apart(before, third, CARRIED_APART_RAD)
     around = min(ALONG_APART_RAD, 2.0 * np.pi / third)
     curves = (branch[_nearest_first(arm, branch, carried)] for branch in seven_joints(arm, goal))
     ways = np.vstack((closed_form(arm, goal), *(apart(branch, third, around) for branch in curves)))
-    # What is carried is for singular poses, which have more than these ways.
+    # A singular pose has more solutions than these: descents from the states before find those.
     if len(ways) and len(found := _solutions(arm, goal, np.vstack((ways, carried)))):
         return found
     seeds = starts_of(arm).nearest(goal, NEARBY)
@@ -69,7 +69,7 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
     return found
 
 
-def _solutions(arm: ArmModel, goal: Target, q_seeds: Array) -> Array:
+def _solutions(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> Array:
     """Find the different solutions (m, k) that seeds lead to, exact to rounding."""
     q, squares = descend_each(arm, goal, q_seeds, all_of_them=True)
     solved = squares < SOLVED
@@ -79,7 +79,7 @@ def _solutions(arm: ArmModel, goal: Target, q_seeds: Array) -> Array:
 
 
 def _nearest_first(arm: ArmModel, q: Array, carried: Array) -> Array:
-    """The order of joints (m, k) by how far they are from the nearest of those that are carried on."""
+    """Order joints (m, k) by their distance, modulo whole turns, to the nearest of others."""
     way = q[:, None] - carried
     way -= (2.0 * np.pi) * arm.turns * np.round(way / (2.0 * np.pi))
     order: Array = np.einsum("smk,smk->sm", way, way).min(axis=1).argsort()
@@ -87,7 +87,7 @@ def _nearest_first(arm: ArmModel, q: Array, carried: Array) -> Array:
 
 
 def turn_toward(arm: ArmModel, q: Array, there: Array) -> Array:
-    """Turn joints q by whole turns, as far as their limits let them, to where they are nearest to others."""
+    """Turn joints q by whole turns, within their limits, to where they are nearest to others."""
     turns = np.round((there - q) / (2.0 * np.pi)) * arm.turns
     least, most = np.ceil((arm.limits.lower - q) / (2.0 * np.pi)), np.floor((arm.limits.upper - q) / (2.0 * np.pi))
     turned: Array = q + 2.0 * np.pi * np.clip(turns, np.minimum(least, 0.0), np.maximum(most, 0.0))
@@ -109,7 +109,7 @@ def margins(arm: ArmModel, q: Array) -> Array:
 
 
 def apart(q: Array, most: int, distance: float) -> Array:
-    """Keep the first `most` of configurations (m, k) that are farther than this, in some joint, from all kept."""
+    """Keep the first `most` of configurations (m, k) that differ from all kept by more than this in some joint."""
     left, kept = q, list[Array]()
     while len(left) and len(kept) < most:
         kept.append(left[0])
@@ -117,7 +117,7 @@ def apart(q: Array, most: int, distance: float) -> Array:
     return np.array(kept).reshape(-1, q.shape[1])
 
 
-def polish(arm: ArmModel, goal: Target, q: Array) -> Array:
+def polish(arm: ArmModel, goal: pin.SE3, q: Array) -> Array:
     """Take one Newton step from solutions (m, k) within tolerance: exact to rounding, unless a limit bars it."""
     residual = Residual(arm, goal)
     for i, each in enumerate(q):
@@ -129,7 +129,7 @@ def polish(arm: ArmModel, goal: Target, q: Array) -> Array:
 
 
 def _partial(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:
-    goal, carried = target(T_base_tool), apart(before, CARRIED_RELAXED, CARRIED_APART_RAD)
+    goal, carried = to_se3(T_base_tool), apart(before, CARRIED_RELAXED, CARRIED_APART_RAD)
     ways = solve_partial(arm, goal, carried) + [finish(arm, goal, q) for q in carried]
     reached = [way for way in ways if way.reached]
     least = min((way.off for way in reached), default=0.0)

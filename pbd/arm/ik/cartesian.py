@@ -1,7 +1,7 @@
-"""Cartesian inverse kinematics: joints along a path of the tool that lead on continuously from its first to its last.
+"""Cartesian inverse kinematics: joints along a path of the tool, continuous from its first pose to its last.
 
-Each pose is solved from between the joints that are given at the path's ends, so an arm with joints to spare uses them
-evenly. Intermediate poses are solved where a joint moves far, to tell a fast wrist from a leap to another branch.
+Each pose is solved from a seed between the given joints of both ends, so a redundant arm uses its spare joint evenly.
+Intermediate poses are solved where a joint moves far, to tell a fast wrist from a leap to another branch.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ import numpy as np
 
 from pbd.arm.ik.levenberg_marquardt import Residual
 from pbd.arm.ik.partial_pose import finish, is_partial
-from pbd.arm.model import ArmModel
-from pbd.arm.tool import target
+from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose, quat_slerp
 
 SPACING_M, SPACING_RAD = 0.005, np.radians(2.0)
@@ -22,7 +21,7 @@ SPACING_M, SPACING_RAD = 0.005, np.radians(2.0)
 LEAP_RAD = 0.1
 """A joint that moves by more than this from one pose to the next may be leaping."""
 
-_BETWEEN = 8  # intermediate steps that tell a leap
+_BETWEEN = 8  # intermediate steps that expose a leap
 _FEWEST = 8  # poses on a line
 _STEPS, _SETTLED = 12, 1e-9
 _RIDGE = 1e-10
@@ -43,15 +42,15 @@ def _between(T_start: Pose, T_end: Pose, count: int) -> tuple[Pose, ...]:
 
 
 def follow(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, q_end: Array) -> Array | None:
-    """Find joints (n, k) for n poses of the tool, close together, that lead on from joints (k,) to others.
+    """Find continuous joints (n, k) for n poses of the tool, close together, from joints (k,) to others.
 
-    None where the arm can't follow: a pose is out of its reach or its limits, or it would have to leap.
+    None where the arm can't follow: a pose is out of reach or beyond the limits, or the arm would have to leap.
     """
     q, last = np.empty((len(T_base_tool), len(q_start))), len(T_base_tool) - 1
     q[0], q[last] = q_start, q_end
     step = (q_end - q_start) / last
     for i in range(1, last):
-        # A redundant arm's spare joint is led back between the ends; another arm goes on from the pose before.
+        # A redundant arm's seed is drawn back to between the ends; another arm's continues from the pose before.
         kept = (last - i) / (last - i + 1) if arm.model.nv > 6 else 1.0
         seed = q_start + i * step + kept * (q[i - 1] - q_start - (i - 1) * step)
         found = refine(arm, T_base_tool[i], seed)
@@ -78,8 +77,8 @@ def _leaps(arm: ArmModel, T_before: Pose, T_after: Pose, q_before: Array, q_afte
 
 
 def refine(arm: ArmModel, pose: Pose, q_seed: Array) -> Array | None:
-    """Go from joints (k,) that are nearly right for a pose to those that are; None where they aren't within limits."""
-    goal = target(pose)
+    """Refine joints (k,) that nearly reach a pose; None where that fails or leaves the limits."""
+    goal = to_se3(pose)
     if is_partial(arm):
         found = finish(arm, goal, q_seed)
         return found.q if found.reached else None

@@ -1,8 +1,8 @@
-"""All ways to bring the tool of a six-joint arm to a pose, in closed form, where its axes allow that.
+"""All solutions for the tool's pose of a six-joint arm, in closed form, where its axes allow that.
 
-Two kinds of arms, each with up to eight ways: joints 2, 3 and 4 parallel with 5 and 6 crossing (UR, Z1), and joints 2
-and 3 parallel with 4, 5 and 6 through one point (a spherical wrist). An arm that is so only nearly is met nearly:
-descents finish it.
+There are two kinds of arms, each with up to eight solutions: joints 2, 3 and 4 parallel with 5 and 6 crossing (UR, Z1),
+and joints 2 and 3 parallel with 4, 5 and 6 through one point (a spherical wrist). Of an arm that is so only nearly the
+solutions are approximate: descents refine them.
 """
 
 from __future__ import annotations
@@ -11,39 +11,37 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from pbd.arm.ik.subproblems import TOGETHER_M, Axis, axes_of, beyond, sines, within_turns
 from pbd.arm.model import ArmModel
-from pbd.arm.tool import Target, in_universe
 from pbd.pose import Array
 
 STRETCHED_RAD = float(np.arccosh(1.001))
-"""How far short an angle may be, rad, as `meet` says: up to here it is the arm stretched out."""
+"""Largest shortfall of an angle, rad, as `meet` defines it, that still is the arm stretched out."""
 BEYOND_RAD = 0.05
-"""A way this far beyond a joint's limit is left out: no descent from there comes back."""
+"""A solution farther than this beyond a joint's limit is left out: no descent from there comes back."""
 
 
 _Ways = tuple[tuple[Array, ...], tuple[Array, ...]]
 
 
 class _Kind(NamedTuple):
-    """An arm of one of the two kinds; `signs` (6,): -1 where a parallel joint turns the other way than its axis."""
+    """An arm of one of the two kinds; `signs` (6,): -1 where a parallel joint turns opposite to its axis."""
 
     axes: list[Axis]
-    tool: Target
+    T_base_tool: pin.SE3
     signs: Array
     spherical: bool
 
 
-def closed_form(arm: ArmModel, goal: Target) -> Array:
+def closed_form(arm: ArmModel, goal: pin.SE3) -> Array:
     """Return joints (m, 6) that bring the tool to a pose, to rounding; none where the arm isn't of these kinds."""
     kind = _kind(arm)
     if kind is None:
         return np.empty((0, len(arm.limits.lower)))
-    wanted = in_universe(arm, goal)
-    R = wanted.R @ kind.tool.R.T
-    # Where the point of the last axis goes.
-    p = wanted.p + R @ (kind.axes[5].p - kind.tool.p)
+    moved = goal * kind.T_base_tool.inverse()
+    R, p = moved.rotation, moved.act(kind.axes[5].p)  # where the point of the last axis goes
     q, short = (_spherical if kind.spherical else _parallel)(kind.axes, R, p)
     every = np.stack(np.broadcast_arrays(*q), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 6)
     found = within_turns(arm, every * kind.signs)
@@ -53,9 +51,9 @@ def closed_form(arm: ArmModel, goal: Target) -> Array:
 
 
 def flipped_elbow(arm: ArmModel, q: Array) -> Array | None:
-    """Return joints (k,) that hold the tool as joints q do, the elbow of three parallel joints on its other side.
+    """Return joints (k,) with the tool as at joints q, and the elbow of three parallel joints on its other side.
 
-    None where no three joints in a row are parallel, or the limits bar it.
+    None where no three successive joints are parallel, or limits forbid it.
     """
     elbow = _elbow(arm)
     if elbow is None:
@@ -74,7 +72,7 @@ def flipped_elbow(arm: ArmModel, q: Array) -> Array | None:
 
 @lru_cache(maxsize=4)
 def _elbow(arm: ArmModel) -> tuple[int, Axis, Array, Array, Array] | None:
-    """The first of three parallel joints, their axis, the ways (3,) m from each to the next, and their signs (3,)."""
+    """The first of three parallel joints, their axis, the offsets (3,) m between them, and their signs (3,)."""
     axes, _ = axes_of(arm)
     for i, (a, b, c) in enumerate(zip(axes, axes[1:], axes[2:], strict=False) if arm.turns.all() else ()):
         if a.is_parallel(b) and a.is_parallel(c):

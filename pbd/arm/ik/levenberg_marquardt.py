@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt with active joint limits: from given joints down to the nearest minimum of |e|^2.
+"""Levenberg-Marquardt with active joint limits: from a seed down to the nearest minimum of |e|^2.
 
 e = (p - p_target, log3(R R_target^T)), in m and rad; 1 rad counts as 1 m. A step dq solves
 (J^T J + mu |e|^2 I) dq = J^T e; one that lowers |e|^2 is kept and mu falls, else mu rises. Joints at a bound that want
@@ -14,14 +14,13 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.model import ArmModel
-from pbd.arm.tool import Target, in_universe, tool_in_universe
 from pbd.lapack import lapack
 from pbd.pose import Array
 
 _dposv = lapack().dposv
 
 SOLVED = 0.999e-5**2
-"""Of |e|^2, which is below this only where the tool is within 1e-5 m and 1e-5 rad, whoever rounds."""
+"""Threshold of |e|^2: below it the tool is within 1e-5 m and 1e-5 rad, however that is rounded."""
 MOST_STEPS = 100
 MOST_TURN = 1.0
 """rad (or m) that a joint may move in one step."""
@@ -42,22 +41,22 @@ UNTIL_IT_STOPS = MOST_STEPS
 
 def descend_each(
     arm: ArmModel,
-    target: Target,
+    target: pin.SE3,
     q_seeds: Array,
     *,
     patience: int = PATIENCE,
     all_of_them: bool = False,
 ) -> tuple[Array, Array]:
-    """Follow seeds down to the nearest minima of |e|^2, or until they are given up, one by one until one arrives.
+    """Descend from seeds, one by one until one arrives.
 
     Args:
         q_seeds: (m, k) rad.
         patience: slow steps in a row after which a seed is given up.
-        all_of_them: go on with the others when one has arrived.
+        all_of_them: descend from the others too when one has arrived.
 
     Returns:
-        The joints (n, k), within limits, that the first n seeds came to, and |e|^2 there (n,). Solutions are those
-        below SOLVED: the last at most, unless `all_of_them` were followed.
+        The joints (n, k), within limits, at which the first n descents ended, and |e|^2 there (n,). Those below SOLVED
+        are solutions: only the last can be one, unless `all_of_them`.
     """
     found, squares = [], []
     residual, bounds = Residual(arm, target), (arm.limits.lower, arm.limits.upper)
@@ -70,23 +69,22 @@ def descend_each(
     return np.array(found), np.array(squares)
 
 
-def residual_norms(arm: ArmModel, target: Target, q: Array) -> tuple[float, float]:
-    """Return how far the tool is from a target at joints q (k,), by pinocchio: m, rad."""
+def residual_norms(arm: ArmModel, target: pin.SE3, q: Array) -> tuple[float, float]:
+    """Return how far the tool is from a target at joints q (k,): m, rad."""
     T_base_tool = arm.placement(q)
-    off, turned = T_base_tool.translation - target.p, pin.log3(T_base_tool.rotation @ target.R.T)
+    off = T_base_tool.translation - target.translation
+    turned = pin.log3(T_base_tool.rotation @ target.rotation.T)
     return math.sqrt(off.dot(off)), math.sqrt(turned.dot(turned))
 
 
 class Residual:
-    """The residual e and its Jacobian at given joints, but for log3's own derivative.
+    """The residual e and its Jacobian at given joints, without log3's own derivative.
 
-    That derivative leaves J^T e as it is, since log3(R R_target^T) is its own axis, and is the identity at e = 0.
+    That derivative doesn't change J^T e, since log3(R R_target^T) is its own axis, and is the identity at e = 0.
     """
 
-    def __init__(self, arm: ArmModel, target: Target) -> None:
-        self.tool = tool_in_universe(arm)
-        self.p, self.R = in_universe(arm, target)
-        self.R_inverse = self.R.T
+    def __init__(self, arm: ArmModel, target: pin.SE3) -> None:
+        self.tool, self.p, self.R_inverse = arm.tool, target.translation.copy(), target.rotation.T.copy()
 
     def __call__(self, q: Array) -> tuple[Array, Array]:
         """Return e (6,) and J (6, k) at joints (k,)."""
@@ -109,10 +107,10 @@ def descend(
     stalled: float = STALLED,
     still: float = 0.0,
 ) -> tuple[Array, float]:
-    """Descend from a seed (k,) on any error.
+    """Minimize the square of a residual from a seed (k,) on.
 
     Args:
-        residual: gives e (m,) and its Jacobian (m, k) at joints (k,).
+        residual: returns e (m,) and its Jacobian (m, k) at joints (k,).
         bounds: lower and upper (k,) rad.
         patience: slow steps in a row after which it ends.
         solved: |e|^2 below this ends it.

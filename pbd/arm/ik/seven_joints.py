@@ -1,10 +1,10 @@
-"""All ways to bring the tool of a seven-joint arm to a pose, for a row of angles of its last joint.
+"""All solutions for the tool's pose of a seven-joint arm, at a row of angles of its last joint.
 
 For arms whose joints 1, 2 and 3 cross in one point (the shoulder), and 5 and 6 in another (the wrist): panda, xarm7,
-iiwa. With the last joint given, the wrist's place is known, and each of three angles has up to two values: the elbow's
-from how far the wrist is from the shoulder, joint 6's from where the shoulder lies as seen from the wrist, joint 2's
-from how the upper arm is turned. (He and Liu, "Analytical Inverse Kinematics for Franka Emika Panda", 2021, has the
-same for panda by geometry. Here it is by the canonical subproblems, as in closed_form.py, many angles at a time.)
+iiwa. The last joint's angle fixes the wrist, and each of three other angles has up to two values: the elbow's follows
+from the distance of wrist and shoulder, joint 6's from the shoulder's direction as seen from the wrist, joint 2's from
+the rotation of the upper arm. (He and Liu, "Analytical Inverse Kinematics for Franka Emika Panda", 2021, do the same
+for panda by geometry. Here it is by the canonical subproblems, as in closed_form.py, many angles at a time.)
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+import pinocchio as pin
 
 from pbd.arm.ik.subproblems import TINY, TOGETHER_M, Axis, axes_of, beyond, sines, within_turns
 from pbd.arm.model import ArmModel
-from pbd.arm.tool import Target, in_universe
 from pbd.pose import Array
 
 COUNT, FEWEST = 128, 8
@@ -25,15 +25,16 @@ COUNT, FEWEST = 128, 8
 PAST_RAD = 0.02
 """How far past the elbow's reach the last joint is tried, so that two ranges of it are never taken for one."""
 LEAP_RAD, FINER, CLOSE_RAD = 0.3, 8, 1.0
-"""Where another joint moves by more from one angle to the next, so many are tried between; so near to the limits."""
+"""Where another joint moves by more than LEAP_RAD between two angles, and is within CLOSE_RAD of its limits, FINER more
+angles are tried between."""
 APART_RAD = 1.0
-"""Where it moves by more even so, these are two branches."""
+"""Neighbouring solutions that are still farther apart than this, in some joint, belong to two branches."""
 NEARLY_RAD = 0.2
-"""A place where a family comes this near to the limits, and stays beyond, may lead to a short branch."""
+"""Where solutions come this near to the limits, but stay beyond, a short branch may lie."""
 
 
 @lru_cache(maxsize=4)
-def _axes(arm: ArmModel) -> tuple[list[Axis], Target] | None:
+def _axes(arm: ArmModel) -> tuple[list[Axis], pin.SE3] | None:
     """The arm's axes and its tool; None where it isn't of this kind."""
     if arm.model.nv != 7 or not arm.turns.all():
         return None
@@ -46,29 +47,28 @@ def _axes(arm: ArmModel) -> tuple[list[Axis], Target] | None:
     return axes, tool
 
 
-def seven_joints(arm: ArmModel, goal: Target) -> list[Array]:
+def seven_joints(arm: ArmModel, goal: pin.SE3) -> list[Array]:
     """Return every branch, as joints (m, 7) along it; an arm that isn't of this kind has none.
 
-    Those of one configuration lie just beyond the limits: a descent from there may lead to a short branch.
+    A branch of one configuration lies just beyond the limits: a descent from there may lead to a short branch.
     """
     if (known := _axes(arm)) is None:
         return []
     axes, tool = known
-    wanted = in_universe(arm, goal)
-    R = wanted.R @ tool.R.T
-    to_shoulder = axes[0].p - R @ (axes[6].p - tool.p) - wanted.p
+    moved = goal * tool.inverse()
+    R, to_shoulder = moved.rotation, axes[0].p - moved.act(axes[6].p)
     q7 = _last(arm, axes, R.T @ to_shoulder, axes[4].p - axes[6].p)
     if not len(q7):
         return []
     q, off = _ways(arm, axes, R, to_shoulder, q7)
-    # Where other joints are far faster than the last, branches are short in it.
+    # Where other joints are far faster than the last, branches span few of its angles.
     near = np.flatnonzero((_leaps(q, off) > LEAP_RAD).any(axis=0))
     finer = np.setdiff1d(q7[near] + np.linspace(0.0, 1.0, FINER + 2)[1:-1, None] * (q7[near + 1] - q7[near]), q7)
     if len(finer):
         q_finer, off_finer = _ways(arm, axes, R, to_shoulder, finer)
         order = np.argsort(np.append(q7, finer))
         q, off = np.hstack((q, q_finer))[:, order], np.hstack((off, off_finer))[:, order]
-    # Where families come nearest to the limits and stay beyond.
+    # Where solutions come nearest to the limits but stay beyond.
     beside = np.pad(off, ((0, 0), (1, 1)), constant_values=np.inf)
     dips = (off > 0.0) & (off < NEARLY_RAD) & (off <= beside[:, :-2]) & (off <= beside[:, 2:])
     branches = list(q[dips][:, None])
@@ -80,7 +80,7 @@ def seven_joints(arm: ArmModel, goal: Target) -> list[Array]:
 
 
 def _leaps(q: Array, off: Array) -> Array:
-    """How far joints (8, n, 7) move from each angle of the last to the next, rad (8, n - 1); 0 far from the limits."""
+    """Largest motion of joints (8, n, 7) between angles of the last, rad (8, n - 1); 0 far outside the limits."""
     step = np.diff(q, axis=1)
     step -= 2.0 * np.pi * np.round(step / (2.0 * np.pi))
     near = np.minimum(off[:, :-1], off[:, 1:]) < CLOSE_RAD
@@ -88,9 +88,9 @@ def _leaps(q: Array, off: Array) -> Array:
 
 
 def _ways(arm: ArmModel, axes: Sequence[Axis], R: Array, from_last: Array, q7: Array) -> tuple[Array, Array]:
-    """Return joints (8, n, 7) by the sides of shoulder, wrist and elbow and by n angles of the last joint.
+    """Return joints (8, n, 7), for two sides each of shoulder, wrist and elbow, at n angles of the last joint.
 
-    With them how far (8, n) each is from being a way, rad: outside its limits, or short of a place where two ways meet;
+    With them how far (8, n) each is from being a solution, rad: beyond its limits, or short of reach as `meet` says;
     0 where it is one.
     """
     first, second, third, fourth, fifth, sixth, last = axes
@@ -119,7 +119,7 @@ def _ways(arm: ArmModel, axes: Sequence[Axis], R: Array, from_last: Array, q7: A
 
 
 def _last(arm: ArmModel, axes: Sequence[Axis], to_shoulder: Array, to_wrist: Array) -> Array:
-    """Angles (n,) of the last joint, in order: all over where the wrist is in the elbow's reach, within limits."""
+    """Angles (n,) of the last joint, in order, at which the wrist is within the elbow's reach, within limits."""
     first, fourth, fifth, h, (lower, upper) = axes[0], axes[3], axes[4], axes[6].h, (arm.limits.lower, arm.limits.upper)
     bends = np.linspace(max(lower[3], -np.pi), min(upper[3], np.pi), COUNT)
     reach = np.linalg.norm(fourth.p - first.p + fourth.turn(sines(bends), fifth.p - fourth.p), axis=1)

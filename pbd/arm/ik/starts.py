@@ -1,14 +1,14 @@
-"""Where inverse kinematics starts from: sampled configurations of an arm, found by where they put its tool."""
+"""Seeds for inverse kinematics: sampled configurations of an arm, looked up by the pose of their tool."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 
 import numpy as np
+import pinocchio as pin
 
 from pbd.arm.model import ArmModel, FloatArray
 from pbd.arm.reach import sample
-from pbd.arm.tool import Target
 from pbd.pose import Array
 
 SAMPLES = 10_000
@@ -25,7 +25,7 @@ class Starts:
 
     Attributes:
         q: (n, k) rad.
-        p: (n, 3) m, where they put the tool.
+        p: (n, 3) m, the tool's positions.
         clumsy: 25th percentile of manipulability.
     """
 
@@ -37,14 +37,14 @@ class Starts:
         J = np.array([arm.jacobian(q) for q in self.q[:_MEASURED]])
         self.clumsy = float(np.quantile(manipulability(J), CLUMSY))
 
-    def nearest(self, target: Target, count: int) -> Array:
+    def nearest(self, goal: pin.SE3, count: int) -> Array:
         """Return the (count, k) samples whose tool is nearest to a pose, nearest first."""
-        wanted = np.concatenate((target.p, ROTATION_WEIGHT_M * target.R.ravel())).astype(np.float32)
+        wanted = np.concatenate((goal.translation, ROTATION_WEIGHT_M * goal.rotation.ravel())).astype(np.float32)
         # Half the squared distance, without the term common to all samples. A tree in twelve dimensions is no faster.
         return self._least(self._half_squares - self._features @ wanted, count)
 
     def at(self, p: Array, count: int) -> Array:
-        """Return the (count, k) samples whose tool is nearest to a place p (3,) in base, however turned."""
+        """Return the (count, k) samples whose tool is nearest to a position p (3,) in base, in any rotation."""
         return self._least(np.linalg.norm(self.p - p, axis=1), count)
 
     def _least(self, distance: FloatArray, count: int) -> Array:

@@ -13,18 +13,17 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.model import ArmModel
-from pbd.arm.tool import Target
 from pbd.pose import Array
 
 PARALLEL, TOGETHER_M = 1e-3, 1e-3
 """Sine of the angle between parallel axes at most; distance of crossing ones at most, m."""
 TINY = 1e-12
-"""Keeps a ratio finite where a joint has no say."""
+"""Keeps a ratio finite where a joint has no influence."""
 
 
 @dataclass(eq=False)
 class Axis:
-    """A joint's axis with all joints at zero, in pinocchio's world: its direction h (3,), a point of it p (3,) m."""
+    """A joint's axis with all joints at zero, in base: its direction h (3,), a point on it p (3,) m."""
 
     h: Array
     p: Array
@@ -35,7 +34,7 @@ class Axis:
         return np.cross(self.h, np.eye(3))
 
     def turn(self, by: tuple[Array, Array], v: Array) -> Array:
-        """Turn vectors (..., 3) by angles (...) of which the `sines` are given."""
+        """Turn vectors (..., 3) by angles (...) given by their `sines`."""
         return _turned(self.K, by, v)
 
     def back(self, by: tuple[Array, Array], v: Array) -> Array:
@@ -43,15 +42,15 @@ class Axis:
         return _turned(self.K.T, by, v)
 
     def align(self, v: Array, w: Array) -> Array:
-        """Angles (...) by which v is to be turned to come nearest to w; both (..., 3)."""
+        """Angles (...) that turn v nearest to w; both (..., 3)."""
         across = v @ self.K
         angle: Array = np.arctan2(_dot(across, w), -_dot(across @ self.K, w))
         return angle
 
     def meet(self, n: Array, v: Array, d: Array) -> tuple[Array, Array]:
-        """Angles (2, ...) with n . turned(v) = d (...), to both sides; and how far they are short, rad.
+        """Angles (2, ...) with n . turned(v) = d (...), to both sides; and by how much they fall short, rad.
 
-        Where there is none it is the nearest, short by the angle's imaginary part.
+        Where no angle solves it, the nearest is given; the shortfall is the imaginary part of the complex solution.
         """
         across = v @ self.K
         a, b = -(across @ self.K) @ n, across @ n
@@ -60,11 +59,11 @@ class Axis:
         return np.stack((middle + half, middle - half)), np.arccosh(np.maximum(np.abs(cosine), 1.0))
 
     def bend(self, upper: Array, fore: Array, reach: Array) -> tuple[Array, Array]:
-        """Angles at which |upper + turned(fore)| is |reach|, of vectors (..., 3) m; as `meet` gives them."""
+        """Angles with |upper + turned(fore)| = |reach|, of vectors (..., 3) m; returned as by `meet`."""
         return self.meet(upper, fore, 0.5 * (_dot(reach, reach) - upper @ upper - fore @ fore))
 
     def crossing(self, other: Axis) -> Array | None:
-        """Where it crosses another one (3,) m; None where it doesn't."""
+        """Point (3,) m where it crosses another axis; None where it doesn't."""
         normal = np.cross(self.h, other.h)
         square, off = float(normal @ normal), other.p - self.p
         if square < PARALLEL**2 or abs(off @ normal) > TOGETHER_M * math.sqrt(square):
@@ -73,18 +72,17 @@ class Axis:
         return place
 
     def is_parallel(self, other: Axis) -> bool:
-        """Whether it leads the same way as another one, or the opposite."""
+        """Whether it is parallel to another axis, in either direction."""
         return bool(np.linalg.norm(np.cross(self.h, other.h)) < PARALLEL)
 
 
-def axes_of(arm: ArmModel) -> tuple[list[Axis], Target]:
-    """Find the axes of an arm, and its tool, with all joints at zero."""
+def axes_of(arm: ArmModel) -> tuple[list[Axis], pin.SE3]:
+    """Return the axes of an arm, and T_base_tool, with all joints at zero."""
     model, data = arm.model, arm.model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
     h = pin.computeJointJacobians(model, data, pin.neutral(model))[3:].T
     axes = [Axis(h[i].copy(), data.oMi[i + 1].translation.copy()) for i in range(len(h))]
-    tool = data.oMf[arm.tool_id]
-    return axes, Target(tool.translation.copy(), tool.rotation.copy())
+    return axes, data.oMf[arm.tool_id].copy()
 
 
 def sines(q: Array) -> tuple[Array, Array]:

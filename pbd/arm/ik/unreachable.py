@@ -1,4 +1,4 @@
-"""Why an arm can't reach a pose: how far the place lies beyond its reach, and which joints stand at their limits."""
+"""Why an arm can't reach a pose: how far the position lies beyond its reach, and which joints are at their limits."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from pbd.arm.ik.levenberg_marquardt import Residual
 from pbd.arm.ik.partial_pose import nearest_place
 from pbd.arm.ik.solver import TOLERANCE_M, IkResult, solve
 from pbd.arm.ik.starts import starts_of
-from pbd.arm.model import ArmModel
-from pbd.arm.tool import target
+from pbd.arm.model import ArmModel, to_se3
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
 
-_STARTS = 2  # seeds from which the place alone is tried too, where the nearest pose doesn't lead to it
-_SHARE = 0.1  # a joint that pushes less than this against its limit, beside the one that pushes most, isn't named
+_STARTS = 2  # further seeds for the position alone
+_SHARE = 0.1  # a joint is named if it pushes against its limit with at least this share of the largest push
 
 
 @dataclass(frozen=True)
@@ -24,9 +23,9 @@ class Unreached:
     """What stops an arm short of a pose.
 
     Attributes:
-        beyond_m: how far the place is from the nearest one that the tool can come to in any attitude; 0: it can.
-        outside: the place lies farther out than that nearest one, rather than too near the arm itself.
-        limits: the joints at their limits that would have to go beyond them, and which limit: "lower" or "upper".
+        beyond_m: distance of the position from the nearest that the tool reaches in any rotation; 0 where it does.
+        outside: the position is too far out, rather than too near to the arm.
+        limits: the joints that would have to exceed a limit, and which: "lower" or "upper".
     """
 
     beyond_m: float
@@ -34,7 +33,7 @@ class Unreached:
     limits: tuple[tuple[str, str], ...]
 
     def __str__(self) -> str:
-        """Say it as the end of a sentence about the pose, "which is ..."."""
+        """Complete a sentence about the pose, "which is ..."."""
         at = " and ".join(f"{joint} at its {side} limit" for joint, side in self.limits)
         if self.beyond_m == 0.0:
             return f"reachable, but not with the tool at this angle{f' ({at})' if at else ''}"
@@ -43,11 +42,12 @@ class Unreached:
 
 
 def find_reason(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Unreached:
-    """Find out what stops an arm at the nearest pose that it reaches (`solve`)."""
-    goal = target(T_base_tool)
+    """Find out what stops an arm at the nearest pose that `solve` found."""
+    goal = to_se3(T_base_tool)
     residual = Residual(arm, goal)
     q_least, gap_least, beyond = nearest.q, T_base_tool.p - arm.forward(nearest.q).p, np.inf
-    others = () if nearest.partial else starts_of(arm).at(goal.p, _STARTS)  # relaxed, the place alone was sought
+    # An arm with too few joints is at the nearest position already.
+    others = () if nearest.partial else starts_of(arm).at(T_base_tool.p, _STARTS)
     for q_seed in (nearest.q, *others):
         q = nearest_place(arm, goal, q_seed)
         gap = T_base_tool.p - arm.forward(q).p
@@ -62,10 +62,10 @@ def find_reason(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Unreache
 
 
 def out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> PlanError:
-    """Say why a keyframe can't be reached.
+    """Explain why a keyframe can't be reached.
 
-    Fields: keyframe (from 0), value and bound (m), rotation (rad), nearest (the pose that can be), beyond (m, 0 where
-    only the attitude is at fault), joints (at their limits).
+    Fields: keyframe (from 0), value and bound (m), rotation (rad), nearest (the pose that is reached), beyond (m, 0
+    where only the rotation is at fault), joints (at their limits).
     """
     nearest = solve(arm, pose, q_seed)
     reason = find_reason(arm, pose, nearest)
@@ -85,15 +85,15 @@ def out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> Pla
 
 
 def _shoulder(arm: ArmModel, q: Array) -> Array:
-    """Where the second joint is, in base: the arm swings about it."""
+    """Where the second joint is, in base."""
     arm.forward(q)
     joint = min(2, arm.model.njoints - 1)
-    shoulder: Array = (arm.T_base_universe * arm.data.oMi[joint]).translation
+    shoulder: Array = arm.data.oMi[joint].translation
     return shoulder
 
 
 def _limits(arm: ArmModel, q: Array, e: Array, J: Array) -> tuple[tuple[str, str], ...]:
-    """Name the joints that |e|^2 presses against their limits, hardest first."""
+    """Return the joints that the gradient of |e|^2 pushes against their limits, hardest first."""
     push = -e @ J
     at_lower, at_upper = (q == arm.limits.lower) & (push < 0.0), (q == arm.limits.upper) & (push > 0.0)
     push = np.abs(push) * (at_lower | at_upper)

@@ -15,9 +15,10 @@ The averages are the control points of a uniform cubic B-spline: its pieces are 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import factorial
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.interpolate import BSpline, CubicSpline, PchipInterpolator
 
 from pbd.arm.timing.piecewise_cubic import WITHIN, PiecewiseCubic
 from pbd.arm.timing.speed_profile import SpeedProfile, fastest_profile
@@ -137,14 +138,6 @@ def _averaged(curve: Curve, limits: JointLimits, profile: SpeedProfile, h: float
     held = np.concatenate((np.repeat(q[:1], width + 1, axis=0), q, np.repeat(q[-1:], width + 1, axis=0)))
     total = np.concatenate((np.zeros_like(q[:1]), np.cumsum(held - q[0], axis=0)))
     points = q[0] + (total[width:] - total[:-width]) / width
-    a, b, c, d = points[:-3], points[1:-2], points[2:-1], points[3:]
-    coefficients = np.stack(
-        (
-            (a + 4.0 * b + c) / 6.0,
-            (c - a) / (2.0 * h),
-            (a - 2.0 * b + c) / (2.0 * h**2),
-            (d - 3.0 * c + 3.0 * b - a) / (6.0 * h**3),
-        ),
-        axis=1,
-    )
+    spline = BSpline(h * np.arange(len(points) + 4.0), points, k=3)
+    coefficients = np.stack([spline(spline.t[3:-4], order) / factorial(order) for order in range(4)], axis=1)
     return PiecewiseCubic(np.full(len(coefficients), h), coefficients)

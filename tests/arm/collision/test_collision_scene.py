@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose
 
@@ -13,7 +14,7 @@ from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.collision.scene import REST_M, TABLE, CollisionScene, Leg
 from pbd.arm.gripper import arm_bodies
 from pbd.arm.ik.solver import solve
-from pbd.arm.model import ArmModel, load_model
+from pbd.arm.model import ArmModel, from_se3, load_model
 from pbd.data import Calibration, GraspedObject, Obstacle
 from pbd.data.world import Stay
 from pbd.pose import Array, Pose, quat_from_rpy
@@ -155,9 +156,11 @@ def test_an_obstacle_stands_in_base_not_in_the_urdfs_world(odd_arm: ArmModel) ->
     obstacle = Obstacle("thing", "sphere", (0.1,), Pose.from_rpy((0.1, 0.2, 0.3), (0, 0, 0)))
     scene = CollisionScene(odd_arm, 0.0, [obstacle])
     bodies = {body.name: body for body in scene.always.bodies}
-    foot = placements(odd_arm, np.append(odd_arm.robot.home, 1.0))[0] @ Pose.from_rpy((1, 2, 0.5), (0.1, 0.2, 0.3))
-    assert_allclose(bodies["thing"].T_joint_body.p, foot.act((0.1, 0.2, 0.3)), atol=1e-12)
-    assert_allclose(bodies[TABLE].T_joint_body.wxyz, foot.wxyz, atol=1e-12)
+    full, data = odd_arm.full, odd_arm.full.createData()
+    pin.framesForwardKinematics(full, data, odd_arm.configurations(np.append(odd_arm.robot.home, 1.0)))
+    base = from_se3(data.oMf[full.getFrameId(odd_arm.robot.base, pin.FrameType.BODY)])
+    assert_allclose(bodies["thing"].T_joint_body.p, base.act((0.1, 0.2, 0.3)), atol=1e-12)
+    assert_allclose(bodies[TABLE].T_joint_body.wxyz, base.wxyz, atol=1e-12)
 
 
 def test_fingers_are_where_the_opening_puts_them(arm: ArmModel) -> None:

@@ -9,7 +9,7 @@ from pbd.arm.ik.branches import _nearest_first, configuration_cost, find_branche
 from pbd.arm.ik.levenberg_marquardt import Residual
 from pbd.arm.ik.partial_pose import measure
 from pbd.arm.joint_path import STARTS_WIDE
-from pbd.arm.tool import target
+from pbd.arm.model import to_se3
 from pbd.pose import Pose
 from tests.arm.bundled import FIVE_JOINTS, arm_of
 from tests.arm.conftest import random_joints
@@ -36,7 +36,7 @@ def test_a_whole_turn_is_no_distance() -> None:
 
 def test_solutions_are_polished_to_rounding() -> None:
     arm, q = arm_of("panda"), np.array(arm_of("panda").robot.home)
-    goal = target(arm.forward(q))
+    goal = to_se3(arm.forward(q))
     polished = polish(arm, goal, q[None] + 1e-6)
     assert np.linalg.norm(Residual(arm, goal)(polished[0])[0]) < 1e-10
 
@@ -59,6 +59,6 @@ def test_no_way_of_five_joints_is_a_tenth_of_a_degree_worse_than_another(name: s
     before = random_joints(arm.robot, 12, seed=2)
     for q in before:
         pose = arm.forward(q) @ Pose.exp((0.0, 0.0, 0.0, 0.3, 0.2, 0.1))
-        ways = [measure(arm, target(pose), each) for each in find_branches(arm, pose, before[:6], 24)]
+        ways = [measure(arm, to_se3(pose), each) for each in find_branches(arm, pose, before[:6], 24)]
         off = np.degrees([np.hypot(way.approach_rad, 0.1 * way.about_rad) for way in ways])
         assert np.ptp(off) < 0.1 + 1e-6

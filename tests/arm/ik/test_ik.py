@@ -11,7 +11,6 @@ from scipy.optimize import least_squares
 from pbd.arm.ik.levenberg_marquardt import descend_each
 from pbd.arm.ik.solver import TOLERANCE_M, TOLERANCE_RAD, check, solve
 from pbd.arm.model import ArmModel, to_se3
-from pbd.arm.tool import target
 from pbd.pose import Array, Pose
 from tests.arm.bundled import FIVE_JOINTS, NAMES, arm_of
 from tests.arm.conftest import random_joints
@@ -86,7 +85,7 @@ def test_a_near_seed_gives_a_near_solution(arm: ArmModel) -> None:
 
 def test_a_solution_is_its_own_solution(arm: ArmModel) -> None:
     q = arm.robot.home
-    found, squares = descend_each(arm, target(arm.forward(q)), q[None])
+    found, squares = descend_each(arm, to_se3(arm.forward(q)), q[None])
     np.testing.assert_array_equal(found, q[None])
     assert squares[0] < 1e-24
 

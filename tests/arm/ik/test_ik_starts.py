@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from pbd.arm.ik.starts import CLUMSY, ROTATION_WEIGHT_M, manipulability, starts_of
-from pbd.arm.model import ArmModel
-from pbd.arm.tool import target
+from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array
 from tests.arm.bundled import arm_of
 from tests.arm.conftest import random_joints
@@ -23,7 +22,7 @@ def test_the_nearest_are_the_nearest_of_all(arm: ArmModel) -> None:
     assert ((starts.q >= arm.limits.lower) & (starts.q <= arm.limits.upper)).all()
     for truth in random_joints(arm.robot, 20, seed=5):
         wanted = features(arm, truth[None])
-        found = np.linalg.norm(features(arm, starts.nearest(target(arm.forward(truth)), 8)) - wanted, axis=1)
+        found = np.linalg.norm(features(arm, starts.nearest(to_se3(arm.forward(truth)), 8)) - wanted, axis=1)
         np.testing.assert_allclose(
             found, np.sort(np.linalg.norm(features(arm, starts.q) - wanted, axis=1))[:8], atol=1e-5
         )

@@ -11,8 +11,7 @@ from scipy.optimize import Bounds, NonlinearConstraint, minimize
 from pbd.arm.ik.partial_pose import ABOUT_AXIS, NEAR_M, hold, is_partial, measure, solve_partial
 from pbd.arm.ik.solver import solve
 from pbd.arm.joint_path import solve_path
-from pbd.arm.model import ArmModel
-from pbd.arm.tool import target
+from pbd.arm.model import ArmModel, to_se3
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import tool_poses
 from pbd.errors import PbdWarning
@@ -39,7 +38,7 @@ def test_a_pose_that_can_be_met_whole_is(name: str) -> None:
         assert result.reached
         assert max(pose.distance(arm.forward(result.q))) < 1e-3
         assert result.position_error_m < 1e-5
-        assert solve_partial(arm, target(pose), np.empty((0, 5)))[0].off < 1e-3
+        assert solve_partial(arm, to_se3(pose), np.empty((0, 5)))[0].off < 1e-3
 
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
@@ -60,7 +59,7 @@ def test_a_roll_that_cant_be_met_leaves_the_approach_axis_alone(name: str) -> No
     wrist = len(arm.robot.joints) - 1
     for truth in random_joints(arm.robot, 40, seed=4, margin=0.4):
         truth[wrist] = np.clip(truth[wrist], -1.0, 1.0)
-        found = solve_partial(arm, target(turned(arm.forward(truth), np.array([0.0, 0.0, 0.3]))), truth[None])[0]
+        found = solve_partial(arm, to_se3(turned(arm.forward(truth), np.array([0.0, 0.0, 0.3]))), truth[None])[0]
         assert np.degrees(found.approach_rad) < 0.5
         assert np.degrees(found.about_rad) < 5.0
 
@@ -71,7 +70,7 @@ def test_no_joints_do_better_by_the_rule(name: str) -> None:
     arm, rng = arm_of(name), np.random.default_rng(5)
     for truth in random_joints(arm.robot, 4, seed=6, margin=0.3):
         pose = turned(arm.forward(truth), 0.3 * rng.normal(size=3))
-        found = solve_partial(arm, target(pose), np.empty((0, 5)))[0]
+        found = solve_partial(arm, to_se3(pose), np.empty((0, 5)))[0]
         assert found.reached
         for start in (found.q, truth, *(found.q + 0.3 * rng.normal(size=(3, 5)))):
             assert best_by_slsqp(arm, pose, start) > found.off - np.radians(0.2)
@@ -91,7 +90,7 @@ def best_by_slsqp(arm: ArmModel, pose: Pose, start: Array) -> float:
     inside = np.clip(start, arm.limits.lower, arm.limits.upper)
     bounds, exactly = Bounds(arm.limits.lower, arm.limits.upper), NonlinearConstraint(place, 0.0, 0.0)
     result = minimize(off, inside, method="SLSQP", bounds=bounds, constraints=exactly, options={"maxiter": 100})
-    found = measure(arm, target(pose), result.x)
+    found = measure(arm, to_se3(pose), result.x)
     return found.off if found.position_m < 1e-4 else np.inf
 
 
@@ -100,7 +99,7 @@ def test_measures_are_the_angles_that_a_pose_was_turned_by() -> None:
     q = arm.robot.home
     for tilt, roll in ((0.0, 0.4), (0.3, 0.0), (0.2, -0.7), (1.2, 2.0)):
         wanted = turned(turned(arm.forward(q), np.array([0.0, 0.0, roll])), np.array([0.0, tilt, 0.0]))
-        found = measure(arm, target(wanted), q)
+        found = measure(arm, to_se3(wanted), q)
         assert found.approach_rad == pytest.approx(tilt, abs=1e-9)
         assert found.about_rad == pytest.approx(abs(roll), abs=1e-9)
         assert found.position_m < 1e-15
