@@ -42,6 +42,8 @@ def test_manipulability_is_the_product_of_the_singular_values(name: str) -> None
     arm = arm_of(name)
     J = np.array([arm.jacobian(q) for q in random_joints(arm.robot, 2000, seed=7)])
     measured = manipulability(J)
-    np.testing.assert_allclose(measured, np.linalg.svd(J, compute_uv=False).prod(axis=1), atol=1e-12)
+    # Of five joints it is the root of a determinant, whose rounding depends on the processor.
+    squared = np.linalg.svd(J, compute_uv=False).prod(axis=1) ** 2
+    np.testing.assert_allclose(measured**2, squared, rtol=1e-6, atol=1e-16)
     assert (measured < starts_of(arm).clumsy).mean() == pytest.approx(CLUMSY, abs=0.06)
     assert manipulability(arm_of("ur5").jacobian(np.zeros(6))[None])[0] < 1e-9  # straight
