@@ -125,9 +125,10 @@ def write_demo(
         beside: files of the folder that tracking doesn't read, as text by name.
 
     Raises:
-        RecordingError: the folder exists (unless `force`), or can't be written.
+        RecordingError: the folder exists (unless `force`), is one of its takes, or can't be written.
     """
     refuse_demo_folder(folder, force)
+    refuse_own_take(demo, folder)
     with atomic_folder(folder, replace=force) as new:
         for name, text in ({"demo.toml": demo_toml(demo, folder.name, folder)} | dict(beside)).items():
             (new / name).write_text(text, encoding="utf-8")
@@ -157,6 +158,14 @@ def refuse_demo_folder(folder: Path, force: bool) -> None:
             what = f"{folder} is being recorded; end that first, or give another name"
             raise RecordingError(what, path=folder) from None
     return refuse_folder(folder.parent, RecordingError)
+
+
+def refuse_own_take(demo: Demonstration, folder: Path) -> None:
+    """Refuse to put a demonstration where one of its takes is, whose recording would be lost."""
+    for take in demo.takes:
+        if take.folder is not None and take.folder.resolve() == folder.resolve():
+            what = f"{folder} is one of the takes, and its recording would be lost; give another name"
+            raise RecordingError(what, path=folder)
 
 
 def demo_folder(name: str) -> Path:
