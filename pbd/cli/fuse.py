@@ -11,7 +11,7 @@ from pbd.cli.console import print_json, say, working
 from pbd.data.one_line_repr import counted
 from pbd.errors import UsageError
 from pbd.files.calibration_edit import calibration_file, update_calibration
-from pbd.files.demo import demo_folder, load_demo, refuse_demo_folder, refuse_own_take, utc_now, write_demo
+from pbd.files.demo import demo_folder, load_demo, refuse_demo_folder, refuse_own_take, shell_word, utc_now, write_demo
 from pbd.fusion.calibration import device_errors
 from pbd.fusion.tables import fusion_rows, fusion_table, takes_table
 from pbd.pipeline import fused_demo, track
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> None:
         members = f"{thing.first}..{thing.last}"
         say(
             f"keyframes {members} move together against the others, as with a thing that stood elsewhere ({far}); if "
-            f"so: pbd keyframes {folder.name} --frame NAME={members}"
+            f"so: pbd keyframes {shell_word(folder)} --frame NAME={members}"
         )
     if args.json:
         stored = {"demo": folder.name, "folder": str(folder), "files": files} | saved

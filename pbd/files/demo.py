@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -174,6 +175,12 @@ def demo_folder(name: str) -> Path:
     if path.name in ("", "..") or name.startswith("~"):
         raise RecordingError(f"'{name}' can't be a demonstration's name; give a word, or a folder's path", value=name)
     return path if len(path.parts) > 1 else Path("demos") / path
+
+
+def shell_word(folder: Path) -> str:
+    """Write a demonstration as a shell takes it: by its name in ./demos, else by its path."""
+    word = folder.name if folder.parent == Path("demos") else str(folder)
+    return shlex.quote(f"./{folder}" if word[0] in "-~" else word)
 
 
 def utc_now() -> str:

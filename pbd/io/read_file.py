@@ -39,12 +39,12 @@ def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = LA
 def read_text(
     path: Path, error: type[PbdError], next_step: str, most: int = SMALL, encoding: str = "utf-8", name: str = ""
 ) -> str:
-    """Read a regular file of text, as `read_bytes`; its lines end with a newline alone."""
+    """Read a regular file of text, as `read_bytes`: without a byte order mark, its lines ended by a newline alone."""
     try:
         text = read_bytes(path, error, next_step, most, name).decode(encoding)
     except UnicodeDecodeError as reason:
         raise error(f"{name or path}: can't be read as text ({reason}); {next_step}", path=path) from None
-    return unix_lines(text)
+    return unix_lines(text.removeprefix("\ufeff"))
 
 
 def unix_lines(text: str) -> str:
