@@ -33,7 +33,7 @@ RATES_HZ = (1e-6, 1e6)
 TRUTH = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
 
 
-def load_demo(name: str) -> Demonstration:
+def load_demo(name: str | Path) -> Demonstration:
     """Load a demonstration: a name (./demos, then the bundled ones), a folder, or a file that an importer knows.
 
     Raises:
