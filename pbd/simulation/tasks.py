@@ -68,8 +68,8 @@ class Task:
     @property
     def closed(self) -> bool:
         """Whether the sensor ends where it began: a hand that was tilted about its tip has the tip alone there."""
-        hand = HandMotion(self.waypoints, self.start_rpy, self.p_sensor_point).at((0.0, self.duration_s))
-        return bool(np.allclose(*hand.p, rtol=0.0, atol=1e-9))
+        start, end = HandMotion(self.waypoints, self.start_rpy, self.p_sensor_point).at((0.0, self.duration_s)).p
+        return bool(np.allclose(start, end, rtol=0.0, atol=1e-9))
 
     @property
     def grip(self) -> tuple[GripEvent, ...]:
