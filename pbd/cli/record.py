@@ -21,7 +21,7 @@ from pbd.cli.recording.simulated import Show, SimulatedHand, simulated_hand
 from pbd.data import SensorErrors
 from pbd.errors import UsageError, warn
 from pbd.files.calibration import load_calibration
-from pbd.files.demo import demo_folder, refuse_demo_folder, utc_now
+from pbd.files.demo import demo_folder, refuse_demo_folder, shell_word, utc_now
 from pbd.record import Outcome, RecordOptions, record
 from pbd.record.loop import SCREEN_EVERY_S, Poll
 from pbd.record.values import FEWEST_STOPS
@@ -156,15 +156,9 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
 def _next(args: argparse.Namespace, folder: Path) -> str:
     """What to do after a recording: of a take the next one, or fusing."""
     if args.take is None:
-        return f"pbd keyframes {_shell_word(folder)}"
+        return f"pbd keyframes {shell_word(folder)}"
     more, takes = f"pbd record {args.name} --take {args.take + 1}", range(1, args.take + 1)
     if args.take < 2:
         return more
-    words = " ".join(_shell_word(folder.with_name(f"{Path(args.name).name}{take}")) for take in takes)
+    words = " ".join(shell_word(folder.with_name(f"{Path(args.name).name}{take}")) for take in takes)
     return f"{more}; or pbd fuse {words} -o {shlex.quote(args.name)}"
-
-
-def _shell_word(folder: Path) -> str:
-    """A demonstration as a shell takes it: by its name in ./demos, else by its path."""
-    word = folder.name if folder.parent == Path("demos") else str(folder)
-    return shlex.quote(f"./{folder}" if word[0] in "-~" else word)

@@ -14,8 +14,7 @@ from pbd.files.demo import demo_folder
 from pbd.files.points import Points
 from pbd.simulation.calibration_tasks import TOUCHED
 from pbd.simulation.simulate import EARTH, simulate
-
-HIGHEST_HZ = 1e4
+from pbd.tracking.repair.clock import FASTEST_HZ, SLOWEST_HZ
 
 NEXT_COMMAND = {
     "touch": "pbd calibrate points trial {demo} --points {points}",
@@ -27,8 +26,9 @@ NEXT_COMMAND = {
 
 def run(args: argparse.Namespace) -> None:
     """Simulate, store, and say which step of `pbd calibrate` takes it."""
-    if args.rate is not None and args.rate > HIGHEST_HZ:
-        raise UsageError(f"--rate must be at most {HIGHEST_HZ:g} Hz, got {args.rate:g}", value=args.rate)
+    if args.rate is not None and not SLOWEST_HZ <= args.rate <= FASTEST_HZ:  # what tracking takes
+        what = f"--rate must be from {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz, got {args.rate:g}"
+        raise UsageError(what, value=args.rate)
     with working("simulating"):
         demo = simulate(args.task, args.sensor_model, args.seed, rate_hz=args.rate)
     touched = Points(tuple(TOUCHED), np.array(list(TOUCHED.values()))) if args.task == "touch" else None

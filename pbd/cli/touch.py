@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 
 import numpy as np
 
@@ -30,6 +31,8 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("name the keyframe, and how far its tool is off (--by, --at); or --undo alone")
     if not args.undo and (args.by is None) == (args.at is None):
         raise UsageError("say where the tool belongs: --by X Y Z from where it is, or --at X Y Z in base")
+    if args.at and args.tool:
+        raise UsageError("--tool is for --by: --at is a place in base; leave --tool out")
     demo = load_demonstration(args.demo)
     _, calibration = load_arm(args.robot, args.calibration)
     path, keyframes = track_demonstration(demo, "default", calibration, args.accept_gap)
@@ -56,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
         add_touch_up(file, added)
     after = touched_up(placed, read_touch_ups(file) if args.undo else (*demo.touch_ups, added))
     _report(args, placed, before, after)
-    back = "" if args.undo else f"; `pbd touch {args.demo} --robot {args.robot} --undo` takes it back"
+    back = "" if args.undo else f"; {_undoing(args)} takes it back"
     say(f"{'undone' if args.undo else 'added'} in {file}, which the arm follows from now on{back}")
 
 
@@ -69,6 +72,11 @@ def _wanted_shift(args: argparse.Namespace, placed: KeyframesInBase, before: Tou
     if args.at is not None:
         return np.asarray(np.array(args.at) - pose.p - before.shift[args.keyframe])
     return np.asarray(quat_rotate(pose.wxyz, np.array(args.by)) if args.tool else np.array(args.by))
+
+
+def _undoing(args: argparse.Namespace) -> str:
+    """The command that takes this touch-up back."""
+    return f"`pbd touch {shlex.quote(args.demo)} --robot {shlex.quote(args.robot)} --undo`"
 
 
 def _report(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp, after: TouchedUp) -> None:
@@ -89,8 +97,7 @@ def _report(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp
         return
     if moved_m[args.keyframe] > OFF_SIGMAS * old[args.keyframe]:
         off = f"{100.0 * moved_m[args.keyframe]:.1f} cm, {moved_m[args.keyframe] / old[args.keyframe]:.0f} sigma"
-        undo = f"`pbd touch {args.demo} --robot {args.robot} --undo`"
-        meant = f"if it alone belongs elsewhere, {undo}, and again with --only"
+        meant = f"if it alone belongs elsewhere, {_undoing(args)}, and again with --only"
         warn(f"keyframe {args.keyframe} was off by {off}, and the others go along; {meant}")
     others = np.delete(moved_m, args.keyframe)
     if others.max(initial=0.0) < HARDLY_M < moved_m[args.keyframe]:

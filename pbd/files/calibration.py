@@ -26,7 +26,7 @@ FULL_TURN_DEG = 360.0
 """Largest angle of a pose, degrees."""
 
 
-def load_calibration(name: str) -> Calibration:
+def load_calibration(name: str | Path) -> Calibration:
     """Load a calibration by name (./calibration, then the bundled ones) or path.
 
     Raises:

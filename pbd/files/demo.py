@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -32,7 +33,7 @@ RATES_HZ = (1e-6, 1e6)
 TRUTH = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
 
 
-def load_demo(name: str) -> Demonstration:
+def load_demo(name: str | Path) -> Demonstration:
     """Load a demonstration: a name (./demos, then the bundled ones), a folder, or a file that an importer knows.
 
     Raises:
@@ -125,9 +126,10 @@ def write_demo(
         beside: files of the folder that tracking doesn't read, as text by name.
 
     Raises:
-        RecordingError: the folder exists (unless `force`), or can't be written.
+        RecordingError: the folder exists (unless `force`), is one of its takes, or can't be written.
     """
     refuse_demo_folder(folder, force)
+    refuse_own_take(demo, folder)
     with atomic_folder(folder, replace=force) as new:
         for name, text in ({"demo.toml": demo_toml(demo, folder.name, folder)} | dict(beside)).items():
             (new / name).write_text(text, encoding="utf-8")
@@ -159,12 +161,26 @@ def refuse_demo_folder(folder: Path, force: bool) -> None:
     return refuse_folder(folder.parent, RecordingError)
 
 
+def refuse_own_take(demo: Demonstration, folder: Path) -> None:
+    """Refuse to put a demonstration where one of its takes is, whose recording would be lost."""
+    for take in demo.takes:
+        if take.folder is not None and take.folder.resolve() == folder.resolve():
+            what = f"{folder} is one of the takes, and its recording would be lost; give another name"
+            raise RecordingError(what, path=folder)
+
+
 def demo_folder(name: str) -> Path:
     """Say where a new demonstration goes: ./demos/NAME, or the path given; RecordingError: it can't be a name."""
     path = Path(name)
     if path.name in ("", "..") or name.startswith("~"):
         raise RecordingError(f"'{name}' can't be a demonstration's name; give a word, or a folder's path", value=name)
     return path if len(path.parts) > 1 else Path("demos") / path
+
+
+def shell_word(folder: Path) -> str:
+    """Write a demonstration as a shell takes it: by its name in ./demos, else by its path."""
+    word = folder.name if folder.parent == Path("demos") else str(folder)
+    return shlex.quote(f"./{folder}" if word[0] in "-~" else word)
 
 
 def utc_now() -> str:

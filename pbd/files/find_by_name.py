@@ -28,8 +28,9 @@ def bundled_names(kind: str, suffix: str) -> list[str]:
     return [_name(entry, suffix) for entry in _entries(bundled(kind), suffix)]
 
 
-def find(kind: str, name: str, suffix: str, error: type[PbdError]) -> Path:
+def find(kind: str, name: str | Path, suffix: str, error: type[PbdError]) -> Path:
     """Find `name` of a kind: in ./KIND, else bundled, else a path as it is given; `error` lists the valid names."""
+    name = os.fspath(name)
     for folder in (Path(kind), bundled(kind)):
         for entry in _entries(folder, suffix):
             if entry.name in (name, name + suffix):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
@@ -42,11 +43,11 @@ LONG_DWELL_S = 60.0
 
 HEAD = """\
 # The keyframes of '{name}': where the hand stopped. While this file is here, it replaces what tracking finds.
-# Edit it as you like; `pbd keyframes {name}` shows the result, and the line of a mistake.
+# Edit it as you like; `pbd keyframes {word}` shows the result, and the line of a mistake.
 #   drop      remove a [[keyframe]] and its lines; the first one is the dock, it stays as it is
 #   insert    copy a [[keyframe]], with a time between its neighbours'
 #   nudge     position_m is the sensor's, in metres from the dock: {axes}, z up;
-#             rpy_deg is its roll, pitch and yaw in degrees. `pbd keyframes {name} --robot R` tells where the tool is
+#             rpy_deg is its roll, pitch and yaw in degrees. `pbd keyframes {word} --robot R` tells where the tool is
 #   dwell_s   how long the arm stays, not at the first and the last; beside it, how long the hand stood
 #   grip      "closes" or "opens", by turns; without it nothing changes. It is open at the start
 #   label     a word for people
@@ -55,7 +56,7 @@ HEAD = """\
 #   nudge_base_m, nudge_tool_m  how far the tool goes elsewhere, in the axes of the robot's base or the tool's own
 #   sigma_m, sigma_deg  one sigma along each axis; without them the keyframe is taken as exact
 # Every keyframe needs t_s, dwell_s, position_m and rpy_deg; the rest may be left out.
-# `pbd keyframes {name} --save --force` finds them again; without the file they are found each time.
+# `pbd keyframes {word} --save --force` finds them again; without the file they are found each time.
 format = {format}
 """
 NORTH, AT_DOCK = "x magnetic east, y magnetic north", "x along the sensor's own as it lies at the dock, y left of it"
@@ -77,7 +78,7 @@ def keyframes_toml(
         arm_dwell_s: (n,) s, how long the arm is to stay at each; None: as long as the hand did.
         touch_ups: what was corrected with the arm.
     """
-    lines = [HEAD.format(name=name, format=FORMAT, axes=NORTH if magnetic else AT_DOCK)]
+    lines = [HEAD.format(name=name, word=shlex.quote(name), format=FORMAT, axes=NORTH if magnetic else AT_DOCK)]
     dwell_s = [keyframe.dwell_s for keyframe in keyframes] if arm_dwell_s is None else arm_dwell_s
     for index, (keyframe, dwell) in enumerate(zip(keyframes, dwell_s, strict=True)):
         sigma = np.sqrt(np.diagonal(keyframe.cov))

@@ -27,7 +27,7 @@ from pbd.pose import Array
 FORMAT = 1
 
 
-def load_robot(name: str) -> Robot:
+def load_robot(name: str | Path) -> Robot:
     """Load a robot by name (./robots, then the bundled ones) or path.
 
     Raises:

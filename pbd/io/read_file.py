@@ -45,13 +45,14 @@ def read_text(path: Path, error: type[PbdError], next_step: str, most: int = SMA
 def decoded(
     data: bytes, path: str | Path, error: type[PbdError], next_step: str, encodings: Sequence[str] = ("utf-8",)
 ) -> str:
-    """Turn a file's bytes into text, by the first of these encodings that fits; its lines end with a newline alone."""
+    """Turn a file's bytes into text, by the first of these encodings that fits: no byte order mark, lines end with a newline."""
     for encoding in encodings:
         try:
             text = data.decode(encoding)
         except UnicodeDecodeError as fault:
             reason = fault
         else:
+            text = text.removeprefix("\ufeff")
             return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
     raise error.at(path, f"can't be read as text ({reason}); {next_step}")
 

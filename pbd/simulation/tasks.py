@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import cos, isclose, isfinite, radians, sin
+from math import cos, isfinite, radians, sin
 from types import MappingProxyType
 
 import numpy as np
 
 from pbd.data import GraspedObject, GripEvent
 from pbd.errors import SensorError
-from pbd.simulation.hand_motion import Waypoint
+from pbd.simulation.hand_motion import HandMotion, Waypoint
 
 BOTTLE = GraspedObject("cylinder", (0.06, 0.20))
 """What the hand grips: diameter and height, m."""
@@ -67,8 +67,9 @@ class Task:
 
     @property
     def closed(self) -> bool:
-        """Whether the hand ends where it began."""
-        return all(isclose(a, b, abs_tol=1e-9) for a, b in zip(self.waypoints[0].p, self.waypoints[-1].p, strict=True))
+        """Whether the sensor ends where it began: a hand that was tilted about its tip has the tip alone there."""
+        start, end = HandMotion(self.waypoints, self.start_rpy, self.p_sensor_point).at((0.0, self.duration_s)).p
+        return bool(np.allclose(start, end, rtol=0.0, atol=1e-9))
 
     @property
     def grip(self) -> tuple[GripEvent, ...]:

@@ -19,6 +19,7 @@ from pbd.files.points import read_points
 from pbd.pose import Pose, quat_about_z
 from pbd.simulation.calibration_tasks import CALIBRATION_TASKS, DOCK, PIVOT_TIP, TOUCHED, YAW_WORLD_BASE
 from pbd.simulation.sensor_model import SENSOR_MODELS
+from pbd.simulation.simulate import simulate
 from tests.calibration.turning import device
 from tests.test_docs import ROOT, blocks
 
@@ -59,6 +60,14 @@ def test_what_is_told_to_try_finds_the_truth(task: str, check: Callable[[Calibra
     words = shlex.split(line.removeprefix("pbd: try it: pbd "))
     assert main(words) == 0
     check(read_calibration(Path(f"calibration/{words[2]}.toml")))
+
+
+@pytest.mark.parametrize("task", CALIBRATION_TASKS)
+def test_a_task_is_closed_where_its_sensor_returns(task: str) -> None:
+    """A hand that tilted about its tip has only the tip where it was."""
+    demo = simulate(task, "ideal")
+    assert demo.truth is not None
+    assert demo.closed == bool(np.linalg.norm(demo.truth.p_nav_sensor[-1]) < 1e-6)
 
 
 def test_every_calibration_task_is_tried_above() -> None:

@@ -74,6 +74,15 @@ def test_one_take_is_wrong_usage(capsys: Capture) -> None:
     assert "name two takes or more" in refused(capsys, 2, "fuse", "tea1", "-o", "one")
 
 
+def test_a_take_is_never_replaced_by_what_is_made_of_it(capsys: Capture) -> None:
+    link = Path("demos/link")
+    link.symlink_to("tea1")
+    for name in ("tea1", "demos/../demos/tea1", "link"):
+        assert "its recording would be lost" in refused(capsys, 1, "fuse", "tea1", "tea2", "-o", name, "--force")
+    link.unlink()
+    assert Path("demos/tea1/imu.csv").exists()
+
+
 def test_takes_of_two_tasks_are_refused_and_nothing_is_written(capsys: Capture) -> None:
     assert "are of different tasks" in refused(capsys, 1, "fuse", "tea1", "other", "-o", "both")
     assert not Path("demos/both").exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,28 @@ def tea(elsewhere: Path) -> Path:
 def places(capsys: Capture, *more: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     rows = run_json(capsys, "keyframes", "tea", "--robot", "panda", *more)["keyframes"]
     return np.array([row["base_position_m"] for row in rows])
+
+
+def test_its_advice_can_be_pasted_for_a_name_with_a_space(tea: Path, capsys: Capture) -> None:
+    tea.parent.rename("demos/my tea")
+    _, _, said = run(capsys, "touch", "my tea", "2", "--robot", "panda", "--by", "0", "-0.004", "0")
+    assert run(capsys, *shlex.split(said.partition("`pbd ")[2].partition("`")[0]))[0] == 0
+    head = Path("demos/my tea/keyframes.toml").read_text(encoding="utf-8")
+    assert shlex.split(head.partition("`pbd ")[2].partition("`")[0]) == ["keyframes", "my tea"]
+
+
+def test_a_place_in_base_has_no_tool_axes(tea: Path, capsys: Capture) -> None:
+    code, _, said = run(capsys, "touch", "tea", "2", "--robot", "panda", "--at", "0.5", "0", "0.3", "--tool")
+    assert code == 2
+    assert "leave --tool out" in said
+    assert not tea.exists()
+
+
+def test_an_editor_may_begin_the_file_with_a_byte_order_mark(tea: Path, capsys: Capture) -> None:
+    run(capsys, "keyframes", "tea", "--save")
+    tea.write_text(tea.read_text(encoding="utf-8"), encoding="utf-8-sig")
+    touch = ("touch", "tea", "2", "--robot", "panda", "--by", "0", "0", "0.01")
+    assert run(capsys, *touch)[0] == 0
 
 
 def test_a_touch_up_is_kept_followed_and_undone(tea: Path, capsys: Capture) -> None:

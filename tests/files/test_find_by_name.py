@@ -5,8 +5,10 @@ from pathlib import Path
 import pytest
 
 from pbd.errors import CalibrationError, RecordingError
+from pbd.files.calibration import load_calibration
 from pbd.files.demo import load_demo
 from pbd.files.find_by_name import bundled, find, names
+from pbd.files.robot import load_robot
 
 
 @pytest.fixture(autouse=True)
@@ -25,6 +27,12 @@ def add(path: Path) -> Path:
 def test_what_comes_with_pbd_is_found_anywhere() -> None:
     assert find("calibration", "default", ".toml", CalibrationError) == bundled("calibration") / "default.toml"
     assert find("demos", "pouring", "", RecordingError) == bundled("demos") / "pouring"
+
+
+def test_a_path_may_be_one_of_pathlib() -> None:
+    assert load_demo(bundled("demos") / "pouring").recording.info.name == "pouring"
+    assert load_robot(bundled("robots") / "ur5.toml").name == load_robot(Path("ur5")).name == "ur5"
+    assert load_calibration(Path("default")).name == "default"
 
 
 def test_the_users_own_wins() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 
 import numpy as np
 
@@ -121,7 +122,7 @@ def _where_it_stopped(args: argparse.Namespace, calibration: Calibration) -> tup
         keyframes = keyframes_of(track(demo, calibration=through, accept_gap=args.accept_gap))
     if not (index.isdigit() and int(index) < len(keyframes)):
         last = len(keyframes) - 1
-        what = f"{name} has the keyframes 0 to {last}, not '{index}'; `pbd keyframes {name}` lists them"
+        what = f"{name} has the keyframes 0 to {last}, not '{index}'; `pbd keyframes {shlex.quote(name)}` lists them"
         raise CalibrationError(what, value=index, bound=last)
     return dock_at(keyframes, int(index), through)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -112,7 +113,7 @@ def _touched(
         raise CalibrationError(f"{what}; name one stop per point")
     if len(set(args.stops)) < len(args.stops) or not set(args.stops) <= set(range(count)):
         what = f"--stops must name different stops from 0 to {count - 1}"
-        raise CalibrationError(f"{what}; `pbd keyframes {args.demo}` lists them")
+        raise CalibrationError(f"{what}; `pbd keyframes {shlex.quote(args.demo)}` lists them")
     return every.only(args.stops)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import ArgumentParser
 from pathlib import Path
 
@@ -65,7 +66,8 @@ def simulate(parser: ArgumentParser) -> None:
     option(
         parser, "--sensor-model", "M", "os5000, os5000-nogyro, wt901, modern, phone or ideal (modern)", default="modern"
     )
-    option(parser, "--seed", "N", "random seed of the sensor's errors and noise (0)", type=int, default=0)
+    seed = whole("zero or a whole number above", range(sys.maxsize))
+    option(parser, "--seed", "N", "random seed of the sensor's errors and noise (0)", type=seed, default=0)
     option(parser, "--rate", "HZ", "sample rate (the sensor model's own)", type=positive)
     add_force(parser)
     add_json(parser)

@@ -42,9 +42,9 @@ def test_a_late_gyro_turns_what_the_accelerometer_says() -> None:
     J = preintegrate(frame, np.array([0, n - 1]), (density, density)).J[0]
     push = np.einsum("kij,kj->ki", np.gradient(quat_to_matrix(frame.wxyz), dt, axis=0), acc)
     v = np.vstack((np.zeros(3), np.cumsum(0.5 * dt * (push[1:] + push[:-1]), axis=0)))
-    assert J[VEL, LAG][:, 0] == pytest.approx(v[-1], abs=0.02 * np.linalg.norm(v[-1]))
+    assert J[VEL, LAG][:, 0] == pytest.approx(v[-1], abs=0.02 * float(np.linalg.norm(v[-1])))
     p = (0.5 * dt * (v[1:] + v[:-1])).sum(axis=0)
-    assert J[POS, LAG][:, 0] == pytest.approx(p, abs=0.02 * np.linalg.norm(p))
+    assert J[POS, LAG][:, 0] == pytest.approx(p, abs=0.02 * float(np.linalg.norm(p)))
 
 
 def test_the_first_guess_is_level_where_a_hand_only_seems_to_stop() -> None:
