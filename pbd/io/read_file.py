@@ -45,7 +45,10 @@ def read_text(path: Path, error: type[PbdError], next_step: str, most: int = SMA
 def decoded(
     data: bytes, path: str | Path, error: type[PbdError], next_step: str, encodings: Sequence[str] = ("utf-8",)
 ) -> str:
-    """Turn a file's bytes into text, by the first of these encodings that fits: no byte order mark, lines end with a newline."""
+    """Turn a file's bytes into text, by the first of these encodings that fits.
+
+    It has no byte order mark, and its lines end with a newline alone.
+    """
     for encoding in encodings:
         try:
             text = data.decode(encoding)

@@ -15,7 +15,7 @@ from pbd.errors import TrackingError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import median
-from pbd.tracking.noise import Noise, acc_doubt
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, STATE, Solved
 from pbd.tracking.smoother.path import Path, between_stops
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, POS, ROT, Impulse, integral_of_means
@@ -142,23 +142,28 @@ def _sensor(solution: Solution, first: int) -> SensorEstimate:
 
 
 def _joined(solution: Solution, believed: Sequence[int], grips: Sequence[float]) -> list[list[int]]:
-    """Which of the stops are parts of one: the same grip, marked at these times, s, is between or just before them.
+    """Which of the stops are parts of one: the same grip, marked at these times, s, is between or just before them,
+    or a knock, after which the hand is where it was.
 
     Of a put-down that bounced the shorter stop is none.
     """
     problem, t, p = solution.problem, solution.problem.frame.t, solution.state.p
+    strays = OUTLIER_SIGMAS * problem.noise.still_shift
     wxyz = solution.path.wxyz[[(start + stop) // 2 for start, stop in problem.stops]]
     joined = [[believed[0]]]
     for k in believed[1:]:
         before = joined[-1][-1]
         (begun, left), (arrived, gone) = t[np.array([problem.stops[before], problem.stops[k]]) - (0, 1)]
-        soon = arrived - left < BOUNCE_S and min(left - begun, gone - arrived) < BOUNCE_S
+        soon = arrived - left < BOUNCE_S
         gripped = arrived - left < GRIP_S and any(left - GRIP_S < at <= arrived for at in grips)
         there, here = (median(p[problem.stop_of == stop]) for stop in (before, k))
+        moved = float(np.linalg.norm(here - there))
         turned = float(np.linalg.norm(quat_log(quat_multiply(wxyz[k], quat_inverse(wxyz[before])))))
-        if not (soon or gripped) or np.linalg.norm(here - there) > BOUNCE_M or turned > BOUNCE_RAD:
+        knocked = soon and moved < strays and turned < strays / problem.noise.pivot
+        bounced = soon and min(left - begun, gone - arrived) < BOUNCE_S
+        if not (bounced or knocked or gripped) or moved > BOUNCE_M or turned > BOUNCE_RAD:
             joined.append([k])
-        elif gripped:
+        elif gripped or (knocked and not bounced):
             joined[-1].append(k)
         elif gone - arrived > left - begun:
             joined[-1][-1] = k

@@ -26,9 +26,10 @@ QUIET_ENERGY = 10.0
 """A window is quiet if its energy is below QUIET_ENERGY times the rest's, or its rms below that of a hand that holds
 still."""
 
-LULL_SHARE, LULL_S = 10.0**-2.2, 1.0
+LULL_SHARE, LULL_S = 10.0**-1.8, 1.0
 """A foot's stance: where nothing is quiet, the calmest window counts as still of those whose energies are below this
-share of the largest within LULL_S s. (FACTS: F1 above .98 on four trials and at 41 to 286 Hz with one setting.)"""
+share of a move's within LULL_S s. (From 10^-2.0 to 10^-1.6 all strides and steps are found, and no stop while a hand
+moves, tapped on or not; F1 above .98 on four trials and at 41 to 286 Hz with one setting.)"""
 
 SHORTEST_MOVE_S, SHORTEST_STOP_S = 0.1, 0.08
 """s: a shorter motion between two stops is a jolt; a shorter stop is none."""
@@ -62,8 +63,7 @@ def find_candidates(
     n = len(t) - len(shake) + 1
     limits = quiet_limits(rest)
     quiet = (shake < limits[0]) & (turn < limits[1])
-    reach = max(1, round(LULL_S / dt))
-    calm = (energy < LULL_SHARE * window_maxima(np.pad(energy, reach), 2 * reach + 1) for energy in (shake, turn))
+    calm = (energy < LULL_SHARE * _of_moves(energy, n, dt) for energy in (shake, turn))
     lull = quiet | np.logical_and(*calm)
     for before, after in unseen:  # interpolated data show nothing; a gap at an end is refused elsewhere
         if before == 0 or after == len(t) - 1:
@@ -76,6 +76,14 @@ def find_candidates(
     # A sample is still when any window that holds it is quiet: a moving one is in none.
     still = window_maxima(np.pad(quiet, n - 1), n)
     return _long_enough(t, _merged(t, runs(still), unseen))
+
+
+def _of_moves(energy: Array, n: int, dt: float) -> Array:
+    """The largest energy (m,) within LULL_S of each window of n rows that is no jolt's: it lasts a move long."""
+    reach = max(1, round(LULL_S / dt))
+    lasting = min(n + round(SHORTEST_MOVE_S / dt), 2 * reach)  # a jolt is in fewer windows
+    least = -window_maxima(-np.pad(energy, reach), lasting)
+    return window_maxima(least, 2 * reach + 2 - lasting)
 
 
 def still_speed(shake: Array, turn: Array, n: int, rest: Rest, noise: Noise) -> Array:
@@ -128,6 +136,11 @@ def calm_part(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple
     return calm if calm[1] - calm[0] > 1 else span
 
 
+def lasts(t: Array, span: tuple[int, int]) -> bool:
+    """Whether a span is long enough to be a stop."""
+    return bool(t[span[1] - 1] - t[span[0]] > SHORTEST_STOP_S - 1e-9)
+
+
 def runs(flags: NDArray[np.bool_]) -> Spans:
     """Half-open ranges of what is true."""
     return [(start, stop) for start, stop in edges(flags).tolist()]
@@ -151,4 +164,4 @@ def _merged(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]] = ()) -> S
 
 
 def _long_enough(t: Array, spans: Spans) -> Spans:
-    return [(start, stop) for start, stop in spans if t[stop - 1] - t[start] > SHORTEST_STOP_S - 1e-9]
+    return [span for span in spans if lasts(t, span)]

@@ -17,6 +17,7 @@ from pbd.simulation.tasks import TASKS, Task
 from pbd.tracking.keyframes import find_segments
 from pbd.tracking.online.tracker import LiveTracker
 from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_rows
+from tests.tracking.tapping import tapped
 
 TABLE_1 = [
     (0, 86, "No hand motion occurs"),
@@ -66,6 +67,15 @@ def test_a_put_down_that_bounces_by_less_than_2_cm_and_10_degrees_is_one_stop(
     lands = Waypoint(down, move_s=0.8, rest_s=0.25), Waypoint(beside, turn, move_s=0.2, rest_s=1.0)
     task = Task("bounce", (Waypoint(rest_s=2.0), Waypoint(up, move_s=0.8, rest_s=0.8), *lands))
     assert len(track(simulate(task, "modern", 2)).stops) == stops
+
+
+@pytest.mark.parametrize("peak", [20.0, 60.0, 120.0])
+def test_a_knock_on_a_hand_that_rests_makes_no_second_stop(peak: float) -> None:
+    recording = pour().recording
+    rests = [stop for stop in track(recording).stops if stop.dwell_s > 0.9]
+    knocked = tapped(recording, [(float(recording.t[(stop.start + stop.stop) // 2]), peak) for stop in rests])
+    assert rests
+    assert len(track(knocked).stops) == 11
 
 
 def test_sigma_grows_along_the_path() -> None:

@@ -12,7 +12,7 @@ from pbd.tracking.smoother.gauss_newton import UNDOUBTED_SIGMAS
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.preintegration import VEL
-from pbd.tracking.zero_velocity import Spans, calm_part, slow_parts, trimmed
+from pbd.tracking.zero_velocity import Spans, calm_part, lasts, slow_parts, trimmed
 
 MOVING_WEIGHT, MAX_RECUTS = 0.5, 5
 """Weight of a stop's velocity factor below which the hand seems to move; how often candidates are cut to their slow
@@ -45,7 +45,8 @@ def revised_stops(
 ) -> tuple[Spans, Spans]:
     """The stops by the estimated velocity, and where the hand is calm in each.
 
-    A doubted candidate is cut to its slow parts. Ends at which the hand moves are trimmed.
+    A doubted candidate is cut to its slow parts. Ends at which the hand moves are trimmed; where little is left the
+    hand only turned round.
 
     Args:
         problem: with what was taken for stops.
@@ -71,9 +72,12 @@ def revised_stops(
             between = blurred[first : max(last - 1, first + 1)]
             blur = float(np.sqrt(between.sum() / max(len(between), 1)))
             creep = lengths(v[inside] - median(v[inside]))
-            stops.append(trimmed(part, creep < OUTLIER_SIGMAS * (float(median(speed[inside])) + blur)))
-            start, stop = stops[-1][0] - part[0], stops[-1][1] - part[0]
-            calm.append(calm_part(t, stops[-1], creep[start:stop] < SET_OUT_SPEED + 2.0 * blur))
+            stop = trimmed(part, creep < OUTLIER_SIGMAS * (float(median(speed[inside])) + blur))
+            if not lasts(t, stop):
+                continue
+            stops.append(stop)
+            creep = creep[stop[0] - part[0] : stop[1] - part[0]]
+            calm.append(calm_part(t, stop, creep < SET_OUT_SPEED + 2.0 * blur))
     return stops, calm
 
 
