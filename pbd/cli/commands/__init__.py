@@ -42,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
         (
             *(demonstrations.record, demonstrations.simulate, demonstrations.import_, tracking.segments),
             *(tracking.keyframes, tracking.touch, tracking.plot, tracking.fuse, tracking.check, calibrate),
-            *(robots.replay, robots.export, robots.run, robots.robots, demonstrations.sensors),
+            *(robots.replay, robots.export, robots.run, robots.robots, demonstrations.sensors, demonstrations.demos),
         ),
     )
     return top

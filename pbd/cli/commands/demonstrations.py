@@ -102,6 +102,17 @@ def import_(parser: ArgumentParser) -> None:
     add_json(parser)
 
 
+def demos(parser: ArgumentParser) -> None:
+    """List the demonstrations that pbd knows.
+
+    List the demonstrations in ./demos, the newest first, and the bundled ones: when and with which sensor each was
+    recorded, how long it lasts, and whether its keyframes were edited.
+
+      pbd demos
+    """
+    add_table(parser, units="s")
+
+
 def sensors(parser: ArgumentParser) -> None:
     """Which sensors are plugged in, and which are supported.
 

@@ -1,0 +1,53 @@
+"""pbd demos: the demonstrations in ./demos and the bundled ones."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from pbd.cli.common import print_result
+from pbd.data import Demonstration
+from pbd.errors import RecordingError, warn
+from pbd.files.demo import load_demo, newest_demo
+from pbd.files.find_by_name import names
+from pbd.view.terminal_tables import make_table
+
+
+def run(args: argparse.Namespace) -> None:
+    """List them, the newest first; warn of those that can't be read."""
+    found: list[Demonstration] = []
+    for name in names("demos", ""):
+        try:
+            found.append(load_demo(name))
+        except RecordingError as error:
+            warn(str(error))
+    default = newest_demo()
+    rows = [_row(demo, demo.folder, default) for demo in found if demo.folder is not None]
+    rows.sort(key=lambda row: (not row["bundled"], row["created"] or ""), reverse=True)
+    columns = ("name", "created", "sensor", f"lasts ({args.units.time})", "keyframes", "is")
+    table = make_table(*columns, left=("name", "created", "sensor", "keyframes", "is"))
+    for row in rows:
+        kind = ("bundled",) * row["bundled"] + ("fused",) * bool(row["takes"]) + ("the default",) * row["default"]
+        edited = "edited" if row["edited"] else "as found"
+        lasts = args.units.times(row["duration_s"])
+        table.add_row(row["name"], row["created"] or "", row["sensor"], *lasts, edited, ", ".join(kind))
+    print_result(args, {"demos": rows}, table)
+
+
+def _row(demo: Demonstration, folder: Path, default: str) -> dict[str, Any]:
+    """What JSON says of one; a command uses the `default` one where none is named."""
+    recording, info = demo.recording, demo.recording.info
+    return {
+        "name": folder.name,
+        "folder": str(folder),
+        "created": info.created,
+        "sensor": info.sensor,
+        "rate_hz": recording.rate_hz,
+        "duration_s": float(recording.t[-1] - recording.t[0]),
+        "edited": demo.keyframes is not None,
+        "takes": len(demo.takes),
+        "bundled": demo.bundled,
+        "default": folder.name == default,
+        "notes": demo.notes,
+    }

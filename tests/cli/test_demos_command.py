@@ -1,0 +1,44 @@
+"""`pbd demos`: which demonstrations there are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.cli.running import Capture, run, run_json
+
+pytestmark = pytest.mark.usefixtures("empty_folder")
+
+
+@pytest.fixture
+def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_own_ones_come_first_and_the_newest_is_the_default(capsys: Capture) -> None:
+    assert run(capsys, "simulate", "pick-and-place-stops", "older")[0] == 0
+    toml = Path("demos/older/demo.toml")
+    toml.write_text(toml.read_text().replace('created = "20', 'created = "19'))
+    assert run(capsys, "simulate", "pick-and-place-stops", "newer")[0] == 0
+    rows = run_json(capsys, "demos")["demos"]
+    assert [row["name"] for row in rows[:2]] == ["newer", "older"]
+    assert {row["name"] for row in rows if row["bundled"]} == {"pouring", "paper-test1", "paper-test2"}
+    assert [row["name"] for row in rows if row["default"]] == ["newer"]
+    assert rows[0]["folder"] == "demos/newer"
+
+
+def test_without_own_ones_pouring_is_the_default(capsys: Capture) -> None:
+    code, out, _ = run(capsys, "demos")
+    assert code == 0
+    (line,) = (line for line in out.splitlines() if "the default" in line)
+    assert line.startswith("pouring")
+
+
+def test_one_that_cannot_be_read_is_warned_of_and_the_others_are_listed(capsys: Capture) -> None:
+    Path("demos/broken").mkdir(parents=True)
+    Path("demos/broken/demo.toml").write_text("format = 1\nname = 3\n")
+    code, out, err = run(capsys, "demos")
+    assert code == 0
+    assert "pouring" in out
+    assert "demos/broken/demo.toml:2" in err
