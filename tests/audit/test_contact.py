@@ -16,7 +16,7 @@ from pbd.audit.arm import AuditArm
 from pbd.audit.collision_pairs import AuditScene
 from pbd.audit.contact import Pair, coordinates, find_touch
 from pbd.audit.grasp import THE_TOOL
-from pbd.audit.solids import NEARER_M, Solid, link_solids, simple_solid
+from pbd.audit.solids import NEARER_M, Solid, floor, link_solids, simple_solid
 from pbd.data import Calibration, JointTrajectory, Obstacle, Robot
 from pbd.errors import PlanError
 from pbd.files.demo import load_demo
@@ -211,6 +211,17 @@ def test_a_touch_of_two_milliseconds_is_found_at_its_instant() -> None:
             assert found.pair is pairs[0]
             assert found.t == pytest.approx(touching[0], abs=1e-4)
         assert find_touch(PALM, trajectory, [Pair(BALL, missed)]) is None
+
+
+@pytest.mark.parametrize(("into_m", "touches"), [(0.001, True), (-0.001, False)])
+def test_a_table_is_touched_at_the_height_where_it_is(into_m: float, touches: bool) -> None:
+    """A ball at the tool goes down to a millimetre above it, or into it."""
+    q = np.tile(PANDA.home, (2, 1))
+    q[:, 1] += -0.2, 0.2
+    trajectory = time_keyframes(arm_of("panda"), q, [0.0] * 2, [None] * 2, q[0], approach=False)
+    lowest = float(centers(trajectory, np.linspace(0.0, trajectory.duration, 2000))[:, 2].min()) - 0.01
+    lifted = pin.SE3(np.eye(3), np.array([0.0, 0.0, lowest + into_m]))
+    assert (find_touch(PALM, trajectory, [Pair(floor("the table", lifted), BALL)]) is not None) == touches
 
 
 def test_what_is_wholly_inside_a_link_touches_it() -> None:
