@@ -229,7 +229,7 @@ def test_the_first_second_is_the_rest_if_its_variance_is_at_most_four_times_the_
 
 def test_an_axis_that_always_reads_the_same_says_nothing_of_the_step() -> None:
     """Nor does one of which a coarser step is seen: rounding adds step / sqrt(12), and stays while nothing moves."""
-    values = 0.01 * np.random.default_rng(0).integers(-3, 4, (200, 3)) * (1.0, 5.0, 0.0)
+    values = 0.01 * np.random.default_rng(0).integers(-3, 4, (200, 3)) * np.array((1.0, 5.0, 0.0))
     assert _rounding(values, 0.0) == pytest.approx((0.01 / np.sqrt(12.0), 0.01 / np.sqrt(12.0)))
 
 
