@@ -153,7 +153,7 @@ def find_touch(arm: AuditArm, trajectory: JointTrajectory, pairs: Sequence[Pair]
     motion, first = Motion(arm, trajectory), None
     for pair in pairs:
         t = _first_touch(motion, pair, min(pair.end, first.t if first else np.inf))
-        if t is not None and (first is None or t < first.t):
+        if t is not None:
             first = Touch(pair, t)
     return first
 

@@ -7,20 +7,21 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from pbd.arm.collision.geometry import Body
 from pbd.arm.collision.scene import CollisionScene
 from pbd.audit.arm import AuditArm
 from pbd.audit.collision_pairs import AuditScene
-from pbd.audit.contact import coordinates, find_touch
+from pbd.audit.contact import Pair, coordinates, find_touch
 from pbd.audit.grasp import THE_TOOL
-from pbd.audit.solids import link_solids
+from pbd.audit.solids import NEARER_M, Solid, floor, link_solids, simple_solid
 from pbd.data import Calibration, JointTrajectory, Obstacle, Robot
 from pbd.errors import PlanError
 from pbd.files.demo import load_demo
 from pbd.planning import plan_keyframes
-from pbd.pose import Pose
+from pbd.pose import Array, Pose
 from tests.arm.bundled import arm_of, keyframes_of, path_of
 from tests.arm.conftest import random_joints
 from tests.arm.dense import Dense
@@ -170,6 +171,57 @@ def test_a_hairs_breadth_decides(gap_m: float, free: bool) -> None:
     middle = np.array([x, y, lowest - gap_m - 0.05])
     box = Obstacle("the box", "box", (0.2, 0.04, 0.1), Pose(middle, LEVEL))
     assert (touched(PANDA, trajectory, calibration(box)) is None) == free
+
+
+PALM = AuditArm(PANDA)
+BALL = simple_solid("the ball", PALM.tool_joint, PALM.T_joint_tool, "sphere", (0.02,))
+
+
+def centers(trajectory: JointTrajectory, t: Array) -> Array:
+    """Where the ball at the tool is (n, 3), m."""
+    return np.array([PALM.place(x)[PALM.tool_joint].act(BALL.ball[0]) for x in coordinates(trajectory, t)])
+
+
+def beside(trajectory: JointTrajectory, t: float, apart_m: float) -> Solid:
+    """A second ball, 4 cm across, which the one at the tool passes at this distance at t (s)."""
+    before, there, after = centers(trajectory, np.array([t - 1e-4, t, t + 1e-4]))
+    across = np.cross(after - before, (0.0, 0.0, 1.0))
+    there = there + (0.03 + apart_m) * across / np.linalg.norm(across)
+    return simple_solid(f"what is passed at {t} s", 0, pin.SE3(np.eye(3), there), "sphere", (0.04,))
+
+
+def test_a_touch_of_two_milliseconds_is_found_at_its_instant() -> None:
+    """Oracle: the distance of two balls' centers, every 0.02 ms. Nearer than 0.1 mm counts as contact.
+
+    Another ball, which is hit later and well, changes nothing, whichever is asked for first.
+    """
+    q = np.tile(PANDA.home, (2, 1))
+    q[:, 0] = -0.8, 0.8
+    trajectory = time_keyframes(arm_of("panda"), q, [0.0] * 2, [None] * 2, q[0], approach=False)
+    later = Pair(BALL, beside(trajectory, 0.9 * trajectory.duration, -0.01))
+    for passed in np.random.default_rng(1).uniform(0.2, 0.7, 20) * trajectory.duration:
+        t = passed + np.arange(-2e-3, 2e-3, 2e-5)
+        grazed, missed = (beside(trajectory, passed, NEARER_M[-1] + more) for more in (-1e-6, 1e-6))
+        touching = t[np.linalg.norm(centers(trajectory, t) - grazed.ball[0], axis=1) <= 0.03 + NEARER_M[-1]]
+        assert 0.0 < np.ptp(touching) < 2e-3
+        pairs = [Pair(BALL, grazed), later]
+        for asked in (pairs, pairs[::-1]):
+            found = find_touch(PALM, trajectory, asked)
+            assert found is not None
+            assert found.pair is pairs[0]
+            assert found.t == pytest.approx(touching[0], abs=1e-4)
+        assert find_touch(PALM, trajectory, [Pair(BALL, missed)]) is None
+
+
+@pytest.mark.parametrize(("into_m", "touches"), [(0.001, True), (-0.001, False)])
+def test_a_table_is_touched_at_the_height_where_it_is(into_m: float, touches: bool) -> None:
+    """A ball at the tool goes down to a millimetre above it, or into it."""
+    q = np.tile(PANDA.home, (2, 1))
+    q[:, 1] += -0.2, 0.2
+    trajectory = time_keyframes(arm_of("panda"), q, [0.0] * 2, [None] * 2, q[0], approach=False)
+    lowest = float(centers(trajectory, np.linspace(0.0, trajectory.duration, 2000))[:, 2].min()) - 0.01
+    lifted = pin.SE3(np.eye(3), np.array([0.0, 0.0, lowest + into_m]))
+    assert (find_touch(PALM, trajectory, [Pair(floor("the table", lifted), BALL)]) is not None) == touches
 
 
 def test_what_is_wholly_inside_a_link_touches_it() -> None:

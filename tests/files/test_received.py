@@ -11,13 +11,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pbd.audit.audit import audit_received
-from pbd.data import Obstacle, Samples
+from pbd.data import Calibration, Obstacle, Samples
 from pbd.data.controller_interpolation import fill
 from pbd.errors import PbdWarning, PlanError
 from pbd.files.exporters import FORMATS, csv, export, urscript
 from pbd.files.exporters.order import Order
 from pbd.pose import Pose
-from tests.arm.bundled import NAMES
+from tests.arm.bundled import NAMES, arm_of
 from tests.files.test_formats import planned
 from tests.files.urscript import Controller
 
@@ -153,3 +153,18 @@ def test_a_tool_that_a_finger_carries_is_where_the_opening_puts_it() -> None:
     plan, robot, _ = planned("panda")
     with pytest.raises(PlanError, match=r"panda_leftfinger would touch panda_rightfinger"):
         audit_received(plan.trajectory, replace(robot, body="panda_leftfinger"), (plan.calibration, None))
+
+
+@pytest.mark.parametrize(("missed_m", "refused"), [(0.9e-3, False), (1.1e-3, True)])
+def test_a_keyframe_may_be_missed_by_a_millimetre(missed_m: float, refused: bool) -> None:
+    """The arm's first joint turned by so much at all times, its tool's distance from the axis away."""
+    plan, robot, _ = planned("panda", "paper-test2")
+    path, world = plan.trajectory, (Calibration("bench", T_base_dock=Pose.identity()), None)
+    p = arm_of("panda").forward(path.keyframe_q[1]).p
+    turned = np.array(path.keyframe_q)
+    turned[1, 0] += missed_m / np.hypot(p[0], p[1])
+    if refused:
+        with pytest.raises(PlanError, match=r"keyframe 1 would be missed by 1\.1 mm"):
+            audit_received(replace(path, keyframe_q=turned), robot, world)
+    else:
+        audit_received(replace(path, keyframe_q=turned), robot, world)

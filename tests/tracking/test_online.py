@@ -31,7 +31,7 @@ from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import FACTORY, Noise, noise_of
 from pbd.tracking.online.filter import UP
-from pbd.tracking.online.samples import Sample
+from pbd.tracking.online.samples import Conditioner, Sample
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 from pbd.tracking.smoother.preintegration import LAG, POS, VEL, GyroFrame, gyro_frame, preintegrate
@@ -469,3 +469,15 @@ def test_stops_of_a_real_hand_agree_with_the_optics(data_folder: Path) -> None:
     for stop in fed(recorded.recording)[0].stops:
         still[stop.start : stop.stop] = True
     assert 2.0 * (still & ~recorded.moving).sum() / (still.sum() + (~recorded.moving).sum()) > 0.985
+
+
+def test_between_the_neighbours_of_lost_samples_motion_may_be_anything() -> None:
+    """Noise for it is the variance of what lies evenly between the two, all axes together, as long as that lasts."""
+    conditioner, between = Conditioner(), np.linspace(0.0, 1.0, 10_001)[:, None]
+    conditioner.interval = 0.01
+    gyr, acc = np.array((0.1, -0.2, 0.3)), np.array((1.0, 2.0, -0.5))
+    conditioner.take(0.0, np.zeros(3), np.zeros(3), None, None)
+    samples, _ = conditioner.take(0.03, acc, gyr, None, None)
+    assert len(samples) == 3
+    wanted = [0.03 * (between * change).var(axis=0).sum() for change in (gyr, acc)]
+    assert samples[-1].guessed == pytest.approx(wanted, rel=1e-3)

@@ -26,9 +26,9 @@ from pbd.pose import (
     quat_rotate,
 )
 from pbd.tracking.estimate import estimate
-from pbd.tracking.first_rest import find_rest
+from pbd.tracking.first_rest import STILL_ACC, STILL_GYR, find_rest, restlessness
 from pbd.tracking.keyframes import find_keyframes, find_segments
-from pbd.tracking.noise import noise_of
+from pbd.tracking.noise import _rounding, noise_of
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother.preintegration import integral_of_means, integral_of_values, turns_between_middles
 from tests.scenarios import pour
@@ -225,3 +225,14 @@ def test_the_first_second_is_the_rest_if_its_variance_is_at_most_four_times_the_
     acc = np.tile((0.0, 0.0, 9.81), (400, 1))
     acc[:, 0] = 0.02 * (-1.0) ** np.arange(400) * np.where(np.arange(400) < 150, np.sqrt(louder), 1.0)
     assert (find_rest(Recording(np.arange(400) / 100.0, acc)).start == 0) == first
+
+
+def test_an_axis_that_always_reads_the_same_says_nothing_of_the_step() -> None:
+    """Nor does one of which a coarser step is seen: rounding adds step / sqrt(12), and stays while nothing moves."""
+    values = 0.01 * np.random.default_rng(0).integers(-3, 4, (200, 3)) * np.array((1.0, 5.0, 0.0))
+    assert _rounding(values, 0.0) == pytest.approx((0.01 / np.sqrt(12.0), 0.01 / np.sqrt(12.0)))
+
+
+def test_a_hand_at_the_limit_of_either_sensor_is_as_restless() -> None:
+    assert restlessness(STILL_ACC**2, 0.0) == pytest.approx(1.0)
+    assert restlessness(0.0, STILL_GYR**2) == pytest.approx(1.0)

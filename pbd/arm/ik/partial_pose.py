@@ -46,7 +46,7 @@ NEAREST, ANYWHERE = 8, 16
 AT_PLACE, EVERY = 32, 4
 """Where the position seems out of reach: samples near it, of which every so many is tried (neighbours are alike)."""
 
-_ROUGH, _FINE = 0.3, 0.03  # m: weight of one rad of the approach axis, at first and at last
+_ROUGH, _FINE = 0.3, 0.003  # m: what a rotation of one rad of the approach axis weighs, at first and at last
 _ROUGH_STEPS, _FINE_STEPS = 8, 200
 _KEPT = 4  # starts that are followed to the end
 _APART_RAD = 0.2  # starts that end nearer to each other than this are one

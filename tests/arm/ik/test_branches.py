@@ -52,6 +52,18 @@ def test_a_wide_search_goes_all_the_way_around_a_redundant_arms_elbow(name: str)
         assert way.max(axis=1).min() < 0.3
 
 
+def test_ways_of_a_redundant_arms_branch_are_a_third_of_a_turn_by_starts_apart_and_0_6_rad_at_most() -> None:
+    """From where the arm is to the next way along the branch, in the joint that moves most; the angles are tried in
+    steps of a twentieth of a radian or so."""
+    arm = arm_of("panda")
+    for starts, apart_rad in ((12, 0.6), (81, 2.0 * np.pi / 27)):
+        following = []
+        for q in random_joints(arm.robot, 30, seed=1, margin=0.2):
+            way = np.abs(find_branches(arm, arm.forward(q), q[None], starts) - q).max(axis=1)
+            following.append(way[way > 0.12].min())
+        assert np.median(following) == pytest.approx(apart_rad + 0.02, abs=0.02)
+
+
 @pytest.mark.parametrize("name", FIVE_JOINTS)
 def test_no_way_of_five_joints_is_a_tenth_of_a_degree_worse_than_another(name: str) -> None:
     """As the rule counts, which weighs a degree of the approach axis as ten about it."""

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from pbd.calibration.sensor_changed import disagreements
-from pbd.data import Calibration, Linear, SensorErrors
+from pbd.data import Calibration, Linear, Recording, SensorErrors, Stop
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pipeline import track
 from pbd.simulation.simulate import EARTH
+from pbd.tracking.first_rest import STILL_ACC
 from pbd.tracking.keyframes import find_keyframes
+from pbd.tracking.repair.gaps import Gap, refuse_gaps
 from tests.scenarios import pour, truth_at, with_hole, with_rows
 from tests.tracking.faults import every_method, quietly
 
@@ -76,6 +78,27 @@ def test_rows_that_were_lost_with_a_whole_move_are_refused() -> None:
     kept = (rows < before.stop - 15) | (rows >= after.start + 15)
     with pytest.raises(TrackingError, match=r"a move may be hidden in it|while the hand moves"):
         track(with_rows(recording, rows[kept]))
+
+
+@quietly
+def test_a_hand_rests_beside_a_hole_where_a_tenth_of_a_second_on_either_hand_says_so() -> None:
+    """At 100 Hz ten samples, of one attitude: nine will not do, nor ten of which one is off by ten times too much."""
+    hole, acc = Gap(39, 45, 0.05), np.tile((0.0, 0.0, 9.81), (100, 1))
+
+    def refused(stop: Stop, *tilted: int) -> bool:
+        shown = acc.copy()
+        shown[list(tilted), 0] += 10.2 * STILL_ACC
+        try:
+            refuse_gaps((hole,), Recording(t=np.arange(100) / 100.0, acc=shown), (stop,))
+        except TrackingError:
+            return True
+        return False
+
+    enough = Stop(30, 55, 0.25)
+    assert not refused(enough)
+    assert refused(replace(enough, start=31))
+    assert refused(replace(enough, stop=54))
+    assert [row for row in range(100) if refused(enough, row)] == [*range(30, 40), *range(45, 55)]
 
 
 @quietly

@@ -111,6 +111,16 @@ def test_a_hand_that_turns_tells_which_axes_are_wrong(sensor: str, channel: str,
     assert caught.value.message.endswith(f": import the file with {mended_by}")
 
 
+def test_a_gyros_bias_hides_no_wrong_axis() -> None:
+    """15 degrees/s about each axis: left in, no reading of the axes would fit."""
+    mended_by = "--column gx=gy --column gy=gx"
+    recording = replace(simulate(random_task(2, max_turn=1.8, moves=20), "modern", 2).recording, device_rpy=None)
+    wrong = spoilt(recording, "gyr", mended_by)
+    assert wrong.gyr is not None
+    with pytest.raises(RecordingError, match=f"import the file with {mended_by}$"):
+        refuse_disagreement(replace(wrong, gyr=wrong.gyr + np.radians((15.0, -15.0, 15.0))))
+
+
 @pytest.mark.parametrize("sensor", ["wt901", "modern"])
 @pytest.mark.parametrize("task", ["pour", "pick-and-place-stops", "pick-and-place-direct"])
 @pytest.mark.parametrize(

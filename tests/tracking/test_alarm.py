@@ -1,0 +1,40 @@
+"""What is said of a recording that its own solution contradicts."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pbd.tracking.alarm import _of_moves, _of_sensor
+
+
+def test_many_moves_that_all_fit_badly_are_told() -> None:
+    """Each at three sigmas: none stands out from the others."""
+    solution: Any = SimpleNamespace(
+        legs=(np.full((8, 9), 3.0), np.zeros((8, 9, 9))), problem=SimpleNamespace(t=np.arange(9.0))
+    )
+    (said,) = _of_moves(solution)
+    assert said.startswith("no motion between the stops fits the data from 0.0 to 1.0 s, and in 7 other places: ")
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "value", "told"),
+    [
+        (0, 2, -0.04, "the accelerometer's x axis leans 4.0 % towards z, "),
+        (1, 1, -0.04, "the accelerometer's y axis reads 4.0 % low, "),
+        (1, 1, 0.04, "the accelerometer's y axis reads 4.0 % high, "),
+    ],
+)
+def test_an_axis_that_leans_is_told_from_one_that_reads_high(row: int, column: int, value: float, told: str) -> None:
+    def estimate(*shape: int) -> SimpleNamespace:
+        return SimpleNamespace(value=np.zeros(shape), surprise=np.zeros(shape))
+
+    matrix = estimate(3, 3)
+    matrix.value[row, column], matrix.surprise[row, column] = value, 9.0
+    found: Any = SimpleNamespace(lag=estimate(), gyr_matrix=estimate(3, 3), acc_bias=estimate(3), acc_matrix=matrix)
+    solution: Any = SimpleNamespace(lag=0.0, scale=0.0)
+    (said,) = _of_sensor(solution, found)
+    assert said.startswith(told)
