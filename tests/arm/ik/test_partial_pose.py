@@ -82,7 +82,7 @@ def test_no_joints_nearby_do_better_by_a_fiftieth_of_a_degree(name: str) -> None
     arm, rng = arm_of(name), np.random.default_rng(5)
     for truth in random_joints(arm.robot, 20, seed=8, margin=0.3):
         pose = turned(arm.forward(truth), 0.3 * rng.normal(size=3))
-        found = solve_partial(arm, pose, np.empty((0, 5)))[0]
+        found = solve_partial(arm, to_se3(pose), np.empty((0, 5)))[0]
         assert best_by_slsqp(arm, pose, found.q) > found.off - np.radians(0.02)
 
 
