@@ -18,7 +18,7 @@ from pbd.data import Calibration, Gripper, JointLimits, Robot, Servos
 from pbd.errors import MOST_LISTED, RobotError, listed, printable
 from pbd.files.calibration import read_pose
 from pbd.files.find_by_name import find
-from pbd.files.urdf import ACTUATED, Urdf, UrdfJoint, read_poses, read_urdf
+from pbd.files.robot_description import ACTUATED, Urdf, UrdfJoint, read_poses, read_urdf
 from pbd.io.atomic import is_file
 from pbd.io.meshes import mesh_places
 from pbd.io.toml import Section, read_toml

@@ -15,14 +15,14 @@ from pbd.planning.task import arm_of
 from pbd.pose import Array, quat_from_matrix
 
 if TYPE_CHECKING:
-    from pbd.files.exporters.order import Source
+    from pbd.files.exporters.export_request import Source
 
 
 def source_of(plan: Plan) -> Source:
     """Collect it; PlanError where the plan knows keyframes alone."""
     from pbd.arm.link_frames import links_in_parents
     from pbd.audit.audit import audit_received
-    from pbd.files.exporters.order import Source
+    from pbd.files.exporters.export_request import Source
 
     arm, hand = arm_of(plan.robot), plan.hand_path
     if hand is None:

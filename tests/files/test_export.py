@@ -15,7 +15,7 @@ from pbd.data import Gripper, JointLimits, JointTrajectory, Robot, Samples
 from pbd.errors import PbdError
 from pbd.files import exporters
 from pbd.files.exporters import FORMATS, export, npz
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Array, Pose
 
 DURATION, RATE = 0.07345678, 100.0  # the end is not on the grid
@@ -157,7 +157,7 @@ def test_a_file_appears_whole_or_not_at_all(
     if is_there:
         path.write_text("old")
 
-    def half(order: Order, points: Samples, unfinished: Path) -> None:
+    def half(request: ExportRequest, points: Samples, unfinished: Path) -> None:
         unfinished.write_bytes(b"half a fil")
         raise fault
 
@@ -195,5 +195,5 @@ def test_a_rate_out_of_range(tmp_path: Path, motion: JointTrajectory, rate_hz: f
 
 def test_each_format_has_its_file() -> None:
     folder = Path(exporters.__file__).parent
-    files = {path.stem for path in folder.glob("*.py")} - {"__init__", "order", "check_export"}
+    files = {path.stem for path in folder.glob("*.py")} - {"__init__", "export_request", "check_export"}
     assert files == {each.file for each in FORMATS.values()}

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 
 from pbd.data import Robot
 from pbd.files.exporters import export
-from pbd.files.exporters.order import Source
+from pbd.files.exporters.export_request import Source
 from pbd.planning import Plan, PlanOptions, plan_path, source_of
 from pbd.pose import Pose
 from tests.arm.bundled import arm_of, path_of

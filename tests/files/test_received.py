@@ -15,7 +15,7 @@ from pbd.data import Calibration, Obstacle, Samples
 from pbd.data.controller_interpolation import fill
 from pbd.errors import PbdWarning, PlanError
 from pbd.files.exporters import FORMATS, csv, export, urscript
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Pose
 from tests.arm.bundled import NAMES, arm_of
 from tests.files.test_formats import planned
@@ -68,27 +68,27 @@ def test_urscript_is_read_back_as_the_controller_runs_it(tmp_path: Path) -> None
             assert_allclose(points.t[np.flatnonzero(np.diff(points.gripper))], calls, atol=1e-9)
 
 
-def broken(monkeypatch: pytest.MonkeyPatch, change: Callable[[Order, Samples], Samples]) -> None:
+def broken(monkeypatch: pytest.MonkeyPatch, change: Callable[[ExportRequest, Samples], Samples]) -> None:
     """Make csv write something else than it was given."""
     good = csv.write
 
-    def write(order: Order, points: Samples, path: Path) -> None:
-        good(order, change(order, points), path)
+    def write(request: ExportRequest, points: Samples, path: Path) -> None:
+        good(request, change(request, points), path)
 
     monkeypatch.setattr(csv, "write", write)
 
 
-def jolted(_: Order, points: Samples) -> Samples:
+def jolted(_: ExportRequest, points: Samples) -> Samples:
     q = points.q.copy()
     q[400, 2] += 3e-3
     return replace(points, q=q)
 
 
-def turned(_: Order, points: Samples) -> Samples:
+def turned(_: ExportRequest, points: Samples) -> Samples:
     return replace(points, q=points.q + 0.02 * np.eye(points.q.shape[1])[0])
 
 
-def unfinished(_: Order, points: Samples) -> Samples:
+def unfinished(_: ExportRequest, points: Samples) -> Samples:
     return replace(points, qdd=np.full_like(points.qdd, np.nan))
 
 
@@ -101,7 +101,7 @@ def unfinished(_: Order, points: Samples) -> Samples:
     ],
 )
 def test_a_file_that_is_not_the_motion_is_not_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: Callable[[Order, Samples], Samples], said: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: Callable[[ExportRequest, Samples], Samples], said: str
 ) -> None:
     plan, robot, source = planned("panda")
     broken(monkeypatch, change)

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from pbd.data import JointTrajectory, Robot, Samples
     from pbd.data.controller_interpolation import Rule
     from pbd.files.exporters.check_export import Shares
-    from pbd.files.exporters.order import Source
+    from pbd.files.exporters.export_request import Source
 
 
 class Format(NamedTuple):
-    """How motions are written: `write(order, samples, path)` of a file here does it.
+    """How motions are written: `write(request, samples, path)` of a file here does it.
 
     Attributes:
-        file: its name. With `samples(order)` it has instants of its own; `read(path)` reads its points back.
+        file: its name. With `samples(request)` it has instants of its own; `read(path)` reads its points back.
         counted: what its samples are called.
         filled_by: the rules by which receivers fill the gaps between points; none where nobody moves an arm by it.
         suffix: what a file's name ends in that says this format; "": it must be named.
@@ -130,26 +130,26 @@ def export(
         return export_dataset([(trajectory, source)], robot, path)[0]
     from pbd.data.controller_interpolation import shares
     from pbd.files.exporters.check_export import check_received, reached
-    from pbd.files.exporters.order import Order
+    from pbd.files.exporters.export_request import ExportRequest
 
     file = import_module(f"{__name__}.{FORMATS[format_name].file}")
-    order = Order(format_name, trajectory, robot, path.suffix.lower(), rate_hz, dense, source)
-    samples = getattr(file, "samples", Order.sampled)
-    points = samples(order)
-    rules: tuple[Rule, ...] = ("hold",) if dense else order.format.filled_by  # of servoj each row at its time
+    request = ExportRequest(format_name, trajectory, robot, path.suffix.lower(), rate_hz, dense, source)
+    samples = getattr(file, "samples", ExportRequest.sampled)
+    points = samples(request)
+    rules: tuple[Rule, ...] = ("hold",) if dense else request.format.filled_by  # of servoj each row at its time
     receiver: Shares = {}
     with atomic_file(path) as unfinished:
-        file.write(order, points, unfinished)
+        file.write(request, points, unfinished)
         if rules:
-            receiver = check_received(order, file.read(unfinished), rules, sampled=samples)
-    if order.format.filled_by == ("hold",):  # what cubics between the rows would do is told all the same
+            receiver = check_received(request, file.read(unfinished), rules, sampled=samples)
+    if request.format.filled_by == ("hold",):  # what cubics between the rows would do is told all the same
         worst = max(shares(points, "cubic", robot.limits), key=lambda share: share.value)
         if worst.value > 1.0 + CUBIC_EXCESS:
             warn(
-                f"{reached(order, points, 'cubic', worst)}; send each sample at its time, give a higher --rate, or "
+                f"{reached(request, points, 'cubic', worst)}; send each sample at its time, give a higher --rate, or "
                 "take ros2-json, which is exact"
             )
-    return Export(points, order.format.counted, receiver)
+    return Export(points, request.format.counted, receiver)
 
 
 def export_dataset(
@@ -169,17 +169,19 @@ def export_dataset(
     """
     from pbd.files.exporters import lerobot
     from pbd.files.exporters.check_export import check_received
-    from pbd.files.exporters.order import Order
+    from pbd.files.exporters.export_request import ExportRequest
 
     lerobot.check(robot)
-    orders = [Order("lerobot", trajectory, robot, "", made_from=source, task=task) for trajectory, source in motions]
-    points = [lerobot.samples(order) for order in orders]
+    requests = [
+        ExportRequest("lerobot", trajectory, robot, "", made_from=source, task=task) for trajectory, source in motions
+    ]
+    points = [lerobot.samples(request) for request in requests]
     before = lerobot.read_episodes(folder, robot)
     done: list[Export] = []
     with atomic_folder(folder) as unfinished:
-        lerobot.write(robot, [*before, *map(lerobot.episode, orders, points)], unfinished)
+        lerobot.write(robot, [*before, *map(lerobot.episode, requests, points)], unfinished)
         written = lerobot.read_episodes(unfinished, robot)[len(before) :]
-        for order, sampled, episode in zip(orders, points, written, strict=True):
-            found = check_received(order, lerobot.read(robot, episode), order.format.filled_by, lerobot.DIGITS)
-            done.append(Export(sampled, order.format.counted, found, len(before) + len(done)))
+        for request, sampled, episode in zip(requests, points, written, strict=True):
+            found = check_received(request, lerobot.read(robot, episode), request.format.filled_by, lerobot.DIGITS)
+            done.append(Export(sampled, request.format.counted, found, len(before) + len(done)))
     return done

@@ -11,7 +11,7 @@ import numpy as np
 from pbd.data import JointTrajectory, Samples
 from pbd.data.controller_interpolation import EPSILON, LIMITS, Rule, Share, evaluate, fill, shares
 from pbd.errors import PbdError, PlanError
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Array
 
 Shares = Mapping[Rule, tuple[Share, Share, Share]]
@@ -28,29 +28,29 @@ tenth of its smallest distance on an arm of a metre."""
 
 
 def check_received(
-    order: Order,
+    request: ExportRequest,
     points: Samples,
     rules: tuple[Rule, ...],
     digits: float = EPSILON,
-    sampled: Callable[[Order], Samples] | None = None,
+    sampled: Callable[[ExportRequest], Samples] | None = None,
 ) -> Shares:
     """Replay a file's points by each rule; return the largest shares of the velocity, acceleration and jerk limits.
 
     Args:
-        order: what was to be written; without its `made_from` poses and collisions are not looked at.
+        request: what was to be written; without its `made_from` poses and collisions are not looked at.
         points: as read from the file.
         rules: of the format's receivers.
         digits: how large the last digit of the file's numbers is, as a share of them.
-        sampled: makes the points of another order, to try another rate.
+        sampled: makes the points of another request, to try another rate.
 
     Raises:
         PlanError: a limit would be broken, a keyframe missed, or something touched.
     """
-    robot, found = order.robot, {}
+    robot, found = request.robot, {}
     arrays = points.t, points.q, points.qd, points.qdd
     sound = points.q.shape[1] == len(robot.joints) and all(np.isfinite(each).all() for each in arrays)
     if not sound or len(points.t) < 2 or (np.diff(points.t) <= 0.0).any():
-        what = f"audit: the {order.format_name} file can't be read back"
+        what = f"audit: the {request.format_name} file can't be read back"
         raise PlanError(f"{what}; no file was written, please report it")
     for rule in rules:
         found[rule] = used = shares(points, rule, robot.limits, digits)
@@ -58,32 +58,34 @@ def check_received(
         if not worst.value <= 1.0:
             slower = np.floor(100.0 * worst.value ** (-1.0 / (1 + LIMITS.index(worst.limit)))) / 100.0
             how = f"--margin {100.0 * ROUNDED:g}" if worst.value < 1.0 + ROUNDED else f"{slower:g} times the --speed"
-            what = f"{reached(order, points, rule, worst)}; give {how}"
+            what = f"{reached(request, points, rule, worst)}; give {how}"
             raise PlanError(what, joint=robot.joints[worst.joint], value=worst.value, bound=1.0)
-        path = None if order.made_from is None else _other_path(order, points, rule)
+        path = None if request.made_from is None else _other_path(request, points, rule)
         try:
             if path is not None:
-                order.source.audit(path)
+                request.source.audit(path)
         except PlanError as error:
-            rate_hz = _rate_that_works(order, rules, sampled)
+            rate_hz = _rate_that_works(request, rules, sampled)
             how = "a lower --speed" if rate_hz is None else f"--rate {rate_hz:g}"
             raise PlanError(f"{error.message}; give {how}", **error.fields) from None
     return found
 
 
-def _rate_that_works(order: Order, rules: tuple[Rule, ...], sampled: Callable[[Order], Samples] | None) -> float | None:
+def _rate_that_works(
+    request: ExportRequest, rules: tuple[Rule, ...], sampled: Callable[[ExportRequest], Samples] | None
+) -> float | None:
     for rate_hz in RATES_HZ:
-        if order.rate_hz is not None and rate_hz > order.rate_hz and sampled is not None:
+        if request.rate_hz is not None and rate_hz > request.rate_hz and sampled is not None:
             with suppress(PbdError):  # servoj has two rates
-                other = replace(order, rate_hz=rate_hz)
+                other = replace(request, rate_hz=rate_hz)
                 check_received(other, sampled(other), rules)
                 return rate_hz
     return None
 
 
-def reached(order: Order, points: Samples, rule: Rule, worst: Share) -> str:
+def reached(request: ExportRequest, points: Samples, rule: Rule, worst: Share) -> str:
     """Say how much of a limit is reached, and where."""
-    joint, t = order.robot.joints[worst.joint], points.t[worst.point]
+    joint, t = request.robot.joints[worst.joint], points.t[worst.point]
     times = f"{worst.value:.{2 if worst.value > 1.0 + ROUNDED else 7}f}"
     if rule in ("cubic", "quintic"):
         who = f"a controller that fills the gaps between samples by {rule}s"
@@ -92,13 +94,13 @@ def reached(order: Order, points: Samples, rule: Rule, worst: Share) -> str:
     return f"{who} would reach {times} times {joint}'s {worst.limit} limit, at {t:.2f} s"
 
 
-def _other_path(order: Order, points: Samples, rule: Rule) -> JointTrajectory | None:
+def _other_path(request: ExportRequest, points: Samples, rule: Rule) -> JointTrajectory | None:
     """Compare the motion with the planned one; return what is not that, to be audited itself.
 
     Raises:
         PlanError: the file's polynomials are another motion.
     """
-    planned, coefficients, h = order.trajectory, fill(points, rule), np.diff(points.t)
+    planned, coefficients, h = request.trajectory, fill(points, rule), np.diff(points.t)
     off = np.zeros(len(h))
     for share in (0.0, 0.5):
         exact = planned.at(points.t[:-1] + share * h).q

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Samples
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.export_request import ExportRequest
 from pbd.files.table import read_table, write_table
 
 
-def write(order: Order, points: Samples, path: Path) -> None:
+def write(request: ExportRequest, points: Samples, path: Path) -> None:
     """Write columns t (s), q_NAME (rad), dq_NAME (rad/s), ddq_NAME (rad/s2), gripper (1 open, 0 closed), all digits."""
-    names = order.trajectory.joint_names
+    names = request.trajectory.joint_names
     header = ("t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in names), "gripper")
     values = np.column_stack((points.t, points.q, points.qd, points.qdd, points.gripper))
     write_table(path, header, values + 0.0)  # no -0.0

@@ -10,25 +10,30 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Samples
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.export_request import ExportRequest
 
 
-def samples(order: Order) -> Samples:
+def samples(request: ExportRequest) -> Samples:
     """Evaluate where the arm stands at its keyframes."""
-    return order.trajectory.at(order.trajectory.keyframe_t)
+    return request.trajectory.at(request.trajectory.keyframe_t)
 
 
-def write(order: Order, points: Samples, path: Path) -> None:
+def write(request: ExportRequest, points: Samples, path: Path) -> None:
     """Write each keyframe as `pbd keyframes --json --robot R` names it; the pose is the one that the joints give."""
-    names, q = order.trajectory.joint_names, order.trajectory.keyframe_q
-    p, wxyz = order.source.tool(q)
+    names, q = request.trajectory.joint_names, request.trajectory.keyframe_q
+    p, wxyz = request.source.tool(q)
     rows: list[dict[str, Any]] = []
-    for i, keyframe in enumerate(order.source.keyframes):
-        row: dict[str, Any] = {"index": i, "t_s": float(points.t[i]), "dwell_s": _dwell(order, i)}
+    for i, keyframe in enumerate(request.source.keyframes):
+        row: dict[str, Any] = {"index": i, "t_s": float(points.t[i]), "dwell_s": _dwell(request, i)}
         row |= {"grip": keyframe.grip, "label": keyframe.label, "joints": q[i].tolist()}
         rows.append(row | {"base_position_m": p[i].tolist(), "base_wxyz": wxyz[i].tolist()})
-    if order.suffix != ".csv":
-        top = {"demo": order.source.name, "robot": order.robot.name, "base": order.robot.base, "joint_names": names}
+    if request.suffix != ".csv":
+        top = {
+            "demo": request.source.name,
+            "robot": request.robot.name,
+            "base": request.robot.base,
+            "joint_names": names,
+        }
         lines = ",\n".join(json.dumps(row) for row in rows)
         path.write_text(f'{json.dumps(top)[:-1]}, "keyframes": [\n{lines}\n]}}\n', encoding="utf-8")
         return
@@ -42,8 +47,8 @@ def write(order: Order, points: Samples, path: Path) -> None:
             table.writerow((*values, *row["joints"], *row["base_position_m"], *row["base_wxyz"]))
 
 
-def _dwell(order: Order, i: int) -> float:
-    knots, t = order.trajectory.knots, order.trajectory.keyframe_t[i]
+def _dwell(request: ExportRequest, i: int) -> float:
+    knots, t = request.trajectory.knots, request.trajectory.keyframe_t[i]
     at = int(np.searchsorted(knots, t - 1e-9))
-    moves = np.append(order.trajectory.coefficients[at:, 1:].any(axis=(1, 2)), True)
+    moves = np.append(request.trajectory.coefficients[at:, 1:].any(axis=(1, 2)), True)
     return float(knots[at + int(np.argmax(moves))] - knots[at])

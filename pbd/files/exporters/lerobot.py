@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pbd.data import Robot, Samples
 from pbd.data.controller_interpolation import set_points
 from pbd.errors import PbdError, PlanError, printable, require_package
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.export_request import ExportRequest
 from pbd.io.atomic import is_file, is_folder, refuse_folder
 from pbd.io.read_file import read_text
 from pbd.pose import Array
@@ -75,17 +75,17 @@ def first_frame(robot: Robot, points: Samples) -> str:
     return f"{joints} ({unit}), gripper {first[-1]:.0f}"
 
 
-def samples(order: Order) -> Samples:
+def samples(request: ExportRequest) -> Samples:
     """Evaluate at 30 frames a second.
 
     Raises:
         PlanError: it doesn't begin with an approach and end at home: replay jumps to the first frame, and lets go of
             the arm at the last.
     """
-    trajectory, robot = order.trajectory, order.robot
+    trajectory, robot = request.trajectory, request.robot
     at_home = np.abs(trajectory.at(np.array([trajectory.duration])).q[0] - robot.home).max() <= AT_HOME_RAD
     if not (at_home and trajectory.keyframe_t[0] > 0.0):
-        what = f"lerobot's episodes begin and end at rest, away from the task, and {order.source.name} does not"
+        what = f"lerobot's episodes begin and end at rest, away from the task, and {request.source.name} does not"
         raise PlanError(f"{what}; leave --no-approach and --no-retreat out", robot=robot.name)
     return trajectory.sample(FPS)
 
@@ -99,10 +99,10 @@ def values(robot: Robot, q: Array, opening: Array) -> Rows:
     return np.column_stack((servos.to_degrees(q), servos.to_percent(fingers))).astype(np.float32)
 
 
-def episode(order: Order, points: Samples) -> Episode:
+def episode(request: ExportRequest, points: Samples) -> Episode:
     """Make the frames: the state is a frame behind the action, and both end at rest."""
-    action = values(order.robot, points.q, points.gripper)
-    return Episode(order.task or order.source.name, np.vstack((action[:1], action[:-1])), action)
+    action = values(request.robot, points.q, points.gripper)
+    return Episode(request.task or request.source.name, np.vstack((action[:1], action[:-1])), action)
 
 
 def read(robot: Robot, found: Episode) -> Samples:

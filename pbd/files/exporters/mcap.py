@@ -16,7 +16,7 @@ import numpy as np
 
 from pbd.data import Recording, Robot, Samples
 from pbd.errors import require_package
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.export_request import ExportRequest
 from pbd.files.exporters.ros2_json import DERIVATIVES, finger_message, goal_message, samples
 from pbd.pose import Array, Pose, quat_to_xyzw
 
@@ -41,15 +41,15 @@ def check(robot: Robot) -> None:
     require_package("rosbags.rosbag2", "ros", "mcap")
 
 
-def write(order: Order, points: Samples, path: Path) -> None:
+def write(request: ExportRequest, points: Samples, path: Path) -> None:
     """Write the bag."""
-    check(order.robot)
+    check(request.robot)
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     with TemporaryDirectory(dir=path.parent) as folder:
         bag = Path(folder) / "bag"
         with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-            _Bag(order, writer).fill(points)
+            _Bag(request, writer).fill(points)
         next(bag.glob("*.mcap")).replace(path)
 
 
@@ -72,11 +72,11 @@ def read(path: Path) -> Samples:
 class _Bag:
     """The messages of one bag; each is made of dicts, lists and numbers."""
 
-    def __init__(self, order: Order, writer: Any) -> None:
+    def __init__(self, request: ExportRequest, writer: Any) -> None:
         from rosbags.interfaces import Nodetype
 
         self.node = Nodetype
-        self.order, self.source, self.writer = order, order.source, writer
+        self.request, self.source, self.writer = request, request.source, writer
         self.store = _types()
         self.topics: dict[str, Any] = {}
         tracking = self.source.hand.tracking
@@ -85,15 +85,15 @@ class _Bag:
         self.start_ns = UNDATED_NS if created is None else int(datetime.fromisoformat(created).timestamp()) * 10**9
 
     def fill(self, points: Samples) -> None:
-        order, robot, hand = self.order, self.order.robot, self.source.hand
-        states = order.trajectory.sample(order.rate_hz or USUAL_HZ)
+        request, robot, hand = self.request, self.request.robot, self.source.hand
+        states = request.trajectory.sample(request.rate_hz or USUAL_HZ)
         self.put("/robot_description", 0.0, "std_msgs/msg/String", {"data": robot.urdf.read_text(encoding="utf-8")})
         goal = goal_message(robot.joints, points.t, (points.q, points.qd, points.qdd))
         self.put("/joint_trajectory", 0.0, GOAL, goal)
         if robot.gripper is not None and robot.gripper.joints:
-            self.put("/gripper_trajectory", 0.0, GOAL, finger_message(order.trajectory, robot.gripper))
+            self.put("/gripper_trajectory", 0.0, GOAL, finger_message(request.trajectory, robot.gripper))
         moving = self.put_links(states)
-        keyframes = order.trajectory.keyframe_t, *self.source.tool(order.trajectory.keyframe_q)
+        keyframes = request.trajectory.keyframe_t, *self.source.tool(request.trajectory.keyframe_q)
         self.put_path("/keyframes/path", robot.base, *keyframes, each="/keyframes")
         self.put_path("/tool/path", robot.base, states.t, *self.source.tool(states.q))
         poses = hand.t, hand.p_nav_sensor, hand.wxyz_nav_sensor
@@ -111,7 +111,7 @@ class _Bag:
 
     def put_links(self, states: Samples) -> set[str]:
         """Write the joints and the links that move; name these."""
-        first, robot = self.links(states, 0), self.order.robot
+        first, robot = self.links(states, 0), self.request.robot
         elsewhere = self.source.links(states.q[0] + 0.1, float(states.gripper[0] < 0.5))
         moving = {link for link, (_, pose) in first.items() if max(pose.distance(elsewhere[link][1])) > 1e-6}
         names, q, qd = [*robot.joints], states.q, states.qd

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Samples
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.export_request import ExportRequest
 
 
-def write(order: Order, points: Samples, path: Path) -> None:
+def write(request: ExportRequest, points: Samples, path: Path) -> None:
     """Write arrays joints (k,) names, t (n,) s, q, dq, ddq (n, k) rad, rad/s, rad/s2, gripper (n,) 1 open, 0 closed."""
     with path.open("wb") as file:
         np.savez(
             file,
-            joints=np.array(order.trajectory.joint_names),
+            joints=np.array(request.trajectory.joint_names),
             t=points.t,
             q=points.q,
             dq=points.qd,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Gripper, JointTrajectory, Samples
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Array
 
 LEAST_GAP_S = 2e-5
@@ -26,9 +26,9 @@ _OFF_KNOTS = 0.25
 """Samples closer to a knot than this share of their spacing add nothing, and are left out."""
 
 
-def samples(order: Order) -> Samples:
+def samples(request: ExportRequest) -> Samples:
     """Evaluate at the trajectory's knots, and at a rate in between, at whole nanoseconds as the message has them."""
-    trajectory, rate_hz = order.trajectory, order.rate_hz
+    trajectory, rate_hz = request.trajectory, request.rate_hz
     t = _apart(trajectory.knots)
     if rate_hz is not None:
         grid = np.arange(1, int(trajectory.duration * rate_hz) + 1) / rate_hz
@@ -42,9 +42,9 @@ def samples(order: Order) -> Samples:
     return Samples(rounded, points.q, points.qd, points.qdd, points.gripper)
 
 
-def write(order: Order, points: Samples, path: Path) -> None:
+def write(request: ExportRequest, points: Samples, path: Path) -> None:
     """Write the goals, one point a line."""
-    trajectory, gripper = order.trajectory, order.robot.gripper
+    trajectory, gripper = request.trajectory, request.robot.gripper
     arm = goal_message(trajectory.joint_names, points.t, (points.q, points.qd, points.qdd))
     fingers = finger_message(trajectory, gripper) if gripper is not None and gripper.joints else None
     t, opening = trajectory.gripper_t.tolist(), trajectory.gripper_opening.tolist()

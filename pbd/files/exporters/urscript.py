@@ -17,7 +17,7 @@ import numpy as np
 from pbd.data import Robot, Samples
 from pbd.data.controller_interpolation import set_points
 from pbd.errors import PbdError, PlanError
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Array
 
 JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
@@ -72,45 +72,45 @@ def check(robot: Robot) -> None:
         raise PlanError(what, robot=robot.name)
 
 
-def samples(order: Order) -> Samples:
+def samples(request: ExportRequest) -> Samples:
     """Evaluate at the end of each move; dense, at the controller's period in each. PbdError: no controller has it."""
-    check(order.robot)
-    if order.rate_hz not in (None, *PERIODS_HZ):
-        what = f"--rate must be 125 (CB3) or 500 (e-Series) for servoj, got {order.rate_hz:g}"
-        raise PbdError(what, value=order.rate_hz)
-    moves = [leg for leg in _legs(order) if leg.moves]
-    return order.trajectory.at(np.concatenate([_instants(order, leg) for leg in moves]))
+    check(request.robot)
+    if request.rate_hz not in (None, *PERIODS_HZ):
+        what = f"--rate must be 125 (CB3) or 500 (e-Series) for servoj, got {request.rate_hz:g}"
+        raise PbdError(what, value=request.rate_hz)
+    moves = [leg for leg in _legs(request) if leg.moves]
+    return request.trajectory.at(np.concatenate([_instants(request, leg) for leg in moves]))
 
 
-def write(order: Order, points: Samples, path: Path) -> None:
+def write(request: ExportRequest, points: Samples, path: Path) -> None:
     """Write the program."""
-    trajectory, gripper = order.trajectory, order.robot.gripper
-    name = re.sub(r"\W", "_", order.source.name, flags=re.ASCII)
+    trajectory, gripper = request.trajectory, request.robot.gripper
+    name = re.sub(r"\W", "_", request.source.name, flags=re.ASCII)
     stroke, start = _seconds(1.0 if gripper is None else gripper.stroke_s), _numbers(trajectory.at(np.zeros(1)).q[0], 6)
-    demo = " ".join(order.source.name.split())
-    lines = [HEAD.format(demo=demo, robot=order.robot.name, name=name, stroke=stroke, start=start)]
+    demo = " ".join(request.source.name.split())
+    lines = [HEAD.format(demo=demo, robot=request.robot.name, name=name, stroke=stroke, start=start)]
     arrives = {round(float(t), 6): i for i, t in enumerate(trajectory.keyframe_t)}
-    for leg in _legs(order):
+    for leg in _legs(request):
         keyframe = arrives.get(round(leg.until, 6)) if leg.moves else None
-        label = "" if keyframe is None else " ".join(order.source.keyframes[keyframe].label.split())
+        label = "" if keyframe is None else " ".join(request.source.keyframes[keyframe].label.split())
         remark = "" if keyframe is None else f"  # keyframe {keyframe}{label and ': '}{label}"
         if not leg.moves:
-            lines += _stay(order, leg)
-        elif order.dense:
-            period = 1.0 / (order.rate_hz or PERIODS_HZ[0])
-            rows = trajectory.at(_instants(order, leg)).q
+            lines += _stay(request, leg)
+        elif request.dense:
+            period = 1.0 / (request.rate_hz or PERIODS_HZ[0])
+            rows = trajectory.at(_instants(request, leg)).q
             lines += [f"  servoj([{_numbers(q, 12)}], 0, 0, {period:g}, 0.1, 300)\n" for q in rows]
             lines[-1] = f"{lines[-1][:-1]}{remark}\n"
         else:
-            a, v = _speeds(order, leg)
+            a, v = _speeds(request, leg)
             q = trajectory.at(np.array([leg.until])).q[0]
             lines.append(f"  movej([{_numbers(q, 6)}], a={a:.6f}, v={v:.6f}){remark}\n")
     path.write_text(f"{''.join(lines)}end\n\npbd_{name}()\n", encoding="utf-8")
 
 
-def _legs(order: Order) -> list[_Leg]:
+def _legs(request: ExportRequest) -> list[_Leg]:
     """Cut the motion where the arm comes to rest; what stands follows what moves."""
-    c, knots = order.trajectory.coefficients, order.trajectory.knots
+    c, knots = request.trajectory.coefficients, request.trajectory.knots
     stands = np.abs(c[:, 1:]).max(axis=(1, 2)) == 0.0
     rests = np.append(np.abs(c[:, 1]).max(axis=1) <= AT_REST, True)
     legs: list[_Leg] = []
@@ -121,18 +121,18 @@ def _legs(order: Order) -> list[_Leg]:
     return legs
 
 
-def _instants(order: Order, leg: _Leg) -> Array:
+def _instants(request: ExportRequest, leg: _Leg) -> Array:
     """When a move's points are: its end, and dense each period before it."""
-    if not order.dense:
+    if not request.dense:
         return np.array([leg.until])
-    period = 1.0 / (order.rate_hz or PERIODS_HZ[0])
+    period = 1.0 / (request.rate_hz or PERIODS_HZ[0])
     count = int(np.ceil((leg.until - leg.since) / period - 1e-6))
     return np.append(leg.since + period * np.arange(1, count), leg.until)
 
 
-def _speeds(order: Order, leg: _Leg) -> tuple[float, float]:
+def _speeds(request: ExportRequest, leg: _Leg) -> tuple[float, float]:
     """The leading axis' a and v by which a movej lasts as long as the move; PlanError: the move isn't straight."""
-    points = order.trajectory.at(np.linspace(leg.since, leg.until, 200))
+    points = request.trajectory.at(np.linspace(leg.since, leg.until, 200))
     way, took = points.q[-1] - points.q[0], leg.until - leg.since
     leading = int(np.argmax(np.abs(way)))
     reach = float(np.abs(way[leading]))
@@ -140,14 +140,14 @@ def _speeds(order: Order, leg: _Leg) -> tuple[float, float]:
     if np.abs(points.q - points.q[0] - along[:, None] * way).max() > OFF_LINE_RAD:
         what = f"from {leg.since:.2f} to {leg.until:.2f} s the arm follows a curve, which movej can't; take --dense"
         raise PlanError(what, value=leg.since)
-    v = min(_peak(order, leg, leading), 2.0 * reach / took)
+    v = min(_peak(request, leg, leading), 2.0 * reach / took)
     a = v / (took - reach / v)
     return a, v
 
 
-def _peak(order: Order, leg: _Leg, joint: int) -> float:
+def _peak(request: ExportRequest, leg: _Leg, joint: int) -> float:
     """The largest velocity of a joint in a move: at a knot, or where a piece's acceleration passes zero."""
-    trajectory = order.trajectory
+    trajectory = request.trajectory
     inside = (trajectory.knots[:-1] >= leg.since - 1e-12) & (trajectory.knots[:-1] < leg.until)
     t, c = trajectory.knots[:-1][inside], trajectory.coefficients[inside, :, joint]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -156,10 +156,10 @@ def _peak(order: Order, leg: _Leg, joint: int) -> float:
     return float(np.abs(trajectory.at(np.concatenate((t, turns))).qd[:, joint]).max())
 
 
-def _stay(order: Order, leg: _Leg) -> list[str]:
+def _stay(request: ExportRequest, leg: _Leg) -> list[str]:
     """Wait, with the gripper's calls: each lasts as long as its stroke."""
     lines, at = [], leg.since
-    t, opening = order.trajectory.gripper_t.tolist(), order.trajectory.gripper_opening.tolist()
+    t, opening = request.trajectory.gripper_t.tolist(), request.trajectory.gripper_opening.tolist()
     for (since, until), (before, after) in zip(pairwise(t), pairwise(opening), strict=True):
         if before != after and leg.since - 1e-6 <= since < leg.until:
             lines += _sleep(since - at)

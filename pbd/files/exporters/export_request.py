@@ -35,7 +35,7 @@ class Source:
 
 
 @dataclass(frozen=True, eq=False)
-class Order:
+class ExportRequest:
     """One file to be written: of a robot's motion, in one of FORMATS.
 
     Attributes:
