@@ -18,6 +18,7 @@ from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.joint_path import Unreachable, add_turns, build_ladder, turnable, widen
+from pbd.arm.ladder_checks import WIDE_COST
 from pbd.arm.ladder_graph import Barred, Ladder
 from pbd.arm.ladder_links import Link, Move, motion_of
 from pbd.arm.ladder_mending import Mending
@@ -39,9 +40,9 @@ def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene |
     Warns:
         PbdWarning: the way back is left out, the arm makes a detour, or the only free motion is close to something.
     """
-    poses = request.T_base_tool
+    poses, wide_cost = request.T_base_tool, WIDE_COST if request.kind == STRAIGHT else 0.0
     most_refused = MOST_STRAIGHT if request.detour else MOST_ONLY_STRAIGHT
-    ladder = build_ladder(arm, poses, request.q_start, request.q_back, most_refused)
+    ladder = build_ladder(arm, poses, request.q_start, request.q_back, most_refused, wide_cost)
     if isinstance(ladder, Unreachable):
         return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
     search = _Search(arm, request, scene, ladder.copy())

@@ -63,7 +63,12 @@ def solve_path(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array) -> Ar
 
 
 def build_ladder(
-    arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, q_end: Array | None, most_refused: int
+    arm: ArmModel,
+    T_base_tool: Sequence[Pose],
+    q_start: Array,
+    q_end: Array | None,
+    most_refused: int,
+    wide_cost: float = 0.0,
 ) -> Ladder | Unreachable:
     """Lay out the branches at n poses: layer 0 is `q_start`, layer i + 1 pose i, the last `q_end`; both (k,)."""
     at = States(q_start[None], np.zeros(1), np.zeros(1))
@@ -73,7 +78,7 @@ def build_ladder(
         if not len(following.q):
             return Unreachable(keyframe, at.q[0])
         at = following
-        layers.append(Layer(at.q, at.cost, most_refused))
+        layers.append(Layer(at.q, at.cost, most_refused, wide_cost=wide_cost if keyframe > 0 else 0.0))
     if q_end is not None:
         layers.append(Layer(q_end[None], np.zeros(1), most_refused))
     ladder = Ladder(layers)

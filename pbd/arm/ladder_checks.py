@@ -94,14 +94,19 @@ class LinkChecks:
 
     def wide_costs(self, places: Sequence[int], q_before: Array, q: Array) -> list[float]:
         """Return what each straight move to a layer costs for being wide, rad; rows of (n, k) to rows of (n, k)."""
-        straight = np.array([self.straight(place) for place in places], dtype=bool)
-        wide = straight & (np.abs(q - q_before).max(axis=1) > np.pi)
-        few = np.array([self.at(place)[1].found_wide < MOST_WIDE for place in places], dtype=bool)
-        asked = np.flatnonzero(straight & few & ~wide)
-        for i, deviation in zip(asked.tolist(), tool_deviations(self.arm, q_before[asked], q[asked]), strict=True):
+        turns, costs = np.abs(q - q_before).max(axis=1) > np.pi, [0.0] * len(places)
+        asked = [
+            i
+            for i, place in enumerate(places)
+            if self.straight(place)
+            and self.at(place)[1].found_wide < MOST_WIDE
+            # The ladder has charged already for a joint that turns by more than half a turn.
+            and not (turns[i] and self.ladder.layers[place].wide_cost > 0.0)
+        ]
+        for i, deviation in zip(asked, tool_deviations(self.arm, q_before[asked], q[asked]), strict=True):
             self.at(places[i])[1].found_wide += deviation.wide
-            wide[i] = deviation.wide
-        return [WIDE_COST * float(each) for each in wide]
+            costs[i] = WIDE_COST * deviation.wide
+        return costs
 
     def cost(self, place: int, q_before: Array, q: Array) -> float:
         """Return the cost of a move to a layer beside its travel, rad; infinite where it isn't free."""

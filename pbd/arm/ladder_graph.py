@@ -56,6 +56,7 @@ class Layer:
         in_order: moves to it are checked once those before them on the path are free.
         most_step: rad, the largest motion of a joint on a move to this layer.
         unseen: rad, further cost of an unchecked move.
+        wide_cost: rad, of a move to this layer on which a joint turns by more than half a turn.
         length: (l, m) rad, of the moves from the l states before; infinite where barred.
     """
 
@@ -65,6 +66,7 @@ class Layer:
     most_step: float = np.inf
     costly: bool = False
     in_order: bool = False
+    wide_cost: float = 0.0
     unseen: float = UNSEEN
     length: Array = field(init=False)
     refused: int = field(init=False, default=0)
@@ -89,6 +91,7 @@ class Layer:
         step = before[:, None] - self.q
         length, (moved, weighed) = np.linalg.norm(step, axis=2), np.zeros((2, *step.shape[:2]), dtype=bool)
         farthest = np.abs(step).max(axis=2, initial=0.0)
+        length += self.wide_cost * (farthest > np.pi)
         length[farthest > self.most_step] = np.inf
         length += self.unseen
         if anew:

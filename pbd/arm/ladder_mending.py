@@ -39,7 +39,7 @@ class Mending(LinkChecks):
         hand = self.request.hand if kind != LINE else None
         self.moves[i].kind = DEMO if hand else LINE
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
-        link.tool_free = False
+        link.tool_free, self.ladder.layers[place].wide_cost = False, 0.0
         self.ladder.reopen(place, MOST_PATHS, costly=True)
 
     def _detour(self, i: int) -> None:
