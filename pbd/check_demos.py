@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -68,7 +69,7 @@ class DemoCheck:
 
 
 def check_all(
-    demos: Sequence[str],
+    demos: Sequence[str | Path],
     robot: str | None = None,
     jobs: int | None = None,
     done: Callable[[int], None] | None = None,
@@ -89,14 +90,17 @@ def check_all(
 
     Raises:
         RobotError, CalibrationError: the robot or its calibration can't be loaded.
+        TypeError: a single name, whose letters would be taken for demonstrations.
     """
     from joblib import Parallel, delayed
 
     from pbd.planning import load_arm
 
+    if isinstance(demos, str | Path):
+        raise TypeError(f"check_all takes a list of demonstrations: check_all([{str(demos)!r}])")
     arm = None if robot is None else load_arm(robot)
     found: list[DemoCheck] = []
-    for check in Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(name, arm) for name in demos):
+    for check in Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(str(name), arm) for name in demos):
         found.append(check)
         if done is not None:
             done(len(found))

@@ -106,7 +106,10 @@ def track(
         RecordingError: the recording can't be one (units, clock, no data); the edited keyframes start elsewhere.
         TrackingError: no path follows from it (never still, data missing where the hand may have moved), or what is
             known contradicts it.
+        TypeError: the source is something else, as a name.
     """
+    if not isinstance(source, Recording | Demonstration):
+        raise TypeError(f"track takes a Recording or a Demonstration, got {source!r:.60}; pbd.load_demo reads one")
     demo = source if isinstance(source, Demonstration) else Demonstration(source)
     if known is not None:
         demo = replace(demo, closed=known.closed, places=known.places, contacts=known.contacts)
