@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from pbd.data.units import DEG
 from pbd.pose import Array
+from pbd.tracking.moving_windows import median
 
 CONTRADICTION_DEG = 12.0
 """Median angle (degrees) between a direction and where the gyro carries it, above which they contradict each other. The
@@ -103,6 +104,10 @@ class Witness:
     first: Array
     second: Array
 
+    def off(self, turn: Array) -> Array:
+        """Angles (k,), degrees, by which it is off where (k, 3, 3) carry it."""
+        return np.degrees(angles(self.second, _carried(self.first, turn)))
+
 
 class Contradiction(NamedTuple):
     """A witness that turns otherwise than the gyro says.
@@ -134,7 +139,8 @@ def find_other_axes(witnesses: Sequence[Witness], turn: Callable[[float], Array]
     Returns:
         None where nothing contradicts, or no reading mends it.
     """
-    as_read, unread = turn(1.0), np.eye(3)[None]
+    as_read = turn(1.0)
+    apart = [each.off(as_read) for each in witnesses]
     seen = [_differ(each.first, each.second) for each in witnesses]
     told = [
         rows | _differ(each.first, _carried(each.first, as_read)) for each, rows in zip(witnesses, seen, strict=True)
@@ -146,7 +152,7 @@ def find_other_axes(witnesses: Sequence[Witness], turn: Callable[[float], Array]
         return np.maximum(_median_angles(cosines[seen[k]]), _median_angles(cosines[told[k]]))
 
     each_witness = range(len(witnesses))
-    off = np.array([costs(k, as_read, unread)[0] for k in each_witness])
+    off = np.array([max(_median(apart[k][seen[k]]), _median(apart[k][told[k]])) for k in each_witness])
     # Where nothing is seen to move, a gyro that turns is biased or noisy: any reading that turns it to where it isn't
     # seen would seem to mend that.
     counted = [k for k in each_witness if seen[k].sum() >= SIMPLE_PAIRS]
@@ -165,11 +171,11 @@ def find_other_axes(witnesses: Sequence[Witness], turn: Callable[[float], Array]
         found = next(filter(None, (_mended(witnesses, told, fits, k) for k in used if k)), None)
     up = witnesses[0]
     telling = _differ(up.first, up.second, UNIT_DEG) | _differ(up.first, _carried(up.first, as_read), UNIT_DEG)
-    off_deg = float(_median_angles(_cosines(up, as_read, unread)[telling])[0])
+    off_deg = _median(apart[0][telling])
     if telling.sum() >= SIMPLE_PAIRS and off_deg > UNIT_DEG:
         pair = int(np.argmax(telling))
         for factor, what in UNITS:
-            fit = float(_median_angles(_cosines(up, turn(factor), unread)[telling])[0])
+            fit = _median(up.off(turn(factor))[telling])
             if fit < min(off_deg / IMPROVEMENT, found.fit_deg if found else np.inf):
                 return Contradiction("a", off_deg, fit, pair, what)
         if found is None and not np.ptp(as_read, axis=0).any():
@@ -225,6 +231,11 @@ def _cosines(witness: Witness, by: Array, matrices: Array) -> Array:
     products = np.einsum("ka,kb,kij->kaibj", witness.second, witness.first, by).reshape(-1, 81)
     cosines: Array = products @ np.einsum("ria,rjb->aibjr", matrices, matrices).reshape(81, -1)
     return np.clip(cosines, -1.0, 1.0)
+
+
+def _median(values: Array) -> float:
+    """0 without any."""
+    return float(median(values)) if len(values) else 0.0
 
 
 def _median_angles(cosines: Array) -> Array:
