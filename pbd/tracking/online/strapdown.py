@@ -84,6 +84,7 @@ class Strapdown:
         self.count, self.T = 0, 0.0
         self.U, self.P = np.zeros(3), np.zeros(3)
         self._Cs, self._rates, self._accs = [self.C], [self.rate], [self._acc]
+        self._by_lag = _cross(self.rate, self._acc)
         self._guessed = np.zeros(2)
 
     def push(self, sample: Sample) -> None:
@@ -110,6 +111,7 @@ class Strapdown:
         self._Cs.append(self.C)
         self._rates.append(rate)
         self._accs.append(sample.acc)
+        self._by_lag = self._by_lag + _cross(rate, sample.acc)
         self._recent.append((self.u, rate))
 
     def _see_range(self, gyr: Array, rate: Array, dt: float) -> None:
@@ -127,12 +129,11 @@ class Strapdown:
         """What was integrated since the last one; `up` (3,) m/s2 is gravity in the gyro frame."""
         T, n = self.T, self.count
         C = self._Cs[(n + 1) // 2]
-        rates, forces = np.array(self._rates), np.array(self._accs)
-        rate, force = rates.mean(axis=0), forces.mean(axis=0)
+        rate, force = np.mean(self._rates, axis=0), np.mean(self._accs, axis=0)
         J = np.zeros((9, ERRORS))
         (J[ROT, OF_GYR],), (J[VEL, OF_ACC],) = of_blocks_by_errors(C[None], rate[None], force[None], np.array([T]))
         J[VEL, OF_GYR] = -0.5 * skew(self.U) @ J[ROT, OF_GYR]
-        J[VEL, LAG] = T * C @ np.cross(rates, forces).mean(axis=0)[:, None]
+        J[VEL, LAG] = (T / (n + 1) * (C @ self._by_lag))[:, None]
         J[POS] = 0.5 * T * J[VEL]
         leg = Leg(T, self.U, self.P, J, self._noise(n, T, up), self.C, T * rate)
         self._begin()
