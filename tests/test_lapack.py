@@ -18,12 +18,10 @@ def blas_threads() -> set[int]:
 def test_the_last_caller_to_leave_gives_the_threads_back() -> None:
     lapack()
     with threadpool_limits(3):
-        one_blas_thread.__enter__()
-        one_blas_thread.__enter__()
-        assert blas_threads() == {1}
-        one_blas_thread.__exit__()
-        assert blas_threads() == {1}
-        one_blas_thread.__exit__()
+        with one_blas_thread:
+            with one_blas_thread:
+                assert blas_threads() == {1}
+            assert blas_threads() == {1}
         assert blas_threads() == {3}
 
 

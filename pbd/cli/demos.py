@@ -28,10 +28,17 @@ def run(args: argparse.Namespace) -> None:
     columns = ("name", "created", "sensor", f"lasts ({args.units.time})", "keyframes", "is")
     table = make_table(*columns, left=("name", "created", "sensor", "keyframes", "is"))
     for row in rows:
-        kind = ("bundled",) * row["bundled"] + ("fused",) * bool(row["takes"]) + ("the default",) * row["default"]
+        words = {"bundled": row["bundled"], "fused": row["takes"], "the default": row["default"]}
         edited = "edited" if row["edited"] else "as found"
         lasts = args.units.times(row["duration_s"])
-        table.add_row(row["name"], row["created"] or "", row["sensor"], *lasts, edited, ", ".join(kind))
+        table.add_row(
+            row["name"],
+            row["created"] or "",
+            row["sensor"],
+            *lasts,
+            edited,
+            ", ".join(word for word, holds in words.items() if holds),
+        )
     print_result(args, {"demos": rows}, table)
 
 

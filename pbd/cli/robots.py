@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.table import Table
@@ -22,11 +22,12 @@ from pbd.data import HandPath, Robot
 from pbd.errors import PbdError, RobotError, UsageError, collected_warnings, warn
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot, read_robot
-from pbd.planning import arm_of, load_arm, plan_path
-from pbd.planning.suggest import Suggestion, suggest
 from pbd.pose import quat_to_rpy
 from pbd.view.terminal_tables import make_table, print_table, robots_table, words_table
 from pbd.view.units import Units
+
+if TYPE_CHECKING:
+    from pbd.planning.suggest import Suggestion
 
 DEMO = "pouring"
 """What a suggested home and dock must make possible where no demonstration is named."""
@@ -115,6 +116,8 @@ def _rank(args: argparse.Namespace) -> None:
 
 
 def _rank_row(name: str, path: HandPath) -> dict[str, Any]:
+    from pbd.planning import arm_of, load_arm, plan_path
+
     row: dict[str, Any] = {"name": name}
     row |= dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "why"))
     with collected_warnings() as row["warnings"]:
@@ -149,6 +152,8 @@ def _rank_table(rows: list[dict[str, Any]], units: Units) -> Table:
 
 def _suggest(args: argparse.Namespace) -> None:
     """Search, and print what was found with what was weighed."""
+    from pbd.planning.suggest import suggest
+
     if args.robot or args.csv:
         raise UsageError("--suggest takes the file itself, and prints TOML, or JSON with --json")
     robot = read_robot(args.suggest, draft=True)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
-from pbd.arm.ik.partial_pose import ABOUT_AXIS, NEAR_M, hold, is_partial, measure, solve_partial
+from pbd.arm.ik.partial_pose import ABOUT_AXIS, NEAR_M, PartialPose, hold, is_partial, measure, solve_partial
 from pbd.arm.ik.solver import solve
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel, to_se3
@@ -68,9 +69,7 @@ def test_a_roll_that_cant_be_met_leaves_the_approach_axis_alone(name: str) -> No
 def test_no_joints_do_better_by_the_rule(name: str) -> None:
     """Oracle: scipy's SLSQP on the rule itself, its position an equality, from the solution and from around it."""
     arm, rng = arm_of(name), np.random.default_rng(5)
-    for truth in random_joints(arm.robot, 4, seed=6, margin=0.3):
-        pose = turned(arm.forward(truth), 0.3 * rng.normal(size=3))
-        found = solve_partial(arm, to_se3(pose), np.empty((0, 5)))[0]
+    for truth, pose, found in solved(arm, 4, seed=6):
         assert found.reached
         for start in (found.q, truth, *(found.q + 0.3 * rng.normal(size=(3, 5)))):
             assert best_by_slsqp(arm, pose, start) > found.off - np.radians(0.2)
@@ -79,11 +78,17 @@ def test_no_joints_do_better_by_the_rule(name: str) -> None:
 @pytest.mark.parametrize("name", FIVE_JOINTS)
 def test_no_joints_nearby_do_better_by_a_fiftieth_of_a_degree(name: str) -> None:
     """Where the position leaves the rotation hardly any choice too: the weight that leads there is small enough."""
-    arm, rng = arm_of(name), np.random.default_rng(5)
-    for truth in random_joints(arm.robot, 20, seed=8, margin=0.3):
-        pose = turned(arm.forward(truth), 0.3 * rng.normal(size=3))
-        found = solve_partial(arm, to_se3(pose), np.empty((0, 5)))[0]
+    arm = arm_of(name)
+    for _, pose, found in solved(arm, 20, seed=8):
         assert best_by_slsqp(arm, pose, found.q) > found.off - np.radians(0.02)
+
+
+def solved(arm: ArmModel, count: int, seed: int) -> Iterator[tuple[Array, Pose, PartialPose]]:
+    """Joints, the tool's pose there turned by some 0.3 rad, and the solution for that."""
+    rng = np.random.default_rng(seed)
+    for truth in random_joints(arm.robot, count, seed, margin=0.3):
+        pose = turned(arm.forward(truth), 0.3 * rng.normal(size=3))
+        yield truth, pose, solve_partial(arm, to_se3(pose), np.empty((0, 5)))[0]
 
 
 def best_by_slsqp(arm: ArmModel, pose: Pose, start: Array) -> float:
