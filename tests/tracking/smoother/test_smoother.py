@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -15,11 +17,13 @@ from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import acc_doubt, noise_of
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother import normal_equations
+from pbd.tracking.smoother.doubtful_stops import revised_stops
 from pbd.tracking.smoother.factors import _add_device, _add_priors
-from pbd.tracking.smoother.knots import _turn_sigma
-from pbd.tracking.smoother.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations
+from pbd.tracking.smoother.knots import Problem, _turn_sigma
+from pbd.tracking.smoother.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations, Solved
 from pbd.tracking.smoother.preintegration import GyroFrame
 from pbd.tracking.smoother.state import PIVOT, SHARED
+from pbd.tracking.zero_velocity import Spans
 
 SENSORS = ("os5000", "wt901", "modern")
 
@@ -189,3 +193,16 @@ def test_normal_equations_are_solved_as_dense_ones(monkeypatch: pytest.MonkeyPat
     gradient[n:] += 1.0
     again = solved.plus(known)
     assert np.append(again.d, again.d_shared) == pytest.approx(-np.linalg.solve(dense, gradient), rel=1e-8, abs=1e-10)
+
+
+@pytest.mark.parametrize(("faster", "left"), [(0.0, [(40, 61)]), (1.0, [])], ids=["it stays", "it reverses"])
+def test_what_is_left_of_a_trimmed_stop_must_last(faster: float, left: Spans) -> None:
+    """A hand that reverses at 1 m/s2 is slower than 15 mm/s for 0.03 s: no stop."""
+    t = 0.01 * np.arange(100.0)
+    v = np.outer(faster * (t - 0.5), (1.0, 0.0, 0.0))
+    frame, legs = SimpleNamespace(t=t), SimpleNamespace(parts=np.zeros((3, 2, 9, 9)))
+    problem = cast(Problem, SimpleNamespace(frame=frame, legs=legs, rows=np.array([0, 50, 99])))
+    undoubted, unread = np.array([False]), cast(Solved, None)
+    stops, calm = revised_stops(problem, v, unread, [(40, 61)], undoubted, np.full(100, 5e-3))
+    assert stops == left
+    assert len(calm) == len(left)
