@@ -16,7 +16,7 @@ from pbd.errors import PbdWarning, RecordingError, TrackingError, warn
 from pbd.lapack import one_blas_thread
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.alarm import alarms
-from pbd.tracking.condition_on_claims import condition_on
+from pbd.tracking.apply_constraints import apply_constraints
 from pbd.tracking.estimate import Estimate, estimate, refuse_doubted_rest
 from pbd.tracking.first_rest import Rest, find_rest
 from pbd.tracking.noise import noise_of
@@ -199,7 +199,7 @@ def _condition(path: HandPath, known: Known, calibration: Calibration | None) ->
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PbdWarning)  # of the dock's tilt: planning tells it
             T_base_nav = nav_in_base(calibration, mean_quaternion(path.wxyz_nav_sensor[first]))
-    return condition_on(path, known, calibration, T_base_nav)
+    return apply_constraints(path, known, calibration, T_base_nav)
 
 
 def _warn_at_rest(recording: Recording, rest: Rest, errors: SensorErrors | None) -> None:

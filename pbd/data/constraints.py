@@ -12,7 +12,7 @@ class Place:
     Attributes:
         t: s, one instant in each stop.
         p_base_tool: m, where that is in the robot's base, or None.
-        sigma_m: m per axis, how well the hand met it; None: pbd.tracking.stop_claims says.
+        sigma_m: m per axis, how well the hand met it; None: pbd.tracking.stop_constraints says.
 
     Raises:
         ValueError: fewer than two instants and no position, an instant named twice, a sigma that is not above zero.
@@ -38,7 +38,7 @@ class Contact:
         t: s, within the stop.
         as_at: s, within another stop: as high as there.
         height: m, above the tool's height at the first rest.
-        sigma_m: m, how well that is so; None: pbd.tracking.stop_claims says.
+        sigma_m: m, how well that is so; None: pbd.tracking.stop_constraints says.
 
     Raises:
         ValueError: both are given, as high as at the same instant, a sigma that is not above zero.

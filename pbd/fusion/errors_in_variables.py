@@ -18,17 +18,17 @@ from pbd.pose import Array, quat_to_matrix, skew
 from pbd.tracking.smoother.factors import leg_jacobian
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LOWER, POS, ROT, VEL
-from pbd.tracking.smoother.state import Local, State
+from pbd.tracking.smoother.state import Fixed, State
 
 
-def without_noise(problem: Problem, x: State, local: Local) -> Problem:
+def without_noise(problem: Problem, x: State, fixed: Fixed) -> Problem:
     """The same problem, its regressors as at an estimate, where its device's errors are given.
 
     The noise of a leg counts as constant in the gyro frame, and the hand as turned as in the leg's middle.
     """
     legs, rows = problem.legs, problem.rows
     left = leg_jacobian(problem, x)[:, :, -1]
-    of_acc = _of_accelerometer(np.tensordot(local.components[:3], legs.parts, axes=1), legs.dU, left)
+    of_acc = _of_accelerometer(np.tensordot(fixed.components[:3], legs.parts, axes=1), legs.dU, left)
     C = quat_to_matrix(problem.frame.wxyz[(rows[:-1] + rows[1:]) // 2])
     J, lower, whole = legs.J.copy(), np.transpose(LOWER), np.array(np.divmod(np.arange(9), 3))
     J[:, VEL, ACC_MATRIX] -= _by_matrix(C, of_acc[:, 0], lower)

@@ -13,8 +13,8 @@ from pbd.errors import PbdWarning, TrackingError
 from pbd.fusion.marginals import Marginal, conditioned
 from pbd.fusion.takes import Take
 from pbd.pose import Array, Pose, quat_from_matrix, quat_multiply
-from pbd.tracking.condition_on_claims import fits_of, measurement_of
-from pbd.tracking.stop_claims import claims_of
+from pbd.tracking.apply_constraints import fits_of, measurement_of
+from pbd.tracking.stop_constraints import claims_of
 
 
 def told(

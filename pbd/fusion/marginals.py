@@ -12,7 +12,7 @@ import numpy as np
 
 from pbd.fusion.errors_in_variables import without_noise
 from pbd.pose import Array, quat_exp, quat_to_matrix
-from pbd.tracking.noise import acc_doubt
+from pbd.tracking.noise import acc_sigma_factor
 from pbd.tracking.smoother.factors import linearise, shared_prior, whitener
 from pbd.tracking.smoother.gauss_newton import CONVERGED_RAD, MAX_ITERATIONS
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, STATE, NormalEquations, Solved
@@ -81,8 +81,8 @@ def marginal_of(solution: Solution, knots: Sequence[int], x: State | None = None
         x = solution.state
     else:
         if not problem.device:
-            problem = without_noise(problem, x, solution.local)
-        equations, _ = linearise(problem, x, solution.local, whitener(problem, solution.local))
+            problem = without_noise(problem, x, solution.fixed)
+        equations, _ = linearise(problem, x, solution.fixed, whitener(problem, solution.fixed))
         solved = equations.solve()
         x = x.moved(solved)
     device = np.concatenate((x.shared[SHARED], x.acc_bias[0]))
@@ -133,12 +133,12 @@ def _moved(p: Array, R: Array, by: Array) -> tuple[Array, Array]:
 
 def pinned(solution: Solution, device: Array) -> State:
     """The take estimated with its device's errors given, (DEVICE,)."""
-    problem, local, x = solution.problem, solution.local, solution.state
-    whiten = whitener(problem, local)
+    problem, fixed, x = solution.problem, solution.fixed, solution.state
+    whiten = whitener(problem, fixed)
     shared = np.concatenate((device[SHARED], x.shared[SHARED.stop :]))
     x = replace(x, shared=shared, acc_bias=x.acc_bias + device[BIAS] - x.acc_bias[0])
     for _ in range(MAX_ITERATIONS):
-        equations, _ = linearise(problem, x, local, whiten)
+        equations, _ = linearise(problem, x, fixed, whiten)
         _hold(equations)
         step = equations.solve()
         x = x.moved(step)
@@ -161,11 +161,11 @@ def _prior(solution: Solution, x: State) -> tuple[Array, Array]:
     """Information and mean of the device's errors by its class, as the take's own solution has them."""
     problem = solution.problem
     noise = problem.noise
-    of_shared = shared_prior(problem, x, solution.local.prior)[SHARED]
+    of_shared = shared_prior(problem, x, solution.fixed.prior)[SHARED]
     information = np.zeros((DEVICE, DEVICE))
     information[SHARED, SHARED] = of_shared[:, SHARED]
     b = np.arange(BIAS.start, BIAS.stop)
-    information[b, b] = (acc_doubt(noise, problem.rest) * noise.device.acc_bias) ** -2.0
+    information[b, b] = (acc_sigma_factor(noise, problem.rest) * noise.device.acc_bias) ** -2.0
     mean = np.zeros(DEVICE)
     mean[SHARED] = x.shared[SHARED] - np.linalg.solve(of_shared[:, SHARED], of_shared[:, -1])
     return information, mean

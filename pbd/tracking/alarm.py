@@ -1,6 +1,6 @@
-"""Warnings about what the smoother's model does not explain, a line each.
+"""Warnings about what the smoother's model does not explain, one line each.
 
-tests/benchmarks/faults.py prints the false alarms of clean recordings beside what is found of the damaged ones.
+tests/benchmarks/faults.py prints how often clean recordings are suspected, and how many damaged ones are found.
 """
 
 from __future__ import annotations
@@ -13,37 +13,37 @@ from pbd.data import SensorEstimate, Stop
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import lengths
 from pbd.tracking.first_rest import QUIET_RATIO, REST_S
-from pbd.tracking.moving_windows import calm_variance, median, rows_of_mean, squares
+from pbd.tracking.moving_windows import median, moving_mean_variance, rows_of_mean, squares
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, SHORTEST_DIVIDED_S
 from pbd.tracking.smoother.smooth import Solution
 
 FALSE_ALARM_CHANCE = 0.05
-"""Chance that a sound recording is suspected of a wrong leg or a wrong sensor. The modelled noise is larger than the
-real one, so fewer are."""
+"""Largest chance that a test suspects a sound recording, if the noise is as modelled. Real noise is smaller, so fewer
+are suspected."""
 
 LINEARISATION_SHARE = 0.02
-"""Relative increase of a leg's residual variance that linearisation causes: without it a leg that nothing else tells of
-is suspected (a gyro that says zero at rest)."""
+"""Increase of a leg's residual variance by linearisation, relative to the leg's noise. Without it a leg whose residuals
+the estimate can fit almost exactly would be suspected (a gyro that reads zero at rest)."""
 
 LEG_RMS = 0.8
-"""Largest rms of a leg's nine residuals, in sigmas. Sound recordings show at most 0.73."""
+"""Largest rms of a leg's nine residuals, in sigmas. In sound recordings it is at most 0.73."""
 
 FIELD_CHANGE = OUTLIER_SIGMAS * Noise.field
-"""Relative change of the magnetic field since the first rest, above which a magnet is near. Rooms vary by up to 0.2."""
+"""Relative change of the magnetic field since the first rest above which a magnet is near. Rooms vary by up to 0.2."""
 
 
 def alarms(solution: Solution, stops: Sequence[Stop], sensor: SensorEstimate | None) -> Iterator[str]:
-    """Yield what is wrong with a recording, judged by its solution."""
-    if sensor is not None:  # the device's own attitude is too coarse to hold anything against it
-        yield from _of_sensor(solution, sensor)
-        yield from _of_moves(solution)
-        yield from _of_field(solution)
-    yield from _of_stops(solution, stops)
+    """Yield a warning for each fault that the solution of a recording shows."""
+    if sensor is not None:  # the device's own attitude is too coarse for these tests
+        yield from _sensor_alarms(solution, sensor)
+        yield from _move_alarms(solution)
+        yield from _field_alarms(solution)
+    yield from _stop_alarms(solution, stops)
 
 
-def _of_sensor(solution: Solution, found: SensorEstimate) -> Iterator[str]:
-    """Sensor errors too large to be chance."""
+def _sensor_alarms(solution: Solution, found: SensorEstimate) -> Iterator[str]:
+    """Sensor errors that are too large for the prior."""
     from statistics import NormalDist
 
     each = (found.lag, found.gyr_matrix, found.acc_matrix, found.acc_bias)
@@ -77,15 +77,15 @@ def _of_sensor(solution: Solution, found: SensorEstimate) -> Iterator[str]:
         yield f"the {name}'s {axes[0]} axis {what}, far more than such a sensor should: pbd calibrate sensor{clock}"
 
 
-def _of_moves(solution: Solution) -> Iterator[str]:
-    """Legs whose residuals are larger than noise lets them be: chi-square with Satterthwaite's degrees of freedom."""
-    if solution.legs is None:
+def _move_alarms(solution: Solution) -> Iterator[str]:
+    """Legs whose residuals are too large for the noise: chi-square test with Satterthwaite's degrees of freedom."""
+    if solution.leg_residuals is None:
         return
-    residuals, spread = solution.legs
+    residuals, spread = solution.leg_residuals
     left, total = (1.0 + LINEARISATION_SHARE) * np.eye(9) - spread, squares(residuals)
     mean, square = np.trace(left, axis1=1, axis2=2), (left**2).sum(axis=(1, 2))
-    # Of chi-square at least 0.7 % is beyond two standard deviations: among seven legs that is no alarm, and
-    # scipy.special takes 0.15 s to load.
+    # Chance exceeds two standard deviations of a chi-square in at least 0.7 % of cases. Among seven legs that is no
+    # alarm. So sound recordings need no scipy.special, which takes 0.15 s to load.
     if len(total) > 6 and (total <= np.minimum(mean + np.sqrt(8.0 * square), 9.0 * LEG_RMS**2)).all():
         return
     from scipy.special import chdtrc
@@ -101,7 +101,7 @@ def _of_moves(solution: Solution) -> Iterator[str]:
         )
 
 
-def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
+def _stop_alarms(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
     t = solution.problem.frame.t
     for stop in stops:
         if stop.weight < DOUBTED_WEIGHT:
@@ -113,7 +113,7 @@ def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
     problem = solution.problem
     frame, rest = problem.frame, problem.rest
     for k, (start, end) in enumerate(problem.stops):
-        if t[end - 1] - t[start] > REST_S and median(solution.still[problem.stop_of == k]) < MOVING_WEIGHT:
+        if t[end - 1] - t[start] > REST_S and median(solution.still_weight[problem.stop_of == k]) < MOVING_WEIGHT:
             yield (
                 f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but hardly any of it fits what "
                 "it says before and after: one of the channels is wrong; look at pbd plot, and record again"
@@ -122,26 +122,26 @@ def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
     for start, end in solution.candidates:
         lasts = float(t[end - 1] - t[start])
         if lasts < SHORTEST_DIVIDED_S or np.searchsorted(starts, end) > np.searchsorted(ends, start, side="right"):
-            continue  # a stop begins before its end that does not end before it begins
+            continue  # a stop overlaps it
         n = int(np.searchsorted(t, t[start] + SHORTEST_DIVIDED_S)) - start
         k = rows_of_mean(n / SHORTEST_DIVIDED_S)
-        if calm_variance(frame.u[start:end], n, k).min() < QUIET_RATIO * rest.shake:
+        if moving_mean_variance(frame.u[start:end], n, k).min() < QUIET_RATIO * rest.shake:
             yield (
                 f"from {t[start]:.1f} s on the sensor seems to rest for {lasts:.1f} s, but not by the stops beside it: "
                 "it coasts, or what it says between them is wrong; look at pbd plot"
             )
 
 
-def _of_field(solution: Solution) -> Iterator[str]:
-    problem, local = solution.problem, solution.local
+def _field_alarms(solution: Solution) -> Iterator[str]:
+    problem, fixed = solution.problem, solution.fixed
     if problem.field is None:
         return
-    usual = np.array([0.0, np.cos(local.dip), np.sin(local.dip)])
-    field = np.einsum("kij,kj->ki", solution.state.E, problem.field) / local.strength
+    usual = np.array([0.0, np.cos(fixed.dip), np.sin(fixed.dip)])
+    field = np.einsum("kij,kj->ki", solution.state.E, problem.field) / fixed.strength
     change = lengths(field - usual)
     disturbed = change > FIELD_CHANGE
     if disturbed.any():
-        share = float(problem.share[disturbed].sum() / problem.share.sum())
+        share = float(problem.duration[disturbed].sum() / problem.duration.sum())
         where = "there" if share < 0.5 else f"for {100.0 * share:.0f} % of the recording"
         yield (
             f"the magnetic field changes by {100.0 * change[disturbed].max():.0f} % from "

@@ -1,4 +1,4 @@
-"""From a repaired recording to the hand's path: what `track` does by default."""
+"""Estimate the hand's path from a repaired recording: the default method of `track`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pbd.errors import TrackingError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import median
-from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_sigma_factor
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, STATE, Solved
 from pbd.tracking.smoother.path import Path, between_stops
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, POS, ROT, Impulse, integral_of_means
@@ -26,12 +26,12 @@ from pbd.tracking.smoother.variance_components import with_own_noise
 NEVER_STILL = "the hand never stands still; stop for half a second between the moves"
 
 BOUNCE_S, BOUNCE_M, BOUNCE_RAD = 0.3, 0.02, np.radians(10.0)
-"""Two stops are one put-down that bounced if the gap between them is shorter than BOUNCE_S, the shorter of them too,
-and the sensor moved and turned less than BOUNCE_M and BOUNCE_RAD (s, m, rad)."""
+"""Two stops are one put-down that bounced if the gap between them and the shorter stop each last less than BOUNCE_S (s)
+and the sensor moved less than BOUNCE_M (m) and turned less than BOUNCE_RAD (rad) from one to the other."""
 
 GRIP_S = 0.8
-"""s: a gap this short, at the mark of a grip or as soon after it, is no move either: fingers that close, or two taps
-(taps.py)."""
+"""s: two stops are also one if the gap between them is shorter than this, and a grip is marked in it or up to this long
+before it. There the fingers close, or tap twice (taps.py)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +39,12 @@ class Estimate:
     """The hand's path, its stops, and the covariance of the poses at them.
 
     Attributes:
-        path: at each row; in a stop nothing moves.
-        stops: in order.
-        closure: (k - 1, 3) m/s, velocity misclosure: the integral of each move's acceleration.
-        covariance: of the keyframes.
-        solution: of the smoother, with the noise that the recording shows; None: by another method.
-        sensor: its own errors; None: not estimated.
+        path: at each row; the position is constant in a stop.
+        stops: k stops, in order.
+        closure: (k - 1, 3) m/s, velocity misclosure: integral of each move's acceleration, zero without errors.
+        covariance: joint, of the poses at the stops.
+        solution: of the smoother, after `with_own_noise`; None with the paper's method.
+        sensor: the sensor's errors; None: not estimated.
     """
 
     path: Path
@@ -62,7 +62,7 @@ def estimate(
     impulses: Sequence[Impulse] = (),
     unseen: Sequence[tuple[int, int]] = (),
 ) -> Estimate:
-    """Smooth a recording and read off the path.
+    """Smooth a recording; return path, stops and covariance.
 
     Raises:
         TrackingError: the hand never stands still, or not where the sensor seems to rest.
@@ -74,8 +74,8 @@ def estimate(
     weights = solution.stop_weights().tolist()
     believed = [k for k, weight in enumerate(weights) if weight > 1.0 - DOUBTED_WEIGHT]
     if not believed:
-        raise _doubted_rest(t, rest)
-    joined = _joined(solution, believed, [event.t for event in recording.grip])
+        raise _doubted_rest_error(t, rest)
+    joined = _join_stops(solution, believed, [event.t for event in recording.grip])
     stops = tuple(
         Stop(start, stop, float(t[stop - 1] - t[start]), max(weights[k] for k in parts))
         for parts in joined
@@ -86,14 +86,15 @@ def estimate(
     end = np.searchsorted(problem.stop_of[in_stops], [parts[-1] for parts in joined], "right")
     knots = in_stops[(first + end - 1) // 2].tolist()
     knots[0] = int(in_stops[first[0]])  # nav's origin is where the first rest begins
-    sensor = None if problem.device else _sensor(solution, knots[0])
+    sensor = None if problem.device else _sensor_estimate(solution, knots[0])
     solution = with_own_noise(solution)
     p_stop = solution.state.p[knots] - solution.state.p[knots[0]]
-    covariance = PoseCovariance(len(knots), _Times(solution.solved, knots, p_stop))
+    covariance = PoseCovariance(len(knots), _KeyframeCovariance(solution.solved, knots, p_stop))
+    v = integral_of_means(t, solution.path.a)
     return Estimate(
-        _standing(solution, stops, joined, solution.state.p[knots]),
+        _with_still_stops(solution, stops, joined, solution.state.p[knots]),
         stops,
-        _closure(t, solution.path.a, stops),
+        np.array([v[after.start] - v[before.stop - 1] for before, after in pairwise(stops)]).reshape(-1, 3),
         covariance,
         solution,
         sensor,
@@ -101,16 +102,16 @@ def estimate(
 
 
 def refuse_doubted_rest(t: Array, rest: Rest, stops: Sequence[Stop]) -> None:
-    """Refuse a recording whose first rest is no stop: another stop would be taken for the dock.
+    """Refuse a recording whose first rest is no stop, because another stop would be taken for the dock.
 
     Raises:
-        TrackingError: when the sensor seems to rest.
+        TrackingError: with the time of that rest.
     """
     if not any(stop.start < rest.stop and rest.start < stop.stop for stop in stops):
-        raise _doubted_rest(t, rest)
+        raise _doubted_rest_error(t, rest)
 
 
-def _doubted_rest(t: Array, rest: Rest) -> TrackingError:
+def _doubted_rest_error(t: Array, rest: Rest) -> TrackingError:
     return TrackingError(
         f"the sensor seems to rest from {t[rest.start]:.1f} to {t[rest.stop - 1]:.1f} s, but not by the stops beside "
         "it: the hand coasts there, or one of the channels is wrong; start with two seconds of rest, and check the "
@@ -120,10 +121,10 @@ def _doubted_rest(t: Array, rest: Rest) -> TrackingError:
     )
 
 
-def _sensor(solution: Solution, first: int) -> SensorEstimate:
-    """The sensor's errors, with those removed before smoothing; biases at the knot of the first stop."""
+def _sensor_estimate(solution: Solution, first: int) -> SensorEstimate:
+    """The sensor's errors, including those removed before smoothing; biases are those at the knot `first`."""
     solved, x, noise, rest = solution.solved, solution.state, solution.problem.noise, solution.problem.rest
-    device, doubt, prior = noise.device, acc_doubt(noise, rest), solution.local.prior
+    device, doubt, prior = noise.device, acc_sigma_factor(noise, rest), solution.fixed.prior
     sigma = np.sqrt(np.diagonal(solved.shared))
     biases = slice(GYR_BIAS.start, ACC_BIAS.stop)
     right = np.zeros((*solved.scale.shape, 6))
@@ -141,11 +142,11 @@ def _sensor(solution: Solution, first: int) -> SensorEstimate:
     )
 
 
-def _joined(solution: Solution, believed: Sequence[int], grips: Sequence[float]) -> list[list[int]]:
-    """Which of the stops are parts of one: the same grip, marked at these times, s, is between or just before them,
-    or a knock, after which the hand is where it was.
+def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[float]) -> list[list[int]]:
+    """Join stops that are parts of one: groups of indices into `problem.stops`.
 
-    Of a put-down that bounced the shorter stop is none.
+    Two stops are joined if one of the `grips` (s) is between or just before them, or if a knock divides them and the
+    hand is where it was. Of a put-down that bounced only the longer stop is kept.
     """
     problem, t, p = solution.problem, solution.problem.frame.t, solution.state.p
     strays = OUTLIER_SIGMAS * problem.noise.still_shift
@@ -170,10 +171,12 @@ def _joined(solution: Solution, believed: Sequence[int], grips: Sequence[float])
     return joined
 
 
-def _standing(solution: Solution, stops: Sequence[Stop], joined: Sequence[Sequence[int]], p_stop: Array) -> Path:
-    """The path with each stop at one place. What it creeps in a stop is distributed over the moves beside it.
+def _with_still_stops(
+    solution: Solution, stops: Sequence[Stop], joined: Sequence[Sequence[int]], p_stop: Array
+) -> Path:
+    """The path with each stop at one place (k, 3); its creep in a stop is distributed over the moves beside it.
 
-    Between the parts of a stop, which a grip divides, it keeps its attitude.
+    Between the joined parts of a stop the attitude is kept.
     """
     path, t = solution.path, solution.problem.frame.t
     p, places = path.p - p_stop[0], p_stop - p_stop[0]
@@ -187,16 +190,12 @@ def _standing(solution: Solution, stops: Sequence[Stop], joined: Sequence[Sequen
     return Path(wxyz, v, p, path.a)
 
 
-def _closure(t: Array, a_nav: Array, stops: Sequence[Stop]) -> Array:
-    """Velocity misclosure: what each move's acceleration integrates to."""
-    v = integral_of_means(t, a_nav)
-    return np.array([v[after.start] - v[before.stop - 1] for before, after in pairwise(stops)]).reshape(-1, 3)
-
-
 @dataclass(frozen=True, eq=False)
-class _Times:
-    """Covariance of the poses at knots times columns (k, 6, c), relative to the first, which defines nav: its place
-    (from there p, (k, 3) m) and heading."""
+class _KeyframeCovariance:
+    """Joint covariance of the poses at k knots, times columns (k, 6, c).
+
+    It is relative to the position and heading of the first pose, which define nav; p (k, 3) m are the positions there.
+    """
 
     solved: Solved
     knots: Sequence[int]
@@ -213,9 +212,9 @@ class _Times:
 
 
 def relative_to_first(columns: Array, p: Array, transposed: bool = False) -> Array:
-    """Errors (k, 6, c) of position and rotation relative to the first pose; or that map's transpose.
+    """Map errors (k, 6, c) of position and rotation to those relative to the first pose; or apply the transposed map.
 
-    A heading error h of the first pose turns all of nav: p - h z x p. Its tilt stays: gravity knows it.
+    A heading error h of the first pose turns all of nav: p - h z x p. Its tilt remains, because gravity shows it.
     """
     turn = np.zeros((len(p), 6, 6))  # by the first pose's error
     turn[:, :3, :3] = -np.eye(3)

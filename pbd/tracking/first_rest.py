@@ -1,4 +1,4 @@
-"""The sensor at rest: the recording's own noise, gyro bias and gravity."""
+"""Find the first rest of a recording, which gives its noise, gyro bias and gravity."""
 
 from __future__ import annotations
 
@@ -9,24 +9,23 @@ import numpy as np
 from pbd.data import GRAVITY, Recording
 from pbd.errors import RecordingError, TrackingError
 from pbd.pose import Array, lengths, readonly
-from pbd.tracking.moving_windows import calm_variance, calmed, median, rows_of_mean, window_sums
+from pbd.tracking.moving_windows import median, moving_mean_variance, moving_means, rows_of_mean, window_sums
 
 REST_S = 1.0
-"""s: length of the rest that starts a recording. The first second about as quiet as the quietest is taken
-that turns as most quiet ones do."""
+"""s: length of the first rest."""
 
 QUIET_RATIO = 4.0
-"""Largest variance of a quiet rest, relative to the quietest one."""
+"""A second is quiet if its restlessness is at most this many times that of the quietest second."""
 
 QUIET_ACC, QUIET_GYR = 0.08, 0.02
-"""rms, m/s2 and rad/s, of a hand that holds still."""
+"""Largest rms of a hand that holds still, m/s2 and rad/s."""
 
 STILL_ACC, STILL_GYR = 0.5, 0.15
-"""rms, m/s2 and rad/s, above which a hand is moving."""
+"""rms above which a hand moves, m/s2 and rad/s."""
 
 
 def restlessness(shake: Array | float, turn: Array | float) -> Array:
-    """Energies of both sensors, (m/s2)^2 and (rad/s)^2, together, relative to a hand at rest."""
+    """Energies of both sensors, (m/s2)^2 and (rad/s)^2, as one number: 1 at STILL_ACC or STILL_GYR alone."""
     return np.asarray(shake / STILL_ACC**2 + turn / STILL_GYR**2)
 
 
@@ -35,10 +34,10 @@ class Rest:
     """The first quiet second of a recording, samples start <= i < stop.
 
     Attributes:
-        gravity: m/s2, the mean norm of specific force.
-        shake: (m/s2)^2, variance of specific force about its mean over all three axes together, by means over MEAN_S.
+        gravity: m/s2, the norm of mean specific force.
+        shake: (m/s2)^2, variance of the `moving_means` of specific force, summed over the axes.
         turn: (rad/s)^2, the same of the gyro; 0 without one.
-        gyro_bias: (3,) rad/s.
+        gyro_bias: (3,) rad/s, the gyro's mean.
         up_sensor: (3,) unit, the vertical in sensor axes.
     """
 
@@ -52,28 +51,28 @@ class Rest:
 
     @property
     def restless(self) -> float:
-        """How restless it was."""
+        """Its `restlessness`."""
         return float(restlessness(self.shake, self.turn))
 
 
 def find_rest(recording: Recording) -> Rest:
-    """Find the first quiet second (the whole of a shorter recording), by both sensors' rms relative to stillness.
+    """Find the first quiet second of a recording without NaN. A shorter recording is taken as a whole.
 
     A steady turn about the vertical is as quiet as a rest. So the gyro must read there what it reads in most quiet
     seconds.
 
     Raises:
-        RecordingError: specific force is not in m/s2: its norm is more than 15 % off standard gravity.
-        TrackingError: the hand never stood still.
+        RecordingError: at rest the norm of specific force is more than 15 % off standard gravity: another unit.
+        TrackingError: the hand never stands still, or the accelerometer is dead.
     """
     length = max(2, min(len(recording), round(REST_S * recording.rate_hz)))
     k = rows_of_mean(recording.rate_hz)
-    acc_var = calm_variance(recording.acc, length, k)
-    gyr_var = np.zeros_like(acc_var) if recording.gyr is None else calm_variance(recording.gyr, length, k)
+    acc_var = moving_mean_variance(recording.acc, length, k)
+    gyr_var = np.zeros_like(acc_var) if recording.gyr is None else moving_mean_variance(recording.gyr, length, k)
     lasts = recording.t[length - 1 :] - recording.t[: len(acc_var)]
-    # Samples that came at one instant are no rest.
+    # Many samples with the same time stamp are no rest.
     restless = np.where(lasts < 0.5 * median(lasts), np.inf, restlessness(acc_var, gyr_var))
-    # 1e-6: the quietest second of a sensor without noise is no quieter than the next.
+    # 1e-6: in a sensor without noise rounding alone makes one second quieter than another.
     quiet = restless <= QUIET_RATIO * restless.min() + 1e-6
     if recording.gyr is not None:
         rate = window_sums(recording.gyr, length) / length
@@ -103,15 +102,15 @@ def find_rest(recording: Recording) -> Rest:
         start=start,
         stop=stop,
         gravity=gravity,
-        shake=float(calmed(acc, k).var(axis=0).sum()),
-        turn=float(calmed(gyr, k).var(axis=0).sum()),
+        shake=float(moving_means(acc, k).var(axis=0).sum()),
+        turn=float(moving_means(gyr, k).var(axis=0).sum()),
         gyro_bias=readonly(gyr.mean(axis=0)),
         up_sensor=readonly(acc.mean(axis=0) / gravity),
     )
 
 
 def _refuse_wrong_units(norm_at_rest: float) -> None:
-    """Refuse specific force whose norm at rest is not g, naming the likely unit."""
+    """Refuse specific force (its norm at rest, m/s2) that is not near gravity, and name the likely unit."""
     if 0.85 < norm_at_rest / GRAVITY < 1.15:
         return
     scales = {"g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2}

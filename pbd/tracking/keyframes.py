@@ -12,21 +12,22 @@ from pbd.pose import Array, Pose, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.smoother.attitude import mean_quaternion
 
 NEAR_STOP_S = 0.5
-"""Longest time, s, between a stop and an event or a claim that belongs to it."""
+"""Longest time, s, between a stop and a grip event or a claim that belongs to it."""
 
 ROTATION_RAD, ROTATION_SHIFT_M = np.radians(10.0), 0.03
-"""A move is described as a hand rotation if it turns more than ROTATION_RAD and shifts less than ROTATION_SHIFT_M."""
+"""A move is called a hand rotation if it turns more than ROTATION_RAD (rad) and extends less than ROTATION_SHIFT_M (m)
+along each axis."""
 
 
 def keyframes_of(path: HandPath) -> tuple[Keyframe, ...]:
-    """The keyframes that count: as a person edited them, else as found."""
+    """The keyframes to use: those that a person edited, else those found."""
     edited = None if path.tracking is None else path.tracking.demo.keyframes
     return find_keyframes(path) if edited is None else edited
 
 
 def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
-    """One keyframe a stop, at its middle: the position held there and the mean attitude."""
-    grips, fusion = _changing(_grip_at_stops(path.grip, path.t, path.stops)), path.fusion
+    """One keyframe per stop, at the stop's middle, with its position and mean attitude."""
+    grips, fusion = _without_repeats(_grip_at_stops(path.grip, path.t, path.stops)), path.fusion
     return tuple(
         Keyframe(
             t=0.5 * float(path.t[stop.start] + path.t[stop.stop - 1]),
@@ -45,7 +46,7 @@ def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
 
 
 def find_segments(path: HandPath) -> tuple[Segment, ...]:
-    """Cut the whole recording into rests and moves and say what kind of motion each is (the paper's Table I)."""
+    """Cut a recording into rests and moves, and name the kind of each motion (the paper's Table I)."""
     bounds = sorted({0, len(path.t), *(i for stop in path.stops for i in (stop.start, stop.stop))})
     rests = {stop.start for stop in path.stops}
     return tuple(
@@ -61,7 +62,7 @@ def find_segments(path: HandPath) -> tuple[Segment, ...]:
 
 
 def _describe(path: HandPath, start: int, stop: int) -> str:
-    """In the paper's words."""
+    """The kind of motion in the paper's words."""
     span = slice(max(start - 1, 0), stop + 1)
     extent = np.ptp(path.p_nav_sensor[span], axis=0)
     if extent.max() < ROTATION_SHIFT_M and _largest_turn(path.wxyz_nav_sensor[span]) > ROTATION_RAD:
@@ -72,12 +73,12 @@ def _describe(path: HandPath, start: int, stop: int) -> str:
 
 
 def _largest_turn(wxyz: Array) -> float:
-    """Largest angle from the first attitude, rad."""
+    """Largest angle, rad, between the first attitude and any other."""
     return float(np.linalg.norm(quat_log(quat_multiply(quat_inverse(wxyz[0]), wxyz)), axis=1).max())
 
 
 def nearest_stop(t: Array, stops: tuple[Stop, ...], at: float) -> tuple[int, float]:
-    """Index of the stop that is nearest to a time, and how far away that is, s; 0 within it."""
+    """Index of the stop that is nearest to a time, and their distance, s (0 in the stop)."""
     begins, ends = t[[stop.start for stop in stops]], t[[stop.stop - 1 for stop in stops]]
     away = np.maximum(np.maximum(begins - at, at - ends), 0.0)
     nearest = int(np.argmin(away))
@@ -85,7 +86,7 @@ def nearest_stop(t: Array, stops: tuple[Stop, ...], at: float) -> tuple[int, flo
 
 
 def _grip_at_stops(events: tuple[GripEvent, ...], t: Array, stops: tuple[Stop, ...]) -> dict[int, bool]:
-    """For each stop at which the grip changes: closed or not. An event belongs to the nearest stop."""
+    """Stop index -> whether the grip closes, for each stop with a grip event. An event belongs to the nearest stop."""
     at: dict[int, bool] = {}
     for event in events if stops else ():
         nearest, away = nearest_stop(t, stops, event.t)
@@ -98,8 +99,8 @@ def _grip_at_stops(events: tuple[GripEvent, ...], t: Array, stops: tuple[Stop, .
     return at
 
 
-def _changing(grips: dict[int, bool]) -> dict[int, bool]:
-    """Leave out a grip event that repeats the one before it."""
+def _without_repeats(grips: dict[int, bool]) -> dict[int, bool]:
+    """Leave out grip events that repeat the one before."""
     changing: dict[int, bool] = {}
     for stop in sorted(grips):
         closed = grips[stop]

@@ -1,4 +1,4 @@
-"""Sums, means and variances over windows that slide along a recording."""
+"""Sums, means, variances and maxima over moving windows."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 from pbd.pose import Array
 
 MEAN_S, MEANS = 0.0125, 4
-"""A hand's motion is judged by moving means over MEAN_S s, taken MEANS times. Shaking of 60 Hz and more (a motor, a
-phone that vibrates, or what a slower sampling makes of them) moves the hand nowhere; these means keep less than 1 % of
-it. The mean over a sample of a sensor of 40 Hz, which finds the same stops, is two such means."""
+"""A hand's motion is judged by moving means over MEAN_S (s), taken MEANS times. Vibration of 60 Hz and more (a motor, a
+phone that vibrates, or its alias at a slower rate) does not move the hand, and less than 1 % of it passes. A sample of
+a 40 Hz sensor, which finds the same stops, is a mean over 2 MEAN_S."""
 
 
 def rows_of_mean(rate_hz: float) -> int:
-    """Rows in MEAN_S."""
+    """Number of rows in MEAN_S."""
     return max(1, round(MEAN_S * rate_hz))
 
 
 def window_moments(values: Array, n: int) -> tuple[Array, Array]:
-    """Variance summed over the axes (m,) and mean (m, k) of each window of n samples (., k)."""
-    # About the mean is taken out, which keeps the difference of squares well conditioned.
+    """Variance summed over the axes (m,), and mean (m, k), of each window of n samples of values (., k)."""
+    # An approximate mean is subtracted first, to keep the difference of squares well conditioned.
     offset = values[:: 1 + len(values) // 1000].mean(axis=0)
     centred = values - offset
     mean = window_sums(centred, n) / n
@@ -30,13 +30,13 @@ def window_moments(values: Array, n: int) -> tuple[Array, Array]:
     return np.maximum(variance, 0.0), mean + offset
 
 
-def calm_variance(values: Array, n: int, k: int) -> Array:
-    """That variance of what `calmed` leaves, by means over k samples, in each window of n samples."""
-    return window_moments(calmed(values, k), n - MEANS * (k - 1))[0]
+def moving_mean_variance(values: Array, n: int, k: int) -> Array:
+    """That variance of the `moving_means` over k samples, in each window of n samples."""
+    return window_moments(moving_means(values, k), n - MEANS * (k - 1))[0]
 
 
 def cumulative(steps: Array) -> Array:
-    """Sums of the first 0, 1, ... n steps (n, ...)."""
+    """Sums (n + 1, ...) of the first 0, 1, ... n of the steps (n, ...)."""
     sums = np.zeros((len(steps) + 1, *steps.shape[1:]))
     np.cumsum(steps, axis=0, out=sums[1:])
     return sums
@@ -49,7 +49,7 @@ def window_sums(values: Array, n: int) -> Array:
     return windows
 
 
-def calmed(values: Array, n: int, means: int = MEANS) -> Array:
+def moving_means(values: Array, n: int, means: int = MEANS) -> Array:
     """Moving means over n samples, taken `means` times: (l, k) -> (l - means (n - 1), k)."""
     if n == 1:
         return values
@@ -57,8 +57,8 @@ def calmed(values: Array, n: int, means: int = MEANS) -> Array:
     return np.stack([np.convolve(column, weights, "valid") for column in values.T], axis=1)
 
 
-def whiteness(n: int, means: int = MEANS) -> float:
-    """Variance of `calmed` white noise, whose own is 1."""
+def white_noise_variance(n: int, means: int = MEANS) -> float:
+    """Variance of the `moving_means` of white noise of variance 1."""
     weights = _weights(n, means)
     return float(weights @ weights)
 
@@ -71,7 +71,7 @@ def _weights(n: int, means: int) -> Array:
 
 
 def window_maxima(values: NDArray[Any], n: int) -> NDArray[Any]:
-    """Largest of each window of n samples (l,) -> (l - n + 1,), from windows half as long (scipy's loads for 0.1 s)."""
+    """Maximum over each window of n samples, (l,) -> (l - n + 1,). (scipy's takes 0.1 s to load.)"""
     span = 1
     while span < n:
         step = min(span, n - span)
@@ -80,7 +80,7 @@ def window_maxima(values: NDArray[Any], n: int) -> NDArray[Any]:
 
 
 def median(values: Array) -> Array:
-    """Along the first axis; of a short one numpy's own takes ten times as long."""
+    """Median along the first axis. On short arrays numpy's own takes ten times as long."""
     low, high = (len(values) - 1) // 2, len(values) // 2
     parted = np.partition(values, (low, high), axis=0)
     middle: Array = 0.5 * (parted[low] + parted[high])
@@ -88,7 +88,7 @@ def median(values: Array) -> Array:
 
 
 def squares(vectors: Array) -> Array:
-    """Squared lengths of vectors (m, k) -> (m,); of many short ones numpy's sum(axis=1) takes ten times as long."""
+    """Squared lengths of vectors (m, k) -> (m,). With few columns numpy's sum(axis=1) takes ten times as long."""
     total = np.zeros(len(vectors))
     for column in vectors.T:
         total += column * column

@@ -1,8 +1,8 @@
-"""Every physical parameter of the estimator: the noise of the sensor and the motion of the hand.
+"""All physical parameters of the estimator: the sensor's errors and the motion of the hand.
 
-White noise is measured in the recording's own rest. The rest of a sensor's errors is of its class, by data sheets;
-what a hand does is physiology. `gyr_turn`, `acc_motion`, `acc_bend` and the walks were chosen with the recordings of
-the benchmark in view.
+White noise is measured in the recording's first rest. The sensor's other errors are those of its class, from data
+sheets. The hand's parameters are from physiology. `gyr_turn`, `acc_motion`, `acc_bend` and the random walks were tuned
+on the benchmark's recordings.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from pbd.data import Recording, SensorErrors
 from pbd.data.units import DEG, MG
 from pbd.pose import Array, lengths
 from pbd.tracking.first_rest import Rest
-from pbd.tracking.moving_windows import calmed, rows_of_mean, squares, whiteness
+from pbd.tracking.moving_windows import moving_means, rows_of_mean, squares, white_noise_variance
 
 OUTLIER_SIGMAS = 3.0
-"""Deviation in sigmas along one axis that is no chance (0.27 %). There a robust factor hardly counts, a claim is
-refused and a lag is real."""
+"""A deviation of more sigmas along one axis is no chance (0.27 %): a robust factor hardly counts, a claim is refused, a
+lag is real."""
 
 
 @dataclass(frozen=True)
 class SensorClass:
-    """Spread over the devices of a class, one sigma: what calibration at the maker's leaves.
+    """One sigma of a device's errors after the maker's calibration, over the devices of a class.
 
     Attributes:
         acc_bias: m/s2.
-        acc_scale: share, of each axis and of each angle between axes (rad).
+        acc_scale: relative scale error of each axis, and error of each angle between axes (rad).
         gyr_scale: the same of the gyro.
         gyr_walk: rad/s/sqrt(s), random walk of the gyro's bias in the hand.
-        acc_walk: m/s2/sqrt(s), of the accelerometer's.
+        acc_walk: m/s2/sqrt(s), random walk of the accelerometer's bias in the hand.
     """
 
     acc_bias: float
@@ -45,17 +45,17 @@ CALIBRATED = SensorClass(2.0 * MG, 0.001, 0.001, 0.002 * DEG, 0.0003)
 """Calibrated one by one, over temperature: Xsens MTi, VectorNav VN-100, x-IMU3 (data sheets; walks a tenth)."""
 
 FACTORY = SensorClass(3.0 * MG, 0.005, 0.005)
-"""A research part after calibration; also what nothing is known of."""
+"""A research part after calibration. Also for an unknown sensor."""
 
 COMPASS = SensorClass(5.0 * MG, 0.003, 0.003)
 """OceanServer's compasses (data sheet)."""
 
 BARE = SensorClass(20.0 * MG, 0.01, 0.01)
-"""A bare MEMS part, as phones have them too (InvenSense MPU-6050, -9250, Bosch BMI160, ST LSM6DSO data sheets: zero-g
+"""A bare MEMS part, as in phones (InvenSense MPU-6050, -9250, Bosch BMI160, ST LSM6DSO data sheets: zero-g
 offset, sensitivity tolerance)."""
 
 IDEAL = SensorClass(1e-3 * MG, 1e-6, 1e-6, 1e-6 * DEG, 1e-6)
-"""The simulator's that errs in nothing."""
+"""The simulator's sensor without errors."""
 
 CLASSES = {
     "modern": CALIBRATED,
@@ -70,14 +70,14 @@ CLASSES = {
     "phone": BARE,
     "phyphox": BARE,
 }
-"""By a word in the recording's `info.sensor`."""
+"""The class by a word in the recording's `info.sensor`."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations and densities in SI, one sigma per axis.
+    """One sigma per axis, or densities, in SI.
 
-    The white densities are measured at rest, the class is the sensor's, the others hold for all.
+    The white densities are measured at rest, `device` depends on the sensor, all else holds for every sensor and hand.
     """
 
     gyr_density: float
@@ -87,96 +87,96 @@ class Noise:
     """m/s2/sqrt(Hz), white; measured at rest."""
 
     device: SensorClass
-    """What the device's own errors may be."""
+    """Priors of the device's errors."""
 
     gyr_turn: float = 0.0007
-    """rad/sqrt(rad): a random walk of attitude that grows with turning (nonlinearity, 0.1 % of 0.5 rad)."""
+    """rad/sqrt(rad): random walk of attitude per angle turned (nonlinearity: 0.1 % of 0.5 rad)."""
 
     gyr_bias: float = 0.5 * DEG
-    """rad/s: the gyro's bias, about its mean over the first rest."""
+    """rad/s: the gyro's bias, relative to its mean rate in the first rest."""
 
     acc_motion: float = 0.0005
-    """1/sqrt(Hz): a share of the motion's acceleration (vibration rectification, nonlinearity of 0.5 %)."""
+    """1/sqrt(Hz): noise per m/s2 of the motion's acceleration (vibration rectification, nonlinearity of 0.5 %)."""
 
     acc_bend: float = 0.5
-    """Share of what lies between samples, as far as fourth differences show it, that a low-pass loses."""
+    """Share of the motion between samples, as fourth differences show it, that the sensor's low-pass loses."""
 
     bend_knee: float = 10.0
-    """m/s2: smooth bends below this integrate exactly, as samples are means; impacts do not."""
+    """m/s2: below this bend of the acceleration nothing is lost, because samples are means. Impacts bend more."""
 
     lag: float = 0.001
-    """s: by which a gyro is late behind its accelerometer (group delays in MEMS makers' register maps: 0.3 to 2 ms)."""
+    """s: lag of a gyro behind its accelerometer (group delays in MEMS makers' register maps: 0.3 to 2 ms)."""
 
     lag_sigma: float = 0.0007
-    """s: how the lag differs from device to device."""
+    """s: how much the lag differs between devices."""
 
     gravity: float = 9.80
     """m/s2: half-way between the equator and 60 degrees of latitude."""
 
     gravity_sigma: float = 0.02
-    """m/s2: how gravity differs over the inhabited earth."""
+    """m/s2: how much gravity varies over the inhabited earth."""
 
     still_speed: float = 0.001
-    """m/s: how fast a hand that holds still creeps."""
+    """m/s: speed at which a hand that holds still creeps."""
 
     still_shift: float = 0.002
-    """m: how far a hand that holds still strays from one knot to the next."""
+    """m: how far a hand that holds still moves from knot to knot."""
 
     still_turn: float = 0.01 * DEG
-    """rad: how far a hand that holds still turns from one knot to the next, where the gyro sees no sway."""
+    """rad: how far a hand that holds still turns from knot to knot, if the gyro shows no sway."""
 
     tremor_hz: float = 8.0
-    """Hz: what shakes a hand that holds still is no slower (physiological tremor has 8 to 12 Hz)."""
+    """Hz: lowest frequency at which a hand that holds still shakes (physiological tremor: 8 to 12 Hz)."""
 
     still_lever: float = 0.03
-    """m: how the point that stands still, where the hand turns about it, differs from stop to stop."""
+    """m: how much the pivot, the fixed point about which a swaying hand turns, differs from stop to stop."""
 
     pivot: float = 0.15
-    """m: how far from the sensor that point is in the mean: a wrist, or where a foot treads."""
+    """m: mean distance of the pivot from the sensor: a wrist, or the point on which a foot treads."""
 
     reach: float = 2.0
-    """m: how far from its first rest a hand is taken to be, for each second; walks go further (Cauchy)."""
+    """m: distance of the hand from its first rest, as one measurement per second. Walks go further, so it is robust."""
 
     compass: float = 0.15
-    """rad sqrt(s): heading from a room's magnetic field, its wander averaged over a second."""
+    """rad sqrt(s): heading by a room's magnetic field, averaged over a second."""
 
     field: float = 0.08
-    """Share of the field by which a room's differs from that at the first rest; more is a magnet."""
+    """Relative change of a room's magnetic field since the first rest. A larger change is a magnet's."""
 
     device_lag: float = 0.3
-    """s: by which a device's own attitude is late where it low-passes it (OceanServer's manual)."""
+    """s: lag of a device's own attitude, from its low-pass (OceanServer's manual)."""
 
     device_turn: float = 0.5 * DEG
-    """rad: how well a device's own attitude holds (data sheets of compasses: 0.5 to 1 degree)."""
+    """rad: error of a device's own attitude (data sheets of compasses: 0.5 to 1 degree)."""
 
     unseen_speed: float = 0.1
-    """m/s: how fast a hand may move on average in a hole of the data. (With 5 m/s2, from rest to rest, in 0.12 s; a
-    longer hole is refused unless a person says that the hand stood still.)"""
+    """m/s: mean speed of a hand in a hole of the data: from rest to rest in 0.12 s with 5 m/s2. (A longer hole is
+    refused unless a person says that the hand stood still.)"""
 
     unseen_rate: float = 0.2
-    """rad/s: the same of its turning, about an elbow half a metre away."""
+    """rad/s: the same for its rotation, about an elbow half a metre away."""
 
 
 FINEST_STEP = 1e-12
 """m/s2 or rad/s: a smaller difference between readings is floating-point rounding."""
 
 STEP_ROWS = 4096
-"""Number of rows, spread over a recording, that suffice to find the step of its readings."""
+"""Number of rows, spread over a recording, from which the step (resolution) of its readings is found."""
 
 
 def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = None) -> Noise:
-    """Noise of a recording: white densities from its rest, the rest from the sensor's class, or calibration's.
+    """Noise of a recording: white densities from its rest, all else from the sensor's class or a calibration.
 
     Args:
-        recording: names its sensor.
-        rest: a quiet second.
-        errors: of a calibration, which have been taken out; it knows gravity where it was made.
+        recording: its `info.sensor` gives the class.
+        rest: its first quiet second.
+        errors: the calibration's, already corrected in the recording. It also gives the local gravity.
     """
     device = next((found for word, found in CLASSES.items() if word in recording.info.sensor), FACTORY)
     gravity = Noise.gravity
     if errors is not None and errors.acc is not None:
         device, gravity = CALIBRATED, errors.gravity
-    white = 3.0 * whiteness(rows_of_mean(recording.rate_hz))
+    white = 3.0 * white_noise_variance(rows_of_mean(recording.rate_hz))
     gyr, gyr_held = (0.0, 0.0) if recording.gyr is None else _rounding(recording.gyr, np.sqrt(rest.turn / white))
     acc, acc_held = _rounding(recording.acc, np.sqrt(rest.shake / white))
     device = replace(
@@ -190,15 +190,15 @@ def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = Non
 
 
 def _rounding(values: Array, rms: float) -> tuple[float, float]:
-    """White noise of readings (n, 3) per sample and axis; and what rounding leaves over where they hardly change.
+    """White noise per sample and axis, and the rounding error that stays constant while the reading does.
 
-    Their step is the smallest difference between two of them. Noise larger than the step makes the rounding white
-    (it is a dither); of smaller noise a share exp(-2 pi^2 rms^2 / step^2) stays the same as long as the reading does,
-    and changes from one rest to another: a random walk of a second.
+    The step of the readings is the smallest difference between two of them. Noise larger than the step makes the
+    rounding error white (dither). Of smaller noise, a share exp(-2 pi^2 rms^2 / step^2) of the error is constant in a
+    rest and differs between rests. It adds to the bias, and to its random walk per sqrt(s).
 
     Args:
-        values: of one sensor.
-        rms: at rest, per axis.
+        values: (n, 3) readings of one sensor.
+        rms: per axis, at rest.
 
     Source: B. Widrow, I. Kollar, Quantization noise, Cambridge 2008, 9.
     """
@@ -210,23 +210,23 @@ def _rounding(values: Array, rms: float) -> tuple[float, float]:
     return max(rms, rounding), rounding * float(np.exp(-2.0 * (np.pi * rms / step) ** 2))
 
 
-def acc_doubt(noise: Noise, rest: Rest) -> float:
-    """Factor on the class' accelerometer sigmas: gravity at rest shows how large its errors are."""
+def acc_sigma_factor(noise: Noise, rest: Rest) -> float:
+    """Factor on the class' accelerometer sigmas, 1 or more: by how far gravity at rest is from its true value."""
     shown = abs(rest.gravity - noise.gravity)
     return float(np.hypot(1.0, max(shown - 2.0 * noise.gravity_sigma, 0.0) / noise.device.acc_bias))
 
 
 def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = None) -> tuple[Array, Array]:
-    """Densities of gyro and accelerometer noise at each row: (3, n) rad2/s and (3, n) m2/s3.
+    """Noise densities of gyro and accelerometer at each row: (3, n) rad2/s and (3, n) m2/s3.
 
-    The three parts, which add up: white noise as measured at rest, what turning adds, what motion adds.
+    The three parts add up: white noise measured at rest, noise from turning, noise from motion.
 
     Args:
-        noise: the parameters.
+        noise: parameters.
         gyr: (n, 3) rad/s, without bias.
         u: (n, 3) m/s2, specific force in the gyro frame.
         dt: s, sampling interval.
-        up: (3,) m/s2, specific force at rest; by default the mean of u, which in a whole recording it is.
+        up: (3,) m/s2, specific force at rest. By default the mean of u, as over a whole recording motion averages out.
     """
     s_g, s_a = np.zeros((3, len(u))), np.zeros((3, len(u)))
     s_g[0], s_a[0] = noise.gyr_density**2, noise.acc_density**2
@@ -234,10 +234,10 @@ def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = 
     motion = u - (np.full(len(u), 1.0 / len(u)) @ u if up is None else up)
     s_a[2] = noise.acc_motion**2 * np.einsum("ij,ij->i", motion, motion)
     between = np.full(len(u), np.inf)
-    for n in {1, rows_of_mean(1.0 / dt)}:  # what shakes fast bends samples, but not means
+    for n in {1, rows_of_mean(1.0 / dt)}:  # fast vibration bends the samples, but not their means
         edge = 3 * n - 1
         if len(u) > 2 * edge:
-            bend = _bends(calmed(u, n, 2), n, noise, dt)
+            bend = _bends(moving_means(u, n, 2), n, noise, dt)
             inner = noise.acc_bend * n * dt / 12.0 * bend**2 / (bend + noise.bend_knee**2)
             between[edge:-edge] = np.minimum(between[edge:-edge], inner)
     s_a[2, 2:-2] += between[2:-2]
@@ -245,17 +245,19 @@ def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = 
 
 
 def _bends(means: Array, n: int, noise: Noise, dt: float) -> Array:
-    """Squares of second differences without those of white noise, (m2/s4), by fourth ones, which no steady jerk has.
+    """Squared second differences (m2/s4) beyond white noise, estimated from fourth differences.
+
+    Fourth differences ignore a constant or steadily changing jerk.
 
     Args:
         means: (m, 3) m/s2, moving means over n samples, taken twice.
-        n: samples; also of a difference.
-        noise: of the accelerometer.
-        dt: s, between samples.
+        n: samples in a mean, and in the interval of a difference.
+        noise: gives the white noise.
+        dt: s, sampling interval.
     """
     second = means[2 * n :] - 2.0 * means[n:-n] + means[: -2 * n]
     fourth = second[2 * n :] - 2.0 * second[n:-n] + second[: -2 * n]
-    # Of white noise alone fourth differences have 70 variances, second ones 6.
-    white = 6.0 * 3.0 * noise.acc_density**2 / dt * whiteness(n, 2)
+    # Of white noise the variance of fourth differences is 70 times its own, that of second differences 6 times.
+    white = 6.0 * 3.0 * noise.acc_density**2 / dt * white_noise_variance(n, 2)
     bends: Array = np.maximum(6.0 / 70.0 * squares(fourth) - white, 0.0)
     return bends

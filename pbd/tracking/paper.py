@@ -1,14 +1,18 @@
-"""The chain of Neto, Pires and Moreira (2013), to the equation: `--method paper`.
+"""`--method paper`: the method of Neto, Pires and Moreira (2013), equation by equation.
 
-Roll and pitch are the device's, yaw is a Kalman filter's; gravity is projected out (2-4), acceleration summed twice
-(5-6) while Algorithm 1 finds motion in the variance of the resulting acceleration (7-9). Where it leaves a choice:
+Source: P. Neto, J. N. Pires, A. P. Moreira, 3-D position estimation from inertial sensing: minimizing the error from
+the process of double integration of accelerations, IECON 2013.
 
-- lambda_m has no printed value: 10 samples (the shortest rest of its Table I has 14);
-- the mean in (9) is that of the window of (8);
-- `updated` is set at each beginning too, else an isolated detection would end before it began;
-- the velocity is zero at each beginning;
-- read to the letter with tilt taken from the same accelerometer sample, the horizontal acceleration would be zero: the
-  paper's compass low-passes its tilt. Where a device gives none, so do we, with the OS5000's time constant.
+Roll and pitch come from the device, yaw from a Kalman filter. Gravity is removed (2-4). Algorithm 1 detects motion in
+the variance of the resulting acceleration (7-9). In motion, acceleration is summed twice (5-6). Our choices where the
+paper leaves one:
+
+- lambda_m has no printed value. We take 10 samples; the shortest rest in its Table I has 14.
+- The mean in (9) is that of the window of (8).
+- `updated` is also set when a motion begins. Otherwise an isolated detection would end before it began.
+- The velocity is zero when a motion begins.
+- With tilt from the same accelerometer sample, horizontal acceleration would be zero. The paper's compass low-passes
+  its tilt. For a device without an attitude of its own we do the same, with the OS5000's time constant.
 """
 
 from __future__ import annotations
@@ -27,29 +31,29 @@ from pbd.tracking.smoother.path import Path
 from pbd.tracking.zero_velocity import runs
 
 WINDOW = 2
-"""n of equations 8 and 9, samples."""
+"""Samples in the window of equations 8 and 9 (n)."""
 
 LAMBDA_V = 0.01
 """Variance of the resulting acceleration above which the hand moves, (m/s2)^2."""
 
 LAMBDA_M = 10
-"""Samples without a detection after which a motion has ended."""
+"""Number of samples without a detection after which a motion has ended."""
 
 TILT_LOWPASS_S = 0.3
-"""s: time constant of the tilt from the accelerometer, where the device gives no attitude."""
+"""s: time constant of the low-pass on tilt from the accelerometer, if the device gives no attitude."""
 
 YAW_SIGMA = np.radians(1.0)
-"""rad: one sigma of the compass."""
+"""rad: one sigma of the compass' heading."""
 
 GYRO_SIGMA, BIAS_WALK = np.radians(0.3), np.radians(0.01)
-"""rad/s per sample: one sigma of the gyro; step of its bias' random walk."""
+"""One sigma of a gyro sample, rad/s, and of the rate at which its bias changes in a sample, rad/s2."""
 
 
 def track_as_paper(recording: Recording, rest: Rest) -> Estimate:
-    """The whole chain, on a repaired recording.
+    """Estimate the path from a repaired recording by the paper's method.
 
     Raises:
-        TrackingError: no compass; the hand never stands still.
+        TrackingError: there is no compass, or the hand never stands still.
     """
     wxyz = paper_attitude(recording)
     a_nav = paper_acceleration(recording, wxyz, rest.gravity)
@@ -62,18 +66,18 @@ def track_as_paper(recording: Recording, rest: Rest) -> Estimate:
 
 
 def paper_attitude(recording: Recording) -> Array:
-    """The sensor's orientation in nav, (n, 4) wxyz.
+    """Orientation of the sensor in nav, (n, 4) wxyz.
 
-    Roll and pitch come from the device, or from its low-passed accelerometer; yaw from `filter_yaw`.
+    Roll and pitch come from the device, or from its low-passed accelerometer; yaw comes from `filter_yaw`.
 
     Raises:
-        TrackingError: neither the device's attitude nor a magnetometer, so there is no compass.
+        TrackingError: there is no compass: neither the device's attitude nor a magnetometer.
     """
     if recording.device_rpy is not None:
         roll, pitch, compass = recording.device_rpy.T
     elif recording.mag is not None:
         roll, pitch = _tilt(recording)
-        # The field, laid level; without declination y is where it points.
+        # Magnetic heading, without declination: y points along the field's horizontal part.
         level = quat_from_rpy(np.column_stack((roll, pitch, np.zeros_like(roll))))
         east, north, _ = quat_rotate(level, recording.mag).T
         compass = np.arctan2(east, north)
@@ -90,13 +94,13 @@ def paper_attitude(recording: Recording) -> Array:
 
 
 def filter_yaw(t: Array, rate: Array, compass: Array, with_gyro: bool = True) -> tuple[Array, Array]:
-    """Kalman filter: state yaw and gyro bias, the gyro as input, the compass as measurement (innovations wrapped).
+    """Kalman filter of yaw and gyro bias: the gyro is the input, the compass the measurement (wrapped innovations).
 
     Args:
         t: (n,) s.
-        rate: (n,) rad/s, the yaw's rate by the gyro.
+        rate: (n,) rad/s, yaw rate by the gyro.
         compass: (n,) rad.
-        with_gyro: False: the rate is unknown, and the filter follows the compass.
+        with_gyro: if False, the rate is unknown and the filter follows the compass.
 
     Returns:
         yaw (n,) rad and bias (n,) rad/s.
@@ -122,13 +126,13 @@ def filter_yaw(t: Array, rate: Array, compass: Array, with_gyro: bool = True) ->
 
 
 def paper_acceleration(recording: Recording, wxyz: Array, gravity: float) -> Array:
-    """Equations 2-4: gravity projected into the sensor's axes and taken out, the rest turned into nav; (n, 3) m/s2."""
+    """Equations 2-4: subtract gravity in sensor axes and rotate the rest to nav, (n, 3) m/s2."""
     g_sensor = quat_rotate(quat_inverse(wxyz), (0.0, 0.0, gravity))  # (2), (3)
     return quat_rotate(wxyz, recording.acc - g_sensor)  # (4)
 
 
 def paper_stops(t: Array, a_nav: Array) -> tuple[Stop, ...]:
-    """Algorithm 1: the rests between the motions found in the variance of the resulting acceleration."""
+    """Algorithm 1: the rests between the motions that the variance of the resulting acceleration shows."""
     variance = resulting_variance(a_nav)
     moving = np.zeros(len(t), dtype=bool)
     begun: int | None = None
@@ -142,7 +146,7 @@ def paper_stops(t: Array, a_nav: Array) -> tuple[Stop, ...]:
 
 
 def resulting_variance(a_nav: Array) -> Array:
-    """Equations 7-9: (n,) variance over the last WINDOW samples of the resulting acceleration, (m/s2)^2."""
+    """Equations 7-9: variance (n,) of the resulting acceleration over the last WINDOW samples, (m/s2)^2."""
     resulting = np.linalg.norm(a_nav, axis=1)  # (7)
     padded = np.concatenate((np.full(WINDOW - 1, resulting[0]), resulting))
     window = np.lib.stride_tricks.sliding_window_view(padded, WINDOW)
@@ -152,9 +156,9 @@ def resulting_variance(a_nav: Array) -> Array:
 
 
 def paper_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Array, Array, Array]:
-    """Equations 5-6 while the hand moves; at rest the velocity is zero. Returns position, velocity and closures.
+    """Equations 5-6 while the hand moves; at rest the velocity is zero. Returns position, velocity and misclosures.
 
-    Where the threshold, which is the paper's for its own sensor, shows a single stop, there is a warning.
+    The threshold is for the paper's own sensor. If it leaves a single stop, there is a warning.
     """
     if len(stops) == 1:
         _warn_of_threshold(a_nav, stops[0])
@@ -185,7 +189,7 @@ def _warn_of_threshold(a_nav: Array, stop: Stop) -> None:
 
 
 def paper_covariance(t: Array, stops: tuple[Stop, ...], closure: Array) -> Array:
-    """Covariance (len(stops), 6, 6): the velocity left over at a move's end was built up in it and stays in it."""
+    """Covariance (k, 6, 6) at the stops. A velocity error that grows linearly to the misclosure shifts a move's end."""
     cov = np.zeros((len(stops), 6, 6))
     for k in range(1, len(stops)):
         duration = t[stops[k].start] - t[stops[k - 1].stop - 1]
@@ -195,7 +199,7 @@ def paper_covariance(t: Array, stops: tuple[Stop, ...], closure: Array) -> Array
 
 
 def _tilt(recording: Recording) -> tuple[Array, Array]:
-    """Roll and pitch (n,) of the low-passed accelerometer, starting settled."""
+    """Roll and pitch (n,) rad by the low-passed accelerometer; the filter starts settled."""
     from scipy.signal import lfilter
 
     keep = np.exp(-1.0 / (TILT_LOWPASS_S * recording.rate_hz))

@@ -1,7 +1,7 @@
-"""Two quick taps on the sensor's back, found in the specific force sample by sample.
+"""Detect two quick taps on the sensor's back in the specific force, sample by sample.
 
-A tap is a short shock across the housing (along z). The hand is still before the first, between the two and after the
-second. The times are near those of the double-tap recognition in ST's accelerometers (application note AN5192).
+A tap is a short shock along the sensor's z axis. The hand is still before the first tap, between the two and after the
+second. The durations are close to those of double-tap recognition in ST's accelerometers (application note AN5192).
 """
 
 from __future__ import annotations
@@ -14,35 +14,35 @@ from math import hypot, inf, isfinite
 from pbd.data import GripEvent, Recording
 
 SHOCK = 3.0
-"""Least peak of a tap, m/s2, beyond what was read before. ST's threshold is 7 at 417 Hz; at 100 Hz peaks are halved."""
+"""Smallest peak of a tap above the mean before it, m/s2. ST's threshold is 7 at 417 Hz; at 100 Hz peaks are halved."""
 
 ACROSS = 0.75
-"""Least share of a peak that is along z: a tap's direction is within 41 degrees of the back's normal."""
+"""Smallest share of a peak along z: a tap is within 41 degrees of the normal of the sensor's back."""
 
 SHOCK_S, QUIET_S = 0.058, 0.029
-"""Longest shock, s; least quiet before another begins, s (AN5192). Between two samples that are further apart a tap may
-hide: so nothing is found below 34 Hz."""
+"""s: longest shock, and shortest quiet time before the next (AN5192). A tap may hide between samples that are further
+apart than QUIET_S, so nothing is detected below 34 Hz."""
 
 TOGETHER_S = 0.54
-"""Longest time, s, from the beginning of the first tap to that of the second (AN5192)."""
+"""s: longest time from the start of the first tap to the start of the second (AN5192)."""
 
 STILL = 0.8
 """Largest deviation, m/s2, of a hand that holds still."""
 
 RINGS = 0.35
-"""Ringing of the hand after a tap's shock, allowed as a share of its peak."""
+"""Largest ringing of the hand after a tap, as a share of the tap's peak."""
 
 STILL_S = 0.2
-"""s of stillness before the first tap and after the second."""
+"""s: time for which the hand is still before the first tap and after the second."""
 
 KEPT = 0.5
-"""Largest change, m/s2, of the mean specific force from before the taps to after them: the hand has not turned by more
-than 3 degrees."""
+"""Largest change of mean specific force from before the taps to after them, m/s2: the hand turned by less than 3
+degrees."""
 
 
 @dataclass
 class _Shock:
-    """Since when, s; until when it was loud, s; its peak's size and part along z, m/s2."""
+    """Start and last time above the ringing, s; norm and z component of the peak, m/s2."""
 
     begun: float
     loud: float
@@ -55,7 +55,7 @@ class _Shock:
 
 
 class TapDetector:
-    """Takes samples; tells a pair of taps once the hand has been still for STILL_S after them."""
+    """Detects a pair of taps, once the hand has been still for STILL_S after it."""
 
     def __init__(self) -> None:
         self._t = -inf
@@ -69,7 +69,7 @@ class TapDetector:
         self._held_long = False
 
     def feed(self, t: float, acc: Iterable[float]) -> float | None:
-        """Take the next sample, (3,) m/s2 at t s; return when the first of two taps began, s, if they are found now."""
+        """Take the next sample, (3,) m/s2 at t s. If it completes a pair of taps, return the start of the first, s."""
         x, y, z = acc
         step, self._t = t - self._t, t
         if step > QUIET_S or not isfinite(x + y + z):
@@ -96,7 +96,7 @@ class TapDetector:
         return None
 
     def _follow(self, t: float, off: tuple[float, float, float]) -> float | None:
-        """Take a sample after the first shock began, as it is off what was read before, m/s2."""
+        """Take a sample after the start of the first shock, given as deviation from the mean before it, m/s2."""
         size, shock = hypot(*off), self._shocks[-1]
         since = t - shock.begun
         if size > max(STILL, RINGS * shock.size):
@@ -122,7 +122,7 @@ class TapDetector:
 
 
 def grip_by_taps(recording: Recording) -> tuple[GripEvent, ...]:
-    """Find all pairs of taps: the first closes the grip, the next opens it, and so on."""
+    """Find all pairs of taps. The first pair closes the grip, the next opens it, and so on."""
     detector = TapDetector()
     found = [detector.feed(t, acc) for t, acc in zip(recording.t.tolist(), recording.acc.tolist(), strict=True)]
     times = [t for t in found if t is not None]

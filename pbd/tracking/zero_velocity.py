@@ -1,7 +1,7 @@
-"""Zero-velocity candidates: where the hand may stand still. The smoother then accepts, trims or rejects each.
+"""Find zero-velocity candidates: where the hand may stand still. The smoother then accepts, trims or rejects each.
 
-A sensor at rest shows a constant specific force and no rate of turn. So does one that coasts at constant velocity:
-the smoother, which knows the velocity, tells them apart.
+A sensor at rest shows constant specific force and no rate. So does a sensor that coasts at constant velocity. The
+smoother estimates the velocity, so it tells the two apart.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from pbd.pose import Array
 from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, Rest
 from pbd.tracking.moving_windows import (
     MEANS,
-    calm_variance,
-    calmed,
+    moving_mean_variance,
+    moving_means,
     rows_of_mean,
     squares,
     window_maxima,
@@ -28,52 +28,52 @@ Spans = list[tuple[int, int]]
 """Half-open ranges of rows, in order."""
 
 ENERGY_WINDOW_S = 0.1
-"""s: averaging time of the energies. So motion is seen up to this late."""
+"""s: length of the windows over which energies are averaged. Motion is seen up to this much late."""
 
 QUIET_ENERGY = 10.0
-"""A window is quiet if its energy is below QUIET_ENERGY times the rest's, or its rms below that of a hand that holds
-still."""
+"""A window is quiet if its energy is below this many times that of the first rest, or below that of a hand that holds
+still (QUIET_ACC, QUIET_GYR)."""
 
 LULL_SHARE, LULL_S = 10.0**-1.8, 1.0
-"""A foot's stance: where nothing is quiet, the calmest window counts as still of those whose energies are below this
-share of a move's within LULL_S s. (FACTS has 10^-2.2 of the largest, impacts and knocks included. Steps of a foot have
-impacts of 10^0.3 to 10^0.9 times what lasts as long as a move: the least of that is added.)"""
+"""In a lull, such as a foot's stance, the calmest window counts as still even if it isn't quiet. Energies in a lull are
+below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after. (FACTS has 10^-2.2 of the largest
+energy, with impacts. A step's impact has 10^0.3 to 10^0.9 times the lasting energy; the smallest factor is added.)"""
 
 SHORTEST_MOVE_S, SHORTEST_STOP_S = 0.1, 0.08
-"""s: a shorter motion between two stops is a jolt; a shorter stop is none."""
+"""s: a shorter motion between two stops is a jolt and joins them; a shorter stop does not count."""
 
 
 def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
-    """Of each window the variance of specific force and the mean square of rate, of what `calmed` leaves: (m,), (m,).
+    """Variance of specific force (m,) and mean square of rate (m,) in each window, both after `moving_means`.
 
     Args:
         u: (n, 3) m/s2, specific force in a frame that does not turn with the sensor.
         gyr: (n, 3) rad/s, without bias.
-        n: rows of a window, ENERGY_WINDOW_S.
+        n: number of rows in ENERGY_WINDOW_S.
     """
     k = rows_of_mean(n / ENERGY_WINDOW_S)
-    shake, n = calm_variance(u, n, k), n - MEANS * (k - 1)
-    return shake, window_sums(squares(calmed(gyr, k)), n) / n
+    shake, n = moving_mean_variance(u, n, k), n - MEANS * (k - 1)
+    return shake, window_sums(squares(moving_means(gyr, k)), n) / n
 
 
 def find_candidates(
     t: Array, dt: float, shake: Array, turn: Array, rest: Rest, unseen: Sequence[tuple[int, int]] = ()
 ) -> Spans:
-    """Find where specific force is steady and nothing turns.
+    """Find the spans in which specific force is constant and nothing turns.
 
     Args:
         t: (n,) s.
         dt: s, the sampling interval.
-        shake: (m,) (m/s2)^2, and turn (m,) (rad/s)^2: of `energies`.
-        rest: for its noise.
+        shake, turn: (m,) (m/s2)^2 and (m,) (rad/s)^2, of `energies`.
+        rest: its energies set the thresholds.
         unseen: last row before and first row after each gap. A gap between two rests is part of them.
     """
     n = len(t) - len(shake) + 1
     limits = quiet_limits(rest)
     quiet = (shake < limits[0]) & (turn < limits[1])
-    calm = (energy < LULL_SHARE * _of_moves(energy, n, dt) for energy in (shake, turn))
+    calm = (energy < LULL_SHARE * _move_energy(energy, n, dt) for energy in (shake, turn))
     lull = quiet | np.logical_and(*calm)
-    for before, after in unseen:  # interpolated data show nothing; a gap at an end is refused elsewhere
+    for before, after in unseen:  # interpolated data show no rest; `refuse_gaps` handles a gap at an end
         if before == 0 or after == len(t) - 1:
             continue
         quiet[max(before + 2 - n, 0) : after] = lull[max(before + 2 - n, 0) : after] = False
@@ -81,13 +81,13 @@ def find_candidates(
     for start, stop in runs(lull):
         if not quiet[max(start - 2 * n, 0) : stop + 2 * n].any():  # not the edge of a rest
             quiet[start + int(np.argmin(restless[start:stop]))] = True
-    # A sample is still when any window that holds it is quiet: a moving one is in none.
+    # A sample is still if any window that contains it is quiet.
     still = window_maxima(np.pad(quiet, n - 1), n)
-    return _long_enough(t, _merged(t, runs(still), unseen))
+    return _long_enough(t, _merge_close(t, runs(still), unseen))
 
 
-def _of_moves(energy: Array, n: int, dt: float) -> Array:
-    """The largest energy (m,) within LULL_S of each window of n rows that is no jolt's: it lasts a move long."""
+def _move_energy(energy: Array, n: int, dt: float) -> Array:
+    """Largest energy (m,) within LULL_S of each window (n rows) that lasts longer than a jolt."""
     reach = max(1, round(LULL_S / dt))
     lasting = min(n + round(SHORTEST_MOVE_S / dt), 2 * reach)  # a jolt is in fewer windows
     least = -window_maxima(-np.pad(energy, reach), lasting)
@@ -95,24 +95,24 @@ def _of_moves(energy: Array, n: int, dt: float) -> Array:
 
 
 def still_speed(shake: Array, turn: Array, n: int, rest: Rest, noise: Noise) -> Array:
-    """Sigma of a zero-velocity update, m/s along each axis, at each of n rows.
+    """Sigma of zero velocity, m/s per axis, at each of n rows.
 
-    A hand at rest creeps. It trembles, which acceleration above the sensor's noise shows. It turns about a point that
-    is beside the sensor.
+    A hand at rest creeps, trembles (acceleration above the sensor's noise) and turns about a point beside the sensor
+    (rate above the sensor's noise).
 
     Args:
-        shake: (m,) (m/s2)^2, and turn (m,) (rad/s)^2: of `energies`.
-        n: rows.
-        rest: for its noise.
-        noise: of a hand.
+        shake, turn: (m,) (m/s2)^2 and (m,) (rad/s)^2, of `energies`.
+        n: number of rows.
+        rest: gives the sensor's noise.
+        noise: gives the hand's parameters.
     """
-    before = (n - len(shake) + 1) // 2  # a row stands in the middle of its window
+    before = (n - len(shake) + 1) // 2  # a row is in the middle of its window
     speed = speed_by_energies(shake, turn, rest, noise)
     return np.pad(speed, (before, n - len(shake) - before), mode="edge")
 
 
 def speed_by_energies(shake: Array, turn: Array, rest: Rest, noise: Noise) -> Array:
-    """The same, m/s (k,), of windows of which `energies` are known."""
+    """The same (k,), m/s, of windows with known `energies`."""
     shaken = np.maximum(shake - rest.shake, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
     turned = noise.still_lever**2 * np.maximum(turn - rest.turn, 0.0)
     speed: Array = np.sqrt(noise.still_speed**2 + shaken + turned)
@@ -120,23 +120,23 @@ def speed_by_energies(shake: Array, turn: Array, rest: Rest, noise: Noise) -> Ar
 
 
 def quiet_limits(rest: Rest) -> tuple[float, float]:
-    """Energies below which a window is quiet: (m/s2)^2 and (rad/s)^2."""
+    """Energies below which a window is quiet, (m/s2)^2 and (rad/s)^2."""
     return max(QUIET_ENERGY * rest.shake, QUIET_ACC**2), max(QUIET_ENERGY * rest.turn, QUIET_GYR**2)
 
 
 def slow_parts(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> Spans:
-    """The parts of a span in which the hand is slow, by a flag per row (stop - start,)."""
-    return _long_enough(t, _merged(t, [(span[0] + i, span[0] + j) for i, j in runs(slow)]))
+    """The parts of a span in which the hand is slow, by a flag for each row of the span."""
+    return _long_enough(t, _merge_close(t, [(span[0] + i, span[0] + j) for i, j in runs(slow)]))
 
 
 def trimmed(span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
-    """A span without its fast ends, where the hand sets out or arrives. The whole span if no row is slow."""
+    """A span without fast rows at its ends, where the hand arrives or leaves; unchanged if at most one row is slow."""
     inside = np.flatnonzero(slow)
     return (span[0] + int(inside[0]), span[0] + int(inside[-1]) + 1) if len(inside) > 1 else span
 
 
 def calm_part(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
-    """A span without its fast ends, of which at most an energy window is left out on either side."""
+    """A span without fast rows at its ends, cut by at most ENERGY_WINDOW_S on either side."""
     start, stop = span
     first, last = trimmed(span, slow)
     within = np.searchsorted(t, (t[start] + ENERGY_WINDOW_S, t[stop - 1] - ENERGY_WINDOW_S))
@@ -144,23 +144,23 @@ def calm_part(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple
     return calm if calm[1] - calm[0] > 1 else span
 
 
-def lasts(t: Array, span: tuple[int, int]) -> bool:
+def is_long_enough(t: Array, span: tuple[int, int]) -> bool:
     """Whether a span is long enough to be a stop."""
     return bool(t[span[1] - 1] - t[span[0]] > SHORTEST_STOP_S - 1e-9)
 
 
 def runs(flags: NDArray[np.bool_]) -> Spans:
-    """Half-open ranges of what is true."""
-    return [(start, stop) for start, stop in edges(flags).tolist()]
+    """Half-open ranges of rows whose flag is true."""
+    return [(start, stop) for start, stop in run_edges(flags).tolist()]
 
 
-def edges(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """The same as an array, (k, 2)."""
+def run_edges(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """The same as an array (k, 2)."""
     padded = np.concatenate(([False], flags, [False]))
     return np.flatnonzero(padded[1:] != padded[:-1]).reshape(-1, 2)
 
 
-def _merged(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]] = ()) -> Spans:
+def _merge_close(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]] = ()) -> Spans:
     merged: Spans = []
     for start, stop in spans:
         last = merged[-1][1] - 1 if merged else 0
@@ -172,4 +172,4 @@ def _merged(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]] = ()) -> S
 
 
 def _long_enough(t: Array, spans: Spans) -> Spans:
-    return [span for span in spans if lasts(t, span)]
+    return [span for span in spans if is_long_enough(t, span)]

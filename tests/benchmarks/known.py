@@ -4,7 +4,7 @@ Over 200 seeds a hand leaves its dock, sets a thing down on a table (stop 1), an
 first spot (5), and to the dock (7); stops 2, 4 and 6 lie anywhere. It meets a place only to within 2 mm per axis. In
 `alike` moves take 0.5 to 2.5 s and rests 0.5 to 1.2 s, in `uneven` 0.4 to 4 s and 0.4 to 6 s, as many short as long.
 Keyframe errors in cm (all but the first, which is the origin): as tracked, with each kind of claim by its uncertainty
-(condition_on_claims.py), and with the same claim shared out by a straight line in time, as exact. Of `contacts`
+(apply_constraints.py), and with the same claim shared out by a straight line in time, as exact. Of `contacts`
 the error in height only. `inside` are the shares of errors (per axis) within the path's own sigmas. All of it is of the
 same `recordings`: left out are those in which not just the eight stops are found (`other_stops`), and those of which a
 kind of claim is refused (`refused`), though all are true. `worst_cm` is the median over recordings of the largest
@@ -34,7 +34,7 @@ from pbd.pipeline import track
 from pbd.pose import Array, quat_exp, quat_inverse, quat_log, quat_multiply
 from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
-from pbd.tracking.condition_on_claims import condition_on
+from pbd.tracking.apply_constraints import apply_constraints
 from pbd.tracking.keyframes import find_keyframes
 from tests.benchmarks.report import arguments, finish
 
@@ -110,7 +110,7 @@ def score(demos: Sequence[Demonstration]) -> dict[str, Any]:
         paths = {"none": path}
         for kind, claims in kinds.items():
             try:
-                paths[kind] = condition_on(path, claims)
+                paths[kind] = apply_constraints(path, claims)
             except TrackingError:
                 refused[kind] += 1
         headings.append(heading_off(demo, truth))

@@ -58,7 +58,7 @@ def motion_of(trial: Trial, lengths: Sequence[float] = WINDOWS_S) -> Motion:
     solution = smooth(recording, rest, noise_of(recording, rest), lost, unseen, asked)
     assert solution is not None
     solution, path = with_own_noise(solution), solution.path
-    mean = np.where(trial.moving[solution.problem.rows], solution.problem.share, 0.0)
+    mean = np.where(trial.moving[solution.problem.rows], solution.problem.duration, 0.0)
     mean /= mean.sum()
     return Motion(path, {length: (of, joint_covariance(solution, path, mean, of)) for length, of in ends.items()})
 

@@ -24,7 +24,7 @@ def test_an_error_of_one_leg_is_not_in_its_regressors(sensor: str, rows: slice, 
     assert found is not None
     problem, x = found.problem, found.state
     frame, T, interval = problem.frame, problem.legs.T, 1.0 / 100.0
-    k = int(np.flatnonzero(~problem.within)[3])
+    k = int(np.flatnonzero(~problem.same_stop)[3])
     inside = slice(problem.rows[k] + 1, problem.rows[k + 1])
     wrong: dict[str, Array] = {"gyr": frame.gyr.copy(), "acc": frame.acc.copy()}
     up = np.array((0.0, 0.0, OFFSET))
@@ -35,7 +35,7 @@ def test_an_error_of_one_leg_is_not_in_its_regressors(sensor: str, rows: slice, 
     C = quat_to_matrix(seen.wxyz[problem.rows])
     legs = preintegrate(seen, problem.rows, density)
     moved = replace(x, E=x.E @ problem.C @ C.transpose(0, 2, 1))
-    J = without_noise(replace(problem, frame=seen, legs=legs, C=C), moved, found.local).legs.J[k, rows, columns]
+    J = without_noise(replace(problem, frame=seen, legs=legs, C=C), moved, found.fixed).legs.J[k, rows, columns]
     right = problem.legs.J[k, rows, columns]
     assert np.abs(legs.J[k, rows, columns] - right).max() > 0.7 * OFFSET * T[k]
     np.testing.assert_allclose(J, right, atol=0.15 * OFFSET * float(T[k]))

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pbd.tracking.alarm import _of_moves, _of_sensor
+from pbd.tracking.alarm import _move_alarms, _sensor_alarms
 
 
 def test_many_moves_that_all_fit_badly_are_told() -> None:
     """Each at three sigmas: none stands out from the others."""
     solution: Any = SimpleNamespace(
-        legs=(np.full((8, 9), 3.0), np.zeros((8, 9, 9))), problem=SimpleNamespace(t=np.arange(9.0))
+        leg_residuals=(np.full((8, 9), 3.0), np.zeros((8, 9, 9))), problem=SimpleNamespace(t=np.arange(9.0))
     )
-    (said,) = _of_moves(solution)
+    (said,) = _move_alarms(solution)
     assert said.startswith("no motion between the stops fits the data from 0.0 to 1.0 s, and in 7 other places: ")
 
 
@@ -36,5 +36,5 @@ def test_an_axis_that_leans_is_told_from_one_that_reads_high(row: int, column: i
     matrix.value[row, column], matrix.surprise[row, column] = value, 9.0
     found: Any = SimpleNamespace(lag=estimate(), gyr_matrix=estimate(3, 3), acc_bias=estimate(3), acc_matrix=matrix)
     solution: Any = SimpleNamespace(lag=0.0, scale=0.0)
-    (said,) = _of_sensor(solution, found)
+    (said,) = _sensor_alarms(solution, found)
     assert said.startswith(told)

@@ -480,4 +480,4 @@ def test_between_the_neighbours_of_lost_samples_motion_may_be_anything() -> None
     samples, _ = conditioner.take(0.03, acc, gyr, None, None)
     assert len(samples) == 3
     wanted = [0.03 * (between * change).var(axis=0).sum() for change in (gyr, acc)]
-    assert samples[-1].guessed == pytest.approx(wanted, rel=1e-3)
+    assert samples[-1].gap_noise == pytest.approx(wanted, rel=1e-3)

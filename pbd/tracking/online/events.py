@@ -1,4 +1,4 @@
-"""What the live tracker announces while the hand moves."""
+"""The events that the live tracker reports."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pbd.tracking.first_rest import Rest
 
 @dataclass(frozen=True, eq=False)
 class RestFound:
-    """By `t` s the sensor has rested for a second: tracking begins, at the origin of nav."""
+    """At `t` s the sensor has rested for a second. Tracking begins there, at nav's origin."""
 
     t: float
     rest: Rest
@@ -18,14 +18,14 @@ class RestFound:
 
 @dataclass(frozen=True, eq=False)
 class StopBegan:
-    """The hand has stood still since `t` s: the hand may move on.
+    """The hand stands still and may move on.
 
     Attributes:
         index: of the stop, from 0.
         t: s, when the stop began.
-        announced_t: s, when that was known: the time of the sample that brought this event.
-        keyframe: where the hand stands; its time, dwell and pose are those so far.
-        flaws: what was wrong with the data since the stop before, a line each.
+        announced_t: s, time of the sample that gave this event.
+        keyframe: the stop so far: time, dwell and pose.
+        flaws: what was wrong with the data since the stop before, one line each.
     """
 
     index: int
@@ -37,7 +37,7 @@ class StopBegan:
 
 @dataclass(frozen=True, eq=False)
 class StopEnded:
-    """The hand left its stop at `t` s, and the keyframe is final."""
+    """The hand left its stop at `t` s; the keyframe is final."""
 
     index: int
     t: float
@@ -46,7 +46,7 @@ class StopEnded:
 
 @dataclass(frozen=True, eq=False)
 class DataFlaw:
-    """Something is wrong with the data at `t` s (that of the last good sample): one line for a person."""
+    """Something is wrong with the data after the last good sample at `t` s; `message` is one line for a person."""
 
     t: float
     message: str

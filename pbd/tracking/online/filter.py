@@ -1,8 +1,7 @@
-"""The estimator's model as a Kalman filter: the present state, from all samples so far.
+"""The smoother's model as an error-state Kalman filter: the present state, from all samples so far.
 
-State, errors and noise are those of the smoother (`knots`, `factors`). Its knots become a copy of attitude and position
-at the last one (stochastic cloning), to which the next one is compared. What is learnt at a stop flows back into the
-move before it through the covariance.
+State, errors and noise are those of the smoother (`knots`, `factors`). Instead of all knots, the state has a copy of
+attitude and position at the last knot (stochastic cloning), with which the next knot is compared.
 
 Source: J. Sola, Quaternion kinematics for the error-state Kalman filter, arXiv 1711.02508 (2017), with errors on the
 left, in nav.
@@ -28,48 +27,47 @@ from pbd.pose import (
     skew,
 )
 from pbd.tracking.first_rest import Rest
-from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_sigma_factor
 from pbd.tracking.online.strapdown import Leg, Strapdown, turn_matrix
 from pbd.tracking.smoother.attitude import heading, to_upright
 from pbd.tracking.smoother.factors import compass_heading
 from pbd.tracking.smoother.preintegration import ACC_BIAS, ACC_MATRIX, ERRORS, GYR_BIAS, GYR_MATRIX, LAG, POS, ROT, VEL
 
 SENSOR_ERRORS = slice(9, 9 + ERRORS)
-"""The state: errors of attitude, velocity and position; the sensor's errors; gravity; the compass' north in nav;
-attitude and position at the last knot."""
-GRAVITY, NORTH, KEPT_ROT, KEPT_POS = 31, 32, slice(33, 36), slice(36, 39)
+GRAVITY, NORTH, KNOT_ROT, KNOT_POS = 31, 32, slice(33, 36), slice(36, 39)
 STATES = 39
-"""Errors of attitude, velocity and position; the sensor's; gravity; where nav has the compass' north; the last knot."""
+"""The error state: attitude, velocity and position; the sensor's errors; gravity; the heading of the compass' north in
+nav; attitude and position at the last knot."""
 
 LEVEL_SIGMA = 0.1
-"""rad: first uncertainty of roll and pitch. Wide on purpose: the filter levels itself at once."""
+"""rad: initial sigma of roll and pitch. It is wide on purpose: the filter levels itself at once."""
 
 UP = np.array((0.0, 0.0, 1.0))
 
 IDENTITY = np.eye(STATES)
 H_VEL, H_POS, H_TILT = IDENTITY[VEL], IDENTITY[POS], IDENTITY[:2]
-H_SHIFT = IDENTITY[POS] - IDENTITY[KEPT_POS]
-H_MOTION = np.vstack((H_SHIFT, IDENTITY[ROT] - IDENTITY[KEPT_ROT]))
-"""Measurement matrices: velocity, position, tilt; shift since the last knot; that and turn."""
+H_SHIFT = IDENTITY[POS] - IDENTITY[KNOT_POS]
+H_MOTION = np.vstack((H_SHIFT, IDENTITY[ROT] - IDENTITY[KNOT_ROT]))
+"""Measurement matrices: velocity, position, tilt; shift since the last knot; shift and turn since the last knot."""
 
 BIASES = np.arange(STATES)[SENSOR_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
 
 
 class OnlineFilter:
-    """The estimate of the hand's motion.
+    """An estimate of the hand's present motion.
 
     Attributes:
         E: (3, 3), nav <- gyro frame.
-        v, p: (3,) m/s, m, in nav.
-        x: (ERRORS,), the sensor's errors as `preintegration` numbers them.
+        v, p: (3,) m/s and m, in nav.
+        x: (ERRORS,), the sensor's errors in the order of `Legs.J`.
         gravity: m/s2.
-        north: rad, where the compass has nav's y axis.
-        P: (STATES, STATES).
+        north: rad, error of the compass' north.
+        P: (STATES, STATES), covariance of the error state.
         C: (3, 3), gyro frame <- sensor.
     """
 
     def __init__(self, noise: Noise, rest: Rest, C: Array, field: Array | None, is_device: bool) -> None:
-        """Begin in a stop, at the origin, with the mean field (3,) of a compass; or where C is a device's attitude."""
+        """Begin at rest at the origin, with a compass' mean field (3,) or none; with `is_device`, C is its attitude."""
         device = noise.device
         self.noise = noise
         self.E: Array = np.eye(3) if is_device else _level(rest.up_sensor, field)
@@ -80,7 +78,7 @@ class OnlineFilter:
         self.C = C
         sigma = np.zeros(STATES)
         sigma[:2], sigma[VEL] = LEVEL_SIGMA, noise.still_speed
-        worse, errors = acc_doubt(noise, rest), np.zeros(ERRORS)
+        worse, errors = acc_sigma_factor(noise, rest), np.zeros(ERRORS)
         errors[GYR_BIAS], errors[ACC_BIAS] = noise.gyr_bias, worse * device.acc_bias
         errors[LAG], errors[GYR_MATRIX] = noise.lag_sigma, device.gyr_scale
         errors[ACC_MATRIX] = worse * device.acc_scale
@@ -90,21 +88,21 @@ class OnlineFilter:
         self.clone_pose()
 
     def fork(self) -> OnlineFilter:
-        """Another one that goes on from here: no array is changed in place."""
+        """A copy that goes on from here. It is shallow, because no array is changed in place."""
         return copy(self)
 
     def predict(self, strapdown: Strapdown) -> tuple[Array, Array, Array]:
-        """wxyz_nav_sensor (4,), p_nav_sensor (3,) m and v_nav_sensor (3,) m/s, in the middle of a block of samples."""
+        """wxyz_nav_sensor (4,), p_nav_sensor (3,) m and v_nav_sensor (3,) m/s at the latest sample, within a leg."""
         T, E = strapdown.T, self.E
         v = self.v + E @ strapdown.U - self.gravity * T * UP
         p = self.p + T * self.v + E @ strapdown.P - 0.5 * self.gravity * T**2 * UP
         return quat_from_matrix(E @ strapdown.C), p, v
 
     def propagate(self, leg: Leg) -> None:
-        """Go on by a block of samples."""
+        """Predict the state at the end of a leg."""
         T, E, e = leg.T, self.E, leg.J @ self.x
         gained, way = E @ (leg.dU + e[VEL]), E @ (leg.dP + e[POS])
-        F = IDENTITY[:9].copy()  # all that changes
+        F = IDENTITY[:9].copy()  # the rows that change
         F[VEL, ROT], F[POS, ROT] = -skew(gained), -skew(way)
         F[POS, VEL] = T * IDENTITY[VEL, VEL]
         F[:, SENSOR_ERRORS] = (E @ leg.J.reshape(3, 3, ERRORS)).reshape(9, ERRORS)
@@ -121,36 +119,35 @@ class OnlineFilter:
         self.C = leg.C
 
     def clone_pose(self) -> None:
-        """This is a knot: attitude and position are copied."""
+        """Make this a knot: copy attitude and position into the state."""
         P = self.P.copy()
-        P[KEPT_ROT], P[KEPT_POS] = P[ROT], P[POS]
-        P[:, KEPT_ROT], P[:, KEPT_POS] = P[:, ROT], P[:, POS]
+        P[KNOT_ROT], P[KNOT_POS] = P[ROT], P[POS]
+        P[:, KNOT_ROT], P[:, KNOT_POS] = P[:, ROT], P[:, POS]
         self.P = P
-        self._kept: tuple[Array, Array] = (self.E @ self.C, self.p)
+        self._last_knot: tuple[Array, Array] = (self.E @ self.C, self.p)
 
     def velocity_test(self, sigma: float, shaking: Array) -> tuple[float, float]:
-        """Whether the hand stands still: how many sigmas its velocity is off zero, squared; and the speed, m/s.
+        """Squared Mahalanobis distance of the velocity from zero; and the speed, m/s.
 
         Args:
-            sigma: m/s along each axis, how fast a hand may be that stands still.
-            shaking: (3,) m/s in the gyro frame, the part of the velocity that moves the hand nowhere.
+            sigma: m/s per axis, sigma of zero velocity.
+            shaking: (3,) m/s in the gyro frame, velocity of the tremor, which does not move the hand.
         """
         S, v = self.P[VEL, VEL] + sigma**2 * np.eye(3), self.v - self.E @ shaking
         return float(v @ np.linalg.inv(S) @ v), float(np.sqrt(v @ v))
 
     def update_zero_velocity(self, sigma: float, shaking: Array, robust: bool = True) -> None:
-        """The velocity but for `shaking` is zero within `sigma` m/s along each axis; what is far off counts less
-        (Geman-McClure)."""
+        """The velocity without `shaking` is zero within `sigma` m/s per axis; robust by Geman-McClure's weight."""
         self._update(H_VEL, self.E @ shaking - self.v, sigma**2, robust)
 
     def update_no_motion(self, turn_sigma: float) -> None:
-        """Since the last knot nothing has moved, or turned by more than `turn_sigma` rad."""
-        attitude, p = self._kept
+        """Since the last knot nothing moved, and nothing turned within `turn_sigma` rad."""
+        attitude, p = self._last_knot
         off = np.concatenate((p - self.p, -matrix_log(self.E @ self.C @ attitude.T)))
         self._update(H_MOTION, off, np.repeat((self.noise.still_shift**2, turn_sigma**2), 3))
 
     def update_compass(self, field: Array, lasted: float) -> None:
-        """A mean field (3,) in the gyro frame over `lasted` s shows north, if it is as at the first rest."""
+        """The mean field (3,) over `lasted` s, in the gyro frame, shows north if it is as in the first rest."""
         earth, h = self._undisturbed, self.E @ field
         strength, dip = float(lengths(earth)), float(np.arctan2(earth[2], np.hypot(earth[0], earth[1])))
         (east,), (by_turn,), (trust,) = compass_heading(h[None], strength, dip, self.noise)
@@ -158,7 +155,7 @@ class OnlineFilter:
             self._update_heading(east, by_turn, self.noise.compass**2 / lasted / trust)
 
     def update_device_attitude(self, rate: Array) -> None:
-        """The gyro frame is nav, as the device's own attitude has it; it comes late where it turns at `rate` rad/s."""
+        """The gyro frame is nav, as it is the device's own attitude; this lags, by `rate` (3,) rad/s."""
         variance = self.noise.device_turn**2 + self.noise.device_lag**2 * float(rate @ rate)
         self._update_heading(float(matrix_log(self.E)[2]), UP, variance)
         self._update(H_TILT, -matrix_log(self.E)[:2], variance, robust=False)
@@ -169,7 +166,7 @@ class OnlineFilter:
         self._update(H, np.array([-east - self.north]), variance, robust=False)
 
     def set_origin(self) -> None:
-        """Here is the origin, and the heading is what nav's is laid by."""
+        """This position is nav's origin, and this heading is exact by definition."""
         self.p = np.zeros(3)
         P = self.P.copy()
         for known in (2, POS):
@@ -177,7 +174,7 @@ class OnlineFilter:
         self.P = P
 
     def add_velocity_error(self, duration: float, speed: float) -> None:
-        """Something unknown during the last `duration` s left this speed in m/s: a knock, or a wrong turn."""
+        """Allow for a velocity error of `speed` m/s that arose in the last `duration` s: a knock, or a wrong turn."""
         one, P = np.eye(3), self.P.copy()
         P[VEL, VEL] += speed**2 * one
         P[POS, VEL] += 0.5 * speed**2 * duration * one
@@ -186,8 +183,8 @@ class OnlineFilter:
         self.P = P
 
     def sigma_if_stopped(self, sigma: float) -> tuple[float, float]:
-        """Of the position, and of the way since the last knot, one sigma (m) of the least sure axis if the hand stopped
-        now, as it does within `sigma` m/s."""
+        """One sigma, m, along the least certain axis, of the position and of the shift since the last knot, if the hand
+        stopped now within `sigma` m/s."""
         found = []
         for H in (H_POS, H_SHIFT):
             PH = self.P @ H.T
@@ -196,12 +193,12 @@ class OnlineFilter:
         return found[0], found[1]
 
     def pose(self) -> tuple[Pose, Array]:
-        """Where the sensor is in nav, and the covariance (6, 6) of position and rotation."""
+        """T_nav_sensor, and the covariance (6, 6) of position and rotation."""
         order = np.r_[POS, ROT]
         return Pose(self.p, quat_from_matrix(self.E @ self.C)), self.P[np.ix_(order, order)]
 
     def _update(self, H: Array, residual: Array, variance: float | Array, robust: bool = True) -> None:
-        """Take a measurement: residual (k,) = H (k, STATES) times the error, and noise of a variance along each."""
+        """Kalman update: residual (k,) = H (k, STATES) times the error state + noise of this variance."""
         PH = self.P @ H.T
         S, R = H @ PH, variance * np.eye(len(H))
         information = np.linalg.inv(S + R)
@@ -215,12 +212,12 @@ class OnlineFilter:
         self.E = turn_matrix(d[ROT]) @ self.E
         self.v, self.p, self.x = self.v + d[VEL], self.p + d[POS], self.x + d[SENSOR_ERRORS]
         self.gravity, self.north = self.gravity + float(d[GRAVITY]), self.north + float(d[NORTH])
-        attitude, p = self._kept
-        self._kept = turn_matrix(d[KEPT_ROT]) @ attitude, p + d[KEPT_POS]
+        attitude, p = self._last_knot
+        self._last_knot = turn_matrix(d[KNOT_ROT]) @ attitude, p + d[KNOT_POS]
 
 
 def _level(up: Array, field: Array | None) -> Array:
-    """Nav <- sensor (3, 3), by the vertical, and by the compass or one of the sensor's own axes."""
+    """Nav <- sensor (3, 3), from the vertical and the compass' field, or without one the sensor's own axis."""
     wxyz = quat_canonical(to_upright(up))
     if field is None:
         off = -heading(wxyz[None])

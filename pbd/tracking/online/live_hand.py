@@ -1,4 +1,4 @@
-"""The live hand from its first rest on: where it stops, and when a stop is announced."""
+"""Track the live hand from its first rest on: where it stops, and when a stop is announced."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from pbd.tracking.smoother.preintegration import integral_of_means
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, energies, quiet_limits, speed_by_energies
 
 CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_DEVICE_S = 0.2, 2.0, 0.6
-"""s at rest before a stop is announced: a clear one; a doubtful one, longer than half of the slowest move of a hand; a
-doubtful one by a device's own attitude."""
+"""s: time at rest before a stop is announced, if it is clear; doubtful (longer than half of a hand's slowest move);
+doubtful, with a device's own attitude."""
 
 VELOCITY_GATE, VELOCITY_MEAN = 14.2, 3.0
-"""Squared Mahalanobis distance of a velocity from zero (chi-square with 3 degrees of freedom): its 99.7 % quantile, and
-its mean."""
+"""The 99.7 % quantile and the mean of the squared Mahalanobis distance of a velocity from zero (chi-square, 3 degrees
+of freedom)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
-    """A stop so far: its first and latest sample, and the pose at its last knot with its covariance (6, 6)."""
+class LiveStop:
+    """A stop so far: its first and latest sample, and the pose at its last knot with covariance (6, 6)."""
 
     first: Sample
     last: Sample
@@ -42,34 +42,34 @@ class Standing:
 
     @property
     def stop(self) -> Stop:
-        """In rows."""
+        """The stop in rows."""
         return Stop(self.first.row, self.last.row + 1, self.last.t - self.first.t)
 
     @property
     def keyframe(self) -> Keyframe:
-        """In nav."""
+        """The keyframe in nav."""
         return Keyframe(0.5 * (self.first.t + self.last.t), self.last.t - self.first.t, self.pose, self.cov)
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
-    """A stop on trial: since a sample; whether it is doubted; whether it continues the last stop after a jolt; the
-    largest squared Mahalanobis distance of its velocity from zero."""
+class StopTrial:
+    """A stop under test: its first sample; whether it is doubtful; whether it continues the last stop after a jolt; the
+    largest squared Mahalanobis distance of its velocity from zero so far."""
 
     first: Sample
     doubted: bool
-    knocked: bool
+    jolted: bool
     worst: float = 0.0
 
 
 class LiveHand:
-    """Where the hand is, and where it stopped.
+    """The hand's present state and its stops.
 
     Attributes:
         rest: the rest that sets the thresholds.
-        flaws: what was wrong with the data since the last stop, a line each.
+        flaws: what was wrong with the data since the last stop, one line each.
         still: whether the hand seems to stand still.
-        restless: the energy of the last window, relative to a hand at rest.
+        restless: `restlessness` of the last window.
     """
 
     def __init__(self, samples: Sequence[Sample], interval: float, rest: Rest, noise: Noise, has_gyro: bool) -> None:
@@ -80,30 +80,30 @@ class LiveHand:
         self._strapdown = Strapdown(samples[0], interval, noise, bias, self._device)
         self._n = max(2, round(ENERGY_WINDOW_S / interval))
         self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=self._n)
-        self._past_stops: list[Standing] = []
+        self._past_stops: list[LiveStop] = []
         self._shaking: Array = np.zeros(3)
         self._angles = [np.zeros(3)]
-        self._trial: Trial | None = None
+        self._trial: StopTrial | None = None
         self._trial_filter: OnlineFilter | None = None
         self._t_knot, self._t_compass, self._acc_knot = samples[0].t, samples[0].t, samples[0].acc
-        self.learn(rest, noise)
+        self.use_rest(rest, noise)
         fields = [sample.mag for sample in samples if sample.mag is not None]
         self._field: list[Array] | None = [] if fields else None
         north = np.mean(fields, axis=0) if fields else None
         self._filter = OnlineFilter(noise, rest, self._strapdown.C, north, self._device)
-        self._stop: Standing | None = Standing(samples[0], samples[0], *self._filter.pose())
+        self._stop: LiveStop | None = LiveStop(samples[0], samples[0], *self._filter.pose())
         self.still, self._settled = True, True
         for sample in samples[1:]:
             self.advance(sample)
 
-    def learn(self, rest: Rest, noise: Noise) -> None:
-        """Take thresholds and noise from a rest."""
+    def use_rest(self, rest: Rest, noise: Noise) -> None:
+        """Take thresholds and noise from this rest."""
         self.rest, self._noise, self._limits = rest, noise, quiet_limits(rest)
         if not self._device:
             self._strapdown.noise = noise
 
     def advance(self, sample: Sample) -> list[LiveEvent]:
-        """Take the next sample; return what it completes."""
+        """Take the next sample; return the events that it completes."""
         strapdown = self._strapdown
         strapdown.push(sample)
         seen = (sample.acc, np.zeros(3)) if self._device else (strapdown.u, strapdown.rate)
@@ -115,35 +115,35 @@ class LiveHand:
         quiet = self._measure_stillness()
         leg = strapdown.leg(self._filter.E[2] * self._filter.gravity)
         self._angles.append(self._angles[-1] + leg.angle)
-        for each in self._known():
+        for each in self._filters():
             each.propagate(leg)
         events = (
             self._look_for_stop(sample, quiet) if self._stop is None else self._continue_stop(self._stop, sample, quiet)
         )
-        # Not at a knot: that is enough work for one sample.
+        # Not together with a knot, which is work enough for one sample.
         if sample.t - self._t_compass >= STOP_KNOT_S and self._t_knot < sample.t:
             self._update_heading(sample)
         return events
 
     def _measure_stillness(self) -> bool:
-        """Whether the last window is quiet. Also sets what a zero-velocity update needs."""
+        """Whether the last window is quiet. Also sets sigma and tremor of a zero-velocity update."""
         force, rate = (np.array(seen) for seen in zip(*((u, rate) for _, u, rate in self._window), strict=True))
         (shake,), (turn,) = energies(force, rate, len(force))
         self.restless = float(restlessness(shake, turn))
         self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise))
         if not self._device:
-            # Shaking moves the hand nowhere: its velocity is what a constant acceleration leaves over in the window.
+            # The tremor's velocity is the residual of a straight line through the velocity in the window.
             t = np.array([sample.t for sample, _, _ in self._window])
-            self._shaking = off_line(t - t[-1], integral_of_means(t, force))
+            self._shaking = deviation_from_line(t - t[-1], integral_of_means(t, force))
         return bool(shake < self._limits[0] and turn < self._limits[1]) and len(force) == self._n
 
-    def _known(self) -> list[OnlineFilter]:
-        """Both filters."""
+    def _filters(self) -> list[OnlineFilter]:
+        """The filter, and the one under test if there is one."""
         return [self._filter] if self._trial_filter is None else [self._filter, self._trial_filter]
 
     def _update_heading(self, sample: Sample) -> None:
-        """Hold the heading against the compass, or the attitude against the device's own."""
-        for each in self._known():
+        """Update the heading with the compass, or the attitude with the device's own."""
+        for each in self._filters():
             if self._device:
                 each.update_device_attitude(self._strapdown.rate)
             if self._field:
@@ -151,7 +151,7 @@ class LiveHand:
         self._t_compass, self._field = sample.t, None if self._field is None else []
 
     def _add_knot(self, at: OnlineFilter, t: float, same: bool, robust: bool = True) -> None:
-        """The hand stands still; and, in the same stop, as it stood at the knot before."""
+        """Zero velocity; in the same stop as the last knot (`same`), also no motion since then."""
         if same:
             angle = np.array(self._angles) - self._angles[0]
             sway = angle - np.linspace(0.0, 1.0, len(angle))[:, None] * angle[-1]
@@ -166,19 +166,19 @@ class LiveHand:
         return sample.t - self._t_knot >= STOP_KNOT_S - 1e-6
 
     def _is_moving(self, at: OnlineFilter) -> tuple[float, bool]:
-        """Squared Mahalanobis distance of the velocity from zero; whether the hand moves for certain."""
+        """Squared Mahalanobis distance of the velocity from zero; whether the hand surely moves."""
         off, speed = at.velocity_test(self._sigma, self._shaking)
         return off, off > VELOCITY_GATE and speed > max(SLOW_SPEED, OUTLIER_SIGMAS * self._sigma)
 
-    def _continue_stop(self, stop: Standing, sample: Sample, quiet: bool) -> list[LiveEvent]:
-        """Go on in a stop, or find that it is over.
+    def _continue_stop(self, stop: LiveStop, sample: Sample, quiet: bool) -> list[LiveEvent]:
+        """Continue a stop, or find that it is over.
 
-        A slow start is seen late, so each knot becomes final only at the next one. A hand that
-        arrives slowly seems to stand too soon, so its second knot replaces the first.
+        A slow start is seen late, so each knot becomes final only at the next one. A hand that arrives slowly seems to
+        stand still too early, so its second knot replaces the first.
         """
         ahead = self._filter if self._trial_filter is None else self._trial_filter
         off, fast = self._is_moving(ahead)
-        if self._device:  # its attitude goes on turning after the hand has stopped
+        if self._device:  # its attitude still turns after the hand has stopped
             fast = float(np.square(sample.acc - self._acc_knot).sum()) > STILL_ACC**2
         self.still = quiet and not fast
         if self.still:
@@ -187,7 +187,7 @@ class LiveHand:
                     self._filter = ahead
                 ahead = self._trial_filter = self._filter.fork()
                 self._add_knot(ahead, sample.t, same=self._settled)
-                self._settled, stop = True, Standing(stop.first, sample, *ahead.pose())
+                self._settled, stop = True, LiveStop(stop.first, sample, *ahead.pose())
             self._stop = replace(stop, last=sample)
             if self._settled and off < VELOCITY_MEAN and sample.t > self._t_knot:
                 self._filter, self._trial_filter = ahead, None
@@ -200,27 +200,27 @@ class LiveHand:
         return []
 
     def _look_for_stop(self, sample: Sample, quiet: bool) -> list[LiveEvent]:
-        """Look for a stop: run a copy of the filter as if this were one."""
+        """Test for a stop: run a copy of the filter under the hypothesis that the hand stands still."""
         trial, last, first = self._trial, self._past_stops[-1].last, self._window[0][0]
         if not quiet or first.t <= last.t or any(each.unseen for each, _, _ in self._window):
             self._trial = self._trial_filter = None
             return []
-        # A device's own attitude goes on turning after the hand has stopped.
+        # A device's own attitude still turns after the hand has stopped, so it can't refute a stop.
         off, fast = (0.0, False) if self._trial_filter is None or self._device else self._is_moving(self._trial_filter)
         if trial is None or fast or off > VELOCITY_GATE:
             self._trial_filter = self._filter.fork()
             off, speed = self._trial_filter.velocity_test(self._sigma, self._shaking)
-            # Quiet but for a jolt since the last stop?
+            # Was there only a jolt since the last stop?
             soon = sample.t - last.t < SHORTEST_MOVE_S + 2.0 * ENERGY_WINDOW_S
-            knocked = off > VELOCITY_GATE and soon
-            trial = Trial(first, off > VELOCITY_GATE, knocked)
+            jolted = off > VELOCITY_GATE and soon
+            trial = StopTrial(first, off > VELOCITY_GATE, jolted)
             if trial.doubted:
                 self._trial_filter.add_velocity_error(sample.t - last.t, speed)
-            self._add_knot(self._trial_filter, sample.t, same=knocked, robust=False)
+            self._add_knot(self._trial_filter, sample.t, same=jolted, robust=False)
             off = 0.0
         self._trial = trial = replace(trial, worst=max(trial.worst, off))
         lasts = (
-            CONFIRM_S if trial.knocked or not trial.doubted else CONFIRM_DEVICE_S if self._device else CONFIRM_DOUBTED_S
+            CONFIRM_S if trial.jolted or not trial.doubted else CONFIRM_DEVICE_S if self._device else CONFIRM_DOUBTED_S
         )
         if sample.t - trial.first.t >= lasts - 1e-6:
             return [self._begin_stop(trial, sample)]
@@ -228,8 +228,8 @@ class LiveHand:
             self._add_knot(self._trial_filter, sample.t, same=True)
         return []
 
-    def _begin_stop(self, trial: Trial, sample: Sample) -> StopBegan:
-        """Accept the trial as a stop."""
+    def _begin_stop(self, trial: StopTrial, sample: Sample) -> StopBegan:
+        """Accept the hypothesis: a stop."""
         self._trial, self.still, self._settled = None, True, trial.doubted or trial.worst < VELOCITY_MEAN
         if self._settled and self._trial_filter is not None:
             self._filter = self._trial_filter
@@ -238,38 +238,38 @@ class LiveHand:
         before = self._past_stops[-1]
         first, moved = trial.first, self._trial_filter.p - before.pose.p
         bounced = len(self._past_stops) > 1 and first.t - before.last.t < BOUNCE_S
-        if (trial.knocked or bounced) and np.sqrt(moved @ moved) < BOUNCE_M:
+        if (trial.jolted or bounced) and np.sqrt(moved @ moved) < BOUNCE_M:
             before = self._past_stops.pop()
-            first = before.first if trial.knocked else first
+            first = before.first if trial.jolted else first
         if self._strapdown.clipped:
             self.flaws.append("the gyro was at the end of its range; move slower, or set a larger range")
             self._strapdown.clipped = False
-        self._stop = Standing(first, sample, *self._trial_filter.pose())
-        return self.here(sample.t)
+        self._stop = LiveStop(first, sample, *self._trial_filter.pose())
+        return self.current_stop(sample.t)
 
-    def here(self, t: float) -> StopBegan:
-        """The stop under way, as an event at `t` s."""
-        stop, flaws, self.flaws = self.standing[-1], tuple(self.flaws), []
-        return StopBegan(len(self.standing) - 1, stop.first.t, t, stop.keyframe, flaws)
+    def current_stop(self, t: float) -> StopBegan:
+        """The present stop, as an event at `t` s."""
+        stop, flaws, self.flaws = self.stops[-1], tuple(self.flaws), []
+        return StopBegan(len(self.stops) - 1, stop.first.t, t, stop.keyframe, flaws)
 
     @property
-    def standing(self) -> tuple[Standing, ...]:
-        """All stops; the last one as long as it was so far, if the hand is still there."""
+    def stops(self) -> tuple[LiveStop, ...]:
+        """All stops; the last one as it is so far, if the hand is still there."""
         return (*self._past_stops, *(() if self._stop is None else (self._stop,)))
 
-    def now(self) -> tuple[Array, Array, Array]:
+    def latest(self) -> tuple[Array, Array, Array]:
         """wxyz_nav_sensor (4,), p_nav_sensor (3,) m and v_nav_sensor (3,) m/s at the latest sample."""
         wxyz, p, v = self._filter.predict(self._strapdown)
         return (wxyz, self._stop.pose.p, np.zeros(3)) if self._stop is not None and self.still else (wxyz, p, v)
 
     def sigmas(self) -> tuple[float, float]:
-        """One sigma in m of the position if the hand stops now; and what the move under way adds, 0 in a stop."""
+        """One sigma, m, of the position if the hand stops now; and what the present move adds to it, 0 in a stop."""
         here, way = self._filter.sigma_if_stopped(self._noise.still_speed)
         return here, 0.0 if self.still else way
 
 
-def off_line(s: Array, values: Array) -> Array:
-    """By how much the last of values (n, 3) is off the straight line through all of them; there s (n,) is 0."""
+def deviation_from_line(s: Array, values: Array) -> Array:
+    """Residual (3,) of the last of values (n, 3) from the line fitted to all of them over s (n,), which ends at 0."""
     about = s - s.mean()
     mean = values.mean(axis=0)
     slope = about @ values / max(float(about @ about), np.finfo(float).tiny)

@@ -1,4 +1,4 @@
-"""Rows as a port delivers them, made into regular samples; and these integrated in the gyro frame, block by block."""
+"""Make regular samples of the rows that a port delivers: leave out bad rows, fill gaps."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from pbd.tracking.repair.gaps import BRIDGED_S
 from pbd.tracking.repair.repair_recording import LARGEST_READING
 
 GAP_ACC, GAP_RATE = 2.0, 1.0
-"""m/s2 and rad/s, one sigma: motion in a gap that may lie in a move. (With a whole recording such a gap is refused.)"""
+"""One sigma of the motion in a long gap, m/s2 and rad/s. (`pbd.track` refuses such a gap in a move.)"""
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One sample, all of it known.
+    """One sample without missing numbers.
 
     Attributes:
-        row: which of the rows fed it is, from 0; of a sample put back, the row after it.
+        row: index of the row that was fed, from 0; of a sample that fills a gap, the row after the gap.
         t: s.
         acc: (3,) m/s2, specific force.
-        gyr: (3,) rad/s; zeros where there is no gyro.
-        mag: (3,) uT, or None where this row has none.
+        gyr: (3,) rad/s; zeros without a gyro.
+        mag: (3,) uT, or None if this row has none.
         device_rpy: (3,) rad, or None.
-        unseen: put back into a gap that is too long to be bridged: a guess.
-        guessed: rad2/s and m2/s3, densities of noise that stand for what happened in a gap.
+        unseen: it fills a gap that is too long to be interpolated.
+        gap_noise: rad2/s and m2/s3, noise densities that stand for the unknown motion in a gap.
     """
 
     row: int
@@ -37,17 +37,18 @@ class Sample:
     mag: Array | None = None
     device_rpy: Array | None = None
     unseen: bool = False
-    guessed: tuple[float, float] = (0.0, 0.0)
+    gap_noise: tuple[float, float] = (0.0, 0.0)
 
 
 class Conditioner:
-    """Leaves out what can't be a sample and puts lost samples back, as `condition` does with a whole recording.
+    """Leaves out bad rows and fills gaps, as `condition` does in a whole recording.
 
-    A row without a number counts as lost. Up to 50 ms are bridged; what is put back into a longer gap is marked.
+    A row with a missing number counts as lost. Gaps of up to 50 ms are interpolated. Samples that fill a longer gap are
+    marked as unseen.
 
     Attributes:
-        interval: s, what a regular sensor's samples are apart; set it once it is known, gaps are filled from then on.
-        lost: how many samples were put back.
+        interval: s, the sampling interval. Set it once it is known; gaps are filled from then on.
+        lost: number of samples that were filled in.
     """
 
     def __init__(self) -> None:
@@ -60,7 +61,7 @@ class Conditioner:
     def take(
         self, t: float, acc: Array | None, gyr: Array | None, mag: Array | None, device_rpy: Array | None
     ) -> tuple[list[Sample], str]:
-        """Take the next row; return the samples that it completes, and what is wrong with it (or "")."""
+        """Take the next row; return the samples that it gives, and what is wrong with it (or "")."""
         self._row += 1
         if not np.isfinite(t):
             return [], f"the time of row {self._row} is not a number; the row is left out"
@@ -82,7 +83,7 @@ class Conditioner:
             t,
             np.array(acc, dtype=np.float64),
             np.zeros(3) if gyr is None else np.array(gyr),
-            np.array(mag) if mag is not None and _known(mag) and mag.any() else None,  # all zero: none there
+            np.array(mag) if mag is not None and _known(mag) and mag.any() else None,  # all zero: no reading
             None if device_rpy is None else np.array(device_rpy),
         )
         self._last = sample
@@ -98,11 +99,11 @@ class Conditioner:
         missing_s = lasts - interval
         unseen = missing_s > BRIDGED_S + 1e-6
         self.lost += steps - 1
-        # Between neighbours motion may be anything in between; in a long gap, anything that a hand does.
+        # In a short gap the motion is between that of its neighbours; in a long gap, anything that a hand does.
         turn, push = (float(((b - a) ** 2).sum()) / 12.0 for a, b in ((last.gyr, sample.gyr), (last.acc, sample.acc)))
         if unseen:
             turn, push = GAP_RATE**2, GAP_ACC**2
-        sample = replace(sample, guessed=(turn * lasts, push * lasts))
+        sample = replace(sample, gap_noise=(turn * lasts, push * lasts))
         put_back = [
             replace(
                 sample,
@@ -120,5 +121,5 @@ class Conditioner:
 
 
 def _known(values: Array | None) -> bool:
-    """Whether these are numbers that a sensor can read (NaN compares false)."""
+    """Whether these are readings that a sensor can give (False for NaN)."""
     return values is not None and bool((np.abs(values) < LARGEST_READING).all())

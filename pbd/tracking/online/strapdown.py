@@ -1,4 +1,4 @@
-"""Samples integrated in the gyro frame, block by block."""
+"""Integrate samples in the gyro frame, one at a time, into legs of BLOCK_S."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from pbd.tracking.smoother.preintegration import (
 )
 
 CLIPPED_RATE, CLIPPED_SHARE = 3.0, 0.2
-"""A gyro axis is clipped if it repeats its largest reading, of CLIPPED_RATE rad/s or more. The true rate may be higher
-by CLIPPED_SHARE, one sigma."""
+"""A gyro axis is clipped if it repeats its largest reading, and that is CLIPPED_RATE (rad/s) or more. One sigma of the
+lost rate is CLIPPED_SHARE of that reading."""
 
 ROUNDING = np.diag(np.repeat(np.square(ROUNDING_SIGMAS), 3))
-"""Covariance (9, 9) that MOVE_KNOT_S of such steps leave."""
+"""Covariance (9, 9) of the rounding error of all legs in MOVE_KNOT_S."""
 
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """A block of samples, as `Legs` has them from knot to knot; at its end, gyro frame <- sensor (3, 3); and what the
-    gyro's rates add up to (3,) rad."""
+    """A block of samples with the fields of `Legs`; Q (9, 9), covariance of its noise; C (3, 3), gyro frame <- sensor
+    at its end; angle (3,) rad, the integral of its rate."""
 
     T: float
     dU: Array  # noqa: N815
@@ -53,14 +53,15 @@ class Leg:
 class Strapdown:
     """The gyro frame of `preintegration`, one sample at a time.
 
-    An integral from middle to middle needs the sample after; here its cubic is laid through the edges of the last three
-    intervals. What the one way says more than the other in one step it says less in the next: no error grows from it.
+    There, the integral from sample to sample also uses the sample after. Here its cubic goes through the edges of the
+    last three intervals. The difference in one step has the opposite sign in the next, so the error does not grow.
 
     Attributes:
         C: (3, 3) gyro frame <- sensor.
-        u: (3,) m/s2, specific force in the gyro frame; rate (3,) rad/s, without the rest's mean.
-        T, U, P: of the block so far: s, velocity gained (3,) m/s and way gone (3,) m.
-        clipped: whether the gyro was at the end of its range; the one who reads it resets it.
+        u: (3,) m/s2, specific force in the gyro frame.
+        rate: (3,) rad/s, without the first rest's mean.
+        T, U, P: of the block so far: duration s, change of velocity (3,) m/s, displacement from standing (3,) m.
+        clipped: whether the gyro was at the end of its range; the reader resets it.
     """
 
     def __init__(self, first: Sample, interval: float, noise: Noise, gyro_bias: Array, device: bool) -> None:
@@ -74,7 +75,7 @@ class Strapdown:
         self.u: Array = self.C @ first.acc
         self._u_before = self.u
         self._same, self._fastest, self.clipped = 0, 0.0, False
-        # Rows of u and rate. `densities` looks at so many before and after each: noise is charged so much later.
+        # Rows of u and rate that `densities` needs before and after each row. So noise is added this many rows late.
         self._beside = 3 * rows_of_mean(1.0 / interval) - 1
         first_rows = [(self.u, self.rate)] * (2 * self._beside)
         self._recent: deque[tuple[Array, Array]] = deque(first_rows, maxlen=self.block + len(first_rows))
@@ -85,7 +86,7 @@ class Strapdown:
         self.U, self.P = np.zeros(3), np.zeros(3)
         self._Cs, self._rates, self._accs = [self.C], [self.rate], [self._acc]
         self._by_lag = _cross(self.rate, self._acc)
-        self._guessed = np.zeros(2)
+        self._gap_noise = np.zeros(2)
 
     def push(self, sample: Sample) -> None:
         """Take the next sample."""
@@ -98,14 +99,14 @@ class Strapdown:
             rate = sample.gyr - self._bias
             turn = _middles(dt, self._before, self.rate, rate) + dt**2 / 12.0 * _cross(self.rate, rate)
             self.C = self.C @ turn_matrix(turn)
-            self._see_range(sample.gyr, rate, dt)
+            self._detect_clipping(sample.gyr, rate, dt)
         self._before, self.rate, self._acc, self._t = self.rate, rate, sample.acc, sample.t
         u = self.C @ sample.acc
         gained = _middles(dt, self._u_before, self.u, u)
         self.P = self.P + dt * (self.U + 0.5 * gained) - dt**2 / 12.0 * (u - self.u)
         self.U = self.U + gained
         self._u_before, self.u = self.u, u
-        self._guessed += dt * np.array(sample.guessed)
+        self._gap_noise += dt * np.array(sample.gap_noise)
         self.T += dt
         self.count += 1
         self._Cs.append(self.C)
@@ -114,7 +115,7 @@ class Strapdown:
         self._by_lag = self._by_lag + _cross(rate, sample.acc)
         self._recent.append((self.u, rate))
 
-    def _see_range(self, gyr: Array, rate: Array, dt: float) -> None:
+    def _detect_clipping(self, gyr: Array, rate: Array, dt: float) -> None:
         readings, least = [abs(each) for each in gyr.tolist()], max(CLIPPED_RATE, self._fastest)
         same = (rate == self.rate).tolist()
         repeats = any(alike and reading >= least for alike, reading in zip(same, readings, strict=True))
@@ -123,10 +124,10 @@ class Strapdown:
         if self._same >= REPEATED_ROWS - 1:
             self.clipped = True
             lost = CLIPPED_SHARE * dt * self._fastest
-            self._guessed[0] += lost**2 * (2.0 * self._same + 1.0)  # which grows as the square of how long it lasts
+            self._gap_noise[0] += lost**2 * (2.0 * self._same + 1.0)  # variance grows as the square of the duration
 
     def leg(self, up: Array) -> Leg:
-        """What was integrated since the last one; `up` (3,) m/s2 is gravity in the gyro frame."""
+        """The leg since the last call; `up` (3,) m/s2 is specific force at rest, in the gyro frame."""
         T, n = self.T, self.count
         C = self._Cs[(n + 1) // 2]
         rate, force = np.mean(self._rates, axis=0), np.mean(self._accs, axis=0)
@@ -140,7 +141,7 @@ class Strapdown:
         return leg
 
     def _noise(self, n: int, T: float, up: Array) -> Array:
-        """Covariance (9, 9) of turn, velocity and way."""
+        """Covariance (9, 9) of rotation, velocity and position of the block."""
         dt = T / n
         edge = self._beside
         recent = np.array(self._recent)[-(n + 2 * edge) :]
@@ -148,14 +149,14 @@ class Strapdown:
         s_g, s_a = (each[:, edge:-edge].sum() * dt for each in densities(self.noise, rate, u, self._interval, up))
         if self._device:
             s_g += self.noise.device_lag * float((lengths(rate[-n:]) ** 2).sum()) * dt
-        g, a = np.add((s_g, s_a), self._guessed)
+        g, a = np.add((s_g, s_a), self._gap_noise)
         g, a, togo, h = np.array([g, a, 0.5 * T, T])[:, None]
         covariance: Array = block_noise(self.U[None] / T, g, a, togo, h, np.array([0]))[0] + ROUNDING * T / MOVE_KNOT_S
         return covariance
 
 
 def _middles(dt: float, earlier: Array, before: Array, own: Array) -> Array:
-    """Integral from the middle of the interval before to that of its own, of means over intervals of dt."""
+    """Integral from the middle of the interval `before` to that of `own`, given means over three intervals of dt s."""
     integral: Array = dt * (6.0 * before + 3.0 * own - earlier) / 8.0
     return integral
 
@@ -165,7 +166,7 @@ def _device(sample: Sample) -> Array:
 
 
 def turn_matrix(turn: Array) -> Array:
-    """The matrix (3, 3) of a rotation vector (3,) rad, by Rodrigues; numpy takes several times as long."""
+    """Matrix (3, 3) of a rotation vector (3,) rad, by Rodrigues' formula. With numpy it takes several times as long."""
     x, y, z = turn.tolist()
     angle = max(sqrt(x * x + y * y + z * z), 1e-12)
     a, b = sin(angle) / angle, 2.0 * (sin(0.5 * angle) / angle) ** 2
@@ -181,6 +182,6 @@ def turn_matrix(turn: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross product of two vectors (3,); numpy takes ten times as long."""
+    """Cross product of two vectors (3,). With numpy it takes ten times as long."""
     (x, y, z), (u, v, w) = a.tolist(), b.tolist()
     return np.array((y * w - z * v, z * u - x * w, x * v - y * u))

@@ -1,4 +1,4 @@
-"""The tracker one sample at a time: attitude, still or moving, stops and keyframes as they are completed."""
+"""Track a hand one sample at a time: attitude, still or moving, stops and keyframes."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ __all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "St
 
 
 class LiveTracker:
-    """Tracks a hand sample by sample; it begins once the sensor has rested for a second.
+    """Tracks a hand sample by sample, once the sensor has rested for a second.
 
-    Feed it rows as they come, in pieces of any length: the result is the same to the bit. Each row costs 0.1 to 0.3 ms;
-    what is kept is the filter's state and the list of stops.
+    Feed it rows as they come. The result is the same to the bit for pieces of any length. Each row takes 0.1 to 0.3 ms.
+    Only the filter's state and the list of stops are kept.
 
         tracker = LiveTracker()
         for t, acc, gyr in port:
@@ -35,20 +35,21 @@ class LiveTracker:
                     print(f"stop {event.index}: {event.keyframe.T_nav_sensor.p} m; you may move on")
 
     A stop is announced 0.2 s after it began if the velocity is then zero within its sigma, else after two seconds. It
-    has ended once the hand has moved for 0.2 s. An index may be announced again: then what was announced before was the
-    beginning of the same stop (a sensor put down that bounced, a knock), and the newer keyframe holds.
+    ends once the hand has moved for 0.2 s. The same index may be announced again. Then the earlier announcement was the
+    beginning of the same stop (the sensor bounced when put down, or was knocked), and the newer keyframe replaces it.
 
-    Model and noise are those of `pbd.track`. What only that can use: later stops; the whole recording's quietest
-    second; a large lag of the gyro; lulls too restless for a stop (a foot's); known places; repairs of saturated axes.
+    Model and noise are those of `pbd.track`. Only `pbd.track` uses later stops, the quietest second of the whole
+    recording, known places and lulls that are too restless for a stop (a foot's), and corrects a large lag of the gyro
+    and clipped axes.
     """
 
     def __init__(self, sensor: str = "") -> None:
-        """Begin; the sensor's name (as in `Recording.info`) tells what its errors may be."""
+        """Begin; the sensor's name (as in `Recording.info`) gives the class of its errors."""
         self._sensor = sensor
         self._conditioner = Conditioner()
         self._has_gyro: bool | None = None
         self._recent: deque[Sample] = deque()
-        self._t_look = -np.inf
+        self._t_next_look = -np.inf
         self._waiting = f"waiting for {REST_S:g} s of rest"
         self._hand: LiveHand | None = None
 
@@ -60,20 +61,20 @@ class LiveTracker:
         mag: ArrayLike | None = None,
         device_rpy: ArrayLike | None = None,
     ) -> tuple[LiveEvent, ...]:
-        """Take rows, and return what they completed.
+        """Take rows, and return the events that they complete.
 
-        A row without a number, or whose time doesn't increase, is left out. Up to 50 ms of lost samples are put back;
-        more of them raise a `DataFlaw`, and the next keyframe's sigma is wider.
+        A row with a missing number, or whose time does not increase, is left out. Gaps of up to 50 ms are interpolated.
+        A longer gap gives a `DataFlaw`, and the next keyframe's sigma is wider.
 
         Args:
             t: s, of one row or (n,); any origin, increasing.
             acc: (3,) or (n, 3) m/s2, specific force.
-            gyr: (3,) or (n, 3) rad/s, or None where the device has none; which channels there are, the first rows say.
-            mag: (3,) or (n, 3) uT, or None; NaN where it is read less often.
-            device_rpy: (3,) or (n, 3) rad, as in `Recording`; used where there is no gyro.
+            gyr: (3,) or (n, 3) rad/s, or None without a gyro. The first call decides whether there is one.
+            mag: (3,) or (n, 3) uT, or None; NaN in rows without a reading.
+            device_rpy: (3,) or (n, 3) rad, as in `Recording`; used if there is no gyro.
 
         Raises:
-            TrackingError: neither gyro nor device attitude.
+            TrackingError: there is neither a gyro nor the device's attitude.
         """
         times = np.atleast_1d(np.asarray(t, dtype=np.float64))
         rows = [
@@ -105,13 +106,13 @@ class LiveTracker:
         for sample in samples:
             if self._hand is not None:
                 events += self._hand.advance(sample)
-            self._remember(sample)
-            if sample.t >= self._t_look and self._recent[-1].t - self._recent[0].t >= REST_S:
+            self._keep_last_second(sample)
+            if sample.t >= self._t_next_look and self._recent[-1].t - self._recent[0].t >= REST_S:
                 events += self._look_for_rest(list(self._recent))
         return events
 
-    def _remember(self, sample: Sample) -> None:
-        """Keep the last second of samples without a hole in it."""
+    def _keep_last_second(self, sample: Sample) -> None:
+        """Keep the samples of the last second; after a gap, only those since."""
         recent = self._recent
         if recent and (sample.unseen or sample.t - recent[-1].t > 1.0 / SLOWEST_HZ):
             if self._hand is None:
@@ -125,11 +126,11 @@ class LiveTracker:
             recent.popleft()
 
     def _look_for_rest(self, samples: list[Sample]) -> list[LiveEvent]:
-        """Begin once the last second was one of rest; later, learn from one that is far quieter."""
+        """Begin once the last second was a rest; later, take the thresholds from a far quieter rest."""
         hand, t = self._hand, samples[-1].t
-        self._t_look = t + (ENERGY_WINDOW_S if hand is None else REST_S)
+        self._t_next_look = t + (ENERGY_WINDOW_S if hand is None else REST_S)
         if hand is not None:
-            stands = hand.still and hand.standing[-1].first.t <= samples[0].t
+            stands = hand.still and hand.stops[-1].first.t <= samples[0].t
             if not stands or hand.restless > hand.rest.restless:
                 return []
         recording = Recording(
@@ -149,24 +150,24 @@ class LiveTracker:
             interval = float(np.median(np.diff(recording.t)))
             self._conditioner.interval = interval
             self._hand = LiveHand(samples, interval, rest, noise, bool(self._has_gyro))
-            return [RestFound(t, rest), self._hand.here(t)]
+            return [RestFound(t, rest), self._hand.current_stop(t)]
         if rest.restless < hand.rest.restless / QUIET_RATIO:
-            hand.learn(rest, noise)
+            hand.use_rest(rest, noise)
         return []
 
     @property
     def waiting(self) -> str:
-        """What tracking still waits for, in one line for a person; "" once it has begun."""
+        """What tracking still waits for, one line for a person; "" once it has begun."""
         return self._waiting if self._hand is None else ""
 
     @property
     def rest(self) -> Rest | None:
-        """The rest that gravity and the thresholds were taken from: the first, or a far quieter one later."""
+        """The rest that sets the thresholds: the first, or a later one that was far quieter."""
         return None if self._hand is None else self._hand.rest
 
     @property
     def lost(self) -> int:
-        """How many samples were lost and put back since tracking began."""
+        """Number of samples that were lost and filled in since tracking began."""
         return self._conditioner.lost
 
     @property
@@ -176,42 +177,42 @@ class LiveTracker:
 
     @property
     def stops(self) -> tuple[Stop, ...]:
-        """The stops so far, in rows as they were fed; the last one grows while the hand is still there."""
-        return () if self._hand is None else tuple(each.stop for each in self._hand.standing)
+        """The stops so far, in rows as fed; the last one grows while the hand is still there."""
+        return () if self._hand is None else tuple(each.stop for each in self._hand.stops)
 
     @property
     def keyframes(self) -> tuple[Keyframe, ...]:
         """One keyframe a stop."""
-        return () if self._hand is None else tuple(each.keyframe for each in self._hand.standing)
+        return () if self._hand is None else tuple(each.keyframe for each in self._hand.stops)
 
     @property
     def wxyz_nav_sensor(self) -> Array:
         """(4,) at the latest sample; until tracking begins, the identity."""
-        return readonly((1.0, 0.0, 0.0, 0.0) if self._hand is None else self._hand.now()[0])
+        return readonly((1.0, 0.0, 0.0, 0.0) if self._hand is None else self._hand.latest()[0])
 
     @property
     def p_nav_sensor(self) -> Array:
-        """(3,) m at the latest sample: that of the last stop, and from there by dead reckoning."""
-        return readonly(np.zeros(3) if self._hand is None else self._hand.now()[1])
+        """(3,) m at the latest sample: by dead reckoning since the last stop."""
+        return readonly(np.zeros(3) if self._hand is None else self._hand.latest()[1])
 
     @property
     def v_nav_sensor(self) -> Array:
         """(3,) m/s at the latest sample, by dead reckoning; zero in a stop."""
-        return readonly(np.zeros(3) if self._hand is None else self._hand.now()[2])
+        return readonly(np.zeros(3) if self._hand is None else self._hand.latest()[2])
 
     @property
     def sigma_now(self) -> float:
-        """One sigma in m, along the least sure axis, that the position would have if the hand stopped now."""
+        """One sigma, m, along the least certain axis, that the position would have if the hand stopped now."""
         return 0.0 if self._hand is None else self._hand.sigmas()[0]
 
     @property
     def sigma_of_move(self) -> float:
-        """The part of `sigma_now` that the move under way adds, in m: what a pause now would keep from growing."""
+        """The part of `sigma_now`, m, that the present move adds; it grows until the hand stops."""
         return 0.0 if self._hand is None else self._hand.sigmas()[1]
 
 
 def _rest_advice(error: PbdError) -> str:
-    """Why a second was no rest, for the person who holds the sensor."""
+    """Why the last second was no rest, for the person who holds the sensor."""
     if error.fields.get("bound") == STILL_ACC:
         return f"hold still for {REST_S:g} s: the hand shakes with {error.fields['value']:.2f} m/s2"
     return error.message

@@ -1,7 +1,7 @@
-"""Dead channels: a stuck axis, a sensor that never changes or freezes for a while, a dead magnetometer.
+"""Find dead channels: a stuck axis, a sensor that never changes or freezes for a while, a dead magnetometer.
 
-A real sensor's noise changes every reading. A sensor that repeats the same reading is dead, or froze. A sensor without
-noise (simulated or coarse) is constant at rest too: there the path decides.
+The noise of a real sensor changes every reading. A sensor that repeats its reading is dead or frozen. A sensor without
+noise (simulated or coarse) is constant at rest too; there the estimated path decides (`refuse_freezes`).
 """
 
 from __future__ import annotations
@@ -16,50 +16,51 @@ from pbd.errors import RecordingError, TrackingError, warn
 from pbd.pose import Array, lengths
 from pbd.tracking.first_rest import STILL_ACC
 from pbd.tracking.moving_windows import window_moments
-from pbd.tracking.repair.clock import differs
+from pbd.tracking.repair.clock import row_changes
 from pbd.tracking.repair.gaps import BRIDGED_S
-from pbd.tracking.zero_velocity import edges, runs
+from pbd.tracking.zero_velocity import run_edges, runs
 
 SENSOR_NAMES = {"acc": "accelerometer", "gyr": "gyro"}
 
 STUCK_S = 2.0
-"""s: an axis that is constant for longer is stuck, if another axis of the same sensor changes. (The other sensor does
+"""s: an axis that is constant this long is stuck, if another axis of the same sensor changes. (The other sensor does
 not count: some gyros read 0 on all axes at rest.)"""
 
 LIVE_SHARE = 0.7
-"""Share of its rows in which a working axis changes, at least."""
+"""A working axis changes in at least this share of its rows."""
 
 NOISE_ROUGHNESS = 2.0
-"""Ratio of third to first differences above which readings are noise. White noise has 3.2, smooth motion less."""
+"""Readings are noise if the ratio of their third to their first differences is larger. White noise has 3.2, smooth
+motion less."""
 
 NOISE_ROWS, ROUNDING = 20, 1e-6
-"""Number of consecutive rows in which noise is looked for; smallest change, m/s2 or rad/s, that is not rounding."""
+"""Noise is judged in the calmest NOISE_ROWS rows in sequence. A change below ROUNDING (m/s2, rad/s) is rounding."""
 
 REPEATED_ROWS = 3
-"""So many rows are no chance: a noisy sensor that repeats itself this often, for longer than a gap that can be bridged,
-is frozen; a flat top of so many samples may be clipped."""
+"""This many equal rows are no chance. A sensor with noise that repeats itself this often, and for longer than
+BRIDGED_S, is frozen. A flat top of this many samples may be clipped."""
 
 COARSE_REPEATS = 0.01
-"""Share of repeated readings above which a sensor is taken to be coarse, not frozen."""
+"""If more than this share of the readings repeat outside suspected freezes, the sensor is coarse, not frozen."""
 
 COARSE_FROZEN_S = 0.2
-"""s: where a coarse sensor repeats itself for longer, the path must show a rest."""
+"""s: if a sensor repeats itself for longer, the path must show a rest there."""
 
 STOP_EDGE_S, MOVING_SPEED = 0.15, 0.05
-"""s and m/s: a hand that is further than this from all stops and faster than this is moving, so that its sensor can't
-read a constant."""
+"""A hand moves, and its sensor can't be constant, if the nearest stop is further away than STOP_EDGE_S (s) and the
+speed is above MOVING_SPEED (m/s)."""
 
 
 def refuse_dead(recording: Recording) -> None:
-    """Refuse a recording that never changes, a gyro that never does, or an axis of either sensor that is stuck.
+    """Refuse a recording that never changes, a gyro that never changes, or a stuck axis.
 
     Raises:
-        RecordingError: which axis, since when.
+        RecordingError: with the axis and its rows.
     """
     t = recording.t
     if not any(np.diff(values, axis=0).any() for values in (recording.acc, recording.gyr) if values is not None):
         raise RecordingError("all rows are the same: the sensor is stuck, or was never read; record again", row=0)
-    if recording.gyr is not None and not np.diff(recording.gyr, axis=0).any() and noisy(recording.acc):
+    if recording.gyr is not None and not np.diff(recording.gyr, axis=0).any() and has_noise(recording.acc):
         raise RecordingError(
             "the gyro always reads the same, so it is dead; repair it, or leave out the columns gx, gy, gz if the "
             "device gives its own attitude",
@@ -77,25 +78,25 @@ def refuse_dead(recording: Recording) -> None:
 
 
 def stuck_axes(recording: Recording) -> Iterator[tuple[str, int, int, int]]:
-    """Find the axes that don't change for STUCK_S or more while another of the same sensor does.
+    """Find axes that don't change for STUCK_S or more, while another axis of the same sensor does.
 
     Yields:
-        Which sensor (of SENSOR_NAMES), which axis, and the half-open range of rows.
+        The sensor (key of SENSOR_NAMES), the axis, and the half-open range of rows.
     """
     for name in SENSOR_NAMES:
         values = getattr(recording, name)
         for axis in range(3) if values is not None else ():
-            spans = edges(values[1:, axis] == values[:-1, axis])
+            spans = run_edges(values[1:, axis] == values[:-1, axis])
             for start, last in spans[np.diff(recording.t[spans], axis=1)[:, 0] >= STUCK_S].tolist():
-                if any(_alive(other) for other in np.delete(values[start : last + 1], axis, axis=1).T):
+                if any(_axis_has_noise(other) for other in np.delete(values[start : last + 1], axis, axis=1).T):
                     yield name, axis, start, last + 1
 
 
 def magnetometer_is_dead(recording: Recording) -> bool:
-    """Tell whether the magnetometer always reads the same, though the sensor has noise; warns."""
+    """Whether the magnetometer always reads the same although the accelerometer has noise; warns if so."""
     if recording.mag is None or np.diff(recording.mag, axis=0).any():
         return False
-    if recording.mag.any() and not noisy(recording.acc):
+    if recording.mag.any() and not has_noise(recording.acc):
         return False
     warn(
         f"the magnetometer always reads {np.linalg.norm(recording.mag[0]):.4g} and is left out: heading starts at the "
@@ -104,47 +105,47 @@ def magnetometer_is_dead(recording: Recording) -> bool:
     return True
 
 
-def frozen(recording: Recording, filled: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
-    """Rows (n,) at which a sensor with noise repeats itself for too long, or its accelerometer alone does.
+def frozen_rows(recording: Recording, filled: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    """Rows (n,) in which both sensors, or the accelerometer alone, repeat themselves for too long.
 
     A sensor without noise is left to `refuse_freezes`. The gyro alone does not count: some read 0 at rest.
 
     Args:
         recording: without NaN.
-        filled: (n,) rows that were; None: no row was.
+        filled: (n,) interpolated rows; None: none.
     """
     acc = recording.acc
-    clipped = ((acc == acc.max(axis=0)) | (acc == acc.min(axis=0))).all(axis=1)  # all axes at an end of the range
+    clipped = ((acc == acc.max(axis=0)) | (acc == acc.min(axis=0))).all(axis=1)  # all axes at an end of their range
     held: NDArray[np.bool_] = ~np.any(np.diff(acc, axis=0) != 0.0, axis=1) & ~clipped[1:]
     if filled is not None:
         held &= ~(filled[1:] | filled[:-1])
-    return _too_long(recording, _repeats(recording)) | _too_long(recording, held)
+    return _held_too_long(recording, _repeats(recording)) | _held_too_long(recording, held)
 
 
-def _too_long(recording: Recording, same: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Rows (n,) of those that repeat the one before (n - 1,) for too long."""
+def _held_too_long(recording: Recording, same: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Rows (n,) that repeat the row before, as flags (n - 1,) say, for too long; none if the sensor is coarse."""
     t = recording.t
     rows = np.zeros(len(t), dtype=bool)
     for start, last in runs(same):
         if t[last] - t[start] > BRIDGED_S and last - start >= REPEATED_ROWS:
-            rows[start + 1 : last + 1] = True  # the first of them was measured
-    if rows.any() and (same & ~rows[1:]).mean() < COARSE_REPEATS and noisy(recording.acc[~rows]):
+            rows[start + 1 : last + 1] = True  # the first was measured
+    if rows.any() and (same & ~rows[1:]).mean() < COARSE_REPEATS and has_noise(recording.acc[~rows]):
         return rows
     return np.zeros(len(t), dtype=bool)
 
 
 def refuse_freezes(recording: Recording, v_nav: Array, stops: tuple[Stop, ...]) -> None:
-    """Refuse a sensor that repeats itself while the hand is in full motion, by the path.
+    """Refuse a sensor that repeats itself while the hand moves, judged by the path.
 
     Halfway through a move a sensor may read what it reads at rest. If it freezes there, the hand seems to stop dead.
 
     Args:
         recording: without NaN.
-        v_nav: (n, 3) m/s.
+        v_nav: (n, 3) m/s, of the path.
         stops: in order.
 
     Raises:
-        TrackingError: where.
+        TrackingError: with row and time.
     """
     t = recording.t
     held = [(start, last) for start, last in runs(_repeats(recording)) if t[last] - t[start] > COARSE_FROZEN_S]
@@ -168,23 +169,23 @@ def refuse_freezes(recording: Recording, v_nav: Array, stops: tuple[Stop, ...]) 
 
 
 def _repeats(recording: Recording) -> NDArray[np.bool_]:
-    """Whether each row repeats the one before it, at another time, (n - 1,)."""
-    same: NDArray[np.bool_] = ~differs(recording) & (np.diff(recording.t) > 0.0)
+    """Whether each row repeats the one before it at a later time, (n - 1,)."""
+    same: NDArray[np.bool_] = ~row_changes(recording) & (np.diff(recording.t) > 0.0)
     return same
 
 
-def _alive(column: Array) -> bool:
-    """Tell whether an axis (n,) has noise, by the calmest of its rows."""
+def _axis_has_noise(column: Array) -> bool:
+    """Whether an axis (n,) has noise, judged in its calmest rows."""
     return (np.abs(np.diff(column)) > ROUNDING).mean() >= LIVE_SHARE and _is_noise(column[:, None], np.inf)
 
 
-def noisy(acc: Array) -> bool:
-    """Tell whether a sensor at rest has noise, by the calmest of its rows that change."""
+def has_noise(acc: Array) -> bool:
+    """Whether an accelerometer at rest has noise, judged in the calmest of its rows that change."""
     return _is_noise(acc[1:][(np.abs(np.diff(acc, axis=0)) > ROUNDING).any(axis=1)], STILL_ACC**2)
 
 
 def _is_noise(values: Array, largest: float) -> bool:
-    """Tell whether the calmest rows of (n, k), if their variance is below the largest, are no smooth motion."""
+    """Whether the calmest rows of values (n, k) are noise, not smooth motion, and have a variance below `largest`."""
     if len(values) < NOISE_ROWS:
         return False
     variance, _ = window_moments(values, NOISE_ROWS)

@@ -1,7 +1,7 @@
-"""Time stamps: checked, and put on a steady beat where they are coarse or come in batches.
+"""Check time stamps, and space them evenly where they are coarse or come in batches.
 
-A small error of a stamp does little harm. The velocity errs by the change of acceleration in that time. But coarse
-stamps suggest another rate, and losses where there are none. So they are put back on the sensor's steady beat.
+A small error of a stamp does little harm: the velocity errs by the error times the change of acceleration. But coarse
+stamps suggest a wrong rate and lost samples. So they are replaced by evenly spaced times.
 """
 
 from __future__ import annotations
@@ -17,40 +17,40 @@ from pbd.errors import RecordingError, warn
 from pbd.pose import Array
 
 SLOWEST_HZ, FASTEST_HZ = 4.0, 4000.0
-"""Rates of inertial sensors: at others the unit of time is wrong. They are a factor of 1000 apart, so that a step tells
-ms, us and ns apart."""
+"""Lowest and highest rate of inertial sensors, Hz; another rate means a wrong unit of time. Their ratio is 1000, so
+that the interval tells ms, us and ns apart."""
 
 SHORTEST_S = 0.3
-"""Shortest recording, s, that shows whether the hand moves."""
+"""Shortest recording, s, in which it can be seen whether the hand moves."""
 
 CLOCK_JUMP_S = 60.0
-"""Longest silence of a sensor within one demonstration, s: after a longer one its clock jumped."""
+"""Longest time between two samples of one demonstration, s. A longer one is a jump of the clock."""
 
 COARSE_TICK = 0.05
-"""Share of the sampling interval above which the time stamps' resolution is coarse."""
+"""Time stamps are coarse if their resolution is at least this share of the sampling interval."""
 
 OFF_BEAT = 0.02
-"""Coarse stamps are replaced if more than this share of them are off the beat by more than this share of the interval;
-or if so many come within a quarter of an interval of the one before: in batches."""
+"""Coarse stamps are replaced if more than this share of their steps differ by more than this share of the interval from
+a whole number of intervals. Stamps come in batches if more than this share of steps is below a quarter interval."""
 
 LATE_SAMPLES = 8
-"""Number of samples within which a late stamp is made up for. A lost sample never is."""
+"""Within this many samples the stamps catch up after a late one. After a lost sample they never do."""
 
 NOMINAL_TOLERANCE = 0.01
-"""Relative deviation of the mean rate from the nominal one below which no sample is lost."""
+"""No sample is lost if the mean rate differs from the nominal one by less than this share."""
 
 DRIFT_S = 1.0
-"""s: averaging time for a clock's slow drift."""
+"""s: averaging time of the clock's slow drift, which evenly spaced times keep."""
 
 RATE_TOLERANCE = 0.05
-"""Relative deviation of the measured rate from the nominal one above which there is a warning."""
+"""There is a warning if the measured rate differs from the nominal one by more than this share."""
 
 
 def with_clock(recording: Recording) -> Recording:
-    """The recording on a clock that can be believed; warns where it was changed, or is not the sensor's rate.
+    """The recording with checked time stamps. Warns if they are replaced, or if the rate is not the nominal one.
 
     Raises:
-        RecordingError: too short, or a time that runs backwards, jumps, stands still or is not in seconds.
+        RecordingError: it is too short, or its time runs backwards, jumps, stands still or is not in seconds.
     """
     if len(recording) < 2:
         raise RecordingError(
@@ -85,7 +85,7 @@ def with_clock(recording: Recording) -> Recording:
 
 
 def _refuse_other_unit(t: Array) -> None:
-    """Refuse a time in ms, us or ns, before its steps are taken for jumps."""
+    """Refuse time in ms, us or ns, before its steps are taken for jumps."""
     steps = np.diff(t[np.isfinite(t)])
     forward = steps[steps > 0.0]
     if 2 * len(forward) > len(steps):
@@ -108,18 +108,18 @@ def _refuse_slow(interval: float) -> None:
 
 
 def steady_clock(recording: Recording) -> Array:
-    """Time stamps (n,) s, on a steady beat where they were coarse or in batches; lost samples stay lost.
+    """Time stamps (n,) s, evenly spaced if they were coarse or in batches; lost samples stay lost.
 
-    `recording.t` must not run backwards. Warns where it changes something.
+    `recording.t` must not run backwards. Warns if it changes the stamps.
     """
     t, nominal_hz = recording.t, recording.info.rate_hz
-    new = np.concatenate(([True], (np.diff(t) > 0.0) | differs(recording)))
+    new = np.concatenate(([True], (np.diff(t) > 0.0) | row_changes(recording)))
     stamps = t[new]
     if len(stamps) > 4 * LATE_SAMPLES and stamps[-1] > stamps[0]:
-        interval, reach, whole = _beat(stamps, nominal_hz)
-        fault = _fault(stamps, interval)
+        interval, reach, complete = _sampling_interval(stamps, nominal_hz)
+        fault = _stamp_fault(stamps, interval)
         if fault:
-            stamps = _on_beat(stamps, interval, reach, whole)
+            stamps = _evenly_spaced(stamps, interval, reach, complete)
             t = stamps[np.cumsum(new) - 1]
             rate_hz = 1.0 / float(np.median(np.diff(stamps)))
             warn(f"{fault}; evenly spaced times at {rate_hz:.4g} Hz are used instead")
@@ -127,7 +127,7 @@ def steady_clock(recording: Recording) -> Array:
 
 
 def _warn_of_rate(recording: Recording) -> None:
-    """Warn where the samples do not come at the nominal rate."""
+    """Warn if the samples do not come at the nominal rate."""
     nominal_hz, rate_hz = recording.info.rate_hz, recording.rate_hz
     if nominal_hz is not None and abs(rate_hz / nominal_hz - 1.0) > RATE_TOLERANCE:
         warn(
@@ -154,15 +154,15 @@ def _refuse_disorder(t: Array) -> None:
             )
 
 
-def differs(recording: Recording) -> NDArray[np.bool_]:
+def row_changes(recording: Recording) -> NDArray[np.bool_]:
     """Whether each row differs from the one before it, (n - 1,)."""
     given = [values for values in (recording.acc, recording.gyr) if values is not None]
-    differs: NDArray[np.bool_] = np.any([(values[1:] != values[:-1]).any(axis=1) for values in given], axis=0)
-    return differs
+    changes: NDArray[np.bool_] = np.any([(values[1:] != values[:-1]).any(axis=1) for values in given], axis=0)
+    return changes
 
 
-def _beat(t: Array, nominal_hz: float | None) -> tuple[float, int, bool]:
-    """The sampling interval of stamps that may be coarse, from the spans of several; of how many; is none lost?"""
+def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, int, bool]:
+    """The sampling interval, s, of stamps that may be coarse; over how many samples; whether no sample is lost."""
     mean, reach = float(t[-1] - t[0]) / (len(t) - 1), min(LATE_SAMPLES, len(t) // 4)
     if nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL_TOLERANCE:
         return mean, reach, True
@@ -171,8 +171,8 @@ def _beat(t: Array, nominal_hz: float | None) -> tuple[float, int, bool]:
     return float(spans[np.abs(spans - usual) < 0.5 * usual / reach].mean()) / reach, reach, False
 
 
-def _fault(t: Array, interval: float) -> str:
-    """What is wrong with stamps (n,) s of samples that are all new; nothing: an empty word."""
+def _stamp_fault(t: Array, interval: float) -> str:
+    """What is wrong with stamps (n,) s of samples without repetitions; "" if nothing is."""
     steps = np.diff(t)
     if (steps < 0.25 * interval).mean() > OFF_BEAT:
         return "the time stamps come in batches"
@@ -183,13 +183,13 @@ def _fault(t: Array, interval: float) -> str:
     return ""
 
 
-def _on_beat(t: Array, interval: float, reach: int, whole: bool) -> Array:
+def _evenly_spaced(t: Array, interval: float, reach: int, complete: bool) -> Array:
     from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
     place = np.arange(len(t), dtype=np.float64)
-    if not whole:
-        # A stamp comes late, or rounded down, but never early: what is left over is least for the most punctual stamps,
-        # and rises for good where samples are lost.
+    if not complete:
+        # A stamp is late or rounded down, but never early. So the moving minimum of stamp minus even time follows the
+        # most punctual stamps. It rises permanently where samples are lost.
         punctual = minimum_filter1d(t - interval * place, reach + 1, mode="nearest", origin=-(reach // 2))
         place[1:] += np.cumsum(np.maximum(np.rint(np.diff(punctual) / interval), 0.0))
     interval, begin = np.polyfit(place, t, 1)

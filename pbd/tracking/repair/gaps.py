@@ -1,4 +1,4 @@
-"""Gaps in a recording: where samples are missing, and whether the hand may have moved meanwhile."""
+"""Find gaps in a recording, and refuse those in which the hand may have moved."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from pbd.tracking.repair.clock import LATE_SAMPLES
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 BRIDGED_S = 0.050
-"""Longest gap, s, that is interpolated."""
+"""Longest gap, s, that is interpolated even in a move."""
 
 HIDDEN_MOVE_S = 0.12
-"""Longest gap in a rest, s, that can't hide a move worth knowing. A minimum-jerk move (Flash and Hogan, 1985) of T s
-with a peak acceleration a goes a T^2 / 5.77: with 5 m/s2, brisk for a hand, 1.2 cm in this time. A shorter gap widens
+"""Longest gap in a rest, s, that can only hide a small move. A minimum-jerk move (Flash and Hogan, 1985) of T s with
+peak acceleration a has length a T^2 / 5.77: 1.2 cm in this time with 5 m/s2, brisk for a hand. A shorter gap widens
 sigma by that much (`Noise.unseen_speed`)."""
 
 
 def interpolated(t: Array, values: Array, good: NDArray[np.bool_]) -> Array:
-    """Values (n, k) with the rows that are not good put between their neighbours."""
+    """Values (n, k), with rows that are not good (n,) interpolated linearly in t (n,)."""
     if good.all():
         return values
     return np.column_stack([np.interp(t, t[good], column) for column in values[good].T])
@@ -34,7 +34,7 @@ def interpolated(t: Array, values: Array, good: NDArray[np.bool_]) -> Array:
 
 @dataclass(frozen=True)
 class Gap:
-    """No data between row `before` and row `after`, for `missing_s` more than one sampling interval."""
+    """Rows between `before` and `after` have no data. They are `missing_s` (s) further apart than one interval."""
 
     before: int
     after: int
@@ -42,15 +42,15 @@ class Gap:
 
 
 def find_gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap]:
-    """Neighbouring good rows that lie more than one and a half sampling intervals apart."""
+    """Gaps between good rows that are more than one and a half sampling intervals (s) apart."""
     good = np.flatnonzero(~missing)
     if len(good) == 0:
         return [Gap(0, len(t) - 1, float(t[-1] - t[0]))]
     good = good[np.concatenate(([True], np.diff(t[good]) > 0.0))]
-    late = np.cumsum(np.diff(t[good], prepend=t[good[0]]) - interval)  # behind a steady beat
+    late = np.cumsum(np.diff(t[good], prepend=t[good[0]]) - interval)  # relative to evenly spaced times
     spans = np.diff(late)
     far = np.flatnonzero(spans > 0.5 * interval)
-    # A late stamp is made up for by the next ones, a lost sample is not.
+    # The stamps catch up after a late one, but not after a lost sample.
     made_up = late[np.minimum(far + 1 + LATE_SAMPLES, len(good) - 1)] - late[np.maximum(far - LATE_SAMPLES, 0)]
     gaps = [Gap(int(good[i]), int(good[i + 1]), float(spans[i])) for i in far[made_up > 0.75 * interval]]
     if good[0] > 0:
@@ -61,7 +61,7 @@ def find_gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap
 
 
 def warn_of_gaps(gaps: list[Gap], t: Array, interval: float) -> None:
-    """Warn of lost samples: how many, in how many gaps."""
+    """Warn of missing samples: how many, in how many gaps, and the longest."""
     if not gaps:
         return
     longest = max(gaps, key=lambda gap: gap.missing_s)
@@ -73,23 +73,23 @@ def warn_of_gaps(gaps: list[Gap], t: Array, interval: float) -> None:
 
 
 def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, ...], accept: bool = False) -> None:
-    """Refuse a long gap, in which the hand's motion is unknown. Warn of a short one in a rest, which hides little.
+    """Refuse a gap in a move, and a long gap in a rest. Warn of a short gap in a rest, which can hide little.
 
-    The sensor's attitude after the gap is no proof: the hand may be elsewhere, and as level as before.
+    The sensor's attitude after the gap proves nothing: the hand may be elsewhere, and as level as before.
 
     Args:
         gaps: of `condition`.
         recording: of `condition`.
         stops: in order.
-        accept: only warn of gaps in rests, as a person knows that the hand stood still.
+        accept: only warn of gaps in rests, because a person knows that the hand stood still.
 
     Raises:
-        TrackingError: with `t`, `row` and the gap's length as fields.
+        TrackingError: with `t`, `row` and the gap's length (`value`).
     """
     t, starts = recording.t, [stop.start for stop in stops]
     for gap in gaps:
         k = bisect_right(starts, gap.before) - 1
-        if k < 0 or not _rests_beside(recording, gap, stops[k]):
+        if k < 0 or not _rests_on_both_sides(recording, gap, stops[k]):
             raise TrackingError(
                 f"{gap.missing_s * 1e3:.0f} ms of data are missing after row {gap.before} (t = {t[gap.before]:.2f} s), "
                 f"while the hand moves; at most {BRIDGED_S * 1e3:.0f} ms can be bridged: record again",
@@ -118,7 +118,7 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
 
 
 def _at_an_end(gap: Gap, recording: Recording) -> bool:
-    """Whether nothing comes before a gap, or after it."""
+    """Whether a gap is at the start or at the end of the recording."""
     return gap.before == 0 or gap.after == len(recording) - 1
 
 
@@ -130,10 +130,10 @@ def _where(gap: Gap, t: Array) -> str:
     return f"after row {gap.before} (t = {t[gap.before]:.2f} s)"
 
 
-def _rests_beside(recording: Recording, gap: Gap, stop: Stop) -> bool:
-    """Tell whether a gap lies in a stop, and the hand rests in the same attitude before and after it.
+def _rests_on_both_sides(recording: Recording, gap: Gap, stop: Stop) -> bool:
+    """Whether a gap is in a stop, with rest in the same attitude before and after it.
 
-    Interpolated data are smooth. Without this check, the stop might have been found in them.
+    Interpolated data are smooth, so the stop might have been found in them alone.
     """
     rows = max(2, round(ENERGY_WINDOW_S * recording.rate_hz))
     before, after = slice(gap.before + 1 - rows, gap.before + 1), slice(gap.after, gap.after + rows)

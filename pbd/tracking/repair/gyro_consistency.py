@@ -1,9 +1,9 @@
-"""Compare the accelerometer's vertical with that of the device's attitude, and with the gyro's turn from rest to rest.
+"""Compare the accelerometer's vertical with the device's attitude, and with the gyro's turn from rest to rest.
 
-This finds an accelerometer with flipped signs (some programs give gravity, not specific force), a gyro in another unit,
-or one whose axes are not the accelerometer's. A gyro carries the vertical upside down as well as upright, so it can't
-show that all three signs are flipped. A turn about the vertical shows nothing. Turns about one axis show little of the
-others. Data that nothing contradicts are accepted.
+This finds an accelerometer with flipped signs (some programs give gravity, not specific force), a gyro in a wrong unit,
+and a gyro whose axes are not the accelerometer's. A gyro turns the vertical and its opposite alike, so it can't show
+that all three signs are flipped. A turn about the vertical shows nothing, and turns about one axis show little of the
+others. Data without a contradiction are accepted.
 """
 
 from __future__ import annotations
@@ -34,28 +34,29 @@ from pbd.tracking.repair.axes import (
     IMPROVEMENT,
     Witness,
     angles,
-    find_other_axes,
+    find_axis_error,
     readings,
 )
 
 UPSIDE_DOWN_COS = -0.9
-"""Cosine between the sensor's z axis and the vertical below which it lies upside down: within 26 degrees."""
+"""The sensor is upside down if the cosine between its z axis and up is below this: within 26 degrees."""
 
 STEEP_FIELD = 0.5
-"""Vertical share of a magnetic field above which it surely points up or down."""
+"""A magnetic field surely points up if its upward share is larger."""
 
 CHECK_HZ = 50.0
-"""Samples are averaged down to about this rate: fast enough for a hand."""
+"""Samples are averaged down to about this rate, Hz, which is fast enough for a hand."""
 
 STEADY_S, STEADY_ACC = 0.2, 0.05
-"""In a steady moment the accelerometer shows gravity alone. It lasts STEADY_S. The rms of specific force, and what its
-norm differs from g, are below this share of g: a WT901's bias of 20 mg changes it by 4 % from one side to the other."""
+"""A steady moment, in which the accelerometer shows gravity alone, lasts STEADY_S (s). The rms of specific force, and
+the difference of its norm from g, are below STEADY_ACC g. (A WT901's bias of 20 mg changes the norm by 4 % between two
+sides of the sensor.)"""
 
 PAIR_SHORTEST_S, PAIR_LONGEST_S = 0.5, 5.0
-"""How far the two steady moments of a pair are apart, s. One pair at most begins in half a steady moment."""
+"""Shortest and longest time between the two steady moments of a pair, s; at most one pair begins per STEADY_S / 2."""
 
 SHOWN_BY = {"a": "gravity", "m": "the field", "": "the device's own attitude"}
-"""What shows a turn, by the channel of a witness."""
+"""What a witness is, by its channel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +64,8 @@ class Steady:
     """Steady moments of a recording.
 
     Attributes:
-        rows: (m,) the first row of each moment's second half.
-        up_sensor: (m, 3) unit, the vertical in sensor axes at each.
+        rows: (m,) first row of the second half of each moment.
+        up_sensor: (m, 3) unit, the vertical in sensor axes at each moment.
         gyro_bias: (3,) rad/s, the gyro's mean over the quietest second.
     """
 
@@ -74,12 +75,12 @@ class Steady:
 
 
 def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
-    """Find the steady moments of acc (n, 3) and gyr (n, 3) rad/s, without NaN; g is taken from the quietest second."""
+    """Find the steady moments of acc (n, 3) and gyr (n, 3) rad/s, without NaN; g is that of the quietest second."""
     second, half = max(2, round(rate_hz)), max(1, round(0.5 * STEADY_S * rate_hz))
     if len(acc) < max(second, 2 * half):
         return Steady(np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(3))
     variance, mean = window_moments(acc, second)
-    # The rate itself, not its variance: a turn about the vertical leaves the accelerometer as quiet as a rest.
+    # Mean square of the rate, not its variance: in a turn about the vertical the accelerometer is as quiet as at rest.
     rate = window_sums(squares(gyr), second) / second
     quietest = int(np.argmin(restlessness(variance, rate)))
     g = float(np.linalg.norm(mean[quietest]))
@@ -89,11 +90,11 @@ def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
     return Steady(steady + half, mean[steady] / norm[steady, None], gyr[quietest : quietest + second].mean(axis=0))
 
 
-def refuse_turned_signs(recording: Recording) -> None:
-    """Refuse specific force whose signs contradict the device's own attitude; `recording` without NaN.
+def refuse_flipped_signs(recording: Recording) -> None:
+    """Refuse specific force (without NaN) whose signs contradict the device's own attitude.
 
     Raises:
-        RecordingError: with what to give `pbd import`.
+        RecordingError: with the options of `pbd import` that correct it.
     """
     if recording.device_rpy is None:
         return
@@ -107,10 +108,10 @@ def refuse_turned_signs(recording: Recording) -> None:
     if off < CONTRADICTION_DEG or min(fits) > off / IMPROVEMENT:
         return
     good = [each for each, fit in zip(signs[1:], fits, strict=True) if fit <= min(fits) + AS_GOOD_DEG]
-    # Of a level axis nothing is seen: where all others are turned, it is meant too.
+    # A level axis shows no sign. If all others are flipped, it is taken as flipped too.
     found = min(good, key=lambda each: (each.causes, sum(each.signs)))
     if recording.gyr is not None and found.signs[2] > 0:
-        return  # the attitude may count its pitch or roll the other way; the gyro knows better, and is asked
+        return  # the attitude's pitch or roll may have the other sign; `find_axis_error` asks the gyro
     turned = [axis for axis, sign in zip("xyz", found.signs, strict=True) if sign < 0]
     how = "--unit acc=-g (or -m/s2)" if len(turned) == 3 else " ".join(f"--column a{axis}=-NAME" for axis in turned)
     wrong = "has the wrong sign: it contradicts" if len(turned) == 1 else "have the wrong sign: they contradict"
@@ -122,18 +123,18 @@ def refuse_turned_signs(recording: Recording) -> None:
 
 
 def up_in_sensor(wxyz_nav_sensor: Array) -> Array:
-    """The vertical in the sensor's axes, (..., 3), of attitudes (..., 4)."""
+    """The vertical in sensor axes (..., 3), given attitudes (..., 4)."""
     vertical = np.broadcast_to((0.0, 0.0, 1.0), (*wxyz_nav_sensor.shape[:-1], 3))
     return quat_rotate(quat_inverse(wxyz_nav_sensor), vertical)
 
 
 def warn_upside_down(recording: Recording, up_sensor: Array, start: int, stop: int) -> None:
-    """Warn where the sensor lies on its head over the samples of its first rest, where this (3,) points up."""
+    """Warn if the sensor is upside down in its first rest, rows start <= i < stop; `up_sensor` (3,) is the vertical."""
     if up_sensor[2] > UPSIDE_DOWN_COS:
         return
     hint = ""
     if recording.mag is not None:
-        field = recording.mag[start:stop].mean(axis=0)  # of a NaN nothing follows
+        field = recording.mag[start:stop].mean(axis=0)  # with a NaN there is no hint
         if up_sensor @ field > STEEP_FIELD * np.linalg.norm(field):
             hint = "; the magnetic field points up, as it does only south of the equator, so they likely are"
     warn(
@@ -144,18 +145,18 @@ def warn_upside_down(recording: Recording, up_sensor: Array, start: int, stop: i
 
 
 def refuse_disagreement(recording: Recording) -> None:
-    """Refuse a gyro in another unit than rad/s, or with other axes or signs than the accelerometer's.
+    """Refuse a gyro that is not in rad/s, or whose axes or signs are not the accelerometer's.
 
     `recording` has no NaN.
 
     Raises:
-        RecordingError: with what to give `pbd import`.
+        RecordingError: with the options of `pbd import` that correct it.
     """
-    refuse_turned_signs(recording)
+    refuse_flipped_signs(recording)
     if recording.gyr is None:
         return
     every = max(1, round(recording.rate_hz / CHECK_HZ))
-    acc, gyr = _averaged(recording.acc, every), _averaged(recording.gyr, every)
+    acc, gyr = _block_means(recording.acc, every), _block_means(recording.gyr, every)
     rate_hz = recording.rate_hz / every
     steady = find_steady(acc, gyr, rate_hz)
     gyr = gyr - steady.gyro_bias
@@ -167,7 +168,7 @@ def refuse_disagreement(recording: Recording) -> None:
         return quat_to_matrix(quat_multiply(quat_inverse(attitude[there]), attitude[here]))
 
     up = Witness("a", steady.up_sensor[first], steady.up_sensor[second])
-    found = find_other_axes([up, *_other_witnesses(recording, every, here, there)], turn)
+    found = find_axis_error([up, *_other_witnesses(recording, every, here, there)], turn)
     if found is not None:
         at = recording.t[here[found.pair] * every]
         raise RecordingError(
@@ -180,9 +181,9 @@ def refuse_disagreement(recording: Recording) -> None:
 def _other_witnesses(
     recording: Recording, every: int, here: NDArray[np.intp], there: NDArray[np.intp]
 ) -> Iterator[Witness]:
-    """The field, and the device's own up and north, at the rows of pairs."""
+    """The magnetic field, and the device's own up and north, at the pairs of rows."""
     if recording.mag is not None:
-        field = _averaged(recording.mag, every)
+        field = _block_means(recording.mag, every)
         norm = np.linalg.norm(field, axis=1, keepdims=True)
         if norm.all():
             yield Witness("m", (field / norm)[here], (field / norm)[there])
@@ -194,7 +195,7 @@ def _other_witnesses(
 
 
 def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Indices of moments (k,), and of those to hold them against (k,)."""
+    """Pairs of steady moments to compare: indices of the first (k,) and of the second (k,)."""
     if len(rows) == 0:
         return rows, rows
     _, first = np.unique(rows // max(1, round(0.5 * STEADY_S * rate_hz)), return_index=True)
@@ -205,6 +206,6 @@ def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], ND
     return first[near], second[near]
 
 
-def _averaged(values: Array, every: int) -> Array:
+def _block_means(values: Array, every: int) -> Array:
     averaged: Array = values[: len(values) // every * every].reshape(-1, every, 3).mean(axis=1)
     return averaged

@@ -1,6 +1,6 @@
-"""Check a recording before anything is computed from it. What can be repaired is repaired; the rest is refused.
+"""Check a recording before anything is computed from it. What can be repaired is repaired; anything else is refused.
 
-Every refusal says where (row, time) and what is likely wrong; rows are counted from 0, as `Recording.t` is indexed.
+Every refusal says where (row from 0, time) and what is likely wrong.
 """
 
 from __future__ import annotations
@@ -13,36 +13,36 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.errors import RecordingError
-from pbd.tracking.repair.channel_faults import frozen, magnetometer_is_dead, refuse_dead
+from pbd.tracking.repair.channel_faults import frozen_rows, magnetometer_is_dead, refuse_dead
 from pbd.tracking.repair.clock import with_clock
 from pbd.tracking.repair.gaps import BRIDGED_S, Gap, find_gaps, interpolated, warn_of_gaps
 from pbd.tracking.repair.gyro_consistency import refuse_disagreement
 from pbd.tracking.repair.splices import in_order, refuse_doubled, without_wild
 
 LARGEST_READING = 1e5
-"""Largest reading of any sensor, in any of our units. A larger one counts as missing."""
+"""Largest possible reading of any sensor, in its SI unit or uT. A larger one counts as missing."""
 
 
 def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
-    """Check a recording, interpolate what is missing or wild, put coarse time stamps on a steady beat.
+    """Check a recording, interpolate missing and wild samples, and replace coarse time stamps by even ones.
 
     Returns:
-        The recording without NaN, row for row the same, and the gaps that are too long to be bridged: whether they
-        matter depends on whether the hand moved (`refuse_gaps`).
+        The recording without NaN and with the same rows, and the gaps that are too long to be interpolated. Whether
+        these matter depends on whether the hand moved (`refuse_gaps`).
 
     Raises:
-        RecordingError: too short, time that runs backwards or jumps, a channel without data or that is stuck, a gyro
-            that contradicts gravity.
+        RecordingError: it is too short, time runs backwards or jumps, a channel is empty or stuck, or the gyro
+            contradicts gravity.
     """
     recording = with_clock(recording)
     t, interval = recording.t, 1.0 / recording.rate_hz
-    recording, missing = _filled(recording)
+    recording, missing = _fill_missing(recording)
     refuse_dead(recording)
     refuse_doubled(recording)
     if magnetometer_is_dead(recording):
         recording = dataclasses.replace(recording, mag=None)
     recording = in_order(without_wild(recording))
-    missing |= frozen(recording, missing)
+    missing |= frozen_rows(recording, missing)
     gaps = find_gaps(t, missing, interval)
     warn_of_gaps(gaps, t, interval)
     if not missing.all():
@@ -56,7 +56,7 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
 
 
 def _longest_unbroken(recording: Recording, gaps: tuple[Gap, ...]) -> Recording | None:
-    """The longest part without a long gap, in which gyro and gravity can be compared. None if shorter than a second."""
+    """The longest part between gaps, in which gyro and gravity can be compared. None if it is shorter than a second."""
     if not gaps:
         return recording
     begins, ends = [0, *(gap.after for gap in gaps)], [*(gap.before + 1 for gap in gaps), len(recording)]
@@ -68,18 +68,18 @@ def _longest_unbroken(recording: Recording, gaps: tuple[Gap, ...]) -> Recording 
     return Recording(recording.t[part], recording.acc[part], gyr)
 
 
-def _filled(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
-    """The recording without NaN, and the rows (n,) at which accelerometer or gyro said nothing."""
+def _fill_missing(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
+    """Interpolate missing readings. Also returns the rows (n,) without a reading of accelerometer or gyro."""
     missing = np.zeros(len(recording), dtype=bool)
     filled: dict[str, Any] = {}
     for name in ("acc", "gyr", "mag", "device_rpy"):
         values = getattr(recording, name)
         if values is None:
             continue
-        good = (np.abs(values) < LARGEST_READING).all(axis=1)  # NaN is not
+        good = (np.abs(values) < LARGEST_READING).all(axis=1)  # False for NaN
         if not good.any():
             raise RecordingError(f"'{name}' has no number in any row; leave the column out or record again")
-        # A magnetometer is slow and often sampled less often: its holes are no holes in the motion.
+        # A magnetometer is often sampled more slowly: rows without it are no gap.
         missing |= ~good if name in ("acc", "gyr") else False
         filled[name] = interpolated(recording.t, values, good)
     return dataclasses.replace(recording, **filled), missing

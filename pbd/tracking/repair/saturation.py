@@ -1,19 +1,17 @@
-"""Find samples at which a sensor has reached the end of its range, and continue the peaks from their sides.
+"""Find samples at the end of a sensor's range (clipped), and extrapolate the peaks from their sides.
 
-A clipped axis gives one reading again and again: flat tops with steep sides. What the hand did above them is lost. The
-smoother finds the error of the continuation. Gravity at the stops shows how far the hand turned above the gyro's range;
-the stop at the end of a move shows how much faster it was than the accelerometer's range allows.
+A clipped axis repeats one reading: a flat top with steep sides. The motion above it is lost. The smoother estimates the
+error of the extrapolation: gravity at the stops shows the lost turn, the stop after a move shows the lost velocity.
 
-The largest readings of a rounded peak may be alike too: where it is read coarsely, or by the chance of noise. Coarsely
-read, m samples lie within one step of the sensor's resolution, and then its sides fall by few steps. By chance, each
-reading after the first hits the same step among all to which noise and hand could have taken it; how many those are,
-the sides tell. Were the noise small, a rounded peak with such sides could not be flat; were it large, its readings
-would scatter. Between the two, for a parabola with white noise of whatever size, the chance is at most
-(2.5 steps / fall)^(m - 1) for m of 3 and more, with the fall of the sides over two samples. (Two samples on either hand
-of a peak are alike whenever it lies in their middle.)
+A rounded peak may have a flat top too, if the resolution is coarse or by chance of the noise. With a coarse resolution
+m samples lie within one step, but then the sides fall by few steps. By chance, every reading after the first falls on
+the same step of all those within reach of noise and motion; the fall of the sides shows how many these are. With little
+noise, a rounded peak with such sides can't be flat; with much noise, its readings would scatter. For a parabola with
+white noise of any size the chance of m equal samples is at most (2.5 steps / fall)^(m - 1), from m = 3 on, where fall
+is that of the sides over two samples. (Two samples are always alike if the peak lies midway between them.)
 
-What can't be found: clipped peaks of one or two samples, tops too shallow to differ from noise,
-and those clipped before the axis was mixed with others (calibrated for misalignment) or averaged.
+Not found are clipped peaks of one or two samples, flat tops that differ too little from noise, and clips of an axis
+that was later averaged or mixed with others (corrected for misalignment).
 """
 
 from __future__ import annotations
@@ -29,36 +27,36 @@ from pbd.data import GRAVITY, Recording
 from pbd.errors import warn
 from pbd.pose import Array
 from pbd.tracking.repair.channel_faults import REPEATED_ROWS, SENSOR_NAMES
-from pbd.tracking.repair.clock import differs
+from pbd.tracking.repair.clock import row_changes
 from pbd.tracking.smoother.preintegration import Impulse
 from pbd.tracking.zero_velocity import runs
 
 LEAST_RANGE = {"acc": 1.15 * GRAVITY, "gyr": 1.0}
-"""Smallest range of a sensor, m/s2 and rad/s. A flat top below it is a rest."""
+"""Smallest range of a sensor, m/s2 and rad/s. A flat top below it is no clip but a rest."""
 
 TOP_TOLERANCE = 1e-6
-"""Relative difference from the largest reading below which a reading belongs to the flat top."""
+"""A reading belongs to the flat top if it differs by less than this share from the largest reading."""
 
 SIDE_SAMPLES = 2
-"""Number of samples on either side of a flat top that show how steeply it falls."""
+"""Number of samples on either side of a flat top over which its fall is measured."""
 
 CHANCE_STEPS = 2.5
-"""A rounded peak repeats its top reading with chance CHANCE_STEPS / fall, with the fall of its sides in steps of
-resolution."""
+"""A rounded peak repeats its top reading with a chance of at most CHANCE_STEPS / fall, with the fall of its sides in
+steps of the resolution."""
 
 CLIPPED_CHANCE = 1e-4
-"""An axis is clipped if one of its flat tops has a smaller chance than this to be a rounded peak."""
+"""An axis is clipped if one of its flat tops would be a rounded peak with less than this chance."""
 
 LARGEST_OVERSHOOT = 0.5
-"""Largest height of a continued peak above the range, as a share of the range."""
+"""Largest height of an extrapolated peak above the range, as a share of the range."""
 
 LOST_SHARE = 0.1
-"""One sigma of what was lost is the whole continuation plus this share of the range for as long as it lasted."""
+"""One sigma of the lost motion is the whole extrapolation plus this share of the range, over the time of the clip."""
 
 
 @dataclass(frozen=True)
 class Clip:
-    """Samples start <= i < stop at which one axis of a sensor (acc, gyr) is at the end of its range, on side `sign`."""
+    """Rows start <= i < stop at which an axis (0 to 2) of a sensor (acc, gyr) is at the end `sign` of its range."""
 
     sensor: str
     axis: int
@@ -68,7 +66,7 @@ class Clip:
 
 
 def find_clips(recording: Recording) -> tuple[Clip, ...]:
-    """Find the clipped samples of a recording without NaN; in order, with a warning where there are any."""
+    """Find the clipped samples of a recording without NaN, in order; warns if there are any."""
     clips = clips_of(recording)
     if clips:
         _warn(recording, clips)
@@ -76,22 +74,22 @@ def find_clips(recording: Recording) -> tuple[Clip, ...]:
 
 
 def clips_of(recording: Recording) -> tuple[Clip, ...]:
-    """Find them without a word."""
+    """The same without a warning."""
     given = {name: values for name in SENSOR_NAMES if (values := getattr(recording, name)) is not None}
-    # A row that a sensor or a program repeats makes no top flatter.
-    new = np.concatenate(([True], differs(recording)))
+    # A row that was only repeated does not count as another sample of a flat top.
+    new = np.concatenate(([True], row_changes(recording)))
     clips = (
         Clip(sensor, axis, sign, start, stop)
         for sensor, values in given.items()
         for axis in range(3)
         for sign in (1.0, -1.0)
-        for start, stop in _tops(sign * values[:, axis], sensor, new)
+        for start, stop in _clipped_runs(sign * values[:, axis], sensor, new)
     )
     return tuple(sorted(clips, key=lambda clip: clip.start))
 
 
-def _tops(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Where x (n,) is clipped at its largest value; nowhere, if it is not. `new` (n,): not a repeated row."""
+def _clipped_runs(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Runs in which x (n,) is clipped at its largest value. `new` (n,): the row does not repeat the one before."""
     top = float(x.max())
     if top < LEAST_RANGE[sensor]:
         return []
@@ -128,14 +126,14 @@ def _warn(recording: Recording, clips: Sequence[Clip]) -> None:
 
 
 def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tuple[Impulse, ...]]:
-    """Continue clipped peaks from their sides.
+    """Extrapolate clipped peaks from their sides.
 
     Args:
         recording: without NaN.
         clips: of `find_clips`.
 
     Returns:
-        The recording, and what may still be missing in each half of a clip, one sigma.
+        The recording, and one sigma of what may still be lost, for each half of a clip.
     """
     if not clips:
         return recording, ()
@@ -145,19 +143,19 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
     for clip in clips:
         values = channels[clip.sensor]
         top = abs(float(values[clip.start, clip.axis]))
-        above = _above(values[:, clip.axis], clip.sign, clip.start, clip.stop)
-        values[clip.start : clip.stop, clip.axis] += clip.sign * above
+        overshoot = _overshoot(values[:, clip.axis], clip.sign, clip.start, clip.stop)
+        values[clip.start : clip.stop, clip.axis] += clip.sign * overshoot
         lost = np.zeros(3)
-        lost[clip.axis] = (float(above.sum()) + LOST_SHARE * top * len(above)) * interval / np.sqrt(2.0)
+        lost[clip.axis] = (float(overshoot.sum()) + LOST_SHARE * top * len(overshoot)) * interval / np.sqrt(2.0)
         by_sensor = {"acc": np.zeros(3), "gyr": np.zeros(3), clip.sensor: lost}
         quarter = (clip.stop - clip.start) // 4
-        # Nor is it known when it was lost: in the first half, or in the second.
+        # It is unknown when it was lost, so each half gets an impulse of its own.
         impulses += [Impulse(row, **by_sensor) for row in (clip.start + quarter, clip.stop - quarter)]
     return replace(recording, **channels), tuple(impulses)
 
 
-def _above(x: Array, sign: float, start: int, stop: int) -> Array:
-    """How far sign * x (n,) rose above its flat top start..stop, by Hermite's cubic through its sides."""
+def _overshoot(x: Array, sign: float, start: int, stop: int) -> Array:
+    """Height of sign * x (n,) above its flat top (rows start to stop), by a Hermite cubic through its sides."""
     if start < 2 or stop > len(x) - 2:
         return np.zeros(stop - start)
     top, width = sign * float(x[start]), stop - start + 1
@@ -166,5 +164,5 @@ def _above(x: Array, sign: float, start: int, stop: int) -> Array:
     u = np.arange(1, width) / width
     cubic = before * (1 + 2 * u) * (1 - u) ** 2 + after * u**2 * (3 - 2 * u)
     cubic += width * (rise * u * (1 - u) ** 2 - fall * u**2 * (1 - u))
-    above: Array = np.clip(cubic - top, 0.0, LARGEST_OVERSHOOT * top)
-    return above
+    overshoot: Array = np.clip(cubic - top, 0.0, LARGEST_OVERSHOOT * top)
+    return overshoot

@@ -1,9 +1,7 @@
-"""Splices: wild samples, blocks in the wrong order, blocks that came twice.
+"""Repair wild samples and blocks in the wrong order; refuse blocks that came twice.
 
-At a splice the readings jump: lines through the two rows on either side miss each other. An impact makes a jump too.
-But only the jump of a splice goes when the rows are put right: without the wild rows, or with two blocks exchanged, the
-lines meet.
-"""
+At a splice the readings jump: the lines through the two rows on either side do not meet. An impact makes a jump too.
+But only at a splice do the lines meet once the wild rows are removed, or the two blocks exchanged."""
 
 from __future__ import annotations
 
@@ -18,38 +16,38 @@ from pbd.data.one_line_repr import counted
 from pbd.data.units import UNITS
 from pbd.errors import RecordingError, warn
 from pbd.pose import Array, lengths
-from pbd.tracking.repair.channel_faults import SENSOR_NAMES, noisy
+from pbd.tracking.repair.channel_faults import SENSOR_NAMES, has_noise
 from pbd.tracking.repair.gaps import interpolated
 
 WILD_DISTANCE = {"acc": (30.0, 1), "gyr": (0.3, 3)}
-"""A wild row is at least this far (m/s2, rad/s) from the line through its neighbours; at most so many wild rows follow
-each other. A longer run may be real: a tap."""
+"""Smallest distance (m/s2, rad/s) of a wild row from the line through its neighbours, and the largest number of wild
+rows in sequence. A longer run may be real (a tap)."""
 
 OUTLIER_RATIO = 25.0
-"""Distance of a wild row divided by the noise, the motion around it and what remains without it; and ratio of the
-squared jumps at exchanged blocks before and after the exchange, and to the jumps around. Sound recordings (hands and
-feet, 40 to 286 Hz) reach 8, 12 and 7."""
+"""Smallest ratio that shows a splice: of a wild row's distance to noise, motion around it and the jump that remains
+without it; of the squared jumps before and after an exchange of blocks; of these jumps to those around. Sound
+recordings (hands and feet, 40 to 286 Hz) reach 8, 12 and 7."""
 
 MOTION_AROUND_S = 0.3
-"""s before and after a row within which the hand's motion is measured."""
+"""s: the motion around a row is measured within this time before and after it."""
 
 NOISE_FLOOR = {"acc": 0.04, "gyr": 0.012}
-"""Least noise, m/s2 and rad/s, that is assumed."""
+"""Smallest noise that is assumed, m/s2 and rad/s."""
 
 LONGEST_PACKET_S, JUMPS_TRIED = 2.0, 60
-"""Longest packet of a wireless sensor, s; number of largest jumps among which the ends of packets are sought."""
+"""Longest packet of a wireless sensor, s; the ends of packets are looked for among this many of the largest jumps."""
 
 DOUBLED_ROWS = 6
-"""Least number of different rows in a block that came twice. Fewer equal rows may be chance."""
+"""Smallest number of different rows in a block that came twice. Fewer equal rows may be chance."""
 
 IRRATIONAL = np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0]))
-"""Weights of which no two sums of readings are equal by chance: of six channels, and of DOUBLED_ROWS rows."""
+"""Weights with which no two different sums are equal by chance: for six channels, and for DOUBLED_ROWS rows."""
 
 Rows = NDArray[np.intp]
 
 
 def without_wild(recording: Recording) -> Recording:
-    """Put wild samples of accelerometer and gyro between their neighbours; warns where there are any."""
+    """Interpolate wild samples of accelerometer and gyro; warns if there are any."""
     mended: dict[str, Any] = {}
     found: list[tuple[int, str]] = []
     reach = max(8, round(MOTION_AROUND_S * recording.rate_hz))
@@ -57,7 +55,7 @@ def without_wild(recording: Recording) -> Recording:
         values = getattr(recording, name)
         if values is None or len(values) < 2 * reach:
             continue
-        wild = _wild(values, *WILD_DISTANCE[name], NOISE_FLOOR[name], reach)
+        wild = _wild_rows(values, *WILD_DISTANCE[name], NOISE_FLOOR[name], reach)
         good = np.ones(len(values), dtype=bool)
         good[wild] = False
         mended[name] = interpolated(recording.t, values, good)
@@ -73,8 +71,8 @@ def without_wild(recording: Recording) -> Recording:
 
 
 def in_order(recording: Recording) -> Recording:
-    """Put two blocks that came in the wrong order right; warns."""
-    swapped = _swapped(recording)
+    """Exchange two blocks that came in the wrong order; warns if there are any."""
+    swapped = _swapped_blocks(recording)
     if swapped is None:
         return recording
     first, size = swapped
@@ -90,26 +88,26 @@ def in_order(recording: Recording) -> Recording:
 
 
 def refuse_doubled(recording: Recording) -> None:
-    """Refuse a recording in which a block of rows comes again: a program has lost its place in a buffer.
+    """Refuse a recording in which a block of rows came twice, because a program lost its place in a buffer.
 
     Raises:
-        RecordingError: which rows.
+        RecordingError: with the rows.
     """
     rows = np.hstack([recording.acc] if recording.gyr is None else [recording.acc, recording.gyr])
-    # Equal rows have equal sums, whatever the weights; of irrational ones no others do. So have equal blocks.
+    # Rows, or blocks of rows, have equal weighted sums only if they are equal: the weights are irrational.
     sums = rows @ IRRATIONAL[: rows.shape[1]]
     new = np.flatnonzero(np.diff(sums, prepend=np.inf))
     if len(new) < DOUBLED_ROWS:
         return
     sums = sums[new]
     blocks = sum((w * sums[k : len(sums) - DOUBLED_ROWS + 1 + k] for k, w in enumerate(IRRATIONAL)), np.zeros(1))
-    if np.diff(np.sort(blocks)).all():  # far faster than to sort their places
+    if np.diff(np.sort(blocks)).all():  # far faster than the argsort below
         return
     order = np.argsort(blocks, kind="stable")
     same = np.flatnonzero(np.diff(blocks[order]) == 0.0)
     different = np.diff(np.sort(np.lib.stride_tricks.sliding_window_view(sums, DOUBLED_ROWS)[order[same]])).all(axis=1)
     first, again = new[order[same[different]]], new[order[same[different] + 1]]
-    if len(first) == 0 or not noisy(recording.acc):
+    if len(first) == 0 or not has_noise(recording.acc):
         return
     start = int(first.min())
     far = int(again[np.argmin(first)]) - start
@@ -123,41 +121,44 @@ def refuse_doubled(recording: Recording) -> None:
     )
 
 
-def _lines(x: Array, edges: Rows, rows: int = 0) -> tuple[Array, Array]:
-    """What lines through two rows of x (n, k) before each edge, and two behind it, say half-way: (m, k) each.
+def _extrapolate(x: Array, edges: Rows, rows: int = 0) -> tuple[Array, Array]:
+    """Extrapolate x (n, k) to the middle of each gap from the two rows before it, and from the two after: (m, k) each.
 
     Args:
         x: readings.
-        edges: (m,) the first row behind each.
-        rows: number of rows between that are left out.
+        edges: (m,) first row after each edge.
+        rows: number of rows left out from there on; 0: the middle is half a row before the edge.
     """
     far = 0.5 * (rows + 1)
     before, after = x[edges - 1], x[edges + rows]
     return before + far * (before - x[edges - 2]), after - far * (x[edges + rows + 1] - after)
 
 
-def _lines_everywhere(x: Array) -> tuple[Array, Array]:
-    """`_lines` at every edge, from 2 to len(x) - 2: slices, where an hour's rows would be copied four times."""
+def _extrapolate_everywhere(x: Array) -> tuple[Array, Array]:
+    """`_extrapolate` at every edge from 2 to len(x) - 2. Slices avoid four copies of all rows."""
     before, after = x[1:-2], x[2:-1]
     return before + 0.5 * (before - x[:-3]), after - 0.5 * (x[3:] - after)
 
 
-def _wild(values: Array, away: float, most: int, least: float, reach: int) -> Rows:
-    """Rows of (n, 3) that lie far from a line through their neighbours, where these lie on one."""
+def _wild_rows(values: Array, away: float, most: int, least: float, reach: int) -> Rows:
+    """Wild rows of (n, 3): at least `away` from the line through their neighbours, at most `most` in sequence.
+
+    `least` is the smallest noise; motion is measured in `reach` rows on either side.
+    """
     ends = np.median(values[:5], axis=0), np.median(values[-5:], axis=0)
-    x = np.vstack((ends[0], ends[0], values, *[ends[1]] * (most + 1)))  # so that the last rows may be wild too
+    x = np.vstack((ends[0], ends[0], values, *[ends[1]] * (most + 1)))  # the first and last rows may be wild too
     edges = np.arange(2, len(x) - most - 1)
-    before, after = _lines_everywhere(x)
+    before, after = _extrapolate_everywhere(x)
     jumps = lengths((after - before)[: len(edges)])
     sums = np.concatenate(([0.0], np.cumsum(jumps**2)))
     at = np.flatnonzero(jumps > 0.5 * away)
     low, high = np.maximum(at - reach, 0), np.minimum(at + reach + 1, len(jumps))
     wild, least = [np.zeros(0, dtype=np.intp)], max(least, float(np.median(jumps)))
     for rows in range(1, most + 1):
-        before, after = _lines(x, edges[at], rows)
+        before, after = _extrapolate(x, edges[at], rows)
         block = edges[at, None] + np.arange(rows)
         far = np.linalg.norm(x[block] - 0.5 * (before + after)[:, None], axis=2).min(axis=1)
-        first, last = np.maximum(at - 1, 0), np.minimum(at + rows + 2, len(jumps))  # jumps that the block makes
+        first, last = np.maximum(at - 1, 0), np.minimum(at + rows + 2, len(jumps))  # the block's own jumps
         around = (sums[first] - sums[low] + sums[high] - sums[last]) / (first - low + high - last)
         usual = np.sqrt(np.maximum(around, least**2))
         alone = far > OUTLIER_RATIO * np.maximum(usual, lengths(after - before))
@@ -165,15 +166,15 @@ def _wild(values: Array, away: float, most: int, least: float, reach: int) -> Ro
     return np.unique(np.concatenate(wild)) - 2
 
 
-def _swapped(recording: Recording) -> tuple[int, int] | None:
-    """First row and size of two blocks of one size that came in the wrong order."""
+def _swapped_blocks(recording: Recording) -> tuple[int, int] | None:
+    """First row and size of two blocks of equal size that came in the wrong order; None if there are none."""
     if len(recording) < 6:
         return None
     jumps, sides = np.zeros(len(recording) - 3), []
     for name, least in NOISE_FLOOR.items():
         values = getattr(recording, name)
         if values is not None:
-            before, after = _lines_everywhere(values)
+            before, after = _extrapolate_everywhere(values)
             gaps = lengths(after - before)
             noise = max(least, float(np.median(gaps)))
             jumps += (gaps / noise) ** 2
@@ -186,7 +187,7 @@ def _swapped(recording: Recording) -> tuple[int, int] | None:
     largest = np.sort(np.argpartition(jumps, -min(JUMPS_TRIED, len(jumps)))[-JUMPS_TRIED:])
     pairs = np.triu_indices(len(largest), 1)
     p, q = largest[pairs[0]], largest[pairs[1]]
-    # The third jump may be small: it is as far away as the others are from each other, or half-way.
+    # The three jumps are evenly spaced. The smallest may not be among the largest ones: it is placed by the other two.
     a, b = np.concatenate((p, p, 2 * p - q)), np.concatenate((q, (p + q) // 2, p))
     c = np.concatenate((2 * q - p, q, q))
     fits = (

@@ -1,4 +1,4 @@
-"""First attitude: the gyro's own frame, levelled at the stops, or the device's own attitude."""
+"""Initial attitude: the gyro frame levelled at the stops, or the device's own attitude."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from pbd.tracking.smoother.preintegration import GyroFrame, Rows, gyro_frame
 from pbd.tracking.zero_velocity import Spans
 
 LEVEL_S, SURE_STOP_S = 6.0, 0.5
-"""s: averaging time of the first guess' vertical (a hand that comes at 2 m/s and goes as fast tilts it by 4 degrees); a
-stop that lasts so long shows it by itself."""
+"""s: a stop of SURE_STOP_S or more shows the vertical by itself. Around a shorter one specific force is averaged over
+LEVEL_S. (A hand that comes at 2 m/s and goes back as fast then tilts the vertical by 4 degrees.)"""
 
 
 def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
-    """The gyro frame of a recording; without a gyro that of the device's own attitude.
+    """The gyro frame of a recording; without a gyro, integrated in the device's own attitude.
 
     Raises:
-        TrackingError: neither.
+        TrackingError: the recording has neither.
     """
     t, interval = recording.t, 1.0 / recording.rate_hz
     if recording.gyr is not None:
@@ -37,11 +37,10 @@ def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
 
 
 def first_guess(frame: GyroFrame, rows: Rows, stops: Spans) -> Array:
-    """The gyro frame in a level frame, (k, 4) wxyz at some rows.
+    """Rotation level frame <- gyro frame, (k, 4) wxyz at some rows, each by the nearest stop.
 
-    Gravity levels it at each stop, by the shortest turn since the stop before; a row is taken with the nearest stop.
-    Where a hand only seems to stop it still accelerates: its own mean would lean by tens of degrees. So around a short
-    stop the mean of LEVEL_S is taken.
+    At each stop the shortest turn since the stop before makes mean specific force vertical. In a false stop the hand
+    accelerates, and its mean would lean by tens of degrees. So around a short stop the mean is over LEVEL_S.
     """
     t, (start, stop) = frame.t, np.transpose(stops)
     middle, half = 0.5 * (t[stop - 1] + t[start]), 0.5 * (t[stop - 1] - t[start])
@@ -56,19 +55,20 @@ def first_guess(frame: GyroFrame, rows: Rows, stops: Spans) -> Array:
 
 
 def to_upright(up: Array) -> Array:
-    """The shortest turn of a unit vector (3,) to the vertical, wxyz, not normalised; any half turn where up is down."""
+    """The shortest turn of a unit vector (3,) to the vertical, wxyz, not normalised; of one that points down, any half
+    turn about a level axis."""
     x, y, z = up
     return np.array((1.0 + z, y, 1e-12 - x, 0.0))
 
 
 def mean_quaternion(wxyz: Array) -> Array:
-    """Average unit quaternions (n, 4) that lie close together -> (4,)."""
+    """Mean (4,) of unit quaternions (n, 4) that are close together."""
     aligned = np.where((wxyz @ wxyz[0])[:, None] < 0.0, -wxyz, wxyz)
     return quat_canonical(aligned.mean(axis=0))
 
 
 def heading(wxyz: Array) -> float:
-    """Heading of the sensor's x axis laid level, or of its y axis where x is within 30 degrees of vertical."""
+    """Mean heading, rad, of the sensor's x axis laid level, or of its y axis if x is within 30 degrees of vertical."""
     q = mean_quaternion(wxyz)
     axis = quat_rotate(q, (1.0, 0.0, 0.0))
     if abs(axis[2]) > np.cos(np.radians(30.0)):

@@ -1,4 +1,4 @@
-"""Which stops are in doubt once the velocity is estimated, and what is left of them."""
+"""Find the stops that the estimated velocity contradicts, and cut them to their slow parts."""
 
 from __future__ import annotations
 
@@ -12,27 +12,26 @@ from pbd.tracking.smoother.gauss_newton import UNDOUBTED_SIGMAS
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.preintegration import VEL
-from pbd.tracking.zero_velocity import Spans, calm_part, lasts, slow_parts, trimmed
+from pbd.tracking.zero_velocity import Spans, calm_part, is_long_enough, slow_parts, trimmed
 
 MOVING_WEIGHT, MAX_RECUTS = 0.5, 5
-"""Weight of a stop's velocity factor below which the hand seems to move; how often candidates are cut to their slow
-parts."""
+"""Robust weight of zero velocity below which the hand seems to move; largest number of times that stops are revised."""
 
 SHORTEST_DIVIDED_S = 0.5
-"""Shortest candidate, s, that can hold both a rest and a move. A shorter one is a stop or none."""
+"""Shortest candidate, s, that can contain both a rest and a move. A shorter one is accepted or dropped as a whole."""
 
 SETTLED_S = 0.02
-"""Largest change of a stop's ends, s, after which the solution is final: no knot is nearer to them."""
+"""The solution is final if no end of a stop moved by this much, s: no knot is nearer to an end."""
 
 SLOW_SPEED = 0.02
-"""m/s: a doubted stop is cut where the estimate is faster, and faster than noise explains."""
+"""m/s: a doubted stop is cut where the estimated speed is larger, and larger than noise explains."""
 
 SET_OUT_SPEED = 2e-4
-"""m/s above the noise: a hand that is slower has not set out yet."""
+"""m/s above the noise: a slower hand has not set out yet."""
 
 
 def doubted_stops(problem: Problem, still: Array, candidates: Spans) -> NDArray[np.bool_]:
-    """Which candidates contain a knot that seems to move, and are long enough to contain a rest and a move, (c,)."""
+    """Which candidates (c,) contain a knot that seems to move, and are long enough for both a rest and a move."""
     knots, spans = problem.rows[(problem.stop_of >= 0) & (still < MOVING_WEIGHT)], np.array(candidates)
     first, end = np.searchsorted(knots, spans.T)
     start, last = problem.frame.t[spans - (0, 1)].T
@@ -43,18 +42,18 @@ def doubted_stops(problem: Problem, still: Array, candidates: Spans) -> NDArray[
 def revised_stops(
     problem: Problem, v: Array, solved: Solved, candidates: Spans, cut: NDArray[np.bool_], speed: Array
 ) -> tuple[Spans, Spans]:
-    """The stops by the estimated velocity, and where the hand is calm in each.
+    """The stops by the estimated velocity, and the calm part of each.
 
-    A doubted candidate is cut to its slow parts. Ends at which the hand moves are trimmed; where little is left the
-    hand only turned round.
+    A doubted candidate is cut to its slow parts. Ends at which the hand moves are trimmed. If less than a stop is left,
+    the hand only reversed its direction there.
 
     Args:
-        problem: with what was taken for stops.
-        v: (n, 3) m/s, the estimate.
-        solved: how sure it is.
-        candidates: what looks still.
+        problem: of the last iteration.
+        v: (n, 3) m/s, its estimate.
+        solved: its covariance.
+        candidates: spans that look still.
         cut: (c,) which of them were doubted.
-        speed: (n,) m/s, how fast a hand may be that stands still.
+        speed: (n,) m/s per axis, sigma of zero velocity.
     """
     t, fast = problem.frame.t, np.maximum(SLOW_SPEED, OUTLIER_SIGMAS * speed)
     if cut.any():
@@ -67,13 +66,13 @@ def revised_stops(
         whole = slice(*span)
         for part in slow_parts(t, span, lengths(v[whole]) < fast[whole]) if in_parts else [span]:
             inside = slice(*part)
-            # Sigma of the change of velocity from knot to knot, along each axis.
+            # Sigma per axis of the change of velocity from knot to knot.
             first, last = np.searchsorted(problem.rows, part)
             between = blurred[first : max(last - 1, first + 1)]
             blur = float(np.sqrt(between.sum() / max(len(between), 1)))
             creep = lengths(v[inside] - median(v[inside]))
             stop = trimmed(part, creep < OUTLIER_SIGMAS * (float(median(speed[inside])) + blur))
-            if not lasts(t, stop):
+            if not is_long_enough(t, stop):
                 continue
             stops.append(stop)
             creep = creep[stop[0] - part[0] : stop[1] - part[0]]
@@ -82,7 +81,7 @@ def revised_stops(
 
 
 def settled(t: Array, before: Spans, after: Spans) -> bool:
-    """Whether the stops have stayed the same, within SETTLED_S at their ends."""
+    """Whether the stops are the same, within SETTLED_S at their ends."""
     if len(before) != len(after):
         return False
     ends = t[np.array([before, after]) - (0, 1)]

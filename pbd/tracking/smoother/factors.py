@@ -1,4 +1,4 @@
-"""The factors of the smoother: residuals, weights and derivatives of measurements and priors.
+"""The smoother's factors: residuals, weights and Jacobians of measurements and priors.
 
 Rotations are perturbed on the left, in nav: E <- exp(theta) E.
 """
@@ -11,7 +11,7 @@ import numpy as np
 
 from pbd.pose import Array, lengths, matrix_log, quat_exp, quat_to_matrix, readonly, skew
 from pbd.tracking.moving_windows import squares
-from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_sigma_factor
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import (
     ACC_BIAS,
@@ -23,53 +23,58 @@ from pbd.tracking.smoother.normal_equations import (
     inverse_of_lower,
 )
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, POS, ROT, VEL
-from pbd.tracking.smoother.state import GRAVITY, PIVOT, SHARED, Local, Prior, State
+from pbd.tracking.smoother.state import GRAVITY, PIVOT, SHARED, Fixed, Prior, State
 
 LEAST_LEVEL_FIELD = 0.1
-"""Least horizontal share of a magnetic field that shows north: 6 degrees from a magnetic pole."""
+"""Smallest horizontal share of a magnetic field that can show north: within 6 degrees of vertical it can't."""
 
 GAUGE_WEIGHT = 1e10
-"""Weight of what is chosen, not measured: the origin, and without a compass the heading."""
+"""Weight that fixes what is chosen, not measured: the origin (1/m2), and without a compass the heading (1/rad2)."""
 
 
 def linearise(
-    problem: Problem, x: State, local: Local, whiten: Array, anneal: float = 1.0, legs: Array | None = None
+    problem: Problem, x: State, fixed: Fixed, whiten: Array, anneal: float = 1.0, legs: Array | None = None
 ) -> tuple[NormalEquations, Array]:
-    """Linearise all factors at a state; `whiten` the legs' noise, `anneal` widens what passes for standing still.
+    """Linearise all factors at a state.
 
-    `legs` is what `leg_jacobian` has of that state, if it is known.
+    Args:
+        whiten: of `whitener`.
+        anneal: factor on the sigmas of no motion at a stop.
+        legs: `leg_jacobian` at this state, if it is already known.
 
-    Returns the equations, and how much each knot's standing still counts, (m,) 0 to 1.
+    Returns:
+        The normal equations, and the robust weight of zero velocity at each knot, (m,) 0 to 1.
     """
     equations = NormalEquations.empty(len(problem.rows), SHARED)
-    _add_legs(equations, problem, x, local, whiten, legs)
-    still = _add_stops(equations, problem, x, local, anneal)
+    _add_legs(equations, problem, x, fixed, whiten, legs)
+    still = _add_stops(equations, problem, x, fixed, anneal)
     _add_hand(equations, problem, x)
     if problem.device:
         _add_device(equations, problem, x)
     elif problem.field is not None:
-        _add_compass(equations, problem, problem.field, x, local)
-    _add_priors(equations, problem, x, local)
+        _add_compass(equations, problem, problem.field, x, fixed)
+    _add_priors(equations, problem, x, fixed)
     return equations, still
 
 
 def sensor_errors(x: State) -> Array:
-    """The sensor's errors along each leg, (m - 1, ERRORS): columns of `Legs.J`."""
+    """The sensor's errors in each leg, (m - 1, ERRORS), in the order of the columns of `Legs.J`."""
     shared = np.broadcast_to(x.shared[: GRAVITY.start], (len(x.p) - 1, GRAVITY.start))
     return np.hstack((shared, x.gyr_bias[:-1], x.acc_bias[:-1]))
 
 
-def whitener(problem: Problem, local: Local) -> Array:
-    """What whitens the legs' noise, (m - 1, 9, 9): the inverse of a root of its covariance in the gyro frame."""
-    root = np.linalg.cholesky(np.tensordot(local.components[:3], problem.legs.parts, axes=1))
+def whitener(problem: Problem, fixed: Fixed) -> Array:
+    """Inverse Cholesky factor (m - 1, 9, 9) of each leg's noise covariance, in the gyro frame."""
+    root = np.linalg.cholesky(np.tensordot(fixed.components[:3], problem.legs.parts, axes=1))
     return inverse_of_lower(np.asarray(root, dtype=np.float64))
 
 
 def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
-    """Derivatives (m - 1, 9, 15 + 9 + SHARED) and, last, residuals of turn, velocity and way, in the gyro frame.
+    """Jacobians (m - 1, 9, 15 + 9 + SHARED) and, as last column, residuals of the legs, in the gyro frame.
 
-    With a = v' - v + g T and b = p' - p - v T + g T^2 / 2, upwards in nav, E at this knot and E' at the next:
-    r_turn = log(E^T E' exp(-J_r x)), r_velocity = E^T a - dU - J_v x, r_way = E^T b - dP - J_p x.
+    Rows: rotation, velocity, position. With a = v' - v + g T and b = p' - p - v T + g T^2 / 2 (g points up in nav), E
+    at the first knot, E' at the second: r_rotation = log(E^T E' exp(-J_r x)), r_velocity = E^T a - dU - J_v x,
+    r_position = E^T b - dP - J_p x.
     """
     legs, J = problem.legs, problem.legs.J[at]
     T, ET, g = legs.T[at, None], x.E[:-1][at].transpose(0, 2, 1), float(x.shared[GRAVITY][0])
@@ -92,30 +97,33 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
 
 
 def _add_legs(
-    equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array, legs: Array | None
+    equations: NormalEquations, problem: Problem, x: State, fixed: Fixed, whiten: Array, legs: Array | None
 ) -> None:
-    """The moves, and how the biases walk."""
+    """Motion from knot to knot, and the random walk of the biases."""
     for at in batches(len(whiten)):
         equations.add_legs(whiten[at] @ (leg_jacobian(problem, x, at) if legs is None else legs[at]), at.start)
     noise, T = problem.noise, problem.legs.T
     for block, values, walk, k in (
-        (GYR_BIAS, x.gyr_bias, noise.device.gyr_walk, local.components[3]),
-        (ACC_BIAS, x.acc_bias, noise.device.acc_walk, local.components[4]),
+        (GYR_BIAS, x.gyr_bias, noise.device.gyr_walk, fixed.components[3]),
+        (ACC_BIAS, x.acc_bias, noise.device.acc_walk, fixed.components[4]),
     ):
         equations.add_pairs(block, np.diff(values, axis=0), 1.0 / (k * walk**2 * T))
 
 
 def creep(problem: Problem, x: State) -> tuple[Array, Array]:
-    """Velocity (m, 3) beyond that of a turn about the pivot r, v - R (w x r), and its derivative by r (m, 3, 3)."""
+    """Velocity (m, 3) of the pivot r, v - R (w x r), and its derivative by r (m, 3, 3)."""
     swing = -(x.E @ problem.C @ skew(problem.rate))
     return x.v + swing @ x.shared[PIVOT], swing
 
 
-def _add_stops(equations: NormalEquations, problem: Problem, x: State, local: Local, anneal: float) -> Array:
-    """In a stop the pivot stands still, and from knot to knot nothing moves or turns. Returns the first's weights."""
-    noise, within, R = problem.noise, problem.within, x.E @ problem.C
-    # A hand that coasts is as fast, however much one that stands still trembles.
-    variance = local.components[5] * problem.still**2 + (anneal**2 - 1.0) * noise.still_speed**2
+def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fixed, anneal: float) -> Array:
+    """In a stop the pivot stands still, and from knot to knot nothing moves or turns.
+
+    Returns the robust weights (m,) of zero velocity.
+    """
+    noise, within, R = problem.noise, problem.same_stop, x.E @ problem.C
+    # Annealing adds a speed that does not depend on tremor: a coasting hand is as fast with or without it.
+    variance = fixed.components[5] * problem.still_sigma**2 + (anneal**2 - 1.0) * noise.still_speed**2
     v, swing = creep(problem, x)
     still = _robust(squares(v) / variance) * (problem.stop_of >= 0)
     equations.add_unary(VEL, v, still / variance)
@@ -133,25 +141,25 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, local: Lo
 
 
 def _add_hand(equations: NormalEquations, problem: Problem, x: State) -> None:
-    """Weak prior: a hand stays near where it began (Cauchy)."""
+    """Weak prior: the hand stays near where it began (Cauchy)."""
     reach = problem.noise.reach
-    near = problem.share / reach**2 / (1.0 + squares(x.p) / reach**2)
+    near = problem.duration / reach**2 / (1.0 + squares(x.p) / reach**2)
     equations.add_unary(POS, x.p, near)
 
 
-def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: State, local: Local) -> None:
-    """The field's level part points north, where the field is the earth's."""
+def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: State, fixed: Fixed) -> None:
+    """The field's horizontal part points north, with a weight that drops where the field is not the earth's."""
     h = np.einsum("kij,kj->ki", x.E, field)
-    east, jacobian, trust = compass_heading(h, local.strength, local.dip, problem.noise)
-    weight = trust * problem.share / problem.noise.compass**2
+    east, jacobian, trust = compass_heading(h, fixed.strength, fixed.dip, problem.noise)
+    weight = trust * problem.duration / problem.noise.compass**2
     equations.diagonal[:, ROT, ROT] += weight[:, None, None] * jacobian[:, :, None] * jacobian[:, None, :]
     equations.g[:, ROT] += (weight * east)[:, None] * jacobian
 
 
 def compass_heading(h: Array, strength: float, dip: float, noise: Noise) -> tuple[Array, Array, Array]:
-    """By how much fields h (k, 3) in nav point east of north, rad (k,); that by turn (k, 3); trust in each, 0 to 1.
+    """Angle of fields h (k, 3) in nav east of north, rad (k,); its derivative by rotation (k, 3); weight, 0 to 1 (k,).
 
-    `strength` and `dip` (rad) are those of the undisturbed field.
+    `strength` (unit of h) and `dip` (rad) are those of the undisturbed field.
     """
     level = np.maximum(np.hypot(h[:, 0], h[:, 1]), 1e-12)
     east = np.arctan2(h[:, 0], h[:, 1])
@@ -163,39 +171,39 @@ def compass_heading(h: Array, strength: float, dip: float, noise: Noise) -> tupl
 
 
 def _add_device(equations: NormalEquations, problem: Problem, x: State) -> None:
-    """The device's own attitude, with a sigma that grows with the rate, as it lags."""
+    """The device's own attitude. It lags, so its sigma grows with the rate."""
     noise = problem.noise
     rate = lengths(problem.frame.gyr[problem.rows])
     sigma = np.hypot(noise.device_turn, noise.device_lag * rate)
     equations.add_unary(ROT, matrix_log(x.E), 1.0 / sigma**2)
 
 
-def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: Local) -> None:
+def _add_priors(equations: NormalEquations, problem: Problem, x: State, fixed: Fixed) -> None:
     noise, device = problem.noise, problem.noise.device
     first = np.zeros(len(problem.rows))
     first[0] = 1.0
-    worse = acc_doubt(noise, problem.rest)
+    worse = acc_sigma_factor(noise, problem.rest)
     equations.add_unary(GYR_BIAS, x.gyr_bias, first / noise.gyr_bias**2)
     equations.add_unary(ACC_BIAS, x.acc_bias, first / (worse * device.acc_bias) ** 2)
     at = np.zeros(len(problem.rows))
-    at[local.origin] = GAUGE_WEIGHT
+    at[fixed.origin] = GAUGE_WEIGHT
     equations.add_unary(POS, x.p, at)
     if problem.field is None and not problem.device:
-        equations.diagonal[local.origin, 2, 2] += GAUGE_WEIGHT
-    equations.corner += shared_prior(problem, x, local.prior)
+        equations.diagonal[fixed.origin, 2, 2] += GAUGE_WEIGHT
+    equations.corner += shared_prior(problem, x, fixed.prior)
 
 
 def shared_prior(problem: Problem, x: State, prior: Prior) -> Array:
-    """Information and gradient (SHARED, SHARED + 1) of what is known before of the sensor-wide errors."""
+    """Information and, as last column, gradient (SHARED, SHARED + 1) of the prior of the shared unknowns."""
     noise, mean = problem.noise, np.zeros(SHARED)
     mean[LAG], mean[GRAVITY] = prior.lag, noise.gravity
-    information = _information(noise, acc_doubt(noise, problem.rest), prior)
+    information = _information(noise, acc_sigma_factor(noise, problem.rest), prior)
     return np.column_stack((information, information @ (x.shared - mean)))
 
 
 @lru_cache(4)
 def _information(noise: Noise, worse: float, prior: Prior) -> Array:
-    """Information (SHARED, SHARED) of the sensor-wide errors. `worse` multiplies the accelerometer's sigmas."""
+    """Information (SHARED, SHARED) of that prior. `worse` multiplies the accelerometer's sigmas."""
     covariance = np.zeros((SHARED, SHARED))
     i = np.arange(SHARED)
     covariance[i[LAG], i[LAG]] = prior.lag_sigma**2
@@ -209,5 +217,5 @@ def _information(noise: Noise, worse: float, prior: Prior) -> Array:
 
 
 def _robust(squares: Array) -> Array:
-    """Geman-McClure's weight of residuals, by their squares in sigmas."""
+    """Geman-McClure weights of residuals, given their squared lengths in sigmas."""
     return 1.0 / (1.0 + squares / OUTLIER_SIGMAS**2) ** 2

@@ -13,47 +13,48 @@ from pbd.pose import Array, lengths
 from pbd.tracking.smoother.factors import creep, linearise, whitener
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
-from pbd.tracking.smoother.state import Local, State
+from pbd.tracking.smoother.state import Fixed, State
 
 ANNEALING = (40.0, 10.0, 3.0)
-"""Factors on the velocity sigma of a stop, coming down to 1; from an earlier solution the last one does."""
+"""Factors on a stop's velocity sigma, before the last factor of 1. From an earlier solution only the last is used."""
 
 UNDOUBTED_SIGMAS = 2.0
-"""A step of the annealing is skipped if no stop's velocity exceeds so many of the next step's sigmas."""
+"""An annealing step is skipped if no knot in a stop is faster than this many sigmas of the next step."""
 
 CONVERGED_RAD, MAX_ITERATIONS = 3e-4, 12
-"""Largest rotation of the last step, rad; limit of iterations."""
+"""Iteration ends when a step rotates no knot by more than CONVERGED_RAD (rad per axis), or after MAX_ITERATIONS."""
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """A linearisation at a state, how much each knot's standing still counts (m,), and the step from there."""
+    """A linearisation at a state, the robust weight (m,) of zero velocity at each knot, and the step from there."""
 
     at: State
-    still: Array
+    still_weight: Array
     solved: Solved
 
     @cached_property
     def x(self) -> State:
-        """The state a step further."""
+        """The state after the step."""
         return self.at.moved(self.solved)
 
 
-def descend(problem: Problem, x: State, local: Local, anneal: Sequence[float] = ()) -> Descent:
-    """Gauss-Newton, all factors linearised anew each time, until a step turns nothing by more than CONVERGED_RAD.
+def descend(problem: Problem, x: State, fixed: Fixed, anneal: Sequence[float] = ()) -> Descent:
+    """Gauss-Newton to convergence; every step linearises all factors anew.
 
-    Annealing begins where no stop is in doubt. More than one factor is for a hand that does not move yet: none is
-    doubted then, so that the first factor comes before all others.
+    Args:
+        anneal: decreasing factors on the stops' velocity sigma. With several, `x` is a guess that stands still, which
+            can't show which factors may be skipped: the first is always used.
     """
-    whiten, still = whitener(problem, local), problem.stop_of >= 0
+    whiten, still = whitener(problem, fixed), problem.stop_of >= 0
 
     def step(x: State, anneal: float) -> Descent:
-        equations, weights = linearise(problem, x, local, whiten, anneal)
+        equations, weights = linearise(problem, x, fixed, whiten, anneal)
         return Descent(x, weights, equations.solve())
 
     if len(anneal) > 1:
         x = step(x, anneal[0]).x
-    off = float((lengths(creep(problem, x)[0][still]) / problem.still[still]).max())
+    off = float((lengths(creep(problem, x)[0][still]) / problem.still_sigma[still]).max())
     for factor, closer in pairwise((*anneal, 1.0)):
         if off > UNDOUBTED_SIGMAS * closer:
             x = step(x, factor).x

@@ -1,7 +1,4 @@
-"""Normal equations of a chain of knots with a border of shared unknowns: block tridiagonal, and an arrow.
-
-Unknowns of a knot are STATE numbers; the shared ones are common to all knots.
-"""
+"""Normal equations of a chain of knots and of unknowns shared by all: block tridiagonal with a border (an arrow)."""
 
 from __future__ import annotations
 
@@ -19,27 +16,28 @@ STATE = ACC_BIAS.stop
 """A knot's unknowns: rotation vector in nav (rad), velocity, position, biases."""
 
 NEXT_STATE = GYR_BIAS.start
-"""Unknowns of the next knot that a leg depends on: all but the biases, which only tie to this knot's, axis by axis."""
+"""Number of unknowns of its second knot on which a leg's motion depends: all but the biases, whose random walk is a
+factor of its own."""
 
 BAND = STATE + NEXT_STATE
-"""Width of the band: a knot's unknowns and those of the next knot that a leg depends on."""
+"""Width of the band: the unknowns of a leg's first knot, and NEXT_STATE of its second."""
 
 KNOTS_AT_ONCE = 64
-"""Number of knots, or of legs with all their samples, per batch; the working set fits a processor's cache."""
+"""Number of knots or legs per batch. With all their samples they fit into a processor's cache."""
 
 DIAGONAL_FLOOR = 1e-12
-"""Added to the scaled diagonal against rounding."""
+"""Added to the scaled diagonal, so that rounding does not make it indefinite."""
 
 
 @dataclass(eq=False)
 class NormalEquations:
-    """Half the Hessian and the gradient of a sum of squares; factors add to them.
+    """Gauss-Newton Hessian A^T W A and gradient A^T W r, to which factors are added.
 
     Attributes:
-        diagonal: (m, 15, 15) of each knot.
-        below: (m - 1, 15, 15), rows of the next knot and columns of this one.
-        border: (m, 15, s + 1), knots by shared unknowns; in the last column the gradient.
-        corner: (s, s + 1), the same of the shared unknowns.
+        diagonal: (m, 15, 15), the block of each knot.
+        below: (m - 1, 15, 15), rows of the next knot, columns of this one.
+        border: (m, 15, s + 1), rows of each knot, columns of the shared unknowns; the last column is the gradient.
+        corner: (s, s + 1), the shared unknowns' own block and gradient.
     """
 
     diagonal: Array
@@ -49,7 +47,7 @@ class NormalEquations:
 
     @classmethod
     def empty(cls, knots: int, shared: int) -> NormalEquations:
-        """No factor yet."""
+        """Without any factor."""
         return cls(
             np.zeros((knots, STATE, STATE)),
             np.zeros((knots - 1, STATE, STATE)),
@@ -59,22 +57,22 @@ class NormalEquations:
 
     @property
     def g(self) -> Array:
-        """Gradient (m, 15) by the knots."""
+        """Gradient (m, 15) with respect to the knots' unknowns."""
         return self.border[:, :, -1]
 
     @property
     def g_shared(self) -> Array:
-        """Gradient (s,) by the shared unknowns."""
+        """Gradient (s,) with respect to the shared unknowns."""
         return self.corner[:, -1]
 
     def add_unary(self, block: slice, residual: Array, weight: Array) -> None:
-        """A factor on each knot: (m, 3) residuals of a block of its state, (m,) weights."""
+        """Add a factor on each knot: residuals (m, 3) of a block of its unknowns, weights (m,)."""
         i = np.arange(block.start, block.stop)
         self.diagonal[:, i, i] += weight[:, None]
         self.g[:, block] += weight[:, None] * residual
 
     def add_pairs(self, block: slice, residual: Array, weight: Array) -> None:
-        """A factor on each two neighbours: (m - 1, 3) residuals, next less this, (m - 1,) weights."""
+        """Add a factor on each pair of neighbours: residuals (m - 1, 3), next minus this, weights (m - 1,)."""
         i = np.arange(block.start, block.stop)
         weighted = weight[:, None] * residual
         self.diagonal[:-1, i, i] += weight[:, None]
@@ -86,14 +84,14 @@ class NormalEquations:
     def add_shared(
         self, block: slice, columns: slice, at: slice, jacobian: Array, residual: Array, weight: Array
     ) -> None:
-        """What a factor on the knots `at` adds by shared unknowns: its Jacobian by them is (., 3, c)."""
+        """Add the shared unknowns' part of a factor on the knots `at`; its Jacobian (., 3, c) is by them."""
         weighted = weight[:, None, None] * jacobian
         self.border[at, block, columns] += weighted
         self.corner[columns, columns] += np.tensordot(weighted, jacobian, axes=((0, 1), (0, 1)))
         self.g_shared[columns] += np.tensordot(weighted, residual, axes=((0, 1), (0, 1)))
 
     def add_legs(self, jacobian: Array, at: int = 0) -> None:
-        """A factor from each knot, from the one `at`, to the next: (., r, 15 + 9 + s + 1) whitened, residual last."""
+        """Add legs that begin at the knots from `at` on: whitened Jacobian, residual last, (., r, 15 + 9 + s + 1)."""
         this, after, shared = jacobian[:, :, :STATE], jacobian[:, :, STATE:BAND], jacobian[:, :, BAND:]
         end = at + len(jacobian)
         self.corner += np.tensordot(shared[:, :, :-1], shared, axes=((0, 1), (0, 1)))
@@ -106,14 +104,14 @@ class NormalEquations:
         self.below[at:end, :NEXT_STATE] += own @ this
 
     def solve(self) -> Solved:
-        """Factorise."""
+        """Factorise by banded Cholesky, with the shared unknowns by their Schur complement."""
         m = len(self.diagonal)
-        # Jacobi scaling: rotations and metres differ by six orders of magnitude.
+        # Jacobi scaling: entries of rotations and of positions differ by six orders of magnitude.
         scale = 1.0 / np.sqrt(np.diagonal(self.diagonal, axis1=1, axis2=2))
         band = np.empty((m * STATE, BAND))
         for knots in batches(m):
             own, after = scale[knots], scale[knots.start + 1 : knots.stop + 1]
-            # Column by column what lies below the diagonal: in rows one longer each column begins one later.
+            # LAPACK wants each column from its diagonal on. Rows longer by one shift each column by one.
             rows = np.zeros((len(own), STATE * (BAND + STATE)))
             columns = rows[:, :-STATE].reshape(len(own), STATE, -1)
             np.multiply(self.diagonal[knots], own[:, :, None] * own[:, None, :], out=columns[:, :, :STATE])
@@ -124,7 +122,7 @@ class NormalEquations:
         cholesky, info = lapack().dpbtrf(band.T, lower=1, overwrite_ab=1)
         if info > 0:
             raise np.linalg.LinAlgError("the normal equations are not positive definite")
-        # Half the way down: L^-1 of border and gradient.
+        # Forward substitution: L^-1 times border and gradient.
         half = np.empty((m * STATE, self.border.shape[2]), order="F")
         for knots in batches(m):
             at, right = _rows(knots), (self.border[knots] * scale[knots, :, None]).reshape(-1, half.shape[1])
@@ -137,15 +135,15 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """The step; the covariance is computed where it is read.
+    """The solution of normal equations: a step, and the covariance, which is computed when it is read.
 
     Attributes:
-        d_shared: (s,), the step to the minimum of the shared unknowns.
-        cholesky: (BAND, m * 15), of the chain's Hessian scaled to a unit diagonal, banded.
-        scale: (m, 15).
-        half: (m * 15, s + 1), the inverse of that factor times the border, and times the gradient.
+        d_shared: (s,), step of the shared unknowns.
+        cholesky: (BAND, m * 15), banded Cholesky factor L of the chain's Hessian, scaled to a unit diagonal.
+        scale: (m, 15), that scaling.
+        half: (m * 15, s + 1), L^-1 times the scaled border and gradient.
         product: (s + 1, s + 1), half^T half.
-        corner: (s, s + 1) of the normal equations.
+        corner: (s, s + 1), of the normal equations.
         shared: (s, s), covariance of the shared unknowns.
     """
 
@@ -159,24 +157,24 @@ class Solved:
 
     @classmethod
     def at_corner(cls, cholesky: Array, scale: Array, half: Array, product: Array, corner: Array) -> Solved:
-        """With what is shared known so well."""
+        """Solve for the shared unknowns, given their own block and gradient."""
         schur = corner - product[:-1]
         shared: Array = np.asarray(np.linalg.inv(schur[:, :-1]), dtype=np.float64)
         return cls(-shared @ schur[:, -1], cholesky, scale, half, product, corner, shared)
 
     @cached_property
     def d(self) -> Array:
-        """The step (m, 15) to the minimum."""
+        """Step (m, 15) of the knots' unknowns."""
         d, _ = lapack().dtbtrs(self.cholesky, -self.half @ np.append(self.d_shared, 1.0), uplo="L", trans="T")
         step: Array = d.reshape(self.scale.shape) * self.scale
         return step
 
     def plus(self, corner: Array) -> Solved:
-        """The same with more (s, s + 1) known of what is shared: information and gradient."""
+        """The same with more information and gradient (s, s + 1) on the shared unknowns."""
         return Solved.at_corner(self.cholesky, self.scale, self.half, self.product, self.corner + corner)
 
     def columns(self, right: Array) -> Array:
-        """Covariance of all knots' unknowns times columns: (m, 15, k) -> (m, 15, k)."""
+        """The joint covariance of all knots times columns: (m, 15, k) -> (m, 15, k)."""
         m, _, k = right.shape
         scaled = (right * self.scale[:, :, None]).reshape(m * STATE, k)
         own = lapack().dpbtrs(self.cholesky, scaled, lower=1)[0].reshape(m, STATE, k)
@@ -186,7 +184,7 @@ class Solved:
 
     @cached_property
     def _factor(self) -> tuple[Array, Array]:
-        """With L's blocks D on the diagonal and B below: D^-1 (m, 15, 15), and B D^-1 (m - 1, 15, 15)."""
+        """D^-1 (m, 15, 15) and B D^-1 (m - 1, 15, 15), with L's diagonal blocks D and the blocks B below them."""
         root, gain = np.empty((2, len(self.scale), STATE, STATE))
         for knots in batches(len(root)):
             D, B = _blocks(self.cholesky[:, _rows(knots)])
@@ -196,7 +194,7 @@ class Solved:
 
     @cached_property
     def by_shared(self) -> Array:
-        """How the knots go with the shared unknowns, less its sign, (m, 15, s): L^T by = half, from the last back."""
+        """Minus the derivative (m, 15, s) of the knots' estimate by the shared unknowns, by back substitution."""
         root, gain = self._factor
         by_shared: Array = root.transpose(0, 2, 1) @ self.half[:, :-1].reshape(len(root), STATE, -1)
         for here, after, G in zip(by_shared[-2::-1], by_shared[:0:-1], gain[::-1], strict=True):
@@ -206,9 +204,9 @@ class Solved:
 
     @cached_property
     def selected(self) -> tuple[Array, Array]:
-        """Blocks of the chain's own inverse: of each knot (m, 15, 15), of the next by this (m - 1, 15, 15).
+        """Blocks of the chain's inverse Hessian: diagonal (m, 15, 15), and below the diagonal (m - 1, 15, 15).
 
-        With G = B D^-1: S = (D D^T)^-1 + G^T S' G from the last back.
+        With G = B D^-1, and S' the next knot's block: S = (D D^T)^-1 + G^T S' G, from the last knot back.
         """
         root, gain = self._factor
         self.__dict__.pop("_factor")  # of a long recording it is large
@@ -222,26 +220,28 @@ class Solved:
         return inverse, lower
 
     def forget(self) -> None:
-        """Free the covariance. It is computed again when it is read."""
+        """Free the memory of the covariance. It is computed again when it is read."""
         for name in ("_factor", "selected", "by_shared"):
             self.__dict__.pop(name, None)
 
     def of_knots(self, block: slice = slice(None)) -> Array:
-        """Covariance of a block of each knot's unknowns, (m, k, k)."""
+        """Covariance (m, k, k) of a block of each knot's unknowns."""
         by = self.by_shared[:, block]
         covariance: Array = self.selected[0][:, block, block] + by @ self.shared @ by.transpose(0, 2, 1)
         return covariance
 
     def of_changes(self, block: slice) -> Array:
-        """Covariance (m - 1, k, k) of how a block of unknowns changes from each knot to the next."""
+        """Covariance (m - 1, k, k) of the change of a block of unknowns from each knot to the next."""
         own, lower = self.selected
         by, cross = np.diff(self.by_shared[:, block], axis=0), lower[:, block, block]
         covariance: Array = own[1:, block, block] + own[:-1, block, block] - cross - cross.transpose(0, 2, 1)
         return covariance + by @ self.shared @ by.transpose(0, 2, 1)
 
     def of_legs(self, jacobian: Array, at: int = 0) -> Array:
-        """Covariance (., r, r) of what depends on two neighbours, the first of them the knot `at`, and on what is
-        shared: (., r, 15 + 9 + s)."""
+        """Covariance (., r, r) of what depends on a leg's two knots and on the shared unknowns, from the knot `at` on.
+
+        Its Jacobian is (., r, 15 + 9 + s).
+        """
         by_shared, (own, lower) = self.by_shared, self.selected
         end = at + len(jacobian)
         this, after = jacobian[:, :, :STATE], jacobian[:, :, STATE:BAND]
@@ -254,17 +254,17 @@ class Solved:
 
 
 def batches(n: int) -> Iterator[slice]:
-    """Yield which of n knots or legs are in each batch."""
+    """Slices that cut n knots or legs into batches."""
     return (slice(first, first + KNOTS_AT_ONCE) for first in range(0, n, KNOTS_AT_ONCE))
 
 
 def _rows(knots: slice) -> slice:
-    """Of all unknowns those of some knots."""
+    """Rows of the unknowns of some knots."""
     return slice(knots.start * STATE, knots.stop * STATE)
 
 
 def _blocks(cholesky: Array) -> tuple[Array, Array]:
-    """What L (BAND, m * 15) has on its diagonal and below, (m, 15, 15) each."""
+    """Blocks of L (BAND, m * 15) on and below the diagonal, (m, 15, 15) each."""
     m = cholesky.shape[1] // STATE
     rows = np.zeros((m, STATE * (BAND + STATE)))
     rows.reshape(m, STATE, -1)[:, :, :BAND] = cholesky.T.reshape(m, STATE, BAND)
@@ -273,7 +273,7 @@ def _blocks(cholesky: Array) -> tuple[Array, Array]:
 
 
 def inverse_of_lower(matrices: Array) -> Array:
-    """Inverse of lower triangular matrices (m, k, k), row by row of all of them at once."""
+    """Inverse of lower triangular matrices (m, k, k), row by row for all at once."""
     inverse = np.zeros(matrices.shape)
     for row in range(matrices.shape[1]):
         inverse[:, row, :row] = -(matrices[:, row, None, :row] @ inverse[:, :row, :row])[:, 0]

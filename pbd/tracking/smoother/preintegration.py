@@ -1,9 +1,10 @@
-"""Integrate a recording once, in a frame that the gyro alone holds. The smoother then needs no samples.
+"""Integrate a recording once, in the gyro frame. After that the smoother needs no samples.
 
-The attitude is R(t) = E(t) C(t). C (gyro frame <- sensor) is what the gyro's samples alone make of it. E (nav <- gyro
-frame) drifts slowly and is what the smoother estimates. From one knot to the next, with E as at the first, the hand
-turns by exp(J_r x), gains the velocity dU + J_v x and goes by dP + J_p x: linear in the sensor's errors x, as these are
-small. So each leg is one Gaussian factor. Gravity stays in: `factors.leg_jacobian` and `path.path_of` remove it.
+The attitude is R(t) = E(t) C(t). C (gyro frame <- sensor) integrates the gyro's samples alone. E (nav <- gyro frame)
+drifts slowly; the smoother estimates it. Over a leg, from one knot to the next, E turns by exp(J_r x), the velocity
+changes by dU + J_v x and the position by dP + J_p x, in the gyro frame as at the first knot. This is linear in the
+sensor's errors x, because they are small. So each leg is one Gaussian factor. dU and dP include gravity, which
+`factors.leg_jacobian` and `path.path_of` remove.
 
 Source: C. Forster, L. Carlone, F. Dellaert, D. Scaramuzza, On-manifold preintegration, T-RO 33 (2017). Here all legs
 share one gyro frame, and the errors are bias, scale, misalignment and lag.
@@ -24,36 +25,37 @@ from pbd.tracking.moving_windows import cumulative
 Rows = NDArray[np.intp]
 
 BLOCK_S = 0.04
-"""s: the sensor's errors act on a leg through means over blocks of this length, a tenth of a hand's fastest move."""
+"""s: the Jacobians by the sensor's errors use means over blocks of this length, a tenth of a hand's fastest move."""
 
 LAG, GYR_MATRIX, ACC_MATRIX = slice(0, 1), slice(1, 10), slice(10, 16)
 GYR_BIAS, ACC_BIAS = slice(16, 19), slice(19, 22)
 ERRORS = ACC_BIAS.stop
-"""Columns x of a leg: lag; w_true = (1 - M) w; f_true = (1 - N) f, N lower; biases of gyro and accelerometer."""
+"""The sensor's errors x: lag; M with w_true = (1 - M) w; lower triangular N with f_true = (1 - N) f; both biases."""
 
 OF_GYR, OF_ACC = np.r_[GYR_BIAS, GYR_MATRIX], np.r_[ACC_BIAS, ACC_MATRIX]
-"""Those of each sensor."""
+"""The errors of each sensor alone."""
 
 LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
-"""Entries of N: lower triangular, as the accelerometer's axes define the sensor's."""
+"""Entries of N. It is lower triangular, because the accelerometer's axes define the sensor's."""
 
 ROUNDING_SIGMAS = (1e-6, 3e-5, 1e-4)
-"""rad, m/s, m: rounding error of a leg."""
+"""rad, m/s, m per axis: rounding error of a leg. Without it covariances may become indefinite."""
 
 ROT, VEL, POS = slice(0, 3), slice(3, 6), slice(6, 9)
-"""Of a leg and of a knot: rotation vector (rad), velocity, position."""
+"""Rows of a leg and unknowns of a knot: rotation vector (rad), velocity, position."""
 
 
 @dataclass(frozen=True, eq=False)
 class GyroFrame:
-    """A recording in the gyro's own frame, at each row.
+    """A recording in the gyro frame, at each row.
 
     Attributes:
         t: (n,) s.
-        gyr: (n, 3) rad/s, in sensor axes, without the rest's mean.
+        gyr: (n, 3) rad/s, in sensor axes, without the first rest's mean.
         acc: (n, 3) m/s2, in sensor axes.
-        wxyz: (n, 4), gyro frame <- sensor; the first is one.
-        u: (n, 3) m/s2, specific force; U, UU: its integral and that one's, from the first row.
+        wxyz: (n, 4), gyro frame <- sensor; the first is the identity, or the device's own attitude.
+        u: (n, 3) m/s2, specific force.
+        U, UU: (n, 3) m/s and m, the integral and the double integral of u from the first row.
     """
 
     t: Array
@@ -71,10 +73,10 @@ class GyroFrame:
 
 
 def gyro_frame(t: Array, gyr: Array, acc: Array, interval: float, wxyz: Array | None = None) -> GyroFrame:
-    """Integrate samples that are means over their intervals; `wxyz` where attitude is known otherwise.
+    """Integrate samples that are means over their intervals. If given, `wxyz` (n, 4) replaces the gyro's attitude.
 
-    The mean of what turns meanwhile is not its mean in sensor axes, turned as in the middle (sculling): to the second
-    order a mean is off by a 24th of the second difference.
+    While the sensor turns, mean specific force is not the mean in sensor axes rotated by the attitude at the interval's
+    middle (sculling). To second order, a mean exceeds the middle's value by a 24th of the second difference.
     """
     if wxyz is None:
         turns = turns_between_middles(t, gyr, interval)
@@ -87,16 +89,15 @@ def gyro_frame(t: Array, gyr: Array, acc: Array, interval: float, wxyz: Array | 
 
 
 def turns_between_middles(t: Array, gyr: Array, interval: float) -> Array:
-    """Rotation vectors (n, 3) rad from the middle of each sample's predecessor to its own.
+    """Rotation vectors (n, 3) rad from the middle of the interval before each sample's own to the middle of its own.
 
-    The samples are means, so their sums are exact at the intervals' edges; between four edges the angle is a cubic. The
-    turning of the axis of rotation meanwhile (coning) adds a twelfth of the cross product, for a rate that changes
-    linearly.
+    The samples are means, so their sums are exact at the intervals' edges; through four edges the angle is a cubic. The
+    axis turns meanwhile (coning). For a rate that changes linearly this adds a twelfth of the cross product.
 
     Source: P. Savage, Strapdown inertial navigation integration algorithm design, part 1, JGCD 21 (1998).
     """
     dt = np.diff(t, prepend=t[0] - interval)[:, None]
-    # Outside the recording the hand turns as at its ends.
+    # Beyond its ends the recording is continued with the first and the last rate.
     padded = np.vstack((gyr[:1], gyr[:1], gyr, gyr[-1:]))
     earlier, before, own, later = padded[:-3], padded[1:-2], padded[2:-1], padded[3:]
     turns: Array = dt * (9.0 * (before + own) - earlier - later) / 16.0 + dt**2 / 12.0 * np.cross(before, own)
@@ -104,10 +105,10 @@ def turns_between_middles(t: Array, gyr: Array, interval: float) -> Array:
 
 
 def integral_of_means(t: Array, means: Array) -> Array:
-    """Integral from the first sample's middle to each one's, of samples that are means over their intervals: (n, 3).
+    """Integral (n, 3) from the middle of the first sample to that of each, of samples that are means over intervals.
 
-    Sums of means are exact at the intervals' edges; between four edges the integral is taken for a cubic, to its
-    middle. Beyond both ends the first and the last mean go on.
+    Sums of means are exact at the intervals' edges; through four edges the integral is a cubic. Beyond both ends the
+    first and the last mean are continued.
     """
     dt = np.diff(t)[:, None]
     padded = np.vstack((means[:1], means, means[-1:]))
@@ -115,19 +116,19 @@ def integral_of_means(t: Array, means: Array) -> Array:
 
 
 def integral_of_values(t: Array, values: Array, slopes: Array) -> Array:
-    """Integral from the first instant to each, of values (n, 3) whose derivatives are known: Hermite's cubic."""
+    """Integral (n, 3) from the first time to each, of values (n, 3) with known slopes (n, 3): Hermite cubics."""
     dt = np.diff(t)[:, None]
     return cumulative(0.5 * dt * (values[1:] + values[:-1]) - dt**2 / 12.0 * np.diff(slopes, axis=0))
 
 
 @dataclass(frozen=True, eq=False)
 class Impulse:
-    """What may have been lost around one row: a sudden change of angle or velocity in sensor axes, of unknown size.
+    """Motion lost at one row: a sudden change of angle or velocity of unknown size, in sensor axes.
 
     Attributes:
         row: where.
-        gyr: (3,) rad, one sigma times its axis; or zero.
-        acc: (3,) m/s, the same.
+        gyr: (3,) rad, one sigma along the axis of the turn, or zero.
+        acc: (3,) m/s, one sigma along the change of velocity, or zero.
     """
 
     row: int
@@ -137,15 +138,15 @@ class Impulse:
 
 @dataclass(frozen=True, eq=False)
 class Legs:
-    """From each knot to the next, in the gyro frame.
+    """Preintegrated motion from each knot to the next, in the gyro frame.
 
     Attributes:
         rows: (m + 1,) the knots' rows.
-        T: (m,) s.
-        U: (m + 1, 3) m/s, velocity at the knots.
-        dU: (m, 3) m/s, dP: (m, 3) m: velocity gained, way gone from standing.
-        J: (m, 9, ERRORS), of turn, velocity and way, by the sensor's errors.
-        parts: (3, m, 9, 9), covariance of turn, velocity and way, which add up: white noise, turning, motion.
+        T: (m,) s, duration.
+        U: (m + 1, 3) m/s, integral of specific force up to each knot.
+        dU, dP: (m, 3) m/s and m, change of velocity, and displacement if the leg begins at rest.
+        J: (m, 9, ERRORS), Jacobian of rotation, velocity and position by the sensor's errors.
+        parts: (3, m, 9, 9), covariances that add up: from white noise, turning, motion.
     """
 
     rows: Rows
@@ -167,11 +168,11 @@ def preintegrate(
     """Integrate from knot to knot.
 
     Args:
-        frame: of the recording.
-        rows: (m + 1,) increasing.
-        U: (m + 1, 3) m/s, the knots' own velocity in the gyro frame; by default frame.U there.
+        frame: the recording in the gyro frame.
+        rows: (m + 1,) rows of the knots, increasing.
         density: (3, n) rad2/s and (3, n) m2/s3, the parts of the noise at each row.
-        impulses: of unknown size.
+        impulses: motion lost at some rows.
+        U: (m + 1, 3) m/s, integral of specific force up to each knot; by default frame.U there.
     """
     t = frame.t
     step = max(1, round(BLOCK_S / frame.dt))
@@ -186,23 +187,23 @@ def preintegrate(
         return np.add.reduceat(blocks, starts, axis=0)
 
     def integrals(values: Array) -> Array:
-        """Over each block, of values (n, ...) that change linearly."""
+        """Trapezoidal integral of values (n, ...) over each block."""
         dt = np.diff(t).reshape(-1, *(1,) * (values.ndim - 1))
         return np.add.reduceat(0.5 * dt * (values[1:] + values[:-1]), edges[:-1])
 
-    # Of each block: velocity gained; and the way that it makes until the leg's end.
+    # Of each block: its change of velocity, and the displacement at the leg's end that it causes.
     at_knots, velocity = frame.U[rows] if U is None else U, frame.U[edges]
     velocity[first] = at_knots
     dU = np.diff(velocity, axis=0)
     dP = np.diff(frame.UU[edges], axis=0) - velocity[:-1] * h[:, None] + dU * togo
     C = quat_to_matrix(frame.wxyz[(edges[:-1] + edges[1:]) // 2])
 
-    lasts = np.maximum(h, np.finfo(float).tiny)[:, None]  # samples that came at one instant make an empty block
+    lasts = np.maximum(h, np.finfo(float).tiny)[:, None]  # samples with equal time stamps make an empty block
     rate, force = integrals(frame.gyr) / lasts, integrals(frame.acc) / lasts
     by_gyr, by_acc = of_blocks_by_errors(C, rate, force, h)
     by_lag = C @ integrals(np.cross(frame.gyr, frame.acc))[:, :, None]
     turned = np.cumsum(by_gyr, axis=0) - 0.5 * by_gyr  # at the block's middle
-    turned -= (turned[starts] - 0.5 * by_gyr[starts])[leg]  # since the leg's beginning
+    turned -= (turned[starts] - 0.5 * by_gyr[starts])[leg]  # since the leg's start
     swung = skew(-dU) @ turned
     J = np.zeros((len(T), 9, ERRORS))
     J[:, ROT, OF_GYR] = per_leg(by_gyr)
@@ -227,12 +228,12 @@ def preintegrate(
 
 
 def of_blocks_by_errors(C: Array, rate: Array, force: Array, h: Array) -> tuple[Array, Array]:
-    """Turns of blocks by the gyro's errors (k, 3, 12), velocities by the accelerometer's (k, 3, 9).
+    """Jacobians of k blocks: rotation by the gyro's errors (k, 3, 12), velocity by the accelerometer's (k, 3, 9).
 
     Args:
         C: (k, 3, 3), gyro frame <- sensor.
-        rate: (k, 3) rad/s, and force (k, 3) m/s2: means in sensor axes.
-        h: (k,) s.
+        rate, force: (k, 3) rad/s and (k, 3) m/s2, means in sensor axes.
+        h: (k,) s, duration.
     """
     i, j = np.transpose(LOWER)
     by_gyr = np.concatenate((C, (C[:, :, :, None] * rate[:, None, None, :]).reshape(-1, 3, 9)), axis=2)
@@ -241,12 +242,19 @@ def of_blocks_by_errors(C: Array, rate: Array, force: Array, h: Array) -> tuple[
 
 
 def block_noise(force: Array, gyr: Array, acc: Array, togo: Array, h: Array, starts: Rows) -> Array:
-    """Covariance (m, 9, 9) that white noise leaves at a leg's end.
+    """Covariance (m, 9, 9) of white noise at the end of m legs.
 
-    A turn e at a time s before the end turns the specific force that comes after it: velocity -S e s, way -S e s^2 / 2,
-    with S = [mean specific force]x.
+    A rotation error e at a time s before the end also rotates the specific force after it. This adds the velocity -S e
+    s and the position -S e s^2 / 2, with S = [mean specific force]x.
+
+    Args:
+        force: (m, 3) m/s2, mean specific force of each leg.
+        gyr, acc: (b,) rad2 and m2/s2, variance of each block.
+        togo: (b,) s, from each block's middle to the end of its leg.
+        h: (b,) s, duration of each block.
+        starts: (m,) first block of each leg.
     """
-    moments = [  # means over each block: with less than these the covariance is not positive definite
+    moments = [  # exact means over each block: with values at its middle the covariance may be indefinite
         np.ones_like(togo),
         togo,
         togo**2 + h**2 / 12.0,
@@ -269,7 +277,7 @@ def block_noise(force: Array, gyr: Array, acc: Array, togo: Array, h: Array, sta
 
 
 def _add_impulses(Q: Array, frame: GyroFrame, rows: Rows, impulses: Sequence[Impulse]) -> None:
-    """Marginalise what was lost at some rows: each adds the outer product of its effect at its leg's end."""
+    """Marginalise impulses: each adds the outer product of its effect at the end of its leg."""
     if not impulses:
         return
     at = np.array([impulse.row for impulse in impulses])

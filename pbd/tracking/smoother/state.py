@@ -1,4 +1,4 @@
-"""What the smoother estimates, and what each linearisation starts from."""
+"""The smoother's state, its priors, and what the iterations hold fixed."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from pbd.tracking.smoother.preintegration import LOWER, POS, ROT, VEL
 
 GRAVITY, PIVOT = slice(16, 17), slice(17, 20)
 SHARED = PIVOT.stop
-"""Shared unknowns: lag (s), the matrices of gyro (M) and accelerometer (N) as a leg's columns have them; gravity
-(m/s2), the pivot (m)."""
+"""Shared unknowns: lag (s) and the matrices M of the gyro and N of the accelerometer, in the order of `Legs.J`; then
+gravity (m/s2) and the lever from the pivot to the sensor (m, in sensor axes)."""
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """An estimate at all knots.
+    """An estimate at all m knots.
 
     Attributes:
         E: (m, 3, 3), nav <- gyro frame.
-        v, p: (m, 3) m/s, m, in nav.
-        gyr_bias, acc_bias: (m, 3) rad/s, m/s2, in sensor axes.
-        shared: (SHARED,).
+        v, p: (m, 3) m/s and m, in nav.
+        gyr_bias, acc_bias: (m, 3) rad/s and m/s2, in sensor axes.
+        shared: (SHARED,) unknowns common to all knots.
     """
 
     E: Array
@@ -35,7 +35,7 @@ class State:
     shared: Array
 
     def moved(self, step: Solved) -> State:
-        """The state a step further."""
+        """The state after a Gauss-Newton step."""
         d = step.d
         return State(
             quat_to_matrix(quat_exp(d[:, ROT])) @ self.E,
@@ -49,7 +49,7 @@ class State:
 
 @dataclass(frozen=True)
 class Prior:
-    """Prior of the sensor-wide errors: lag in s, a scale common to the gyro's axes (share)."""
+    """Prior of the lag (s, mean and sigma), and sigma of a relative scale error common to the gyro's axes."""
 
     lag: float
     lag_sigma: float
@@ -57,14 +57,15 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
-class Local:
-    """What each linearisation shares: origin and heading, the undisturbed field, the scale of each part of the noise.
+class Fixed:
+    """What the iterations hold fixed.
 
     Attributes:
-        origin: index of the knot whose position, and without a compass heading, is given.
-        strength, dip: of the field at the first rest, its unit and rad.
-        prior: of the sensor-wide errors.
-        components: (6,) factors on the noise: the legs' three parts, the biases' walks, the speed of what stands still.
+        origin: index of the knot whose position, and without a compass whose heading, is fixed.
+        strength, dip: of the field at the first rest, in the unit of `Problem.field` and in rad.
+        prior: of lag and common scale.
+        components: (6,) factors on variances: the three parts of the legs' noise, the walks of the gyro's and the
+            accelerometer's bias, the velocity at a stop.
     """
 
     origin: int
@@ -75,7 +76,7 @@ class Local:
 
 
 def lower_matrix(values: Array, elsewhere: Array | float = 0.0) -> Array:
-    """N (3, 3) of its entries (6,), and what stands above its diagonal."""
+    """Lower triangular matrix (3, 3) from its entries (6,), with `elsewhere` above the diagonal."""
     matrix = np.array(np.broadcast_to(elsewhere, (3, 3)), dtype=np.float64)
     matrix[tuple(np.transpose(LOWER))] = values
     return matrix

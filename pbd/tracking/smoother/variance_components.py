@@ -1,4 +1,4 @@
-"""A covariance whose noise fits what the recording shows: Helmert's variance components."""
+"""Scale the noise until it fits the recording's residuals (Helmert's variance components), for the covariance only."""
 
 from __future__ import annotations
 
@@ -13,57 +13,58 @@ from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, Solved, batches
 from pbd.tracking.smoother.preintegration import VEL
 from pbd.tracking.smoother.smooth import Solution
-from pbd.tracking.smoother.state import Local
+from pbd.tracking.smoother.state import Fixed
 
 ITERATIONS = 3
-"""Iterations of the variance components."""
+"""Number of iterations of the variance components."""
 
 PRIOR_FREEDOM, PRIOR_FREEDOM_STILL = 5.0, 30.0
-"""Degrees of freedom that the priors of variance components are worth: of the sensor; of a hand that stands still."""
+"""Weight of the prior of a variance component, in degrees of freedom: of the sensor's noise; of zero velocity."""
 
 
 def with_own_noise(solution: Solution) -> Solution:
-    """The same estimate with a covariance whose noise fits what the recording shows (Helmert's variance components).
+    """The same estimate, with a covariance whose noise fits the residuals.
 
-    Each part of the noise gets a factor k: k *= (sum r' W Q W r + nu) / (sum tr W Q - tr W Q W A P A' + nu), with its
-    covariance Q, all of it W^-1, residuals r, Jacobian A, posterior P; nu is what the prior is worth.
+    Each part of the noise has a factor k on its variance. Each iteration multiplies k by
+    (sum r' W Q W r + nu) / (sum tr W Q - tr W Q W A P A' + nu), where Q is the covariance of this part and W^-1 that of
+    all parts, r are the residuals, A is the Jacobian, P the posterior covariance and nu the weight of the prior k = 1.
     """
-    problem, x, local, solved = solution.problem, solution.state, solution.local, solution.solved
-    device, T, still = problem.noise.device, problem.legs.T, solution.still
+    problem, x, fixed, solved = solution.problem, solution.state, solution.fixed, solution.solved
+    device, T, still = problem.noise.device, problem.legs.T, solution.still_weight
     walks = ((GYR_BIAS, x.gyr_bias, device.gyr_walk), (ACC_BIAS, x.acc_bias, device.acc_walk))
     nu = np.array((*4 * (PRIOR_FREEDOM,), PRIOR_FREEDOM_STILL))
-    stood, whiten = still / problem.still**2, whitener(problem, local)
+    stood, whiten = still / problem.still_sigma**2, whitener(problem, fixed)
     jacobian = leg_jacobian(problem, x)
     residuals = (whiten @ jacobian[:, :, -1:])[:, :, 0]
     for iteration in range(ITERATIONS):
-        top, bottom, spread = _of_legs(problem, local, whiten, solved, jacobian)
+        top, bottom, spread = _of_legs(problem, fixed, whiten, solved, jacobian)
         if iteration == 0:
-            solution = replace(solution, legs=(residuals, spread))
-        for (block, values, walk), k in zip(walks, local.components[3:], strict=False):
+            solution = replace(solution, leg_residuals=(residuals, spread))
+        for (block, values, walk), k in zip(walks, fixed.components[3:], strict=False):
             w = 1.0 / (k * walk**2 * T)
             top.append(w @ squares(np.diff(values, axis=0)))
             bottom.append((3.0 - w * np.trace(solved.of_changes(block), axis1=1, axis2=2)).sum())
-        w = stood / local.components[5]
+        w = stood / fixed.components[5]
         top.append(w @ squares(creep(problem, x)[0]))
         bottom.append((3.0 * still - w * np.trace(solved.of_knots(VEL), axis1=1, axis2=2)).sum())
         factors = (top + nu) / np.maximum(bottom + nu, 1e-3 * nu)
-        local = replace(local, components=local.components * (1.0, *factors))
-        whiten = whitener(problem, local)
+        fixed = replace(fixed, components=fixed.components * (1.0, *factors))
+        whiten = whitener(problem, fixed)
         solved.forget()
         del solved  # of a long recording it is large
-        solved = linearise(problem, x, local, whiten, legs=jacobian)[0].solve()
-    return replace(solution, local=local, solved=solved)
+        solved = linearise(problem, x, fixed, whiten, legs=jacobian)[0].solve()
+    return replace(solution, fixed=fixed, solved=solved)
 
 
 def _of_legs(
-    problem: Problem, local: Local, whiten: Array, solved: Solved, jacobian: Array
+    problem: Problem, fixed: Fixed, whiten: Array, solved: Solved, jacobian: Array
 ) -> tuple[list[float], list[float], Array]:
-    """Squares (2,) and redundancies (2,) of what turning and motion add to the legs' noise; and the covariance
-    (m - 1, 9, 9) of what is estimated of the legs."""
+    """Sums of squared residuals (2,) and redundancies (2,) of the legs' noise from turning and from motion; and the
+    covariance A P A' (m - 1, 9, 9) of each leg's whitened prediction."""
     top, bottom, spread = np.zeros(2), np.zeros(2), np.empty(whiten.shape)
     for at in batches(len(whiten)):
         A = whiten[at] @ jacobian[at]
-        parts = local.components[1:3, None, None, None] * (
+        parts = fixed.components[1:3, None, None, None] * (
             whiten[at] @ problem.legs.parts[1:, at] @ whiten[at].transpose(0, 2, 1)
         )
         r, spread[at] = A[:, :, -1:], solved.of_legs(A[:, :, :-1], at.start)

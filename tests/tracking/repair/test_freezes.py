@@ -14,7 +14,7 @@ from pbd.pipeline import track
 from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.simulation.tasks import Task
-from pbd.tracking.repair.channel_faults import frozen
+from pbd.tracking.repair.channel_faults import frozen_rows
 from pbd.tracking.repair.gaps import Gap
 from pbd.tracking.repair.repair_recording import _longest_unbroken
 from tests.scenarios import keyframes_and_errors, pour, with_rows
@@ -136,7 +136,7 @@ def test_a_rest_is_no_freeze_however_coarse_the_sensor(sensor: str, rate_hz: flo
     short = random_task(2, moves=6, first_rest_s=0.5, rest_s=(0.3, 0.6))
     tasks: tuple[str | Task, ...] = (*TASKS, random_task(5), short)
     for task in tasks:
-        assert not frozen(simulate(task, SENSORS[sensor], 1, rate_hz=rate_hz).recording).any()
+        assert not frozen_rows(simulate(task, SENSORS[sensor], 1, rate_hz=rate_hz).recording).any()
 
 
 @quietly
@@ -156,10 +156,10 @@ def test_a_hole_between_two_attitudes_is_no_rest() -> None:
 def test_what_froze_was_measured_once_and_what_is_clipped_did_not_freeze() -> None:
     recording = simulate("pour", "modern").recording
     still = held(recording, 300, 310)
-    assert np.flatnonzero(frozen(still)).tolist() == list(range(301, 310))
+    assert np.flatnonzero(frozen_rows(still)).tolist() == list(range(301, 310))
     ends = recording.acc.copy()
     ends[300:310] = 40.0
-    assert not frozen(replace(recording, acc=ends)).any()
+    assert not frozen_rows(replace(recording, acc=ends)).any()
 
 
 def test_the_gyro_is_compared_with_gravity_in_the_longest_unbroken_part() -> None:

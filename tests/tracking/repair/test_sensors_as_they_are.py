@@ -22,7 +22,7 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.repair.channel_faults import frozen
+from pbd.tracking.repair.channel_faults import frozen_rows
 from pbd.tracking.repair.gyro_consistency import find_steady, refuse_disagreement
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.repair.splices import without_wild
@@ -177,8 +177,8 @@ def held(recording: Recording, start: int, stop: int) -> Recording:
 
 
 def test_a_sensor_that_freezes_in_a_move_is_refused() -> None:
-    assert not frozen(held(pour().recording, 280, 285)).any()  # 40 ms
-    assert frozen(held(pour().recording, 280, 287)).any()  # 60 ms
+    assert not frozen_rows(held(pour().recording, 280, 285)).any()  # 40 ms
+    assert frozen_rows(held(pour().recording, 280, 287)).any()  # 60 ms
     with (
         pytest.warns(PbdWarning, match="29 samples missing, in 1 gap"),
         pytest.raises(TrackingError, match=r"290 ms of data are missing after row 280 .* while the hand moves"),
@@ -191,9 +191,9 @@ def test_nothing_is_frozen_in_a_clean_recording(sensor: str, data_folder: Path) 
     for seed in range(3):
         tasks: list[str | Task] = [*TASKS, random_task(seed)]
         for task in tasks:
-            assert not frozen(simulate(task, sensor, seed).recording).any()
+            assert not frozen_rows(simulate(task, sensor, seed).recording).any()
     if sensor == "modern":
-        assert not any(frozen(recording).any() for recording in real_recordings(data_folder).values())
+        assert not any(frozen_rows(recording).any() for recording in real_recordings(data_folder).values())
 
 
 def turned(gyr: Array, how: str) -> Array:

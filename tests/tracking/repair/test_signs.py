@@ -21,10 +21,10 @@ from pbd.files.importers import import_file, import_recording
 from pbd.pose import quat_exp, quat_from_rpy, quat_rotate, quat_to_matrix, quat_to_rpy
 from pbd.simulation.calibration_tasks import sides
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
-from pbd.tracking.repair.axes import Witness, find_other_axes
+from pbd.tracking.repair.axes import Witness, find_axis_error
 from pbd.tracking.repair.gyro_consistency import (
     refuse_disagreement,
-    refuse_turned_signs,
+    refuse_flipped_signs,
     up_in_sensor,
     warn_upside_down,
 )
@@ -43,7 +43,7 @@ def test_the_devices_attitude_tells_all_three(sensor: str, task: str) -> None:
     with pytest.raises(
         RecordingError, match=r"the accelerometer's x, y, z have the wrong sign: .* with --unit acc=-g"
     ) as caught:
-        refuse_turned_signs(turned(recording, -1.0, -1.0, -1.0))
+        refuse_flipped_signs(turned(recording, -1.0, -1.0, -1.0))
     assert caught.value.fields["axes"] == "xyz"
 
 
@@ -51,15 +51,15 @@ def test_the_devices_attitude_tells_all_three(sensor: str, task: str) -> None:
 def test_the_devices_attitude_tells_one_where_the_hand_turns(sensor: str) -> None:
     recording = simulate("pour", sensor, 1).recording
     with pytest.raises(RecordingError, match=r"the accelerometer's z has the wrong sign: .* with --column az=-NAME$"):
-        refuse_turned_signs(turned(recording, 1.0, 1.0, -1.0))
+        refuse_flipped_signs(turned(recording, 1.0, 1.0, -1.0))
 
 
 def test_a_level_axis_is_the_gyros_to_tell_where_there_is_one() -> None:
     """Else the attitude, by which gravity is taken out, has to agree."""
     recording = turned(simulate(sides(1), "os5000", 1).recording, 1.0, -1.0, 1.0)
-    refuse_turned_signs(recording)
+    refuse_flipped_signs(recording)
     with pytest.raises(RecordingError, match=r"the accelerometer's y has the wrong sign: .* with --column ay=-NAME$"):
-        refuse_turned_signs(replace(recording, gyr=None))
+        refuse_flipped_signs(replace(recording, gyr=None))
 
 
 @settings(max_examples=40, deadline=None)
@@ -69,7 +69,7 @@ def test_a_level_axis_is_the_gyros_to_tell_where_there_is_one() -> None:
 def test_what_is_right_is_never_refused(sensor: str, task: str, seed: int) -> None:
     made = {"random": random_task(seed), "wide": random_task(seed, max_turn=2.5), "sides": sides(seed)}
     what = made.get(task, task)
-    refuse_turned_signs(simulate(what, sensor, seed).recording)
+    refuse_flipped_signs(simulate(what, sensor, seed).recording)
 
 
 def test_a_real_recording_is_never_refused(data_folder: Path) -> None:
@@ -87,9 +87,9 @@ def test_a_real_recording_is_never_refused(data_folder: Path) -> None:
             mag=None,
             device_rpy=quat_to_rpy(demo.truth.wxyz_nav_sensor[rows]),
         )
-        refuse_turned_signs(seen)
+        refuse_flipped_signs(seen)
         with pytest.raises(RecordingError, match="the accelerometer's x, y, z have the wrong sign"):
-            refuse_turned_signs(turned(seen, -1.0, -1.0, -1.0))
+            refuse_flipped_signs(turned(seen, -1.0, -1.0, -1.0))
 
 
 @pytest.mark.parametrize("sensor", ["wt901", "modern", "os5000"])
@@ -206,5 +206,5 @@ def test_a_wrong_sign_is_told_where_gravity_contradicts_it_by_more_than_a_moving
     turns = np.radians(np.column_stack((rng.uniform(-60.0, 60.0, (20, 2)), np.full(20, degrees))))
     gyro = turns * (1.0, 1.0, -1.0)
     after = quat_rotate(quat_exp(turns), up)
-    found = find_other_axes([Witness("a", up, after)], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
+    found = find_axis_error([Witness("a", up, after)], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
     assert [each.message[:22] for each in (found,) if each] == ["gz has the wrong sign:"] * told

@@ -12,7 +12,7 @@ import pytest
 
 from pbd.errors import PbdWarning, RecordingError
 from pbd.simulation.simulate import random_task, simulate
-from pbd.tracking.repair.splices import _lines, in_order, refuse_doubled, without_wild
+from pbd.tracking.repair.splices import _extrapolate, in_order, refuse_doubled, without_wild
 from tests.scenarios import pour, with_rows
 from tests.tracking.repair.test_sensors_as_they_are import real_recordings
 
@@ -36,7 +36,7 @@ def test_exchanged_blocks_are_put_back(sensor: str, seconds: float) -> None:
 @pytest.mark.parametrize("rows", [0, 1, 3])
 def test_on_a_straight_line_both_sides_of_an_edge_say_the_same_half_way(rows: int) -> None:
     x = np.arange(20.0)[:, None] * (1.0, -2.0)
-    for lines in _lines(x, np.array([4, 10]), rows):
+    for lines in _extrapolate(x, np.array([4, 10]), rows):
         np.testing.assert_allclose(lines, (np.array([4, 10]) + 0.5 * (rows - 1))[:, None] * (1.0, -2.0))
 
 

@@ -14,7 +14,7 @@ from pbd.pose import Array, lengths, quat_inverse, quat_log, quat_multiply, quat
 from pbd.simulation.simulate import random_task, simulate
 from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.first_rest import find_rest
-from pbd.tracking.noise import acc_doubt, noise_of
+from pbd.tracking.noise import acc_sigma_factor, noise_of
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother import normal_equations
 from pbd.tracking.smoother.doubtful_stops import revised_stops
@@ -63,10 +63,10 @@ def test_the_first_knots_biases_are_as_large_as_such_a_device_has_them(sensor: s
     assert solution is not None
     problem, x, noise = solution.problem, solution.state, solution.problem.noise
     equations = NormalEquations.empty(len(problem.rows), SHARED)
-    _add_priors(equations, problem, x, solution.local)
+    _add_priors(equations, problem, x, solution.fixed)
     for block, bias, sigma in (
         (GYR_BIAS, x.gyr_bias, noise.gyr_bias),
-        (ACC_BIAS, x.acc_bias, acc_doubt(noise, problem.rest) * noise.device.acc_bias),
+        (ACC_BIAS, x.acc_bias, acc_sigma_factor(noise, problem.rest) * noise.device.acc_bias),
     ):
         information = np.diagonal(equations.diagonal, axis1=1, axis2=2)[:, block]
         assert information[0] == pytest.approx(np.full(3, sigma**-2.0))

@@ -16,9 +16,9 @@ from pbd.data.calibration import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Pose, quat_about_z, quat_exp, quat_rotate
-from pbd.tracking.condition_on_claims import condition_on
+from pbd.tracking.apply_constraints import apply_constraints
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.stop_claims import PLACE_SIGMA_M, claims_of
+from pbd.tracking.stop_constraints import PLACE_SIGMA_M, claims_of
 from tests.tracking.stops_at import at_stops, covariances, hand_path, mid
 
 # --- the tool and the robot's base ---
@@ -46,7 +46,7 @@ def test_base_and_tool_are_those_of_the_replay(seed: int) -> None:
         contacts=(Contact(mid(3)), Contact(mid(1), height=float(above[1] - above[0]))),
     )
     calibration = replace(calibration, table_height=float(tools[3].p[2]))
-    fits = condition_on(path, known, calibration, T_base_nav).claims
+    fits = apply_constraints(path, known, calibration, T_base_nav).claims
     assert len(fits) == 3
     assert max(fit.off_m for fit in fits) < 1e-12
 
@@ -60,10 +60,10 @@ def test_a_place_is_the_tools() -> None:
     path = hand_path(p_stop, np.tile(1e-5 * np.eye(3), (2, 1, 1)), wxyz)
     known = Known(places=(Place((mid(1), mid(2))),))
     calibration = Calibration("c", T_base_nav=Pose.identity(), T_sensor_tool=Pose(p_sensor_tool, wxyz[0]))
-    (fit,) = condition_on(path, known, calibration).claims
+    (fit,) = apply_constraints(path, known, calibration).claims
     assert fit.off_m == pytest.approx(0.0, abs=1e-12)
     with pytest.raises(TrackingError, match="17 cm off"):
-        condition_on(path, known)
+        apply_constraints(path, known)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_an_unsure_attitude_makes_what_is_known_of_a_levered_tool_less_sure(
         cov = path.cov.copy()
         cov[:, 3:, 3:] = tilt_sigma**2 * np.eye(3)
         unsure = replace(path, covariance=PoseCovariance.chained(cov))
-        conditioned = condition_on(unsure, known, calibration, Pose.identity())
+        conditioned = apply_constraints(unsure, known, calibration, Pose.identity())
         expected = 1.0 / (1.0 / prior + 1.0 / (noise + levers * (0.1 * tilt_sigma) ** 2))
         assert conditioned.cov[2, 2, 2] == pytest.approx(expected)
 
@@ -94,7 +94,9 @@ def test_an_unsure_attitude_makes_what_is_known_of_a_levered_tool_less_sure(
 def test_far_from_the_dock_a_known_place_is_less_sure_sideways() -> None:
     path = hand_path(np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]), np.array([1e-2 * np.eye(3)]))
     calibration = Calibration("c", T_base_nav=Pose.identity())
-    cov = condition_on(path, Known(places=(Place((mid(1),), (0.5, 0.0, 0.0)),)), calibration, Pose.identity()).cov[1]
+    cov = apply_constraints(path, Known(places=(Place((mid(1),), (0.5, 0.0, 0.0)),)), calibration, Pose.identity()).cov[
+        1
+    ]
     along, sideways, up = np.sqrt(np.diagonal(cov)[:3])
     assert along == pytest.approx(up)
     assert along == pytest.approx(np.hypot(PLACE_SIGMA_M, DOCK_SIGMA_M), rel=0.01)
@@ -123,7 +125,7 @@ def test_a_tool_far_out_over_the_table_is_less_sure_in_height() -> None:
 def test_what_needs_a_calibration_is_left_out_and_told(known: Known, message: str) -> None:
     path = hand_path(np.zeros((2, 3)), np.array([1e-4 * np.eye(3)]))
     with pytest.warns(PbdWarning, match=rf"^{message}.*, so it is left out; name a --calibration$"):
-        assert condition_on(path, known) is path
+        assert apply_constraints(path, known) is path
 
 
 # --- refused ---
@@ -171,14 +173,14 @@ def test_a_contradiction_is_refused_with_its_figures(known: Known, message: str)
     path = hand_path(SQUARE, np.tile(0.01**2 * np.eye(3), (4, 1, 1)))
     calibration = Calibration("c", T_base_nav=Pose.identity(), table_height=0.0)
     with pytest.raises(TrackingError) as caught:
-        condition_on(path, known, calibration, Pose.identity())
+        apply_constraints(path, known, calibration, Pose.identity())
     assert caught.value.message == message
 
 
 def test_two_contacts_without_a_tables_height_are_compared() -> None:
     path = hand_path(SQUARE, np.tile(0.01**2 * np.eye(3), (4, 1, 1)))
     with pytest.raises(TrackingError, match=r"stop 3\) is on the table as at 3\.25 s \(stop 2\), but it is 31 cm off"):
-        condition_on(path, Known(contacts=(Contact(mid(2)), Contact(mid(3)))))
+        apply_constraints(path, Known(contacts=(Contact(mid(2)), Contact(mid(3)))))
 
 
 @pytest.mark.parametrize(("sigmas", "refused"), [(2.95, False), (3.05, True)])
@@ -188,9 +190,9 @@ def test_three_sigma_of_a_height_is_the_bound(sigmas: float, refused: bool) -> N
     known = Known(contacts=(Contact(mid(1), height=0.0),))
     if refused:
         with pytest.raises(TrackingError, match=r"3\.\d sigma"):
-            condition_on(path, known)
+            apply_constraints(path, known)
     else:
-        (fit,) = condition_on(path, known).claims
+        (fit,) = apply_constraints(path, known).claims
         assert fit.sigmas == pytest.approx(sigmas)
 
 
@@ -206,7 +208,7 @@ def test_the_bound_is_as_improbable_in_space_as_in_height(dimension: int, known:
     for _ in range(n):
         path = hand_path(np.array([np.zeros(3), root @ rng.normal(size=3)]), moves)
         try:
-            condition_on(path, known)
+            apply_constraints(path, known)
         except TrackingError:
             refused += 1
     share = chi2.sf(chi2.isf(0.0027, dimension) / 4.0, dimension)
@@ -220,9 +222,9 @@ def test_claims_that_agree_alone_may_contradict_each_other() -> None:
     path = hand_path(p_stop, np.tile(0.006**2 * np.eye(3), (4, 1, 1)))
     pairs = tuple(Place((mid(k), mid(k + 1))) for k in range(4))
     for pair in pairs:
-        condition_on(path, Known(places=(pair,)))
+        apply_constraints(path, Known(places=(pair,)))
     with pytest.raises(TrackingError, match=r"cm off against the other claims \(sigma .*, 3\.0 sigma\)"):
-        condition_on(path, Known(places=pairs))
+        apply_constraints(path, Known(places=pairs))
 
 
 def test_the_claim_most_at_fault_is_the_one_that_is_named() -> None:
@@ -231,9 +233,9 @@ def test_the_claim_most_at_fault_is_the_one_that_is_named() -> None:
     p_stop[:, 0] = [0.0, 0.0, 0.0, 0.05, 0.0, 0.0]
     path = hand_path(p_stop, np.tile(0.01**2 * np.eye(3), (5, 1, 1)))
     pairs = tuple(Place((mid(0), mid(k)), sigma_m=0.0005) for k in range(1, 6))
-    condition_on(path, Known(places=(pairs[2],)))
+    apply_constraints(path, Known(places=(pairs[2],)))
     with pytest.raises(TrackingError, match=r"the tool at 4\.75 s \(stop 3\) is .* against the other claims") as caught:
-        condition_on(path, Known(places=pairs))
+        apply_constraints(path, Known(places=pairs))
     assert caught.value.fields["stop"] == 3
     assert caught.value.fields["t"] == pytest.approx(mid(3), abs=0.03)  # the middle is between two rows
 
@@ -258,19 +260,19 @@ def test_the_claim_most_at_fault_is_the_one_that_is_named() -> None:
 def test_a_time_without_a_stop_of_its_own(known: Known, message: str) -> None:
     path = hand_path(SQUARE, np.tile(np.eye(3), (4, 1, 1)))
     with pytest.raises(TrackingError, match=f"^{message}"):
-        condition_on(path, known)
+        apply_constraints(path, known)
 
 
 def test_a_time_near_a_stop_names_it() -> None:
     path = hand_path(0.01 * SQUARE, np.tile(1e-3 * np.eye(3), (4, 1, 1)))
-    (fit,) = condition_on(path, Known(places=(Place((mid(1), mid(3) + 0.6)),))).claims
+    (fit,) = apply_constraints(path, Known(places=(Place((mid(1), mid(3) + 0.6)),))).claims
     assert fit.stop == 3
 
 
 def test_a_path_is_conditioned_once() -> None:
-    path = condition_on(hand_path(np.zeros((2, 3)), np.array([1e-4 * np.eye(3)])), Known(closed=True))
+    path = apply_constraints(hand_path(np.zeros((2, 3)), np.array([1e-4 * np.eye(3)])), Known(closed=True))
     with pytest.raises(ValueError, match="already"):
-        condition_on(path, Known(closed=True))
+        apply_constraints(path, Known(closed=True))
 
 
 def test_what_makes_no_sense_is_no_value() -> None:

@@ -1,8 +1,7 @@
-"""Condition a hand path on what is known of its stops: places visited twice, known positions, known heights.
+"""Update a hand path with what is known of its stops: places visited twice, known positions, known heights.
 
-The poses at the stops are normal, with the joint covariance that the smoother gives. What is claimed is linear in
-them, with a small noise of its own (stop_claims.py). So the best estimate of all of them together is one update of
-a Kalman filter: each pose takes its share of a misfit by what it has in common with it.
+The poses at the stops have the joint covariance that the smoother gives. The constraints (stop_constraints.py) are
+linear in the poses, with a small noise of their own. So one Kalman update gives the best estimate of all poses.
 """
 
 from __future__ import annotations
@@ -20,27 +19,27 @@ from pbd.errors import TrackingError
 from pbd.pose import Array, Pose, quat_exp, quat_multiply
 from pbd.tracking.noise import OUTLIER_SIGMAS
 from pbd.tracking.smoother.path import between_stops
-from pbd.tracking.stop_claims import MOUNT_ERRORS, START_ERRORS, Claim, claims_of
+from pbd.tracking.stop_constraints import MOUNT_ERRORS, START_ERRORS, Claim, claims_of
 
 
-def condition_on(
+def apply_constraints(
     path: HandPath, known: Known, calibration: Calibration | None = None, T_base_nav: Pose | None = None
 ) -> HandPath:
-    """Move the stops, and the path between them, to where they most likely are, given what is known.
+    """Move the stops, and the path between them, to their most likely places given what is known.
 
-    With d (m,) the claims' misfits, G (k, 6, m) how they depend on the k poses, P their joint covariance and R the
-    claims' own: the poses change by P G S^-1 d with S = G^T P G + R. The covariance is Joseph's form, which stays
-    positive however small P or R.
+    With the claims' misfits d (m,), their Jacobian G^T by the k poses (G is (k, 6, m)), the poses' covariance P and the
+    claims' own R: the poses change by P G S^-1 d with S = G^T P G + R. The covariance has Joseph's form, which stays
+    positive for any P and R.
 
     Args:
-        path: as tracked, not conditioned already.
-        known: what is claimed.
-        calibration: for the tool's lever arm, positions in base and the table's height.
+        path: as tracked, without constraints.
+        known: places, heights, closed.
+        calibration: for the lever from sensor to tool, positions in base and the table's height.
         T_base_nav: nav in base, with a calibration.
 
     Returns:
-        The path with new poses, velocities (still the derivative of position, zero in stops) and covariance, and how
-        well each claim fitted. Closures are what they were.
+        The path with new poses, velocities (the derivative of position, zero in stops) and covariance, and the fit of
+        each claim. The velocity misclosures are unchanged.
 
     Raises:
         TrackingError: a claim contradicts the data, or names no stop.
@@ -57,13 +56,13 @@ def condition_on(
     fits = fits_of(path, claims, misfit, S)
 
     gain = PG @ np.linalg.inv(S)
-    covariance = PoseCovariance(path.covariance.count, _Conditioned(path.covariance, gain, G, R))
-    return replace(_carried_along(path, gain @ misfit), covariance=covariance, claims=fits)
+    covariance = PoseCovariance(path.covariance.count, _JosephCovariance(path.covariance, gain, G, R))
+    return replace(_move_path(path, gain @ misfit), covariance=covariance, claims=fits)
 
 
 @dataclass(frozen=True, eq=False)
-class _Conditioned:
-    """Joseph's form, times columns (k, 6, c): (1 - K G^T) P (1 - G K^T) + K R K^T."""
+class _JosephCovariance:
+    """The covariance in Joseph's form, (1 - K G^T) P (1 - G K^T) + K R K^T, times columns (k, 6, c)."""
 
     prior: PoseCovariance
     gain: Array
@@ -80,7 +79,7 @@ class _Conditioned:
 def measurement_of(
     claims: Sequence[Claim], p_stop: Array, calibration: Calibration | None
 ) -> tuple[Array, Array, Array]:
-    """How claims depend on k poses (k, 6, m), their own noise (m, m), and by how much they are missed (m,), m."""
+    """The claims' Jacobian by k poses, transposed, (k, 6, m); their covariance R (m, m), m2; their misfits (m,), m."""
     rows = _rows(claims)
     m = rows[-1].stop
     G, R, misfit = np.zeros((len(p_stop), 6, m)), np.zeros((m, m)), np.concatenate([claim.value for claim in claims])
@@ -110,10 +109,10 @@ def _rows(claims: Sequence[Claim]) -> list[slice]:
     return [slice(start, stop) for start, stop in pairwise(ends)]
 
 
-def _carried_along(path: HandPath, moved: Array) -> HandPath:
-    """The path with the stops moved by (k, 6): m, and rad in nav.
+def _move_path(path: HandPath, moved: Array) -> HandPath:
+    """The path with the stops moved by (k, 6): m, then rotation vector in rad, in nav.
 
-    The turn grows with time, as by white noise of the gyro.
+    Between stops the rotation changes linearly with time, as from white noise of the gyro.
     """
     t = path.t
     shift, faster = between_stops(t, path.stops, moved[:, :3], moved[:, :3])
@@ -130,10 +129,10 @@ def _carried_along(path: HandPath, moved: Array) -> HandPath:
 
 
 def fits_of(path: HandPath, claims: Sequence[Claim], misfit: Array, S: Array) -> tuple[ClaimFit, ...]:
-    """How well each claim fits on its own, given all misfits' covariance S (m, m).
+    """The fit of each claim on its own, given the covariance S (m, m) of all misfits.
 
     Raises:
-        TrackingError: one doesn't, or all together don't.
+        TrackingError: a claim does not fit, or all together do not.
     """
     rows = _rows(claims)
     square = [float(misfit[row] @ np.linalg.solve(S[row, row], misfit[row])) for row in rows]
@@ -145,7 +144,7 @@ def fits_of(path: HandPath, claims: Sequence[Claim], misfit: Array, S: Array) ->
     weighted = np.linalg.solve(S, misfit)
     together = float(misfit @ weighted)
     if _excess(together, len(misfit)) > 1.0:
-        # A claim's misfit against all the others, and its square: how far the total falls without the claim.
+        # Each claim's misfit against all others, and how much the total chi-square falls without the claim.
         precision = np.linalg.inv(S)
         against = [np.linalg.solve(precision[row, row], weighted[row]) for row in rows]
         gained = [float(weighted[row] @ off) for row, off in zip(rows, against, strict=True)]
@@ -171,9 +170,9 @@ def _refuse(path: HandPath, claim: Claim, misfit: Array, square: float, beside: 
 
 
 def _excess(square: float, dimension: int) -> float:
-    """A squared misfit over the chi-square that is as improbable as OUTLIER_SIGMAS along one axis.
+    """A squared misfit, divided by the chi-square that is as improbable as OUTLIER_SIGMAS along one axis.
 
-    It is 0 where even along one axis nothing is odd: that spares loading scipy.special, which takes 0.15 s.
+    It is 0 if the misfit is small even for one axis. This saves loading scipy.special, which takes 0.15 s.
     """
     if square <= OUTLIER_SIGMAS**2:
         return 0.0

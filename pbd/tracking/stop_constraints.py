@@ -1,7 +1,7 @@
-"""A person's knowledge of the stops, as linear measurements of the sensor's poses.
+"""Turn what a person knows of the stops (`Known`: places, heights, closed) into linear constraints on their poses.
 
-Places and heights are the tool's: it sits at the end of a lever that turns with the sensor. Only `closed` is the
-sensor's own: it is back in its dock.
+Places and heights are those of the tool, at the end of a lever that turns with the sensor. `closed` is about the sensor
+itself, which is back in its dock.
 """
 
 from __future__ import annotations
@@ -19,30 +19,29 @@ from pbd.tracking.keyframes import NEAR_STOP_S, nearest_stop
 from pbd.tracking.smoother.attitude import mean_quaternion
 
 PLACE_SIGMA_M = 0.003
-"""m per axis: how precisely a hand returns to a place or a height, where demo.toml gives no sigma."""
-
+"""m per axis: one sigma with which a hand returns to a place or a height, if demo.toml gives none."""
 
 ALL_AXES, UPWARDS = np.eye(3), np.eye(3)[2:]
 
 START_ERRORS, MOUNT_ERRORS = slice(0, 6), slice(6, 9)
-"""A calibration's errors in a claim's columns: the start's pose in base (m, rad), then the tool in sensor axes (m)."""
+"""Columns of `Claim.by_calibration`: errors of the start's pose in base (m, rad) and of the tool in sensor axes (m)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """axes @ (p_nav_sensor + lever at `stop` - the same at `other`) = value, but for noise.
+    """One constraint: axes @ ((p_nav_sensor + lever) at `stop` - the same at `other`) = value + noise.
 
     Attributes:
-        saying: what is claimed, in words.
-        entry: the entry in demo.toml.
+        saying: the claim in words.
+        entry: its entry in demo.toml.
         stop: index.
-        other: index, or None for nav's origin.
-        axes: (d, 3).
+        other: index; None: nav's origin.
+        axes: (d, 3), directions in nav.
         value: (d,) m.
         levers: two (3,) m in nav, from the sensor to the tool, at `stop` and at `other`.
-        by_calibration: (d, 9), how the value goes with the calibration's errors.
-        own, shared: m2 an axis, this claim's own noise, and what is common to all claims of one `group`.
-        group: any number.
+        by_calibration: (d, 9), derivative of the misfit by the calibration's errors.
+        own, shared: m2 per axis, variance of this claim's own noise, and of noise common to all claims of its `group`.
+        group: number of the group.
         differs: the misfit in words, with {} for its size.
     """
 
@@ -62,14 +61,14 @@ class Claim:
 
 @dataclass(frozen=True, eq=False)
 class _Tool:
-    """Where the tool is beside the sensor, and where nav is in base.
+    """The tool's position relative to the sensor, and nav's pose in base.
 
     Attributes:
-        path: with its stops.
+        path: with k stops.
         lever: (k, 3) m in nav, from the sensor to the tool at each stop.
-        R: (k, 3, 3) nav <- sensor.
-        T_base_nav: base = T_base_nav.act(scale * nav); None where it is not known.
-        scale: of base by nav.
+        R: (k, 3, 3) nav <- sensor at each stop.
+        T_base_nav: a point p of nav is at T_base_nav.act(scale * p) in base; None if unknown.
+        scale: base lengths per nav length.
         table_height: m in base, or None.
     """
 
@@ -80,7 +79,7 @@ class _Tool:
     scale: float = 1.0
     table_height: float | None = None
 
-    def meets(
+    def claim_same_point(
         self,
         saying: str,
         entry: str,
@@ -89,7 +88,7 @@ class _Tool:
         variances: tuple[float, float],
         above: float | None = None,
     ) -> Claim:
-        """The tool is where it is at another stop, or `above` (m) higher."""
+        """The tool is at the same point at two stops; with `above`, it is only known to be that much higher (m)."""
         stop, other = stops
         axes, value = (ALL_AXES, np.zeros(3)) if above is None else (UPWARDS, np.array([above]))
         by = np.zeros((3, 9))
@@ -97,10 +96,10 @@ class _Tool:
         levers = (self.lever[stop], self.lever[other])
         return Claim(saying, entry, stop, other, axes, value, levers, axes @ by, *variances, group)
 
-    def lies_at(
+    def claim_at_point(
         self, saying: str, entry: str, stop: int, group: int, variance: float, p_base: Array, axes_base: Array
     ) -> Claim:
-        """The tool is at a point of base, along some of base's axes."""
+        """The tool is at a known point of base, along some of base's axes."""
         assert self.T_base_nav is not None
         R_base_nav = quat_to_matrix(self.T_base_nav.wxyz)
         away = np.asarray(p_base) - self.T_base_nav.p
@@ -116,16 +115,16 @@ class _Tool:
 def claims_of(
     path: HandPath, known: Known, calibration: Calibration | None = None, T_base_nav: Pose | None = None
 ) -> tuple[Claim, ...]:
-    """Say what is known as measurements. What can't be used without a calibration is left out, with a warning.
+    """The constraints that follow from what is known. One that needs a missing calibration is left out, with a warning.
 
     Args:
         path: with its stops.
-        known: what is claimed.
-        calibration: the lever from sensor to tool, the table's height, the scale; without one there is no lever.
-        T_base_nav: nav in base; without it positions in base and the table's height are unknown.
+        known: places, heights, closed.
+        calibration: gives the lever from sensor to tool (else 0), the table's height and the scale.
+        T_base_nav: nav in base; without it positions in base and the table's height can't be used.
 
     Raises:
-        TrackingError: a time that is in no stop; two times that should be two stops and are one.
+        TrackingError: a time is in no stop, or two times of different stops are in one.
     """
     if known == Known():
         return ()
@@ -163,16 +162,16 @@ def _place(tool: _Tool, place: Place, group: int) -> Iterator[Claim]:
         p_base = np.asarray(place.p_base_tool)
         for t, stop in zip(place.t, stops, strict=True):
             saying = f"the tool at {t:.2f} s (stop {stop}) {at}"
-            yield tool.lies_at(saying, "that [[place]]", stop, group, variance, p_base, ALL_AXES)
+            yield tool.claim_at_point(saying, "that [[place]]", stop, group, variance, p_base, ALL_AXES)
         return
     if place.p_base_tool is not None:
-        _left_out(
+        _warn_left_out(
             f"without a calibration it is unknown where the place at {place.t[0]:.2f} s is in the hand's frame (nav)"
         )
     at = f"is where it was at {place.t[0]:.2f} s (stop {stops[0]})"
     for t, stop in zip(place.t[1:], stops[1:], strict=True):
         saying = f"the tool at {t:.2f} s (stop {stop}) {at}"
-        yield tool.meets(saying, "that [[place]]", (stop, stops[0]), group, (0.5 * variance, 0.5 * variance))
+        yield tool.claim_same_point(saying, "that [[place]]", (stop, stops[0]), group, (0.5 * variance, 0.5 * variance))
 
 
 def _contacts(tool: _Tool, contacts: tuple[Contact, ...], groups: Iterator[int]) -> Iterator[Claim]:
@@ -182,7 +181,7 @@ def _contacts(tool: _Tool, contacts: tuple[Contact, ...], groups: Iterator[int])
         for contact, stop in zip(on_table, stops, strict=True):
             yield _at_table(tool, tool.table_height, contact, stop, next(groups))
     elif len(on_table) == 1:
-        _left_out(f"the contact at {on_table[0].t:.2f} s is the only one, and the table's height is not known")
+        _warn_left_out(f"the contact at {on_table[0].t:.2f} s is the only one, and the table's height is not known")
     elif on_table:
         first, group = on_table[0], next(groups)
         at = f"on the table as at {first.t:.2f} s (stop {stops[0]})"
@@ -208,7 +207,7 @@ def _at_table(tool: _Tool, table_height: float, contact: Contact, stop: int, gro
         "that [[contact]], or say as_at_s there",
     )
     p_base = np.array([x, y, table_height])
-    return tool.lies_at(saying, entry, stop, group, 2.0 * _variance(contact), p_base, UPWARDS)
+    return tool.claim_at_point(saying, entry, stop, group, 2.0 * _variance(contact), p_base, UPWARDS)
 
 
 def _height(
@@ -217,16 +216,16 @@ def _height(
     """The tool is `above` m higher than at the other stop."""
     saying = f"the tool at {contact.t:.2f} s (stop {stops[0]}) is {at}"
     variances = (_variance(contact), shared)
-    return tool.meets(saying, "that [[contact]]", stops, group, variances, above)
+    return tool.claim_same_point(saying, "that [[contact]]", stops, group, variances, above)
 
 
 def _variance(contact: Contact) -> float:
-    """Of one visit, m2: two of them differ by sigma."""
+    """Variance of one visit, m2: the difference of two visits has the contact's sigma."""
     return 0.5 * (PLACE_SIGMA_M if contact.sigma_m is None else contact.sigma_m) ** 2
 
 
 def _different_stops(path: HandPath, times: tuple[float, ...], what: str) -> tuple[int, ...]:
-    """Index of the stop at (or nearest to) each time; no two may be in one stop."""
+    """Index of the stop at or near each time. No two times may be in one stop."""
     found: dict[int, float] = {}
     for t in times:
         stop, away = nearest_stop(path.t, path.stops, t)
@@ -251,5 +250,5 @@ def _different_stops(path: HandPath, times: tuple[float, ...], what: str) -> tup
     return tuple(found)
 
 
-def _left_out(why: str) -> None:
+def _warn_left_out(why: str) -> None:
     warn(f"{why}, so it is left out; name a --calibration")

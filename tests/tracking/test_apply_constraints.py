@@ -16,9 +16,9 @@ from pbd.pipeline import track
 from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_multiply, quat_rotate
 from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
-from pbd.tracking.condition_on_claims import condition_on
+from pbd.tracking.apply_constraints import apply_constraints
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.stop_claims import PLACE_SIGMA_M
+from pbd.tracking.stop_constraints import PLACE_SIGMA_M
 from tests.scenarios import pour, truth_at
 from tests.tracking.stops_at import DT, MOVE, REST, at_stops, covariances, hand_path, mid
 
@@ -115,7 +115,7 @@ def test_as_dense_least_squares(seed: int, k: int, log_sigma: float) -> None:
     p_stop = agreeing(rng, k)
     p_stop[1:] += np.cumsum(drift[..., 0], axis=0)
     path = hand_path(p_stop, moves)
-    conditioned = condition_on(path, everything(k))
+    conditioned = apply_constraints(path, everything(k))
     positions, cov = least_squares(path, everything(k))
     assert at_stops(conditioned) == pytest.approx(positions, abs=1e-7)
     assert conditioned.cov[:, :3, :3] == pytest.approx(cov, rel=1e-4, abs=1e-10)
@@ -129,7 +129,7 @@ def test_tiny_and_huge_sigmas_do_no_harm(move_sigma: float, sigma_m: float) -> N
     """Two independent estimates of one position: the variances' harmonic mean, whatever their sizes."""
     p_stop = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.1 * min(move_sigma, sigma_m), 0.0, 0.0]])
     path = hand_path(p_stop, np.tile(0.5 * move_sigma**2 * np.eye(3), (2, 1, 1)))
-    cov = condition_on(path, Known(places=(Place((mid(0), mid(2)), sigma_m=sigma_m),))).cov[2, :3, :3]
+    cov = apply_constraints(path, Known(places=(Place((mid(0), mid(2)), sigma_m=sigma_m),))).cov[2, :3, :3]
     expected = 1.0 / (move_sigma**-2 + sigma_m**-2)
     assert cov == pytest.approx(expected * np.eye(3), rel=1e-6, abs=1e-6 * expected)
 
@@ -141,8 +141,8 @@ def test_turning_the_world_turns_the_result() -> None:
     p_stop[0] = 0.0
     turn = quat_about_z(1.1)
     R = quat_rotate(turn, np.eye(3)).T
-    plain = condition_on(hand_path(p_stop, moves, wxyz), everything(7))
-    turned = condition_on(
+    plain = apply_constraints(hand_path(p_stop, moves, wxyz), everything(7))
+    turned = apply_constraints(
         hand_path(quat_rotate(turn, p_stop), R @ moves @ R.T, quat_multiply(turn, wxyz)), everything(7)
     )
     assert turned.p_nav_sensor == pytest.approx(quat_rotate(turn, plain.p_nav_sensor), abs=1e-12)
@@ -153,7 +153,7 @@ def test_turning_the_world_turns_the_result() -> None:
 def test_what_is_true_already_changes_nothing_but_sigma() -> None:
     rng = np.random.default_rng(1)
     path = hand_path(agreeing(rng, 7), covariances(rng, 6, 0.05))
-    conditioned = condition_on(path, everything(7))
+    conditioned = apply_constraints(path, everything(7))
     assert conditioned.p_nav_sensor == pytest.approx(path.p_nav_sensor, abs=1e-12)
     assert conditioned.v_nav_sensor == pytest.approx(path.v_nav_sensor, abs=1e-12)
     shrunk = np.linalg.eigvalsh(path.cov[:, :3, :3] - conditioned.cov[:, :3, :3])
@@ -164,9 +164,9 @@ def test_what_is_true_already_changes_nothing_but_sigma() -> None:
 
 def test_without_a_claim_the_path_is_the_same() -> None:
     path = hand_path(np.zeros((3, 3)), np.tile(1e-4 * np.eye(3), (2, 1, 1)))
-    assert condition_on(path, Known()) is path
+    assert apply_constraints(path, Known()) is path
     alone = hand_path(np.zeros((1, 3)), np.zeros((0, 3, 3)))
-    assert condition_on(alone, Known(closed=True)) is alone
+    assert apply_constraints(alone, Known(closed=True)) is alone
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
@@ -175,7 +175,7 @@ def test_each_move_takes_its_share_by_its_own_uncertainty(share: float) -> None:
     variances = np.array([4.0, share, 1.0 - share, 4.0]) * 0.02**2
     p_stop = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.3, 0.2, 0.0], [0.1, 0.03, 0.0], [0.0, 0.0, 0.4]])
     path = hand_path(p_stop, variances[:, None, None] * np.eye(3))
-    shift = at_stops(condition_on(path, Known(places=(Place((mid(1), mid(3))),)))) - p_stop
+    shift = at_stops(apply_constraints(path, Known(places=(Place((mid(1), mid(3))),)))) - p_stop
     taken = np.diff(shift, axis=0)[:, 1]
     whole = -0.03 * 0.02**2 / (0.02**2 + PLACE_SIGMA_M**2)
     assert taken == pytest.approx([0.0, share * whole, (1.0 - share) * whole, 0.0], abs=1e-15)
@@ -185,7 +185,7 @@ def test_the_path_follows_its_stops_and_velocity_stays_the_derivative_of_positio
     rng = np.random.default_rng(2)
     p_stop = np.cumsum(np.vstack((np.zeros(3), 0.01 * rng.normal(size=(4, 3)))), axis=0)
     path = hand_path(p_stop, covariances(rng, 4, 0.03))
-    conditioned = condition_on(path, Known(closed=True))
+    conditioned = apply_constraints(path, Known(closed=True))
     shift, faster = conditioned.p_nav_sensor - path.p_nav_sensor, conditioned.v_nav_sensor - path.v_nav_sensor
     for stop in path.stops:
         assert np.ptp(shift[stop.start : stop.stop], axis=0) == pytest.approx(0.0, abs=1e-15)
@@ -205,7 +205,7 @@ def test_motion_after_the_last_stop_goes_with_it() -> None:
     )
     covariance = PoseCovariance.chained(whole.cov[:2])
     path = replace(whole, stops=whole.stops[:2], covariance=covariance, closure=whole.closure[:1])
-    conditioned = condition_on(path, Known(closed=True))
+    conditioned = apply_constraints(path, Known(closed=True))
     shift = conditioned.p_nav_sensor - path.p_nav_sensor
     assert shift[path.stops[1].start :] == pytest.approx(np.tile(shift[path.stops[1].start], (len(shift) - 30, 1)))
 
