@@ -19,8 +19,7 @@ from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, SHORTEST_DIVIDED
 from pbd.tracking.smoother.smooth import Solution
 
 FALSE_ALARM_CHANCE = 0.05
-"""Largest chance that a test suspects a sound recording, if the noise is as modelled. Real noise is smaller, so fewer
-are suspected."""
+"""Chance that a test suspects a sound recording, with noise as modelled. Real noise is smaller, so fewer are."""
 
 LINEARISATION_SHARE = 0.02
 """Increase of a leg's residual variance by linearisation, relative to the leg's noise. Without it a leg whose residuals

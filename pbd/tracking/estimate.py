@@ -74,7 +74,7 @@ def estimate(
     weights = solution.stop_weights().tolist()
     believed = [k for k, weight in enumerate(weights) if weight > 1.0 - DOUBTED_WEIGHT]
     if not believed:
-        raise _doubted_rest_error(t, rest)
+        refuse_doubted_rest(t, rest, ())
     joined = _join_stops(solution, believed, [event.t for event in recording.grip])
     stops = tuple(
         Stop(start, stop, float(t[stop - 1] - t[start]), max(weights[k] for k in parts))
@@ -107,12 +107,9 @@ def refuse_doubted_rest(t: Array, rest: Rest, stops: Sequence[Stop]) -> None:
     Raises:
         TrackingError: with the time of that rest.
     """
-    if not any(stop.start < rest.stop and rest.start < stop.stop for stop in stops):
-        raise _doubted_rest_error(t, rest)
-
-
-def _doubted_rest_error(t: Array, rest: Rest) -> TrackingError:
-    return TrackingError(
+    if any(stop.start < rest.stop and rest.start < stop.stop for stop in stops):
+        return
+    raise TrackingError(
         f"the sensor seems to rest from {t[rest.start]:.1f} to {t[rest.stop - 1]:.1f} s, but not by the stops beside "
         "it: the hand coasts there, or one of the channels is wrong; start with two seconds of rest, and check the "
         "sensor with pbd calibrate sensor",

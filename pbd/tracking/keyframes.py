@@ -15,8 +15,7 @@ NEAR_STOP_S = 0.5
 """Longest time, s, between a stop and a grip event or a claim that belongs to it."""
 
 ROTATION_RAD, ROTATION_SHIFT_M = np.radians(10.0), 0.03
-"""A move is called a hand rotation if it turns more than ROTATION_RAD (rad) and extends less than ROTATION_SHIFT_M (m)
-along each axis."""
+"""A move that turns by more than this (rad), and extends by less than this (m) along each axis, is a hand rotation."""
 
 
 def keyframes_of(path: HandPath) -> tuple[Keyframe, ...]:
@@ -65,16 +64,13 @@ def _describe(path: HandPath, start: int, stop: int) -> str:
     """The kind of motion in the paper's words."""
     span = slice(max(start - 1, 0), stop + 1)
     extent = np.ptp(path.p_nav_sensor[span], axis=0)
-    if extent.max() < ROTATION_SHIFT_M and _largest_turn(path.wxyz_nav_sensor[span]) > ROTATION_RAD:
+    wxyz = path.wxyz_nav_sensor[span]
+    turns = np.linalg.norm(quat_log(quat_multiply(quat_inverse(wxyz[0]), wxyz)), axis=1)
+    if extent.max() < ROTATION_SHIFT_M and turns.max() > ROTATION_RAD:
         return "Hand rotation"
     axis = "xyz"[int(np.argmax(extent))]
     kind = "Vertical" if axis == "z" else "Horizontal"
     return f"{kind} motion (mainly along {axis} axis)"
-
-
-def _largest_turn(wxyz: Array) -> float:
-    """Largest angle, rad, between the first attitude and any other."""
-    return float(np.linalg.norm(quat_log(quat_multiply(quat_inverse(wxyz[0]), wxyz)), axis=1).max())
 
 
 def nearest_stop(t: Array, stops: tuple[Stop, ...], at: float) -> tuple[int, float]:

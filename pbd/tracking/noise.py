@@ -18,8 +18,7 @@ from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import moving_means, rows_of_mean, squares, white_noise_variance
 
 OUTLIER_SIGMAS = 3.0
-"""A deviation of more sigmas along one axis is no chance (0.27 %): a robust factor hardly counts, a claim is refused, a
-lag is real."""
+"""More sigmas along an axis are no chance (0.27 %): a robust factor hardly counts, a claim is refused, a lag is real."""
 
 
 @dataclass(frozen=True)
@@ -58,17 +57,9 @@ IDEAL = SensorClass(1e-3 * MG, 1e-6, 1e-6, 1e-6 * DEG, 1e-6)
 """The simulator's sensor without errors."""
 
 CLASSES = {
-    "modern": CALIBRATED,
-    "xsens": CALIBRATED,
-    "vectornav": CALIBRATED,
-    "ximu3": CALIBRATED,
-    "ideal": IDEAL,
-    "os5000": COMPASS,
-    "wt901": BARE,
-    "witmotion": BARE,
-    "razor": BARE,
-    "phone": BARE,
-    "phyphox": BARE,
+    **dict.fromkeys(("modern", "xsens", "vectornav", "ximu3"), CALIBRATED),
+    **{"ideal": IDEAL, "os5000": COMPASS},
+    **dict.fromkeys(("wt901", "witmotion", "razor", "phone", "phyphox"), BARE),
 }
 """The class by a word in the recording's `info.sensor`."""
 

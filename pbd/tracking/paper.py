@@ -161,7 +161,12 @@ def paper_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Array, 
     The threshold is for the paper's own sensor. If it leaves a single stop, there is a warning.
     """
     if len(stops) == 1:
-        _warn_of_threshold(a_nav, stops[0])
+        found = "no motion" if stops[0].stop - stops[0].start == len(a_nav) else "a single stop"
+        warn(
+            f"--method paper finds {found} in this sensor's data: the variance of its acceleration is at most "
+            f"{resulting_variance(a_nav).max():.2g}, and the paper's threshold lambda_v = {LAMBDA_V:g} (m/s2)^2 is "
+            "for its own sensor at 40 Hz; use --method default"
+        )
     dt = np.diff(t, prepend=t[0])[:, None]
     v = np.zeros_like(a_nav)
     bounds = sorted({0, len(t), *(i for stop in stops for i in (stop.start, stop.stop))})
@@ -176,16 +181,6 @@ def paper_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Array, 
     p = np.cumsum(v * dt, axis=0)  # (6)
     origin = p[stops[0].start] if stops else p[0]
     return p - origin, v, np.array(closure).reshape(-1, 3)
-
-
-def _warn_of_threshold(a_nav: Array, stop: Stop) -> None:
-    largest = float(resulting_variance(a_nav).max())
-    seen = "no motion" if stop.stop - stop.start == len(a_nav) else "a single stop"
-    warn(
-        f"--method paper finds {seen} in this sensor's data: the variance of its acceleration is at most "
-        f"{largest:.2g}, and the paper's threshold lambda_v = {LAMBDA_V:g} (m/s2)^2 is for its own sensor at 40 Hz; "
-        "use --method default"
-    )
 
 
 def paper_covariance(t: Array, stops: tuple[Stop, ...], closure: Array) -> Array:

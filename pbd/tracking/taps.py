@@ -36,8 +36,7 @@ STILL_S = 0.2
 """s: time for which the hand is still before the first tap and after the second."""
 
 KEPT = 0.5
-"""Largest change of mean specific force from before the taps to after them, m/s2: the hand turned by less than 3
-degrees."""
+"""Largest change of mean specific force by the taps, m/s2: the hand turned by less than 3 degrees."""
 
 
 @dataclass

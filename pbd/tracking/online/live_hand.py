@@ -27,8 +27,7 @@ CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_DEVICE_S = 0.2, 2.0, 0.6
 doubtful, with a device's own attitude."""
 
 VELOCITY_GATE, VELOCITY_MEAN = 14.2, 3.0
-"""The 99.7 % quantile and the mean of the squared Mahalanobis distance of a velocity from zero (chi-square, 3 degrees
-of freedom)."""
+"""The 99.7 % quantile and the mean of a velocity's squared Mahalanobis distance (chi-square, 3 degrees of freedom)."""
 
 
 @dataclass(frozen=True, eq=False)

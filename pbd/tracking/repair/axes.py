@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import permutations, product
 from typing import NamedTuple
 
@@ -87,16 +86,13 @@ class Reading(NamedTuple):
         return " and ".join(said)
 
 
-@cache
-def readings() -> tuple[Reading, ...]:
-    """All 48 readings; the first changes nothing."""
-    return tuple(Reading(o, s) for o, s in product(permutations(range(3)), product((1, -1), repeat=3)))
+READINGS = tuple(Reading(o, s) for o, s in product(permutations(range(3)), product((1, -1), repeat=3)))
+"""All 48 readings; the first changes nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class Witness:
-    """A direction that is fixed in the world: unit vectors (k, 3) in sensor axes, at the first and second of k pairs of
-    moments.
+    """A direction that is fixed in the world, in sensor axes: unit vectors (k, 3) at both moments of k pairs.
 
     `channel` is a (gravity), m (magnetic field), or empty for the device's attitude, whose columns are trusted.
     """
@@ -159,7 +155,7 @@ def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]
     counted = [k for k in each_witness if moved[k].sum() >= SIMPLE_PAIRS]
     found = None
     if counted and off[counted].max() > CONTRADICTION_DEG:
-        matrices = np.array([reading.matrix for reading in readings()])
+        matrices = np.array([reading.matrix for reading in READINGS])
         of_own = np.array([costs(k, by_gyro, matrices) for k in each_witness])
         # Another reading of the gyro is the inverse reading of all witnesses. A mirrored one reverses its rotation.
         inverse = [int(np.argmax((matrices == one.T).all(axis=(1, 2)))) for one in matrices]
@@ -167,7 +163,7 @@ def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]
         of_gyro[:, mirrored] = [costs(k, back, matrices[mirrored].transpose(0, 2, 1)) for k in each_witness]
         left = {c: np.where([[each.channel == c] for each in witnesses], of_own, off[:, None]) for c in "am"}
         left["g"] = of_gyro
-        fits = [(channel, reading, left[channel][:, k]) for k, reading in enumerate(readings()) for channel in "gam"]
+        fits = [(channel, reading, left[channel][:, k]) for k, reading in enumerate(READINGS) for channel in "gam"]
         used = ([k for k in counted if k < n] for n in range(len(witnesses), 0, -1))
         found = next(filter(None, (_find_remedy(witnesses, telling, fits, k) for k in used if k)), None)
     up = witnesses[0]

@@ -30,8 +30,7 @@ LIVE_SHARE = 0.7
 """A working axis changes in at least this share of its rows."""
 
 NOISE_ROUGHNESS = 2.0
-"""Readings are noise if the ratio of their third to their first differences is larger. White noise has 3.2, smooth
-motion less."""
+"""Readings are noise if their third differences are this many times their first. White noise has 3.2, motion less."""
 
 NOISE_ROWS, ROUNDING = 20, 1e-6
 """Noise is judged in the calmest NOISE_ROWS rows in sequence. A change below ROUNDING (m/s2, rad/s) is rounding."""

@@ -57,7 +57,9 @@ def with_clock(recording: Recording) -> Recording:
             f"the recording has {counted(len(recording), 'sample') or '0 samples'}; record at least a second of rest, "
             "then move"
         )
-    _refuse_other_unit(recording.t)
+    steps = np.diff(recording.t[np.isfinite(recording.t)])
+    if 2 * (steps > 0.0).sum() > len(steps):  # another unit, before its steps are taken for jumps
+        _refuse_slow(float(np.median(steps[steps > 0.0])))
     _refuse_disorder(recording.t)
     recording = replace(recording, t=steady_clock(recording))
     t = recording.t
@@ -84,15 +86,8 @@ def with_clock(recording: Recording) -> Recording:
     return recording
 
 
-def _refuse_other_unit(t: Array) -> None:
-    """Refuse time in ms, us or ns, before its steps are taken for jumps."""
-    steps = np.diff(t[np.isfinite(t)])
-    forward = steps[steps > 0.0]
-    if 2 * len(forward) > len(steps):
-        _refuse_slow(float(np.median(forward)))
-
-
 def _refuse_slow(interval: float) -> None:
+    """Refuse an interval, s, that is too long for a sensor: the time is in ms, us or ns."""
     if interval * SLOWEST_HZ <= 1.0:
         return
     units = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}

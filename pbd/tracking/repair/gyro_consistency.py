@@ -32,10 +32,10 @@ from pbd.tracking.repair.axes import (
     AS_GOOD_DEG,
     CONTRADICTION_DEG,
     IMPROVEMENT,
+    READINGS,
     Witness,
     angles,
     find_axis_error,
-    readings,
 )
 
 UPSIDE_DOWN_COS = -0.9
@@ -103,7 +103,7 @@ def refuse_flipped_signs(recording: Recording) -> None:
     if len(steady.rows) == 0:
         return
     up = up_in_sensor(quat_from_rpy(recording.device_rpy[steady.rows]))
-    signs = [reading for reading in readings() if reading.order == (0, 1, 2)]
+    signs = [reading for reading in READINGS if reading.order == (0, 1, 2)]
     off, *fits = (float(np.degrees(angles(steady.up_sensor * each.signs, up).mean())) for each in signs)
     if off < CONTRADICTION_DEG or min(fits) > off / IMPROVEMENT:
         return

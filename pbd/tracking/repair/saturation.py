@@ -41,8 +41,7 @@ SIDE_SAMPLES = 2
 """Number of samples on either side of a flat top over which its fall is measured."""
 
 CHANCE_STEPS = 2.5
-"""A rounded peak repeats its top reading with a chance of at most CHANCE_STEPS / fall, with the fall of its sides in
-steps of the resolution."""
+"""A rounded peak repeats its top reading with a chance of at most CHANCE_STEPS / fall (of its sides, in steps)."""
 
 CLIPPED_CHANCE = 1e-4
 """An axis is clipped if one of its flat tops would be a rounded peak with less than this chance."""
@@ -68,8 +67,22 @@ class Clip:
 def find_clips(recording: Recording) -> tuple[Clip, ...]:
     """Find the clipped samples of a recording without NaN, in order; warns if there are any."""
     clips = clips_of(recording)
-    if clips:
-        _warn(recording, clips)
+    if not clips:
+        return ()
+    clipped: dict[str, set[str]] = {}
+    for clip in clips:
+        clipped.setdefault(clip.sensor, set()).add("xyz"[clip.axis])
+    axes = " and ".join(
+        f"the {SENSOR_NAMES[sensor]}'s {', '.join(sorted(clipped[sensor]))}" for sensor in sorted(clipped)
+    )
+    rows = len({row for clip in clips for row in range(clip.start, clip.stop)})
+    first = clips[0]
+    reading = abs(float(getattr(recording, first.sensor)[first.start, first.axis]))
+    shown = f"{reading / GRAVITY:.3g} g" if first.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
+    warn(
+        f"{rows} samples of {axes} axis are at the end of the range ({shown}), the first at "
+        f"t = {recording.t[first.start]:.2f} s: values above it are guessed; move slower, or set a larger range"
+    )
     return clips
 
 
@@ -106,23 +119,6 @@ def _clipped_runs(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[i
         if (CHANCE_STEPS * step / max(fall, step)) ** (samples - 1) < CLIPPED_CHANCE:
             return tops
     return []
-
-
-def _warn(recording: Recording, clips: Sequence[Clip]) -> None:
-    clipped: dict[str, set[str]] = {}
-    for clip in clips:
-        clipped.setdefault(clip.sensor, set()).add("xyz"[clip.axis])
-    axes = " and ".join(
-        f"the {SENSOR_NAMES[sensor]}'s {', '.join(sorted(clipped[sensor]))}" for sensor in sorted(clipped)
-    )
-    rows = len({row for clip in clips for row in range(clip.start, clip.stop)})
-    first = clips[0]
-    reading = abs(float(getattr(recording, first.sensor)[first.start, first.axis]))
-    shown = f"{reading / GRAVITY:.3g} g" if first.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
-    warn(
-        f"{rows} samples of {axes} axis are at the end of the range ({shown}), the first at "
-        f"t = {recording.t[first.start]:.2f} s: values above it are guessed; move slower, or set a larger range"
-    )
 
 
 def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tuple[Impulse, ...]]:

@@ -55,8 +55,7 @@ def first_guess(frame: GyroFrame, rows: Rows, stops: Spans) -> Array:
 
 
 def to_upright(up: Array) -> Array:
-    """The shortest turn of a unit vector (3,) to the vertical, wxyz, not normalised; of one that points down, any half
-    turn about a level axis."""
+    """The shortest turn of a unit vector (3,) to the vertical (any half turn if it points down): wxyz, unnormalised."""
     x, y, z = up
     return np.array((1.0 + z, y, 1e-12 - x, 0.0))
 

@@ -35,15 +35,10 @@ GAUGE_WEIGHT = 1e10
 def linearise(
     problem: Problem, x: State, fixed: Fixed, whiten: Array, anneal: float = 1.0, legs: Array | None = None
 ) -> tuple[NormalEquations, Array]:
-    """Linearise all factors at a state.
+    """Linearise all factors: the normal equations, and the robust weight (m,), 0 to 1, of zero velocity at each knot.
 
-    Args:
-        whiten: of `whitener`.
-        anneal: factor on the sigmas of no motion at a stop.
-        legs: `leg_jacobian` at this state, if it is already known.
-
-    Returns:
-        The normal equations, and the robust weight of zero velocity at each knot, (m,) 0 to 1.
+    `whiten` is of `whitener`; `anneal` multiplies the sigmas of no motion at a stop; `legs` is `leg_jacobian` at this
+    state, if it is already known.
     """
     equations = NormalEquations.empty(len(problem.rows), SHARED)
     _add_legs(equations, problem, x, fixed, whiten, legs)

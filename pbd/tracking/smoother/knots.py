@@ -100,10 +100,8 @@ def pose_problem(
     """Place knots and integrate between them.
 
     Args:
-        frame: the recording in the gyro frame.
+        frame, rest, noise, device: as in `Problem`.
         mag: (n, 3) in any unit, or None.
-        rest: its first quiet second.
-        noise: parameters of sensor and hand.
         stops: candidates.
         calm: the part of each in which the hand surely stands still; knots of the stop lie there.
         speed: (n,) m/s per axis, sigma of zero velocity.
@@ -111,7 +109,6 @@ def pose_problem(
         extra_rows: further rows at which a knot is wanted.
         impulses: motion lost above a sensor's range.
         unseen: first and last row of each hole in the data.
-        device: the attitude is the device's own.
     """
     t, dt = frame.t, frame.dt
     rows, stop_of = _place_knots(t, calm, [*extra_rows, *(row for hole in unseen for row in hole)])

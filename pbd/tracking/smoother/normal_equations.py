@@ -16,8 +16,7 @@ STATE = ACC_BIAS.stop
 """A knot's unknowns: rotation vector in nav (rad), velocity, position, biases."""
 
 NEXT_STATE = GYR_BIAS.start
-"""Number of unknowns of its second knot on which a leg's motion depends: all but the biases, whose random walk is a
-factor of its own."""
+"""Unknowns of a leg's second knot on which its motion depends: not the biases, whose walk is a factor of its own."""
 
 BAND = STATE + NEXT_STATE
 """Width of the band: the unknowns of a leg's first knot, and NEXT_STATE of its second."""
@@ -60,11 +59,6 @@ class NormalEquations:
         """Gradient (m, 15) with respect to the knots' unknowns."""
         return self.border[:, :, -1]
 
-    @property
-    def g_shared(self) -> Array:
-        """Gradient (s,) with respect to the shared unknowns."""
-        return self.corner[:, -1]
-
     def add_unary(self, block: slice, residual: Array, weight: Array) -> None:
         """Add a factor on each knot: residuals (m, 3) of a block of its unknowns, weights (m,)."""
         i = np.arange(block.start, block.stop)
@@ -88,7 +82,7 @@ class NormalEquations:
         weighted = weight[:, None, None] * jacobian
         self.border[at, block, columns] += weighted
         self.corner[columns, columns] += np.tensordot(weighted, jacobian, axes=((0, 1), (0, 1)))
-        self.g_shared[columns] += np.tensordot(weighted, residual, axes=((0, 1), (0, 1)))
+        self.corner[columns, -1] += np.tensordot(weighted, residual, axes=((0, 1), (0, 1)))
 
     def add_legs(self, jacobian: Array, at: int = 0) -> None:
         """Add legs that begin at the knots from `at` on: whitened Jacobian, residual last, (., r, 15 + 9 + s + 1)."""

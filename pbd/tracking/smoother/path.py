@@ -73,8 +73,6 @@ def between_stops(t: Array, stops: Sequence[Stop], first: Array, last: Array) ->
     acceleration has white noise and the velocity is known at both ends.
 
     Args:
-        t: (n,) s.
-        stops: k stops, in order.
         first, last: (k, 3) m, shift of each stop at its first and at its last row.
     """
     shift, faster = np.zeros((2, len(t), 3))
