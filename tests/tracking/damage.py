@@ -1,6 +1,6 @@
-"""Ways in which a sensor, its wires, its files or the hand spoil a demonstration; the truth goes with it.
+"""Damage by the sensor, its wires, its files or the hand, applied to a demonstration with its truth.
 
-Truth and recording have the same rows: what changes the rows of one changes those of the other.
+Truth and recording have the same rows. A damage that changes the rows changes both.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ Change = Callable[[Task, np.random.Generator], Task]
 AXES = "xyz"
 
 STILL_M_S, STILL_RAD_S, REST_S = 1e-3, np.radians(0.5), 0.25
-"""The true hand rests where it is slower than this for so long."""
+"""The true hand rests if it is slower than STILL_M_S (m/s) and STILL_RAD_S (rad/s) for REST_S (s)."""
 
 
 # --- where the hand rests and moves ---
@@ -49,7 +49,7 @@ def truth_of(demo: Demonstration) -> Truth:
 
 
 def resting(truth: Truth) -> NDArray[np.bool_]:
-    """The rows (n,) at which the hand rests, however shortly."""
+    """The rows (n,) at which the hand rests, for any duration."""
     dt = np.diff(truth.t)
     gone = lengths(np.diff(truth.p_nav_sensor, axis=0)) < STILL_M_S * dt
     turn = quat_log(quat_multiply(quat_inverse(truth.wxyz_nav_sensor[:-1]), truth.wxyz_nav_sensor[1:]))
@@ -72,7 +72,7 @@ def row_in_move(demo: Demonstration, rng: np.random.Generator) -> int:
 
 
 def row_anywhere(demo: Demonstration, rng: np.random.Generator) -> int:
-    """After the first second."""
+    """A random row after the first second."""
     return int(rng.integers(round(demo.recording.rate_hz), len(demo.recording) - 3))
 
 
@@ -84,7 +84,7 @@ def samples(demo: Demonstration, seconds: float) -> int:
 
 
 def with_values(demo: Demonstration, channel: str, change: Callable[[Array], Array]) -> Demonstration:
-    """A channel changed; where the sensor has none, nothing."""
+    """Change one channel; a sensor without it is unchanged."""
     values = getattr(demo.recording, channel)
     if values is None:
         return demo
@@ -108,7 +108,7 @@ def swapped(channel: str, a: int, b: int) -> Damage:
 
 
 def stuck(channel: str, axis: int, from_start: bool) -> Damage:
-    """An axis that repeats one value: 0 from the start, or its last one from some moment in a move on."""
+    """An axis repeats one value: 0 from the start, or its last value from a random row in a move on."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         row = 0 if from_start else row_in_move(demo, rng)
@@ -127,12 +127,12 @@ def clipped(channel: str, limit: float) -> Damage:
 
 
 def wrapped(channel: str, limit: float) -> Damage:
-    """An integer that overflows: above +limit it goes on at -limit."""
+    """An integer overflow: readings above +limit continue at -limit."""
     return lambda demo, rng: with_values(demo, channel, lambda v: (v + limit) % (2.0 * limit) - limit)
 
 
 def frozen(channels: tuple[str, ...], seconds: float) -> Damage:
-    """Channels that repeat one sample for a while, from somewhere in a move."""
+    """Channels repeat one sample for a while, from a random row in a move on."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         row = row_in_move(demo, rng)
@@ -160,7 +160,7 @@ def spiked(channel: str, size: float, rows: int, count: int) -> Damage:
 
 
 def stepped(channel: str, size: float) -> Damage:
-    """A bias that comes at some moment and stays, along any direction."""
+    """A bias in a random direction begins at a random row and stays."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         row, way = row_anywhere(demo, rng), rng.normal(size=3)
@@ -181,7 +181,7 @@ def noisy(channel: str, rms: float, seconds: float) -> Damage:
 
 
 def vibrating(acc: float, gyr: float, frequency: tuple[float, float], averaged: bool) -> Damage:
-    """A machine near by: a sine from start to end, sampled at instants or averaged over the sampling interval."""
+    """A nearby machine: a sine from start to end, sampled at instants or averaged over the sampling interval."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         f, t = rng.uniform(*frequency), demo.recording.t
@@ -196,7 +196,7 @@ def vibrating(acc: float, gyr: float, frequency: tuple[float, float], averaged: 
 
 
 def magnet_passing(size: float, seconds: float) -> Damage:
-    """A magnet that comes and goes, uT."""
+    """A magnet comes and goes; size in uT."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         t, way = demo.recording.t, rng.normal(size=3)
@@ -207,7 +207,7 @@ def magnet_passing(size: float, seconds: float) -> Damage:
 
 
 def hard_iron(size: float) -> Damage:
-    """A magnet in the hand, uT."""
+    """A magnet in the hand; size in uT."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         way = rng.normal(size=3)
@@ -220,7 +220,7 @@ def hard_iron(size: float) -> Damage:
 
 
 def with_rows_of(demo: Demonstration, rows: Rows) -> Demonstration:
-    """Some of the rows in some order, under the stamps of an unbroken recording."""
+    """Some of the rows, in a given order, with the time stamps of an unbroken recording."""
     truth, n = truth_of(demo), len(rows)
     t = np.arange(n) / demo.recording.rate_hz if n > len(demo.recording) else demo.recording.t[:n]
     return replace(
@@ -231,7 +231,7 @@ def with_rows_of(demo: Demonstration, rows: Rows) -> Demonstration:
 
 
 def burst_lost(seconds: float) -> Damage:
-    """Samples of a move that are lost, and nobody knows."""
+    """Samples of a move are lost, and the time stamps do not show it."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         row = row_in_move(demo, rng)
@@ -266,7 +266,7 @@ def singles_doubled(share: float) -> Damage:
 
 
 def blocks_reordered(seconds: float) -> Damage:
-    """Two packets in the wrong order: what the hand truly did is in the right one."""
+    """Two packets come in the wrong order. The truth keeps the right one."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         n, size = len(demo.recording), samples(demo, seconds)
@@ -279,7 +279,7 @@ def blocks_reordered(seconds: float) -> Damage:
 
 
 def clock(factor: float, nominal: bool) -> Damage:
-    """A clock that runs so many times too fast; or all is as if the sensor had been set to another rate."""
+    """A clock runs `factor` times too fast; with `nominal`, as if the sensor had been set to another rate."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         truth, info = truth_of(demo), demo.recording.info
@@ -298,7 +298,7 @@ def milliseconds(demo: Demonstration, rng: np.random.Generator) -> Demonstration
 
 
 def joined(where: str) -> Damage:
-    """A recording that breaks off, and another take from the dock behind it, as though it were one."""
+    """A recording that breaks off, joined with another take from the dock."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         truth, n = truth_of(demo), len(demo.recording)
@@ -315,7 +315,7 @@ def joined(where: str) -> Damage:
 
 
 def gyro_late(seconds: float) -> Damage:
-    """The gyro's filter delays it."""
+    """The gyro is late, by its filter's delay."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         t = demo.recording.t
@@ -327,7 +327,7 @@ def gyro_late(seconds: float) -> Damage:
 
 
 def low_passed(channel: str, cutoff_hz: float) -> Damage:
-    """By a filter of the first order, as in the chip."""
+    """A channel passes a first-order low-pass, as in the chip."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         keep = float(np.exp(-2.0 * np.pi * cutoff_hz / demo.recording.rate_hz))
@@ -343,7 +343,7 @@ def low_passed(channel: str, cutoff_hz: float) -> Damage:
 
 
 def polled(times: int) -> Damage:
-    """A program that reads the last sample this many times as often as there is a new one."""
+    """A program reads the last sample this many times as often as there is a new one."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         truth = truth_of(demo)
@@ -367,7 +367,7 @@ def polled(times: int) -> Damage:
 
 
 def carried(demo: Demonstration, v: Array) -> Demonstration:
-    """A further motion of the hand, in nav, of velocity v (n, 3) m/s at the samples' middles."""
+    """Add a motion of the hand with velocity v (n, 3) m/s in nav, at the middle of each sample."""
     t, truth = demo.recording.t, truth_of(demo)
     edges = np.concatenate((v[:1], 0.5 * (v[1:] + v[:-1]), v[-1:]))
     a = np.diff(edges, axis=0) * demo.recording.rate_hz
@@ -380,7 +380,7 @@ def carried(demo: Demonstration, v: Array) -> Demonstration:
 
 
 def turned(demo: Demonstration, by: Array) -> Demonstration:
-    """The sensor turns in the hand by a rotation vector (n, 3) rad about its own axes, always about one axis."""
+    """Turn the sensor in the hand by rotation vectors (n, 3) rad in its own axes, all about one axis."""
     recording, truth = demo.recording, truth_of(demo)
     S = quat_exp(by)
     rate = np.gradient(by, recording.t, axis=0)
@@ -396,7 +396,7 @@ def turned(demo: Demonstration, by: Array) -> Demonstration:
 
 
 def trembling(size_m: float, size_rad: float) -> Damage:
-    """8 to 12 Hz, from start to end; so small that where the hand stops is the same."""
+    """Tremor of 8 to 12 Hz from start to end, too small to change where the hand stops."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         t, f, truth = demo.recording.t, rng.uniform(8.0, 12.0), demo.truth
@@ -410,7 +410,7 @@ def trembling(size_m: float, size_rad: float) -> Damage:
 
 
 def slipping(angle: float, seconds: float) -> Change:
-    """The sensor turns in the hand, once, while it rests (not the first time)."""
+    """The sensor turns in the hand once, in a rest that is not the first."""
 
     def change(task: Task, rng: np.random.Generator) -> Task:
         k = int(rng.integers(1, len(task.waypoints)))
@@ -424,7 +424,7 @@ def slipping(angle: float, seconds: float) -> Change:
 
 
 def gliding(speed: float, ramp_s: float, share: float = 0.8) -> Damage:
-    """In a rest (not the first) the hand goes on at constant speed, level; it sets out and arrives within it."""
+    """In a rest that is not the first the hand moves at constant speed, level; it starts and stops within the rest."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         t, spans = demo.recording.t, rests(truth_of(demo))
@@ -441,7 +441,7 @@ def gliding(speed: float, ramp_s: float, share: float = 0.8) -> Damage:
 
 
 def drifting(speed: float) -> Damage:
-    """The hand is in a car: a constant speed from start to end."""
+    """The hand is in a car with constant speed from start to end."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         return carried(demo, np.tile((speed, 0.0, 0.0), (len(demo.recording), 1)))
@@ -454,5 +454,5 @@ def as_it_is(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
 
 
 def without_north(recording: Recording) -> Recording:
-    """Without magnetometer and without the device's own angles."""
+    """Without the magnetometer and the device's own angles."""
     return replace(recording, mag=None, device_rpy=None)

@@ -1,4 +1,4 @@
-"""The fault matrix: which damages there are, and what becomes of a demonstration that has one."""
+"""The fault matrix: all damages, and the outcome of tracking a demonstration with each."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ TASKS = ("pour", "pick-and-place-stops", "pick-and-place-direct", "random")
 SENSORS = ("os5000", "wt901", "modern")
 
 WRONG_M, WRONG_RAD, SIGMAS = 0.02, np.radians(6.0), 3.0
-"""A keyframe is wrong that is off by more than this, and by more than so many of its own sigmas."""
+"""A keyframe is wrong if it is off by more than this (m or rad), and by more than SIGMAS of its own sigmas."""
 
 FIRST_SEED = 2
-"""Seeds 0 and 1 draw devices that are off by 3.5 and 2.5 sigma in scale: one in 2000 is not to speak for all."""
+"""Seeds 0 and 1 are left out. They draw devices with scale errors of 3.5 and 2.5 sigma (one device in 2000)."""
 
 REFUSED, WARNED_RIGHT, WARNED_WRONG, SILENT_RIGHT, SILENT_WRONG = VERDICTS = (
     "refused",
@@ -68,7 +68,7 @@ class Fault:
     change: d.Change | None = None
 
     def __reduce__(self) -> tuple[Callable[[str, str], Fault], tuple[str, str]]:
-        """To another process goes the name."""
+        """Pickle the name only."""
         return named, (self.name, self.variant)
 
 
@@ -102,7 +102,7 @@ def _axes(channel: str) -> Iterator[Fault]:
 
 @cache
 def faults() -> tuple[Fault, ...]:
-    """All of them; `clean` is none."""
+    """All damages, and `clean`, which is none."""
     found = [Fault("clean", "", d.as_it_is)]
     for seconds in (0.02, 0.05, 0.1, 0.3, 1.0):
         found += [
@@ -190,7 +190,7 @@ def faults() -> tuple[Fault, ...]:
 
 
 def lags() -> list[Fault]:
-    """Two filters of one chip, and programs that read more often than there is something new."""
+    """Lags from two filters of one chip, and programs that read more often than there is a new sample."""
     return [
         *(Fault("lag", f"{ms} ms", d.gyro_late(1e-3 * ms)) for ms in (5, 10, 15, 30, 60)),
         *(Fault("low-pass", f"acc {hz} Hz", d.low_passed("acc", hz)) for hz in (4, 8, 15, 40)),
@@ -216,12 +216,12 @@ class Case:
 
     @property
     def untellable(self) -> str | None:
-        """Why nobody can tell."""
+        """Why no inertial sensor can tell, or None."""
         reasons = self.fault.untellable or {}
         return reasons.get("*", reasons.get(self.task))
 
     def demonstration(self) -> Demonstration:
-        """Spoilt, with its truth."""
+        """The damaged demonstration with its truth."""
         drawn = np.random.default_rng(crc32(self.name.encode()))
         task = task_of(self.task, self.seed)
         task = self.fault.change(task, drawn) if self.fault.change else task
@@ -240,14 +240,14 @@ def cases(seeds: int, start: int = FIRST_SEED) -> list[Case]:
 
 
 def model(sensor: str) -> SensorModel:
-    """A gyro that the paper's tasks do not clip."""
+    """The sensor model, with a gyro that the paper's tasks do not clip."""
     found = SENSOR_MODELS[sensor]
     assert found.gyr is not None
     return replace(found, gyr=replace(found.gyr, limit=np.radians(2000.0)))
 
 
 def task_of(name: str, seed: int) -> Task:
-    """By name; `tipping` is a random task whose moves turn by up to 80 degrees."""
+    """A task by name; `tipping` is a random task whose moves turn by up to 80 degrees."""
     drawn = {"random": random_task(seed), "tipping": random_task(seed, max_turn=np.radians(80.0))}
     return drawn[name] if name in drawn else SIMULATED[name]
 
@@ -263,7 +263,7 @@ def sound(task: Task, sensor: str, seed: int) -> Demonstration:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a case.
+    """The result of a case.
 
     Attributes:
         verdict: one of VERDICTS.
@@ -281,7 +281,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Score:
-    """A path held against the truth, relative to its first stop.
+    """A path compared with the truth, relative to its first stop.
 
     Attributes:
         error_m, error_rad: the largest of a keyframe.
@@ -296,7 +296,7 @@ class Score:
 
 
 def outcome(case: Case) -> Outcome:
-    """Track a case, and warn as every command does.
+    """Track a case with the warnings that every command gives.
 
     Raises:
         RuntimeError: anything but a PbdError came of it; it is chained.
@@ -327,7 +327,7 @@ def outcome(case: Case) -> Outcome:
 
 
 def score(path: HandPath, truth: Truth) -> Score:
-    """Each keyframe against the truth at its time; each true rest must have a stop that is right where it is."""
+    """Compare each keyframe with the truth at its time; each true rest must have a correct stop."""
     rows = [(stop.start + stop.stop - 1) // 2 for stop in path.stops]
     wxyz = np.array([mean_quaternion(path.wxyz_nav_sensor[stop.start : stop.stop]) for stop in path.stops])
     p = path.p_nav_sensor[rows]

@@ -1,4 +1,4 @@
-"""Ways to spoil a recording, and what may come of it."""
+"""Damage a recording; track it, or have it refused."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def with_channel(recording: Recording, channel: str, values: Array | None) -> Re
 
 
 def broken(recording: Recording, channel: str, rows: slice, value: float) -> Recording:
-    """One value in all columns of some rows of a channel."""
+    """Put one value into all columns of some rows of a channel."""
     values = np.array(getattr(recording, channel))
     values[rows] = value
     return with_channel(recording, channel, values)
 
 
 def path_or_none(recording: Recording, method: str) -> HandPath | None:
-    """The path, which must be sound, or None where the recording is refused. Any other exception is a bug."""
+    """The path, which must be sound, or None if the recording is refused. Any other exception is a bug."""
     try:
         path = track(recording, method)
     except PbdError:

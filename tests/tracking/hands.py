@@ -1,4 +1,4 @@
-"""Hands that each method of tracking can follow, with a perfect sensor in them."""
+"""Simulated hands with a perfect sensor that each tracking method can follow."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ PERFECT = replace(SENSOR_MODELS["ideal"], attitude=AttitudeOutput())
 NORTHLESS = replace(PERFECT, mag=None)
 
 RATE_HZ = {"default": 200.0, "paper": 40.0}
-"""The paper's thresholds are per sample, for its sensor's rate: at 200 Hz it sees hardly any motion."""
+"""The paper's thresholds are per sample, for its sensor's rate. At 200 Hz it detects hardly any motion."""
 
 MISSED = 2.0 * sqrt(LAMBDA_V)
-"""m/s2: steps of the resulting acceleration from sample to sample that Algorithm 1 doesn't see: the variance of two
-samples is a quarter of the square of their difference."""
+"""m/s2: largest step of the resulting acceleration between two samples that Algorithm 1 does not detect. The variance
+of two samples is a quarter of the square of their difference."""
 
 every_method = pytest.mark.parametrize("method", METHODS)
 with_and_without_north = pytest.mark.parametrize("sensor", [PERFECT, NORTHLESS], ids=["north", "no north"])
 
 
 def hand(method: str, seed: int, turns: bool = True) -> Task:
-    """A task that the method can follow. Algorithm 1 does not see the slow beginning and end of an unhurried move."""
+    """A task that the method can follow. Algorithm 1 misses the slow beginning and end of an unhurried move."""
     if method == "default":
         return random_task(seed, moves=4, max_turn=np.radians(60.0) * turns)
     rng = np.random.default_rng(seed)
@@ -56,13 +56,13 @@ def hand(method: str, seed: int, turns: bool = True) -> Task:
 
 
 STANDS_M = 3e-4
-"""m: how far off a keyframe may be with a perfect sensor in a hand that stands perfectly still."""
+"""m: largest error of a keyframe, with a perfect sensor in a hand that stands perfectly still."""
 
 
 def bound(method: str, task: Task) -> float:
-    """How far off a keyframe may be with a perfect sensor that doesn't turn, m.
+    """Largest error of a keyframe, m, with a perfect sensor that does not turn.
 
-    The default is to be right to STANDS_M: it takes no hand to stand stiller than a millimetre a second.
+    The default method must be right to STANDS_M, as it assumes that no hand stands stiller than 1 mm/s.
 
     The paper's rectangular sums of interval means are exact in velocity (at the intervals' ends), and in position to
     dt^4 / T^4 of a minimum-jerk move (Euler and Maclaurin: both velocity and acceleration vanish at its ends), a few
@@ -86,7 +86,7 @@ def middle(stop: Stop) -> int:
 
 
 def keyframe_errors(path: HandPath, truth: Truth) -> Array:
-    """How far each keyframe is from the truth, (k, 3) m, as the dock sees it: from the first stop and its heading."""
+    """Errors of the keyframes, (k, 3) m, relative to position and heading of the first stop."""
     rows = [middle(stop) for stop in path.stops]
     found, true = path.p_nav_sensor[rows], truth.p_nav_sensor[rows]
     yaw = yaw_toward(path.wxyz_nav_sensor[rows[0]], truth.wxyz_nav_sensor[rows[0]])

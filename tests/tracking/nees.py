@@ -1,7 +1,7 @@
-"""Normalised estimation errors: how far keyframes are off, measured in what the tracker says of itself.
+"""Normalised estimation errors squared (NEES): errors of keyframes, relative to the tracker's own covariance.
 
-The sensor's axes are the accelerometer's: how they lie in the housing nobody can tell from a recording (preintegration,
-LOWER). So the truth, which is the housing's, is turned into them.
+The sensor's axes are those of the accelerometer (preintegration.LOWER). A recording can't show how they lie in the
+housing. So the truth, which is that of the housing, is rotated into them.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ RANDOM: dict[str, Callable[[int], Task]] = {
     "tipping": partial(random_task, max_turn=np.radians(80.0)),
     "dawdling": partial(random_task, rest_s=(6.0, 10.0)),
 }
-"""Tasks that are drawn for each seed."""
+"""Tasks that are drawn at random for each seed."""
 
 PHONE = SENSOR_MODELS["wt901"]
 assert PHONE.gyr is not None
@@ -46,14 +46,14 @@ WANDERING = replace(
     acc=replace(PHONE.acc, bias=3.0 * MG, scale=FACTORY.acc_scale, bias_walk=FACTORY.acc_walk),
     gyr=replace(PHONE.gyr, scale=FACTORY.gyr_scale, bias_walk=FACTORY.gyr_walk),
 )
-"""A sensor whose biases wander as fast as a hand's warmth makes them: the presets' hardly do in so short a time."""
+"""A sensor whose biases drift as fast as in a warm hand. Those of the presets hardly drift in so short a time."""
 
 MODELS = {**SENSOR_MODELS, "wandering": WANDERING}
 
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors of all keyframes but the first, and what the tracker says of them.
+    """Errors of all keyframes but the first, and the tracker's covariance.
 
     Attributes:
         off, turn: (k, 3) m, rad, in nav.
@@ -66,23 +66,23 @@ class Errors:
 
     @property
     def position(self) -> Array:
-        """Whitened (k, 3): the mean of their squares is one where the covariance is true."""
+        """Whitened position errors (k, 3): their mean square is one if the covariance is true."""
         return whitened(self.off, self.cov[:, :3, :3])
 
     @property
     def rotation(self) -> Array:
-        """The same of rotation."""
+        """The same for rotation."""
         return whitened(self.turn, self.cov[:, 3:, 3:])
 
     @property
     def in_sigmas(self) -> Array:
-        """Each axis by its own sigma: (k, 6)."""
+        """Errors (k, 6), each axis divided by its own sigma."""
         sigma: Array = np.sqrt(np.diagonal(self.cov, axis1=1, axis2=2))
         return np.hstack((self.off, self.turn)) / sigma
 
 
 def demonstration(task: str, sensor: str, seed: int, sway_speed: float = 0.0) -> Demonstration:
-    """A simulated one; with an odd seed it has neither magnetometer nor the device's own angles."""
+    """A simulated demonstration; with an odd seed, without magnetometer and the device's own angles."""
     drawn = RANDOM[task](seed) if task in RANDOM else TASKS[task]
     demo = simulate(drawn, MODELS[sensor], seed, sway_speed=sway_speed)
     truth = demo.truth
@@ -94,7 +94,7 @@ def demonstration(task: str, sensor: str, seed: int, sway_speed: float = 0.0) ->
 
 
 def accelerometer_axes(sensor: str, seed: int) -> Array:
-    """How the accelerometer's axes, lie in a simulated housing: wxyz (4,)."""
+    """Rotation of the accelerometer's axes in a simulated housing, wxyz (4,)."""
     acc_rng = np.random.default_rng(seed).spawn(5)[1]  # as simulate() does
     model = replace(MODELS[sensor].acc, noise=0.0, bias=0.0, bias_walk=0.0, limit=inf, step=0.0)
     turned, triangle = np.linalg.qr(model.measure(np.eye(3), np.ones(3), acc_rng))  # gain = lower triangle x turn
@@ -102,14 +102,14 @@ def accelerometer_axes(sensor: str, seed: int) -> Array:
 
 
 def errors_of(demo: Demonstration) -> Errors:
-    """Track a demonstration and hold it against its truth."""
+    """Track a demonstration and compare it with its truth."""
     if demo.truth is None:
         raise ValueError("a simulated demonstration has its truth")
     return against(track(demo.recording), demo.truth)
 
 
 def against(path: HandPath, truth: Truth) -> Errors:
-    """Errors of a path, relative to the first stop: its place and its heading."""
+    """Errors of a path, relative to position and heading of the first stop."""
     rows = [(stop.start + stop.stop - 1) // 2 for stop in path.stops]
     wxyz = np.array([mean_quaternion(path.wxyz_nav_sensor[stop.start : stop.stop]) for stop in path.stops])
     wxyz_true = truth.wxyz_nav_sensor[rows]
@@ -128,12 +128,13 @@ def whitened(errors: Array, covariance: Array) -> Array:
 
 
 def nees(whites: Iterable[Array]) -> float:
-    """Mean normalised square of recordings, each of which counts once: 1 where the covariance is true."""
+    """Mean normalised squared error, with equal weight for each recording: 1 if the covariance is true."""
     return float(np.mean([np.mean(white**2) for white in whites]))
 
 
 def band(recordings: int, share: float = 0.95) -> tuple[float, float]:
-    """Where that mean lies so often, if all keyframes of a recording err together: chi-square of 3 a recording."""
+    """Interval in which that mean lies with this probability, if all keyframes of a recording err together (chi-square,
+    3 degrees of freedom per recording)."""
     from scipy.special import chdtri
 
     beyond, freedom = 0.5 * (1.0 - share), 3.0 * recordings

@@ -1,4 +1,4 @@
-"""Hand paths made of where they stop and how sure each move is."""
+"""Hand paths from given stops and given covariances of the moves."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from pbd.data.covariance import PoseCovariance
 from pbd.pose import Array
 
 DT, REST, MOVE = 0.05, 10, 20
-"""Of the paths below: s, and samples."""
+"""Sampling interval, s, and number of samples in a stop and in a move of the paths below."""
 
 
 def mid(stop: int) -> float:
-    """An instant in a stop of `hand_path`."""
+    """A time in the middle of a stop of `hand_path`, s."""
     return DT * (stop * (REST + MOVE) + REST // 2)
 
 
 def hand_path(p_stop: Array, moves: Array, wxyz: Array | None = None) -> HandPath:
-    """A hand that stands at (k, 3) m with (k, 4), its moves' covariances (k - 1, 3, 3) m2 chained."""
+    """A hand that stops at positions (k, 3) m with attitudes (k, 4), from its moves' covariances (k - 1, 3, 3)."""
     k = len(p_stop)
     stops = tuple(Stop(i * (REST + MOVE), i * (REST + MOVE) + REST, REST * DT) for i in range(k))
     n = stops[-1].stop
@@ -37,6 +37,6 @@ def at_stops(path: HandPath) -> Array:
 
 
 def covariances(rng: np.random.Generator, k: int, sigma: float) -> Array:
-    """Any (k, 3, 3), some moves far less sure than others."""
+    """Random covariances (k, 3, 3); some moves are far less certain than others."""
     root = sigma * rng.uniform(0.03, 1.0, (k, 1, 1)) * rng.normal(size=(k, 3, 3))
     return np.array(root @ root.transpose(0, 2, 1))

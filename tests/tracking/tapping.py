@@ -1,4 +1,4 @@
-"""Taps on a sensor's back, added to what it read: a blow, and the hand that takes it up."""
+"""Add taps on a sensor's back to its readings: a blow, and the motion of the hand that damps it."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from pbd.data import Recording
 
 BLOW_S, SPRING_HZ, DAMPING = 0.008, 18.0, 0.35
-"""s: half a sine. The hand gives way as a damped spring, so that the sensor is where it was."""
+"""s: duration of a blow, half a sine. The hand yields as a damped spring, so that the sensor returns to its place."""
 
 
 def tapped(recording: Recording, blows: Iterable[tuple[float, float]], lean: float = 0.3) -> Recording:
-    """Add taps of so many m/s2 at so many s. What is read is the mean over each interval, as of all samples.
+    """Add taps of given strength (m/s2) at given times (s). As in all samples, readings are means over intervals.
 
     Args:
         recording: of a sensor at rest at those times.

@@ -1,4 +1,4 @@
-"""What is said of a recording that its own solution contradicts."""
+"""Warnings about a recording that its own solution contradicts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pbd.tracking.alarm import _move_alarms, _sensor_alarms
 
 
 def test_many_moves_that_all_fit_badly_are_told() -> None:
-    """Each at three sigmas: none stands out from the others."""
+    """All are at three sigmas, so none stands out."""
     solution: Any = SimpleNamespace(
         leg_residuals=(np.full((8, 9), 3.0), np.zeros((8, 9, 9))), problem=SimpleNamespace(t=np.arange(9.0))
     )

@@ -1,4 +1,4 @@
-"""Conditioning on what is known of the stops: against dense least squares, and what must hold besides."""
+"""Constraints at stops: against dense least squares, and properties that must hold."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from tests.tracking.stops_at import DT, MOVE, REST, at_stops, covariances, hand_
 
 
 def least_squares(path: HandPath, known: Known) -> tuple[Array, Array]:
-    """The stops (k, 3) and their covariances (k, 3, 3), by dense least squares: each visit has a noise of its own, and
-    each place and the table are unknowns like any other."""
+    """The stops (k, 3) and their covariances (k, 3, 3) by dense least squares. Each visit has its own noise; each place
+    and the table are unknowns."""
     k, places = len(path.stops), len(known.places)
     table = 3 * (k - 1 + places)
     moves = np.diff(path.cov[:, :3, :3], axis=0)
@@ -99,7 +99,7 @@ def everything(k: int) -> Known:
 
 
 def agreeing(rng: np.random.Generator, k: int) -> Array:
-    """Stops (k, 3) of which `everything` is true."""
+    """Stops (k, 3) that fulfil `everything`."""
     p = rng.uniform(-0.3, 0.3, (k, 3))
     p[[1, 2, 3, 4, 5, k - 2], 2] = 0.1
     p[0], p[3], p[k - 2], p[4], p[k - 1] = 0.0, p[1], p[1], p[2], 0.0
@@ -126,7 +126,7 @@ def test_as_dense_least_squares(seed: int, k: int, log_sigma: float) -> None:
 @pytest.mark.parametrize("sigma_m", [1e-9, 1e-3, 1e3])
 @pytest.mark.parametrize("move_sigma", [1e-9, 1e-3, 1e3])
 def test_tiny_and_huge_sigmas_do_no_harm(move_sigma: float, sigma_m: float) -> None:
-    """Two independent estimates of one position: the variances' harmonic mean, whatever their sizes."""
+    """Two independent estimates of one position have half the harmonic mean of their variances, whatever these are."""
     p_stop = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.1 * min(move_sigma, sigma_m), 0.0, 0.0]])
     path = hand_path(p_stop, np.tile(0.5 * move_sigma**2 * np.eye(3), (2, 1, 1)))
     cov = apply_constraints(path, Known(places=(Place((mid(0), mid(2)), sigma_m=sigma_m),))).cov[2, :3, :3]
@@ -171,7 +171,7 @@ def test_without_a_claim_the_path_is_the_same() -> None:
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
 def test_each_move_takes_its_share_by_its_own_uncertainty(share: float) -> None:
-    """And nothing is taken by the moves that the claim says nothing of."""
+    """Moves that the claim does not concern take no share."""
     variances = np.array([4.0, share, 1.0 - share, 4.0]) * 0.02**2
     p_stop = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.3, 0.2, 0.0], [0.1, 0.03, 0.0], [0.0, 0.0, 0.4]])
     path = hand_path(p_stop, variances[:, None, None] * np.eye(3))

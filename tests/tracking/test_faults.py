@@ -9,8 +9,8 @@ import numpy as np
 from tests.tracking.fault_matrix import REFUSED, SILENT_RIGHT, SILENT_WRONG, cases, outcome
 
 SAMPLE, MOST_SILENT, LEAST_RIGHT = 100, 2, 20
-"""Cases; of which so many may be silently wrong (under 1 % of all are: two of a hundred by chance in 26 %); and so many
-are right without a word, or too much is refused."""
+"""Number of cases; most that may be silently wrong (under 1 % of all are, so two in a hundred by chance in 26 %); least
+that are right without a warning, else too much is refused."""
 
 
 def test_damage_is_refused_or_told_or_does_no_harm() -> None:

@@ -1,4 +1,4 @@
-"""What is known of the stops, as a user of the command line meets it."""
+"""What is known of the stops, on the command line."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def tea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def keyframes_json(capsys: pytest.CaptureFixture[str], *args: str) -> tuple[list[dict[str, Any]], list[str]]:
-    """The keyframes of tea, and the lines on stderr."""
+    """The keyframes of tea as JSON, and the lines on stderr."""
     capsys.readouterr()
     assert main(["keyframes", "tea", "--json", *args]) == 0
     out, err = capsys.readouterr()

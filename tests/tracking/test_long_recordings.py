@@ -1,4 +1,4 @@
-"""What makes tracking linear in time gives what the slow forms give, which are written out here."""
+"""The fast forms that make tracking linear in time equal the slow forms, which are written out here."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_window_sums_are_the_sums_over_each_window(values: Array, n: int) -> Non
 
 
 def any_stops(rng: np.random.Generator) -> tuple[list[Stop], Array]:
-    """In order, and time at 100 Hz."""
+    """Random stops, in order, and times at 100 Hz."""
     lengths = rng.integers(1, 20, (int(rng.integers(1, 9)), 2))
     edges = np.cumsum(lengths.ravel()).reshape(-1, 2)
     stops = [Stop(int(start), int(stop), 0.01 * (int(stop - start) - 1)) for start, stop in edges]

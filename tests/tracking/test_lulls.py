@@ -1,4 +1,4 @@
-"""A foot's stance is a lull between strides; what a knock leaves calm beside it is none."""
+"""A foot's stance is a lull between strides; calm beside a knock is none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The live tracker: the same in any pieces, in agreement with the batch smoother and the truth, and soon enough."""
+"""The live tracker: independent of how rows are cut, in agreement with the smoother and the truth, and fast enough."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ from tests.scenarios import pour, truth_at, uncalibrated, with_hole, with_rows
 SENSORS = ("modern", "os5000", "wt901")
 
 LATEST_S = 0.3
-"""A stop is announced within this of its start."""
+"""s: a stop is announced within this time of its start."""
 
 
 def fed(recording: Recording, sizes: list[int] | None = None) -> tuple[LiveTracker, list[LiveEvent]]:
-    """Feed a recording whole, or in pieces of these sizes (again and again)."""
+    """Feed a recording as a whole, or in pieces of these sizes, repeated."""
     tracker, start = LiveTracker(recording.info.sensor), 0
     events: list[LiveEvent] = []
     while start < len(recording):
@@ -63,7 +63,7 @@ def poured(sensor: str, seed: int) -> tuple[LiveTracker, list[LiveEvent]]:
 
 
 def plain_pour() -> tuple[LiveTracker, list[LiveEvent]]:
-    """The everyday task with nothing wrong."""
+    """The everyday task without faults."""
     return poured("modern", 0)
 
 
@@ -72,7 +72,7 @@ def began(events: list[LiveEvent]) -> list[StopBegan]:
 
 
 def flat(value: object) -> object:
-    """A value as nested tuples that compare to the bit."""
+    """A value as nested tuples, which compare bit by bit."""
     if isinstance(value, np.ndarray):
         return value.tobytes()
     if hasattr(value, "__dataclass_fields__"):
@@ -87,7 +87,7 @@ def state(tracker: LiveTracker) -> object:
 
 
 def damaged(recording: Recording) -> Recording:
-    """With rows lost, repeated, without numbers, out of order, and a hole."""
+    """Rows are lost, repeated, without numbers and out of order, and there is a hole."""
     recording = with_hole(recording, 9.0, 9.3)
     acc, t = recording.acc.copy(), recording.t.copy()
     acc[[150, 400, 401]], acc[1200, 1] = np.nan, 1e30
@@ -98,7 +98,7 @@ def damaged(recording: Recording) -> Recording:
 
 @cache
 def to_be_cut() -> tuple[Recording, LiveTracker, list[LiveEvent]]:
-    """A damaged recording of 14 s and what becomes of it in one piece."""
+    """A damaged recording of 14 s, and the result of feeding it as a whole."""
     recording = damaged(with_rows(pour().recording, slice(0, 1400)))
     return recording, *fed(recording)
 
@@ -127,7 +127,7 @@ def test_what_is_read_on_the_way_does_not_depend_on_the_pieces_either() -> None:
 
 
 def at_the_end(sensor: str, seed: int) -> tuple[Keyframe, Array, Array]:
-    """The live tracker's last keyframe; the batch smoother's of it, (3,) m, and its covariance (3, 3) m2."""
+    """The live tracker's last keyframe; the smoother's position of it (3,) m, with covariance (3, 3) m2."""
     recording, live = pour(sensor, seed).recording, poured(sensor, seed)[0].keyframes
     rest = find_rest(recording)
     batch = estimate(recording, rest, noise_of(recording, rest))
@@ -141,7 +141,7 @@ def at_the_end(sensor: str, seed: int) -> tuple[Keyframe, Array, Array]:
 @uncalibrated
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_at_the_last_stop_it_agrees_with_the_batch_smoother(sensor: str) -> None:
-    """What both have seen is the same, so they differ by less than either errs: here by less than three sigma."""
+    """Both used the same data, so they differ by less than their errors: here by less than three sigma."""
     for seed in range(2):
         live, p_batch, cov_batch = at_the_end(sensor, seed)
         assert distance_in_sigmas(live.T_nav_sensor.p - p_batch, live.cov[:3, :3]) < 3.0
@@ -151,7 +151,7 @@ def test_at_the_last_stop_it_agrees_with_the_batch_smoother(sensor: str) -> None
 @uncalibrated
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_the_truth_lies_within_its_sigma(sensor: str) -> None:
-    """Of normal errors 95 % lie within two sigma: here 120 in position and in rotation each."""
+    """Of normal errors 95 % lie within two sigma; here 120 each in position and in rotation."""
     scaled: list[Array] = []
     for seed in range(4):
         demo = pour(sensor, seed)
@@ -172,14 +172,14 @@ def test_the_truth_lies_within_its_sigma(sensor: str) -> None:
 
 
 def distance_in_sigmas(off: Array, cov: Array) -> float:
-    """Of three axes together; 4 is as seldom as 3 of one axis."""
+    """Mahalanobis distance over three axes; 4 is as rare as 3 along one axis."""
     return float(np.sqrt(off @ np.linalg.solve(cov + 1e-8 * np.eye(3), off)))
 
 
 def from_rest_to_rest(wobble: float, up_to: int = 120) -> tuple[Strapdown, list[Leg], GyroFrame]:
-    """A move as the live tracker and as the batch integrate it, with so many rad/s of a wobble about three axes.
+    """A move as the live tracker and the smoother integrate it, with a wobble in rad/s about three axes.
 
-    The live tracker stops before row `up_to`; it has integrated these legs, and what came since.
+    The live tracker stops before row `up_to`. Returned are its legs, and what it integrated after them.
     """
     recording = pour("modern", 1).recording
     part = slice(240, 360)
@@ -199,7 +199,7 @@ def from_rest_to_rest(wobble: float, up_to: int = 120) -> tuple[Strapdown, list[
 
 
 def test_a_wobble_turns_it_as_it_turns_the_batch() -> None:
-    """Coning: it turns the hand by more than its rates add up to."""
+    """Coning: the hand turns by more than the sum of its rates."""
     strapdown, _, frame = from_rest_to_rest(wobble=3.0)
     np.testing.assert_allclose(strapdown.C, quat_to_matrix(frame.wxyz[-1]), rtol=0.0, atol=1e-5)
 
@@ -214,7 +214,7 @@ def test_a_lag_adds_as_much_as_in_the_batch() -> None:
 
 
 def test_its_integrals_are_those_of_the_batch() -> None:
-    """Its cubics look back, theirs to both sides: they differ for a moment, and agree once the hand rests."""
+    """Its cubics use past samples only. They differ in a step from the smoother's, and agree once the hand rests."""
     strapdown, _, frame = from_rest_to_rest(wobble=0.0)
     assert np.linalg.norm(frame.wxyz[60] - frame.wxyz[0]) > 0.0
     np.testing.assert_allclose(strapdown.C, quat_to_matrix(frame.wxyz[-1]), rtol=0.0, atol=2e-6)
@@ -224,7 +224,7 @@ def test_its_integrals_are_those_of_the_batch() -> None:
 
 
 def stop_starts(task: Task) -> Array:
-    """When the hand comes to rest, s."""
+    """Times at which the hand comes to rest, s."""
     ends = np.cumsum([w.move_s + w.rest_s for w in task.waypoints])
     return np.array([end - w.rest_s for end, w in zip(ends, task.waypoints, strict=True)])
 
@@ -243,7 +243,7 @@ def test_a_stop_is_announced_in_time_and_nothing_else_is(sensor: str, rate_hz: f
 @uncalibrated
 @pytest.mark.parametrize(("slower", "sensor"), [(1.25, "wt901"), (3.0, "wt901"), (3.0, "os5000")])
 def test_a_slow_hand_stops_where_it_does_and_nowhere_else(sensor: str, slower: float) -> None:
-    """Half-way, where acceleration passes zero, a smooth move is as quiet as a rest."""
+    """Half-way, where acceleration is zero, a smooth move is as quiet as a rest."""
     waypoints = tuple(replace(waypoint, move_s=slower * waypoint.move_s) for waypoint in TASKS["pour"].waypoints)
     task = replace(TASKS["pour"], waypoints=waypoints)
     starts = stop_starts(task)
@@ -472,7 +472,7 @@ def test_stops_of_a_real_hand_agree_with_the_optics(data_folder: Path) -> None:
 
 
 def test_between_the_neighbours_of_lost_samples_motion_may_be_anything() -> None:
-    """Noise for it is the variance of what lies evenly between the two, all axes together, as long as that lasts."""
+    """Its noise: the variance of a uniform distribution between the two, summed over axes, times the gap's duration."""
     conditioner, between = Conditioner(), np.linspace(0.0, 1.0, 10_001)[:, None]
     conditioner.interval = 0.01
     gyr, acc = np.array((0.1, -0.2, 0.3)), np.array((1.0, 2.0, -0.5))

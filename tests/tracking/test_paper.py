@@ -1,4 +1,4 @@
-"""The paper's chain, each step against its equation."""
+"""The paper's method, each step against its equation."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_without_a_gyro_it_follows_the_compass() -> None:
 
 
 def test_where_its_threshold_sees_no_motion_it_is_not_the_hands_fault() -> None:
-    """A pouring at 100 Hz: from one sample to the next too little changes for a variance over two."""
+    """Pouring at 100 Hz: between two samples acceleration changes too little for a variance over two samples."""
     recording = simulate("pour", "modern", 0).recording
     with pytest.warns(PbdWarning, match=r"^--method paper finds no motion in this sensor's data: .* lambda_v = 0\.01 "):
         assert len(track(recording, method="paper").stops) == 1

@@ -1,4 +1,4 @@
-"""What holds for every method of tracking, because it holds for a hand and a sensor."""
+"""Physics that holds for every tracking method."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ def test_a_perfect_sensor_gives_the_truth(method: str, seed: int) -> None:
 
 @pytest.mark.parametrize("seed", [22, 45, 49, 58])
 def test_a_perfect_sensor_gives_the_truth_of_moves_that_begin_slowly(seed: int) -> None:
-    """Each of these tasks has a move of 5 to 9 cm that takes 1.3 to 1.5 s. For 60 to 80 ms its acceleration stays under
-    what a hand trembles: the stop seems to last that much longer at either end."""
+    """Each of these tasks has a move of 5 to 9 cm that takes 1.3 to 1.5 s. Its acceleration is below a hand's tremor
+    for 60 to 80 ms at either end, and the stop seems to last as much longer."""
     path, truth = perfect("default", random_task(seed))
     assert len(path.stops) == 7
     assert np.linalg.norm(keyframe_errors(path, truth), axis=1).max() < STANDS_M
@@ -72,7 +72,7 @@ def test_a_perfect_sensor_gives_the_truth_of_moves_that_begin_slowly(seed: int) 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_resampling_converges(seed: int) -> None:
-    """The faster an ideal sensor samples, the nearer a path is to the truth, down to what a standing hand may creep."""
+    """The faster an ideal sensor samples, the nearer the path is to the truth, down to the creep of a still hand."""
     errors = []
     for rate_hz in (50.0, 100.0, 200.0, 400.0):
         demo = simulate(random_task(seed, moves=4), "ideal", rate_hz=rate_hz)
@@ -84,8 +84,8 @@ def test_resampling_converges(seed: int) -> None:
 
 
 def test_the_papers_sums_converge_where_its_stops_are_given() -> None:
-    """Algorithm 1 itself does not converge: its threshold is on the step between two samples, which a higher rate
-    makes smaller. Given where the hand rests, the rectangular sums of interval means come nearer with the rate."""
+    """Algorithm 1 itself does not converge: its threshold is on the step between two samples, which a higher rate makes
+    smaller. With given rests, the rectangular sums of interval means converge with the rate."""
     task = hand("paper", 0, turns=False)
     motion = HandMotion(task.waypoints, task.start_rpy)
     begin, end = motion.knots.reshape(-1, 2).T
@@ -164,7 +164,7 @@ def test_velocity_is_the_derivative_of_position_and_zero_in_stops(method: str) -
 @pytest.mark.parametrize("sensor", ["modern", "wt901"])
 @pytest.mark.parametrize("seed", range(2))
 def test_the_joint_covariance_is_symmetric_and_positive(method: str, sensor: str, seed: int) -> None:
-    """Of all poses together, relative to the first: what a move adds, no known place takes back."""
+    """The joint covariance of all poses relative to the first."""
     path = track(simulate(hand(method, seed), sensor, seed, rate_hz=RATE_HZ[method]).recording, method)
     assert len(path.stops) > 2
     joint = path.covariance.joint()

@@ -1,4 +1,4 @@
-"""Real recordings, which nobody here made (see the data folder's README)."""
+"""Public real recordings (see the data folder's README)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each stage alone: run one by one they give what `track` gives, and each against an oracle of its own."""
+"""Each stage alone: in sequence they give the result of `track`, and each agrees with an oracle of its own."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ coefficients = st.lists(st.floats(-5.0, 5.0), min_size=9, max_size=9)
 
 @given(coefficients, st.floats(0.002, 0.1), st.integers(4, 40))
 def test_means_of_quadratics_are_integrated_exactly(numbers: list[float], dt: float, n: int) -> None:
-    """But for the first and the last step, beyond which nothing is known."""
+    """Except the first and the last step, beyond which there are no samples."""
     polynomials = [np.polynomial.Polynomial(numbers[i : i + 3]) for i in (0, 3, 6)]
     t = dt * np.arange(n, dtype=np.float64)
     found = integral_of_means(t, interval_means(lambda at: columns(*(p(at) for p in polynomials)), t, dt))
@@ -153,7 +153,7 @@ def test_values_with_slopes_are_integrated_to_fourth_order() -> None:
 
 
 def attitude_at(t: Array) -> Array:
-    """A turn whose axis turns too: products of sines about the three axes, (m,) s -> (m, 4)."""
+    """A rotation whose axis rotates too: products of sines about the three axes, (m,) s -> (m, 4)."""
     turns = columns(0.8 * np.sin(2.1 * t), 0.6 * np.sin(3.3 * t + 0.5), 0.9 * np.sin(1.7 * t + 1.0))
     wxyz: Array = quat_exp(np.zeros((len(t), 3)))
     for axis in np.eye(3):
@@ -162,7 +162,7 @@ def attitude_at(t: Array) -> Array:
 
 
 def rate_at(t: Array) -> Array:
-    """Its angular rate in the sensor's axes, (m, 3) rad/s, by central differences of fourth order."""
+    """Its angular rate in sensor axes, (m, 3) rad/s, by central differences of fourth order."""
 
     def turn(h: float) -> Array:
         return quat_log(quat_multiply(quat_inverse(attitude_at(t - h)), attitude_at(t + h))) / (2.0 * h)
@@ -190,8 +190,8 @@ def test_turns_between_middles_are_those_of_a_fine_integration_to_fourth_order()
 
 
 def test_what_turning_does_to_a_mean_is_of_second_order() -> None:
-    """Specific force f is averaged in axes that turn with the rate w, and turned by the attitude of the middle. With
-    both to second order in time, the mean is off by dt^2 / 12 (w x f' + w' x f / 2 + w x (w x f) / 2)."""
+    """Specific force f is averaged in axes that turn with rate w, and rotated by the attitude at the middle. To second
+    order in time, the mean is off by dt^2 / 12 (w x f' + w' x f / 2 + w x (w x f) / 2)."""
     errors = []
     for dt in (0.025, 0.0125, 0.00625):
         t = dt * np.arange(round(2.0 / dt), dtype=np.float64)
@@ -228,7 +228,7 @@ def test_the_first_second_is_the_rest_if_its_variance_is_at_most_four_times_the_
 
 
 def test_an_axis_that_always_reads_the_same_says_nothing_of_the_step() -> None:
-    """Nor does one of which a coarser step is seen: rounding adds step / sqrt(12), and stays while nothing moves."""
+    """Nor does an axis with a coarser step. Rounding adds step / sqrt(12), which is constant at rest."""
     values = 0.01 * np.random.default_rng(0).integers(-3, 4, (200, 3)) * np.array((1.0, 5.0, 0.0))
     assert _rounding(values, 0.0) == pytest.approx((0.01 / np.sqrt(12.0), 0.01 / np.sqrt(12.0)))
 

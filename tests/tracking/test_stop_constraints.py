@@ -1,4 +1,4 @@
-"""What is claimed of the stops, in the replay's own frames, and refused where it is wrong."""
+"""Claims about the stops, in the frames of the replay; wrong ones are refused."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.tracking.stops_at import at_stops, covariances, hand_path, mid
 @settings(deadline=None, max_examples=25)
 @given(st.integers(0, 2**32 - 1))
 def test_base_and_tool_are_those_of_the_replay(seed: int) -> None:
-    """What `tool_poses` gives, claimed, is no misfit: lever, scale, dock and all."""
+    """Claims of what `tool_poses` gives have no misfit: with lever, scale and dock."""
     rng = np.random.default_rng(seed)
     wxyz = quat_exp(rng.normal(size=(4, 3)))
     path = hand_path(np.vstack((np.zeros(3), rng.normal(size=(3, 3)))), covariances(rng, 3, 0.1), wxyz)
@@ -52,7 +52,7 @@ def test_base_and_tool_are_those_of_the_replay(seed: int) -> None:
 
 
 def test_a_place_is_the_tools() -> None:
-    """The hand turns about the tool's tip: the sensor has moved, the tool has not; without the lever it is refused."""
+    """The hand turns about the tool's tip: the sensor moves, the tool does not. Without the lever it is refused."""
     wxyz = quat_exp(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [np.pi / 2, 0.0, 0.0]]))
     p_sensor_tool = np.array([0.0, 0.0, -0.12])
     p_stop = np.array([0.3, 0.0, 0.0]) - quat_rotate(wxyz, p_sensor_tool)
@@ -78,7 +78,7 @@ def test_a_place_is_the_tools() -> None:
 def test_an_unsure_attitude_makes_what_is_known_of_a_levered_tool_less_sure(
     known: Known, levers: int, dock_m: float
 ) -> None:
-    """A tool 0.1 m ahead of the sensor goes up and down by 0.1 m times the tilt, at each of the two stops."""
+    """A tool 0.1 m ahead of the sensor moves vertically by 0.1 m times the tilt error, at each of the two stops."""
     prior, noise, tool = 2e-3, 0.001**2 + dock_m**2, Pose(np.array([0.1, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
     calibration = Calibration("c", T_base_nav=Pose.identity(), T_sensor_tool=tool, table_height=0.0)
     for tilt_sigma in (0.0, 0.05):
@@ -104,7 +104,7 @@ def test_far_from_the_dock_a_known_place_is_less_sure_sideways() -> None:
 
 
 def test_a_tool_far_out_over_the_table_is_less_sure_in_height() -> None:
-    """The dock's tilt is felt where the tool is, not where the sensor is."""
+    """The dock's tilt error acts at the tool, not at the sensor."""
     path = hand_path(np.zeros((2, 3)), np.array([1e-2 * np.eye(3)]))
     tool = Pose(np.array([0.3, 0.4, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
     calibration = Calibration("c", T_base_nav=Pose.identity(), T_sensor_tool=tool, table_height=0.0)
@@ -200,7 +200,7 @@ def test_three_sigma_of_a_height_is_the_bound(sigmas: float, refused: bool) -> N
     ("dimension", "known"), [(3, Known(closed=True)), (1, Known(contacts=(Contact(mid(1), height=0.0),)))]
 )
 def test_the_bound_is_as_improbable_in_space_as_in_height(dimension: int, known: Known) -> None:
-    """0.27 % of all true claims are refused; of errors twice as large, as many as the chi-square distribution says."""
+    """0.27 % of true claims are refused; of errors twice as large, as many as the chi-square distribution predicts."""
     rng = np.random.default_rng(0)
     moves = covariances(rng, 1, 0.01)
     root = 2.0 * np.linalg.cholesky(moves[0] + PLACE_SIGMA_M**2 * np.eye(3))
@@ -216,7 +216,7 @@ def test_the_bound_is_as_improbable_in_space_as_in_height(dimension: int, known:
 
 
 def test_claims_that_agree_alone_may_contradict_each_other() -> None:
-    """Stop 1 is where stop 0 is, stop 2 where stop 1 is, ... each a little off: the sum of it is too much."""
+    """Stop 1 is where stop 0 is, stop 2 where stop 1 is, ... Each is a little off; together it is too much."""
     p_stop = np.zeros((5, 3))
     p_stop[:, 0] = 0.02 * np.arange(5)
     path = hand_path(p_stop, np.tile(0.006**2 * np.eye(3), (4, 1, 1)))
@@ -228,7 +228,7 @@ def test_claims_that_agree_alone_may_contradict_each_other() -> None:
 
 
 def test_the_claim_most_at_fault_is_the_one_that_is_named() -> None:
-    """Four places agree that the drift is small; one alone would be believed, against them it is not."""
+    """Four places agree that the drift is small. The other alone would be accepted; against them it is refused."""
     p_stop = np.zeros((6, 3))
     p_stop[:, 0] = [0.0, 0.0, 0.0, 0.05, 0.0, 0.0]
     path = hand_path(p_stop, np.tile(0.01**2 * np.eye(3), (5, 1, 1)))

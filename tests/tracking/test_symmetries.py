@@ -1,4 +1,4 @@
-"""What every method of tracking must not depend on: the heading, the mounting, left and right, size, the clock."""
+"""Symmetries of every tracking method: heading, mounting, left and right, size, clock."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def same_stops(path: HandPath, other: HandPath) -> bool:
 @with_and_without_north
 @pytest.mark.parametrize("seed", range(2))
 def test_turning_the_world_turns_the_result(method: str, sensor: SensorModel, seed: int) -> None:
-    """Nav is east and north: it stays while the hand turns. Without north nav turns with the hand."""
+    """With a compass nav is east and north, whichever way the hand faces. Without one nav rotates with the hand."""
     task, yaw = hand(method, seed), 1.0
     plain, _ = perfect(method, task, sensor)
     turned, _ = perfect(method, task.turned(yaw), sensor)
@@ -64,10 +64,10 @@ def test_turning_the_world_turns_the_result(method: str, sensor: SensorModel, se
 @every_method
 @with_and_without_north
 def test_a_mirrored_hand_goes_the_mirrored_way(method: str, sensor: SensorModel) -> None:
-    """Mirrored in a vertical plane that keeps nav as it is: north in it, or, without north, the sensor's x axis.
+    """Mirrored in a vertical plane that keeps nav: the plane of north or, without north, of the sensor's x axis.
 
-    Rates are axial: they keep what lies along the mirrored axis and reverse the rest. A polar field that lies in the
-    plane is again the earth's.
+    Rates are axial vectors: the component along the mirrored axis stays, the others reverse. The earth's field lies in
+    the plane, so it stays.
     """
     task = hand(method, 3)
     if not sensor.mag:
@@ -137,7 +137,7 @@ def test_a_task_twice_as_large_gives_twice_the_path(method: str, seed: int) -> N
 
 @every_method
 def test_shifting_time_changes_nothing(method: str) -> None:
-    """To the last bit, where instants stay representable: on a beat of 1/128 s, even at 1.7e9 s (since 1970)."""
+    """To the bit, if times stay representable: multiples of 1/128 s, even at 1.7e9 s (since 1970)."""
     recording = simulate(random_task(5, moves=3), "modern", rate_hz=128.0).recording
     here = track(recording, method)
     for shift in (-64.0, 1024.0, 1.7e9):

@@ -1,4 +1,4 @@
-"""Two taps mark the grip: found where they are, nowhere else, and no stop is split by them."""
+"""Two taps mark the grip: found where they are and nowhere else, and they split no stop."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_a_hand_that_turns_by_more_than_three_degrees_between_does_not_tap(degre
 
 @pytest.mark.parametrize(("away_s", "stops"), [(0.7, 2), (0.9, 3)])
 def test_a_hand_that_comes_back_at_once_only_gripped(away_s: float, stops: int) -> None:
-    """It is marked on the way; 0.8 s are still a grip, more is a move out and back."""
+    """A grip is marked in the gap; 0.8 s still count as a grip, more is a move out and back."""
     there, back = Waypoint((0.0, 0.0, 0.1), move_s=0.5 * away_s), Waypoint(move_s=0.5 * away_s, rest_s=1.0)
     onward = Waypoint((0.2, 0.0, 0.0), move_s=1.0, rest_s=1.0)
     recording = simulate(Task("away", (Waypoint(rest_s=2.0), there, back, onward)), "modern", 1).recording

@@ -147,7 +147,7 @@ def test_motion_at_either_end_is_told() -> None:
 @pytest.mark.filterwarnings("ignore:no motion between the stops:pbd.errors.PbdWarning")  # samples alias what shakes
 @pytest.mark.parametrize(("rest_too", "vibration_hz"), [(False, 137.0), (True, 137.0), (False, 228.0)])
 def test_what_vibrates_takes_the_hand_nowhere(rest_too: bool, vibration_hz: float) -> None:
-    """A motor or a phone beside the sensor, with 4 m/s2: always, or every other 2 s. Samples show 228 Hz as 58 Hz."""
+    """A motor or a phone beside the sensor, with 4 m/s2: always, or every other 2 s. 228 Hz is sampled as 58 Hz."""
     demo = simulate("pour", "modern", 0, rate_hz=286.0)
     t, gyr = demo.recording.t, demo.recording.gyr
     assert gyr is not None
@@ -171,7 +171,7 @@ def test_what_vibrates_takes_the_hand_nowhere(rest_too: bool, vibration_hz: floa
 @pytest.mark.parametrize("sensor", ["modern", "os5000", "wt901"])
 @pytest.mark.parametrize("slower", [1.25, 1.5, 2.0])
 def test_a_slow_smooth_hand_stops_where_it_stops(sensor: str, slower: float) -> None:
-    """Half-way through such a move the hand is as quiet as at a stop."""
+    """Half-way through such a move the sensor is as quiet as at a stop."""
     waypoints = tuple(replace(waypoint, move_s=slower * waypoint.move_s) for waypoint in TASKS["pour"].waypoints)
     for seed in range(2):
         _, errors = keyframes_and_errors(simulate(replace(TASKS["pour"], waypoints=waypoints), sensor, seed))

@@ -1,4 +1,4 @@
-"""Whatever numbers a recording holds: it is refused with an error of ours, or gives a sound path."""
+"""Any numbers in a recording: it is refused with a PbdError, or gives a sound path."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_a_few_samples_of_a_rest_are_a_rest_or_refused(method: str, rows: int, r
 
 @st.composite
 def recordings(draw: st.DrawFn) -> Recording:
-    """Any few numbers, finite or not, in any channels; time may run as it likes."""
+    """A few arbitrary numbers, finite or not, in any channels and in time."""
     n = draw(st.integers(0, 40))
     number = st.floats() | st.sampled_from((0.0, 9.81, -9.81, 1.0))
     rows = arrays(np.float64, (n, 3), elements=number)
@@ -57,7 +57,7 @@ def test_any_few_numbers_are_refused_or_give_a_sound_path(recording: Recording, 
 
 @dataclass(frozen=True)
 class Fault:
-    """What happens to some rows of a channel."""
+    """A fault in some rows of a channel."""
 
     channel: str
     start: int

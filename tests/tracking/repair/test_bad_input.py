@@ -1,4 +1,4 @@
-"""Recordings that are none, or hardly: a clear error or a right answer, never a traceback, never NaN."""
+"""Empty, short and damaged recordings: a clear error or a right answer, never a traceback or NaN."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.tracking.faults import broken, every_method, quietly, with_channel
 every_channel = pytest.mark.parametrize("channel", ["acc", "gyr", "mag", "device_rpy"])
 
 RIGHT_M = 0.05
-"""A right answer is this near, a wrong trajectory is further off."""
+"""A right answer is within this of the truth."""
 
 
 @quietly
@@ -54,7 +54,7 @@ def test_a_gyros_bias_does_no_harm_after_a_short_rest(sensor: str) -> None:
 @quietly
 @pytest.mark.parametrize("sensor", ["wt901", "modern"])
 def test_a_slow_turn_about_the_vertical_is_no_rest(sensor: str) -> None:
-    """Three seconds at 3 degrees per second: as quiet as a rest, but the later rests turn otherwise."""
+    """Three seconds at 3 degrees per second are as quiet as a rest, but the later rests have another rate."""
     recording = with_channel(simulate("pour", sensor, 1).recording, "mag", None)
     assert recording.gyr is not None
     second = round(recording.rate_hz)
@@ -79,7 +79,7 @@ def test_a_hole_of_seconds_leaves_the_first_rest_where_it_is() -> None:
 
 
 def test_a_rest_that_the_stops_after_it_contradict_is_refused() -> None:
-    """Without it there is no dock, so the whole path would lie elsewhere."""
+    """Without this rest there is no dock, and the whole path would be elsewhere."""
     case = Case(named("gyr scaled", "x x 1.1"), "random", "modern", 2)
     assert outcome(case).said.startswith("the sensor seems to rest from 0.0 to 1.0 s, but not by the stops beside it: ")
 
@@ -117,7 +117,7 @@ def test_no_or_one_sample_is_refused(method: str, rows: int) -> None:
 @every_method
 @pytest.mark.parametrize("row", [0, *range(250, 350, 7)])
 def test_ten_samples_are_refused_wherever_they_are_from(method: str, row: int) -> None:
-    """Within a tenth of a second any motion looks like a rest."""
+    """In a tenth of a second any motion looks like a rest."""
     with pytest.raises(RecordingError, match=r"the recording lasts 0\.1 s \(10 samples\); record at least a second of"):
         track(with_rows(pour().recording, slice(row, row + 10)), method)
 
@@ -148,7 +148,7 @@ def test_a_channel_without_a_number_is_named(method: str, channel: str, value: f
 @every_channel
 @pytest.mark.parametrize("value", [np.nan, -1e300])
 def test_rows_without_a_number_are_bridged(method: str, channel: str, value: float) -> None:
-    """Three rows in a move: 40 ms between good ones."""
+    """Three rows in a move, 40 ms between good ones."""
     recording = pour().recording
     rows = slice(300, 303)
     if channel in ("acc", "gyr"):
@@ -182,8 +182,8 @@ def test_a_long_hole_in_a_move_is_refused_with_its_place(channel: str, length: i
 @quietly
 @pytest.mark.parametrize("sensor", ["modern", "os5000"])
 def test_a_hole_that_may_hide_a_whole_move_is_refused_or_makes_unsure(sensor: str) -> None:
-    """The hand lifts the bottle by 0.2 m from 6.3 to 7.3 s; the sensor says nothing from 6.25 to 7.35 s. From one rest
-    to the next the hole looks as one in a rest: interpolated, it is quiet."""
+    """The hand lifts the bottle by 0.2 m from 6.3 to 7.3 s; there are no data from 6.25 to 7.35 s. Interpolated from
+    rest to rest, the hole is as quiet as a rest."""
     demo = pour(sensor)
     t = demo.recording.t
     hole = slice(int(np.searchsorted(t, 6.25)), int(np.searchsorted(t, 7.35)))
@@ -255,7 +255,7 @@ def test_an_accelerometer_that_reads_zero_throughout_a_stop_is_refused() -> None
 @quietly
 @pytest.mark.parametrize("row", [28, 31])
 def test_a_row_repeated_ten_times_is_no_stop(row: int) -> None:
-    """Repeated as often as the detector's window is long it would be a stop without duration, and all of it edge."""
+    """A row repeated as often as the window is long would be a stop without duration."""
     recording = simulate("pour", "modern", rate_hz=10.0).recording
     rows = np.sort(np.append(np.arange(len(recording), dtype=np.intp), 9 * [row]))
     assert len(track(with_rows(recording, rows)).stops) == len(track(recording).stops)

@@ -1,4 +1,4 @@
-"""Time stamps with jitter, coarse ones, lost and repeated samples: the path stays that of the clean recording."""
+"""Jittering and coarse time stamps, lost and repeated samples: the path stays that of the clean recording."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RATES = [("os5000", None), ("modern", None), ("modern", 95.0), ("wt901", 41.0), 
 
 
 def worst(demo: Demonstration, recording: Recording) -> float:
-    """The largest error of a keyframe, m, of a recording of the demonstration; all its stops must be found."""
+    """Largest error of a keyframe, m, of a recording of the demonstration. All stops must be found."""
     assert demo.truth is not None
     keyframes = find_keyframes(track(recording))
     assert len(keyframes) == 11
@@ -43,7 +43,7 @@ def said(recording: Recording) -> str:
 
 
 def unnamed(recording: Recording) -> Recording:
-    """Nobody knows the nominal rate."""
+    """The recording without its nominal rate."""
     return replace(recording, info=replace(recording.info, rate_hz=None))
 
 
@@ -51,7 +51,7 @@ def unnamed(recording: Recording) -> Recording:
 @pytest.mark.parametrize(("sensor", "rate_hz"), RATES)
 @pytest.mark.parametrize("has_clock", [True, False], ids=["true stamps", "even stamps"])
 def test_jittering_samples_do_no_harm(sensor: str, rate_hz: float | None, has_clock: bool) -> None:
-    """A fifth of the interval, whether the stamps tell it or not."""
+    """Jitter of a fifth of the interval, with or without time stamps that show it."""
     model = SENSOR_MODELS[sensor]
     model = replace(model, rate_hz=rate_hz or model.rate_hz)
     clean = simulate("pour", model, 1)
@@ -89,7 +89,7 @@ def test_coarse_stamps_do_no_harm(sensor: str, rate_hz: float | None, step_s: fl
 
 
 def off_beat(rate_hz: float, step_s: float, kept: Array, nominal: bool) -> tuple[Array, str]:
-    """How far stamps of steady samples, those `kept`, are off once they are steadied: (n,) intervals; what was said."""
+    """Errors (n,) of the corrected stamps of the `kept` samples, in intervals; and the warnings."""
     true = np.flatnonzero(kept) / rate_hz
     stamps = np.floor(true / step_s + 1e-9) * step_s
     noise = np.random.default_rng(0).normal(size=(len(true), 3))

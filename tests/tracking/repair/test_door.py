@@ -1,4 +1,4 @@
-"""At the door: holes that may hide a move, and a sensor that is off at rest."""
+"""Checks before tracking: holes that may hide a move, and a sensor that is off at rest."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_no_person_can_vouch_for_a_hole_in_a_move() -> None:
 
 @quietly
 def test_a_short_hole_in_a_rest_is_a_warning() -> None:
-    """A hand gets a centimetre far in it, and so much less sure are the keyframes."""
+    """A hand can move a centimetre in it. The keyframes' sigma grows by as much."""
     whole = track(pour().recording)
     path = track(with_hole(pour().recording, 0.8, 0.9))
     assert np.sqrt(path.cov[1, 2, 2] - whole.cov[1, 2, 2]) == pytest.approx(0.01, rel=0.2)
@@ -71,7 +71,7 @@ def test_a_short_hole_in_a_rest_is_a_warning() -> None:
 
 @quietly
 def test_rows_that_were_lost_with_a_whole_move_are_refused() -> None:
-    """From rest to rest: on either hand of them nothing moves. (14 cm were lost so.)"""
+    """Nothing moves before or after the hole. (A path once lost 14 cm like this.)"""
     recording = pour().recording
     before, after = track(recording).stops[1:3]
     rows = np.arange(len(recording), dtype=np.intp)
@@ -82,7 +82,7 @@ def test_rows_that_were_lost_with_a_whole_move_are_refused() -> None:
 
 @quietly
 def test_a_hand_rests_beside_a_hole_where_a_tenth_of_a_second_on_either_hand_says_so() -> None:
-    """At 100 Hz ten samples, of one attitude: nine will not do, nor ten of which one is off by ten times too much."""
+    """At 100 Hz these are ten samples in one attitude. Nine are too few, and so are ten of which one is far off."""
     hole, acc = Gap(39, 45, 0.05), np.tile((0.0, 0.0, 9.81), (100, 1))
 
     def refused(stop: Stop, *tilted: int) -> bool:
@@ -104,7 +104,7 @@ def test_a_hand_rests_beside_a_hole_where_a_tenth_of_a_second_on_either_hand_say
 @quietly
 @pytest.mark.parametrize("channel", ["acc", "gyr"])
 def test_a_column_that_ends_is_refused(channel: str) -> None:
-    """Filled up with its last value it is at rest for good."""
+    """Filled with its last value it would be at rest to the end."""
     recording = pour().recording
     values = getattr(recording, channel).copy()
     values[100:, 1] = np.nan
@@ -115,7 +115,7 @@ def test_a_column_that_ends_is_refused(channel: str) -> None:
 @every_method
 @pytest.mark.parametrize("scale", [0.955, 1.1])
 def test_gravity_that_is_far_off_is_told_and_widens_sigma(method: str, scale: float) -> None:
-    """An accelerometer's scale stretches the whole path by as much, but where gravity tells it: along the vertical."""
+    """A scale error of the accelerometer stretches the path by as much, except where gravity shows it: vertically."""
     demo = pour("os5000")
     plain, wrong = track(demo.recording, method), replace(demo.recording, acc=scale * demo.recording.acc)
     with pytest.warns(PbdWarning, match=r"m/s2, but gravity is 9\.81 m/s2, \d+ mg off: calibrate this sensor$"):
@@ -131,7 +131,7 @@ def test_gravity_that_is_far_off_is_told_and_widens_sigma(method: str, scale: fl
 
 @pytest.mark.parametrize(("read", "told"), [(0.98, True), (0.99, False)])
 def test_another_unit_of_the_same_model_does_not_pass_for_the_calibrated_one(read: float, told: bool) -> None:
-    """20 mg off: without a calibration nobody could say whose they are."""
+    """It is 20 mg off, which without a calibration is normal for this sensor."""
     recording = pour("ideal").recording
     info = replace(recording.info, sensor="anything")
     recording = replace(recording, acc=read * recording.acc, info=info)

@@ -1,4 +1,4 @@
-"""A device that repeats one sample for a while: in a move an error, whatever its noise; at a rest a sensor's right."""
+"""A device that repeats one sample for a while: in a move an error, with any noise; at rest allowed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.tracking.faults import broken, quietly
 
 
 def coarse(acc_mg: float, gyr_deg_s: float) -> SensorModel:
-    """The paper's sensor in steps so large that it repeats itself at rest."""
+    """The paper's sensor with a resolution so coarse that it repeats itself at rest."""
     model = SENSOR_MODELS["os5000"]
     assert model.gyr is not None
     acc = replace(model.acc, step=1e-3 * GRAVITY * acc_mg)
@@ -38,7 +38,7 @@ every_sensor = pytest.mark.parametrize("sensor", [*SENSORS])
 RATES_HZ = (40.0, 100.0, 286.0)
 MOVES: dict[str, str | Task] = {"turning": random_task(1, moves=3), "straight": "pick-and-place-stops"}
 TOLD = [name for name in SENSORS if name != "steps of 30 mg"]
-"""Of 30 mg a step is as large as what a hand does: a freeze and a slow move look alike."""
+"""With steps of 30 mg, as large as a hand's acceleration, a freeze looks like a slow move."""
 
 
 def held(recording: Recording, start: int, stop: int) -> Recording:
@@ -48,7 +48,7 @@ def held(recording: Recording, start: int, stop: int) -> Recording:
 
 
 def fastest(demo: Demonstration) -> list[int]:
-    """The row of each move at which the hand is fastest."""
+    """The row of each move with the highest speed."""
     assert demo.truth is not None
     speed = np.linalg.norm(np.gradient(demo.truth.p_nav_sensor, demo.truth.t, axis=0), axis=1)
     edges = np.flatnonzero(np.diff((speed > 0.02).astype(int)))
@@ -64,7 +64,7 @@ def fastest(demo: Demonstration) -> list[int]:
     ],
 )
 def test_a_freeze_in_a_move_is_refused_or_makes_unsure(sensor: str, rate_hz: float, move: str) -> None:
-    """Where the hand is fastest, a straight move reads what it reads at rest: it seems to stop dead."""
+    """At the highest speed of a straight move the sensor reads what it reads at rest: it seems to stop dead."""
     demo = simulate(MOVES[move], SENSORS[sensor], 1, rate_hz=rate_hz)
     for row in fastest(demo):
         for seconds in (0.3, 2.0):
@@ -72,7 +72,7 @@ def test_a_freeze_in_a_move_is_refused_or_makes_unsure(sensor: str, rate_hz: flo
 
 
 def refused_or_unsure(demo: Demonstration, start: int, stop: int) -> bool:
-    """What comes of rows that are held."""
+    """Track with held rows: refused, or with a wider sigma."""
     try:
         keyframes, errors = keyframes_and_errors(replace(demo, recording=held(demo.recording, start, stop)))
     except PbdError:
@@ -87,7 +87,7 @@ def refused_or_unsure(demo: Demonstration, start: int, stop: int) -> bool:
     [("ideal", 100.0, 0), ("steps of 16 mg", 100.0, 3)],
 )
 def test_half_a_swift_move_is_no_jolt(sensor: str, rate_hz: float, seed: int) -> None:
-    """Of a move of 0.2 s a tenth of a second is seen: before a freeze, or after one that began in the rest before."""
+    """Half of a move of 0.2 s is recorded: before a freeze, or after one that began in the rest before."""
     task = random_task(seed, moves=3, reach_m=0.15, max_turn=0.0, move_s=(0.17, 0.22), rest_s=(0.6, 1.0))
     demo = simulate(task, SENSORS[sensor], 1, rate_hz=rate_hz)
     for row in fastest(demo):
@@ -102,7 +102,7 @@ def test_half_a_swift_move_is_no_jolt(sensor: str, rate_hz: float, seed: int) ->
     [("ideal", 40.0), ("ideal", 286.0), ("steps of 16 mg", 100.0), ("steps of 30 mg", 40.0), ("steps of 30 mg", 100.0)],
 )
 def test_a_knock_at_rest_is_no_freeze(sensor: str, rate_hz: float) -> None:
-    """It gives the sensor a speed and takes it back, within two samples."""
+    """A knock gives the sensor a speed and takes it back within two samples."""
     recording = simulate("pour", SENSORS[sensor], rate_hz=rate_hz).recording
     row, acc = round(1.5 * rate_hz), recording.acc.copy()
     acc[row], acc[row + 1] = acc[row] + 17.65, acc[row + 1] - 17.65  # of either coarse sensor's steps, a whole number
@@ -112,7 +112,7 @@ def test_a_knock_at_rest_is_no_freeze(sensor: str, rate_hz: float) -> None:
 @quietly
 @pytest.mark.parametrize(("sensor", "rate_hz"), [("ideal", 40.0), ("ideal", 100.0), ("steps of 16 mg", 40.0)])
 def test_a_freeze_where_the_sensor_reads_what_it_reads_at_rest_is_told_as_such(sensor: str, rate_hz: float) -> None:
-    """From the middle of a straight move into the next rest."""
+    """The freeze lasts from the middle of a straight move into the next rest."""
     demo = simulate("pour", SENSORS[sensor], rate_hz=rate_hz)
     row = fastest(demo)[1]
     with pytest.raises(TrackingError, match=r"the hand was moving .*: the sensor froze during a move"):
@@ -141,7 +141,7 @@ def test_a_rest_is_no_freeze_however_coarse_the_sensor(sensor: str, rate_hz: flo
 
 @quietly
 def test_a_hole_between_two_attitudes_is_no_rest() -> None:
-    """The bottle is rolled in the hole: from one rest to another, which interpolation joins smoothly."""
+    """The bottle is rolled in the hole, from one rest to another. Interpolation joins the two smoothly."""
     demo = pour()
     assert demo.truth is not None
     stops = track(demo.recording).stops

@@ -1,4 +1,4 @@
-"""A magnet near the hand, for a while or all the time, does not turn the path; a clean field warns of nothing."""
+"""A magnet near the hand, for a while or always, does not rotate the path; a clean field gives no warning."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ MAGNETIC = re.compile(r"the magnetic field changes by (\d+) % from ([\d.]+) s on
 
 
 def with_field(demo: Demonstration, more: Array) -> Recording:
-    """More field (n, 3) or (3,) uT, in sensor axes."""
+    """Add a magnetic field (n, 3) or (3,) uT, in sensor axes."""
     assert demo.recording.mag is not None
     return replace(demo.recording, mag=demo.recording.mag + more)
 
 
 def dipole(truth: Truth, place: Array, moment: Array) -> Array:
-    """Field (n, 3) uT in sensor axes of a magnet of moment (3,) A m2 that lies at a place (3,) m in nav."""
+    """Field (n, 3) uT, in sensor axes, of a magnet with moment (3,) A m2 at a place (3,) m in nav."""
     away = truth.p_nav_sensor - place
     distance = np.linalg.norm(away, axis=1, keepdims=True)
     unit = away / distance
@@ -43,7 +43,7 @@ def dipole(truth: Truth, place: Array, moment: Array) -> Array:
 
 
 def errors(recording: Recording, truth: Truth) -> tuple[Array, Array]:
-    """Errors of the keyframes, m: as they are, and with the best common heading taken out."""
+    """Errors of the keyframes, m: as they are, and after the best common rotation about the vertical."""
     keyframes = find_keyframes(track(recording))
     p = np.array([k.T_nav_sensor.p for k in keyframes])
     true = np.array([truth_at(truth, k.t) for k in keyframes])
@@ -82,7 +82,7 @@ def test_a_magnet_gripped_on_the_way_does_not_turn_the_path(sensor: str, begin: 
 @pytest.mark.parametrize("sensor", ["modern", "os5000", "wt901"])
 @pytest.mark.parametrize("always", [(25.0, 15.0, 5.0), (-20.0, 5.0, 12.0)])
 def test_a_magnet_on_the_hand_throughout_bends_nothing(sensor: str, always: tuple[float, float, float]) -> None:
-    """Where north is can't be known then; the path keeps its shape, as without a magnetometer."""
+    """North can't be known then. The path keeps its shape, as without a magnetometer."""
     for task in ("pour", random_task(5)):
         demo = simulate(task, sensor, 2)
         assert demo.truth is not None
@@ -132,7 +132,7 @@ def test_undisturbed_real_recordings_warn_of_nothing(data_folder: Path) -> None:
 
 
 def test_heading_is_that_of_the_field() -> None:
-    """The true pose in nav is known: x east, y magnetic north, whatever the declination."""
+    """In nav x is east and y magnetic north, with any declination."""
     for seed in range(3):
         demo = simulate(random_task(seed, moves=4), "modern", seed, world=World(field=(-6.0, 18.0, -44.0)))
         assert demo.truth is not None
@@ -152,7 +152,7 @@ def test_a_magnetometer_that_always_reads_the_same_is_left_out(reads: float) -> 
 
 
 def test_the_field_of_a_sensor_without_noise_may_stand_still() -> None:
-    """Moved without turning, a perfect magnetometer is constant."""
+    """Without rotation a perfect magnetometer is constant."""
     demo = simulate(random_task(1, max_turn=0.0), "ideal")
     assert demo.truth is not None
     assert warned(demo.recording) == []

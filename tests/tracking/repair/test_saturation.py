@@ -1,4 +1,4 @@
-"""Clipped axes are found, put back as far as can be, and make the path less sure; nothing else is taken for them."""
+"""Clipped axes are found, repaired as far as possible, and widen sigma; nothing else is taken for clipping."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def fast(seed: int) -> Task:
 
 
 def errors_in_m_and_sigma(demo: Demonstration) -> tuple[float, list[float]]:
-    """The largest error of a keyframe, and all of them along each axis in the tracker's own sigmas."""
+    """The largest error of a keyframe, m; and all errors along each axis in the tracker's own sigmas."""
     assert demo.truth is not None
     keyframes = find_keyframes(track(demo.recording))
     off = np.array([k.T_nav_sensor.p - truth_at(demo.truth, k.t) for k in keyframes])
@@ -50,12 +50,12 @@ def errors_in_m_and_sigma(demo: Demonstration) -> tuple[float, list[float]]:
 
 @cache
 def error_unclipped(sensor: str, seed: int) -> float:
-    """The largest error of a keyframe of a fast task that clips nothing, m."""
+    """The largest error of a keyframe of a fast task without clipping, m."""
     return errors_in_m_and_sigma(simulate(fast(seed), limited(sensor), seed))[0]
 
 
 def flat(demo: Demonstration, monkeypatch: pytest.MonkeyPatch) -> float:
-    """The largest error where clipped samples are taken as they are."""
+    """The largest error if clipped samples are used as they are, m."""
     with monkeypatch.context() as patched, warnings.catch_warnings():
         warnings.simplefilter("ignore", PbdWarning)  # the field seems to turn, as the attitude is wrong
         patched.setattr("pbd.pipeline.find_clips", lambda recording: ())
@@ -126,7 +126,7 @@ def test_nothing_is_found_however_coarse_the_sensor(
 
 
 def test_nothing_is_found_in_real_recordings(data_folder: Path) -> None:
-    """In strides the impacts that end at 16 g were calibrated for misalignment afterwards: no two of them agree."""
+    """The strides' impacts clip at 16 g, but were then corrected for misalignment, so no two are equal."""
     recordings = [
         trial.recording for file in (data_folder / "broad").glob("*.npz") for trial in read_broad(file).values()
     ]
@@ -162,7 +162,7 @@ def test_a_clipped_parabola_is_continued_and_as_unsure_as_the_continuation() -> 
 
 @clipping
 def test_the_roll_of_test_1_is_put_back_by_gravity() -> None:
-    """Its peak of 640 deg/s clips at 500: some five degrees are lost."""
+    """Its peak of 640 deg/s clips at 500 deg/s, which loses about five degrees."""
     lost, tilt = [], []
     for seed in range(5):
         clipped = simulate("pick-and-place-stops", "os5000", seed)
@@ -222,7 +222,7 @@ def test_sigma_widens_in_the_move_that_clips_and_not_before(gyr_deg: float, acc:
 
 @pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
 def test_a_clipped_turn_about_the_vertical_is_put_back_by_the_move_around_it() -> None:
-    """Gravity says nothing of it, but the hand's velocity does, which would not end at zero."""
+    """Gravity does not show the lost turn. The hand's velocity does: it would not end at zero."""
     off, sigmas = [], []
     for seed in range(6):
         demo = simulate(random_task(3, moves=4), limited("modern", 60.0), seed)

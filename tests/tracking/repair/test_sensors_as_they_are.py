@@ -1,4 +1,4 @@
-"""Wild samples, dead channels, gyros in another unit or with other axes, other gravities: mended or refused."""
+"""Wild samples, dead channels, gyros in a wrong unit or with wrong axes, wrong gravity: repaired or refused."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ WITH_GYRO = ["os5000", "wt901", "modern", "ideal"]
 
 @cache
 def real_recordings(folder: Path) -> dict[str, Recording]:
-    """Each at the rate of its sensor and as slower sensors would say it."""
+    """Each at its sensor's rate, and resampled as slower sensors would read it."""
     found: dict[str, Recording] = {}
     for file in sorted((folder / "broad").glob("*.npz")):
         found |= {f"{file.stem} {rate}": trial.recording for rate, trial in read_broad(file).items()}
@@ -87,7 +87,7 @@ def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: fl
 )
 @example("os5000", "random", ("gyr", 30.0), 7199)  # the last row but one
 def test_a_wild_sample_is_found_wherever_it_is(sensor: str, task: str, spike: tuple[str, float], seed: int) -> None:
-    """But for the last one, after which nothing shows that it is gone again."""
+    """Except the last sample, as none after it shows that it was wild."""
     recording = simulate(random_task(seed) if task == "random" else task, sensor, seed).recording
     channel, value = spike
     row, axis = seed % (len(recording) - 1), seed % 3
@@ -110,7 +110,7 @@ def test_real_impacts_and_fast_hands_have_no_wild_samples(data_folder: Path) -> 
 
 
 def test_a_tap_is_no_wild_sample() -> None:
-    """It rings, or goes on for longer than a sample."""
+    """A tap rings, or lasts longer than a sample."""
     recording = pour().recording
     acc = recording.acc.copy()
     acc[100:106, 2] += (45.0, -25.0, 14.0, -8.0, 5.0, -3.0)
@@ -147,7 +147,7 @@ def test_samples_that_never_change_are_refused(sensor: str) -> None:
 
 
 def test_a_sensor_without_noise_is_not_dead() -> None:
-    """At rest it never changes, and an axis along which nothing happens never does."""
+    """It never changes at rest, and an axis without motion never changes."""
     along_z = random_task(0, moves=2, max_turn=0.0)
     along_z = replace(along_z, waypoints=tuple(replace(w, p=(0.0, 0.0, w.p[2])) for w in along_z.waypoints))
     tasks: tuple[str | Task, ...] = ("pour", "pick-and-place-direct", along_z)
@@ -160,7 +160,7 @@ def test_a_sensor_without_noise_is_not_dead() -> None:
 
 @uncalibrated
 def test_a_gyro_that_says_zero_at_rest_is_not_stuck() -> None:
-    """Some sensors take their own bias out whenever they take themselves to be at rest."""
+    """Some sensors subtract their own bias whenever they detect rest."""
     demo = pour("wt901", 1)
     gyr = demo.recording.gyr
     assert gyr is not None
@@ -249,7 +249,7 @@ def test_a_good_gyro_is_never_refused(sensor: str, task: str, rate_hz: float | N
 
 @pytest.mark.parametrize("seed", [2, 9, 19])
 def test_a_turn_about_the_vertical_is_not_taken_for_rest(seed: int) -> None:
-    """It leaves the accelerometer as quiet: what the gyro says then is no bias."""
+    """In it the accelerometer is as quiet as at rest, but the gyro's mean is no bias."""
     recording = simulate(sides(seed), "wt901", seed).recording
     refuse_disagreement(recording)
     assert recording.gyr is not None
@@ -261,7 +261,7 @@ def test_a_turn_about_the_vertical_is_not_taken_for_rest(seed: int) -> None:
     ("how", "sensor"), [("swapped", "os5000"), ("mirrored", "wt901"), ("turned round", "modern"), ("swapped", "wt901")]
 )
 def test_axes_that_are_not_the_accelerometers_are_found_out(how: str, sensor: str) -> None:
-    """Nearly always, where the hand turns about several axes; where it hardly turns, nothing is known of them."""
+    """They are found nearly always if the hand turns about several axes. If it hardly turns, nothing shows them."""
     said = []
     for seed in range(6):
         recording = spoilt(simulate(random_task(seed, max_turn=1.8, moves=20), sensor, seed), how)
@@ -285,7 +285,7 @@ def test_gravity_is_what_the_sensor_shows(sensor: str, gravity: float, seed: int
 @pytest.mark.parametrize("sensor", ["wt901", "modern"])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_hand_that_speeds_up_to_one_side_and_down_is_no_dead_gyro(sensor: str, seed: int) -> None:
-    """At 5 m/s2, 15 degrees below the level, specific force is g, 30 degrees from the vertical, and steady."""
+    """With 5 m/s2, 15 degrees below horizontal, specific force is steady, has norm g and is 30 degrees off vertical."""
     here, there = Waypoint(move_s=1.0, rest_s=1.0), Waypoint((0.87, 0.0, -0.23), move_s=1.0, rest_s=1.0)
     waypoints = [Waypoint(rest_s=1.0), *(4 * [there, here])]
     refuse_disagreement(simulate(Task("brisk", tuple(waypoints)), sensor, seed).recording)

@@ -1,4 +1,4 @@
-"""Specific force with turned signs: refused where the device's own attitude tells, said where only the rest can."""
+"""Specific force with flipped signs: refused if the device's own attitude shows it, else a warning at rest."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_the_devices_attitude_tells_one_where_the_hand_turns(sensor: str) -> Non
 
 
 def test_a_level_axis_is_the_gyros_to_tell_where_there_is_one() -> None:
-    """Else the attitude, by which gravity is taken out, has to agree."""
+    """Without a gyro the attitude, which removes gravity, has to agree."""
     recording = turned(simulate(sides(1), "os5000", 1).recording, 1.0, -1.0, 1.0)
     refuse_flipped_signs(recording)
     with pytest.raises(RecordingError, match=r"the accelerometer's y has the wrong sign: .* with --column ay=-NAME$"):
@@ -73,7 +73,7 @@ def test_what_is_right_is_never_refused(sensor: str, task: str, seed: int) -> No
 
 
 def test_a_real_recording_is_never_refused(data_folder: Path) -> None:
-    """None has its device's attitude; with the optical one in its place signs are right, and turned ones are not."""
+    """None has the device's own attitude. With the optical one instead, only flipped signs are refused."""
     for file in sorted((data_folder / "broad").glob("*.npz")):
         demo = import_file(file)
         assert demo.truth is not None
@@ -104,7 +104,7 @@ def test_a_real_recording_is_never_refused(data_folder: Path) -> None:
     ],
 )
 def test_a_hand_that_turns_tells_which_axes_are_wrong(sensor: str, channel: str, mended_by: str) -> None:
-    """And no other, where it turns about several axes: said at once, never blamed on magnets."""
+    """If it turns about several axes, only the wrong one is named, at once, and never blamed on magnets."""
     recording = simulate(random_task(2, max_turn=1.8, moves=20), sensor, 2).recording
     with pytest.raises(RecordingError) as caught:
         refuse_disagreement(spoilt(replace(recording, device_rpy=None), channel, mended_by))
@@ -112,7 +112,7 @@ def test_a_hand_that_turns_tells_which_axes_are_wrong(sensor: str, channel: str,
 
 
 def test_a_gyros_bias_hides_no_wrong_axis() -> None:
-    """15 degrees/s about each axis: left in, no reading of the axes would fit."""
+    """With a bias of 15 degrees/s left in, no reading of the axes would fit."""
     mended_by = "--column gx=gy --column gy=gx"
     recording = replace(simulate(random_task(2, max_turn=1.8, moves=20), "modern", 2).recording, device_rpy=None)
     wrong = spoilt(recording, "gyr", mended_by)
@@ -128,7 +128,7 @@ def test_a_gyros_bias_hides_no_wrong_axis() -> None:
     [("acc", "--column ax=ay --column ay=ax"), ("gyr", "--column gx=-gx --column gy=-gy --column gz=-gz")],
 )
 def test_a_hand_that_turns_about_one_axis_leaves_a_choice(sensor: str, task: str, channel: str, mended_by: str) -> None:
-    """The right one is among what is named."""
+    """The right reading is among those named."""
     recording = replace(simulate(task, sensor, 1).recording, mag=None, device_rpy=None)
     with pytest.raises(RecordingError) as caught:
         refuse_disagreement(spoilt(recording, channel, mended_by))
@@ -136,7 +136,7 @@ def test_a_hand_that_turns_about_one_axis_leaves_a_choice(sensor: str, task: str
 
 
 def spoilt(recording: Recording, channel: str, mended_by: str) -> Recording:
-    """Columns in another order or with other signs, such as these options of `pbd import` put right again."""
+    """Columns in another order or with other signs, which these options of `pbd import` would correct."""
     values = np.array(getattr(recording, channel))
     wrong = values.copy()
     for ours, sign, its in re.findall(r"--column \w(\w)=(-?)\w(\w)", mended_by):
@@ -148,7 +148,7 @@ def spoilt(recording: Recording, channel: str, mended_by: str) -> Recording:
 @pytest.mark.parametrize("order", list(permutations(range(3))))
 @pytest.mark.parametrize("seed", [0, 3])
 def test_what_it_says_of_the_gyro_mends_it(order: tuple[int, ...], seed: int, tmp_path: Path) -> None:
-    """Axes in any order, with any signs: the columns that it names give back the gyro as it was."""
+    """Axes in any order, with any signs: the named options restore the gyro."""
     recording = simulate(random_task(seed, max_turn=1.8, moves=20), "ideal", seed, rate_hz=50.0).recording
     assert recording.gyr is not None
     signs = np.random.default_rng([seed, *order]).choice((-1.0, 1.0), 3)
@@ -169,7 +169,7 @@ def test_what_it_says_of_the_gyro_mends_it(order: tuple[int, ...], seed: int, tm
 
 
 def test_of_three_the_gyro_says_nothing() -> None:
-    """It carries the vertical upside down as well as upright."""
+    """It rotates the vertical and its opposite alike."""
     recording = replace(simulate("pour", "modern", 0).recording, device_rpy=None)
     refuse_disagreement(turned(recording, -1.0, -1.0, -1.0))
 
@@ -187,7 +187,7 @@ def test_upside_down_is_said_where_z_points_down(roll: float, pitch: float, yaw:
 
 @pytest.mark.parametrize(("field_z", "told"), [(40.0, False), (-40.0, True), (0.0, False)])
 def test_a_field_that_points_up_is_a_second_witness(field_z: float, told: bool) -> None:
-    """Upside down, the field of the north points down: along the sensor's +z."""
+    """In the northern hemisphere the field points down, along +z of a sensor that is upside down."""
     field = np.array([[20.0, 0.0, field_z]] * 2)
     recording = Recording(t=np.array((0.0, 0.1)), acc=np.zeros((2, 3)), mag=field)
     with pytest.warns(PbdWarning, match="lies upside down") as caught:
@@ -199,7 +199,7 @@ def test_a_field_that_points_up_is_a_second_witness(field_z: float, told: bool) 
 def test_a_wrong_sign_is_told_where_gravity_contradicts_it_by_more_than_a_moving_hand(
     degrees: float, told: bool
 ) -> None:
-    """Turned by so much about z each time, gravity is 9 or 15 degrees (median) from where the wrong gyro carries it."""
+    """With these turns about z, gravity is 9 or 15 degrees (median) from where the wrong gyro predicts it."""
     rng = np.random.default_rng(0)
     up = rng.normal(size=(20, 3))
     up /= np.linalg.norm(up, axis=1)[:, None]

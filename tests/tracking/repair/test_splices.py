@@ -1,4 +1,4 @@
-"""Rows that are not where they belong: exchanged blocks are put back, wild gyro rows left out; a hand is no fault."""
+"""Exchanged blocks are put back and wild gyro rows left out; a hand's own motion is neither."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_nothing_is_put_in_another_order_in_sound_recordings(data_folder: Path) 
 
 @pytest.mark.parametrize("rows", [1, 2, 3])
 def test_wild_gyro_rows_are_left_out_however_small(rows: int) -> None:
-    """1 rad/s for three samples is a turn of two degrees."""
+    """1 rad/s over three samples is a turn of two degrees."""
     recording = pour("wt901", 1).recording
     assert recording.gyr is not None
     gyr = recording.gyr.copy()
@@ -62,7 +62,7 @@ def test_wild_gyro_rows_are_left_out_however_small(rows: int) -> None:
 
 
 def test_a_hand_that_meets_a_table_is_no_wild_sample() -> None:
-    """It stops from 8 cm/s within a sample, and may rock."""
+    """The hand stops from 8 cm/s within a sample, and may rock."""
     recording = pour("os5000", 1).recording
     assert recording.gyr is not None
     acc, gyr = recording.acc.copy(), recording.gyr.copy()

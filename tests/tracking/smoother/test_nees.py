@@ -1,7 +1,7 @@
-"""The tracker's covariance is true: errors, normalised by it, have about the size of one, and wrong ones are found out.
+"""The tracker's covariance is true: normalised squared errors are near one, and a wrong covariance fails.
 
-Bands are of the mean over a sensor's recordings (tests/benchmarks/sigma.py has the whole table). The hand wanders at
-its stops as fast as the tracker takes one to that stands still.
+Bands are for the mean over a sensor's recordings (tests/benchmarks/sigma.py has the whole table). At its stops the
+hand creeps as fast as the tracker assumes.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def divided(part: slice, by: float) -> Callable[[Errors], Errors]:
 
 
 def constant(errors: Errors) -> Errors:
-    """Rotation as sure everywhere, as it once was."""
+    """The same rotation sigma everywhere, as in an earlier version."""
     cov = errors.cov.copy()
     cov[:, 3:, 3:] = np.radians(0.4) ** 2 * np.eye(3)
     return replace(errors, cov=cov)

@@ -1,4 +1,4 @@
-"""Samples integrated once, from knot to knot."""
+"""Preintegration from knot to knot."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pbd.tracking.smoother.preintegration import LAG, POS, VEL, Impulse, gyro_fr
 
 
 def test_samples_that_came_at_one_instant_are_an_empty_block() -> None:
-    """A packet that came twice: one of the pair is a knot, the other the edge of a block."""
+    """With a repeated packet, one row is a knot, and its copy the edge of a block."""
     t = 0.01 * np.arange(101.0)
     t[41:] -= 0.01  # blocks are of 4 samples
     acc = np.tile((0.0, 0.0, 9.8), (101, 1))
@@ -23,7 +23,7 @@ def test_samples_that_came_at_one_instant_are_an_empty_block() -> None:
 
 
 def test_a_sensor_that_turns_while_it_samples_is_integrated_as_it_turned() -> None:
-    """Specific force of one direction, seen by a sensor that turns by 0.15 rad a sample: samples are means."""
+    """Specific force has one direction; the sensor turns by 0.15 rad per sample; samples are means."""
     n, dt, rate, g = 41, 0.025, 6.0, 9.8
     t = dt * np.arange(float(n))
     seen = g * np.sinc(0.5 * rate * dt / np.pi)
@@ -33,7 +33,7 @@ def test_a_sensor_that_turns_while_it_samples_is_integrated_as_it_turned() -> No
 
 
 def test_a_late_gyro_turns_what_the_accelerometer_says() -> None:
-    """What a second of lag adds, against how the attitude changes from sample to sample."""
+    """The effect of a second of lag, against how the attitude changes from sample to sample."""
     n, dt = 101, 0.01
     t = dt * np.arange(float(n))
     gyr = 3.0 * np.sin(2.0 * np.pi * t[:, None] + np.arange(3.0))
@@ -58,7 +58,7 @@ def test_the_first_guess_is_level_where_a_hand_only_seems_to_stop() -> None:
 
 
 def test_a_turn_that_is_lost_turns_what_comes_after_it() -> None:
-    """The covariance that it adds is that of the leg with the turn in it."""
+    """The added covariance is that of a leg that contains the lost turn."""
     n, dt, row, size = 101, 0.01, 40, np.array([2e-4, -1e-4, 3e-4])
     t, gyr = dt * np.arange(float(n)), np.tile((1.0, -0.5, 0.3), (n, 1))
     acc = np.tile((1.0, 2.0, 9.8), (n, 1))

@@ -1,4 +1,4 @@
-"""What a recording shows of its own sensor: as it is, within its sigma; told where it is more than chance."""
+"""The estimated sensor errors are true within their sigma; a warning if they are more than chance."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ NOISY = replace(
     acc=replace(MODERN.acc, bias=0.0, scale=0.0, misalignment=0.0),
     gyr=replace(MODERN.gyr, bias=0.0, scale=0.0, misalignment=0.0),
 )
-"""Noise, and biases that walk, but no errors of its own."""
+"""A sensor with noise and walking biases, but no constant errors."""
 
 
 def off(recording: Recording) -> Recording:
-    """As a sensor of no known class says it that errs so."""
+    """The readings of a sensor of unknown class with these errors."""
     assert recording.gyr is not None
     late = np.column_stack([np.interp(recording.t - LAG_S, recording.t, axis) for axis in recording.gyr.T])
     return replace(
@@ -69,7 +69,7 @@ def test_known_errors_are_found_within_three_sigma_and_some_are_learned() -> Non
 
 
 def test_what_was_taken_out_before_is_counted() -> None:
-    """A large lag, and a scale common to all axes, are taken out of the samples first."""
+    """A large lag and a large common scale error are removed from the samples first, and are still reported."""
     recording = simulate(random_task(1, moves=12, max_turn=1.8), "modern", 1).recording
     assert recording.gyr is not None
     late = np.column_stack([np.interp(recording.t - 0.02, recording.t, axis) for axis in recording.gyr.T])
@@ -90,7 +90,7 @@ def test_it_is_shown_in_json(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_chance_is_what_was_learned() -> None:
-    """By chance an estimate goes as far as its prior lets it, less what it still does not know."""
+    """By chance an estimate deviates by the prior's sigma, less the sigma that remains."""
     rng = np.random.default_rng(0)
     prior, noise, n = 2.0, 1.5, 20_000
     true = prior * rng.normal(size=n)

@@ -1,4 +1,4 @@
-"""The whole-recording smoother, on hands whose motion is known."""
+"""The smoother, on simulated hands."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_a_hand_at_rest_may_turn_twice_as_far_as_it_sways_about_a_steady_turn() 
 
 @pytest.mark.parametrize("sensor", ["modern", "os5000-nogyro"])
 def test_the_first_knots_biases_are_as_large_as_such_a_device_has_them(sensor: str) -> None:
-    """The walk ties the others to it."""
+    """The random walk ties the other knots' biases to the first."""
     solution = smoothed(simulate("pour", sensor, 0).recording).solution
     assert solution is not None
     problem, x, noise = solution.problem, solution.state, solution.problem.noise
@@ -75,7 +75,7 @@ def test_the_first_knots_biases_are_as_large_as_such_a_device_has_them(sensor: s
 
 
 def errors(demo: Demonstration) -> tuple[Array, Array, Estimate]:
-    """Of each stop, as the dock sees it: position (k, 3) m, rotation vector (k, 3) rad."""
+    """Errors of each stop relative to the first: position (k, 3) m, rotation vector (k, 3) rad."""
     found, truth = smoothed(demo.recording), demo.truth
     assert truth is not None
     rows = [(stop.start + stop.stop - 1) // 2 for stop in found.stops]
@@ -89,7 +89,7 @@ def errors(demo: Demonstration) -> tuple[Array, Array, Estimate]:
 
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_every_stop_is_found_and_the_truth_lies_within_its_sigma(sensor: str) -> None:
-    """Of normal errors 68 % lie within one sigma, 95 % within two: here 44 in position and 48 in rotation a seed."""
+    """Of normal errors 68 % lie within one sigma and 95 % within two; here 44 in position, 48 in rotation a seed."""
     scaled: list[Array] = []
     for seed in range(4, 8):
         off, turn, found = errors(simulate("pour", sensor, seed))
@@ -116,7 +116,7 @@ def test_a_gyro_that_is_late_or_reads_too_much_loses_no_stop(late_s: float, scal
 
 
 def test_a_foot_turns_about_the_point_that_it_treads_on() -> None:
-    """Ten strides; in each stance of 0.3 s the sensor tips by 3 degrees about a point 8 cm below it."""
+    """Ten strides. In each stance of 0.3 s the sensor tips by 3 degrees about a point 8 cm below it."""
     rng, every, dt, r = np.random.default_rng(0), 10, 1e-3, np.array([-0.02, 0.0, 0.08])
     t = np.arange(0.0, 16.0, dt)
     beat = np.clip(t - 3.0, 0.0, 10.0 - 1e-9)
@@ -172,7 +172,7 @@ def test_normal_equations_are_solved_as_dense_ones(monkeypatch: pytest.MonkeyPat
             after = slice((k + 1) * STATE, (k + 2) * STATE)
             dense[after, here], dense[here, after] = equations.below[k], equations.below[k].T
     dense[n:, n:] = equations.corner[:, :s]
-    gradient = np.concatenate((equations.g.ravel(), equations.g_shared))
+    gradient = np.concatenate((equations.g.ravel(), equations.corner[:, -1]))
     covariance, solved = np.linalg.inv(dense), equations.solve()
     step = np.concatenate((solved.d.ravel(), solved.d_shared))
     assert step == pytest.approx(-covariance @ gradient, rel=1e-8, abs=1e-10)
@@ -197,7 +197,7 @@ def test_normal_equations_are_solved_as_dense_ones(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.parametrize(("faster", "left"), [(0.0, [(40, 61)]), (1.0, [])], ids=["it stays", "it reverses"])
 def test_what_is_left_of_a_trimmed_stop_must_last(faster: float, left: Spans) -> None:
-    """A hand that reverses at 1 m/s2 is slower than 15 mm/s for 0.03 s: no stop."""
+    """A hand that reverses with 1 m/s2 is slower than 15 mm/s for 0.03 s: no stop."""
     t = 0.01 * np.arange(100.0)
     v = np.outer(faster * (t - 0.5), (1.0, 0.0, 0.0))
     frame, legs = SimpleNamespace(t=t), SimpleNamespace(parts=np.zeros((3, 2, 9, 9)))
