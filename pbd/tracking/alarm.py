@@ -50,8 +50,8 @@ def _sensor_alarms(solution: Solution, found: SensorEstimate) -> Iterator[str]:
     late = 1e3 * float(found.lag.value)
     if solution.lag != 0.0 or abs(found.lag.surprise) > bound:
         yield (
-            f"the gyro is {abs(late):.0f} ms {'late behind' if late > 0.0 else 'ahead of'} the accelerometer; that is "
-            "taken out, but set both to one filter if the sensor lets you"
+            f"the gyro is {abs(late):.0f} ms {'late behind' if late > 0.0 else 'ahead of'} the accelerometer; this is "
+            "corrected, but give both the same filter if the sensor allows it"
         )
     if solution.scale != 0.0:
         share = 1.0 + solution.scale
@@ -106,16 +106,16 @@ def _stop_alarms(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
         if stop.weight < DOUBTED_WEIGHT:
             middle = 0.5 * float(t[stop.start] + t[stop.stop - 1])
             yield (
-                f"the stop at {middle:.1f} s may be none ({100.0 * stop.weight:.0f} % sure): the hand seems to move on "
-                "there; stop for half a second, or drop it from keyframes.toml"
+                f"the stop at {middle:.1f} s may be no stop ({100.0 * stop.weight:.0f} % sure): the hand seems to move "
+                "on there; stop for half a second, or drop it from keyframes.toml"
             )
     problem = solution.problem
     frame, rest = problem.frame, problem.rest
     for k, (start, end) in enumerate(problem.stops):
         if t[end - 1] - t[start] > REST_S and median(solution.still_weight[problem.stop_of == k]) < MOVING_WEIGHT:
             yield (
-                f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but hardly any of it fits what "
-                "it says before and after: one of the channels is wrong; look at pbd plot, and record again"
+                f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but this hardly fits the "
+                "motion before and after: one of the channels is wrong; look at pbd plot, and record again"
             )
     starts, ends = (np.array([getattr(stop, name) for stop in stops]) for name in ("start", "stop"))
     for start, end in solution.candidates:
@@ -126,8 +126,8 @@ def _stop_alarms(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
         k = rows_of_mean(n / SHORTEST_DIVIDED_S)
         if moving_mean_variance(frame.u[start:end], n, k).min() < QUIET_RATIO * rest.shake:
             yield (
-                f"from {t[start]:.1f} s on the sensor seems to rest for {lasts:.1f} s, but not by the stops beside it: "
-                "it coasts, or what it says between them is wrong; look at pbd plot"
+                f"from {t[start]:.1f} s on the sensor seems to rest for {lasts:.1f} s, but the stops beside it "
+                "contradict this: it coasts, or the data between them are wrong; look at pbd plot"
             )
 
 

@@ -7,7 +7,8 @@ linear in the poses, with a small noise of their own. So one Kalman update gives
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from math import erfc, sqrt
 
@@ -56,24 +57,16 @@ def apply_constraints(
     fits = fits_of(path, claims, misfit, S)
 
     gain = PG @ np.linalg.inv(S)
-    covariance = PoseCovariance(path.covariance.count, _JosephCovariance(path.covariance, gain, G, R))
+    covariance = PoseCovariance(path.covariance.count, partial(_joseph_times, path.covariance, gain, G, R))
     return replace(_move_path(path, gain @ misfit), covariance=covariance, claims=fits)
 
 
-@dataclass(frozen=True, eq=False)
-class _JosephCovariance:
+def _joseph_times(prior: PoseCovariance, gain: Array, G: Array, R: Array, columns: Array) -> Array:
     """The covariance in Joseph's form, (1 - K G^T) P (1 - G K^T) + K R K^T, times columns (k, 6, c)."""
-
-    prior: PoseCovariance
-    gain: Array
-    G: Array
-    R: Array
-
-    def __call__(self, columns: Array) -> Array:
-        seen = np.einsum("kam,kac->mc", self.gain, columns)
-        left = self.prior.times(columns - self.G @ seen)
-        conditioned: Array = left + self.gain @ (self.R @ seen - np.einsum("kam,kac->mc", self.G, left))
-        return conditioned
+    by_claim = np.einsum("kam,kac->mc", gain, columns)
+    left = prior.times(columns - G @ by_claim)
+    conditioned: Array = left + gain @ (R @ by_claim - np.einsum("kam,kac->mc", G, left))
+    return conditioned
 
 
 def measurement_of(

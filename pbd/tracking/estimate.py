@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -89,7 +90,7 @@ def estimate(
     sensor = None if problem.device else _sensor_estimate(solution, knots[0])
     solution = with_own_noise(solution)
     p_stop = solution.state.p[knots] - solution.state.p[knots[0]]
-    covariance = PoseCovariance(len(knots), _KeyframeCovariance(solution.solved, knots, p_stop))
+    covariance = PoseCovariance(len(knots), partial(_covariance_times, solution.solved, knots, p_stop))
     v = integral_of_means(t, solution.path.a)
     return Estimate(
         _with_still_stops(solution, stops, joined, solution.state.p[knots]),
@@ -110,9 +111,9 @@ def refuse_doubted_rest(t: Array, rest: Rest, stops: Sequence[Stop]) -> None:
     if any(stop.start < rest.stop and rest.start < stop.stop for stop in stops):
         return
     raise TrackingError(
-        f"the sensor seems to rest from {t[rest.start]:.1f} to {t[rest.stop - 1]:.1f} s, but not by the stops beside "
-        "it: the hand coasts there, or one of the channels is wrong; start with two seconds of rest, and check the "
-        "sensor with pbd calibrate sensor",
+        f"the sensor seems to rest from {t[rest.start]:.1f} to {t[rest.stop - 1]:.1f} s, but the stops beside it "
+        "contradict this: the hand coasts there, or one of the channels is wrong; start with two seconds of rest, and "
+        "check the sensor with pbd calibrate sensor",
         row=rest.start,
         t=float(t[rest.start]),
     )
@@ -187,25 +188,18 @@ def _with_still_stops(
     return Path(wxyz, v, p, path.a)
 
 
-@dataclass(frozen=True, eq=False)
-class _KeyframeCovariance:
+def _covariance_times(solved: Solved, knots: Sequence[int], p: Array, columns: Array) -> Array:
     """Joint covariance of the poses at k knots, times columns (k, 6, c).
 
     It is relative to the position and heading of the first pose, which define nav; p (k, 3) m are the positions there.
     """
-
-    solved: Solved
-    knots: Sequence[int]
-    p: Array
-
-    def __call__(self, columns: Array) -> Array:
-        relative = relative_to_first(columns, self.p, transposed=True)
-        right = np.zeros((len(self.solved.scale), STATE, columns.shape[2]))
-        for k, knot in enumerate(self.knots):
-            right[knot, POS] += relative[k, :3]
-            right[knot, ROT] += relative[k, 3:]
-        left = self.solved.columns(right)[self.knots]
-        return relative_to_first(np.concatenate((left[:, POS], left[:, ROT]), axis=1), self.p)
+    relative = relative_to_first(columns, p, transposed=True)
+    right = np.zeros((len(solved.scale), STATE, columns.shape[2]))
+    for k, knot in enumerate(knots):
+        right[knot, POS] += relative[k, :3]
+        right[knot, ROT] += relative[k, 3:]
+    left = solved.columns(right)[knots]
+    return relative_to_first(np.concatenate((left[:, POS], left[:, ROT]), axis=1), p)
 
 
 def relative_to_first(columns: Array, p: Array, transposed: bool = False) -> Array:

@@ -18,7 +18,7 @@ from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import moving_means, rows_of_mean, squares, white_noise_variance
 
 OUTLIER_SIGMAS = 3.0
-"""More sigmas along an axis are no chance (0.27 %): a robust factor hardly counts, a claim is refused, a lag is real."""
+"""More sigmas along an axis are no chance (0.27 %): a robust factor hardly counts, a claim is refused, a lag real."""
 
 
 @dataclass(frozen=True)

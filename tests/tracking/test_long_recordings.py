@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from pbd.data import GripEvent, Stop
 from pbd.errors import PbdWarning
 from pbd.pose import Array
-from pbd.tracking.apply_constraints import _JosephCovariance
+from pbd.tracking.apply_constraints import _joseph_times
 from pbd.tracking.keyframes import _grip_at_stops
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from tests.tracking.stops_at import covariances, hand_path
@@ -72,7 +72,7 @@ def test_a_covariance_is_conditioned_as_a_dense_one(seed: int) -> None:
     A = np.eye(len(P)) - K @ H
     slowly = A @ P @ A.T + K @ root @ root.T @ K.T
     columns = rng.normal(size=(k + 1, 6, 3))
-    found = _JosephCovariance(prior, gain, G, root @ root.T)(columns)
+    found = _joseph_times(prior, gain, G, root @ root.T, columns)
     assert found.reshape(-1, 3) == pytest.approx(slowly @ columns.reshape(-1, 3), rel=1e-9, abs=1e-9)
 
 

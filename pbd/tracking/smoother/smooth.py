@@ -48,7 +48,7 @@ class Solution:
         solved: the factorised normal equations: the covariance.
         path: the estimate at each row.
         lag: s, removed from the gyro's time stamps.
-        scale: relative scale error removed from all gyro axes.
+        scale: the gyro's readings were multiplied by 1 + scale.
         candidates: spans that looked still, accepted or not.
         leg_residuals: the legs' whitened residuals (m - 1, 9), and the covariance (m - 1, 9, 9) of their predictions by
             the estimate; None before `with_own_noise`.

@@ -81,7 +81,7 @@ def test_a_hole_of_seconds_leaves_the_first_rest_where_it_is() -> None:
 def test_a_rest_that_the_stops_after_it_contradict_is_refused() -> None:
     """Without this rest there is no dock, and the whole path would be elsewhere."""
     case = Case(named("gyr scaled", "x x 1.1"), "random", "modern", 2)
-    assert outcome(case).said.startswith("the sensor seems to rest from 0.0 to 1.0 s, but not by the stops beside it: ")
+    assert outcome(case).said.startswith("the sensor seems to rest from 0.0 to 1.0 s, but the stops beside it contra")
 
 
 @quietly
