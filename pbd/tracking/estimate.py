@@ -61,14 +61,14 @@ def estimate(
     rest: Rest,
     noise: Noise,
     impulses: Sequence[Impulse] = (),
-    unseen: Sequence[tuple[int, int]] = (),
+    gaps: Sequence[tuple[int, int]] = (),
 ) -> Estimate:
     """Smooth a recording; return path, stops and covariance.
 
     Raises:
         TrackingError: the hand never stands still, or not where the sensor seems to rest.
     """
-    solution = smooth(recording, rest, noise, impulses, unseen)
+    solution = smooth(recording, rest, noise, impulses, gaps)
     if solution is None:
         raise TrackingError(NEVER_STILL)
     t, problem = recording.t, solution.problem

@@ -35,7 +35,7 @@ RINGS = 0.35
 STILL_S = 0.2
 """s: time for which the hand is still before the first tap and after the second."""
 
-KEPT = 0.5
+SAME_ATTITUDE = 0.5
 """Largest change of mean specific force by the taps, m/s2: the hand turned by less than 3 degrees."""
 
 
@@ -113,10 +113,10 @@ class TapDetector:
         elif since > SHOCK_S:
             self._after.append(off)
             if since > SHOCK_S + STILL_S:
-                kept = hypot(*(sum(axis) / len(self._after) for axis in zip(*self._after, strict=True))) <= KEPT
+                change = hypot(*(sum(axis) / len(self._after) for axis in zip(*self._after, strict=True)))
                 first, second = self._shocks
                 self._start_over()
-                return first.begun if kept and second.is_tap else None
+                return first.begun if change <= SAME_ATTITUDE and second.is_tap else None
         return None
 
 

@@ -57,7 +57,7 @@ def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
 
 
 def find_candidates(
-    t: Array, dt: float, shake: Array, turn: Array, rest: Rest, unseen: Sequence[tuple[int, int]] = ()
+    t: Array, dt: float, shake: Array, turn: Array, rest: Rest, gaps: Sequence[tuple[int, int]] = ()
 ) -> Spans:
     """Find the spans in which specific force is constant and nothing turns.
 
@@ -66,14 +66,14 @@ def find_candidates(
         dt: s, the sampling interval.
         shake, turn: (m,) (m/s2)^2 and (m,) (rad/s)^2, of `energies`.
         rest: its energies set the thresholds.
-        unseen: last row before and first row after each gap. A gap between two rests is part of them.
+        gaps: last row before and first row after each gap. A gap between two rests is part of them.
     """
     n = len(t) - len(shake) + 1
     limits = quiet_limits(rest)
     quiet = (shake < limits[0]) & (turn < limits[1])
     calm = (energy < LULL_SHARE * _move_energy(energy, n, dt) for energy in (shake, turn))
     lull = quiet | np.logical_and(*calm)
-    for before, after in unseen:  # interpolated data show no rest; `refuse_gaps` handles a gap at an end
+    for before, after in gaps:  # interpolated data show no rest; `refuse_gaps` handles a gap at an end
         if before == 0 or after == len(t) - 1:
             continue
         quiet[max(before + 2 - n, 0) : after] = lull[max(before + 2 - n, 0) : after] = False
@@ -83,7 +83,7 @@ def find_candidates(
             quiet[start + int(np.argmin(restless[start:stop]))] = True
     # A sample is still if any window that contains it is quiet.
     still = window_maxima(np.pad(quiet, n - 1), n)
-    return _long_enough(t, _merge_close(t, runs(still), unseen))
+    return _long_enough(t, _merge_close(t, runs(still), gaps))
 
 
 def _move_energy(energy: Array, n: int, dt: float) -> Array:
@@ -160,11 +160,11 @@ def run_edges(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
     return np.flatnonzero(padded[1:] != padded[:-1]).reshape(-1, 2)
 
 
-def _merge_close(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]] = ()) -> Spans:
+def _merge_close(t: Array, spans: Spans, gaps: Sequence[tuple[int, int]] = ()) -> Spans:
     merged: Spans = []
     for start, stop in spans:
         last = merged[-1][1] - 1 if merged else 0
-        if merged and (t[start] - t[last] < SHORTEST_MOVE_S or (last, start) in unseen):
+        if merged and (t[start] - t[last] < SHORTEST_MOVE_S or (last, start) in gaps):
             merged[-1] = (merged[-1][0], stop)
         else:
             merged.append((start, stop))

@@ -105,7 +105,7 @@ def _add_legs(
         equations.add_pairs(block, np.diff(values, axis=0), 1.0 / (k * walk**2 * T))
 
 
-def creep(problem: Problem, x: State) -> tuple[Array, Array]:
+def pivot_velocity(problem: Problem, x: State) -> tuple[Array, Array]:
     """Velocity (m, 3) of the pivot r, v - R (w x r), and its derivative by r (m, 3, 3)."""
     swing = -(x.E @ problem.C @ skew(problem.rate))
     return x.v + swing @ x.shared[PIVOT], swing
@@ -119,7 +119,7 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fi
     noise, within, R = problem.noise, problem.same_stop, x.E @ problem.C
     # Annealing adds a speed that does not depend on tremor: a coasting hand is as fast with or without it.
     variance = fixed.components[5] * problem.still_sigma**2 + (anneal**2 - 1.0) * noise.still_speed**2
-    v, swing = creep(problem, x)
+    v, swing = pivot_velocity(problem, x)
     still = _robust(squares(v) / variance) * (problem.stop_of >= 0)
     equations.add_unary(VEL, v, still / variance)
     equations.add_shared(VEL, PIVOT, slice(None), swing, v, still / variance)

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from pbd.pose import Array, lengths
-from pbd.tracking.smoother.factors import creep, linearise, whitener
+from pbd.tracking.smoother.factors import linearise, pivot_velocity, whitener
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.state import Fixed, State
@@ -54,7 +54,7 @@ def descend(problem: Problem, x: State, fixed: Fixed, anneal: Sequence[float] = 
 
     if len(anneal) > 1:
         x = step(x, anneal[0]).x
-    off = float((lengths(creep(problem, x)[0][still]) / problem.still_sigma[still]).max())
+    off = float((lengths(pivot_velocity(problem, x)[0][still]) / problem.still_sigma[still]).max())
     for factor, closer in pairwise((*anneal, 1.0)):
         if off > UNDOUBTED_SIGMAS * closer:
             x = step(x, factor).x

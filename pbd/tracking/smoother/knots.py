@@ -34,7 +34,7 @@ class Problem:
         stops: spans in which the hand may stand still.
         rows: (m,) row of each knot.
         stop_of: (m,) index of the stop in which the knot lies, or -1.
-        same_stop: (m - 1,) whether a knot and the next are in one stop without a hole between them.
+        same_stop: (m - 1,) whether a knot and the next are in one stop without a gap between them.
         legs: preintegrated from knot to knot.
         still_sigma: (m,) m/s per axis, sigma of zero velocity.
         C: (m, 3, 3), gyro frame <- sensor.
@@ -68,14 +68,14 @@ class Problem:
 
 
 def row_noise(
-    frame: GyroFrame, rest: Rest, noise: Noise, unseen: Sequence[tuple[int, int]], device: bool
+    frame: GyroFrame, rest: Rest, noise: Noise, gaps: Sequence[tuple[int, int]], device: bool
 ) -> tuple[Array, Array]:
-    """`densities` at each row, with the unknown motion in holes (first and last row); `device` as in `Problem`."""
+    """`densities` at each row, with the unknown motion in gaps; `device` as in `Problem`."""
     t, (s_g, s_a) = frame.t, densities(noise, frame.gyr, frame.u, frame.dt)
     if device:  # its attitude follows a turn late, then catches up
         s_g[0] = noise.device_lag * (frame.gyr**2).sum(axis=1)
         s_a[0] = frame.dt * frame.u[rest.start : rest.stop].var(axis=0).mean()  # gravity, tilted by its steps and noise
-    for first, last in unseen:
+    for first, last in gaps:
         lasts = float(t[last] - t[first])
         s_g[0, first : last + 1] += noise.unseen_rate**2 * lasts
         s_a[0, first : last + 1] += 12.0 * noise.unseen_speed**2 / lasts  # a move from rest to rest
@@ -93,7 +93,7 @@ def pose_problem(
     density: tuple[Array, Array],
     extra_rows: Sequence[int] = (),
     impulses: Sequence[Impulse] = (),
-    unseen: Sequence[tuple[int, int]] = (),
+    gaps: Sequence[tuple[int, int]] = (),
     *,
     device: bool = False,
 ) -> Problem:
@@ -108,12 +108,12 @@ def pose_problem(
         density: of `row_noise`.
         extra_rows: further rows at which a knot is wanted.
         impulses: motion lost above a sensor's range.
-        unseen: first and last row of each hole in the data.
+        gaps: last row before and first row after each gap in the data.
     """
     t, dt = frame.t, frame.dt
-    rows, stop_of = _place_knots(t, calm, [*extra_rows, *(row for hole in unseen for row in hole)])
+    rows, stop_of = _place_knots(t, calm, [*extra_rows, *(row for gap in gaps for row in gap)])
     same_stop = (stop_of[1:] == stop_of[:-1]) & (stop_of[1:] >= 0)
-    for first, last in unseen:
+    for first, last in gaps:
         stop_of[(rows > first) & (rows < last)] = -1
         same_stop[(rows[1:] > first) & (rows[:-1] < last)] = False
     used = np.unique(stop_of[stop_of >= 0])

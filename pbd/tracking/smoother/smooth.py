@@ -18,7 +18,7 @@ from pbd.tracking.first_rest import Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
 from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revised_stops, settled
-from pbd.tracking.smoother.factors import creep, shared_prior
+from pbd.tracking.smoother.factors import pivot_velocity, shared_prior
 from pbd.tracking.smoother.gauss_newton import ANNEALING, descend
 from pbd.tracking.smoother.knots import Problem, pose_problem, row_noise
 from pbd.tracking.smoother.normal_equations import Solved
@@ -68,7 +68,7 @@ class Solution:
     def stop_weights(self) -> Array:
         """Weight of each stop, 0 to 1: the largest robust weight among its knots."""
         at, weights = self.problem.stop_of >= 0, np.zeros(len(self.problem.stops))
-        excess = lengths(creep(self.problem, self.state)[0][at]) ** 2 / self.problem.still_sigma[at] ** 2 - 3.0
+        excess = lengths(pivot_velocity(self.problem, self.state)[0][at]) ** 2 / self.problem.still_sigma[at] ** 2 - 3.0
         np.maximum.at(weights, self.problem.stop_of[at], 1.0 / (1.0 + np.maximum(excess, 0.0) / OUTLIER_SIGMAS**2) ** 2)
         return weights
 
@@ -78,7 +78,7 @@ def smooth(
     rest: Rest,
     noise: Noise,
     impulses: Sequence[Impulse] = (),
-    unseen: Sequence[tuple[int, int]] = (),
+    gaps: Sequence[tuple[int, int]] = (),
     extra_rows: Sequence[int] = (),
 ) -> Solution | None:
     """Estimate the motion of a repaired recording; None if there is no stop.
@@ -88,7 +88,7 @@ def smooth(
         rest: the first quiet second.
         noise: parameters of sensor and hand.
         impulses: motion lost above a sensor's range.
-        unseen: first and last row of each hole in the data.
+        gaps: last row before and first row after each gap in the data.
         extra_rows: rows at which a knot is wanted.
 
     Raises:
@@ -104,7 +104,7 @@ def smooth(
 
     def build(stops: Spans, calm: Spans) -> Problem:
         return pose_problem(
-            *(frame, recording.mag, rest, noise, stops, calm, speed, density, extra_rows, impulses, unseen),
+            *(frame, recording.mag, rest, noise, stops, calm, speed, density, extra_rows, impulses, gaps),
             device=device,
         )
 
@@ -114,9 +114,9 @@ def smooth(
         # The device's own attitude follows a turn late. So without a gyro, specific force is judged in sensor axes.
         energy = energies(*((frame.acc, np.zeros_like(frame.acc)) if device else (frame.u, frame.gyr)), window)
         speed = still_speed(*energy, len(frame.t), rest, noise)
-        density = row_noise(frame, rest, noise, unseen, device)
+        density = row_noise(frame, rest, noise, gaps, device)
         if stops is None:
-            stops = find_candidates(frame.t, frame.dt, *energy, rest, unseen)
+            stops = find_candidates(frame.t, frame.dt, *energy, rest, gaps)
         if not stops:
             return None
         problem = build(stops, stops)

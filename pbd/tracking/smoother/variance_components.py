@@ -8,7 +8,7 @@ import numpy as np
 
 from pbd.pose import Array
 from pbd.tracking.moving_windows import squares
-from pbd.tracking.smoother.factors import creep, leg_jacobian, linearise, whitener
+from pbd.tracking.smoother.factors import leg_jacobian, linearise, pivot_velocity, whitener
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, Solved, batches
 from pbd.tracking.smoother.preintegration import VEL
@@ -45,7 +45,7 @@ def with_own_noise(solution: Solution) -> Solution:
             top.append(w @ squares(np.diff(values, axis=0)))
             bottom.append((3.0 - w * np.trace(solved.of_changes(block), axis1=1, axis2=2)).sum())
         w = stood / fixed.components[5]
-        top.append(w @ squares(creep(problem, x)[0]))
+        top.append(w @ squares(pivot_velocity(problem, x)[0]))
         bottom.append((3.0 * still - w * np.trace(solved.of_knots(VEL), axis1=1, axis2=2)).sum())
         factors = (top + nu) / np.maximum(bottom + nu, 1e-3 * nu)
         fixed = replace(fixed, components=fixed.components * (1.0, *factors))
