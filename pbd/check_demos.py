@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Calibration, Robot
-from pbd.errors import PbdError, collected_warnings
+from pbd.errors import PbdError, WrongTypeError, collected_warnings
 from pbd.files.demo import load_demo
 from pbd.fusion.matching import HAND_M
 from pbd.pipeline import track
@@ -90,14 +90,14 @@ def check_all(
 
     Raises:
         RobotError, CalibrationError: the robot or its calibration can't be loaded.
-        TypeError: a single name, whose letters would be taken for demonstrations.
+        WrongTypeError: a single name instead of a list; its letters would be taken for names.
     """
     from joblib import Parallel, delayed
 
     from pbd.planning import load_arm
 
     if isinstance(demos, str | Path):
-        raise TypeError(f"check_all takes a list of demonstrations: check_all([{str(demos)!r}])")
+        raise WrongTypeError(f"check_all takes a list of demonstrations: check_all([{str(demos)!r}])")
     arm = None if robot is None else load_arm(robot)
     found: list[DemoCheck] = []
     for check in Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(str(name), arm) for name in demos):

@@ -63,6 +63,10 @@ class UsageError(PbdError):
     exit_code = 2
 
 
+class WrongTypeError(UsageError, TypeError):
+    """An argument of a Python function has the wrong type, such as a robot's name instead of the robot."""
+
+
 class PbdWarning(UserWarning):
     """Something was mended or assumed on the way; the result is sound but the reader should know."""
 
@@ -119,6 +123,13 @@ def require_package(module: str, extra: str, what: str) -> None:
     except ImportError:
         package, how = module.partition(".")[0], f"pip install 'pbd-robot[{extra}]'"
         raise PbdError(f"{what} needs the package {package}; install it with: {how}") from None
+
+
+def require_type(function: str, value: object, source: str, *types: type) -> None:
+    """Raise WrongTypeError unless `value` has one of the types that `function` takes; `source` returns such a value."""
+    if not isinstance(value, types):
+        wanted = " or ".join(f"a {each.__name__}" for each in types)
+        raise WrongTypeError(f"{function} takes {wanted}, got {value!r:.60}; {source} returns one")
 
 
 MOST_LISTED = 12

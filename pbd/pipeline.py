@@ -12,7 +12,7 @@ from pbd.calibration.dock import nav_in_base
 from pbd.calibration.sensor import corrected
 from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, SensorErrors, Stop, Tracking
-from pbd.errors import PbdWarning, RecordingError, TrackingError, warn
+from pbd.errors import PbdWarning, RecordingError, TrackingError, require_type, warn
 from pbd.lapack import one_blas_thread
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.alarm import alarms
@@ -53,6 +53,7 @@ def fuse(takes: Sequence[Demonstration], calibration: Calibration | None = None,
 
     Raises:
         RecordingError: fewer than two takes, or one twice.
+        WrongTypeError: a take is not a Demonstration, for example a name.
         TrackingError: the takes are of different tasks, or one of them can't be tracked.
     """
     return track(fused_demo(takes), calibration=calibration, accept_gap=accept_gap)
@@ -60,6 +61,8 @@ def fuse(takes: Sequence[Demonstration], calibration: Calibration | None = None,
 
 def fused_demo(takes: Sequence[Demonstration]) -> Demonstration:
     """A demonstration of several takes, those of a fused one included; RecordingError: one is there twice."""
+    for take in takes:
+        require_type("fuse", take, "pbd.load_demo", Demonstration)
     takes = [one for take in takes for one in (take.takes or (take,))]
     names = [take.recording.info.name for take in takes]
     for k, take in enumerate(takes):
@@ -106,10 +109,9 @@ def track(
         RecordingError: the recording can't be one (units, clock, no data); the edited keyframes start elsewhere.
         TrackingError: no path follows from it (never still, data missing where the hand may have moved), or what is
             known contradicts it.
-        TypeError: the source is something else, as a name.
+        WrongTypeError: the source is neither, for example a name.
     """
-    if not isinstance(source, Recording | Demonstration):
-        raise TypeError(f"track takes a Recording or a Demonstration, got {source!r:.60}; pbd.load_demo reads one")
+    require_type("track", source, "pbd.load_demo", Recording, Demonstration)
     demo = source if isinstance(source, Demonstration) else Demonstration(source)
     if known is not None:
         demo = replace(demo, closed=known.closed, places=known.places, contacts=known.contacts)

@@ -89,8 +89,3 @@ def test_a_local_dask_cluster_does_the_same(takes: list[str]) -> None:
         there = check_all(folders)
     assert [check.why for check in there] == [check.why for check in check_all(folders)]
     assert there[0].sigma_m == check_all(folders[:1])[0].sigma_m
-
-
-def test_a_single_name_is_no_list_of_letters() -> None:
-    with pytest.raises(TypeError, match=r"check_all\(\['pouring'\]\)"):
-        check_all("pouring")

@@ -197,6 +197,11 @@ def test_the_ends_are_held(motion: JointTrajectory, beyond: float) -> None:
     assert_array_equal((before.qd, before.qdd), 0.0)
 
 
+def test_a_single_instant_gives_one_row() -> None:
+    motion = trajectory(0, [1.0])
+    assert_array_equal(motion.at(0.5).q, motion.at(np.array([0.5])).q)
+
+
 def test_the_gripper_goes_straight_and_is_held() -> None:
     samples = trajectory(0, [1.0]).at(np.array([-1.0, 0.0, 0.2, 0.25, 0.3, 0.4, 1.0, 9.0]))
     assert_allclose(samples.gripper, [1.0, 1.0, 1.0, 0.75, 0.5, 0.0, 0.0, 0.0])

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pbd.data.calibration import Calibration
 from pbd.data.freeze import freeze
@@ -201,9 +202,9 @@ class JointTrajectory:
         """Seconds."""
         return float(self.knots[-1])
 
-    def at(self, t: Array) -> Samples:
-        """Evaluate at instants (n,) in seconds; outside, the ends are held."""
-        t = np.asarray(t, dtype=np.float64)
+    def at(self, t: ArrayLike) -> Samples:
+        """Evaluate at one instant or at instants (n,), s, in n rows; before 0 and after the end, the ends are held."""
+        t = np.atleast_1d(np.asarray(t, dtype=np.float64))
         inside = np.clip(t, 0.0, self.duration)
         piece = np.clip(np.searchsorted(self.knots, inside, side="right") - 1, 0, len(self.coefficients) - 1)
         s = (inside - self.knots[piece])[:, None]

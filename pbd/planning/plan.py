@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from pbd.calibration.demonstrated_path import demonstrated_moves
 from pbd.calibration.tool_poses import with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Load, Robot
-from pbd.errors import PbdError, PlanError
+from pbd.errors import PbdError, PlanError, require_type
 from pbd.pipeline import track
 from pbd.planning.choose_joints import Refused, choose_joints
 from pbd.planning.object_frames import nearest_place, things
@@ -64,7 +64,11 @@ def plan_path(hand_path: HandPath, calibration: Calibration, robot: Robot, optio
         TrackingError: fewer than two stops, or all at one place.
         CalibrationError: the calibration is for other robots.
         PlanError: a keyframe is out of reach, something is in the way, or the motion breaks a limit.
+        WrongTypeError: an argument has the wrong type, for example a robot's name.
     """
+    require_type("plan", hand_path, "pbd.track", HandPath)
+    require_type("plan", calibration, "pbd.load_calibration", Calibration)
+    require_type("plan", robot, "pbd.load_robot", Robot)
     options = options or PlanOptions()
     hand_path = _tracked_with(hand_path, calibration, robot)
     demo = None if hand_path.tracking is None else hand_path.tracking.demo

@@ -102,7 +102,7 @@ def export(
     trajectory: JointTrajectory,
     robot: Robot,
     format_name: str,
-    path: Path,
+    path: str | Path,
     rate_hz: float | None = None,
     *,
     dense: bool = False,
@@ -126,6 +126,7 @@ def export(
             keyframe or touch something; nothing is written.
     """
     check_format(format_name, rate_hz, dense)
+    path = Path(path)
     if format_name in FOLDERS:
         return export_dataset([(trajectory, source)], robot, path)[0]
     from pbd.data.controller_interpolation import shares
