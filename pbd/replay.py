@@ -1,4 +1,4 @@
-"""From a plan to what a replay shows: the one place where the arm's results meet the view's values."""
+"""Converts a plan to the scene of a replay. This is the only place where the arm's results meet the view's values."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
-    """Collect what a replay shows. The hand's path is drawn where the tool would have been, scaled as the motion is."""
+    """Collect what a replay shows. The hand's path is drawn at the tool, in base, and scaled as the motion is."""
     from pbd.arm.collision.motion_check import object_stays
 
     (path, demo), arm, T_base_nav, options = plan.tracked, arm_of(plan.robot), plan.T_base_nav, plan.options
@@ -32,14 +32,14 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
     lever = quat_rotate(T_base_nav.wxyz, quat_rotate(path.wxyz_nav_sensor[rows], p_sensor_tool))
     if options.orientation == "fixed":
         lever = np.broadcast_to(plan.T_base_tool[0].p - T_base_nav.p, p_base_sensor.shape)
-    # What is unsure of the dock or the mount moves all keyframes alike; `pbd keyframes --robot` tells it.
+    # Errors of the dock and the mount shift all keyframes together, so they are left out; `pbd keyframes` prints them.
     placed = KeyframesInBase(plan.keyframes, T_base_nav, plan.calibration, options.scale, path)
     cov = tool_covariances(placed)["tracking"]
-    told = any(keyframe.tolerance_m is not None for keyframe in plan.keyframes)
-    found = success_of(placed) if told else None
-    inside = np.ones(len(cov)) if found is None else found.of_each
-    likely = found and f"probability that all keyframes are within their tolerances: {found.band}"
-    keyframes = zip(plan.keyframes, plan.trajectory.keyframe_t, plan.T_base_tool, cov, inside, strict=True)
+    tolerated = any(keyframe.tolerance_m is not None for keyframe in plan.keyframes)
+    success = success_of(placed) if tolerated else None
+    probability = np.ones(len(cov)) if success is None else success.of_each
+    note = success and f"probability that all keyframes are within their tolerances: {success.band}"
+    keyframes = zip(plan.keyframes, plan.trajectory.keyframe_t, plan.T_base_tool, cov, probability, strict=True)
     return ReplayScene(
         title=demo.recording.info.name,
         robot=plan.robot,
@@ -52,10 +52,10 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
                 label=keyframe.label,
                 t=float(t),
                 T_base_tool=pose,
-                cov=tracked if keyframe.cov.any() else None,  # one that a person typed has no sigma
+                cov=tracked if keyframe.cov.any() else None,  # a keyframe that a person inserted has no covariance
                 grip=keyframe.grip,
                 weight=keyframe.weight,
-                tolerance=_allowed(keyframe, scale * quat_to_matrix(T_base_nav.wxyz)),
+                tolerance=_squared_tolerance(keyframe, scale * quat_to_matrix(T_base_nav.wxyz)),
                 inside=None if keyframe.tolerance_m is None else float(chance),
             )
             for keyframe, t, pose, tracked, chance in keyframes
@@ -63,7 +63,7 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
         table_height=plan.calibration.table_height,
         grasped=plan.grasped,
         phases=object_stays(scene_of(arm, plan.calibration, plan.grasped), plan.trajectory),
-        notes=tuple(note for note in (demo.notes, likely, *warnings) if note),
+        notes=tuple(each for each in (demo.notes, note, *warnings) if each),
         touching=_touching(plan),
         obstacles=plan.calibration.obstacles,
         rod=_rod(arm),
@@ -72,22 +72,22 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
     )
 
 
-def _allowed(keyframe: Keyframe, R_base_nav: Array) -> Array | None:
-    """The square of a keyframe's tolerance, in base; that of positions alone."""
+def _squared_tolerance(keyframe: Keyframe, R_base_nav: Array) -> Array | None:
+    """A keyframe's position tolerance as a matrix (3, 3) m2 in base, with the squares of its half axes; or None."""
     if keyframe.tolerance_m is None:
         return None
-    allowed: Array = R_base_nav @ np.diag(keyframe.tolerance_m**2) @ R_base_nav.T
-    return allowed
+    squared: Array = R_base_nav @ np.diag(keyframe.tolerance_m**2) @ R_base_nav.T
+    return squared
 
 
 def robot_motion(arm: ArmModel, samples: Samples) -> RobotMotion:
-    """Give the whole robot's motion, arm and fingers, at the instants of samples."""
+    """Return the motion of all joints, of arm and fingers, at the times of the samples."""
     q = arm.configurations(np.column_stack((samples.q, samples.gripper)))
     return RobotMotion(arm.full, samples.t, q)
 
 
 def detours(plan: Plan) -> tuple[tuple[float, float], ...]:
-    """From when to when the arm goes around something, s: from the keyframe before to the next, or to the end."""
+    """Return (start, end) s of each detour: from the keyframe before it to the keyframe after it, or to the end."""
     from pbd.arm.motion_request import DETOUR
 
     ends = (0.0, *plan.trajectory.keyframe_t.tolist(), plan.trajectory.duration)
@@ -96,17 +96,18 @@ def detours(plan: Plan) -> tuple[tuple[float, float], ...]:
 
 
 def _rod(arm: ArmModel) -> Rod | None:
-    """The rod that is checked for collisions, where the model has no gripper."""
+    """The rod that stands for the tool in collision checks if the model has no gripper; else None."""
     from pbd.arm.gripper import tool_on_joint, tool_rod
 
-    checked = tool_rod(arm)
-    if checked is None:
+    body = tool_rod(arm)
+    if body is None:
         return None
     _, T_joint_tool = tool_on_joint(arm)
-    return Rod(T_joint_tool.inverse() @ checked.T_joint_body, *checked.size)
+    return Rod(T_joint_tool.inverse() @ body.T_joint_body, *body.size)
 
 
 def _touching(plan: Plan) -> tuple[Touching, ...]:
+    """Describe each contact; the first one has the words of the refusal."""
     from pbd.arm.collision.motion_check import describe
 
     if plan.touching is None:
