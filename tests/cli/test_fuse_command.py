@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.cli.record import held
+from pbd.cli.recording.takes import how_to_hold
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import load_demo, write_demo
 from pbd.files.keyframes import read_keyframes
@@ -89,11 +89,13 @@ def test_takes_of_two_tasks_are_refused_and_nothing_is_written(capsys: Capture) 
 
 
 def test_the_guide_says_how_to_hold_the_sensor_and_why() -> None:
-    assert "as you like" in held(1)
-    assert "quarter about the vertical" in held(2)
-    assert "level axis" in held(3)
-    assert "its own errors then point elsewhere" in held(3)
-    assert [held(take).partition(": ")[2] for take in (5, 6, 7)] == [held(k).partition(": ")[2] for k in (2, 3, 4)]
+    assert "as you like" in how_to_hold(1)
+    assert "quarter about the vertical" in how_to_hold(2)
+    assert "level axis" in how_to_hold(3)
+    assert "its own errors then point elsewhere" in how_to_hold(3)
+    assert [how_to_hold(take).partition(": ")[2] for take in (5, 6, 7)] == [
+        how_to_hold(k).partition(": ")[2] for k in (2, 3, 4)
+    ]
 
 
 def test_a_take_without_a_name_is_wrong_usage(capsys: Capture) -> None:

@@ -1,4 +1,4 @@
-"""pbd calibrate mount CALIBRATION DEMO."""
+"""pbd calibrate mount CALIBRATION DEMO: where the tool is relative to the sensor."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pbd.view.terminal_tables import print_table
 
 
 def run(args: argparse.Namespace) -> None:
-    """Track, fit, write, and say how far it is to be trusted."""
+    """Track the recording, fit the mount, write it, and report its uncertainty."""
     if not (args.pivot or args.turns):
         raise UsageError("say what the recording shows: --pivot, --turns x,-x,z, or both")
     path, calibration = existing_calibration(args.name)
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
 def _merged(
     calibration: Calibration, pivot: PivotFit | None, turns: TurnsFit | None
 ) -> tuple[Pose, Array, dict[str, float]]:
-    """T_sensor_tool, its covariance (6, 6) and the fits' figures: what was fitted, and the rest as it was."""
+    """T_sensor_tool, its covariance (6, 6) and the fits' figures. What was not fitted stays as it was."""
     mount = calibration.T_sensor_tool
     cov = np.zeros((6, 6)) if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool.copy()
     before = {name.removeprefix("mount."): x for name, x in calibration.residuals.items() if "mount." in name}
@@ -65,7 +65,7 @@ def _merged(
 
 
 def _certainty(mount: Pose, cov: Array) -> str:
-    """Where the tool is on the sensor, with sigma where it is known."""
+    """The tool's position on the sensor in words, with the sigmas that are known."""
     sigma = one_sigma(cov)
     x, y, z = 1e3 * mount.p
     place = f"the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm on the sensor"
@@ -79,6 +79,7 @@ def _certainty(mount: Pose, cov: Array) -> str:
 
 
 def _print(args: argparse.Namespace, pivot: PivotFit | None, turns: TurnsFit | None) -> None:
+    """Print the residual of each stop and turn; say if the pivot fits badly."""
     rows = []
     if pivot is not None:
         for k, off in enumerate(pivot.residuals):
