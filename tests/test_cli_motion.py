@@ -154,24 +154,15 @@ def start_of(capsys: Capture, given: str, *options: str) -> list[float]:
 
 
 @pytest.mark.parametrize(
-    ("given", "code", "message"),
+    ("given", "message"),
     [
-        ("[1, 2]", 1, "pbd: --from: needs 7 numbers, in rad, for panda_joint1, panda_joint2, "),
-        ('[0, 0, 0, "a", 0, 0, 0]', 1, "pbd: --from: needs 7 numbers, in rad, for panda_joint1"),
-        ("[1, 2", 1, "pbd: --from: not JSON ("),
-        ('{"panda_joint1": 0.0}', 1, "pbd: --from: lacks panda_joint2, panda_joint3, "),
-        ('{"name": ["panda_joint1"], "position": []}', 1, "pbd: --from: name and position must be lists of one length"),
-        ('{"name": ["panda_joint1"], "position": [0.1]}', 1, "pbd: --from: lacks panda_joint2, panda_joint3, "),
-        (f"[{'9' * 400}, 0, 0, -2, 0, 1, 0]", 1, "pbd: --from: needs 7 numbers"),
-        (f"[{'9' * 5000}]", 1, "pbd: --from: not JSON ("),
-        ("[" * 100_000, 1, "pbd: --from: not JSON ("),
-        ("nowhere.json", 1, "pbd: --from nowhere.json: can't be read ("),
-        ("[0, 0, 0, 2.0, 0, 1, 0]", 3, "pbd: the start has panda_joint4 at 2 rad, outside its limits of -3.072 to "),
-        ("[0, 0, 0, NaN, 0, 1, 0]", 1, "pbd: --from: needs 7 numbers"),
+        (f"[{'9' * 400}, 0, 0, -2, 0, 1, 0]", "pbd: --from: needs 7 numbers"),
+        (f"[{'9' * 5000}]", "pbd: --from: not JSON ("),
+        ("[" * 100_000, "pbd: --from: not JSON ("),
     ],
 )
-def test_a_start_that_can_not_be(capsys: Capture, given: str, code: int, message: str) -> None:
-    line = refused(capsys, code, "replay", "pouring", *PANDA, "--from", given)
+def test_a_start_that_no_parser_can_take(capsys: Capture, given: str, message: str) -> None:
+    line = refused(capsys, 1, "replay", "pouring", *PANDA, "--from", given)
     assert line.startswith(message)
 
 

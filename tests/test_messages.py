@@ -26,14 +26,21 @@ FILE = Path(__file__).with_name("messages.txt")
 PROMPT = "$ pbd "
 
 
+def files() -> dict[Path, int]:
+    """All files below the working folder, with when they were changed, ns."""
+    return {path: path.stat().st_mtime_ns for path in Path().rglob("*") if path.is_file()}
+
+
 def said(command: str) -> str:
-    """Run a command; return its exit code, then the lines on stderr."""
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as err:
+    """Run a command; return its exit code, then the lines on stderr. One that fails prints and changes nothing."""
+    before = files()
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
         try:
             code = main(shlex.split(command))
         except SystemExit as left:
             code = int(left.code or 0)
-    lines = err.getvalue().replace(f"{Path.cwd()}/", "")
+    assert code == 0 or (out.getvalue() == "" and files() == before)
+    lines = err.getvalue().replace(f"{Path.cwd()}/", "").replace(f"{FILE.parents[1]}/", "")
     lines = re.sub(r"plugged in are: .*?\)", "plugged in are: ...)", lines)  # as the machine has them
     return f"{code}\n" + re.sub(r"-?\d+\.\d+", "#", lines)
 

@@ -70,10 +70,6 @@ def test_a_take_that_is_not_there_is_named_with_its_line(capsys: Capture) -> Non
     assert line in refused(capsys, 1, "keyframes", "gone")
 
 
-def test_one_take_is_wrong_usage(capsys: Capture) -> None:
-    assert "name two takes or more" in refused(capsys, 2, "fuse", "tea1", "-o", "one")
-
-
 def test_a_take_is_never_replaced_by_what_is_made_of_it(capsys: Capture) -> None:
     link = Path("demos/link")
     link.symlink_to("tea1")
@@ -96,7 +92,3 @@ def test_the_guide_says_how_to_hold_the_sensor_and_why() -> None:
     assert [how_to_hold(take).partition(": ")[2] for take in (5, 6, 7)] == [
         how_to_hold(k).partition(": ")[2] for k in (2, 3, 4)
     ]
-
-
-def test_a_take_without_a_name_is_wrong_usage(capsys: Capture) -> None:
-    assert "--take needs the task's NAME" in refused(capsys, 2, "record", "--take", "2", "--sensor", "sim:pour")

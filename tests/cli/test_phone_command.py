@@ -16,7 +16,7 @@ from PIL import Image
 
 from pbd.sensors.phyphox.answers import BUFFERS
 from pbd.sensors.phyphox.experiment import ROWS, code_parts, experiment
-from tests.cli.running import Capture, refused, run
+from tests.cli.running import Capture, run
 from tests.cli.terminal import Terminal
 
 
@@ -78,8 +78,6 @@ def test_the_experiment_has_the_three_sensors_with_gravity(
     assert [each.get("component") for each in next(root.iter("sensor"))] == ["t", "x", "y", "z"]
     exported = {each.text for each in root.iter("data")}
     assert exported == buffers.keys()
-    said = refused(capsys, 1, "sensors", "phyphox", "-o", "pbd.exe")
-    assert "give a .phyphox, .png or .svg" in said
 
 
 def test_a_small_terminal_shows_code_after_code(tmp_path: Path) -> None:

@@ -100,12 +100,12 @@ def test_the_fastest_arm_comes_first_and_the_others_say_why(capsys: Capture, gui
     assert [row["duration_s"] for row in mine] == [None]
     assert "keyframe 0 is out of reach" in mine[0]["why"]
     assert "keyframe 0 is out of reach" in run(capsys, "robots", "mine", "--for", "paper-test2")[1]
-    rows = run_json(capsys, "robots", "--for", "paper-test2")["robots"]
+    rows = run_json(capsys, "robots", "--for", "pouring")["robots"]
     able = [row["duration_s"] for row in rows if row["why"] is None]
     assert able == sorted(able)
     assert [row["name"] for row in rows[len(able) :]] == ["mine"]
     panda = next(row for row in rows if row["name"] == "panda")
-    replayed = run_json(capsys, "replay", "paper-test2", "--robot", "panda", "--html", "x.html")
+    replayed = run_json(capsys, "replay", "pouring", "--robot", "panda", "--html", "x.html")
     assert panda["duration_s"] == replayed["duration_s"]
     assert panda["farthest_m"] < panda["reach_m"]
 
