@@ -1,4 +1,4 @@
-"""Many demonstrations are checked: what is unusable, what differs, whatever does the work."""
+"""`pbd check` and `check_all`: unusable and differing demonstrations, and other backends of joblib."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.cli.running import Capture, run, run_json
 
 @pytest.fixture
 def takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Two sound takes, and one whose samples are gone."""
+    """Two valid takes, and one without samples."""
     monkeypatch.chdir(tmp_path)
     write_demo(simulate("pick-and-place-stops", "modern", 0), Path("demos/tea1"))
     shutil.copytree("demos/tea1", "demos/tea2")
@@ -58,7 +58,7 @@ def sibling(name: str, off_m: float) -> DemoCheck:
 
 
 def test_one_that_differs_from_its_siblings_is_named() -> None:
-    """Their scatter and its own sigma say how far is too far; of three nobody can say which one is off."""
+    """Their scatter and its own sigma give the bound. With three demonstrations none is named."""
     offs = (0.0, 0.002, -0.002, 0.003, 0.05)
     checks = compare_siblings([sibling(str(off), off) for off in offs])
     assert [bool(check.differs) for check in checks] == [False, False, False, False, True]

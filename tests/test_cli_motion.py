@@ -1,4 +1,4 @@
-"""What the options of motion do on the command line, and what is said where a motion can't be."""
+"""The motion options of the command line, and the messages when no motion is possible."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ name:
 
 
 def test_joint_states_are_read_as_they_come(capsys: Capture, elsewhere: Path) -> None:
-    """With the fingers, in any order, in rad whatever --units says; as JSON, or as `ros2 topic echo` prints it."""
+    """With finger joints, in any order, in rad whatever --units says; as JSON or as `ros2 topic echo` prints it."""
     q = [0.1, -0.5, 0.1, -2.0, 0.1, 1.5, 0.5]
     names = [f"panda_joint{i + 1}" for i in range(7)]
     message = {
@@ -134,7 +134,7 @@ def test_units_say_in_what_the_joints_are(capsys: Capture, named: bool) -> None:
 
 
 def test_a_table_in_degrees_does_not_turn_what_was_given_in_rad(capsys: Capture) -> None:
-    """`pbd keyframes` prints degrees unless it is asked for others; a start is in rad unless it is."""
+    """`pbd keyframes` prints degrees by default, but --from is in rad by default."""
     q = [0.1, -0.5, 0.1, -2.0, 0.1, 1.5, 0.5]
     command = ("keyframes", "paper-test2", *PANDA)
     rad = run_json(capsys, *command, "--from", json.dumps(q))
@@ -146,7 +146,7 @@ def test_a_table_in_degrees_does_not_turn_what_was_given_in_rad(capsys: Capture)
 
 
 def start_of(capsys: Capture, given: str, *options: str) -> list[float]:
-    """Where the exported motion begins."""
+    """The first joints of the exported motion."""
     run_json(capsys, "export", "paper-test2", *PANDA, "--from", given, *options, "--format", "npz", "-o", "out.npz")
     with np.load("out.npz", allow_pickle=False) as file:
         start: list[float] = file["q"][0].tolist()
@@ -200,7 +200,7 @@ def test_a_home_in_collision_is_refused(capsys: Capture, elsewhere: Path) -> Non
 
 
 def test_a_line_is_followed_where_something_bars_the_way_back_alone(capsys: Capture, elsewhere: Path) -> None:
-    """Simulated. What it holds would sweep through the post on its way home: that is told, and the lines are kept."""
+    """The held object would touch the post only on the way home. The moves stay lines; a warning names the detour."""
     (elsewhere / "c.toml").write_text(POST)
     run(capsys, "simulate", "pick-and-place-stops", "s")
     line = ("replay", "s", "--robot", "ur5", "--calibration", "c.toml", "--path", "line")
@@ -228,7 +228,7 @@ def test_a_home_in_collision_with_the_arm_itself(capsys: Capture, elsewhere: Pat
 
 
 def test_what_stands_in_the_table_is_told(capsys: Capture, elsewhere: Path) -> None:
-    """A table up to the shoulder: links that are in it however the arm stands aren't watched there."""
+    """A table up to the shoulder: links that are always inside it are not checked against it."""
     (elsewhere / "c.toml").write_text(LOW_DOCK.replace("0.2\n", "0.05\n").replace("0.1]", "0.3]"))
     result = run_json(capsys, "replay", "paper-test2", "--robot", "ur5", "--calibration", "c.toml")
     (told,) = result["warnings"]

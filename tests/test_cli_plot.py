@@ -1,4 +1,4 @@
-"""`pbd plot` as a user meets it: files, messages, JSON."""
+"""`pbd plot`: its files, messages and JSON."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("elsewhere", "remembered")
 
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One figure is enough, where it is not about the figures."""
+    """Draw one figure only, for tests that are not about the figures."""
     monkeypatch.setattr(figures, "FIGURES", {"position": figures.FIGURES["position"]})
     monkeypatch.setattr(compare_figures, "COMPARISONS", {"paths": compare_figures.COMPARISONS["paths"]})
 
@@ -111,7 +111,7 @@ def test_comparison_as_csv(capsys: Capture) -> None:
 
 @pytest.mark.usefixtures("few")
 def test_what_cannot_be_known_is_drawn_all_the_same(capsys: Capture, elsewhere: Path) -> None:
-    """A person who claims what isn't so must see why."""
+    """A demonstration whose known places contradict it is drawn without them, so that the user sees why."""
     main(["simulate", "pick-and-place-stops", "tea", "--seed", "1"])  # it ends 15 cm away
     toml = elsewhere / "demos" / "tea" / "demo.toml"
     toml.write_text("closed = true\n" + toml.read_text().replace("closed = false\n", "", 1))

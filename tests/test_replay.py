@@ -1,4 +1,4 @@
-"""From a plan to what the replay shows."""
+"""The scene of a replay agrees with its plan."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_all_that_touches_is_shown_by_when_it_begins() -> None:
 
 @pytest.mark.parametrize(("name", "ahead_m"), [("ur5", 0.16), ("ur5", 0.045), ("ur5", 0.03), ("panda", 0.1)])
 def test_the_tool_that_is_checked_is_shown(name: str, ahead_m: float) -> None:
-    """Its pose and size in the scene are those of the body that the checks for collisions watch."""
+    """Its pose and size in the scene are those of the body that collisions are checked with."""
     known = pbd.load_robot(name)
     robot = replace(known, T_body_tool=Pose(np.array([0.0, 0.0, ahead_m]), known.T_body_tool.wxyz))
     assert robot.dock is not None

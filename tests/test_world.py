@@ -1,4 +1,4 @@
-"""The grasped object's way."""
+"""When a grasped object is held, and where it is."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
 
 
 def tool(t: float) -> Pose:
-    """It points down and goes along x at 0.1 m/s, 10 cm above the table, rolling slowly."""
+    """A tool that points down and moves along x at 0.1 m/s, 10 cm above the table, while it rolls slowly."""
     return Pose.from_rpy(np.array([0.1 * min(t, 10.0), 0.0, 0.1]), (np.pi + 0.05 * min(t, 10.0), 0.0, 0.0))
 
 

@@ -1,4 +1,4 @@
-"""A name in the place of what it names is one clear error, of the package's own and of Python's."""
+"""A name instead of the value it names is a WrongTypeError with a clear message."""
 
 from __future__ import annotations
 

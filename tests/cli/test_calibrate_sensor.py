@@ -1,4 +1,4 @@
-"""`pbd calibrate sensor` and `mount` as a user meets them, and what they change in tracking and recording."""
+"""`pbd calibrate sensor` and `mount`, and their effect on tracking and recording."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def save(name: str, demo: Demonstration) -> None:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A bad sensor put down on twelve sides (`sides`), and a demonstration `tea` by the same device."""
+    """Recordings of one bad sensor: `sides`, put down in twelve orientations, and the demonstration `tea`."""
     folder = tmp_path_factory.mktemp("recorded") / "demos"
     write_demo(simulate(sides(1, rest_s=1.5), BAD, 1), folder / "sides")
     write_demo(simulate("pour", BAD, 1), folder / "tea")
@@ -52,7 +52,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def bench(recorded: Path, capsys: Capture) -> Path:
-    """A calibration of that sensor."""
+    """The calibration of that sensor."""
     Path("demos").symlink_to(recorded)
     run(capsys, "calibrate", "dock", "bench", "--position", "0.45", "-0.15", "0.25")
     assert run(capsys, "calibrate", "sensor", "bench", "sides", "--gravity", "9.81", "--temperature", "22")[0] == 0
@@ -125,7 +125,7 @@ def test_what_is_wrong_with_a_recording_of_sides(capsys: Capture) -> None:
 
 
 def said_at_rest(errors: SensorErrors | None) -> list[str]:
-    """What a recording says over two seconds of rest of a perfect sensor."""
+    """The messages of a recording of two seconds of rest, with a perfect sensor."""
     coach = Feedback(0.01, errors)
     rng = np.random.default_rng(0)
     for k in range(200):

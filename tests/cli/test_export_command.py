@@ -1,4 +1,4 @@
-"""`pbd export`: where it writes, and in which format."""
+"""`pbd export`: formats, files and standard output."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_every_suffix_says_a_format() -> None:
 
 
 def test_the_hands_path_is_told_in_the_hands_own_time(capsys: pytest.CaptureFixture[str]) -> None:
-    """The arm's motion takes another."""
+    """The arm's motion has another duration."""
     assert main(["export", "paper-test1", "--robot", "panda", "--format", "tum-hand", "-o", "hand.tum"]) == 0
     t = np.loadtxt("hand.tum")[:, 0]
     assert capsys.readouterr().err.endswith(f"pbd: wrote hand.tum: {len(t)} poses, {np.ptp(t):.1f} s\n")

@@ -1,4 +1,4 @@
-"""`pbd fuse` and `pbd record --take`: a demonstration that lists its takes, and what may be wrong with it."""
+"""`pbd fuse`, and the advice of `pbd record --take`."""
 
 from __future__ import annotations
 

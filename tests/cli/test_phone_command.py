@@ -1,4 +1,4 @@
-"""`pbd sensors phyphox`: the experiment and its codes, read back as the app does: with ZXing, byte by byte."""
+"""`pbd sensors phyphox`: the experiment and its QR codes, read back with ZXing, as the app does."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.cli.terminal import Terminal
 
 
 def in_the_app(codes: list[bytes]) -> str:
-    """What the app makes of the codes, in whatever order they are scanned: the experiment's text."""
+    """Join the codes as the app does, in any order of scanning; return the experiment's text."""
     heads = {(code[:11], code[12]) for code in codes}
     assert heads == {(b"phyphox" + zlib.crc32(b"".join(code[13:] for code in codes)).to_bytes(4, "big"), len(codes))}
     assert [code[11] for code in codes] == list(range(len(codes)))

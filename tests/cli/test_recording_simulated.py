@@ -1,4 +1,4 @@
-"""A simulated hand beside a person: what it does by itself, and what it leaves to them."""
+"""The simulated hand: its own commands, and those of the person beside it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HAND = random_hand(400, seed=1)
 
 @pytest.fixture
 def emulator() -> Iterator[Emulator]:
-    """It is never played: the test says how much was sent."""
+    """An emulator that never plays: the test sets how many samples it has sent."""
     sensor = Emulator(HAND)
     yield sensor
     sensor.unplug()
@@ -132,7 +132,7 @@ def test_what_was_unplugged_does_not_play(emulator: Emulator) -> None:
 
 
 def test_its_rest_after_the_task_can_be_tracked() -> None:
-    """The same samples in the same order would be refused as a block that came twice."""
+    """Samples repeated in the same order would be refused as a duplicated block."""
     rng = np.random.default_rng(0)
     noise = rng.normal((0.0, 0.0, GRAVITY), 0.02, (60, 3)), rng.normal(0.0, 0.001, (60, 3))
     decoder, samples = protocol("ximu3").decoder(), list[Sample]()

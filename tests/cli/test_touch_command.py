@@ -1,4 +1,4 @@
-"""`pbd touch`, `--frame`, `--at` and `--tolerance`: corrections with the arm, things that stand elsewhere, success."""
+"""`pbd touch`, and the options `--frame`, `--at` and `--tolerance`."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def test_success_is_told_with_the_joint_distribution(tea: Path, capsys: Capture)
 
 
 def refused_line(capsys: Capture, *command: str) -> str:
-    """The last line of a command that fails; notes may come before it."""
+    """Run a command that fails; return its last line on stderr."""
     code, _, err = run(capsys, *command)
     assert code == 1
     return err.splitlines()[-1]

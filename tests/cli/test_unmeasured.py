@@ -1,4 +1,4 @@
-"""What nobody measured has no sigma: not one of zero, on no screen, in no file, in no JSON."""
+"""A quantity that was not measured has no sigma, rather than a sigma of zero: in tables, files and JSON."""
 
 from __future__ import annotations
 

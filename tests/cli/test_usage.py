@@ -1,4 +1,4 @@
-"""Wrong usage is told in one line, which names what is nearest and where the help is."""
+"""Wrong usage is one line that says where the help is; output that can't be written is one line too."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Capture = pytest.CaptureFixture[str]
 
 
 def told(capsys: Capture, *args: str) -> tuple[object, str]:
-    """The exit code, and the one line on stderr."""
+    """Run a command that fails; return its exit code and its one line on stderr."""
     try:
         code: object = main([*args])
     except SystemExit as left:

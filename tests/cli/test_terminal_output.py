@@ -1,4 +1,4 @@
-"""The door to the terminal: what stands in names and labels can't command it, and streams that fail lose no result."""
+"""Output to terminals and pipes: control characters in names do nothing, and a failing stream loses no result."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from tests.cli.terminal import PBD, Terminal
 
 Capture = pytest.CaptureFixture[str]
 EVIL = "\x1b[2J\x9b2J\u202e[/b]:tea:"
-"""Clears the screen, twice; turns the line round; and breaks rich's markup."""
+"""Clears the screen twice, reverses the line, and breaks rich's markup."""
 
 SHOWN = r"\x1b[2J\x9b2J\u202e[/b]:tea:"
 
 
 @pytest.fixture
 def tea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> Path:
-    """A demonstration with an evil label."""
+    """A demonstration with the label EVIL."""
     monkeypatch.chdir(tmp_path)
     assert main(["simulate", "pour", "tea"]) == 0
     assert main(["keyframes", "tea", "--save"]) == 0
@@ -68,7 +68,7 @@ def test_a_name_that_is_not_utf_8_shows_its_bytes() -> None:
 
 
 def pbd(words: str, redirected: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Run it in a shell that closes or redirects a stream."""
+    """Run `pbd` in a shell with streams redirected or closed."""
     line = f"{PBD[0]} -m pbd {words} {redirected}"
     return subprocess.run(["bash", "-c", line], cwd=cwd, capture_output=True, text=True, check=False)
 
