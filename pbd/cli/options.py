@@ -119,7 +119,7 @@ def add_tracking(parser: argparse.ArgumentParser, calibration: str = "the robot'
 
 def add_accept_gap(parser: argparse.ArgumentParser) -> None:
     """Add --accept-gap, for commands that track."""
-    flag(parser, "--accept-gap", "the hand stood still where data are missing in a rest")
+    flag(parser, "--accept-gap", "accept missing data in a rest: the hand stood still there")
 
 
 def add_planning(

@@ -61,7 +61,7 @@ def keyframes(parser: ArgumentParser) -> None:
 
 
 def touch(parser: ArgumentParser) -> None:
-    """Correct a keyframe where the arm was tried and was off.
+    """Correct a keyframe where the real arm was off.
 
     The tool is off at a keyframe: say by how much, or where it belongs. That is a measurement, so the other
     keyframes move with it as far as their errors are correlated with its error. It is kept in keyframes.toml.
