@@ -166,16 +166,6 @@ def test_a_start_that_no_parser_can_take(capsys: Capture, given: str, message: s
     assert line.startswith(message)
 
 
-@pytest.mark.parametrize("command", [("replay", "--html", "out.html"), ("export", "--format", "csv", "-o", "out")])
-def test_a_collision_is_refused(capsys: Capture, elsewhere: Path, command: tuple[str, ...]) -> None:
-    (elsewhere / "c.toml").write_text(OBSTACLE)
-    line = refused(capsys, 3, *command[:1], "pouring", *command[1:], *PANDA, "--calibration", "c.toml")
-    assert "would touch the shelf, " in line
-    assert " deep" in line
-    assert line.endswith("; move the dock or the obstacle, or view the motion with --allow-collision")
-    assert not [*elsewhere.glob("out*")]
-
-
 def test_a_collision_that_is_allowed_is_shown_marked_and_never_exported(capsys: Capture, elsewhere: Path) -> None:
     (elsewhere / "c.toml").write_text(OBSTACLE)
     calibration = ("--calibration", "c.toml", "--allow-collision")
