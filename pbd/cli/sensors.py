@@ -14,8 +14,8 @@ from pbd.cli.recording.device import probed
 from pbd.errors import SensorError
 from pbd.io.atomic import atomic_file, refuse_output
 from pbd.sensors import port as serial_port
-from pbd.sensors.phyphox.experiment import MOST_CODES, NAME, code_parts, experiment
-from pbd.sensors.probe import Found
+from pbd.sensors.phyphox.experiment import MAX_QR_CODES, NAME, experiment, qr_payloads
+from pbd.sensors.probe import ProbeResult
 from pbd.sensors.protocols import PROTOCOLS
 from pbd.view.terminal import drawing
 from pbd.view.terminal_tables import ports_table, print_csv, print_table, words_table
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> None:
     return show(words_table(("--sensor", "device", "gives"), (kind.values() for kind in kinds)))
 
 
-def _note(found: Found) -> str:
+def _note(found: ProbeResult) -> str:
     if found.sensor is not None:
         return ""
     if found.line is not None:
@@ -86,7 +86,7 @@ def _prepare_phone(args: argparse.Namespace) -> None:
         if kind == "phyphox":
             there.write_text(experiment(), encoding="utf-8")
         else:
-            (data,) = code_parts(1)
+            (data,) = qr_payloads(1)
             _qr_code(data).save(str(there), kind=kind, scale=PIXELS)
     if args.json:
         return print_json({"file": str(file)})
@@ -113,8 +113,8 @@ def _qr_code(data: bytes) -> Any:
 def _show_codes() -> None:
     """Show as few codes as fit the terminal, one at a time."""
     columns, lines = shutil.get_terminal_size()
-    for count in range(1, MOST_CODES + 1):
-        codes = [_qr_code(part) for part in code_parts(count)]
+    for count in range(1, MAX_QR_CODES + 1):
+        codes = [_qr_code(part) for part in qr_payloads(count)]
         width = max(code.symbol_size(border=BORDER)[0] for code in codes)
         if width <= columns and (width + 1) // 2 + 2 <= lines:
             break

@@ -7,7 +7,7 @@ from math import inf
 
 import numpy as np
 
-from pbd.data.freeze import freeze
+from pbd.data.frozen_arrays import freeze_arrays
 from pbd.pose import Array
 
 MOST_STEPS = 2.5
@@ -22,7 +22,7 @@ class Stream:
     values: Array
 
     def __post_init__(self) -> None:
-        freeze(self, t=(len(self.t),), values=(len(self.t), 3))
+        freeze_arrays(self, t=(len(self.t),), values=(len(self.t), 3))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -101,7 +101,7 @@ class Moments:
         """Experiment time, s, of the pause that lasts; infinite while it measures."""
         return self.known[-1].t if self.known and not self.known[-1].started else inf
 
-    def straight(self, t: Array) -> Array:
+    def to_elapsed(self, t: Array) -> Array:
         """Experiment time (n,) s -> s since the measurement was first started, pauses counted."""
         starts = [each for each in self.known if each.started]
         if not starts or self._begun is None:

@@ -10,7 +10,7 @@ from pbd.errors import PbdError, SensorError
 from pbd.record.session import Session
 from pbd.record.values import Command, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder
-from pbd.sensors.probe import recognise, what_it_is
+from pbd.sensors.probe import describe_bytes, identify_protocol
 from pbd.sensors.reader import Reader, Source
 
 SILENT_S = 3.0
@@ -162,7 +162,7 @@ class _Watch:
 
 def _wait(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None]) -> Command | None:
     reader.close()
-    while not reader.reopened():
+    while not reader.reopen():
         show(session.status())
         command = poll()
         if command in (Command.END, Command.DISCARD):
@@ -173,7 +173,7 @@ def _wait(session: Session, reader: Reader, poll: Poll, show: Callable[[Status],
 
 def _nothing(session: Session, reader: Reader) -> SensorError:
     port, sensor, tally = reader.port, session.options.sensor, session.decoder.tally
-    whole = tally.packets > tally.bad_packets and recognise(session.heard) in (None, sensor)
+    whole = tally.packets > tally.bad_packets and identify_protocol(session.heard) in (None, sensor)
     at = f" at {port.baud} baud" if port.baud else ""
     if not reader.bytes_seen and port.trouble:
         message = f"nothing came from {port.device} in {SILENT_S:g} s: {port.trouble}"
@@ -193,6 +193,6 @@ def _nothing(session: Session, reader: Reader) -> SensorError:
         count = f"{tally.packets or 'no'} whole packet{'s' if tally.packets > 1 else ''}"
         message = (
             f"{reader.bytes_seen} bytes came from {port.device}{at}, but {count} of {sensor}: "
-            f"{what_it_is(session.heard, port.baud, sensor)}"
+            f"{describe_bytes(session.heard, port.baud, sensor)}"
         )
     return SensorError(message, path=port.device, baud=port.baud)

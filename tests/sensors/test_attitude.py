@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pbd.pose import quat_about_z, quat_from_rpy, quat_multiply, quat_rotate, quat_to_matrix, quat_to_rpy
-from pbd.sensors.attitude import from_north_east_down, from_north_west_up, rpy_from_quaternion, wrapped
+from pbd.sensors.attitude import from_north_east_down, from_north_west_up, rpy_from_quaternion, wrap_angle
 
 angles = st.floats(-pi, pi)
 near_pole = st.sampled_from([-1.0, 1.0]).flatmap(lambda sign: st.floats(0.0, 1e-6).map(lambda x: sign * (pi / 2 - x)))
@@ -47,5 +47,5 @@ def test_a_nose_that_points_north_or_east() -> None:
 
 @given(st.floats(-100.0, 100.0))
 def test_wrapped(angle: float) -> None:
-    assert abs(wrapped(angle)) <= pi
-    assert np.exp(1j * wrapped(angle)) == pytest.approx(np.exp(1j * angle))
+    assert abs(wrap_angle(angle)) <= pi
+    assert np.exp(1j * wrap_angle(angle)) == pytest.approx(np.exp(1j * angle))

@@ -192,7 +192,7 @@ def test_a_stick_does_not_move_the_sensor(tmp_path: Path) -> None:
 
 def test_the_buttons_are_those_of_the_same_pad(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two pads of one name: /sys tells which input devices are one pad's."""
-    monkeypatch.setattr(gamepad_port, "CLASS", tmp_path / "class")
+    monkeypatch.setattr(gamepad_port, "SYSFS_INPUT", tmp_path / "class")
     for number, pad, end in ((3, "A", ""), (4, "A", " Motion Sensors"), (5, "B", ""), (6, "B", " Motion Sensors")):
         (tmp_path / pad).mkdir(exist_ok=True)
         device = tmp_path / "class" / f"event{number}" / "device"
@@ -206,6 +206,6 @@ def test_the_buttons_are_those_of_the_same_pad(tmp_path: Path, monkeypatch: pyte
     }
     with pytest.raises(SensorError, match=r"several gamepads are there: /dev/input/event4 \(DualSense\), .*name a --p"):
         only_gamepad()
-    monkeypatch.setattr(gamepad_port, "CLASS", tmp_path / "nothing")
+    monkeypatch.setattr(gamepad_port, "SYSFS_INPUT", tmp_path / "nothing")
     with pytest.raises(SensorError, match="no gamepad with motion sensors is there: connect a DualSense"):
         only_gamepad()

@@ -220,7 +220,7 @@ def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[st
                 what = f"'{axes[0]}' is in {name}.csv and in another file too; keep one recording in a folder"
                 raise RecordingError.at(path, what)
             stream = _stream(sheet, PHYPHOX_TIME, tuple(axes))
-            streams[kind] = Stream(moments.straight(stream.t), stream.values)
+            streams[kind] = Stream(moments.to_elapsed(stream.t), stream.values)
             if kind == "linear":
                 unread |= dict.fromkeys((f"{name}.csv: {axis}" for axis in axes), "without gravity")
             else:
