@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data.freeze import freeze
+from pbd.data.frozen_arrays import freeze_arrays
 from pbd.errors import CalibrationError, listed, printable
 from pbd.files.calibration import REACH_M
 from pbd.files.table import open_sheet
@@ -25,7 +25,7 @@ class Points:
     p_base: Array
 
     def __post_init__(self) -> None:
-        freeze(self, p_base=(len(self.names), 3))
+        freeze_arrays(self, p_base=(len(self.names), 3))
 
 
 def read_points(path: Path, unit: str | None = None) -> Points:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pbd.data import GraspedObject, JointTrajectory, Obstacle, Robot
-from pbd.data.freeze import freeze
+from pbd.data.frozen_arrays import freeze_arrays
 from pbd.data.world import Stay
 from pbd.pose import Array, Pose
 from pbd.view.robot_motion import RobotMotion
@@ -35,7 +35,7 @@ class ReplayKeyframe:
     inside: float | None = None
 
     def __post_init__(self) -> None:
-        freeze(self, cov=(6, 6), tolerance=(3, 3))
+        freeze_arrays(self, cov=(6, 6), tolerance=(3, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,4 +103,4 @@ class ReplayScene:
 
     def __post_init__(self) -> None:
         n = len(self.hand_path_base)
-        freeze(self, hand_path_base=(n, 3), hand_speed=(n,))
+        freeze_arrays(self, hand_path_base=(n, 3), hand_speed=(n,))

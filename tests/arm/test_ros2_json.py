@@ -14,10 +14,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pbd.data import JointTrajectory, Robot
-from pbd.data.controller_interpolation import shares
 from pbd.errors import PbdWarning, PlanError
 from pbd.files.demo import load_demo
 from pbd.files.exporters import export
+from pbd.files.exporters.controller_interpolation import limit_shares
 from pbd.planning import PlanOptions, plan_keyframes
 from tests.arm.bundled import DEMOS, arm_of, keyframes_of, path_of
 from tests.arm.controller import Controller, refuse, seconds
@@ -127,7 +127,9 @@ def test_the_check_of_the_gaps_agrees_with_the_controller(tmp_path: Path) -> Non
     bounds, found = (robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk), []
     for rule in ("cubic", "quintic"):
         controller = Controller({"points": points}, accelerations=rule == "quintic")
-        for order, (bound, share) in enumerate(zip(bounds, shares(samples, rule, robot.limits), strict=True), start=1):
+        for order, (bound, share) in enumerate(
+            zip(bounds, limit_shares(samples, rule, robot.limits), strict=True), start=1
+        ):
             peaks = controller.peaks(order, steps=200) / bound
             assert share.value == pytest.approx(peaks.max(), rel=1e-3)
             assert share.joint == np.argmax(peaks)

@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose
 
 from pbd.audit.audit import audit_received
 from pbd.data import Calibration, Obstacle, Samples
-from pbd.data.controller_interpolation import fill
 from pbd.errors import PbdWarning, PlanError
 from pbd.files.exporters import FORMATS, csv, export, urscript
+from pbd.files.exporters.controller_interpolation import interpolate
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Pose
 from tests.arm.bundled import NAMES, arm_of
@@ -137,7 +137,7 @@ def test_what_a_received_motion_touches_is_seen() -> None:
     path = replace(
         plan.trajectory,
         knots=rows.t,
-        coefficients=fill(rows, "hold")[:, :4],
+        coefficients=interpolate(rows, "hold")[:, :4],
         keyframe_t=np.zeros(1),
         keyframe_q=rows.q[:1],
     )

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from pbd.data import JointTrajectory, Robot, Samples
-    from pbd.data.controller_interpolation import Rule
     from pbd.files.exporters.check_export import Shares
+    from pbd.files.exporters.controller_interpolation import Rule
     from pbd.files.exporters.export_request import Source
 
 
@@ -128,8 +128,8 @@ def export(
     check_format(format_name, rate_hz, dense)
     if format_name in FOLDERS:
         return export_dataset([(trajectory, source)], robot, path)[0]
-    from pbd.data.controller_interpolation import shares
     from pbd.files.exporters.check_export import check_received, reached
+    from pbd.files.exporters.controller_interpolation import limit_shares
     from pbd.files.exporters.export_request import ExportRequest
 
     file = import_module(f"{__name__}.{FORMATS[format_name].file}")
@@ -143,7 +143,7 @@ def export(
         if rules:
             receiver = check_received(request, file.read(unfinished), rules, sampled=samples)
     if request.format.filled_by == ("hold",):  # what cubics between the rows would do is told all the same
-        worst = max(shares(points, "cubic", robot.limits), key=lambda share: share.value)
+        worst = max(limit_shares(points, "cubic", robot.limits), key=lambda share: share.value)
         if worst.value > 1.0 + CUBIC_EXCESS:
             warn(
                 f"{reached(request, points, 'cubic', worst)}; send each sample at its time, give a higher --rate, or "

@@ -9,8 +9,16 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.data import JointTrajectory, Samples
-from pbd.data.controller_interpolation import EPSILON, LIMITS, Rule, Share, evaluate, fill, shares
 from pbd.errors import PbdError, PlanError
+from pbd.files.exporters.controller_interpolation import (
+    EPSILON,
+    LIMITS,
+    Rule,
+    Share,
+    evaluate,
+    interpolate,
+    limit_shares,
+)
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Array
 
@@ -53,7 +61,7 @@ def check_received(
         what = f"audit: the {request.format_name} file can't be read back"
         raise PlanError(f"{what}; no file was written, please report it")
     for rule in rules:
-        found[rule] = used = shares(points, rule, robot.limits, digits)
+        found[rule] = used = limit_shares(points, rule, robot.limits, digits)
         worst = max(used, key=lambda share: share.value)
         if not worst.value <= 1.0:
             slower = np.floor(100.0 * worst.value ** (-1.0 / (1 + LIMITS.index(worst.limit)))) / 100.0
@@ -100,7 +108,7 @@ def _other_path(request: ExportRequest, points: Samples, rule: Rule) -> JointTra
     Raises:
         PlanError: the file's polynomials are another motion.
     """
-    planned, coefficients, h = request.trajectory, fill(points, rule), np.diff(points.t)
+    planned, coefficients, h = request.trajectory, interpolate(points, rule), np.diff(points.t)
     off = np.zeros(len(h))
     for share in (0.0, 0.5):
         exact = planned.at(points.t[:-1] + share * h).q

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Robot, Samples
-from pbd.data.controller_interpolation import set_points
 from pbd.errors import PbdError, PlanError, printable, require_package
+from pbd.files.exporters.controller_interpolation import set_point_samples
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.io.atomic import is_file, is_folder, refuse_folder
 from pbd.io.read_file import read_text
@@ -112,7 +112,7 @@ def read(robot: Robot, found: Episode) -> Samples:
     if servos is not None and gripper is not None:
         closed, opened = servos.to_percent(np.array([gripper.closed[0], gripper.open[0]])) / 100.0
         q, opening = servos.to_radians(q), (opening - closed) / (opened - closed)
-    return set_points(np.arange(len(q)) / FPS, q, opening)
+    return set_point_samples(np.arange(len(q)) / FPS, q, opening)
 
 
 def read_episodes(folder: Path, robot: Robot) -> list[Episode]:

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pbd.data import Robot, Samples
-from pbd.data.controller_interpolation import set_points
 from pbd.errors import PbdError, PlanError
+from pbd.files.exporters.controller_interpolation import set_point_samples
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Array
 
@@ -245,4 +245,4 @@ class _Run:
     def samples(self) -> Samples:
         t, q, qd, qdd, opening = (np.array(column) for column in zip(*self.rows, strict=True))
         opening = np.nan_to_num(opening, nan=1.0)
-        return set_points(t, q, opening) if self.period else Samples(t, q, qd, qdd, opening)
+        return set_point_samples(t, q, opening) if self.period else Samples(t, q, qd, qdd, opening)
