@@ -7,7 +7,7 @@ import time
 
 from pbd.driving.arm import ServoArm
 from pbd.driving.bus import Bus
-from pbd.driving.counts import Counts
+from pbd.driving.encoder_counts import EncoderCounts
 from pbd.driving.stream import Clock
 from pbd.files.robot import load_robot
 from tests.driving.emulator import calibration_of
@@ -23,7 +23,7 @@ PATIENT_PBD = [
     sys.executable,
     "-c",
     "import sys; from pbd.driving import bus, stream; from pbd.cli import main; "
-    f"bus.ANSWER_S = bus.PATIENT_S = {PATIENT_S}; stream.STALL_S = {UNHURRIED_S}; sys.exit(main(sys.argv[1:]))",
+    f"bus.ANSWER_S = bus.ANSWER_AT_REST_S = {PATIENT_S}; stream.STALL_S = {UNHURRIED_S}; sys.exit(main(sys.argv[1:]))",
 ]
 """`pbd` with that patience."""
 
@@ -40,4 +40,4 @@ class FastClock(Clock):
 
 
 def connect(bus: Bus) -> ServoArm:
-    return ServoArm(bus, Counts(load_robot("so101"), calibration_of("so101")))
+    return ServoArm(bus, EncoderCounts(load_robot("so101"), calibration_of("so101")))

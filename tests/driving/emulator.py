@@ -20,7 +20,7 @@ from typing import Self
 
 import numpy as np
 
-from pbd.driving.counts import Counts, names_of
+from pbd.driving.encoder_counts import EncoderCounts, servo_names
 from pbd.driving.packets import checksum, signed, word
 from pbd.driving.stream import Clock
 from pbd.files.robot import load_robot
@@ -211,7 +211,7 @@ def calibration_of(robot_name: str) -> dict[str, ServoCalibration]:
     """A calibration as of a person's so101: ranges a little wider than the model's, offsets of any kind."""
     ranges = ((884, 3320), (756, 3353), (868, 3061), (805, 3153), (0, 4095), (1899, 3363))
     offsets = (120, -85, 1020, -1400, 3, 0)
-    names = names_of(load_robot(robot_name))
+    names = servo_names(load_robot(robot_name))
     return {
         name: ServoCalibration(i, 0, offset, low, high)
         for i, (name, offset, (low, high)) in enumerate(zip(names, offsets, ranges, strict=True), start=1)
@@ -221,8 +221,8 @@ def calibration_of(robot_name: str) -> dict[str, ServoCalibration]:
 def resting(robot_name: str, q: tuple[float, ...] | None = None) -> dict[str, float]:
     """Counts of the servos with the arm at joints q (home), the gripper half open."""
     robot = load_robot(robot_name)
-    counts = Counts(robot, calibration_of(robot_name))
-    at = counts.of(np.array([robot.home if q is None else q]), np.array([0.5]))[0]
+    counts = EncoderCounts(robot, calibration_of(robot_name))
+    at = counts.from_joints(np.array([robot.home if q is None else q]), np.array([0.5]))[0]
     return dict(zip(counts.names, at.tolist(), strict=True))
 
 

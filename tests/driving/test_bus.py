@@ -46,10 +46,10 @@ def test_an_arm_is_read_stiffened_and_released(emulator: Emulator) -> None:
     with Bus.open(emulator.device, PATIENT_S) as bus:
         arm = connect(bus)
         state = arm.state()
-        np.testing.assert_allclose(arm.counts.joints(state.counts), load_robot("so101").home, atol=2e-3)
+        np.testing.assert_allclose(arm.counts.to_joints(state.counts), load_robot("so101").home, atol=2e-3)
         np.testing.assert_array_equal(state.volts, 7.4)
         np.testing.assert_array_equal(state.celsius, 30.0)
-        arm.stiffen(state.counts)
+        arm.enable_torque(state.counts)
         goals = [servo.number(42) for servo in emulator.servos.values()]
         assert goals == state.counts.tolist()  # not the goal of before, to which the arm would jump
         assert all(servo.registers[40] for servo in emulator.servos.values())
@@ -64,7 +64,7 @@ def test_loose_servos_may_keep_no_goal(emulator: Emulator) -> None:
     with Bus.open(emulator.device, PATIENT_S) as bus:
         arm = connect(bus)
         stood = arm.state().counts
-        arm.stiffen(stood)
+        arm.enable_torque(stood)
         assert [servo.number(42) for servo in emulator.servos.values()] == stood.tolist()
 
 
@@ -73,7 +73,7 @@ def test_goals_that_do_not_arrive_leave_the_arm_loose(emulator: Emulator) -> Non
         arm = connect(bus)
         emulator.servos[2].deaf = True
         with pytest.raises(SensorError, match="did not take what was written"):
-            arm.stiffen(arm.state().counts)
+            arm.enable_torque(arm.state().counts)
         assert not any(servo.registers[40] for servo in emulator.servos.values())
 
 
@@ -91,7 +91,7 @@ def test_an_adapter_that_echoes_does_no_harm(emulator: Emulator) -> None:
     emulator.echo = True
     with Bus.open(emulator.device, PATIENT_S) as bus:
         arm = connect(bus)
-        arm.stiffen(arm.state().counts)
+        arm.enable_torque(arm.state().counts)
         assert bus.asked_again == 0
 
 

@@ -45,7 +45,7 @@ def emulator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Emulator]:
     """An arm that somebody left somewhere, ten times as fast as a real one."""
     monkeypatch.setattr("pbd.cli.run.drive.Clock", FastClock)
     monkeypatch.setattr(bus, "ANSWER_S", PATIENT_S)
-    monkeypatch.setattr(bus, "PATIENT_S", PATIENT_S)
+    monkeypatch.setattr(bus, "ANSWER_AT_REST_S", PATIENT_S)
     monkeypatch.setattr(stream, "STALL_S", UNHURRIED_S)
     with Emulator(calibration_of("so101"), resting("so101", LEFT), FastClock()) as emulator:
         yield emulator
@@ -91,7 +91,7 @@ def test_a_fault_is_one_line_and_an_exit_code(emulator: Emulator, words: list[st
 
 
 def test_a_dry_run(emulator: Emulator, words: list[str], capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    def begun(arm: ServoArm, goals: Array, *rest: Any, **more: Any) -> stream.Streamed:
+    def begun(arm: ServoArm, goals: Array, *rest: Any, **more: Any) -> stream.StreamResult:
         return stream.stream(arm, goals[:30], *rest, **more)
 
     monkeypatch.setattr("pbd.cli.run.drive.stream", begun)

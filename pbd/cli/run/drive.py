@@ -22,8 +22,8 @@ from pbd.driving import bus as servo_bus
 from pbd.driving import stream as streaming
 from pbd.driving.arm import ServoArm, State
 from pbd.driving.bus import Bus
-from pbd.driving.counts import Counts, names_of
-from pbd.driving.stream import Clock, Streamed, goals_of, planned_start, stream
+from pbd.driving.encoder_counts import EncoderCounts, servo_names
+from pbd.driving.stream import Clock, StreamResult, planned_start, sample_goals, stream
 from pbd.driving.watch import Watch, check_health
 from pbd.errors import SensorError
 from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration
@@ -47,7 +47,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
     stroke_s = robot.gripper.stroke_s
     device = args.port or only_port("arm", "")
     file = find_servo_calibration(args.servos, robot.name, robot.servos.robot_type)
-    counts = Counts(robot, read_servo_calibration(file, names_of(robot)))
+    counts = EncoderCounts(robot, read_servo_calibration(file, servo_names(robot)))
     with Bus.open(device) as bus:
         arm = ServoArm(bus, counts)
         _check_pace(bus, arm)
@@ -55,7 +55,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
         check_health(counts.names, arm.bounds, before)
         start = planned_start(counts, before, robot.limits)
         plan = plan_demonstration(args, start)
-        t, goals = goals_of(counts, plan.trajectory, before, args.rate, stroke_s)
+        t, goals = sample_goals(counts, plan.trajectory, before, args.rate, stroke_s)
         say(f"'{plan.name}' on {robot.name} at {device}, its servos calibrated in {file}")
         print_table(_preview(counts, before, goals, t, plan.trajectory), sys.stderr)
         say(_timetable(plan.trajectory, goals, t))
@@ -69,12 +69,12 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
                         "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels."
                     )
                 now = arm.state()
-                by = np.degrees(np.abs(counts.joints(now.counts) - counts.joints(before.counts)).max())
+                by = np.degrees(np.abs(counts.to_joints(now.counts) - counts.to_joints(before.counts)).max())
                 if by > MOVED_DEG:
                     what = f"the arm was moved by {by:.1f} degrees since it was measured"
                     raise SensorError(f"{what}, so the motion doesn't begin there: run it again")
-                t, goals = goals_of(counts, plan.trajectory, now, args.rate, stroke_s)
-                arm.stiffen(now.counts)
+                t, goals = sample_goals(counts, plan.trajectory, now, args.rate, stroke_s)
+                arm.enable_torque(now.counts)
                 say("the arm moves: any key stops it")
             bus.answer_s = servo_bus.ANSWER_S
             tolerance = math.inf if args.dry_run else args.tolerance
@@ -120,17 +120,17 @@ def _check_pace(bus: Bus, arm: ServoArm) -> None:
         raise SensorError(f"{what}: lower the adapter's latency timer (docs/running.md), or close other programs")
 
 
-def _preview(counts: Counts, state: State, goals: Array, t: Array, trajectory: JointTrajectory) -> Table:
+def _preview(counts: EncoderCounts, state: State, goals: Array, t: Array, trajectory: JointTrajectory) -> Table:
     """Where each joint stands, where the demonstration begins, and between what it will be."""
     table = make_table("joint", "now", "start", "lowest", "highest", "servo's range", left=("joint",))
     at = goals[int(np.searchsorted(t, trajectory.keyframe_t[0]))]
     rows = np.array([state.counts, at, goals.min(axis=0), goals.max(axis=0), counts.lower, counts.upper])
-    degrees = np.degrees(counts.joints(rows))
+    degrees = np.degrees(counts.to_joints(rows))
     for i, name in enumerate(counts.names[:-1]):
         now, start, low, high, *ends = degrees[:, i]
         reach = f"{min(ends):.0f} to {max(ends):.0f}"
         table.add_row(name, *(f"{value:.1f}°" for value in (now, start, low, high)), f"{reach}°")
-    percent = counts.percent(rows)
+    percent = counts.gripper_percent(rows)
     table.add_row(counts.names[-1], *(f"{value:.0f} %" for value in percent[:4]), "0 to 100 %")
     return table
 
@@ -142,7 +142,7 @@ def _timetable(trajectory: JointTrajectory, goals: Array, t: Array) -> str:
     return f"{', '.join(parts)}: {t[-1] - t[0]:.1f} s in all, then the arm holds"
 
 
-def _motion_json(done: Streamed, watch: Watch, bus: Bus, names: Sequence[str], dry_run: bool) -> dict[str, Any]:
+def _motion_json(done: StreamResult, watch: Watch, bus: Bus, names: Sequence[str], dry_run: bool) -> dict[str, Any]:
     period_ms = 1e3 * done.periods
     return {
         "goals": 0 if dry_run else done.sent,
@@ -162,7 +162,7 @@ def _motion_json(done: Streamed, watch: Watch, bus: Bus, names: Sequence[str], d
     }
 
 
-def _report_end(done: Streamed, watch: Watch, counts: Counts, args: argparse.Namespace, device: str) -> int:
+def _report_end(done: StreamResult, watch: Watch, counts: EncoderCounts, args: argparse.Namespace, device: str) -> int:
     """Say how it ended; return the exit code."""
     lets_go = f"`pbd run --release --robot {args.robot} --port {device}` lets go of it"
     holds = "the arm holds where it stopped"
