@@ -12,8 +12,7 @@ class Place:
     Attributes:
         t: one instant in each stop, s.
         p_base_tool: the place in the robot's base, m, or None.
-        sigma_m: one sigma along each axis of how well the hand met it, m; None: the default of
-        pbd.tracking.stop_claims.
+        sigma_m: one sigma along each axis of how well the hand met it, m; None: as pbd.tracking.stop_claims.
 
     Raises:
         ValueError: fewer than two instants and no position, an instant named twice, or a sigma not above zero.

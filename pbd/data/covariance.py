@@ -30,7 +30,7 @@ class PoseCovariance:
 
     @classmethod
     def chained(cls, blocks: Array) -> PoseCovariance:
-        """Make it from each pose's covariance (n, 6, 6): position errors add up move by move, rotation errors do
+        """Make it from each pose's covariance (n, 6, 6). Position errors add up move by move; rotation errors do
         not."""
         return cls(len(blocks), partial(_chained, blocks))
 
