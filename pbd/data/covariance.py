@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -46,23 +46,19 @@ class PoseCovariance:
     @cached_property
     def of_each(self) -> Array:
         """Covariance (n, 6, 6) of each single pose."""
-        blocks = np.empty((self.count, 6, 6))
-        for start in range(0, self.count, KEYFRAMES_AT_ONCE):
-            part = range(start, min(start + KEYFRAMES_AT_ONCE, self.count))
-            joint = self.joint(part).reshape(len(part), 6, len(part), 6)
-            blocks[start : part.stop] = joint[np.arange(len(part)), :, np.arange(len(part))]
-        return blocks
+        return np.concatenate([np.empty((0, 6, 6)), *(np.einsum("iaib->iab", joint) for joint in self._batches())])
 
     @cached_property
     def of_moves(self) -> Array:
         """Covariance (n - 1, 3, 3) of the displacement from each pose to the next, m2."""
-        blocks = np.empty((max(self.count - 1, 0), 3, 3))
-        for start in range(0, self.count - 1, KEYFRAMES_AT_ONCE):
-            stop = min(start + KEYFRAMES_AT_ONCE + 1, self.count)
-            joint = self.joint(range(start, stop)).reshape(stop - start, 6, stop - start, 6)[:, :3, :, :3]
-            way = np.diff(np.diff(joint, axis=0), axis=2)
-            blocks[start : stop - 1] = np.diagonal(way, axis1=0, axis2=2).transpose(2, 0, 1)
-        return blocks
+        moves = (np.diff(np.diff(joint[:, :3, :, :3], axis=0), axis=2) for joint in self._batches(overlap=1))
+        return np.concatenate([np.empty((0, 3, 3)), *(np.einsum("iaib->iab", move) for move in moves)])
+
+    def _batches(self, overlap: int = 0) -> Iterator[Array]:
+        """Yield the joint covariance (m, 6, m, 6) of one batch of poses after the other."""
+        for start in range(0, self.count - overlap, KEYFRAMES_AT_ONCE):
+            poses = range(start, min(start + KEYFRAMES_AT_ONCE + overlap, self.count))
+            yield self.joint(poses).reshape(len(poses), 6, len(poses), 6)
 
 
 def _chained(blocks: Array, columns: Array) -> Array:

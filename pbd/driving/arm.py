@@ -10,7 +10,7 @@ import numpy as np
 
 from pbd.driving.bus import Bus, NoAnswerError
 from pbd.driving.encoder_counts import EncoderCounts
-from pbd.driving.packets import signed, word
+from pbd.driving.packets import decode_word, encode_word
 from pbd.errors import CalibrationError, SensorError, printable
 from pbd.pose import Array
 
@@ -89,7 +89,7 @@ class ServoArm:
             most_volts=0.1 * np.array([data[11] for data in found]),
         )
         for (name, servo), data in zip(counts.servos.items(), found, strict=True):
-            stored = (signed(word_at(data, 28), OFFSET_SIGN), word_at(data, 6), word_at(data, 8))
+            stored = (decode_word(data, 28, OFFSET_SIGN), decode_word(data, 6), decode_word(data, 8))
             wanted = (servo.homing_offset, servo.range_min, servo.range_max)
             if stored != wanted:
                 what = f"the calibration is another arm's, or an old one: of {name} it has homing offset and range"
@@ -105,8 +105,8 @@ class ServoArm:
         found = self._bus.read(self.counts.ids, PRESENT, PRESENT_LENGTH)
         answers = [found[id_] for id_ in self.counts.ids]
         return State(
-            counts=np.array([signed(word_at(a.data, 0), 15) for a in answers], np.float64),
-            load=np.array([signed(word_at(a.data, 4), LOAD_SIGN) / 1000.0 for a in answers]),
+            counts=np.array([decode_word(a.data) for a in answers], np.float64),
+            load=np.array([decode_word(a.data, 4, LOAD_SIGN) / 1000.0 for a in answers]),
             volts=np.array([a.data[6] / 10.0 for a in answers]),
             celsius=np.array([a.data[7] for a in answers], np.float64),
             flags=tuple(a.error for a in answers),
@@ -130,11 +130,11 @@ class ServoArm:
         With torque, a servo goes to its old goal at full speed, so the goals are set and verified first. The firmware
         of a servo without torque may change its goal, so GOAL_TOLERANCE is allowed.
         """
-        goals = [goal + word(0) + word(0) for goal in _words(counts)]  # time and speed: no limit
+        goals = [goal + encode_word(0) + encode_word(0) for goal in _words(counts)]  # time and speed: no limit
         self._write_verified(
-            GOAL, goals, lambda has, wanted: abs(word_at(has, 0) - word_at(wanted, 0)) <= GOAL_TOLERANCE
+            GOAL, goals, lambda has, wanted: abs(decode_word(has) - decode_word(wanted)) <= GOAL_TOLERANCE
         )
-        self._bus.write(TORQUE_LIMIT, {self.counts.ids[-1]: word(GRIPPER_TORQUE)})
+        self._bus.write(TORQUE_LIMIT, {self.counts.ids[-1]: encode_word(GRIPPER_TORQUE)})
         self._write_verified(TORQUE_ENABLE, [b"\x01"] * len(self.counts.ids))
         self.hold(counts)
 
@@ -188,14 +188,14 @@ def identify(bus: Bus, ids: Mapping[str, int]) -> list[bytes]:
         what = f"no answer from servo {silent} on {bus.device}; the others answer: check its cable and its id"
         raise SensorError(what, path=bus.device) from None
     for id_, name in names.items():
-        if (model := word_at(found[id_].data, 0)) != STS3215:
+        if (model := decode_word(found[id_].data)) != STS3215:
             what = f"servo {id_} ({name}) says it is model {model}, not an STS3215 ({STS3215}); pbd run drives no other"
             raise SensorError(what, path=bus.device)
     return [found[id_].data for id_ in names]
 
 
 def _words(counts: Array) -> list[bytes]:
-    return [word(round(value)) for value in counts.tolist()]
+    return [encode_word(round(value)) for value in counts.tolist()]
 
 
 def _no_servo(device: str, heard: bytes) -> str:
@@ -203,8 +203,3 @@ def _no_servo(device: str, heard: bytes) -> str:
         return f"no servo answers on {device}: switch the arm's power supply on, and check that this is its port"
     text = printable(heard.decode("ascii", errors="replace")[:40])
     return f"what answers on {device} is no servo (it sends {text!r}); name the arm's --port, `pbd sensors` lists them"
-
-
-def word_at(data: bytes, at: int) -> int:
-    """Read two bytes as an unsigned number."""
-    return int.from_bytes(data[at : at + 2], "little")

@@ -10,9 +10,9 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from pbd.driving.arm import LOCK, OFFSET_SIGN, PRESENT, identify, release, word_at, write_verified
+from pbd.driving.arm import LOCK, OFFSET_SIGN, PRESENT, identify, release, write_verified
 from pbd.driving.bus import Bus
-from pbd.driving.packets import signed, word
+from pbd.driving.packets import decode_word, encode_word
 from pbd.files.servo_calibration import COUNTS, LARGEST_OFFSET, ServoCalibration
 from pbd.pose import Array
 
@@ -36,17 +36,17 @@ class Calibrating:
 
     def set_middles(self) -> None:
         """Set the homing offsets so that the arm's present position is the middle of every joint's range."""
-        self._write(RANGE, dict.fromkeys(self._ids.values(), word(0) + word(COUNTS - 1)))
-        self._write(OFFSET, dict.fromkeys(self._ids.values(), word(0)))
-        self._write(MODE, dict.fromkeys(self._ids.values(), b"\x00"))
-        offsets = np.clip(self.counts() - MIDDLE, -LARGEST_OFFSET, LARGEST_OFFSET)
-        values = {i: word(int(offset), OFFSET_SIGN) for i, offset in zip(self._ids.values(), offsets, strict=True)}
-        self._write(OFFSET, values)
+        full_range = encode_word(0) + encode_word(COUNTS - 1)
+        for address, data in ((RANGE, full_range), (OFFSET, encode_word(0)), (MODE, b"\x00")):
+            write_verified(self._bus, address, dict.fromkeys(self._ids.values(), data))
+        offsets = np.clip(self.counts() - MIDDLE, -LARGEST_OFFSET, LARGEST_OFFSET).tolist()
+        words = (encode_word(offset, OFFSET_SIGN) for offset in offsets)
+        write_verified(self._bus, OFFSET, dict(zip(self._ids.values(), words, strict=True)))
 
     def counts(self) -> Array:
         """Read the servos' positions (n,), counts."""
         found = self._bus.read(tuple(self._ids.values()), PRESENT, 2)
-        return np.array([signed(word_at(found[id_].data, 0), 15) for id_ in self._ids.values()])
+        return np.array([decode_word(found[id_].data) for id_ in self._ids.values()])
 
     def follow(self) -> tuple[Array, Array]:
         """Read the servos' positions; return the lowest and the highest so far, (n,) counts each."""
@@ -60,15 +60,14 @@ class Calibrating:
         servos = {}
         for (name, id_), low, high in zip(self._ids.items(), self._lowest, self._highest, strict=True):
             ends = (0, COUNTS - 1) if name == FULL_TURN_JOINT else (max(0, int(low)), min(COUNTS - 1, int(high)))
-            servos[name] = ServoCalibration(id_, 0, signed(word_at(found[id_].data, 0), OFFSET_SIGN), *ends)
+            offset = decode_word(found[id_].data, sign_bit=OFFSET_SIGN)
+            servos[name] = ServoCalibration(id_, 0, offset, *ends)
         return servos
 
     def store(self, servos: Mapping[str, ServoCalibration]) -> None:
         """Write the ranges into the servos."""
-        self._write(RANGE, {each.id: word(each.range_min) + word(each.range_max) for each in servos.values()})
-
-    def _write(self, address: int, values: dict[int, bytes]) -> None:
-        write_verified(self._bus, address, values)
+        ranges = {each.id: encode_word(each.range_min) + encode_word(each.range_max) for each in servos.values()}
+        write_verified(self._bus, RANGE, ranges)
 
 
 @contextmanager

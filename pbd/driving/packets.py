@@ -65,13 +65,14 @@ def checksum(body: bytes) -> int:
     return ~sum(body) & 0xFF
 
 
-def signed(word: int, sign_bit: int) -> int:
-    """Decode a sign-magnitude number."""
-    magnitude = word & ((1 << sign_bit) - 1)
-    return -magnitude if word >> sign_bit & 1 else magnitude
+def decode_word(data: bytes, at: int = 0, sign_bit: int = 15) -> int:
+    """Decode the two bytes at index `at` as a sign-magnitude number."""
+    raw = int.from_bytes(data[at : at + 2], "little")
+    magnitude = raw & ((1 << sign_bit) - 1)
+    return -magnitude if raw >> sign_bit & 1 else magnitude
 
 
-def word(value: int, sign_bit: int = 15) -> bytes:
+def encode_word(value: int, sign_bit: int = 15) -> bytes:
     """Encode a sign-magnitude number as two bytes."""
     return (abs(value) | (value < 0) << sign_bit).to_bytes(2, "little")
 

@@ -131,7 +131,7 @@ def said_at_rest(errors: SensorErrors | None) -> list[str]:
     for k in range(200):
         x, y = 0.01 * rng.normal(size=2).tolist()[0], 0.0
         coach.feed(0.01 * k, Sample(acc=(x, y, 9.81), gyr=(1e-4 * x, 0.0, 0.0), mag=(0.0, 19.5, -44.0)))
-    return [said.text for said in coach.said()]
+    return [said.text for said in coach.take_messages()]
 
 
 def test_a_rest_that_disagrees_is_told_while_it_is_recorded() -> None:

@@ -21,7 +21,7 @@ from typing import Self
 import numpy as np
 
 from pbd.driving.encoder_counts import EncoderCounts, servo_names
-from pbd.driving.packets import checksum, signed, word
+from pbd.driving.packets import checksum, decode_word, encode_word
 from pbd.driving.stream import Clock
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import ServoCalibration, write_servo_calibration
@@ -46,10 +46,10 @@ class Servo:
         self.flags = 0
         self.put(3, (777).to_bytes(2, "little"))
         self.put(5, bytes([calibration.id]))
-        self.put(9, word(calibration.range_min) + word(calibration.range_max))
+        self.put(9, encode_word(calibration.range_min) + encode_word(calibration.range_max))
         self.put(13, bytes([70, 80, 40]))
-        self.put(31, word(calibration.homing_offset, 11))
-        self.put(42, word(1000))  # an old goal: who switches torque on without another makes the arm jump
+        self.put(31, encode_word(calibration.homing_offset, 11))
+        self.put(42, encode_word(1000))  # an old goal: who switches torque on without another makes the arm jump
         self.put(55, b"\x01")
         self.put(62, bytes([74, 30]))
 
@@ -57,7 +57,7 @@ class Servo:
         self.registers[address : address + len(data)] = data
 
     def number(self, address: int, sign_bit: int = 15) -> int:
-        return signed(int.from_bytes(self.registers[address : address + 2], "little"), sign_bit)
+        return decode_word(bytes(self.registers), address, sign_bit)
 
     @property
     def counts(self) -> float:
@@ -66,14 +66,14 @@ class Servo:
     def move(self, dt: float) -> None:
         """Follow the goal for `dt` s, and note what that feels like. A loose one that `snaps` keeps no goal."""
         if self.snaps and not self.registers[40]:
-            self.put(42, word(round(self.counts) + 1))
+            self.put(42, encode_word(round(self.counts) + 1))
         goal = min(max(self.number(42), self.number(9)), self.number(11))
         off = goal - self.counts
         if self.registers[40] and not self.blocked:
             step = off * (1.0 - math.exp(-dt / FOLLOWS_S))
             self.place += min(max(step, -FASTEST * dt), FASTEST * dt)
         load = min(1000, int(LOAD_A_COUNT * abs(off))) if self.registers[40] else 0
-        self.put(56, word(round(self.counts)) + word(0) + word(load if off >= 0 else -load, 10))
+        self.put(56, encode_word(round(self.counts)) + encode_word(0) + encode_word(load if off >= 0 else -load, 10))
 
     def write(self, address: int, data: bytes) -> None:
         """As the servo takes it: its EEPROM is locked, or isn't."""
@@ -181,9 +181,7 @@ class Emulator:
                 if part[0] in self.servos:
                     self.servos[part[0]].write(address, part[1:])
             if address == 42:
-                self.goals.append(
-                    (time.monotonic(), {part[0]: signed(int.from_bytes(part[1:3], "little"), 15) for part in parts})
-                )
+                self.goals.append((time.monotonic(), {part[0]: decode_word(part, 1) for part in parts}))
                 self.places.append({id_: servo.counts for id_, servo in self.servos.items()})
                 if len(self.goals) == self.at_goal and self.fault is not None:
                     self.fault_t = time.monotonic()

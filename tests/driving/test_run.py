@@ -15,7 +15,7 @@ import pytest
 
 from pbd.driving import bus, stream
 from pbd.driving.arm import ServoArm
-from pbd.driving.packets import word
+from pbd.driving.packets import encode_word
 from pbd.driving.stream import Clock
 from pbd.files.demo import load_demo
 from pbd.files.robot import load_robot
@@ -143,7 +143,7 @@ def test_a_motion_beyond_the_calibrated_range(emulator: Emulator, words: list[st
     servos = calibration_of("so101")
     elbow = servos["elbow_flex"]
     narrow = replace(elbow, range_min=elbow.range_min + 420, range_max=elbow.range_max - 420)
-    emulator.servos[3].put(9, word(narrow.range_min) + word(narrow.range_max))
+    emulator.servos[3].put(9, encode_word(narrow.range_min) + encode_word(narrow.range_max))
     write_servo_calibration(servos | {"elbow_flex": narrow}, Path("servos.json"))
     code, _, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--yes")
     assert code == 3

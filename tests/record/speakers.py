@@ -6,11 +6,14 @@ import itertools
 import os
 import random
 import struct
+import sys
 import threading
 import time
 import tty
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from fcntl import ioctl
+from termios import FIONREAD
 from typing import Self
 
 import numpy as np
@@ -203,7 +206,8 @@ class Device:
 
     def pull_once_heard(self) -> None:
         """To be called by the one who records, each time round: pulls the plug when all that was sent has been read."""
-        self._asked += self._sent.is_set()
+        if self._sent.is_set() and not int.from_bytes(ioctl(self._slave, FIONREAD, bytes(4)), sys.byteorder):
+            self._asked += 1
         if self._asked > ROUNDS:
             self.pull()
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pbd.pose import quat_about_z, quat_from_rpy, quat_multiply, quat_rotate, quat_to_matrix, quat_to_rpy
+from pbd.pose import quat_about_z, quat_from_rpy, quat_multiply, quat_to_matrix, quat_to_rpy
 from pbd.sensors.attitude import from_north_east_down, from_north_west_up, rpy_from_quaternion, wrap_angle
 
 angles = st.floats(-pi, pi)
@@ -38,11 +38,6 @@ def test_frames(rpy: tuple[float, float, float]) -> None:
     ):
         assert quat_to_matrix(quat_from_rpy(ours)) == pytest.approx(quat_to_matrix(expected), abs=1e-9)
         assert abs(ours[2]) <= pi
-
-
-def test_a_nose_that_points_north_or_east() -> None:
-    for heading, forward in ((0.0, (0.0, 1.0, 0.0)), (pi / 2, (1.0, 0.0, 0.0))):  # east, north, up
-        assert quat_rotate(quat_from_rpy(from_north_east_down((0, 0, heading))), (1, 0, 0)) == pytest.approx(forward)
 
 
 @given(st.floats(-100.0, 100.0))

@@ -44,10 +44,10 @@ def test_in_step_again_at_the_next_whole_packet(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["os5000", "ximu3", "vectornav", "xsens"])
-def test_a_beginning_right_before_a_packet_swallows_nothing(name: str) -> None:
-    first, *others = PACKETS[name]
+def test_half_a_packet_swallows_nothing_of_the_next(name: str) -> None:
+    first, *others = PACKETS[name][:20]
     whole = MIXED[name].make().feed(b"".join(others))
-    for cut in range(1, 12):
+    for cut in range(1, len(first) - 2):
         assert MIXED[name].make().feed(first[:cut] + b"".join(others)) == whole
 
 

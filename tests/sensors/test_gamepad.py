@@ -17,7 +17,9 @@ from pbd.files.demo import read_demo
 from pbd.sensors import gamepad_port
 from pbd.sensors.gamepad import GamepadDecoder
 from pbd.sensors.gamepad_port import GamepadPort, only_gamepad
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
+from pbd.simulation.tasks import Task
 from tests.sensors.encoders.gamepad import event, press, report
 
 LEVEL = (0.0, 0.0, 1.0)
@@ -65,7 +67,8 @@ def test_a_recording_with_its_grip_by_the_pads_button(tmp_path: Path, monkeypatc
     monkeypatch.chdir(tmp_path)
     motion, buttons = fifo(tmp_path), fifo(tmp_path, "event6")
     monkeypatch.setattr(gamepad_port, "find_gamepads", lambda: {str(motion): ("DualSense", str(buttons))})
-    hand = simulate("pour", "ideal", 0, rate_hz=250.0).recording
+    way = (Waypoint(rest_s=1.5), Waypoint((0.2, 0.0, 0.1), (0.5, 0.0, 0.3), move_s=0.7, rest_s=1.8))
+    hand = simulate(Task("short", way), "ideal", rate_hz=250.0).recording
     assert hand.gyr is not None
     us = np.rint(1e6 * hand.t).astype(int) + 77
     rows = [
@@ -76,7 +79,7 @@ def test_a_recording_with_its_grip_by_the_pads_button(tmp_path: Path, monkeypatc
     def play() -> None:
         with motion.open("wb", buffering=0) as sensors, buttons.open("wb", buffering=0) as keys:
             for k in range(0, len(rows), 10):
-                if k == 1000:
+                if k == 600:  # more than a pipe holds, so the recording has begun
                     keys.write(press() + press(down=False))
                 sensors.write(b"".join(rows[k : k + 10]))
 
