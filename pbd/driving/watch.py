@@ -25,7 +25,7 @@ HEAT_MARGIN_C = 5.0
 MIN_VOLTS_SHARE = 0.8
 """Smallest voltage as a share of that at the start (assumed). Below it the power supply is overloaded."""
 
-ERROR_FLAGS = {1: "its voltage", 2: "its encoder", 4: "its heat", 8: "its current", 32: "its load"}
+ERROR_FLAGS = {1: "voltage", 2: "encoder", 4: "temperature", 8: "current", 32: "load"}
 """Meaning of the bits of a servo's error flags."""
 
 
@@ -89,7 +89,7 @@ def check_health(names: Sequence[str], bounds: Bounds, state: State) -> None:
     """Refuse servos that are hot, badly supplied, or report an error; raises SensorError."""
     for i, name in enumerate(names):
         if state.celsius[i] >= bounds.celsius[i] - HEAT_MARGIN_C:
-            what = f"{name} is at {state.celsius[i]:.0f} °C, and lets go at {bounds.celsius[i]:.0f}"
+            what = f"{name} is at {state.celsius[i]:.0f} °C, and switches off at {bounds.celsius[i]:.0f}"
             raise SensorError(f"{what}: let it cool down", joint=name)
         least, most = bounds.least_volts[i], bounds.most_volts[i]
         if not least <= state.volts[i] <= most:
@@ -99,5 +99,5 @@ def check_health(names: Sequence[str], bounds: Bounds, state: State) -> None:
             why = (
                 ", ".join(what for bit, what in ERROR_FLAGS.items() if state.flags[i] & bit) or f"flag {state.flags[i]}"
             )
-            what = f"the servo of {name} complains of {why}"
+            what = f"the servo of {name} reports a fault ({why})"
             raise SensorError(f"{what}: switch the arm off and on, and look at it", joint=name)

@@ -98,7 +98,7 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
         stopped_s = watch.suspended_s()
         now = watch.now
         if stopped_s:
-            session.warn(f"this program stood still for {stopped_s:.1f} s: what the sensor sent meanwhile may be lost")
+            session.warn(f"this program was suspended for {stopped_s:.1f} s: samples of that time may be lost")
         elif pieces and now - pieces[0][1] > MAX_BACKLOG_S and not behind:
             behind = True
             session.warn("samples come faster than this machine takes them: lower the sensor's rate")

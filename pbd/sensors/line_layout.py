@@ -98,7 +98,7 @@ class LineLayout:
     def factor(self, quantity: str) -> float:
         """Factor that converts this quantity from its unit to the SI unit (uT for the field)."""
         if quantity not in UNITS:
-            raise SensorError(f"units are of {', '.join(UNITS)}; {quantity!r} is none of them", value=quantity)
+            raise SensorError(f"no unit can be given for {quantity!r}; give it for {', '.join(UNITS)}", value=quantity)
         text = self.units.get(quantity, next(iter(UNITS[quantity])))
         match = re.fullmatch(r"\s*([-+\d.eE]*?)\s*([A-Za-z]\S*)\s*", text)
         try:

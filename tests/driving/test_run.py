@@ -83,7 +83,7 @@ def test_the_whole_demonstration(emulator: Emulator, words: list[str], capsys: C
 def test_a_fault_is_one_line_and_an_exit_code(emulator: Emulator, words: list[str], capsys: Capture) -> None:
     emulator.at_goal, emulator.fault = 100, lambda: emulator.servos[2].put(63, bytes([68]))
     code, out, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--yes", "--json")
-    says = "shoulder_lift is at 68 °C, and lets go at 70: let it cool down"
+    says = "shoulder_lift is at 68 °C, and switches off at 70: let it cool down"
     assert code == 1
     assert err.splitlines()[-1] == f"pbd: stopped after 1.96 s: {says}; the arm holds where it stopped"
     assert json.loads(out)["stopped"] == says

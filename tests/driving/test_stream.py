@@ -97,9 +97,9 @@ def cut(emulator: Emulator) -> None:
 
 
 FAULTS: dict[Callable[[Emulator], None], str] = {
-    hot: "shoulder_lift is at 66 °C, and lets go at 70: let it cool down",
+    hot: "shoulder_lift is at 66 °C, and switches off at 70: let it cool down",
     weak: "the voltage at wrist_roll fell to 5.5 V, below 5.9 V: use a stronger power supply",
-    complaining: "the servo of elbow_flex complains of its load: switch the arm off and on, and look at it",
+    complaining: "the servo of elbow_flex reports a fault \\(load\\): switch the arm off and on, and look at it",
     silent: "servo 4 on .* did not answer; check the cables and the arm's power supply",
     cut: "servo.* did not answer; check the cables and the arm's power supply",
 }
@@ -213,7 +213,7 @@ def test_a_dry_run_gives_no_goals(emulator: Emulator) -> None:
 @pytest.mark.parametrize(
     ("address", "value", "says"),
     [
-        (63, 65, "shoulder_pan is at 65 °C, and lets go at 70"),
+        (63, 65, "shoulder_pan is at 65 °C, and switches off at 70"),
         (62, 120, r"shoulder_pan has 12.0 V, outside its 4 to 8 V"),
     ],
 )
