@@ -51,13 +51,13 @@ class MovedThing:
 
     Attributes:
         first, last: the first and the last keyframe of the run, both included.
-        log_likelihood: log-likelihood ratio against the assumption that nothing was moved.
+
         moved_m: by take, distance from where the thing stood in the first take, m.
     """
 
     first: int
     last: int
-    log_likelihood: float
+
     moved_m: dict[str, float]
 
 
@@ -66,7 +66,7 @@ class Fusion:
     """The takes of a task, and the hand's scatter from take to take. The tracker's own uncertainty is taken out.
 
     Attributes:
-        takes: in the order in which they were named.
+
         scatter: (n, 3) standard deviation at each of the task's keyframes along nav's axes, m.
         turn: (n,) standard deviation of the attitude about each axis, rad.
         unsure: (n, 4) one sigma of the logarithms of `scatter` and `turn`.

@@ -115,8 +115,6 @@ class Robot:
             fingertips.
         joints: names of the arm's joints, base to tool.
         home: (k,) rad.
-        gripper: the gripper, or None.
-        limits: limits of `joints`.
         dock: the calibration to use if the user names none, or None.
         notes: the assumptions, for people.
         license: license and owner of the URDF and its meshes; empty: unknown.
@@ -173,7 +171,6 @@ class JointTrajectory:
     """A piecewise cubic motion: position, velocity, acceleration and jerk are exact at every instant.
 
     Attributes:
-        joint_names: k names.
         knots: (m + 1,) increasing from 0, s. Piece i covers knots[i] <= t <= knots[i + 1].
         coefficients: (m, 4, k): q = c0 + c1 s + c2 s^2 + c3 s^3 with s = t - knots[i].
         gripper_t, gripper_opening: (g,) s, and 0 closed to 1 open; linear between, constant outside.

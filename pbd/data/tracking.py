@@ -55,8 +55,6 @@ class Recording:
         gyr: (n, 3) angular rate, rad/s, or None without a gyro.
         mag: (n, 3) magnetic field, uT, or None.
         device_rpy: (n, 3) the device's own roll, pitch, yaw, rad (about x, y, z of ENU, URDF's order), or None.
-        grip: when the grip closed and opened.
-        info: name, sensor, nominal rate, start.
     """
 
     t: Array
@@ -105,13 +103,11 @@ class Demonstration:
     """A recording and everything else that is known about the demonstration.
 
     Attributes:
-        recording: the sensor's readings; of a fused demonstration, the first take's.
-        truth: the true path, if known.
+        recording: of a fused demonstration, the first take's.
         keyframes: those that a person edited; they replace the automatic ones.
         touch_ups: corrections of the keyframes.
         closed: the hand ended at the dock.
         places, contacts: known places and heights of stops.
-        grasped: the object that the hand grips.
         takes: the takes of a fused demonstration.
     """
 
@@ -160,7 +156,6 @@ class Tracking:
     """What a path was tracked from, and intermediate results that other stages use.
 
     Attributes:
-        demo: the demonstration as given.
         method: one of pbd.pipeline.METHODS.
         calibration: has the sensor's errors, and where known places lie in nav; or None.
         recording: the repaired and calibrated recording, at the path's instants.
@@ -199,7 +194,6 @@ class HandPath:
         stops: in order; between two of them lies one move.
         closure: (len(stops) - 1, 3) velocity at each move's end before its correction to zero, m/s: the raw drift.
         covariance: joint covariance of the poses at all stops, relative to the first stop's position and heading.
-        grip: the recording's grip events.
         claims: the claims about stops that were used.
         tracking: what the path was tracked from; None for a path that was not tracked.
         sensor: the sensor's errors as estimated; None if they were not.

@@ -22,8 +22,6 @@ class EncoderCounts:
 
     Attributes:
         names: names of the servos, base to gripper.
-        servos: their calibrations, by name.
-        ids: their ids.
         lower, upper: (k + 1,) ends of the calibrated range, counts.
     """
 

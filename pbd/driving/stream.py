@@ -48,11 +48,9 @@ class StreamResult:
     """How a motion ended.
 
     Attributes:
-        sent: number of goals sent.
         t: how far the motion got, s.
         periods: (sent - 1,) times between goals, s.
         stopped: why it stopped early, or None.
-        by_hand: whether a person stopped it.
         held: whether the servos took the goal that holds the arm (True if nothing was stopped).
     """
 

@@ -141,7 +141,7 @@ def _thing(fused: Fused) -> MovedThing | None:
     for i, k in enumerate(fused.used):
         nav = x.turn[1, i].T @ (middle - x.c[1, i])
         moved[fused.takes[k].name] = float(np.linalg.norm(x.turn[0, i] @ nav + x.c[0, i] - middle))
-    return MovedThing(int(own[0]), int(own[-1]), fused.thing.gain, moved)
+    return MovedThing(int(own[0]), int(own[-1]), moved)
 
 
 def hand_path(demo: Demonstration, fused: Fused, calibration: Calibration | None, accept_gap: bool) -> HandPath:

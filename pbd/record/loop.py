@@ -53,11 +53,8 @@ def record(
 
     Args:
         open_port: opens the sensor's port; called again to reconnect.
-        decoder: decoder of the sensor's protocol.
-        options: what to record, and how.
         poll: returns the person's latest command, without waiting.
-        show: draws the screen.
-        every_s: time between two updates of the screen, s.
+        show: draws the screen, every `every_s` s.
 
     Raises:
         SensorError: no port, no bytes, or no packets among them; no folder is made.

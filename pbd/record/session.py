@@ -33,12 +33,9 @@ class Session:
     """Decodes, stamps, stores and tracks samples. It writes nothing to disk before the first samples.
 
     Attributes:
-        feedback: the live tracker and its messages.
         demo: writes the demonstration; None before the first samples.
         t: time of the latest sample, s.
-        samples: number of samples so far.
         closed: whether the grip is closed.
-        first_bytes: the first bytes that came.
         backup: the demonstration that this one replaces, or None.
     """
 
@@ -81,8 +78,8 @@ class Session:
             self.grip()
         if len(self.first_bytes) < FIRST_BYTES:
             self.first_bytes += data
-        if self.demo is None and self.decodable and self.t >= CHANNELS_AFTER_S:
-            self._begin()
+        if self.t >= CHANNELS_AFTER_S:
+            self.begin()
         if self.options.raw:
             self._raw += data
 
@@ -148,10 +145,29 @@ class Session:
         return f"the demonstration before it is in {self.backup.aside}"
 
     def begin(self) -> None:
-        """Begin with the samples so far, unless it has begun, so that none is lost."""
-        if self.demo is None and self.decodable and not self.discarded:
-            self._begin()
-            self.track()
+        """Begin with the samples so far, unless it has begun, was discarded, or nothing can be decoded."""
+        if self.demo is not None or self.discarded or not self.decodable:
+            return
+        seen = [sample for _, sample in self._first]
+        given = {"gyr": any(s.gyr for s in seen), "acc": True, "mag": any(s.mag for s in seen)}
+        given["device"] = any(s.rpy for s in seen)
+        self._channels = tuple(name for name, there in given.items() if there)
+        options = self.options
+        info = RecordingInfo(sensor=options.sensor, created=options.created, clock=self._clock_name)
+        if options.force:
+            self.backup = set_aside(options.folder)
+        try:
+            self.demo = RecordingWriter(options.folder, info, self._channels, options.closed)
+        except PbdError:
+            self._put_back()
+            raise
+        if self.backup is not None:
+            self.feedback.say(self.t, self.backup.notice)
+        for t, sample in self._first:
+            self._store(t, sample)
+        self._first.clear()
+        self.flush()
+        self.track()
 
     def close(self) -> None:
         """Write the rest, and what is known at the end only: the rate, and times fitted to the whole recording."""
@@ -229,27 +245,6 @@ class Session:
     @property
     def _clock_name(self) -> str:
         return DEVICE_CLOCK if self._clock.is_device else HOST_CLOCK
-
-    def _begin(self) -> None:
-        seen = [sample for _, sample in self._first]
-        given = {"gyr": any(s.gyr for s in seen), "acc": True, "mag": any(s.mag for s in seen)}
-        given["device"] = any(s.rpy for s in seen)
-        self._channels = tuple(name for name, there in given.items() if there)
-        options = self.options
-        info = RecordingInfo(sensor=options.sensor, created=options.created, clock=self._clock_name)
-        if options.force:
-            self.backup = set_aside(options.folder)
-        try:
-            self.demo = RecordingWriter(options.folder, info, self._channels, options.closed)
-        except PbdError:
-            self._put_back()
-            raise
-        if self.backup is not None:
-            self.feedback.say(self.t, self.backup.notice)
-        for t, sample in self._first:
-            self._store(t, sample)
-        self._first.clear()
-        self.flush()
 
     def _store(self, t: float, sample: Sample) -> None:
         assert sample.acc is not None

@@ -47,8 +47,6 @@ class RecordOptions:
     """What to record, and how.
 
     Attributes:
-        folder: the demonstration's folder.
-        sensor: the sensor's name.
         created: UTC start in ISO 8601.
         duration_s: end the recording after this many seconds of samples; None: no limit.
         tolerance_m: ask for a pause when the position's sigma grows beyond this in a move.

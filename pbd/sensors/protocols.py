@@ -22,7 +22,6 @@ class WireProtocol:
     """A kind of device and its protocol.
 
     Attributes:
-        title: names of the devices, for people.
         decoder_path: "module:name" of the decoder in this package; "" if it can't be made without options.
         bauds: baud rates in the order to try them, the maker's default first; empty for a device without a serial port.
         gives: the quantities that it sends, for people.

@@ -26,7 +26,6 @@ class Source(Protocol):
 
     Attributes:
         device: the device file, or the phone's address.
-        baud: the baud rate; 0 without a serial port.
         patience_s: time without a byte after which the device counts as gone, s; None: as for a serial port.
         trouble: why no bytes come now, if the source knows; else "".
     """
@@ -53,8 +52,6 @@ class Reader:
     """Reads a source in a thread and notes each piece's time of arrival (host's monotonic clock, s).
 
     Attributes:
-        port: the open source.
-        bytes_seen: number of bytes taken so far.
         opened: when the source was opened, s.
         latest: arrival of the latest piece taken, or `opened`, s.
     """

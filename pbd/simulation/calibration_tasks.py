@@ -61,15 +61,15 @@ def sides(seed: int, up_sensor: Array = SIDES, rest_s: float = 2.0) -> Task:
     return Task("sides", tuple(waypoints), description)
 
 
-def pivoting(seed: int, p_sensor_tip: tuple[float, float, float] = PIVOT_TIP, tilts: int = 9) -> Task:
+def pivoting(seed: int, p_sensor_tip: tuple[float, float, float] = PIVOT_TIP) -> Task:
     """Tilt the hand to all sides while its tip, (3,) m in sensor axes, stays on one point."""
     rng = np.random.default_rng(seed)
     attitudes = []
-    for k in range(tilts):
+    for k in range(9):
         to, tilt = 2.4 * k + rng.normal(scale=0.2), np.radians(rng.uniform(25.0, 45.0))
         tilted = quat_exp((tilt * np.cos(to), tilt * np.sin(to), 0.0))
         attitudes.append(quat_multiply(tilted, quat_exp((0.0, 0.0, rng.uniform(-0.5, 0.5)))))
-    description = f"Tilt the hand to {tilts} sides with its tip on one point"
+    description = "Tilt the hand to 9 sides with its tip on one point"
     return replace(turning_through(attitudes, rng), name="pivot", description=description, p_sensor_point=p_sensor_tip)
 
 

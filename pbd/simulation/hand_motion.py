@@ -8,7 +8,7 @@ are exact; none is computed numerically.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,30 +52,6 @@ class HandState:
     w: Array
 
 
-SWAY_HZ, SWAY_WAVES = (0.05, 1.0), 16
-"""Frequency band of a hand's slow sway, below its tremor, Hz; number of sine waves on each axis, spread evenly over
-octaves."""
-
-
-class Sway:
-    """The slow sway of a hand that means to stand still. It is a sum of sines, so its derivatives are exact."""
-
-    def __init__(self, speed: float, rng: np.random.Generator) -> None:
-        """Draw the waves, with an rms speed of `speed` m/s along each axis."""
-        low, high = SWAY_HZ
-        self._rate = 2.0 * np.pi * np.exp(rng.uniform(np.log(low), np.log(high), (SWAY_WAVES, 3)))
-        self._phase = rng.uniform(0.0, 2.0 * np.pi, (SWAY_WAVES, 3))
-        rate_rms = 2.0 * np.pi * np.sqrt((high**2 - low**2) / (2.0 * np.log(high / low)))
-        self._size = speed / rate_rms * np.sqrt(2.0 / SWAY_WAVES)
-
-    def add_to(self, state: HandState, t: Array) -> HandState:
-        """Add the sway to the state at instants (n,) s."""
-        at, rate = t[:, None, None] * self._rate + self._phase, self._rate
-        sine, cosine = self._size * np.sin(at), self._size * np.cos(at)
-        p, v = state.p + sine.sum(axis=1), state.v + (rate * cosine).sum(axis=1)
-        return replace(state, p=p, v=v, a=state.a - (rate**2 * sine).sum(axis=1))
-
-
 def minimum_jerk(u: ArrayLike) -> tuple[Array, Array, Array]:
     """Return the fraction of the path and its first two derivatives by u, at fractions u of the time, 0 to 1."""
     u = np.asarray(u, dtype=np.float64)
@@ -91,7 +67,6 @@ class HandMotion:
         waypoints: Sequence[Waypoint],
         start_rpy: ArrayLike = (0.0, 0.0, 0.0),
         p_sensor_point: ArrayLike = (0.0, 0.0, 0.0),
-        sway: Sway | None = None,
     ) -> None:
         """Join the moves.
 
@@ -99,9 +74,8 @@ class HandMotion:
             waypoints: at least one.
             start_rpy: (3,) attitude of the sensor in world at the first waypoint, rad.
             p_sensor_point: (3,) the point of the hand that follows the waypoints' `p`, m in sensor axes.
-            sway: motion that is added; None: the hand stands perfectly still.
+
         """
-        self._sway = sway
         self._lever = np.asarray(p_sensor_point, dtype=np.float64)
         p = np.array([w.p for w in waypoints], dtype=np.float64)
         rest = np.array([w.rest_s for w in waypoints], dtype=np.float64)
@@ -136,5 +110,4 @@ class HandMotion:
             v_point = np.cross(w, self._lever)
             a_point = np.cross(alpha, self._lever) + np.cross(w, v_point)
             p, v, a = p - quat_rotate(wxyz, self._lever), v - quat_rotate(wxyz, v_point), a - quat_rotate(wxyz, a_point)
-        state = HandState(p, v, a, wxyz, w)
-        return state if self._sway is None else self._sway.add_to(state, t)
+        return HandState(p, v, a, wxyz, w)

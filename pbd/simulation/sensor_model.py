@@ -99,10 +99,7 @@ class SensorModel:
     """A kind of sensor.
 
     Attributes:
-        rate_hz: samples per second.
-        acc: accelerometer, m/s2.
-        gyr: gyro, rad/s, or None.
-        mag: magnetometer, uT, or None.
+        acc, gyr, mag: errors in m/s2, rad/s and uT; None: it has no such sensor.
         attitude: its own roll, pitch, yaw, or None.
         jitter_s: one sigma of the time between two sampling intervals against an even beat, cut off at 0.45 intervals.
         has_clock: whether `t` is the true middle of each interval; if not, `t` is the even beat in spite of the jitter.

@@ -33,7 +33,7 @@ from pbd.pose import (
     quat_to_matrix,
 )
 from pbd.simulation.calibration_tasks import CALIBRATION_TASKS
-from pbd.simulation.hand_motion import HandMotion, Sway
+from pbd.simulation.hand_motion import HandMotion
 from pbd.simulation.sensor_model import SENSOR_MODELS, SensorModel
 from pbd.simulation.tasks import TASKS, Task, random_task
 
@@ -63,7 +63,6 @@ def simulate(
     *,
     rate_hz: float | None = None,
     world: World = EARTH,
-    sway_speed: float = 0.0,
 ) -> Demonstration:
     """Simulate a hand that does `task` with `sensor` in it.
 
@@ -72,8 +71,7 @@ def simulate(
         sensor: a name of SENSOR_MODELS, or a model (`dataclasses.replace` changes one).
         seed: seed of the device's errors and noise. The same seed gives the same bytes.
         rate_hz: replaces the model's rate.
-        world: gravity and magnetic field.
-        sway_speed: rms speed along each axis at which the hand sways, also in stops, m/s; 0: it stands still.
+
 
     Returns:
         The demonstration: recording, truth at each sample, grasped object. Its notes say that it is simulated.
@@ -89,10 +87,9 @@ def simulate(
     if rate_hz is not None:
         model = replace(model, rate_hz=rate_hz)
     # One random stream per part, so that a model without a part has the same errors in the others.
-    clock_rng, acc_rng, gyr_rng, mag_rng, attitude_rng, sway_rng = np.random.default_rng(seed).spawn(6)
+    clock_rng, acc_rng, gyr_rng, mag_rng, attitude_rng = np.random.default_rng(seed).spawn(5)
 
-    sway = Sway(sway_speed, sway_rng) if sway_speed else None
-    motion = HandMotion(task.waypoints, task.start_rpy, task.p_sensor_point, sway)
+    motion = task.motion
     beat = np.arange(int(task.duration_s * model.rate_hz + 1e-6) + 1) / model.rate_hz
     between = np.append(beat, len(beat) / model.rate_hz) - 0.5 / model.rate_hz
     late = model.jitter_s * clock_rng.normal(size=len(between))

@@ -66,9 +66,14 @@ class Task:
         return sum(w.move_s + w.rest_s for w in self.waypoints)
 
     @property
+    def motion(self) -> HandMotion:
+        """The sensor's motion."""
+        return HandMotion(self.waypoints, self.start_rpy, self.p_sensor_point)
+
+    @property
     def closed(self) -> bool:
         """Whether the sensor, not only `p_sensor_point`, ends where it began."""
-        start, end = HandMotion(self.waypoints, self.start_rpy, self.p_sensor_point).at((0.0, self.duration_s)).p
+        start, end = self.motion.at((0.0, self.duration_s)).p
         return bool(np.allclose(start, end, rtol=0.0, atol=1e-9))
 
     @property
@@ -103,12 +108,10 @@ def random_task(
 
     Args:
         seed: the same seed makes the same task.
-        moves: number of moves.
         reach_m: edge of the cube around the first rest.
         max_turn: largest rotation of a move, rad.
         move_s: duration of the shortest and the longest move.
         rest_s: duration of the shortest and the longest rest.
-        first_rest_s: duration of the first rest.
     """
     rng = np.random.default_rng(seed)
     waypoints = [Waypoint(rest_s=first_rest_s)]
