@@ -52,7 +52,7 @@ class SwayingTask(Task):
 
 
 def with_sway(task: Task, speed: float, seed: int) -> Task:
-    return SwayingTask(**vars(task), sway_speed=speed, sway_seed=seed)
+    return SwayingTask(**vars(task), sway_speed=speed, sway_seed=seed) if speed else task
 
 
 def without_sway(task: SwayingTask) -> Task:

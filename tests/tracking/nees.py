@@ -85,7 +85,7 @@ class Errors:
 def demonstration(task: str, sensor: str, seed: int, sway_speed: float = 0.0) -> Demonstration:
     """A simulated one; with an odd seed it has neither magnetometer nor the device's own angles."""
     drawn = RANDOM[task](seed) if task in RANDOM else TASKS[task]
-    demo = simulate(with_sway(drawn, sway_speed, seed) if sway_speed else drawn, MODELS[sensor], seed)
+    demo = simulate(with_sway(drawn, sway_speed, seed), MODELS[sensor], seed)
     truth = demo.truth
     assert truth is not None
     wxyz = quat_multiply(truth.wxyz_nav_sensor, quat_inverse(accelerometer_axes(sensor, seed)))
