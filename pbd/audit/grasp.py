@@ -18,7 +18,7 @@ from pbd.audit.arm import AuditArm, se3
 from pbd.audit.contact import coordinates
 from pbd.audit.solids import Solid, simple_solid
 from pbd.data import GraspedObject, JointTrajectory
-from pbd.data.world import Stay, holds, stays
+from pbd.data.world import Stay, gripped_spans, object_stays
 from pbd.pose import Pose
 
 THE_TOOL = "the tool"
@@ -80,7 +80,7 @@ def follow_object(
         x = coordinates(trajectory, np.array([min(t, *trajectory.keyframe_t[-1:])]))[0]
         return Pose.from_matrix(arm.tool(x).homogeneous)
 
-    return stays(thing, holds(trajectory.gripper_t, trajectory.gripper_opening), tool, table)
+    return object_stays(thing, gripped_spans(trajectory.gripper_t, trajectory.gripper_opening), tool, table)
 
 
 def object_solid(arm: AuditArm, stay: Stay, thing: GraspedObject) -> Solid:

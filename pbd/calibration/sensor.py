@@ -71,7 +71,7 @@ def calibrate_sensor(
                 f"{acc.orientations} orientations do not determine {', '.join(acc.undetermined)}: typical values are "
                 "kept; to measure all of them, put each of the six sides and six edges up"
             )
-    force = rests.acc if errors.acc is None else errors.acc.true(rests.acc)
+    force = rests.acc if errors.acc is None else errors.acc.correct(rests.acc)
     up: Array = force / np.linalg.norm(force, axis=1, keepdims=True)  # the vertical, as well as it is known
     up_sigma = np.radians(1.0) if acc is None else acc.up_sigma
     if "gyr" in wanted and (recording.gyr is not None or "gyr" in only):
@@ -109,7 +109,9 @@ def corrected(recording: Recording, errors: SensorErrors | None) -> Recording:
         return recording
     refuse_other_sensor(f"'{recording.info.name}'", recording.info.sensor, errors)
     given = ((kind, getattr(errors, kind), getattr(recording, kind)) for kind in KINDS)
-    return replace(recording, **{kind: e.true(read) for kind, e, read in given if e is not None and read is not None})
+    return replace(
+        recording, **{kind: e.correct(read) for kind, e, read in given if e is not None and read is not None}
+    )
 
 
 def refuse_other_sensor(what: str, sensor: str, errors: SensorErrors) -> None:

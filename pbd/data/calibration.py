@@ -43,7 +43,7 @@ class Linear:
         x, y, z = self.bias
         return brief(self, f"bias ({x:.4g}, {y:.4g}, {z:.4g})")
 
-    def true(self, read: Array) -> Array:
+    def correct(self, read: Array) -> Array:
         """Correct readings (..., 3)."""
         return np.asarray((read - self.bias) @ self.matrix.T)
 

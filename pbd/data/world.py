@@ -61,7 +61,7 @@ class Stay:
     """Where the grasped object is from `start` to `end`: fixed in base, or fixed to the tool.
 
     Attributes:
-        start, end: s, or keyframe indices, as those of `stays`. The first starts at -inf, the last ends at inf.
+        start, end: s, or keyframe indices, as those of `object_stays`. The first starts at -inf, the last ends at inf.
         held: whether it is fixed to the tool.
         pose: T_tool_object if held, else T_base_object.
         rests: T_base_object where it is gripped and where it is let go; empty if it is not held.
@@ -74,7 +74,7 @@ class Stay:
     rests: tuple[Pose, ...] = ()
 
 
-def holds(t: Array, opening: Array) -> list[tuple[float, float]]:
+def gripped_spans(t: Array, opening: Array) -> list[tuple[float, float]]:
     """Find when a gripper holds: from the end of each closing to the begin of the next opening (inf: none).
 
     Args:
@@ -96,7 +96,7 @@ def holds(t: Array, opening: Array) -> list[tuple[float, float]]:
     return spans
 
 
-def stays(
+def object_stays(
     thing: GraspedObject, spans: Sequence[tuple[float, float]], tool: Callable[[float], Pose], table: float | None
 ) -> tuple[Stay, ...]:
     """Follow an object: it stands upright where it is first gripped, moves with the tool, and stays where it is let go.
@@ -105,7 +105,7 @@ def stays(
 
     Args:
         thing: the object.
-        spans: when the gripper holds, as from `holds`.
+        spans: when the gripper holds, as from `gripped_spans`.
         tool: T_base_tool at an instant (inf: at the end).
         table: z of the table's top in base, m. An object gripped within its own height above it stands on it.
     """

@@ -24,7 +24,7 @@ def device_errors(path: HandPath) -> tuple[SensorErrors, dict[str, float]]:
     one = np.eye(3)
     gyr = _linear(one - found.gyr_matrix.value, found.gyr_bias.value, found.gyr_bias.sigma, turned=False)
     acc = _linear(one - found.acc_matrix.value, found.acc_bias.value, found.acc_bias.sigma, turned=True)
-    gravity = float(np.linalg.norm(acc.true(tracking.recording.acc[slice(*tracking.rest)].mean(axis=0))))
+    gravity = float(np.linalg.norm(acc.correct(tracking.recording.acc[slice(*tracking.rest)].mean(axis=0))))
     before = None if tracking.calibration is None else tracking.calibration.sensor
     errors = SensorErrors(tracking.recording.info.sensor, gyr, acc, gravity=gravity)
     if before is not None:
@@ -53,7 +53,7 @@ def _linear(matrix: Array, bias: Array, sigma: Array, turned: bool) -> Linear:
 
 
 def _after(before: Linear | None, own: Linear) -> Linear:
-    """Both one after the other: own.true(before.true(read))."""
+    """Both one after the other: own.correct(before.correct(read))."""
     if before is None:
         return own
     return Linear(before.bias + np.linalg.solve(before.matrix, own.bias), own.matrix @ before.matrix, own.bias_sigma)

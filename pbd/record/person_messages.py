@@ -67,7 +67,7 @@ class Feedback:
                 return None
             linear: Linear | None = getattr(self._errors, name, None)
             read = np.mean(values, axis=0)
-            return read if linear is None else linear.true(read)
+            return read if linear is None else linear.correct(read)
 
         at, acc = float(np.mean([at for at, _ in block])), mean("acc")
         assert acc is not None

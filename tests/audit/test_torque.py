@@ -13,7 +13,7 @@ from pbd.audit.arm import AuditArm
 from pbd.audit.torque import _inertia, find_torque, torques
 from pbd.cli import main
 from pbd.data import GraspedObject, JointLimits, JointTrajectory, Load, Robot
-from pbd.data.world import holds
+from pbd.data.world import gripped_spans
 from pbd.errors import PbdWarning, PlanError
 from pbd.planning import Plan, PlanOptions, plan_keyframes
 from pbd.pose import Array, Pose
@@ -102,7 +102,7 @@ def test_mujoco_says_the_same(name: str) -> None:
 def test_the_object_weighs_while_it_is_held_and_then_only() -> None:
     """One that has no size is a payload where the tool is."""
     arm, trajectory = AuditArm(arm_of("panda").robot), planned("panda").trajectory
-    ((start, end),) = holds(trajectory.gripper_t, trajectory.gripper_opening)
+    ((start, end),) = gripped_spans(trajectory.gripper_t, trajectory.gripper_opening)
     t = np.linspace(0.0, trajectory.duration, 300)
     held = (start <= t) & (t <= end)
     said = torques(arm, trajectory, t, Load(grasped=GraspedObject("sphere", (1e-9,), 1.5)))

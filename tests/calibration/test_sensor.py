@@ -192,7 +192,7 @@ def test_gravity_follows_latitude() -> None:
 def test_a_gyro_is_found_in_the_accelerometers_axes(recording: Recording, rests: Rests) -> None:
     (gain_acc, _), (gain, bias) = (device(BAD, SEED)[kind] for kind in ("acc", "gyr"))
     acc = fit_accelerometer(rests, EARTH.gravity)
-    force = acc.linear.true(rests.acc)
+    force = acc.linear.correct(rests.acc)
     up = force / np.linalg.norm(force, axis=1, keepdims=True)
     fit = fit_gyro(recording, rests, up, acc.up_sigma)
     assert_allclose(fit.bias, bias, atol=np.radians(0.02))
@@ -244,7 +244,7 @@ def test_hard_and_soft_iron_are_found(recording: Recording, rests: Rests) -> Non
     """What matters is the heading of any attitude: the field as corrected, with the vertical as corrected."""
     gains = device(BAD, SEED)
     acc = fit_accelerometer(rests, EARTH.gravity)
-    force = acc.linear.true(rests.acc)
+    force = acc.linear.correct(rests.acc)
     assert recording.mag is not None
     fit = fit_magnetometer(recording.mag, rests, force / np.linalg.norm(force, axis=1, keepdims=True), acc.up_sigma)
     turned = symmetric(gains["acc"][0]) @ gains["acc"][0]
@@ -254,7 +254,7 @@ def test_hard_and_soft_iron_are_found(recording: Recording, rests: Rests) -> Non
         wxyz = quat_inverse(quat_from_rpy(rng.uniform((-1.0, -1.0, -np.pi), (1.0, 1.0, np.pi))))
         field, up = quat_rotate(wxyz, EARTH.field), quat_rotate(wxyz, (0.0, 0.0, 1.0))
         as_read = gain @ field + bias
-        assert abs(_heading(fit.linear.true(as_read), turned @ up, turned) - _heading(field, up, np.eye(3))) % (
+        assert abs(_heading(fit.linear.correct(as_read), turned @ up, turned) - _heading(field, up, np.eye(3))) % (
             2.0 * np.pi
         ) < np.radians(0.5)
     assert fit.dip == pytest.approx(np.arctan2(44.0, 19.5), abs=np.radians(0.3))
@@ -342,7 +342,7 @@ def test_a_rest_that_contradicts_its_calibration_is_told(whole: SensorFit, rests
     assert errors.mag is not None
     assert rests.gyr is not None
     assert rests.mag is not None
-    acc, gyr, mag = errors.acc.true(rests.acc[3]), errors.gyr.true(rests.gyr[3]), errors.mag.true(rests.mag[3])
+    acc, gyr, mag = errors.acc.correct(rests.acc[3]), errors.gyr.correct(rests.gyr[3]), errors.mag.correct(rests.mag[3])
     assert disagreements(errors, acc, gyr, mag) == ()
     assert disagreements(errors, acc) == ()
     (line,) = disagreements(errors, 1.02 * acc, gyr, mag)

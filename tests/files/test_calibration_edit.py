@@ -87,7 +87,7 @@ def test_every_part_arrives_where_the_reader_looks(bench: Path) -> None:
     assert calibration.sensor is not None
     assert calibration.sensor.acc is not None
     assert (calibration.sensor.sensor, calibration.sensor.gyr) == ("mine", None)
-    assert_allclose(calibration.sensor.acc.true(np.array([0.1, 1.2, 0.3])), (0.0, 1.02, 0.0))
+    assert_allclose(calibration.sensor.acc.correct(np.array([0.1, 1.2, 0.3])), (0.0, 1.02, 0.0))
     assert [obstacle.name for obstacle in calibration.obstacles] == ["shelf"]
 
 

@@ -87,7 +87,7 @@ def test_the_device_is_found(path: HandPath) -> None:
     device = replace(one_device(SENSOR_MODELS["wt901"], SEED).acc, noise=0.0, bias_walk=0.0, step=0.0)
     read = device.measure(gravity, np.ones(50), np.random.default_rng(0))
     assert np.ptp(np.linalg.norm(read, axis=1)) > 0.2
-    assert np.ptp(np.linalg.norm(errors.acc.true(read), axis=1)) < 0.03
+    assert np.ptp(np.linalg.norm(errors.acc.correct(read), axis=1)) < 0.03
 
 
 def test_a_device_of_the_same_name_is_told_apart(takes: list[Demonstration]) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from pbd.arm.model import load_model
 from pbd.data import GraspedObject, Gripper, JointLimits, JointTrajectory, Obstacle, Robot
-from pbd.data.world import Stay, holds, stays
+from pbd.data.world import Stay, gripped_spans, object_stays
 from pbd.pose import Array, Pose
 from pbd.replay import robot_motion
 from pbd.view.replay_scene import ReplayKeyframe, ReplayScene, Touching
@@ -130,8 +130,8 @@ def replay(
 
 def _phases(thing: GraspedObject, trajectory: JointTrajectory, motion: RobotMotion, arm: Robot) -> tuple[Stay, ...]:
     tool = motion.tool(arm)
-    spans = holds(trajectory.gripper_t, trajectory.gripper_opening)
-    return stays(thing, spans, lambda t: tool[int(np.searchsorted(motion.t, t).clip(0, len(motion.t) - 1))], 0.0)
+    spans = gripped_spans(trajectory.gripper_t, trajectory.gripper_opening)
+    return object_stays(thing, spans, lambda t: tool[int(np.searchsorted(motion.t, t).clip(0, len(motion.t) - 1))], 0.0)
 
 
 @cache

@@ -16,7 +16,7 @@ from pbd.arm.collision.clearance import Clearance, Contact, JointPath
 from pbd.arm.collision.scene import TABLE, CollisionScene, Hit
 from pbd.arm.path_sampling import along
 from pbd.data import JointTrajectory
-from pbd.data.world import Stay, holds
+from pbd.data.world import Stay, gripped_spans
 from pbd.errors import PlanError
 from pbd.pose import Pose
 
@@ -97,7 +97,7 @@ def object_stays(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[St
     def tool(t: float) -> Pose:  # an object that is never let go may rest at the last keyframe
         return scene.arm.forward(trajectory.at(np.array([min(t, *trajectory.keyframe_t[-1:])])).q[0])
 
-    return scene.stays(holds(trajectory.gripper_t, trajectory.gripper_opening), tool)
+    return scene.stays(gripped_spans(trajectory.gripper_t, trajectory.gripper_opening), tool)
 
 
 def refuse_home(scene: CollisionScene) -> None:

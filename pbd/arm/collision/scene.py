@@ -23,7 +23,7 @@ from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
 from pbd.arm.model import ArmModel
 from pbd.arm.path_sampling import polyline
 from pbd.data import GraspedObject, Obstacle
-from pbd.data.world import Stay, holds, stays
+from pbd.data.world import Stay, gripped_spans, object_stays
 from pbd.pose import Array, Pose
 
 TABLE = "the table"
@@ -172,7 +172,7 @@ class CollisionScene:
                 t += [keyframe, keyframe]
                 opening += [opening[-1], float(not closes)]
         last = len(T_base_tool) - 1
-        spans = holds(np.array(t), np.array(opening))
+        spans = gripped_spans(np.array(t), np.array(opening))
         found = self.stays(spans, lambda keyframe: T_base_tool[int(min(keyframe, last))])
         legs = []
         for i in range(last + 2):
@@ -181,8 +181,8 @@ class CollisionScene:
         return tuple(legs)
 
     def stays(self, spans: Sequence[tuple[float, float]], tool: Callable[[float], Pose]) -> tuple[Stay, ...]:
-        """Follow the object: see `pbd.data.world.stays`; nothing where there is no object."""
-        return () if self._grasped is None else stays(self._grasped, spans, tool, self._table_height)
+        """Follow the object: see `pbd.data.world.object_stays`; nothing where there is no object."""
+        return () if self._grasped is None else object_stays(self._grasped, spans, tool, self._table_height)
 
     def clearances(self, stay: Stay | None) -> list[QuickClearance]:
         """Return what is checked while the object is where `stay` says (None: there is no object)."""
