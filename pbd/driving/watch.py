@@ -30,7 +30,7 @@ ERROR_FLAGS = {1: "voltage", 2: "encoder", 4: "temperature", 8: "current", 32: "
 
 
 class Watch:
-    """Checks each state and keeps the extremes. It ignores the gripper's position and load, which closes on things.
+    """Checks each state and keeps the extremes. The gripper closes on things, so its position and load are not checked.
 
     Attributes:
         error_deg, load, celsius: (n,) largest values so far.

@@ -101,7 +101,8 @@ class SensorModel:
     Attributes:
         acc, gyr, mag: errors in m/s2, rad/s and uT; None: it has no such sensor.
         attitude: its own roll, pitch, yaw, or None.
-        jitter_s: one sigma of the time between two sampling intervals against an even beat, cut off at 0.45 intervals.
+        jitter_s: one sigma of how far a border between two sampling intervals is off an even beat, at most 0.45
+            intervals.
         has_clock: whether `t` is the true middle of each interval; if not, `t` is the even beat in spite of the jitter.
 
     Raises:

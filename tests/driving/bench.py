@@ -1,4 +1,4 @@
-"""An arm on the bench for tests: emulated servos, and time that runs faster."""
+"""Helpers for tests of driving: emulated servos, and a clock that runs faster."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from pbd.files.robot import load_robot
 from tests.driving.emulator import calibration_of
 
 PATIENT_S = 1.0
-"""Answer time, s, where nothing is amiss: a busy machine must not fail a test."""
+"""Answer time of sound servos, s. It is long, so that no test fails on a busy machine."""
 
 UNHURRIED_S = 50.0
-"""How late a goal may be there, s, for the same reason."""
+"""How late a goal may be, s, for the same reason."""
 
 
 PATIENT_PBD = [
@@ -25,11 +25,11 @@ PATIENT_PBD = [
     "import sys; from pbd.driving import bus, stream; from pbd.cli import main; "
     f"bus.ANSWER_S = bus.ANSWER_AT_REST_S = {PATIENT_S}; stream.STALL_S = {UNHURRIED_S}; sys.exit(main(sys.argv[1:]))",
 ]
-"""`pbd` with that patience."""
+"""The command `pbd` with these times."""
 
 
 class FastClock(Clock):
-    """Time runs ten times as fast."""
+    """A clock that runs ten times as fast."""
 
     def now(self) -> float:
         return 10.0 * time.monotonic()

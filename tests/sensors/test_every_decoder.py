@@ -1,4 +1,4 @@
-"""What every decoder keeps to: any chunking, noise, damage, and the next whole packet after it."""
+"""Every decoder copes with any chunking, noise and damage, and reads the next whole packet after it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_no_damage_raises_or_gives_what_was_not_sent(name: str) -> None:
 
 @every
 def test_in_step_again_at_the_next_whole_packet(name: str) -> None:
-    """Half a packet and the next one pass for one if their checksums agree, one in 256; groups may lack a part."""
+    """One in 256 halves and the next packet have a right checksum together; a group may lack a part."""
     missed = missed_after_junk(MIXED[name].make, PACKETS[name], cases=150)
     assert max(missed) <= 1
     assert np.mean(missed) < 0.02 or name in ("lines", "razor", "witmotion", "gamepad")
