@@ -187,7 +187,7 @@ def _gripper(section: Section, urdf: Urdf) -> Gripper:
 
 def _servos(section: Section, k: int, gripper: Gripper | None) -> Servos:
     if gripper is None or len(gripper.joints) != 1:
-        section.fail("gripper", "is of one finger joint, which [gripper] doesn't name", "name it, or remove [servos]")
+        section.fail("gripper", "needs a [gripper] with one joint", "add it, or remove [servos]")
     closed, opened = section.numbers("gripper", 2)
     if closed == opened:
         section.fail("gripper", f"is {closed:g} both closed and open")

@@ -110,8 +110,8 @@ def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -
     try:
         TopologicalSorter({joint.child: [joint.parent] for joint in joints}).prepare()
     except CycleError as error:
-        ring = sorted(set(error.args[1]))
-        raise RobotError.at(path, f"links that hang on each other in a ring: {listed(ring)}; cut it open") from None
+        loop = sorted(set(error.args[1]))
+        raise RobotError.at(path, f"the joints form a loop of links: {listed(loop)}; remove one joint") from None
     children = {joint.child for joint in joints}
     if len(roots := [link for link in links if link not in children]) > 1:
         raise RobotError.at(path, f"several root links: {listed(roots)}; connect all but one")

@@ -233,7 +233,7 @@ def test_two_clocks_are_one_too_many(tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_text(two_rows("t,ax,ay,az"))
     with pytest.raises(RecordingError, match=r"the column 't' tells the time; leave --rate out"):
         import_recording(tmp_path / "run.csv", rate_hz=100.0)
-    with pytest.raises(RecordingError, match="an npz has its own rate_hz; leave --rate out"):
+    with pytest.raises(RecordingError, match="an npz has a rate of its own; leave --rate out"):
         import_recording(tmp_path / "run.npz", rate_hz=100.0)
 
 

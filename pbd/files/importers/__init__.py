@@ -67,9 +67,8 @@ def import_recording(
 
         phone = read_phone(source)
     if rate_hz is not None and (phone is not None or is_bag or suffix == ".npz"):
-        its = "a bag has" if is_bag else "an npz has its own rate_hz" if suffix == ".npz" else "a phone's recording has"
-        times = "" if suffix == ".npz" else " times of its own"
-        raise RecordingError.at(path, f"{its}{times}; leave --rate out")
+        known = "a bag has times" if is_bag else "an npz has a rate" if suffix == ".npz" else "a phone's file has times"
+        raise RecordingError.at(path, f"{known} of its own; leave --rate out")
     if phone is not None:
         recording, understood = phone
     elif is_bag:

@@ -149,7 +149,7 @@ def _decompressed(path: Path, packed: bytes) -> bytes:
     unpacker = zstd_package().ZstdDecompressor()
     data: bytes = unpacker.decompress(packed, max_length=LONGEST_MESSAGE)
     if not unpacker.eof:
-        what = f"a message of {len(packed)} bytes is cut off, or swells to more than {LONGEST_MESSAGE}"
+        what = f"a message of {len(packed)} bytes is cut off, or decompresses to more than {LONGEST_MESSAGE}"
         raise RecordingError.at(path, f"{what}, which is refused; record it again")
     return data
 

@@ -122,4 +122,4 @@ def why_unread(name: str) -> str:
     word = plain(name)
     of_axes = re.sub(r"_?([xyz]|\d)(_cal)?$", "", word)
     known = next((why for pattern, why in _OTHER if re.fullmatch(pattern, of_axes)), "")
-    return known or ("said of the sensor, or worked out of what it read" if re.fullmatch(_DERIVED, word) else "")
+    return known or ("about the sensor, or computed from its readings" if re.fullmatch(_DERIVED, word) else "")

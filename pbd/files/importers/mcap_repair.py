@@ -90,8 +90,8 @@ def _complete_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MA
         if kind == CHUNK and inside <= len(data):
             _, _, contents, _, compression = CHUNK_HEAD.unpack_from(data, at + 9)
             if contents > min(LARGE, LARGEST_RATIO * max(size, 10_000)):
-                what = f"a chunk of {size} bytes swells to {contents / 1e6:.0f} MB, which is refused; record it again"
-                raise RecordingError.at(path, what, value=contents)
+                what = f"a chunk of {size} bytes decompresses to {contents / 1e6:.0f} MB, which is refused"
+                raise RecordingError.at(path, f"{what}; record it again", value=contents)
             if at + 9 + size > len(data) and compression == 0:
                 inner, end = _complete_records(path, data, inside)
                 return [slice(begin, at), *inner], end

@@ -187,7 +187,7 @@ def _read_sensor_logger(
             others[kind], read[kind] = stream(found), (f"{found}.csv", 1.0, unit)
     columns = [column for kind, its in read.items() for column in _columns(LOGGER, LOGGER_COLUMNS, kind, *its)]
     used = {name for source, _, _ in read.values() for name in re.findall(r"(\w+)\.csv", source)}
-    unread = {f"{name}.csv": "another file has it better" for name in sheets if name not in used}
+    unread = {f"{name}.csv": "a better file is there" for name in sheets if name not in used}
     if "Accelerometer.csv" in unread:
         unread["Accelerometer.csv"] = "without gravity"
     for name in sorted(used):
