@@ -13,7 +13,7 @@ from pbd.files.robot import load_robot
 
 @pytest.fixture(autouse=True)
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A user's folder, empty."""
+    """Work in an empty folder."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -24,7 +24,7 @@ def add(path: Path) -> Path:
     return path
 
 
-def test_what_comes_with_pbd_is_found_anywhere() -> None:
+def test_bundled_files_are_found_from_any_folder() -> None:
     assert find("calibration", "default", ".toml", CalibrationError) == bundled("calibration") / "default.toml"
     assert find("demos", "pouring", "", RecordingError) == bundled("demos") / "pouring"
 
@@ -44,13 +44,13 @@ def test_the_users_own_wins() -> None:
 
 
 def test_a_name_wins_over_a_path() -> None:
-    """A stray ./pouring is not in the way of the demonstration of that name; ./pouring/ as a path says the stray."""
+    """A folder ./pouring does not hide the demonstration of that name, unless it is given as a path."""
     Path("pouring").mkdir()
     assert find("demos", "pouring", "", RecordingError) == bundled("demos") / "pouring"
     assert find("demos", "./pouring", "", RecordingError) == Path("pouring")
 
 
-def test_a_folder_in_demos_that_is_no_demonstration_is_said_to_be_none() -> None:
+def test_a_folder_in_demos_that_is_not_a_demonstration_is_refused() -> None:
     Path("demos/tea").mkdir(parents=True)
     Path("demos/pouring").mkdir()
     with pytest.raises(RecordingError, match=r"^demos/tea is not a demonstration: it has no demo\.toml"):
@@ -68,7 +68,7 @@ def test_a_path_is_taken_as_it_is(home: Path, monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.fixture
 def shelf(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Instead of what comes with pbd: one calibration, one demonstration."""
+    """Replace the bundled files by one calibration and one demonstration."""
     monkeypatch.setattr("pbd.files.find_by_name.bundled", lambda kind: home / "bundled" / kind)
     add(Path("bundled/calibration/default.toml"))
     add(Path("bundled/demos/pouring/demo.toml"))
@@ -97,19 +97,19 @@ def test_an_unknown_name_lists_the_valid_ones() -> None:
 
 
 @pytest.mark.usefixtures("shelf")
-def test_a_name_like_no_other_is_likened_to_none() -> None:
+def test_only_a_similar_name_is_proposed() -> None:
     with pytest.raises(RecordingError, match=r"known are pouring$"):
         find("demos", "xyz", "", RecordingError)
     with pytest.raises(RecordingError, match=r"; did you mean pouring\?$"):
         find("demos", "Pouring", "", RecordingError)
 
 
-def test_where_nothing_is_known_it_says_where_to_put_one() -> None:
+def test_without_any_names_the_error_tells_the_folder() -> None:
     with pytest.raises(CalibrationError, match=r"no grippers named 'x', .*; none is known; put one into \./grippers$"):
         find("grippers", "x", ".toml", CalibrationError)
 
 
 @pytest.mark.parametrize("name", ["~nobody-of-this-name/tea", "a" * 300])
-def test_a_name_that_cannot_be_a_path_is_unknown_too(name: str) -> None:
+def test_a_name_that_cannot_be_a_path_is_unknown(name: str) -> None:
     with pytest.raises(RecordingError, match="no demonstration named"):
         find("demos", name, "", RecordingError)

@@ -99,9 +99,7 @@ def test_a_message_that_swells_is_not_unpacked(tmp_path: Path, recording: Record
     whole.commit()
     whole.close()
     for place in (bag, bag.parent):
-        with pytest.raises(
-            RecordingError, match=r"of \d+ bytes is cut off, or decompresses to more than 10000"
-        ):
+        with pytest.raises(RecordingError, match=r"of \d+ bytes is cut off, or decompresses to more than 10000"):
             import_file(place)
 
 

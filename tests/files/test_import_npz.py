@@ -45,7 +45,7 @@ def test_npz(tmp_path: Path) -> None:
     assert_array_equal(demo.truth.p_nav_sensor, from_the_first_known)
 
 
-def test_npz_with_the_least(tmp_path: Path) -> None:
+def test_npz_with_only_the_required_arrays(tmp_path: Path) -> None:
     demo = import_arrays(tmp_path, rate_hz=100.0, acc=np.ones((3, 3)))
     assert (demo.recording.gyr, demo.recording.mag, demo.truth) == (None, None, None)
 
@@ -71,7 +71,7 @@ def test_npz_whose_truth_has_a_rate_of_its_own(tmp_path: Path) -> None:
         ({"rate_hz": 1.0, "acc": np.ones((3, 3)), "gyr": {"a": 1}}, "Object arrays cannot be loaded"),  # a pickle
     ],
 )
-def test_npz_of_another_kind_is_refused(tmp_path: Path, arrays: dict[str, object], message: str) -> None:
+def test_npz_with_a_missing_or_wrong_array_is_refused(tmp_path: Path, arrays: dict[str, object], message: str) -> None:
     with pytest.raises(RecordingError, match=message):
         import_arrays(tmp_path, **arrays)
 
@@ -101,7 +101,7 @@ def test_not_an_npz(tmp_path: Path, content: bytes) -> None:
         import_file(path)
 
 
-def test_an_npy_is_no_npz(tmp_path: Path) -> None:
+def test_an_npy_is_refused(tmp_path: Path) -> None:
     with (tmp_path / "run.npz").open("wb") as file:
         np.save(file, np.ones((3, 3)))
     with pytest.raises(RecordingError, match="can't be read as an npz"):
@@ -109,7 +109,7 @@ def test_an_npy_is_no_npz(tmp_path: Path) -> None:
 
 
 def test_a_damaged_npz_is_refused_or_read(tmp_path: Path) -> None:
-    """One byte changed, anywhere: zip, zlib and numpy each have errors of their own."""
+    """One byte is changed. The errors of zip, zlib and numpy become RecordingErrors."""
     path = tmp_path / "run.npz"
     np.savez_compressed(path, rate_hz=100.0, acc=np.random.default_rng(0).normal(size=(20, 3)))
     whole = path.read_bytes()

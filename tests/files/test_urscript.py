@@ -1,4 +1,4 @@
-"""What arms of Universal Robots get, as their controller would run it."""
+"""Programs for arms of Universal Robots, run by a simulated controller."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ URS = ("ur3", "ur5", "ur10")
 
 
 def program(place: Path, name: str, path: str = "keyframes", rate_hz: float | None = None) -> tuple[Plan, str]:
-    """Dense where a rate is given."""
+    """Plan and export; dense if a rate is given."""
     plan, robot, source = planned(name, path=path)
     export(plan.trajectory, robot, "urscript", place, rate_hz, dense=rate_hz is not None, source=source)
     return plan, place.read_text()
@@ -43,7 +43,7 @@ def test_each_move_is_the_planned_one_within_the_limits(tmp_path: Path, name: st
         assert (v * share <= 1.000001 * limits.velocity).all()
         between = trajectory.at(np.linspace(since, until, 50)).q - q_before
         along = between @ (q - q_before) / ((q - q_before) @ (q - q_before))
-        assert_allclose(between, np.outer(along, q - q_before), atol=1e-5)  # both go straight
+        assert_allclose(between, np.outer(along, q - q_before), atol=1e-5)  # the planned motion is straight
 
 
 @pytest.mark.parametrize("rate_hz", [None, 125.0, 500.0])
@@ -71,7 +71,7 @@ def test_dense_samples_are_the_motion(tmp_path: Path, rate_hz: float, path: str)
     assert np.abs(np.diff(q, axis=0)).max() <= 3.1416 / rate_hz * 1.001
 
 
-def test_it_refuses_to_run_where_the_arm_stands_elsewhere(tmp_path: Path) -> None:
+def test_the_program_halts_if_the_arm_is_not_at_the_start(tmp_path: Path) -> None:
     plan, text = program(tmp_path / "p.script", "ur5")
     controller = Controller(plan.trajectory.q[0] + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.03]))
     with pytest.raises(HaltedError, match="does not stand where the motion begins"):
