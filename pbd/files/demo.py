@@ -258,10 +258,10 @@ def _read_recording(table: Table, grip: tuple[GripEvent, ...], info: RecordingIn
 def _imu_columns(recording: Recording) -> tuple[tuple[str, ...], Array, tuple[int, ...]]:
     device = None if recording.device_rpy is None else compass_angles(recording.device_rpy)
     values = {"gyr": recording.gyr, "acc": recording.acc, "mag": recording.mag, "device": device}
-    there = {name: array for name, array in values.items() if array is not None}
-    header = ("t", *(column for name in there for column in CHANNELS[name][0]))
-    decimals = (6, *(CHANNELS[name][1] for name in there for _ in range(3)))
-    return header, np.hstack((recording.t[:, None], *there.values())), decimals
+    present = {name: array for name, array in values.items() if array is not None}
+    header = ("t", *(column for name in present for column in CHANNELS[name][0]))
+    decimals = (6, *(CHANNELS[name][1] for name in present for _ in range(3)))
+    return header, np.hstack((recording.t[:, None], *present.values())), decimals
 
 
 def _read_place(section: Section) -> Place:

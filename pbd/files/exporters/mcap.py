@@ -182,13 +182,13 @@ class _Bag:
     def built(self, kind: str, message: Mapping[str, Any]) -> Any:
         """Make rosbags' object of a message, and of the messages in it."""
         fields = {}
-        for name, (node, of) in self.store.fielddefs[kind][1]:
+        for name, (node, inner) in self.store.fielddefs[kind][1]:
             value = message[name]
             if node == self.node.NAME:
-                value = self.built(of, value)
-            elif node != self.node.BASE and of[0][0] == self.node.NAME:
-                value = [self.built(of[0][1], each) for each in value]
-            elif node != self.node.BASE and of[0][1][0] == "float64":
+                value = self.built(inner, value)
+            elif node != self.node.BASE and inner[0][0] == self.node.NAME:
+                value = [self.built(inner[0][1], each) for each in value]
+            elif node != self.node.BASE and inner[0][1][0] == "float64":
                 value = np.asarray(value, dtype=np.float64)
             fields[name] = value
         return self.store.types[kind](**fields)

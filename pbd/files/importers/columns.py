@@ -110,10 +110,10 @@ class Understood:
         """Set how the column of the time was found."""
         return replace(self, columns=tuple(replace(c, named_by=by) if c.name == name else c for c in self.columns))
 
-    def with_file(self, file: str, its: Understood) -> Understood:
+    def with_file(self, file: str, other: Understood) -> Understood:
         """Add the columns of another file."""
-        columns = (replace(column, name=f"{file}: {column.name}") for column in its.columns)
-        unread = {f"{file}: {name}": why for name, why in its.unread.items()}
+        columns = (replace(column, name=f"{file}: {column.name}") for column in other.columns)
+        unread = {f"{file}: {name}": why for name, why in other.unread.items()}
         return replace(self, columns=(*self.columns, *columns), unread={**self.unread, **unread})
 
     def with_unread(self, unread: Mapping[str, str]) -> Understood:
@@ -125,11 +125,11 @@ class Understood:
         found = {column.ours: column for column in self.columns}
 
         def renamed(option: re.Match[str]) -> str:
-            ours, turned, its = option.groups()
-            if its not in found:
+            ours, minus, source = option.groups()
+            if source not in found:
                 return option[0]
-            sign = "-" if (found[its].sign < 0) != bool(turned) else ""
-            value = f"{ours}={sign}{found[its].name}"
+            sign = "-" if (found[source].sign < 0) != bool(minus) else ""
+            value = f"{ours}={sign}{found[source].name}"
             return f"--column {value}" if re.fullmatch(r"[\w=./-]+", value) else f"--column '{value}'"
 
         return re.sub(r"--column (\w+)=(-?)([agm][xyz])\b", renamed, message)

@@ -67,9 +67,9 @@ def read_csv(
         name = found.of("t")[0].name
         raise RecordingError.at(path, f"the column '{name}' tells the time; leave --rate out")
     for channel, wanted in CHANNELS.items():
-        there = [column.ours for column in found.of(channel)]
-        if missing := [name for name in wanted if there and name not in there]:
-            what = f"no column for '{missing[0]}', though there is '{there[0]}'"
+        present = [column.ours for column in found.of(channel)]
+        if missing := [name for name in wanted if present and name not in present]:
+            what = f"no column for '{missing[0]}', though there is '{present[0]}'"
             raise RecordingError.at(path, f"{what}; {known}: name it with --column {missing[0]}=NAME", value=missing[0])
     clocks = [found.of("t")[0].name] if "t" in columns else [name for name in sheet.header if is_time(name)]
     table = sheet.read([*(column.name for column in found.columns), *clocks], times=clocks)
@@ -99,9 +99,9 @@ def _dated(sheet: Sheet) -> str:
     """Return the first column whose dates or times of day increase from the first row to the last; "": none."""
     rows = sheet.body.strip()
     ends = (rows.partition("\n")[0], rows.rpartition("\n")[2])
-    for name, *of in zip(sheet.header, *(row.replace('"', "").split(sheet.delimiter) for row in ends), strict=False):
+    for name, *cells in zip(sheet.header, *(row.replace('"', "").split(sheet.delimiter) for row in ends), strict=False):
         with suppress(ValueError):
-            if all(map(is_stamp, of)) and seconds(of[0]) < seconds(of[1]):
+            if all(map(is_stamp, cells)) and seconds(cells[0]) < seconds(cells[1]):
                 return str(name)
     return ""
 
@@ -149,10 +149,10 @@ def _magnetometer_beside(path: Path, found: Understood, units: Mapping[str, str]
     stream, beside = None, path.with_name("Magnetometer.csv")
     if beside.is_file() and not found.of("mag"):
         sheet = open_sheet(beside, foreign=True)
-        its = understand(sheet, {}, units)
-        if its.of("t") and len(its.of("mag")) == len(CHANNELS["mag"]):
-            table = sheet.read([column.name for column in its.columns])
-            stream = Stream.of(_values(table, its.of("t"))[:, 0], _values(table, its.of("mag")))
-            found = found.with_file(beside.name, its)
+        other = understand(sheet, {}, units)
+        if other.of("t") and len(other.of("mag")) == len(CHANNELS["mag"]):
+            table = sheet.read([column.name for column in other.columns])
+            stream = Stream.of(_values(table, other.of("t"))[:, 0], _values(table, other.of("mag")))
+            found = found.with_file(beside.name, other)
     others = {file.name for file in path.parent.glob("*.csv")} - {path.name, *((beside.name,) if stream else ())}
     return found.with_unread(dict.fromkeys(sorted(others), UNUSED)), stream

@@ -64,8 +64,8 @@ def remapped(
             raise RecordingError.at(path, f"no column '{printable(name)}'; {have}", value=name)
         # The file's name means the values in the file; our name means our values, whose sign may be reversed already.
         sign = (1.0 if bare == name else -1.0) * (source.sign if bare == source.name else 1.0)
-        to, of = CHANNELS[channel].index(ours), CHANNELS[channel].index(source.ours)
-        changed[channel][:, to] = sign * read[channel][:, of]
+        to, origin = CHANNELS[channel].index(ours), CHANNELS[channel].index(source.ours)
+        changed[channel][:, to] = sign * read[channel][:, origin]
         by_ours[ours, ""] = replace(source, ours=ours, sign=sign * source.sign, named_by="--column")
     for channel, given in units.items():
         unit, sign = given.removeprefix("-"), -1.0 if given.startswith("-") else 1.0

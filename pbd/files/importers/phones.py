@@ -178,8 +178,8 @@ def _read_sensor_logger(
     else:
         needed = "Gravity.csv beside Accelerometer.csv" if ios else "TotalAcceleration.csv"
         switch = "Gravity" if ios else "Total Acceleration"
-        there = "Accelerometer.csv is without gravity" if "Accelerometer" in sheets else "no acceleration is in it"
-        what = f"{there}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again"
+        why = "Accelerometer.csv is without gravity" if "Accelerometer" in sheets else "no acceleration is in it"
+        what = f"{why}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again"
         raise RecordingError.at(path, what)
     read, others = {"acc": (source, sign, unit)}, dict[str, Stream]()
     for kind, name, unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "ut")):
@@ -238,10 +238,10 @@ def _read_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[
     if not streams:
         return None
     if "acc" not in streams:
-        there = "Linear Acceleration is without gravity" if "linear" in streams else "no acceleration is in it"
+        why = "Linear Acceleration is without gravity" if "linear" in streams else "no acceleration is in it"
         raise RecordingError.at(
             path,
-            f"{there}, and 'Acceleration x (m/s^2)' is needed; record with the experiment that `pbd sensors phyphox` "
+            f"{why}, and 'Acceleration x (m/s^2)' is needed; record with the experiment that `pbd sensors phyphox` "
             "gives to the phone",
         )
     recording = _recording(path, streams)
