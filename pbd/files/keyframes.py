@@ -42,24 +42,24 @@ LONG_DWELL_S = 60.0
 """Longest dwell without a warning, s. A longer one was probably meant in milliseconds."""
 
 HEAD = """\
-# The keyframes of '{name}': where the hand stopped. While this file is here, it replaces what tracking finds.
+# The keyframes of '{name}': where the hand stopped. While this file exists, it replaces what tracking finds.
 # Edit it as you like; `pbd keyframes {word}` shows the result, and the line of a mistake.
-#   drop      remove a [[keyframe]] and its lines; the first one is the dock, it stays as it is
+#   drop      remove a [[keyframe]] and its lines; the first one is the dock and must stay as it is
 #   insert    copy a [[keyframe]], with a time between its neighbours'
-#   nudge     position_m is the sensor's, in metres from the dock: {axes}, z up;
-#             rpy_deg is its roll, pitch and yaw in degrees. `pbd keyframes {word} --robot R` tells where the tool is
-#   dwell_s   how long the arm stays, not at the first and the last; beside it, how long the hand stood
-#   grip      "closes" or "opens", by turns; without it nothing changes. It is open at the start
+#   nudge     position_m is the sensor's position, in metres from the dock: {axes}, z up;
+#             rpy_deg is its roll, pitch and yaw in degrees. `pbd keyframes {word} --robot R` shows the tool's pose
+#   dwell_s   how long the arm stays, except at the first and the last; the comment tells how long the hand stood
+#   grip      "closes" or "opens", in turn; without it nothing changes. The grip is open at the start
 #   label     a word for people
-#   tolerance_m, tolerance_deg  how far it may be off along each axis, and turned; learned where takes were fused
+#   tolerance_m, tolerance_deg  largest error along each axis, and of the rotation; learned from fused takes
 #   frames    the things that it belongs to, each carried by the next: `pbd replay --at cup=X,Y,Z,DEG` moves one
-#   nudge_base_m, nudge_tool_m  how far the tool goes elsewhere, in the axes of the robot's base or the tool's own
+#   nudge_base_m, nudge_tool_m  a shift of the tool, along the axes of the robot's base or of the tool
 #   sigma_m, sigma_deg  one sigma along each axis; without them the keyframe is taken as exact
-# Every keyframe needs t_s, dwell_s, position_m and rpy_deg; the rest may be left out.
+# Every keyframe needs t_s, dwell_s, position_m and rpy_deg; the rest is optional.
 # `pbd keyframes {word} --save --force` finds them again; without the file they are found each time.
 format = {format}
 """
-NORTH, AT_DOCK = "x magnetic east, y magnetic north", "x along the sensor's own as it lies at the dock, y left of it"
+NORTH, AT_DOCK = "x magnetic east, y magnetic north", "x along the sensor's x axis at the dock, y to its left"
 
 
 def keyframes_toml(

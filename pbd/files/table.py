@@ -48,7 +48,7 @@ class Table:
     values: Array
 
     def columns(self, *names: str) -> Array:
-        """Return the columns of these names, (rows, len(names)); a RecordingError lists those that are there."""
+        """Return columns (rows, len(names)); the RecordingError of a missing one lists those that are there."""
         require(self.path, self.header, names)
         return self.values[:, [self.header.index(name) for name in names]]
 

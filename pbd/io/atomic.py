@@ -126,12 +126,8 @@ def refuse_output(file: Path, inputs: Iterable[str | None] = ()) -> None:
         target = Path(os.path.realpath(file))  # the file that is replaced if `file` is a link
         folder = target.parent if file.is_symlink() else file.parent
         if not is_folder(folder):
-            why = (
-                f"{folder} is not a folder; give"
-                if exists(folder)
-                else f"there is no folder {folder}; make it, or give"
-            )
-            raise PbdError(f"{file} can't be written: {why} another place", path=file)
+            why = f"{folder} is not a folder;" if exists(folder) else f"there is no folder {folder}; make it, or"
+            raise PbdError(f"{file} can't be written: {why} give another place", path=file)
         with suppress(FileNotFoundError):
             target.lstat()  # raises if the name is too long
         with _temporary(target) as new:

@@ -31,18 +31,18 @@ AT_REST = 1e-9
 """Largest velocity at rest, rad/s."""
 
 HEAD = """\
-# {demo} for {robot}, planned and audited by pbd. Fill in the two functions of the gripper; then edit what you like, but
-# what you edit is no longer audited: take a low speed on the slider the first time.
+# {demo} for {robot}, planned and audited by pbd. Fill in the two functions of the gripper. You may edit the moves, but
+# edited moves are not audited: set a low speed on the slider the first time.
 def pbd_{name}():
   def gripper_close():
-    # your gripper's own call goes here; the arm waits until it has closed
+    # replace this by your gripper's call, which must wait until it has closed
     sleep({stroke})
   end
   def gripper_open():
     sleep({stroke})
   end
 
-  # The motion begins where the arm stands when this program starts: refuse any other place.
+  # Refuse to start if the arm is not where the motion begins.
   start = [{start}]
   here = get_actual_joint_positions()
   i = 0
@@ -98,9 +98,8 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
         if not phase.moves:
             lines += _stay(request, phase)
         elif request.dense:
-            period = 1.0 / (request.rate_hz or PERIODS_HZ[0])
             rows = trajectory.at(_instants(request, phase)).q
-            lines += [f"  servoj([{_numbers(q, 12)}], 0, 0, {period:g}, 0.1, 300)\n" for q in rows]
+            lines += [f"  servoj([{_numbers(q, 12)}], 0, 0, {_period_s(request):g}, 0.1, 300)\n" for q in rows]
             lines[-1] = f"{lines[-1][:-1]}{comment}\n"
         else:
             a, v = _acceleration_and_velocity(request, phase)
@@ -126,9 +125,13 @@ def _instants(request: ExportRequest, move: _Phase) -> Array:
     """Return the instants of a move's points: its end and, dense, each period before it."""
     if not request.dense:
         return np.array([move.end])
-    period = 1.0 / (request.rate_hz or PERIODS_HZ[0])
-    count = int(np.ceil((move.end - move.start) / period - 1e-6))
-    return np.append(move.start + period * np.arange(1, count), move.end)
+    count = int(np.ceil((move.end - move.start) / _period_s(request) - 1e-6))
+    return np.append(move.start + _period_s(request) * np.arange(1, count), move.end)
+
+
+def _period_s(request: ExportRequest) -> float:
+    """Return the controller's period, s."""
+    return 1.0 / (request.rate_hz or PERIODS_HZ[0])
 
 
 def _acceleration_and_velocity(request: ExportRequest, move: _Phase) -> tuple[float, float]:
