@@ -92,10 +92,6 @@ def test_a_mirrored_part_keeps_its_outside(tmp_path: Path) -> None:
         "no xml",
         HAND_MADE.format(primitives="", transforms='<instance_geometry url="#nowhere"/>'),
         HAND_MADE.format(primitives="<triangles><p>0 1 2</p></triangles>", transforms=""),
-        HAND_MADE.format(
-            primitives='<triangles><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 99</p></triangles>',
-            transforms="",
-        ),
     ],
 )
 def test_a_broken_file_is_named(tmp_path: Path, text: str) -> None:
