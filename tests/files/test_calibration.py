@@ -49,7 +49,7 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def test_every_key_arrives(tmp_path: Path) -> None:
+def test_every_key_is_read(tmp_path: Path) -> None:
     calibration = read_calibration(write(tmp_path, TOML))
     assert calibration.name == "mine"
     assert calibration.robots == ("panda", "ur5")
@@ -68,7 +68,7 @@ def test_every_key_arrives(tmp_path: Path) -> None:
     assert_allclose(lamp.T_base_obstacle.wxyz, (1, 0, 0, 0))  # without rpy_deg it is level
 
 
-def test_what_may_be_left_out(tmp_path: Path) -> None:
+def test_optional_keys(tmp_path: Path) -> None:
     calibration = read_calibration(write(tmp_path, f'format = 1\nname = "mine"\n{NAV}'))
     assert calibration.T_base_dock is None
     assert calibration.T_base_nav is not None

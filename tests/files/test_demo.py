@@ -111,7 +111,7 @@ def demonstrations(draw: st.DrawFn) -> Demonstration:
 
 @settings(deadline=None)
 @given(demonstrations())
-def test_written_as_it_is_read(written: Demonstration) -> None:
+def test_a_demonstration_is_read_as_written(written: Demonstration) -> None:
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "demo"
         write_demo(written, folder)
@@ -196,7 +196,7 @@ def test_a_failed_write_leaves_the_old_demonstration(tmp_path: Path, monkeypatch
     assert [path.name for path in tmp_path.iterdir()] == ["tea"]
 
 
-def test_a_file_in_the_way(tmp_path: Path) -> None:
+def test_a_file_at_the_path_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     with pytest.raises(RecordingError, match="can't be written"):
         write_demo(still(), tmp_path / "file" / "tea")
@@ -265,7 +265,7 @@ def write_known(folder: Path, known: str) -> Path:
     return file
 
 
-def test_known_places_and_heights_are_read_as_the_page_says(tmp_path: Path) -> None:
+def test_places_and_heights_are_read_as_documented(tmp_path: Path) -> None:
     write_known(tmp_path / "tea", KNOWN)
     demo = read_demo(tmp_path / "tea")
     assert demo.known == Known(
@@ -355,7 +355,7 @@ def test_the_newest_is_the_one_recorded_last() -> None:
 
 
 @pytest.mark.usefixtures("elsewhere")
-def test_a_name_a_folder_or_a_file() -> None:
+def test_a_demonstration_is_a_name_a_folder_or_a_file() -> None:
     record("tea", None)
     assert demo_folder("tea") == Path("demos/tea")
     assert demo_folder("other/tea") == Path("other/tea")

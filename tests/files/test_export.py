@@ -170,7 +170,7 @@ def test_a_file_appears_completely_or_not_at_all(
 
 
 @pytest.mark.parametrize("place", ["no/such/folder/motion.csv", "a-file/motion.csv", "a-folder"])
-def test_a_place_that_cannot_be_written(tmp_path: Path, motion: JointTrajectory, place: str) -> None:
+def test_a_path_that_cannot_be_written_is_refused(tmp_path: Path, motion: JointTrajectory, place: str) -> None:
     (tmp_path / "a-file").touch()
     (tmp_path / "a-folder").mkdir()
     with pytest.raises(PbdError, match=r"can't be written \(.+\); give another place$|a-folder is a folder"):
@@ -187,7 +187,7 @@ def test_an_unknown_format_lists_the_known(tmp_path: Path, motion: JointTrajecto
 
 
 @pytest.mark.parametrize("rate_hz", [0.0, -1.0, 1e6, np.inf, np.nan])
-def test_a_rate_out_of_range(tmp_path: Path, motion: JointTrajectory, rate_hz: float) -> None:
+def test_a_rate_out_of_range_is_refused(tmp_path: Path, motion: JointTrajectory, rate_hz: float) -> None:
     with pytest.raises(PbdError, match="--rate must be 10 to 100000 Hz"):
         export(motion, ROBOT, "csv", tmp_path / "motion", rate_hz)
     assert list(tmp_path.iterdir()) == []

@@ -29,7 +29,7 @@ def test_bundled_files_are_found_from_any_folder() -> None:
     assert find("demos", "pouring", "", RecordingError) == bundled("demos") / "pouring"
 
 
-def test_a_path_may_be_one_of_pathlib() -> None:
+def test_a_name_may_be_a_path_object() -> None:
     assert load_demo(bundled("demos") / "pouring").recording.info.name == "pouring"
     assert load_robot(bundled("robots") / "ur5.toml").name == load_robot(Path("ur5")).name == "ur5"
     assert load_calibration(Path("default")).name == "default"
@@ -75,7 +75,7 @@ def shelf(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("shelf")
-def test_names_are_the_users_and_the_bundled_ones() -> None:
+def test_names_contain_the_users_and_the_bundled_ones() -> None:
     add(Path("calibration/mine.toml"))
     add(Path("calibration/default.toml"))
     add(Path("calibration/notes.txt"))

@@ -76,7 +76,7 @@ def test_ximu3_joins_its_magnetometer_by_time(tmp_path: Path) -> None:
     assert import_text(tmp_path, inertial, name="other.csv").mag is None  # it belongs only to Inertial.csv
 
 
-def test_our_own_imu_csv_in_any_order(tmp_path: Path) -> None:
+def test_our_imu_csv_in_any_order_of_columns(tmp_path: Path) -> None:
     header = "mx,my,mz,ax,ay,az,t,roll,heading,pitch,temperature,gx,gy,gz"
     recording = import_text(tmp_path, f"{header}\n1,2,3,4,5,6,7,0.1,0.2,0.3,99,11,12,13\n")
     assert_array_equal(recording.t, [0.0])
@@ -117,7 +117,7 @@ def test_spellings_of_specific_force(tmp_path: Path, header: str, scale: float) 
         ("mag", "magnetic_field.x (T),magnetic_field.y (T),magnetic_field.z (T)", 1e6),
     ],
 )
-def test_spellings_of_the_rest(tmp_path: Path, name: str, header: str, scale: float) -> None:
+def test_spellings_of_gyro_and_magnetometer(tmp_path: Path, name: str, header: str, scale: float) -> None:
     recording = import_text(tmp_path, two_rows(f"{header},t,ax,ay,az"))
     assert_allclose(channel(recording, name), (COUNTING - 1.0) * scale)
 

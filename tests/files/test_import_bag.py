@@ -86,13 +86,15 @@ def assert_same(read: Recording, written: Recording) -> None:
 
 
 @pytest.mark.parametrize(("mcap", "packed"), [(True, "none"), (False, "none"), (True, "message"), (False, "message")])
-def test_both_kinds_by_their_header_stamps(tmp_path: Path, recording: Recording, mcap: bool, packed: str) -> None:
+def test_both_storages_are_read_by_their_header_stamps(
+    tmp_path: Path, recording: Recording, mcap: bool, packed: str
+) -> None:
     bag = write_bag(tmp_path / "bag", recording, mcap=mcap, packed=packed)
     for place in (bag, bag.parent):
         assert_same(import_file(place).recording, recording)
 
 
-def test_a_message_that_swells_is_not_unpacked(tmp_path: Path, recording: Recording) -> None:
+def test_a_message_that_decompresses_to_too_much_is_refused(tmp_path: Path, recording: Recording) -> None:
     bag = write_bag(tmp_path / "bag", recording, mcap=False, packed="message")
     whole = sqlite3.connect(bag)
     whole.execute("UPDATE messages SET data = ? WHERE id = 7", (storage_mcap.zstd.compress(bytes(10**8)),))
@@ -112,7 +114,7 @@ def test_a_bag_of_compressed_files_says_how_to_unpack_it(tmp_path: Path, recordi
     assert_same(import_file(bag.with_suffix("")).recording, recording)
 
 
-def test_a_bags_mcap_is_looked_at_by_any_name(tmp_path: Path, recording: Recording) -> None:
+def test_the_mcap_of_a_bag_may_have_any_suffix(tmp_path: Path, recording: Recording) -> None:
     """rosbags opens the files that metadata.yaml names."""
     bag = write_bag(tmp_path / "bag", recording)
     about = bag.parent / "metadata.yaml"
@@ -154,7 +156,7 @@ def test_a_bag_whose_end_is_missing_is_read_as_far_as_it_goes(
     assert_allclose(read.acc, recording.acc[:n])
 
 
-def test_what_is_no_bag_is_refused(tmp_path: Path, recording: Recording) -> None:
+def test_other_files_are_refused(tmp_path: Path, recording: Recording) -> None:
     bag = write_bag(tmp_path / "bag", recording, ())
     with pytest.raises(RecordingError, match=r"no topic of type sensor_msgs/msg/Imu; it has /mag \(sensor_msgs/msg/M"):
         import_file(bag)
@@ -169,7 +171,7 @@ def test_what_is_no_bag_is_refused(tmp_path: Path, recording: Recording) -> None
         import_file(tmp_path / "bomb.mcap")
 
 
-def test_a_chunk_that_holds_more_than_it_says_is_not_unpacked(tmp_path: Path, recording: Recording) -> None:
+def test_a_chunk_with_a_wrong_size_in_its_header_is_refused(tmp_path: Path, recording: Recording) -> None:
     """A file and its folder are opened by different parts of rosbags."""
     bag = write_bag(tmp_path / "bag", recording)
     whole, zstd = bag.read_bytes(), storage_mcap.zstd

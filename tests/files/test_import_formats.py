@@ -223,7 +223,7 @@ def test_acceleration_without_gravity_is_refused(tmp_path: Path) -> None:
         ("time_ms,timestamp", ("0,7", "10,7"), "time_ms"),
     ],
 )
-def test_the_right_time_of_several(tmp_path: Path, header: str, rows: tuple[str, ...], wanted: str) -> None:
+def test_the_best_clock_of_several_is_chosen(tmp_path: Path, header: str, rows: tuple[str, ...], wanted: str) -> None:
     read = imported(tmp_path, f"{header},ax,ay,az\n" + "".join(f"{row},0,0,9.8\n" for row in rows))
     assert decided(read)["t"] == wanted
     assert_allclose(read.demo.recording.t, [0.0, 0.01])

@@ -170,7 +170,7 @@ def test_phyphox_without_gravity_is_refused(tmp_path: Path) -> None:
         read(phyphox(tmp_path / "p", linear=True))
 
 
-def test_half_a_zip_and_a_bomb_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_truncated_zip_and_a_zip_bomb_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = packed(folder(tmp_path / "w", {"TotalAcceleration": UP, "Gyroscope": TURN}))
     whole = place.read_bytes()
     half = tmp_path / "half.zip"

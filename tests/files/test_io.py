@@ -159,7 +159,7 @@ def test_xml_in_an_unknown_encoding_is_refused(tmp_path: Path, encoding: str) ->
         read_xml(path)
 
 
-def test_a_package_without_a_file(tmp_path: Path) -> None:
+def test_a_mesh_address_without_a_file(tmp_path: Path) -> None:
     assert not mesh_file("package://", tmp_path / "a.urdf", [tmp_path]).is_file()
 
 

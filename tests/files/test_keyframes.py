@@ -225,7 +225,7 @@ def test_a_long_dwell_is_warned_of(tmp_path: Path) -> None:
         )
 
 
-def test_the_hands_own_dwell_stands_beside_the_arms() -> None:
+def test_the_hands_dwell_is_in_the_comment_of_the_arms() -> None:
     text = keyframes_toml("tea", FOUND, magnetic=True, arm_dwell_s=[0.25] * len(FOUND))
     said = [line for line in text.splitlines() if line.startswith("dwell_s")]
     assert said == [f"dwell_s = 0.250 # the hand stood for {keyframe.dwell_s:.2f} s" for keyframe in FOUND]
@@ -288,7 +288,7 @@ def test_an_invalid_edit_is_refused_with_the_files_name(tmp_path: Path) -> None:
     assert path.read_bytes() == before
 
 
-def test_touch_ups_by_several_processes_are_all_kept(tmp_path: Path) -> None:
+def test_touch_ups_at_the_same_time_are_all_kept(tmp_path: Path) -> None:
     path = write_keyframes(tmp_path, FOUND, magnetic=True)
     with ThreadPoolExecutor() as pool:
         list(pool.map(lambda k: add_touch_up(path, TouchUp(FOUND[k].t, np.full(3, 0.001))), range(1, 6)))

@@ -96,7 +96,7 @@ def test_adding_a_demonstration_equals_writing_both(tmp_path: Path) -> None:
         assert file.read_bytes() == (tmp_path / "tea" / file.relative_to(tmp_path / "both")).read_bytes()
 
 
-def test_an_arm_that_lerobot_does_not_know_has_its_own_joints(tmp_path: Path) -> None:
+def test_an_arm_unknown_to_lerobot_has_the_models_joints(tmp_path: Path) -> None:
     made(tmp_path / "tea", "ur5")
     info = json.loads((tmp_path / "tea/meta/info.json").read_text())
     assert info["robot_type"] == "ur5"

@@ -110,7 +110,7 @@ def test_a_file_that_is_not_the_motion_is_not_written(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_rate_and_the_margin_that_a_refusal_names_work(tmp_path: Path) -> None:
+def test_the_proposed_rate_and_margin_work(tmp_path: Path) -> None:
     plan, robot, source = planned("panda")
     tight = replace(robot, limits=replace(robot.limits, jerk=plan.report.jerk * robot.limits.jerk))
     for format_name, arm, rate_hz, said in (
