@@ -75,8 +75,8 @@ def test_links_are_where_pinocchio_says(replay: Replay, scene: ReplayScene) -> N
 
 
 def test_keyframes_stand_where_they_were_put(replay: Replay, scene: ReplayScene) -> None:
-    for i, keyframe in enumerate(scene.keyframes):
-        np.testing.assert_allclose(replay.place("pbd", "keyframes", str(i), "triad"), keyframe.T_base_tool.p, atol=1e-6)
+    for i, pose in enumerate(scene.T_base_tool):
+        np.testing.assert_allclose(replay.place("pbd", "keyframes", str(i), "triad"), pose.p, atol=1e-6)
 
 
 def test_playing_moves_and_ends_where_it_should(replay: Replay, scene: ReplayScene) -> None:
@@ -102,10 +102,10 @@ def test_keys_work_as_in_video_players(replay: Replay, scene: ReplayScene) -> No
         (Keys.HOME, 0.0),
         ("l", 5.0),
         ("j", 0.0),
-        ("nn", scene.keyframes[2].t),
-        ("p", scene.keyframes[1].t),
-        (Keys.ARROW_DOWN * 2, scene.keyframes[3].t),
-        (Keys.ARROW_UP, scene.keyframes[2].t),
+        ("nn", scene.trajectory.keyframe_t[2]),
+        ("p", scene.trajectory.keyframe_t[1]),
+        (Keys.ARROW_DOWN * 2, scene.trajectory.keyframe_t[3]),
+        (Keys.ARROW_UP, scene.trajectory.keyframe_t[2]),
     ):
         press(replay, keys)
         assert replay.time == pytest.approx(wanted), repr(keys)
@@ -140,27 +140,26 @@ def test_a_click_on_a_keyframe_goes_there(replay: Replay, scene: ReplayScene) ->
     rows = replay.browser.find_elements(By.CSS_SELECTOR, "#keyframes tbody tr")
     cells = [[cell.text for cell in row.find_elements(By.TAG_NAME, "td")] for row in rows]
     assert [row[1].split(" ")[0] for row in cells] == [keyframe.label.split(" ")[0] for keyframe in scene.keyframes]
-    for row, keyframe in zip(cells, scene.keyframes, strict=True):
-        assert keyframe.cov is not None
-        position, rotation = (np.sqrt(np.linalg.eigvalsh(keyframe.cov[i : i + 3, i : i + 3]).max()) for i in (0, 3))
+    for k, row in enumerate(cells):
+        position, rotation = (np.sqrt(np.linalg.eigvalsh(scene.cov[k, i : i + 3, i : i + 3]).max()) for i in (0, 3))
         told = [float(text.replace("\u2212", "-")) for text in row[2:]]
-        wanted = [keyframe.t, *(100.0 * keyframe.T_base_tool.p), 1000.0 * position, np.degrees(rotation)]
-        wanted.append(100.0 * (keyframe.inside or 0.0))
+        wanted = [scene.trajectory.keyframe_t[k], *(100.0 * scene.T_base_tool[k].p), 1000.0 * position]
+        wanted += [np.degrees(rotation), 100.0 * scene.inside[k]]
         np.testing.assert_allclose(told, wanted, atol=0.0501)
     rows[3].find_element(By.TAG_NAME, "td").click()
-    assert replay.time == pytest.approx(scene.keyframes[3].t)
+    assert replay.time == pytest.approx(scene.trajectory.keyframe_t[3])
     assert [row.get_attribute("aria-current") for row in rows].index("true") == 3
     rows[5].find_element(By.TAG_NAME, "button").send_keys(Keys.ENTER)
-    assert replay.time == pytest.approx(scene.keyframes[5].t)
+    assert replay.time == pytest.approx(scene.trajectory.keyframe_t[5])
     replay.browser.find_elements(By.CSS_SELECTOR, "#labels button")[4].click()
-    assert replay.time == pytest.approx(scene.keyframes[4].t)
+    assert replay.time == pytest.approx(scene.trajectory.keyframe_t[4])
 
 
 def test_buttons_and_switches(replay: Replay, scene: ReplayScene) -> None:
     def click(name: str) -> None:
         replay.browser.find_element(By.ID, name).click()
 
-    times = [keyframe.t for keyframe in scene.keyframes]
+    times = scene.trajectory.keyframe_t
     click("next")
     click("next")
     assert replay.time == pytest.approx(times[2])
@@ -236,9 +235,7 @@ def test_ellipsoids_can_be_magnified(replay: Replay, scene: ReplayScene) -> None
         pbd.page.stage.viewer.scene.updateMatrixWorld(true);
         const { min, max } = new MeshCat.THREE.Box3().setFromObject(ball);
         return max.sub(min).toArray();"""
-    cov = scene.keyframes[3].cov
-    assert cov is not None
-    true = 4.0 * np.sqrt(np.diag(cov)[:3])[[0, 2, 1]]  # three.js has y up
+    true = 4.0 * np.sqrt(np.diag(scene.cov[3])[:3])[[0, 2, 1]]  # three.js has y up
     np.testing.assert_allclose(replay(extent), true, rtol=0.01)
     for times in (5.0, 1.0):
         replay.browser.find_element(By.CSS_SELECTOR, "#switches button").click()
@@ -292,7 +289,7 @@ LAID_OUT = """
 
 def test_nothing_overlaps(replay: Replay) -> None:
     try:
-        for width, height in ((1400, 900), (1000, 700), (390, 844), (800, 420)):
+        for width, height in ((1400, 900), (1000, 700), (390, 844), (320, 568), (800, 420)):
             replay.browser.set_size(width, height)
             for panel in ("true", "false"):
                 replay(
@@ -371,12 +368,12 @@ def odd_scene(scene: ReplayScene) -> ReplayScene:
     """Bodies that touch, words that look like code, two vague keyframes, a doubted stop, a joint without limits."""
     vague = np.diag([0.25, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4])
     keyframes = tuple(
-        replace(each, label=EVIL, cov=vague if k in (2, 5) else each.cov, weight=0.6 if k == 2 else 0.9)
-        for k, each in enumerate(scene.keyframes)
+        replace(each, label=EVIL, weight=0.6 if k == 2 else 0.9) for k, each in enumerate(scene.keyframes)
     )
+    cov = np.array([vague if k in (2, 5) else each for k, each in enumerate(scene.cov)])
     touching = scenes.in_the_way()
     robot = replace(scene.robot, limits=replace(scene.robot.limits, lower=LOWER, upper=UPPER))
-    return replace(touching, title=EVIL, notes=(EVIL, *touching.notes), keyframes=keyframes, robot=robot)
+    return replace(touching, title=EVIL, notes=(EVIL, *touching.notes), keyframes=keyframes, cov=cov, robot=robot)
 
 
 @pytest.fixture(scope="module")
@@ -394,14 +391,14 @@ def test_words_from_files_are_words(odd: Replay) -> None:
 
 def test_what_touches_is_shown(odd: Replay, odd_scene: ReplayScene) -> None:
     alarms = odd.browser.find_elements(By.CSS_SELECTOR, "#notes .alarm button")
-    assert [alarm.text for alarm in alarms] == [each.message for each in odd_scene.touching]
+    assert [alarm.text for alarm in alarms] == [each.message for each in odd_scene.contacts]
     axis = odd.browser.find_element(By.ID, "timeline").rect
     red = [each.rect for each in odd.browser.find_elements(By.CSS_SELECTOR, "#touching i")]
     spans = [[each["x"] - axis["x"], each["x"] - axis["x"] + each["width"]] for each in red]
-    wanted = [(each.start, each.end) for each in odd_scene.touching]
+    wanted = [(each.start, each.end) for each in odd_scene.contacts]
     np.testing.assert_allclose(np.array(spans) / axis["width"] * odd_scene.trajectory.duration, wanted, atol=0.03)
     alarms[1].click()
-    assert odd.time == pytest.approx(odd_scene.touching[1].start)
+    assert odd.time == pytest.approx(odd_scene.contacts[1].start)
     assert "the post, the wall" in odd.read("#switches")
 
 

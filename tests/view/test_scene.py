@@ -17,7 +17,7 @@ from pbd.io.meshes import mesh_file
 from pbd.pose import Pose
 from pbd.view import visuals
 from pbd.view.meshcat_encoding import LEAST_SIGMA_M, ScenePath, Visualizer, two_sigma
-from pbd.view.replay_scene import ReplayScene, Rod, Touching
+from pbd.view.replay_scene import Contact, ReplayScene, Rod
 from pbd.view.robot_motion import FRAME_RATE_HZ
 from pbd.view.scene import build, carried_object
 from pbd.view.visuals import read_visuals
@@ -81,7 +81,7 @@ def test_the_description_comes_last(pouring: list[dict[str, Any]]) -> None:
     assert pouring[0]["type"] == "delete"  # of what another scene left
     last = pouring[-1]
     assert last["property"] == "replay"
-    assert [keyframe["t"] for keyframe in last["value"]["keyframes"]] == [keyframe.t for keyframe in scene.keyframes]
+    assert [keyframe["t"] for keyframe in last["value"]["keyframes"]] == scene.trajectory.keyframe_t.tolist()
     assert last["value"]["duration"] == scene.trajectory.duration
 
 
@@ -94,16 +94,10 @@ def test_the_camera_sees_the_whole_path(pouring: list[dict[str, Any]]) -> None:
     assert seen[:, 2].max() > 0.5  # and the arm above it
 
 
-def test_a_scene_needs_no_more_than_a_robot_and_a_trajectory() -> None:
-    scene = scenes.ur5_moves()
-    bare = ReplayScene("bare", scene.robot, scene.trajectory, scene.motion, np.empty((0, 3)), ())
-    assert commands(bare)[-1]["value"]["speed"] is None
-
-
 def test_a_detour_has_a_path_a_stretch_of_time_and_a_keyframe_of_its_own() -> None:
     scene = scenes.ur5_moves()
     assert not any("/detour" in command["path"] for command in commands(scene))
-    first, second = scene.keyframes[1].t, scene.keyframes[2].t
+    first, second = scene.trajectory.keyframe_t[1:3].tolist()
     sent = commands(replace(scene, detours=((first, second),)))
     (drawn,) = (command for command in sent if "/detour" in command["path"])
     assert drawn["path"].endswith("/detour/0")
@@ -118,7 +112,7 @@ def test_an_object_is_held_between_standing_and_standing() -> None:
     tool = scene.motion.tool(scene.robot)
     way = carried_object(scene, tool)
     assert way is not None
-    close, let_go = (int(np.searchsorted(scene.motion.t, phase.end)) for phase in scene.phases[:2])
+    close, let_go = (int(np.searchsorted(scene.motion.t, stay.end)) for stay in scene.stays[:2])
     held = [(tool[i].inverse() @ way[i]).log() for i in range(close, let_go + 1)]
     np.testing.assert_allclose(held, np.tile(held[0], (len(held), 1)), atol=1e-9)
     for still in (way.p[: close + 1], way.p[let_go + 1 :]):
@@ -139,11 +133,11 @@ def test_an_ellipsoid_lies_at_two_sigma_and_the_page_can_take_it_apart(sigma: li
     assert np.linalg.det(turn) > 0.0
 
 
-def test_a_keyframe_that_is_sure_has_no_ellipsoid() -> None:
+def test_a_keyframe_that_is_certain_has_no_ellipsoid() -> None:
     scene = scenes.ur5_moves()
-    sure = replace(scene, keyframes=tuple(replace(keyframe, cov=np.zeros((6, 6))) for keyframe in scene.keyframes))
-    assert not [command for command in commands(sure) if "two_sigma" in command.get("path", "")]
-    assert commands(sure)[-1]["value"]["keyframes"][0]["sigma"] == [0.0, 0.0]
+    certain = replace(scene, cov=np.zeros_like(scene.cov))
+    assert not [command for command in commands(certain) if "two_sigma" in command.get("path", "")]
+    assert commands(certain)[-1]["value"]["keyframes"][0]["sigma"] == [0.0, 0.0]
 
 
 def test_moves_and_rests_are_told(pouring: list[dict[str, Any]]) -> None:
@@ -204,8 +198,8 @@ def test_the_rod_that_is_checked_is_drawn(scene: Callable[[], ReplayScene], ahea
 @pytest.mark.parametrize("touches", [False, True])
 def test_the_placeholder_is_red_where_it_touches(touches: bool) -> None:
     full = with_rod(scenes.ur5_moves(), 0.16, 0.145)
-    hit = Touching(("the tool", "the table"), 1.0, 2.0, "it does")
-    objects = standing_in(replace(full, touching=(hit,) if touches else ())).values()
+    contact = Contact(("the tool", "the table"), 1.0, 2.0, "it does")
+    objects = standing_in(replace(full, contacts=(contact,) if touches else ())).values()
     assert len(objects) == 4
     assert [colours(each) == {RED} for each in objects] == [touches] * 4
 

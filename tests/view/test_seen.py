@@ -38,12 +38,11 @@ def marks(scene: ReplayScene) -> list[tuple[str, Array]]:
     found = [("hand_path", scene.hand_path_base), ("tool_path", scene.motion.tool(scene.robot).p)]
     axes = np.linspace(0.1, 0.9, 9)[:, None, None] * shapes.TRIAD_M * np.eye(3)
     ball = shapes.sphere(0.9, BLACK).vertices
-    for keyframe in scene.keyframes:
-        found.append(("keyframes", keyframe.T_base_tool.act(axes.reshape(-1, 3))))
-        if keyframe.cov is not None:
-            T = two_sigma(keyframe.T_base_tool.p, keyframe.cov[:3, :3])
-            found.append(("keyframes", ball @ T[:3, :3].T + T[:3, 3]))
-    for each in scene.obstacles:
+    for T_base_tool, cov in zip(scene.T_base_tool, scene.cov, strict=True):
+        found.append(("keyframes", T_base_tool.act(axes.reshape(-1, 3))))
+        T = two_sigma(T_base_tool.p, cov[:3, :3])
+        found.append(("keyframes", ball @ T[:3, :3].T + T[:3, 3]))
+    for each in scene.calibration.obstacles:
         corners = shapes.solid_of(each.shape, each.size, BLACK).vertices
         weights = np.random.default_rng(0).dirichlet(np.full(len(corners), 0.3), 200)  # points inside it
         found.append(("obstacles", each.T_base_obstacle.act(weights @ corners)))

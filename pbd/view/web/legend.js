@@ -21,7 +21,6 @@ class Legend {
       ...(obstacles.length ? [["obstacles", obstacles.join(", "), "#9e8c78"]] : []),
     ];
     element("switches").replaceChildren(...rows.map((row) => this.row(...row)));
-    element("speeds").hidden = speed === null;
     const [half, full] = [0.5 * speed, speed].map((value) => digits(value, 2));
     element("speeds").lastElementChild.replaceChildren(...["hand: 0", half, `${full} m/s`].map((mark) => make("span", mark)));
   }

@@ -104,6 +104,7 @@ class Page {
       ["whole scene", { v: view }],
       ["joints, details", { g: joints, d: panel }],
       ["full screen", { f: full }],
+      ["these keys", { "?": () => keys.help() }],
     ]);
     const clicks = { play: toggle, previous: step(-1), next: step(1), loop, view, "show-joints": joints, "show-panel": panel, "show-help": () => keys.help() };
     for (const [id, act] of Object.entries(clicks)) element(id).onclick = act;
