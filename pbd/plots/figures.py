@@ -1,4 +1,4 @@
-"""The plots of one demonstration: the paper's figures 5 to 10 for it, ours, and a summary."""
+"""The figures of one demonstration: the paper's figures 5 to 10, our own, and a summary."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ VIEW_SIZE = (8.4, 6.4)
 A4 = (11.69, 8.27)
 """Landscape, inches."""
 FINDING_WIDTH, FINDING_LINES, LINES = 46, 5, 14
-"""Summary: characters in a line and lines of one finding; lines of all findings."""
+"""Of the summary: characters in a line, lines of one finding, and lines of all findings."""
 
 
 def names(plot: DemoPlot) -> tuple[str, ...]:
-    """The figures that there are of a demonstration: without a magnetometer none of the field."""
+    """Names of a demonstration's figures; there is no "field" without a magnetometer."""
     return tuple(name for name in FIGURES if name != "field" or plot.field is not None)
 
 
@@ -44,7 +44,7 @@ def draw(name: str, plot: DemoPlot) -> Figure:
 
 
 def _over_time(title: str, *rows: tuple[float, Panel]) -> Callable[[DemoPlot], Figure]:
-    """A figure of panels over one time axis, each with its height in inches."""
+    """A figure of panels with a common time axis, each with its height in inches."""
 
     def drawn(plot: DemoPlot) -> Figure:
         heights = [height for height, _ in rows]
@@ -105,7 +105,7 @@ def _sampling(plot: DemoPlot) -> Figure:
 
 
 def _summary(plot: DemoPlot) -> Figure:
-    """One sheet: the path, the motion over time, and the findings in words."""
+    """One page: the path, the motion over time, and the findings in words."""
     with matplotlib.rc_context({"font.size": 8.0, "lines.linewidth": 0.9}):
         figure = sheet(plain(plot.name, 60), *A4)
         upper, lower = cast(list[SubFigure], figure.subfigures(2, height_ratios=(3.1, 5.0)))
@@ -137,7 +137,7 @@ def _summary(plot: DemoPlot) -> Figure:
 
 
 def _summary_legend(plot: DemoPlot) -> list[Artist]:
-    """One for all axes of the sheet."""
+    """The legend's entries for all axes of the summary."""
     names = zip(("x, roll", "y, pitch", "z, yaw"), AXES_RGB, strict=True)
     handles: list[Artist] = [Line2D([], [], color=colour, label=name) for name, colour in names]
     handles.append(Line2D([], [], color=SIGMA, linewidth=1.6, label="σ"))
@@ -148,11 +148,11 @@ def _summary_legend(plot: DemoPlot) -> list[Artist]:
 
 
 def _words(figure: SubFigure, plot: DemoPlot) -> None:
-    """Facts and findings, beside the path."""
+    """Write facts and findings beside the path."""
     facts = [("tracked", _tracked_by(plot).removeprefix("tracked ")), *plot.facts]
-    for k, (what, how_much) in enumerate(facts):
-        figure.text(0.0, 0.97 - 0.058 * k, what, va="top", color=GREY)
-        figure.text(0.2, 0.97 - 0.058 * k, plain(how_much, 44), va="top", color=INK)
+    for k, (name, value) in enumerate(facts):
+        figure.text(0.0, 0.97 - 0.058 * k, name, va="top", color=GREY)
+        figure.text(0.2, 0.97 - 0.058 * k, plain(value, 44), va="top", color=INK)
     look = {"bbox": CHECK | {"linewidth": 1.0}} if plot.findings else {}
     figure.text(0.59, 0.97, "check" if plot.findings else "no problems found", va="top", color=INK, **look)
     line = 0.0
@@ -194,4 +194,4 @@ FIGURES: Mapping[str, Callable[[DemoPlot], Figure]] = {
     ),
     "sampling": _sampling,
 }
-"""By the names of their files: the paper's in its order, then ours."""
+"""File name -> how the figure is drawn: the summary, the paper's figures in its order, then ours."""

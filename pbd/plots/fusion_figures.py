@@ -1,4 +1,4 @@
-"""Figures of takes that were made one: how each keyframe of each take lies to the task's, and the hand's scatter."""
+"""Figures of fused takes: each take's keyframes relative to the fused ones, and the hand's scatter."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def draw_fusion(name: str, path: HandPath) -> Figure:
 
 
 def match(fusion: Fusion) -> Figure:
-    """Each take's keyframes against the task's, along each axis; what is not believed is a cross."""
+    """Each take's keyframes minus the fused ones, along each axis. A cross is an outlier, which the fusion ignores."""
     figure = sheet("Keyframes of each take, less the task's", 10.0, 6.6)
     axes = figure.subplots(3, sharex=True, sharey=True)
     axes[0].set_title(_subtitle(fusion))
@@ -45,7 +45,7 @@ def match(fusion: Fusion) -> Figure:
 
 
 def scatter(fusion: Fusion) -> Figure:
-    """The hand's scatter at each keyframe, with one sigma of it."""
+    """The hand's scatter at each keyframe, and the sigma of that estimate."""
     title = "How the hand scatters from take to take, without the tracker's uncertainty"
     return standard_deviations(title, _subtitle(fusion), fusion.scatter, fusion.turn, fusion.unsure)
 
@@ -56,4 +56,4 @@ def _subtitle(fusion: Fusion) -> str:
 
 
 FUSION_FIGURES: Mapping[str, Callable[[Fusion], Figure]] = MappingProxyType({"match": match, "scatter": scatter})
-"""By the name of its file."""
+"""File name -> how the figure is drawn."""

@@ -128,7 +128,8 @@ class _Window:
         if not few:
             vertices = np.column_stack((linear_light(mesh.rgb), np.full(len(mesh.rgb), 255)))
             attributes["COLOR_0"] = self._accessor(vertices, UINT8, ARRAY)
-        groups = [mesh.faces[colour_of.ravel()[mesh.faces[:, 0]] == i] for i in range(len(colours))] if few else [mesh.faces]
+        colour_of_face = colour_of.ravel()[mesh.faces[:, 0]]
+        groups = [mesh.faces[colour_of_face == i] for i in range(len(colours))] if few else [mesh.faces]
         index = UINT32 if len(mesh.grid) > 65535 else UINT16
         primitives = [
             {

@@ -1,4 +1,4 @@
-"""Values that `pbd.view.scene.build` draws."""
+"""Values that `pbd.view.scene.build` draws: a plan's own, and what follows from them."""
 
 from __future__ import annotations
 

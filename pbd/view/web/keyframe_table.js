@@ -1,6 +1,6 @@
 "use strict";
 
-// The table of keyframes, and their numbers in the scene. A click on either goes there.
+// The table of keyframes, and their numbers in the scene. A click on one sets the time to that keyframe.
 class Keyframes {
   constructor(keyframes, go) {
     this.keyframes = keyframes;
@@ -14,7 +14,7 @@ class Keyframes {
     this.show(-1);
   }
 
-  // What people call it; where they said nothing, what happens there.
+  // Its label; without one, what happens there.
   name(i) {
     const { label, grip } = this.keyframes[i];
     if (label) return label;
@@ -27,7 +27,7 @@ class Keyframes {
     return `keyframe ${i}${this.name(i) && `: ${this.name(i)}`}${this.doubt(i)}`;
   }
 
-  // The tracker doubts that the hand stood still.
+  // A remark where the tracker doubts that the hand stood still.
   doubt(i) {
     const { sure } = this.keyframes[i];
     return sure === null ? "" : `, which may not be a stop (${digits(100 * sure, 0)} % sure)`;
@@ -52,7 +52,7 @@ class Keyframes {
     return row;
   }
 
-  // `current` is the keyframe that was reached last, -1 before the first.
+  // `current`: the keyframe that was reached last; -1 before the first.
   show(current) {
     if (current === this.current) return;
     this.current = current;
