@@ -140,7 +140,7 @@ def largest(*values: Array) -> float:
 def mark(ax: Axes, plot: DemoPlot, numbers: bool = False) -> None:
     """Shade the rests, highlight the findings, mark the grip events and set the limits of the time axis.
 
-    With `numbers`, the keyframes are numbered above the axes: a box marks a known place, a question mark a doubted stop.
+    With `numbers`, the keyframes are numbered above the axes: a box marks a known place, a ? a doubted stop.
     """
     t, low_to_high = plot.path.t, ax.get_xaxis_transform()
     rests = [(t[stop.start], t[stop.stop - 1] - t[stop.start]) for stop in plot.path.stops]

@@ -1,4 +1,4 @@
-"""What the summary tells a person to look at: found where it is, and not where nothing is."""
+"""Findings of the summary: present where a problem is, absent where there is none."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def with_dwells(path: HandPath, **dwells: float) -> HandPath:
     return replace(path, stops=tuple(stops))
 
 
-def test_nothing_is_remarked_upon_where_nothing_is_wrong(pouring: DemoPlot) -> None:
+def test_a_good_demonstration_has_no_findings(pouring: DemoPlot) -> None:
     assert pouring.findings == ()
     assert found(pouring, None, "told before") == (Finding("told before"),)
 
@@ -72,8 +72,8 @@ def test_short_stops(pouring: DemoPlot) -> None:
     assert len(four.spans) == 4
 
 
-def test_stops_have_the_numbers_that_are_drawn(pouring: DemoPlot) -> None:
-    """A person may have taken keyframes out, and put others in between."""
+def test_stops_have_the_numbers_of_edited_keyframes(pouring: DemoPlot) -> None:
+    """A person may have removed keyframes and inserted others."""
     path, keyframes = pouring.path, pouring.keyframes
     assert stop_names(path, keyframes) == tuple(map(str, range(11)))
     between = replace(keyframes[7], t=0.5 * (keyframes[7].t + keyframes[8].t))
@@ -128,7 +128,7 @@ def test_an_unsure_move(pouring: DemoPlot) -> None:
     ]
 
 
-def test_velocity_left_over(pouring: DemoPlot) -> None:
+def test_residual_velocity(pouring: DemoPlot) -> None:
     before, after = pouring.path.stops[2:4]
     lasts = pouring.path.t[after.start] - pouring.path.t[before.stop - 1]
     for share, count in ((0.9, 0), (1.1, 1)):
@@ -138,7 +138,7 @@ def test_velocity_left_over(pouring: DemoPlot) -> None:
         assert len(told) == count
     assert f"at keyframe 3, after a move of {lasts:.1f} s, is more than drift" in told[0].words
     assert told[0].spans == ((pouring.path.t[before.stop - 1], pouring.path.t[after.start]),)
-    # A move that is told to be unsure is not told twice.
+    # A move with an uncertain end has no second finding.
     cov = np.zeros((len(pouring.path.stops), 6, 6))
     cov[3:, :3, :3] += (2.0 * UNSURE_MOVE_M) ** 2 * np.eye(3)
     (unsure,) = found(pouring, replace(pouring.path, closure=closure, covariance=PoseCovariance.chained(cov)))
@@ -183,7 +183,7 @@ def trembling(swing_m: float) -> Demonstration:
     return simulate(replace(TASKS["pour"], waypoints=tuple(waypoints)), "modern")
 
 
-def test_a_trembling_hand_is_told_where_no_stop_is_seen() -> None:
+def test_a_trembling_hand_is_found_where_there_is_no_stop() -> None:
     end = sum(w.move_s + w.rest_s for w in TASKS["pour"].waypoints[:6])
     begin = end - TASKS["pour"].waypoints[5].rest_s
     plot = plot_of(trembling(0.004))
@@ -197,7 +197,7 @@ def test_a_trembling_hand_is_told_where_no_stop_is_seen() -> None:
 
 
 def path_along_x(x: Array, a: Array) -> tuple[HandPath, Array]:
-    """A hand that goes along x from stop to stop of one sample each; and its acceleration (n, 3)."""
+    """A hand that moves along x between stops of one sample each, and its acceleration (n, 3)."""
     t = np.arange(len(x)) / HZ
     zero = np.zeros_like(x)
     stops = tuple(Stop(k, k + 1, 0.0) for k in (0, len(x) - 1))
@@ -211,7 +211,7 @@ def path_along_x(x: Array, a: Array) -> tuple[HandPath, Array]:
 
 @settings(max_examples=60, deadline=None)
 @given(st.floats(0.001, 0.6), st.floats(TREMBLE_S, 4.0))
-def test_no_move_is_taken_for_trembling(length_m: float, move_s: float) -> None:
+def test_no_move_is_mistaken_for_trembling(length_m: float, move_s: float) -> None:
     u = np.arange(0.0, 1.0 + 1e-9, 1.0 / (HZ * move_s))
     share, _, curved = minimum_jerk(u)
     path, a_nav = path_along_x(length_m * share, length_m * curved / move_s**2)
@@ -220,14 +220,14 @@ def test_no_move_is_taken_for_trembling(length_m: float, move_s: float) -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(0.001, 0.006), st.floats(4.0, 10.0), st.floats(2.0 * TREMBLE_S, 3.0))
-def test_every_tremor_is(amplitude_m: float, hz: float, lasts_s: float) -> None:
+def test_every_tremor_is_found(amplitude_m: float, hz: float, lasts_s: float) -> None:
     w, t = 2.0 * np.pi * hz, np.arange(0.0, lasts_s, 1.0 / HZ)
     path, a_nav = path_along_x(amplitude_m * np.sin(w * t), -amplitude_m * w**2 * np.sin(w * t))
     ((span,),) = (finding.spans for finding in find(path, "01", a_nav, None, ()) if "trembles" in finding.words)
     assert span[1] - span[0] > lasts_s - 0.5 * TREMBLE_S
 
 
-def test_being_set_down_is_no_trembling() -> None:
+def test_setting_the_sensor_down_is_not_trembling() -> None:
     x = np.zeros(100)
     a = np.where(np.arange(100) == 60, 8.0, 0.0) - np.where(np.arange(100) == 61, 8.0, 0.0)
     path, a_nav = path_along_x(x, a)

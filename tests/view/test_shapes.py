@@ -1,4 +1,4 @@
-"""Simple bodies: closed, and of the right volume."""
+"""Meshes of simple bodies: closed, and of the right volume and size."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_a_solid_has_its_size(shape: str, size: tuple[float, ...], reach: tuple[
     np.testing.assert_allclose(np.ptp(bounds, axis=0), reach, rtol=0.01)
 
 
-def test_other_solids_are_refused() -> None:
+def test_unknown_solids_are_refused() -> None:
     with pytest.raises(ValueError, match="torus"):
         shapes.solid_of("torus", (1.0,), GREY)
 
@@ -72,7 +72,7 @@ def test_a_tube_follows_its_path_without_twist() -> None:
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
-def test_a_hand_that_stays_leaves_a_dot(n: int) -> None:
+def test_a_tube_of_one_point_is_a_dot(n: int) -> None:
     mesh = shapes.tube(np.tile([0.3, 0.2, 0.1], (n, 1)), np.tile(GREY, (n, 1)), 0.003)
     np.testing.assert_allclose(mesh.bounds().mean(axis=0), [0.3, 0.2, 0.1], atol=1e-6)
     assert np.ptp(mesh.bounds(), axis=0).max() == pytest.approx(0.006, rel=0.01)

@@ -3,6 +3,8 @@
 // The scene on the page: the viewer, the camera, and the numbers at the keyframes. Its content comes as meshcat commands.
 // The scene's axes are the robot's base, z up; three.js' world has y up.
 class SceneView {
+  static together_px = 12; // labels whose points are closer on the screen stand side by side
+
   constructor(pane) {
     this.THREE = MeshCat.THREE;
     this.quality = new RenderQuality(this.THREE);
@@ -139,16 +141,27 @@ class SceneView {
     this.labels = elements.map((element, i) => ({ element, point: vector(points[i]) }));
   }
 
+  // Labels of (nearly) one point stand in a row. A row that would overlap another one moves up or down.
   placeLabels() {
-    const taken = [];
+    const rows = [];
     for (const { element, point } of this.labels) {
       const seen = this.viewer.scene.localToWorld(point.clone()).project(this.camera);
-      const x = (0.5 + 0.5 * seen.x) * window.innerWidth;
-      let y = (0.5 - 0.5 * seen.y) * window.innerHeight - 22;
-      while (taken.some((other) => Math.abs(other.x - x) < 22 && Math.abs(other.y - y) < 21)) y -= 3;
-      taken.push({ x, y });
-      element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
       element.style.visibility = Math.abs(seen.z) < 1 ? "visible" : "hidden";
+      const above = element.matches("i") ? 0 : 22; // the name of an axis stands at its tip
+      const [x, y] = [(0.5 + 0.5 * seen.x) * window.innerWidth, (0.5 - 0.5 * seen.y) * window.innerHeight - above];
+      let row = rows.find((each) => Math.hypot(each.x - x, each.y - y) < SceneView.together_px);
+      if (!row) rows.push((row = { x, y, width: 0, elements: [] }));
+      row.elements.push(element);
+      row.width += element.offsetWidth + 1;
     }
+    rows.forEach((row, i) => {
+      const overlaps = (other) => Math.abs(row.x - other.x) < (row.width + other.width) / 2 && Math.abs(row.y - other.y) < 22;
+      for (let k = 1; rows.slice(0, i).some(overlaps); k++) row.y += (k % 2 ? -3 : 3) * k; // up, down, further up, ...
+      let left = row.x - row.width / 2;
+      for (const element of row.elements) {
+        element.style.transform = `translate(${left.toFixed(1)}px, ${row.y.toFixed(1)}px) translateY(-50%)`;
+        left += element.offsetWidth + 1;
+      }
+    });
   }
 }
