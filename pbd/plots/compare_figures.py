@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -161,7 +160,10 @@ def _runs(plot: ComparePlot) -> list[Artist]:
     return named
 
 
-COMPARISONS: Mapping[str, Callable[[ComparePlot], Figure]] = MappingProxyType(
-    {"paths": paths, "views": views, "positions": positions, "spread": spread}
-)
+COMPARISONS: Mapping[str, Callable[[ComparePlot], Figure]] = {
+    "paths": paths,
+    "views": views,
+    "positions": positions,
+    "spread": spread,
+}
 """File name -> how the figure is drawn."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -55,5 +54,5 @@ def _subtitle(fusion: Fusion) -> str:
     return f"{used} of {len(fusion.takes)} takes, {counted(len(fusion.scatter), 'keyframe')}"
 
 
-FUSION_FIGURES: Mapping[str, Callable[[Fusion], Figure]] = MappingProxyType({"match": match, "scatter": scatter})
+FUSION_FIGURES: Mapping[str, Callable[[Fusion], Figure]] = {"match": match, "scatter": scatter}
 """File name -> how the figure is drawn."""

@@ -79,11 +79,6 @@ def base_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     return make_table(*columns, rows=cells)
 
 
-def figures_table(rows: Sequence[tuple[str, str, str]]) -> Table:
-    """Rows of a name, a value and a remark."""
-    return words_table(("what", "value", ""), rows)
-
-
 def _pose(part: str, what: str, pose: Pose, cov: Array | None) -> list[tuple[str, str, str, str]]:
     sigma = np.full(6, np.nan) if cov is None else one_sigma(cov)
     position = ", ".join(f"{x + 0.0:.4f}" for x in np.round(pose.p, 4))

@@ -179,9 +179,7 @@ def _index(item: dict[str, Any], items: list[dict[str, Any]]) -> int:
 def _normals(mesh: Mesh) -> Array:
     """Unit normals (n, 3) at the vertices: the mean of the adjacent faces' normals, weighted by their areas."""
     p, q, r = (mesh.vertices[corner] for corner in mesh.faces.T)
-    across, normals = np.cross(q - p, r - p), np.zeros(mesh.grid.shape)
-    for corner in mesh.faces.T:
-        for axis in range(3):
-            normals[:, axis] += np.bincount(corner, across[:, axis], len(normals))
+    normals = np.zeros(mesh.grid.shape)
+    np.add.at(normals, mesh.faces, np.cross(q - p, r - p)[:, None])
     size = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.where(size > 0.0, normals / np.maximum(size, 1e-300), (0.0, 0.0, 1.0))

@@ -13,7 +13,7 @@ from pbd.pose import Array
 from pbd.view.compact_mesh import Mesh, compact
 
 SIDES = 32
-"""Sides of what is round."""
+"""Number of sides of round bodies."""
 AXES_RGB = ((0.88, 0.27, 0.24), (0.22, 0.66, 0.36), (0.22, 0.46, 0.92))
 """Colours of axes: x red, y green, z blue."""
 SPEED_RGB = np.array([[0.29, 0.42, 0.93], [0.60, 0.36, 0.85], [0.93, 0.40, 0.48], [0.98, 0.66, 0.27]])
