@@ -298,6 +298,10 @@ def test_nothing_overlaps(replay: Replay) -> None:
                     f"pbd.page.fold('joints', innerWidth <= 640 || innerHeight < 560); pbd.page.fold('panel', {panel})"
                 )
                 assert replay(LAID_OUT) == [[], []], f"{width} x {height}"
+                cut_off = replay(
+                    "const { scrollWidth, clientWidth } = element('list'); return scrollWidth - clientWidth"
+                )
+                assert cut_off == 0, f"{width} x {height}: the table scrolls sideways"
     finally:
         replay.browser.set_size()
 

@@ -5,7 +5,7 @@ class Keyframes {
   constructor(keyframes, go) {
     this.keyframes = keyframes;
     this.toleranced = keyframes.some((k) => k.inside !== null);
-    element("inside").hidden = !this.toleranced;
+    element("keyframes").classList.toggle("toleranced", this.toleranced);
     this.labels = keyframes.map((k, i) => make("button", "", { title: this.title(i), tabIndex: -1, onclick: () => go(k.t), className: this.doubt(i) && "doubted" }));
     this.rows = keyframes.map((k, i) => this.row(k, i, () => go(k.t)));
     element("labels").replaceChildren(...this.labels);
