@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.uncertainty import PARTS, tool_covariances
 from pbd.plots.space import ellipse
-from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, ORANGE, PURPLE, plain, sheet, style
+from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, ORANGE, PURPLE, new_figure, plain_text, style
 from pbd.pose import Array, Pose
 
 PART_COLOURS = {"start": ORANGE, "mount": PURPLE, "tracking": BLUE}
@@ -22,9 +22,9 @@ def draw_calibration(demo: str, placed: KeyframesInBase) -> Figure:
     """Draw the tool's positions from above with ellipses of 2 sigma, and the sources' shares of each variance."""
     p, by_part = np.array([pose.p for pose in tool_poses(placed)]), tool_covariances(placed)
     with style():
-        figure = sheet(f"calibration '{plain(placed.calibration.name, 60)}'", 10.0, 4.8)
+        figure = new_figure(f"calibration '{plain_text(placed.calibration.name, 60)}'", 10.0, 4.8)
         above, shares = figure.subplots(1, 2)
-        title = f"the tool in base at the keyframes of {plain(demo, 30)}, with 2 sigma"
+        title = f"the tool in base at the keyframes of {plain_text(demo, 30)}, with 2 sigma"
         above.set(title=title, xlabel="x in base (m)", ylabel="y in base (m)")
         _from_above(above, placed.T_base_nav, p, np.sum(list(by_part.values()), axis=0))
         shares.set(title="what it comes from (share of the variance)", xlabel="keyframe")

@@ -16,8 +16,8 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from pbd.data.one_line_repr import counted
 from pbd.plots.compare import ComparePlot
 from pbd.plots.panels import XYZ
-from pbd.plots.space import YX, YZ, ellipse, fit_3d, number, number_3d, view
-from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, length_unit, plain, sheet, style
+from pbd.plots.space import YX, YZ, ellipse, fit_3d, label_keyframes, label_keyframes_3d, view
+from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, length_unit, new_figure, plain_text, style
 from pbd.pose import Array
 
 DASHES = ("-", "--", ":", "-.")
@@ -34,7 +34,7 @@ def draw_comparison(name: str, plot: ComparePlot) -> Figure:
 
 def paths(plot: ComparePlot) -> Figure:
     """All paths in 3-D, with numbers at the mean keyframes."""
-    figure = sheet("Paths, aligned at the first stop", 8.6, 6.6)
+    figure = new_figure("Paths, aligned at the first stop", 8.6, 6.6)
     ax = figure.add_subplot(projection="3d", computed_zorder=False, title=_subtitle(plot))
     assert isinstance(ax, Axes3D)
     shown = [run.p for run in plot.runs]
@@ -43,13 +43,13 @@ def paths(plot: ComparePlot) -> Figure:
         ax.plot(*(scale * run.p).T, **_line(k))
         ax.plot(*(scale * plot.positions(k)).T, **_dots(k))
     legend(figure, [], _runs(plot))
-    number_3d(ax, scale * np.array([keyframe.p for keyframe in plot.keyframes]), scale * np.vstack(shown))
+    label_keyframes_3d(ax, scale * np.array([keyframe.p for keyframe in plot.keyframes]), scale * np.vstack(shown))
     return figure
 
 
 def views(plot: ComparePlot) -> Figure:
     """All paths from above and along x, with ellipses of the keyframes' spread."""
-    figure = sheet("Paths from above (yx) and along x (yz)", 13.0, 6.0)
+    figure = new_figure("Paths from above (yx) and along x (yz)", 13.0, 6.0)
     both = figure.subplots(1, 2)
     both[0].set_title(_subtitle(plot))
     shown, numbered = [run.p for run in plot.runs], []
@@ -68,13 +68,13 @@ def views(plot: ComparePlot) -> Figure:
     more: Artist = Line2D([], [], color=INK, linewidth=0.8, label="2 standard\ndeviations")
     legend(figure, [], [*_runs(plot), more])
     for ax, at, covered in numbered:
-        number(ax, at, np.vstack(covered))
+        label_keyframes(ax, at, np.vstack(covered))
     return figure
 
 
 def positions(plot: ComparePlot) -> Figure:
     """x, y and z over the progress from keyframe to keyframe."""
-    figure = sheet("Position from keyframe to keyframe", 10.0, 6.6)
+    figure = new_figure("Position from keyframe to keyframe", 10.0, 6.6)
     axes = figure.subplots(3, sharex=True)
     axes[0].set_title(_subtitle(plot))
     scale, unit = length_unit(*(run.p for run in plot.runs))
@@ -107,7 +107,7 @@ def standard_deviations(
         log_sigma: (k, 4) one sigma of each bar's logarithm, drawn as an error bar.
         sigmas: (k,) m, the trackers' own sigmas, drawn across the bars of position.
     """
-    figure = sheet(title, 10.0, 5.4)
+    figure = new_figure(title, 10.0, 5.4)
     upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 2))
     upper.set_title(subtitle)
     k = np.arange(len(spreads))
@@ -153,7 +153,8 @@ def _dots(run: int) -> dict[str, Any]:
 def _runs(plot: ComparePlot) -> list[Artist]:
     """The legend's entries for the demonstrations."""
     named: list[Artist] = [
-        Line2D([], [], **_line(k), label=plain(run.name, LONGEST_NAME)) for k, run in enumerate(plot.runs[:MOST_NAMED])
+        Line2D([], [], **_line(k), label=plain_text(run.name, LONGEST_NAME))
+        for k, run in enumerate(plot.runs[:MOST_NAMED])
     ]
     if len(plot.runs) > MOST_NAMED:
         named.append(Line2D([], [], linestyle="", label=f"and {len(plot.runs) - MOST_NAMED} more"))

@@ -11,7 +11,7 @@ import numpy as np
 
 from pbd.data import HandPath, Keyframe, Recording, Stop, Truth
 from pbd.data.tracking import DOUBTED_WEIGHT, Tracking
-from pbd.plots.findings import Finding, at_stop, find, length, stop_names
+from pbd.plots.findings import Finding, at_stop, find_problems, length_text, stop_names
 from pbd.pose import Array, Pose, level_onto, quat_multiply, quat_rotate, quat_to_rpy
 from pbd.tracking.keyframes import keyframes_of
 from pbd.tracking.paper import paper_stops, resulting_variance
@@ -150,7 +150,9 @@ def demo_plot(path: HandPath, remarks: Sequence[str] = ()) -> DemoPlot:
     names = stop_names(path, keyframes)
     error = None if truth is None else truth.error
     facts = tuple(_facts(demo.recording, path, names, error, field))
-    return DemoPlot(path, tracking, keyframes, truth, field, facts, find(path, names, tracking.a_nav, error, remarks))
+    return DemoPlot(
+        path, tracking, keyframes, truth, field, facts, find_problems(path, names, tracking.a_nav, error, remarks)
+    )
 
 
 def _truth(truth: Truth, path: HandPath) -> TruthPlot | None:
@@ -217,15 +219,15 @@ def _facts(
         unsure, variance = _largest(path.cov[:, range(3), range(3)].max(axis=1))
         facts += [
             ("longest move", f"{lasts:.2f} s, {names[longest]} to {names[longest + 1]}"),
-            ("length of the path", length(float(np.linalg.norm(np.diff(inside, axis=0), axis=1).sum()))),
-            ("largest closure", f"{length(left_over)}/s, at {at_stop(names[worst + 1])}"),
-            ("largest sigma", f"{length(variance**0.5)}, at {at_stop(names[unsure])}"),
+            ("length of the path", length_text(float(np.linalg.norm(np.diff(inside, axis=0), axis=1).sum()))),
+            ("largest closure", f"{length_text(left_over)}/s, at {at_stop(names[worst + 1])}"),
+            ("largest sigma", f"{length_text(variance**0.5)}, at {at_stop(names[unsure])}"),
         ]
     if error is not None:
         off = np.linalg.norm(error[[(stop.start + stop.stop - 1) // 2 for stop in stops]], axis=1)
         if np.isfinite(off).any():
             worst, most = _largest(off)
-            facts.append(("largest error", f"{length(most)}, at {at_stop(names[worst])}"))
+            facts.append(("largest error", f"{length_text(most)}, at {at_stop(names[worst])}"))
     if field is not None:
         change = np.abs(field.strength / field.rest_strength - 1.0).max() if field.rest_strength > 0.0 else np.nan
         turned = np.degrees(np.abs(field.dip - field.rest_dip).max())

@@ -54,7 +54,7 @@ Weighed = tuple[float, Finding]
 """Severity, and the finding."""
 
 
-def find(
+def find_problems(
     path: HandPath, names: Sequence[str], a_nav: Array, error: Array | None, remarks: Sequence[str]
 ) -> tuple[Finding, ...]:
     """Collect the findings of a demonstration.
@@ -107,7 +107,7 @@ def at_stop(name: str) -> str:
     return f"keyframe {name}" if name.isdecimal() else name
 
 
-def length(metres: float) -> str:
+def length_text(metres: float) -> str:
     """Write a length for people."""
     if metres < 0.01:
         return f"{1e3 * metres:.1f} mm"
@@ -202,14 +202,16 @@ def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
     """Find moves that add much uncertainty."""
     added = _added_sigma_m(path)
     unsure = sorted(np.flatnonzero(added > UNSURE_MOVE_M).tolist(), key=lambda k: -added[k])
-    moves = [(f"from {names[k]} to {names[k + 1]} ({_move_s(path, k):.1f} s)", length(float(added[k]))) for k in unsure]
+    moves = [
+        (f"from {names[k]} to {names[k + 1]} ({_move_s(path, k):.1f} s)", length_text(float(added[k]))) for k in unsure
+    ]
     spans = [_move_span(path, k) for k in unsure]
     advice = "stop on the way, or move more calmly"
     if len(moves) > MOST_REMARKS:
         worst, sigma = moves[0]
         words = (
-            f"{len(moves)} moves add an uncertainty of more than {length(UNSURE_MOVE_M)} each (one sigma), the worst, "
-            f"{worst}, {sigma}: {advice}"
+            f"{len(moves)} moves add an uncertainty of more than {length_text(UNSURE_MOVE_M)} each (one sigma), the "
+            f"worst, {worst}, {sigma}: {advice}"
         )
         return [Finding(words, tuple(spans[:MOST_HIGHLIGHTED]))]
     return [
@@ -232,8 +234,9 @@ def _residual_velocities(path: HandPath, names: Sequence[str], doubted: Sequence
         remarked = added[k] > UNSURE_MOVE_M or k in doubted or k + 1 in doubted
         if left_over > DRIFT_ACC * lasts and not remarked:
             words = (
-                f"a residual velocity of {length(left_over)}/s at {at_stop(names[k + 1])}, after a move of {lasts:.1f} "
-                f"s, is more than drift: hold still at {names[k]} and {names[k + 1]}, and turn more slowly in between"
+                f"a residual velocity of {length_text(left_over)}/s at {at_stop(names[k + 1])}, after a move of "
+                f"{lasts:.1f} s, is more than drift: hold still at {names[k]} and {names[k + 1]}, and turn more "
+                "slowly in between"
             )
             yield left_over / lasts, Finding(words, (_move_span(path, k),))
 
@@ -248,7 +251,7 @@ def _off_the_truth(path: HandPath, names: Sequence[str], error: Array | None) ->
     if far := int((sigmas > OFF_SIGMAS).sum()):
         k = int(np.argmax(sigmas))
         more = f" ({far} keyframes are more than {OFF_SIGMAS:g} off)" if far > 1 else ""
-        words = f"{at_stop(names[k])} is {length(float(off[k]))} from the truth, {sigmas[k]:.0f} sigma{more}"
+        words = f"{at_stop(names[k])} is {length_text(float(off[k]))} from the truth, {sigmas[k]:.0f} sigma{more}"
         yield Finding(words, (_stop_span(path, path.stops[k]),))
 
 

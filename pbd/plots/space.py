@@ -54,7 +54,7 @@ def fit_3d(ax: Axes3D, shown: Sequence[Array]) -> float:
 
 
 def path_3d(ax: Axes3D, plot: DemoPlot) -> tuple[Array, Array]:
-    """Draw the path, its shadow, and the sensor's axes at each keyframe; return the arguments of `number_3d`."""
+    """Draw the path, its shadow, and the sensor's axes at keyframes; return the arguments of `label_keyframes_3d`."""
     inside, truth = _paths(plot)
     scale = fit_3d(ax, [inside, *truth])
     p, floor = scale * inside, ax.get_zlim()[0]
@@ -114,7 +114,7 @@ def view(ax: Axes, shown: Sequence[Array], axes: tuple[int, int], aspect: float 
 
 
 def path_view(ax: Axes, plot: DemoPlot, axes: tuple[int, int]) -> tuple[Array, Array]:
-    """Draw the path in a view, and keyframes with ellipses of two sigma; return the arguments of `number`."""
+    """Draw the path in a view, and keyframes with ellipses of two sigma; return the arguments of `label_keyframes`."""
     columns, every = list(axes), _step(plot)
     inside, truth = _paths(plot)
     low, high = _room(np.vstack([inside, *truth]))
@@ -171,13 +171,13 @@ MOST_NUMBERS = 3
 """Most numbers, or ranges of numbers, in one label."""
 
 
-def number_3d(ax: Axes3D, at: Array, lines: Array) -> None:
+def label_keyframes_3d(ax: Axes3D, at: Array, lines: Array) -> None:
     """Number points (k, 3) in 3-D axes, beside the points (m, 3) of lines."""
     at, lines = (np.column_stack(proj3d.proj_transform(*xyz.T, ax.get_proj())[:2]) for xyz in (at, lines))
-    number(ax, at, lines)
+    label_keyframes(ax, at, lines)
 
 
-def number(ax: Axes, at: Array, lines: Array) -> None:
+def label_keyframes(ax: Axes, at: Array, lines: Array) -> None:
     """Number points (k, 2), beside the points (m, 2) of lines, both in data coordinates.
 
     Points that coincide share a label. A label covers no other label and as little of the lines as possible; it is left

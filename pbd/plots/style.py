@@ -102,14 +102,14 @@ def lay_out(figure: Figure) -> None:
         figure.set_layout_engine("none")
 
 
-def plain(words: str, most: int) -> str:
+def plain_text(words: str, most: int) -> str:
     """A user's text, cut to `most` characters, with a ? for characters that the font lacks, and $ escaped."""
     font = get_font(findfont(FAMILY))
     words = "".join(c if c.isprintable() and font.get_char_index(ord(c)) else "?" for c in words)
     return (words if len(words) <= most else f"{words[: most - 1].rstrip()}…").replace("$", r"\$")
 
 
-def sheet(title: str, width: float, height: float) -> Figure:
+def new_figure(title: str, width: float, height: float) -> Figure:
     """Make a figure, width and height in inches, with a title at its top left."""
     figure = Figure(figsize=(width, height), layout="constrained")
     figure.suptitle(title, x=0.015, ha="left", color=INK)
@@ -137,7 +137,7 @@ def largest(*values: Array) -> float:
     return float(np.nanmax(every)) if np.isfinite(every).any() else 0.0
 
 
-def mark(ax: Axes, plot: DemoPlot, numbers: bool = False) -> None:
+def mark_events(ax: Axes, plot: DemoPlot, numbers: bool = False) -> None:
     """Shade the rests, highlight the findings, mark the grip events and set the limits of the time axis.
 
     With `numbers`, the keyframes are numbered above the axes: a box marks a known place, a ? a doubted stop.
@@ -184,7 +184,7 @@ def _number(ax: Axes, plot: DemoPlot) -> None:
             label.set_bbox(frame | CHECK)
 
 
-def marks(plot: DemoPlot) -> list[Artist]:
+def event_legend(plot: DemoPlot) -> list[Artist]:
     """The legend's entries for the marks on a time axis."""
     handles: list[Artist] = [Patch(facecolor=REST, edgecolor="#cccccc", label="at rest")]
     for closed, what in ((True, "closes"), (False, "opens")):

@@ -9,14 +9,14 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.text import Text
 
-from pbd.view.terminal import drawing, visible
+from pbd.view.terminal import for_rich, visible
 
 
 class Screen(Console):
     """A console without markup, emoji and highlights, which shows control characters as escapes."""
 
     def __init__(self, stream: TextIO, **options: Any) -> None:
-        super().__init__(file=drawing(stream), highlight=False, markup=False, emoji=False, **options)
+        super().__init__(file=for_rich(stream), highlight=False, markup=False, emoji=False, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Make control characters visible before rich measures the text."""

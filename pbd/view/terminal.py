@@ -53,10 +53,10 @@ class Stream:
         except OSError:
             if self.needed:
                 raise
-            drop(self.stream)
+            discard_rest(self.stream)
 
 
-def drop(stream: TextIO) -> None:
+def discard_rest(stream: TextIO) -> None:
     """Send the rest of a stream to the null device, so that the interpreter doesn't complain at its end."""
     with suppress(OSError), open(os.devnull, "wb") as nowhere:  # noqa: PTH123
         os.dup2(nowhere.fileno(), stream.fileno())
@@ -64,10 +64,10 @@ def drop(stream: TextIO) -> None:
 
 def is_closed(stream: TextIO) -> bool:
     """Whether the parent process closed a standard stream, so that nothing written to it arrives."""
-    return getattr(stream, "name", None) == os.devnull  # `standard_streams` put it there; `drop` leaves the name
+    return getattr(stream, "name", None) == os.devnull  # by `standard_streams`; `discard_rest` keeps the name
 
 
-def drawing(stream: TextIO) -> TextIO:
+def for_rich(stream: TextIO) -> TextIO:
     """The same standard stream for rich, whose control sequences are passed on."""
     return cast(TextIO, Stream(stream.stream, stream.needed, drawn=True)) if isinstance(stream, Stream) else stream
 

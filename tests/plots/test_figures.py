@@ -20,7 +20,7 @@ from pbd.pipeline import track
 from pbd.plots import figures
 from pbd.plots.demo_values import DemoPlot, demo_plot
 from pbd.plots.findings import Finding
-from pbd.plots.style import AXES_RGB, RUNS_RGB, plain, write
+from pbd.plots.style import AXES_RGB, RUNS_RGB, plain_text, write
 from pbd.pose import Array, quat_rotate, quat_to_rpy
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
@@ -191,7 +191,7 @@ def test_a_crowd_is_legible() -> None:
 def test_a_name_is_not_read_as_mathematics(still: DemoPlot) -> None:
     (subtitle,) = (drawn.words for drawn in texts(figures.draw("position", still)) if drawn.words.startswith("a "))
     assert subtitle.replace(r"\$", "$").startswith(r"a $\frac{1}{ _^ b.csv ? ??very long")
-    assert plain("0123456789", 5) == "0123…"
+    assert plain_text("0123456789", 5) == "0123…"
 
 
 @pytest.mark.parametrize(("format_name", "begin"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
