@@ -12,6 +12,7 @@ from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import Array
 from pbd.view.meshcat_encoding import typed
 from pbd.view.replay_scene import ReplayScene
+from pbd.view.robot_motion import FRAME_RATE_HZ
 
 PLOT_RATE_HZ = 25.0
 """Samples per second of the joints' curves."""
@@ -23,12 +24,11 @@ OPEN_SHARE = 0.98
 """Share of the gripper's widest opening in the motion above which it counts as open."""
 
 
-def describe(scene: ReplayScene, bounds: Array, rate_hz: float) -> Mapping[str, Any]:
+def describe(scene: ReplayScene, bounds: Array) -> Mapping[str, Any]:
     """Describe a replay to the page.
 
     Args:
         bounds: (k, 3) m in base, points that the camera should show.
-        rate_hz: of the motion's frames.
     """
     trajectory, limits, calibration = scene.trajectory, scene.robot.limits, scene.calibration
     curves = trajectory.sample(PLOT_RATE_HZ)
@@ -41,7 +41,7 @@ def describe(scene: ReplayScene, bounds: Array, rate_hz: float) -> Mapping[str, 
         "robot": scene.robot.description or scene.robot.name,
         "license": scene.robot.license,
         "duration": trajectory.duration,
-        "rate": rate_hz,
+        "rate": FRAME_RATE_HZ,
         "keyframes": [_keyframe(scene, k) for k in range(len(scene.keyframes))],
         "moves": moves,
         "detours": [(start, end) for start, end in detours if start < end],

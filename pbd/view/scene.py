@@ -15,7 +15,7 @@ from pbd.view import shapes
 from pbd.view.meshcat_encoding import PoseTrack, SetTracks, Visualizer, solid, two_sigma
 from pbd.view.page_values import describe
 from pbd.view.replay_scene import ReplayScene, Rod
-from pbd.view.robot_motion import FRAME_RATE_HZ, Poses, RobotMotion
+from pbd.view.robot_motion import Poses, RobotMotion
 from pbd.view.visuals import Visual, read_visuals
 
 PATH_SPACING_M = 0.003
@@ -65,7 +65,7 @@ def build(scene: ReplayScene, into: Visualizer) -> None:
         tracks.append(PoseTrack(into["object"].path, motion.t, carried.p, carried.wxyz))
     into.window.send(SetTracks(tracks))
     _obstacles(scene.calibration.obstacles, red, into["obstacles"])
-    into["replay"].set_property("replay", describe(scene, _bounds(scene, tool, visuals, carried), FRAME_RATE_HZ))
+    into["replay"].set_property("replay", describe(scene, _bounds(scene, tool, visuals, carried)))
 
 
 def carried_object(scene: ReplayScene, tool: Poses) -> Poses | None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pbd.io.meshes import Soup
 from pbd.pose import Array
@@ -48,42 +48,35 @@ def box(size: ArrayLike, rgb: ArrayLike) -> Mesh:
     corners = (np.array(list(np.ndindex(2, 2, 2))) - 0.5) * np.asarray(size, dtype=np.float64)
     quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     faces = np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
-    return _uniform(corners, faces, rgb)
+    return _uniform(corners[faces], rgb)
 
 
 def cylinder(radius: float, height: float, rgb: ArrayLike) -> Mesh:
     """A cylinder along z, centred at the origin; radius and height in m."""
     z = 0.5 * height
-    return lathe(((0.0, -z), (radius, -z), (radius, z), (0.0, z)), rgb)
+    return _uniform(_revolved(((0.0, -z), (radius, -z), (radius, z), (0.0, z))), rgb)
 
 
 def sphere(radius: float, rgb: ArrayLike) -> Mesh:
     """A sphere centred at the origin; radius in m."""
-    latitude = np.linspace(-np.pi / 2, np.pi / 2, SIDES // 2 + 1)
-    return lathe(radius * np.stack((np.cos(latitude), np.sin(latitude)), axis=1), rgb)
+    return capsule(radius, 0.0, rgb)
 
 
 def capsule(radius: float, length: float, rgb: ArrayLike) -> Mesh:
     """A cylinder along z with a hemisphere at each end, centred at the origin; `length` m without them."""
     latitude = np.linspace(0.0, np.pi / 2, SIDES // 4 + 1)
     r, z = radius * np.cos(latitude), 0.5 * length + radius * np.sin(latitude)
-    return lathe(np.column_stack((np.append(r[::-1], r), np.append(-z[::-1], z))), rgb)
-
-
-def lathe(profile: ArrayLike, rgb: ArrayLike) -> Mesh:
-    """A solid of revolution about z. Its profile (n, 2) is radius and height in m, from the bottom up."""
-    corners, faces = _revolved(np.asarray(profile, dtype=np.float64))
-    return _uniform(corners, faces, rgb)
+    return _uniform(_revolved(np.column_stack((np.append(r[::-1], r), np.append(-z[::-1], z)))), rgb)
 
 
 def triad(length: float, radius: float) -> Mesh:
     """Three arrows of `length` m along x (red), y (green) and z (blue)."""
     head = 2.7 * radius
     profile = ((0.0, 0.0), (radius, 0.0), (radius, length - 2.4 * head), (head, length - 2.4 * head), (0.0, length))
-    corners, faces = _revolved(np.array(profile))
+    arrow = _revolved(profile)
     # A cyclic permutation of axes is a rotation: it turns z to x, to y, and to z again.
-    arrows = np.concatenate([np.roll(corners, axis + 1, axis=1)[faces] for axis in range(3)])
-    return compact(Soup(arrows, np.repeat(AXES_RGB, len(faces), axis=0)), AXES_RGB[0])
+    arrows = np.concatenate([np.roll(arrow, axis + 1, axis=2) for axis in range(3)])
+    return compact(Soup(arrows, np.repeat(AXES_RGB, len(arrow), axis=0)), AXES_RGB[0])
 
 
 def tube(points: Array, rgb: Array, radius: float, sides: int = 8) -> Mesh:
@@ -132,17 +125,24 @@ def _twist_free(points: Array, tangents: Array) -> Array:
     return across
 
 
-def _revolved(profile: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Vertices and faces of a solid of revolution. At radius 0 faces are degenerate; `compact` drops them."""
+def _revolved(profile: ArrayLike) -> Array:
+    """Triangles (m, 3, 3) m of a solid of revolution about z.
+
+    At radius 0 triangles have no area; `compact` drops them.
+
+    Args:
+        profile: (n, 2) radius and height in m, from the bottom up.
+    """
     angle = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
     around = np.stack((np.cos(angle), np.sin(angle)), axis=1)
-    corners = np.concatenate([np.column_stack((r * around, np.full(SIDES, z))) for r, z in profile])
-    low, k = np.meshgrid(np.arange(len(profile) - 1) * SIDES, np.arange(SIDES), indexing="ij")
+    rings = np.asarray(profile, dtype=np.float64)
+    corners = np.concatenate([np.column_stack((r * around, np.full(SIDES, z))) for r, z in rings])
+    low, k = np.meshgrid(np.arange(len(rings) - 1) * SIDES, np.arange(SIDES), indexing="ij")
     a, b = (low + k).ravel(), (low + (k + 1) % SIDES).ravel()
     faces = np.stack((a, b, b + SIDES, a, b + SIDES, a + SIDES), axis=1)
-    return corners, faces.reshape(-1, 3)
+    return np.asarray(corners[faces.reshape(-1, 3)])
 
 
-def _uniform(corners: Array, faces: NDArray[np.int64], rgb: ArrayLike) -> Mesh:
-    """Compact a mesh of one colour."""
-    return compact(Soup(corners[faces], np.full((len(faces), 3), np.nan)), rgb)
+def _uniform(triangles: Array, rgb: ArrayLike) -> Mesh:
+    """Compact triangles (m, 3, 3) m of one colour."""
+    return compact(Soup(triangles, np.full((len(triangles), 3), np.nan)), rgb)
