@@ -1,4 +1,4 @@
-"""Covariance of the tool's pose in base at each keyframe, and the contribution of each calibration part."""
+"""Covariance of the tool's pose in base at each keyframe, by its sources."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from pbd.data import Calibration
 from pbd.pose import Array, quat_rotate, quat_to_matrix, skew
 
 PARTS = {"start": "where the hand starts", "mount": "the mount", "tracking": "tracking"}
-"""Where the tool's uncertainty comes from, in words."""
+"""Sources of the tool's uncertainty, and their names for the user."""
 
 
 def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
-    """Covariance (k, 6, 6) in base of the tool's position and rotation vector, m and rad, by PARTS; they add up.
+    """Return the covariance (k, 6, 6) of the tool's position and rotation vector in base, m and rad, by PARTS.
 
-    From p_base_tool = t + R (s p + R_k l), with t and R nav in base, p and R_k the sensor in nav, l the tool in sensor
-    axes: what is unsure about each of them, to first order. A mount that was never calibrated counts as exact.
+    The sum of the parts is the total. From p_base_tool = t + R (s p + R_k l), with t and R nav in base, p and R_k the
+    sensor in nav, l the tool in sensor axes: the uncertainty of each of them, propagated to first order. A mount that
+    was never calibrated counts as exact.
     """
     by, calibration = _jacobians(placed), placed.calibration
     of = {
@@ -31,11 +32,10 @@ def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
 
 
 def joint_tool_covariance(cov_nav_sensor: Array, placed: KeyframesInBase) -> Array:
-    """Covariance (6k, 6k) of all tool poses together: the dock and the mount err by the same at each keyframe.
+    """Return the joint covariance (6k, 6k) of all tool poses. Errors of dock and mount are the same at all keyframes.
 
     Args:
         cov_nav_sensor: (6k, 6k) of the keyframes, in nav.
-        placed: the keyframes.
     """
     by, calibration = _jacobians(placed), placed.calibration
     start, mount = by["start"].reshape(-1, 6), by["mount"].reshape(-1, 6)
@@ -52,7 +52,7 @@ def _of_mount(calibration: Calibration) -> Array:
 
 
 def _jacobians(placed: KeyframesInBase) -> dict[str, Array]:
-    """How the tool's pose at each keyframe depends on each part's, (k, 6, 6)."""
+    """Return the Jacobian (k, 6, 6) of the tool's pose at each keyframe by the pose of each part."""
     calibration, R = placed.calibration, quat_to_matrix(placed.T_base_nav.wxyz)
     scale = placed.scale * calibration.scale
     by = {part: np.zeros((len(placed.keyframes), 6, 6)) for part in PARTS}
@@ -66,9 +66,9 @@ def _jacobians(placed: KeyframesInBase) -> dict[str, Array]:
 
 
 def base_sigmas(parts: Mapping[str, Array]) -> list[dict[str, Any]]:
-    """The same for programs, a row a keyframe: base_sigma_m and base_sigma_deg (3), base_sigma_parts_m (3 each).
+    """Return each keyframe's sigmas for `--json`: base_sigma_m and base_sigma_deg (3), base_sigma_parts_m (3 each).
 
-    A part without a measurement is None: a mount that was never calibrated, a keyframe that a person typed.
+    A part without a covariance is None: a mount that was never calibrated, a keyframe that a person typed.
     """
     total = np.sqrt(np.diagonal(np.sum(list(parts.values()), axis=0), axis1=1, axis2=2))
     of_parts = {part: np.sqrt(np.diagonal(cov, axis1=1, axis2=2))[:, :3] for part, cov in parts.items()}

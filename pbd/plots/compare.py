@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from pbd.data import HandPath, Keyframe
-from pbd.fusion.matching import Keyframes, by_moves
+from pbd.fusion.matching import Keyframes, match_by_moves
 from pbd.pose import Array, Pose, level_onto, quat_inverse, quat_log, quat_multiply, quat_to_matrix
 from pbd.tracking.smoother.attitude import mean_quaternion
 from pbd.view.terminal_tables import make_table
@@ -115,7 +115,7 @@ def _partners(reference: Keyframes, other: Keyframes) -> tuple[int | None, ...]:
     """Index of the matching keyframe in the other demonstration, or None, for each keyframe of the reference."""
     if len(reference) == len(other):
         return tuple(range(len(other)))
-    partner = dict(by_moves(reference, other))
+    partner = dict(match_by_moves(reference, other))
     return tuple(map(partner.get, range(len(reference))))
 
 
