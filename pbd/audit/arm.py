@@ -75,9 +75,10 @@ class AuditArm:
         q[..., self._endless_at], q[..., self._endless_at + 1] = np.cos(angles), np.sin(angles)
         return q
 
-    def tool_pose(self, x: Array) -> Any:
+    def tool_pose(self, x: Array) -> Pose:
         """Return T_base_tool at coordinates x (k + 1,)."""
-        return self.T_universe_base.inverse() * self.joint_poses(x)[self.tool_joint] * self.T_joint_tool
+        T_universe_tool = self.joint_poses(x)[self.tool_joint] * self.T_joint_tool
+        return Pose.from_matrix((self.T_universe_base.inverse() * T_universe_tool).homogeneous)
 
     def carriers(self, joint: int) -> list[int]:
         """Return a joint and those that carry it, down to the base."""

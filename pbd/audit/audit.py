@@ -96,8 +96,7 @@ def audit_received(path: JointTrajectory, robot: Robot, world: tuple[Calibration
     """
     arm, x = _arm(robot), coordinates(path, path.keyframe_t)
     for keyframe, (at, q) in enumerate(zip(x, path.keyframe_q, strict=True)):
-        reached, required = (Pose.from_matrix(arm.tool_pose(each).homogeneous) for each in (at, np.append(q, at[-1])))
-        off_m, off_rad = reached.distance(required)
+        off_m, off_rad = arm.tool_pose(at).distance(arm.tool_pose(np.append(q, at[-1])))
         if off_m > RECEIVED_M or off_rad > RECEIVED_RAD:
             what = f"between the exported points keyframe {keyframe} would be missed by {1e3 * off_m:.1f} mm"
             raise PlanError(what, keyframe=keyframe, value=off_m, bound=RECEIVED_M)
@@ -148,7 +147,7 @@ def _check_poses(trajectory: JointTrajectory, arm: AuditArm, required: Sequence[
         where = f"at keyframe {keyframe} ({t:.3f} s)"
         if not np.abs(x[keyframe, :-1] - trajectory.keyframe_q[keyframe]).max() <= JUMP_RAD:
             fail(f"{where} the joints differ from the planned ones", keyframe=keyframe)
-        position, rotation = pose.distance(Pose.from_matrix(arm.tool_pose(x[keyframe]).homogeneous))
+        position, rotation = pose.distance(arm.tool_pose(x[keyframe]))
         if position > POSE_TOLERANCE_M or rotation > POSE_TOLERANCE_RAD:
             fail(
                 f"{where} the tool is {position:.3g} m and {rotation:.3g} rad off its pose",

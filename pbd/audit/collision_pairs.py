@@ -34,7 +34,7 @@ class AuditScene:
     """An arm and the objects around it.
 
     Attributes:
-        left_out: pairs of links (or the table and a link) that aren't checked, and why.
+        always_touching: pairs of links (or the table and a link) that touch nearly always and are not checked.
     """
 
     def __init__(self, arm: AuditArm, calibration: Calibration, grasped: GraspedObject | None) -> None:
@@ -43,18 +43,17 @@ class AuditScene:
         rod = tool_rod(arm, self.links)
         self.links += [rod] if rod else []
         self._gripper = gripper_joints(arm)
-        self.left_out: dict[tuple[str, str], str] = {}
+        self.always_touching: list[Pair] = []
         self._around = [
             simple_solid(each.name, 0, arm.T_universe_base * se3(each.T_base_obstacle), each.shape, each.size)
             for each in calibration.obstacles
         ]
-        self._fixed_pairs = self._drop_always_touching(self._self_pairs(), "touch in nearly every configuration")
+        self._fixed_pairs = self._drop_always_touching(self._self_pairs())
         self._fixed_pairs += self._moving_pairs(self.links, self._around)
         if self._table is not None:
             T_base_table = pin.SE3(np.eye(3), np.array([0.0, 0.0, self._table]))
             table = half_space(TABLE, arm.T_universe_base * T_base_table)
-            on_table = self._moving_pairs([table], self.links)
-            self._fixed_pairs += self._drop_always_touching(on_table, "on it in nearly every configuration")
+            self._fixed_pairs += self._drop_always_touching(self._moving_pairs([table], self.links))
             self._around.append(table)
 
     def pairs(self, trajectory: JointTrajectory) -> list[Pair]:
@@ -66,21 +65,15 @@ class AuditScene:
         return pairs
 
     def _self_pairs(self) -> list[Pair]:
-        """Pair the arm's solids with each other, except those whose names say that they may touch."""
-        trusted, adjacent = self._trusted_pairs(), self._adjacent_links()
-        pairs = []
-        for pair in (Pair(*solids) for solids in combinations(self.links, 2) if self._can_move(*solids)):
-            first, second = pair.first, pair.second
-            names = frozenset((first.name, second.name))
-            if first.joint in self._gripper and second.joint in self._gripper:
-                self.left_out[first.name, second.name] = "both belong to the gripper"
-            elif names in adjacent:
-                self.left_out[first.name, second.name] = "next to each other"
-            elif names in trusted:
-                self.left_out[first.name, second.name] = trusted[names]
-            else:
-                pairs.append(pair)
-        return pairs
+        """Pair the arm's solids with each other, except those of the gripper and those that may touch by name."""
+        may_touch = self._adjacent_links() | self._trusted_pairs()
+        return [
+            Pair(first, second)
+            for first, second in combinations(self.links, 2)
+            if self._can_move(first, second)
+            and not self._gripper.issuperset((first.joint, second.joint))
+            and frozenset((first.name, second.name)) not in may_touch
+        ]
 
     def _can_move(self, first: Solid, second: Solid) -> bool:
         """Say whether two solids can move against each other: a driven joint is between them."""
@@ -113,15 +106,15 @@ class AuditScene:
             found |= {frozenset((link, other))} if other is not None else set()
         return found
 
-    def _trusted_pairs(self) -> dict[frozenset[str], str]:
-        """Return pairs of links that the robot's TOML lets touch or that the SRDF says never touch, with the reason."""
-        robot, trusted = self.arm.robot, dict[frozenset[str], str]()
-        for entry in [] if robot.srdf is None else read_xml(robot.srdf).iterfind("disable_collisions"):
-            if (reason := entry.get("reason")) in TRUSTED_REASONS:
-                trusted[frozenset((entry.get("link1", ""), entry.get("link2", "")))] = f"SRDF: {reason}"
-        return trusted | {frozenset(pair): "may_touch in the robot's TOML" for pair in robot.may_touch}
+    def _trusted_pairs(self) -> set[frozenset[str]]:
+        """Return pairs of links that the robot's TOML lets touch, or that the SRDF excludes for a trusted reason."""
+        robot = self.arm.robot
+        entries = [] if robot.srdf is None else read_xml(robot.srdf).iterfind("disable_collisions")
+        trusted = [entry for entry in entries if entry.get("reason") in TRUSTED_REASONS]
+        by_srdf = {frozenset((entry.get("link1", ""), entry.get("link2", ""))) for entry in trusted}
+        return by_srdf | set(map(frozenset, robot.may_touch))
 
-    def _drop_always_touching(self, pairs: list[Pair], why: str) -> list[Pair]:
+    def _drop_always_touching(self, pairs: list[Pair]) -> list[Pair]:
         """Return the pairs without those that touch nearly always; an endless joint is sampled within two turns."""
         limits, turns = self.arm.robot.limits, 2.0 * np.pi
         lower, upper = np.append(limits.lower.clip(-turns), 0.0), np.append(limits.upper.clip(None, turns), 1.0)
@@ -134,7 +127,7 @@ class AuditScene:
                     apart[pair] += separate(*pair.placed(placement))
                 apart = {pair: count for pair, count in apart.items() if count <= (1.0 - NEARLY_ALWAYS) * SAMPLES}
             touching = list(apart)
-        self.left_out |= {(pair.first.name, pair.second.name): why for pair in touching}
+        self.always_touching += touching
         return [pair for pair in pairs if pair not in touching]
 
 

@@ -78,8 +78,7 @@ def follow_object(
     """Return where an object is during a motion, from the tool's poses as the audit computes them."""
 
     def tool(t: float) -> Pose:  # an object that is never let go counts as resting at the last keyframe
-        x = coordinates(trajectory, np.array([min(t, *trajectory.keyframe_t[-1:])]))[0]
-        return Pose.from_matrix(arm.tool_pose(x).homogeneous)
+        return arm.tool_pose(coordinates(trajectory, np.array([min(t, *trajectory.keyframe_t[-1:])]))[0])
 
     return stays(grasped, holds(trajectory.gripper_t, trajectory.gripper_opening), tool, table)
 

@@ -129,7 +129,7 @@ def test_the_verdict_agrees_with_a_dense_check_of_the_meshes(name: str) -> None:
         x = coordinates(trajectory, rng.uniform(0.0, trajectory.duration, 1))[0]
         shape, sizes = (("sphere", 1), ("box", 3), ("cylinder", 2))[rng.integers(3)]
         size = tuple(float(each) for each in rng.uniform(0.02, 0.15, sizes))
-        there = Pose.from_rpy(own.tool_pose(x).translation + rng.normal(0.0, 0.1, 3), rng.uniform(-3.0, 3.0, 3))
+        there = Pose.from_rpy(own.tool_pose(x).p + rng.normal(0.0, 0.1, 3), rng.uniform(-3.0, 3.0, 3))
         thing = Obstacle("thing", shape, size, there)
         # The rod is not in the URDF, so the dense check doesn't know it.
         pairs = [
@@ -167,7 +167,7 @@ def test_a_gap_of_0_3_mm_is_told_from_an_overlap_of_0_3_mm(gap_m: float, free: b
         for link in fingers
         for side in SIDES
     )
-    x, y, _ = arm.tool_pose(np.append(PANDA.home, 1.0)).translation
+    x, y, _ = arm.tool_pose(np.append(PANDA.home, 1.0)).p
     middle = np.array([x, y, lowest - gap_m - 0.05])
     box = Obstacle("the box", "box", (0.2, 0.04, 0.1), Pose(middle, LEVEL))
     assert (touched(PANDA, trajectory, calibration(box)) is None) == free

@@ -127,12 +127,11 @@ def test_a_carried_object_is_checked() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_pairs_of_the_bundled_arms_are_left_out_for_known_reasons(name: str) -> None:
+def test_no_pair_of_a_bundled_arm_is_left_out_because_it_always_touches(name: str) -> None:
     robot = arm_of(name).robot
     assert robot.dock is not None
-    scene = AuditScene(AuditArm(robot), robot.dock, None)
-    for why in scene.left_out.values():
-        assert why in ("both belong to the gripper", "next to each other", "SRDF: Adjacent", "SRDF: Never")
+    assert not robot.may_touch
+    assert not AuditScene(AuditArm(robot), robot.dock, None).always_touching
 
 
 def two_joints(urdf: Path, odd_robot: Robot, body: str, most_rad: float, gripper: Gripper | None = None) -> Robot:
@@ -163,7 +162,8 @@ def test_solids_that_touch_in_nearly_every_configuration_are_left_out(
     path.write_text(urdf.replace('length="0.2"', 'length="0.1"') if enclosed else urdf, encoding="utf-8")
     stack = two_joints(path, odd_robot, "upper", 1.0)
     scene = AuditScene(AuditArm(stack), BENCH, None)
-    assert scene.left_out["base", "upper"] == "touch in nearly every configuration"
+    (pair,) = scene.always_touching
+    assert (pair.first.name, pair.second.name) == ("base", "upper")
     trajectory = time_keyframes(load_model(stack), np.full((1, 2), 0.1), [0.0], [None], stack.home)
     own = [pair for pair in scene.pairs(trajectory) if pair.first.name == "base" and pair.second.name == "upper"]
     assert len(own) == 1
@@ -179,14 +179,18 @@ def test_samples_cover_endless_joints_and_the_gripper_and_no_more(tmp_path: Path
     gripper = Gripper(("left", "right", "middle"), np.array([0.1, 0.0, 0.045]), np.array([0.0, 0.1, -0.025]), 1.0)
     arm = AuditArm(two_joints(path, odd_robot, "hand", np.inf, gripper))
     scene = AuditScene(arm, BENCH, None)
-    rng, plate = np.random.default_rng(0), scene.links[0]
+    rng, plate, left_out = (
+        np.random.default_rng(0),
+        scene.links[0],
+        {pair.second.name for pair in scene.always_touching},
+    )
     x = np.column_stack((rng.uniform(-np.pi, np.pi, (200, 2)), rng.uniform(0.0, 1.0, 200)))
     placements = [Placement(arm.joint_poses(each)) for each in x]
     for solid in (each for each in scene.links if each.name in ("hand", "left finger", "right finger")):
         touching = np.mean([hull_distance(*Pair(plate, solid).placed(placement)) < 0.0 for placement in placements])
         assert 0.3 < touching < 0.7
-        assert ("base", solid.name) not in scene.left_out
-    assert ("base", "middle finger") in scene.left_out
+        assert solid.name not in left_out
+    assert "middle finger" in left_out
 
 
 HALF_PLATE = """<?xml version="1.0"?>
