@@ -1,4 +1,4 @@
-"""Touch-ups: a keyframe is corrected where the arm was seen to be off; the others follow by their common errors."""
+"""Touch-ups: a person corrects a keyframe where the arm was off, and the others follow by their common errors."""
 
 from __future__ import annotations
 

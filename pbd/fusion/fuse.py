@@ -13,7 +13,7 @@ from pbd.fusion.joint_estimate import JointEstimate, Observations, TaskState, es
 from pbd.fusion.known_stops import condition_on_known_stops
 from pbd.fusion.marginals import estimate_with_device, marginal_of
 from pbd.fusion.matching import Alignment, align
-from pbd.fusion.moved_things import MovedKeyframes, find_moved_thing
+from pbd.fusion.moved_things import MovedKeyframes, find_moved_keyframes
 from pbd.fusion.outliers import Outliers, disagreement, remove_outliers
 from pbd.fusion.result import Fused, hand_path
 from pbd.fusion.scatter import TRACKER_FREEDOM, common_scatter, keyframe_scatter
@@ -49,14 +49,14 @@ def estimated(takes: Sequence[Take], calibration: Calibration | None = None) -> 
         TrackingError: most takes don't agree.
     """
     keyframes = [matched_keyframes(take) for take in takes]
-    thing = find_moved_thing(keyframes)
-    if thing is not None:
-        keyframes = [thing.put_back(k, one) for k, one in enumerate(keyframes)]
+    moved = find_moved_keyframes(keyframes)
+    if moved is not None:
+        keyframes = [moved.put_back(k, one) for k, one in enumerate(keyframes)]
     alignment = align(keyframes)
     refuse_other_tasks(takes, alignment)
     left_out = dict.fromkeys(alignment.strangers, "another task")
     while True:
-        used, observations, joint, outliers = _without_outliers(takes, alignment, thing, calibration)
+        used, observations, joint, outliers = _without_outliers(takes, alignment, moved, calibration)
         if outliers.take is None:
             break
         left_out[used[outliers.take]] = "it is far from the other takes"
@@ -76,7 +76,7 @@ def estimated(takes: Sequence[Take], calibration: Calibration | None = None) -> 
     scatter = estimate_jointly(observations, joint.state, keyframe_scatter(honest.scatter)).scatter
     joint = replace(honest, state=joint.state.in_case_axes(observations.device[0]))
     kept = alignment.kept()
-    return Fused(takes, used, left_out, kept, outliers.keyframes, observations, joint, scatter, states, thing)
+    return Fused(takes, used, left_out, kept, outliers.keyframes, observations, joint, scatter, states, moved)
 
 
 def _with_known_stops(
@@ -96,11 +96,11 @@ def _with_known_stops(
 
 
 def _without_outliers(
-    takes: Sequence[Take], alignment: Alignment, thing: MovedKeyframes | None, calibration: Calibration | None
+    takes: Sequence[Take], alignment: Alignment, moved: MovedKeyframes | None, calibration: Calibration | None
 ) -> tuple[list[int], Observations, JointEstimate, Outliers]:
     """Return the takes that are used, and their observations and estimate without keyframes that don't fit."""
     used = sorted(alignment.registered)
-    observations, x = initial_estimate(takes, used, alignment, thing)
+    observations, x = initial_estimate(takes, used, alignment, moved)
     observations = _with_known_stops(takes, used, observations, x, calibration)
     joint = estimate_jointly(observations, x, common_scatter(len(x.m)))
     joint, observations, outliers = remove_outliers(observations, joint)

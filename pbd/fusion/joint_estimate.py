@@ -61,8 +61,9 @@ class TaskState:
     def in_case_axes(self, device: int) -> TaskState:
         """Return the state for the axes of the sensor's case instead of those of its accelerometer.
 
-        The smoother defines the accelerometer's axes as exact: its matrix N has no upper half. If both sensors' axes
-        lean at random and equally much from the case, the case is turned by a quarter of (M + N) - (M + N)'.
+        The smoother defines the accelerometer's axes as exact: its matrix N has no upper half. If the axes of both
+        sensors are misaligned with the case at random, and equally much, then the best estimate of the case's rotation
+        is a quarter of (M + N) - (M + N)', with M the gyro's matrix.
 
         Args:
             device: of the first take.

@@ -64,7 +64,7 @@ class MovedKeyframes:
         return Keyframes(p, R, keyframes.grip, keyframes.sigma)
 
 
-def find_moved_thing(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
+def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
     """Return the keyframes that most likely moved with an object, or None.
 
     Only takes with the most frequent number of keyframes and pattern of grips are compared.

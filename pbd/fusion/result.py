@@ -51,7 +51,7 @@ class Fused:
         observations, joint: input and result of the joint estimate.
         scatter: the hand's scatter at each keyframe.
         states: the smoother's state of each take that is used, estimated again with the device's joint errors.
-        thing: keyframes that moved with an object, or None.
+        moved: keyframes that moved with an object, or None.
     """
 
     takes: Sequence[Take]
@@ -63,7 +63,7 @@ class Fused:
     joint: JointEstimate
     scatter: Scatter
     states: Sequence[smoother_state.State]
-    thing: MovedKeyframes | None
+    moved: MovedKeyframes | None
 
     @property
     def first(self) -> Take:
@@ -125,7 +125,7 @@ def _fusion(fused: Fused, mean: MeanPath) -> Fusion:
     scatter, common = fused.scatter, fused.joint.scatter
     return Fusion(
         tuple(summaries),
-        np.sqrt(scatter.sigma[:, :3] ** 2 @ (turn**2).T),  # nav's axes are those of the estimate, turned a little
+        np.sqrt(scatter.sigma[:, :3] ** 2 @ (turn**2).T),  # to nav's axes, which a small yaw rotates
         scatter.sigma[:, 3],
         scatter.log_sigma[scatter.group[:, :4]],
         (float(np.exp(common.log[2])), float(np.exp(common.log[3]))),
@@ -133,21 +133,21 @@ def _fusion(fused: Fused, mean: MeanPath) -> Fusion:
         points_in_base(
             [fused.takes[k] for k in fused.used], [summaries[k].own for k in fused.used], mean.stops, mean.t
         ),
-        _thing(fused),
+        _moved_thing(fused),
     )
 
 
-def _thing(fused: Fused) -> MovedThing | None:
+def _moved_thing(fused: Fused) -> MovedThing | None:
     """Return the task's keyframes that moved with an object, if the takes that are used still have them."""
     moving, x = np.flatnonzero(fused.observations.frame), fused.joint.state
-    if fused.thing is None or not len(moving):
+    if fused.moved is None or not len(moving):
         return None
     middle = x.m[moving].mean(axis=0)
     moved_m = {}
     for i, k in enumerate(fused.used):
         p_nav = x.Rz[1, i].T @ (middle - x.c[1, i])
         moved_m[fused.takes[k].name] = float(np.linalg.norm(x.Rz[0, i] @ p_nav + x.c[0, i] - middle))
-    return MovedThing(int(moving[0]), int(moving[-1]), fused.thing.gain, moved_m)
+    return MovedThing(int(moving[0]), int(moving[-1]), fused.moved.gain, moved_m)
 
 
 def hand_path(demo: Demonstration, fused: Fused, calibration: Calibration | None, accept_gap: bool) -> HandPath:

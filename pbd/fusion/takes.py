@@ -85,7 +85,7 @@ def refuse_other_tasks(takes: Sequence[Take], alignment: Alignment) -> None:
 
 
 def initial_estimate(
-    takes: Sequence[Take], used: Sequence[int], alignment: Alignment, thing: MovedKeyframes | None
+    takes: Sequence[Take], used: Sequence[int], alignment: Alignment, moved: MovedKeyframes | None
 ) -> tuple[Observations, TaskState]:
     """Return the observations and the initial state, both in the nav of the first take that is used."""
     kept = alignment.kept()
@@ -93,9 +93,9 @@ def initial_estimate(
     observed = [(i, j, one.own[k]) for i, k in enumerate(used) for j, one in enumerate(kept) if k in one.own]
     take, at, own = np.array(observed, dtype=np.intp).T
     frames, frame = [alignment.registered], np.zeros(len(kept), dtype=np.intp)
-    if thing is not None:
-        frames.append(alignment.registered | thing.back)
-        frame[[thing.first <= one.own.get(thing.reference, -1) <= thing.last for one in kept]] = 1
+    if moved is not None:
+        frames.append(alignment.registered | moved.back)
+        frame[[moved.first <= one.own.get(moved.reference, -1) <= moved.last for one in kept]] = 1
     observations = Observations(tuple(takes[k].marginal for k in used), take, at, own, device, frame)
     to_first = [registered[used[0]].inverse() for registered in frames]
     navs = [[one.after(registered[k]) for k in used] for one, registered in zip(to_first, frames, strict=True)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pbd.fusion.matching import Keyframes
-from pbd.fusion.moved_things import find_moved_thing
+from pbd.fusion.moved_things import find_moved_keyframes
 from pbd.pose import Array
 from tests.fusion.made import rotations, truth
 
@@ -31,5 +31,5 @@ def shown(shifts: Array) -> list[Keyframes]:
     ids=["on a table", "in the air", "in one take only", "of two takes"],
 )
 def test_a_single_keyframe_that_moved(shifts: Array, found: tuple[int, int] | None) -> None:
-    thing = find_moved_thing(shown(shifts))
-    assert (None if thing is None else (thing.first, thing.last)) == found
+    moved = find_moved_keyframes(shown(shifts))
+    assert (None if moved is None else (moved.first, moved.last)) == found
