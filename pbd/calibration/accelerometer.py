@@ -11,7 +11,7 @@ from pbd.data import GRAVITY, Linear
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
-PRIOR_BIAS, PRIOR_SCALE, PRIOR_LEAN = 0.05 * GRAVITY, 0.02, np.radians(1.0)
+PRIOR_BIAS, PRIOR_SCALE, PRIOR_MISALIGNMENT = 0.05 * GRAVITY, 0.02, np.radians(1.0)
 """Prior sigma of bias (m/s2), scale (a share) and misalignment (rad) of a low-cost part."""
 
 MEAN_SIGMA = 0.0005 * GRAVITY
@@ -90,7 +90,7 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     from scipy.optimize import least_squares
 
     noise = np.hypot(rests.acc_noise / np.sqrt(rests.samples), MEAN_SIGMA)
-    prior = np.repeat((PRIOR_BIAS, PRIOR_SCALE, PRIOR_LEAN), 3)
+    prior = np.repeat((PRIOR_BIAS, PRIOR_SCALE, PRIOR_MISALIGNMENT), 3)
 
     def residuals(x: Array) -> Array:
         bias, matrix = _unpack(x * prior)

@@ -65,7 +65,7 @@ def demonstrated_moves(
     scale *= calibration.scale
     moves = []
     for (before, after), (start, end) in zip(pairwise(keyframes), pairwise(T_base_tool), strict=True):
-        t, p, wxyz = _sampled(path, before, after)
+        t, p, wxyz = _samples_of_move(path, before, after)
         p, wxyz = T_base_nav.act(scale * p), quat_multiply(T_base_nav.wxyz, wxyz)
         if fixed:
             wxyz = np.tile(start.wxyz, (len(p), 1))
@@ -81,7 +81,7 @@ def demonstrated_moves(
     return tuple(moves)
 
 
-def _sampled(path: HandPath, before: Keyframe, after: Keyframe) -> tuple[Array, Array, Array]:
+def _samples_of_move(path: HandPath, before: Keyframe, after: Keyframe) -> tuple[Array, Array, Array]:
     """Return t, p_nav_sensor and wxyz_nav_sensor of a move, from the last sample at rest to the first at rest."""
     start, end = before.t + 0.5 * before.dwell_s, after.t - 0.5 * after.dwell_s
     inside = (path.t >= start - 1e-6) & (path.t <= end + 1e-6)

@@ -105,7 +105,7 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> Pivo
         whitened = np.linalg.solve(root, design)
         information = whitened.T @ whitened
         if np.linalg.eigvalsh(information)[0] < 1.0:  # 1/m2: a sigma of more than a metre
-            raise _one_axis(R)
+            raise _undetermined_lever(R)
         right = np.linalg.solve(root, touched.p_nav_sensor.ravel())
         found = np.linalg.solve(information, whitened.T @ right)
         lever = found[:3]
@@ -113,7 +113,7 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> Pivo
     freedom = 3 * len(keyframes) - 6
     cov = widened(np.linalg.inv(information)[:3, :3], chi2, freedom)
     if (sigma_m := float(np.sqrt(np.linalg.eigvalsh(cov)[-1]))) > LARGEST_SIGMA_M:
-        raise _one_axis(R, sigma_m)
+        raise _undetermined_lever(R, sigma_m)
     residuals = (design @ found).reshape(-1, 3) - touched.p_nav_sensor
     if chi2 / freedom > SLIPPED_CHI2:
         off = np.linalg.norm(residuals, axis=1)
@@ -126,7 +126,7 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> Pivo
     return PivotFit(lever, cov, residuals, chi2 / freedom)
 
 
-def _one_axis(R: Array, sigma_m: float = np.inf) -> CalibrationError:
+def _undetermined_lever(R: Array, sigma_m: float = np.inf) -> CalibrationError:
     """Return the error that says along which axis the lever is not determined, because all turns were about it."""
     change = (R - R[0]).reshape(-1, 3)
     _, size, axes = np.linalg.svd(change)

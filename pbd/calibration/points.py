@@ -95,7 +95,7 @@ def fit_points(
     refuse_shape(points, free)
     touched = replace(touched, cov=touched.cov + touch_m**2 * np.eye(len(touched.cov)))
     problem = Problem(touched, points, free, scaled)
-    wrong, fit, without = _consistent(problem)
+    wrong, fit, without = _find_wrong_points(problem)
     cov = widened(fit.cov, fit.chi2, fit.freedom)
     left_out = [_left_out(problem, k, wrong, fit, without) for k in range(len(points))]
     return PointFit(
@@ -111,7 +111,7 @@ def fit_points(
     )
 
 
-def _consistent(problem: Problem) -> tuple[list[int], Fit, dict[int, Fit]]:
+def _find_wrong_points(problem: Problem) -> tuple[list[int], Fit, dict[int, Fit]]:
     """Return the indices of wrong points, the fit of the others, and that fit without each of them where possible."""
     wrong, fit = list[int](), register(problem)
     while True:
@@ -119,7 +119,7 @@ def _consistent(problem: Problem) -> tuple[list[int], Fit, dict[int, Fit]]:
         without = {k: register(problem, [*wrong, k]) for k in used if _enough(problem, [*wrong, k])}
         gained = {k: fit.chi2 - each.chi2 for k, each in without.items()}
         worst = max(gained, key=lambda k: gained[k], default=None)
-        if worst is None or not _wrong(gained[worst], without[worst]):
+        if worst is None or not _is_wrong(gained[worst], without[worst]):
             return wrong, fit, without
         rivals = [k for k in gained if k != worst and gained[worst] - gained[k] < CLEARER_CHI2]
         if rivals or len(used) <= FEWEST or fit.freedom < 6:
@@ -128,7 +128,7 @@ def _consistent(problem: Problem) -> tuple[list[int], Fit, dict[int, Fit]]:
         fit = without[worst]
 
 
-def _wrong(gained: float, others: Fit) -> bool:
+def _is_wrong(gained: float, others: Fit) -> bool:
     """Say whether leaving out a point lowers chi-square by more than chance (F test, three coordinates)."""
     from scipy.special import fdtrc
 

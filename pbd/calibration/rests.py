@@ -25,7 +25,7 @@ a table shakes less."""
 SURELY_STILL_ACC, SURELY_STILL_GYR = 0.02, np.radians(0.1)
 """Lower bound, m/s2 and rad/s rms over a window, all axes together: a sensor that shakes less is always still."""
 
-EVEN_TURN = np.radians(0.3)
+RATE_DEVIATION = np.radians(0.3)
 """Largest deviation, rad/s, of a window's mean rate from the median over still windows, beyond noise. A sensor that
 turns at constant rate exceeds it; a wandering bias does not."""
 
@@ -96,7 +96,7 @@ def find_rests(recording: Recording) -> Rests:
         gyr_var, gyr_mean = _moving(recording.gyr, length)
         still &= _still(recording, "gyro", gyr_var, STILL_GYR, SURELY_STILL_GYR, "degrees/s", 180.0 / np.pi)
         if still.any():
-            tolerance = np.hypot(EVEN_TURN, 4.0 * np.sqrt(np.median(gyr_var[still]) / length))
+            tolerance = np.hypot(RATE_DEVIATION, 4.0 * np.sqrt(np.median(gyr_var[still]) / length))
             still &= np.linalg.norm(gyr_mean - np.median(gyr_mean[still], axis=0), axis=1) < tolerance
     edge = round(REST_EDGE_S * rate)
     spans = [(rows.start, rows.stop + length - 1) for (rows,) in find_objects(label(still)[0])]

@@ -59,7 +59,7 @@ def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base
         cov: (6k, 6k) of the tool's poses in base, before the touch-ups.
     """
     k = len(keyframes)
-    alone, together = np.zeros((k, 3)), np.zeros((k, 3))
+    own_shift, common_shift = np.zeros((k, 3)), np.zeros((k, 3))
     touched: list[int] = []
     only: set[int] = set()
     gain = np.zeros((k, 3, 0))
@@ -69,19 +69,17 @@ def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base
             continue
         by_base = quat_rotate(T_base_nav.wxyz, each.by_nav_m)
         if each.only:
-            alone[at] += by_base
+            own_shift[at] += by_base
             only.add(at)
             continue
-        before, target = together, together[at] + by_base
         touched = [*(other for other in touched if other != at), at]
-        gain = _gain(cov, touched)
-        targets = together[touched]
-        targets[-1] = target
-        together = gain @ targets.ravel()
-        together[touched] = targets
+        before, gain, targets = common_shift, _gain(cov, touched), common_shift[touched]
+        targets[-1] += by_base
+        common_shift = gain @ targets.ravel()
+        common_shift[touched] = targets
         stay = sorted(only - {at})
-        alone[stay] += before[stay] - together[stay]
-    return TouchedUp(together + alone, _conditioned(cov, touched, gain, only))
+        own_shift[stay] += before[stay] - common_shift[stay]
+    return TouchedUp(common_shift + own_shift, _conditioned(cov, touched, gain, only))
 
 
 def _gain(cov: Array, touched: Sequence[int]) -> Array:
