@@ -40,11 +40,11 @@ def rests(recording: Recording) -> Rests:
 
 
 @pytest.fixture(scope="module")
-def whole(recording: Recording) -> SensorFit:
+def calibrated(recording: Recording) -> SensorFit:
     return calibrate_sensor(recording, gravity=EARTH.gravity, temperature_c=21.0)
 
 
-def of(acc: Array, noise: float = 0.0) -> Rests:
+def accelerometer_rests(acc: Array, noise: float = 0.0) -> Rests:
     """Return rests of a sensor that has only an accelerometer."""
     k = len(acc)
     start = np.arange(k) * 200
@@ -128,7 +128,7 @@ def test_without_noise_the_errors_are_found_exactly(seed: int) -> None:
     rng = np.random.default_rng(seed)
     gain = np.eye(3) + 0.02 * rng.normal(size=(3, 3))
     bias = 0.5 * rng.normal(size=3)
-    fit = fit_accelerometer(of(9.81 * SIDES @ gain.T + bias), 9.81)
+    fit = fit_accelerometer(accelerometer_rests(9.81 * SIDES @ gain.T + bias), 9.81)
     assert_allclose(fit.linear.bias, bias, atol=2e-3)
     assert_allclose(fit.linear.matrix, symmetric(gain), atol=3e-4)
     assert fit.determined == NAMES
@@ -147,14 +147,14 @@ def test_a_bad_accelerometer_is_found(rests: Rests) -> None:
 
 
 def test_six_sides_determine_bias_and_scale_but_no_misalignment() -> None:
-    fit = fit_accelerometer(of(9.81 * SIDES[:6]), 9.81)
+    fit = fit_accelerometer(accelerometer_rests(9.81 * SIDES[:6]), 9.81)
     assert fit.undetermined == ("misalignment yz", "misalignment xz", "misalignment xy")
 
 
 def test_an_axis_that_only_points_up_has_undetermined_bias_and_scale() -> None:
     """x never points down, so its bias and its scale have the same effect."""
     up = SIDES[[0, 1, 2, 4, 5]]
-    fit = fit_accelerometer(of(9.81 * up + (0.2, 0.1, 0.0)), 9.81)
+    fit = fit_accelerometer(accelerometer_rests(9.81 * up + (0.2, 0.1, 0.0)), 9.81)
     assert {"bias x", "scale x"} <= set(fit.undetermined)
     assert {"bias y", "scale y", "bias z", "scale z"} <= set(fit.determined)
     assert fit.linear.bias[1] == pytest.approx(0.1, abs=2e-3)
@@ -166,10 +166,10 @@ def test_orientations_that_are_too_few_or_alike_are_refused(count: int) -> None:
     with pytest.raises(
         CalibrationError, match=r"(3 rests show only 3 orientations|was put down once).* needs 4 orientations, best 12"
     ):
-        fit_accelerometer(of(9.81 * SIDES[:count]))
+        fit_accelerometer(accelerometer_rests(9.81 * SIDES[:count]))
     alike = SIDES[[0] * 6] + 0.05 * np.random.default_rng(0).normal(size=(6, 3))
     with pytest.raises(CalibrationError, match="6 rests show only 1 orientation 15 degrees"):
-        fit_accelerometer(of(9.81 * alike))
+        fit_accelerometer(accelerometer_rests(9.81 * alike))
 
 
 def test_another_gravity_gives_another_scale(rests: Rests) -> None:
@@ -272,13 +272,13 @@ def test_a_magnetometer_that_lay_flat_is_refused() -> None:
     mag = np.column_stack((20.0 * np.cos(angle), 20.0 * np.sin(angle), np.full(n, -44.0)))
     mag += 0.1 * np.random.default_rng(0).normal(size=mag.shape)
     with pytest.raises(CalibrationError, match="the magnetometer was not turned far enough"):
-        fit_magnetometer(mag, replace(of(9.81 * SIDES), mag=mag[:12], mag_noise=0.1), SIDES)
+        fit_magnetometer(mag, replace(accelerometer_rests(9.81 * SIDES), mag=mag[:12], mag_noise=0.1), SIDES)
 
 
 def test_a_magnetometer_that_was_not_turned_is_refused() -> None:
     """Its noise lies on all sides too, but is not the ellipsoid of a field."""
     mag = np.array([0.0, 19.5, -44.0]) + 0.2 * np.random.default_rng(0).normal(size=(500, 3))
-    once = replace(of(9.81 * SIDES[:1]), mag=mag[:1], mag_noise=0.2)
+    once = replace(accelerometer_rests(9.81 * SIDES[:1]), mag=mag[:1], mag_noise=0.2)
     with pytest.raises(
         CalibrationError, match=r"not turned far enough: along one axis its readings vary by only 0\.2 uT"
     ):
@@ -288,8 +288,8 @@ def test_a_magnetometer_that_was_not_turned_is_refused() -> None:
 # --- all together -----------------------------------------------------------------------------------------------------
 
 
-def test_a_corrected_recording_reads_gravity_no_rate_and_one_field(recording: Recording, whole: SensorFit) -> None:
-    fit = whole
+def test_a_corrected_recording_reads_gravity_no_rate_and_one_field(recording: Recording, calibrated: SensorFit) -> None:
+    fit = calibrated
     assert fit.remarks == ()
     assert fit.errors.temperature_c == 21.0
     true = find_rests(corrected(recording, fit.errors))
@@ -302,8 +302,8 @@ def test_a_corrected_recording_reads_gravity_no_rate_and_one_field(recording: Re
     assert corrected(recording, None) is recording
 
 
-def test_errors_that_are_not_fitted_are_kept(recording: Recording, whole: SensorFit) -> None:
-    known = whole.errors
+def test_errors_that_are_not_fitted_are_kept(recording: Recording, calibrated: SensorFit) -> None:
+    known = calibrated.errors
     again = calibrate_sensor(recording, only=("gyr",), known=known).errors
     assert again.acc is known.acc
     assert again.mag is known.mag
@@ -334,8 +334,8 @@ def test_another_sensors_errors_are_refused(recording: Recording) -> None:
     assert len(corrected(unnamed, errors)) == len(recording)
 
 
-def test_a_rest_that_contradicts_its_calibration_is_reported(whole: SensorFit, rests: Rests) -> None:
-    errors = whole.errors
+def test_a_rest_that_contradicts_its_calibration_is_reported(calibrated: SensorFit, rests: Rests) -> None:
+    errors = calibrated.errors
     assert errors.acc is not None
     assert errors.gyr is not None
     assert errors.mag is not None

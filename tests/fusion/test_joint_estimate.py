@@ -102,7 +102,7 @@ def test_a_keyframe_that_scatters_along_one_axis_is_found() -> None:
     assert sigma[3, 1] > 2.0 * np.median(sigma)
 
 
-def off(where: tuple[int, int], by: float, takes: int = 4) -> Array:
+def offsets(where: tuple[int, int], by: float, takes: int = 4) -> Array:
     values = np.zeros((takes, 6, 3))
     values[where] = by
     return values
@@ -115,7 +115,7 @@ def test_an_outlying_keyframe_of_a_take_is_left_out(
     where: tuple[int, int], by: float, take: int | None, keyframes: tuple[tuple[int, int], ...]
 ) -> None:
     true = truth(4)
-    takes = observations(true, np.array(2.0 * MM), MM, off=off(where, by))
+    takes = observations(true, np.array(2.0 * MM), MM, off=offsets(where, by))
     found = remove_outliers(takes, estimate_jointly(takes, initial_state(true), common_scatter(6)))[2]
     assert (found.take, found.keyframes) == (take, keyframes)
 
@@ -136,7 +136,7 @@ def test_a_take_that_is_off_at_all_keyframes_is_an_outlier() -> None:
 
 def test_a_difference_of_two_takes_is_reported_without_leaving_one_out() -> None:
     true = truth(2)
-    takes = observations(true, np.array(2.0 * MM), MM, off=off((1, 3), 0.05, takes=2))
+    takes = observations(true, np.array(2.0 * MM), MM, off=offsets((1, 3), 0.05, takes=2))
     joint, _, found = remove_outliers(takes, estimate_jointly(takes, initial_state(true), common_scatter(6)))
     assert (found.take, found.keyframes) == (None, ())
     assert disagreement(takes, joint, ["tea1", "tea2"]).startswith("tea1 and tea2 differ at keyframe 3")

@@ -46,16 +46,16 @@ def test_positions_outweigh_rotations_in_a_registration() -> None:
 
 
 def test_a_keyframe_of_most_takes_is_kept_even_if_the_first_lacks_it() -> None:
-    whole = keyframes()
-    takes = [subset(whole, [0, 1, 2, 4, 5, 6]), whole, ELSEWHERE.apply(whole), subset(whole, [0, 1, 2, 3, 4, 6])]
+    task = keyframes()
+    takes = [subset(task, [0, 1, 2, 4, 5, 6]), task, ELSEWHERE.apply(task), subset(task, [0, 1, 2, 3, 4, 6])]
     found = align(takes)
     assert [sorted(one.own.items()) for one in found.kept()][3] == [(1, 3), (2, 3), (3, 3)]
     assert len(found.kept()) == 7
 
 
 def test_a_keyframe_of_few_takes_is_left_out() -> None:
-    whole = keyframes()
-    found = align([whole, subset(whole, [0, 1, 2, 4, 5, 6]), subset(whole, [0, 1, 2, 4, 5, 6])])
+    task = keyframes()
+    found = align([task, subset(task, [0, 1, 2, 4, 5, 6]), subset(task, [0, 1, 2, 4, 5, 6])])
     assert [one.own[0] for one in found.kept()] == [0, 1, 2, 4, 5, 6]
 
 
@@ -66,9 +66,9 @@ def test_another_task_is_a_stranger(seed: int) -> None:
 
 
 def test_a_take_that_starts_elsewhere_is_a_stranger_whatever_matches_by_chance() -> None:
-    whole = keyframes(count=8)
-    assert align([subset(whole, [0, 2, 3, 4]), subset(whole, [1, 2, 3, 4, 5, 6, 7])]).strangers == (1,)
-    assert align([subset(whole, [0, 2, 3, 4]), ELSEWHERE.apply(whole)]).strangers == ()
+    task = keyframes(count=8)
+    assert align([subset(task, [0, 2, 3, 4]), subset(task, [1, 2, 3, 4, 5, 6, 7])]).strangers == (1,)
+    assert align([subset(task, [0, 2, 3, 4]), ELSEWHERE.apply(task)]).strangers == ()
 
 
 def test_grips_distinguish_stops_side_by_side() -> None:
