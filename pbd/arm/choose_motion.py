@@ -1,9 +1,10 @@
-"""Choose the arm's motion from keyframe to keyframe, and mend it where something bars it.
+"""Choose the arm's motion from keyframe to keyframe, and mend it where a collision or the kinematics bar it.
 
-All keyframes lie on one ladder graph. Its links are straight moves in joint space, or paths of the tool. A barred link
-is mended on its own; what is known of the others is kept. Tried in this order: the hand's path (a line where no hand is
-known), more configurations at both ends, configurations along the path (a link for every few poses), a detour
-(detour.py). The cost grows with the number of keyframes and of barred links.
+All keyframes lie on one ladder graph. Its links are straight moves in joint space, or paths of the tool. Each barred
+link is mended on its own, and the results for all other links are kept. The remedies, in this order: the hand's path
+(a straight line of the tool if the hand's path is unknown), more configurations at both ends, configurations along the
+path (one link for every few poses), a detour (detour.py). The run time grows linearly with the keyframes and the barred
+links.
 """
 
 from __future__ import annotations
@@ -29,16 +30,16 @@ from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
 from pbd.pose import Array
 
 MOST_STRAIGHT, MOST_ONLY_STRAIGHT = 12, 36
-"""Barred straight moves between two keyframes before the link is mended: with detours allowed, and without."""
+"""Number of barred straight moves between two keyframes after which the link is mended: with detours, without."""
 WINDOW, KEPT = 64, 32
-"""Layers that are searched at once, and how many of them are searched again with those that follow."""
+"""Layers in one search window; of these, the last KEPT layers are searched again in the next window."""
 
 
 def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene | None) -> Motion | Refusal:
-    """Choose joints at the keyframes and the segments between them; without a scene collisions are ignored.
+    """Choose the joints at the keyframes and the segments between them; without a scene, collisions are ignored.
 
     Warns:
-        PbdWarning: the way back is left out, the arm makes a detour, or the only free motion is close to something.
+        PbdWarning: the retreat is left out, the arm makes a detour, or the motion only keeps the margin CLOSE_M.
     """
     poses, wide_cost = request.T_base_tool, WIDE_COST if request.kind == STRAIGHT else 0.0
     most_refused = MOST_STRAIGHT if request.detour else MOST_ONLY_STRAIGHT
@@ -58,7 +59,7 @@ def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene |
 
 
 class _Search(Mending):
-    """Search the ladder, and mend what is barred, until a path is free."""
+    """The search for a motion: find the shortest path, mend the links that are barred, and repeat until it is free."""
 
     def __init__(self, arm: ArmModel, request: MotionRequest, scene: CollisionScene | None, ladder: Ladder) -> None:
         super().__init__(arm, request, scene, ladder)
@@ -86,7 +87,11 @@ class _Search(Mending):
                 return motion_of(self.arm, self.links, self.moves, self.ladder.joints(path), self.n)
 
     def _mend_all(self, barred: Barred) -> Callable[[], Refusal] | None:
-        """Mend barred layers, the last one first; once a mend has inserted layers, places are stale, so stop."""
+        """Mend the barred layers, the last one first.
+
+        Stop once a remedy has inserted or removed layers, since the other indices are then stale. Return None, or a
+        function that makes the refusal if a layer has no remedy left.
+        """
         refused, count = None, len(self.ladder.layers)
         for place, standing in reversed([*zip(barred.layers, barred.standing, strict=True)]):
             refused = self._mend(place, standing) or refused
@@ -95,11 +100,14 @@ class _Search(Mending):
         return refused
 
     def _mend(self, place: int, standing: bool) -> Callable[[], Refusal] | None:
-        """Change how the arm gets to a layer; where nothing is left to try return what makes the refusal."""
+        """Apply the next remedy to the link to a layer; if none is left, return a function that makes the refusal.
+
+        `standing`: the layer has a free configuration, so the moves to it are barred.
+        """
         link, move = self.at(place)
         i = link.keyframe
         if standing and link.found and move.detour and self.ladder.layers[place].unseen < np.inf:
-            self.ladder.doubt(place, np.inf)  # from now on only detours that were found
+            self.ladder.doubt(place, np.inf)  # use only the detours that are known, and search for no more
             return None
         if not standing and not move.widened and {"widen", "connect"} & {*move.remedies}:
             move.widened, move.remedies = True, [each for each in move.remedies if each != "widen"]
@@ -130,7 +138,11 @@ class _Search(Mending):
         return None
 
     def _make_lines(self, path: Sequence[int]) -> bool:
-        """Replace straight moves by lines where the tool strays beyond the tolerance, or wide; say whether any was."""
+        """Replace straight moves on which the tool leaves the tolerance, or goes wide, by lines of the tool.
+
+        Return whether the ladder changed. A line for a wide move is a trial: if it cannot be made, `before_line` is
+        restored.
+        """
         tolerance, wide, made = self.request.tolerance_m, dict[int, ToolDeviation](), False
         q, within = self.ladder.joints(path), range(self.ladder.first + 1, self.ladder.end)
         at = [place for place in within if self.straight(place)]
@@ -145,7 +157,7 @@ class _Search(Mending):
                 wide[place] = deviation
         if made:
             return True
-        if self.before_line is not None:  # the line works: its move may be mended again
+        if self.before_line is not None:  # the trial line works: give its move its remedies back
             for move, before in zip(self.moves, self.before_line[2], strict=True):
                 move.remedies = move.remedies or [*before.remedies]
             self.before_line = None
@@ -164,7 +176,7 @@ class _Search(Mending):
         return False
 
     def _unwind(self, i: int, q_before: Array, q: Array) -> bool:
-        """Add whole turns of each joint that turned back, or that a direct move would lead over its limit."""
+        """Add configurations that differ by whole turns, for each joint that `turnable` names; say whether any was."""
         joints = turnable(self.arm, self.request.T_base_tool[i], q_before, q) - self.unwound
         self.unwound |= joints
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe < self.n]
@@ -187,7 +199,7 @@ class _Search(Mending):
         return refuse_move(i, move, unfollowed)
 
     def _alone(self, i: int) -> Hit | None:
-        """Return what the tool's path to keyframe i touches, if the arm can follow that path on its own."""
+        """Return what the arm touches on the tool's path to keyframe i; None if it cannot follow that path at all."""
         if self.scene is None:
             return None
         ends, move = self.request.T_base_tool[i - 1 : i + 1], self.moves[i]

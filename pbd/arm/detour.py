@@ -1,7 +1,7 @@
-"""A detour around what bars a straight move: RRT-Connect, then shortcuts, then smooth bends, every part of it checked.
+"""A detour around what bars a straight move: RRT-Connect, then shortcuts, then a smooth curve, all of it checked.
 
 Kuffner and LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Planning", 2000, as OMPL implements it.
-The result is the same each time: the search ends after a number of checks, not after a time, and its seed is fixed.
+The search is reproducible: its seed is fixed, and it ends after a number of collision checks, not after a time.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from pbd.arm.ladder_links import DetourSearch
 from pbd.arm.timing.path_smoothing import Curve
 from pbd.pose import Array
 
-_THINNED = 20  # every so many points of a known path one begins a tree
-_SHORTCUTS = 40
-_WARPED = 8  # known detours that are bent and checked, the shortest first
-_WORSE = 1.2  # largest growth of a bent detour's length, relative to the straight move
-_NEARER = 0.5, 0.7, 0.85  # shares of its offset from the straight move that a bent detour keeps: the first that is free
-_BENDS = 2  # halvings of the path when OMPL smooths it
-_BETWEEN_RAD = 0.05, 0.02, 0.01  # spacing of points on straight lines at which a spline through them is tried
+_THINNED = 20  # every 20th point of a known path is a start state of the search
+_SHORTCUTS = 40  # most attempts to shorten a path
+_WARPED = 8  # most bent detours that are checked, the shortest first
+_WORSE = 1.2  # largest growth of a bent detour's length, relative to that of the straight move
+_NEARER = 0.5, 0.7, 0.85  # a bent detour keeps this share of its offset from the straight move: the first that is free
+_BENDS = 2  # steps of OMPL's B-spline smoothing; each halves the segments
+_BETWEEN_RAD = 0.05, 0.02, 0.01  # largest joint step between the points of a polyline through which a spline is tried
 
 
 def find_detour(
@@ -39,12 +39,12 @@ def find_detour(
     """Find a collision-free path from one of the starts (s, k) to one of the goals (g, k).
 
     Args:
-        most_checks: collision checks before the search is given up; smoothing comes on top.
+        most_checks: collision checks before the search gives up; smoothing needs further checks.
         known: free paths (m, k) of the same leg; the detour may follow part of one, in either direction.
 
     Returns:
-        Joints (m, k) on a curve from a start to a goal, only these two if it is straight, or None. And the number of
-        checks.
+        Joints (m, k) on a smooth curve from a start to a goal, or just these two if the straight move is free, or None
+        if nothing was found. Then the number of collision checks.
     """
     starts = np.array([q for q in starts if scene.is_free(q[None], leg)]).reshape(-1, goals.shape[1])
     goals = np.array([q for q in goals if scene.is_free(q[None], leg)]).reshape(-1, goals.shape[1])
@@ -66,12 +66,12 @@ def find_detour(
 
 
 def warp_detour(scene: CollisionScene, leg: Leg, start: Array, goal: Array, known: Sequence[Array]) -> Array | None:
-    """Bend a known detour (m, k) of the same leg to other ends (k,).
+    """Bend a known detour (m, k) of the same leg to new ends (k,).
 
-    Most detours around one obstacle are similar: this takes a check or two, a search about fifty.
+    Most detours around one obstacle are similar. This needs one or two collision checks, a search about fifty.
 
     Returns:
-        Joints (m, k): only the ends if the straight move is free, else the shortest free detour, or None.
+        Joints (m, k): only the ends if the straight move is free, else the shortest free detour; None if none is free.
     """
     straight: Array = np.stack((start, goal))
     if scene.is_free(straight, leg):
@@ -100,7 +100,10 @@ def _length(q: Array) -> float:
 
 
 def _ways_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
-    """Return a path (m, k) to each end that known paths reach from starts (s, k), by the end's bytes; starts first."""
+    """Return a path (m, k) along known paths from a start (s, k) to each configuration that these reach.
+
+    The key is the bytes of the configuration at the end of the path; the starts themselves come first.
+    """
     beside: dict[bytes, list[Array]] = {}
     for way in known:
         for before, after in pairwise(way):
@@ -117,7 +120,7 @@ def _ways_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
 
 
 def _is_free_curve(scene: CollisionScene, leg: Leg, q: Array) -> bool:
-    """Whether the curve through joints (m, k) is free."""
+    """Whether the smooth curve through joints (m, k) is free and within the limits."""
     limits = scene.arm.limits
     if (q < limits.lower).any() or (q > limits.upper).any() or (curve := Curve.through(q, limits)) is None:
         return False
@@ -125,7 +128,7 @@ def _is_free_curve(scene: CollisionScene, leg: Leg, q: Array) -> bool:
 
 
 class _Search:
-    """A search by OMPL in the joint space around ends (m, k) of one leg."""
+    """An OMPL problem for one leg; its joint space reaches `winding_rad` beyond the range of the ends (m, k)."""
 
     def __init__(self, scene: CollisionScene, leg: Leg, ends: Array, winding_rad: float) -> None:
         limits, count = scene.arm.limits, ends.shape[1]
@@ -143,7 +146,7 @@ class _Search:
         self.information.setup()
 
     def connect(self, starts: Array, goals: Array, step_rad: float, most_checks: int) -> Array | None:
-        """Return the corners (m, k) of a path from a start to a goal, None where the checks are used up first."""
+        """Return the corners (m, k) of a path from a start to a goal; None if the checks are used up first."""
         problem, ends = base.ProblemDefinition(self.information), base.GoalStates(self.information)
         for q in starts:
             problem.addStartState(self._state(q))
@@ -158,12 +161,16 @@ class _Search:
         return self.checker.joints(problem.getSolutionPath()) if problem.hasExactSolution() else None
 
     def smooth(self, q: Array) -> Array | None:
-        """Shorten and smooth a path of corners (l, k): joints (m, k) on a curve, or two ends if it is straight."""
+        """Shorten and smooth a path of corners (l, k).
+
+        Returns:
+            Joints (m, k) on a free curve, just the two ends if the straight move is free, or None.
+        """
         path = geometric.PathGeometric(self.information)
         for each in q:
             path.append(self._state(each))
         simplifier = geometric.PathSimplifier(self.information)
-        simplifier.reduceVertices(path)  # first: its checks are between corners, whose distances are known
+        simplifier.reduceVertices(path)  # first: it checks moves between corners, whose distances are cached
         simplifier.partialShortcutPath(path, _SHORTCUTS, _SHORTCUTS)
         simplifier.reduceVertices(path)
         corners = self.checker.joints(path)
@@ -184,7 +191,10 @@ class _Search:
 
 
 class _Checker(base.MotionValidator):  # type: ignore[misc]
-    """The checks of one leg, as OMPL calls them. It must not refer to the search: OMPL can't free reference cycles."""
+    """The collision checks of one leg, as OMPL calls them.
+
+    It must not refer to `_Search`: OMPL cannot free reference cycles.
+    """
 
     def __init__(self, information: base.SpaceInformation, scene: CollisionScene, leg: Leg, count: int) -> None:
         super().__init__(information)
@@ -206,7 +216,7 @@ class _Checker(base.MotionValidator):  # type: ignore[misc]
 
 
 def _divided(q: Array, between_rad: float) -> Array:
-    """Put points on straight moves (m, k) so that no joint moves by more than `between_rad` from one to the next."""
+    """Add points to a polyline (m, k) so that no joint moves by more than `between_rad` from one to the next."""
     steps = np.maximum(np.ceil(np.abs(np.diff(q, axis=0)).max(axis=1) / between_rad).astype(np.int64), 1)
     parts = [a + np.arange(n)[:, None] / n * (b - a) for a, b, n in zip(q[:-1], q[1:], steps, strict=True)]
     return np.vstack((*parts, q[-1:]))

@@ -1,11 +1,12 @@
-"""A ladder graph: layers of configurations, moves between neighbouring layers, and the shortest free path.
+"""A ladder graph: layers of configurations (states), moves between neighbouring layers, and the shortest free path.
 
-Collision checks are costly, so they are lazy: dynamic programming finds the shortest path as if all were free, and only
-the states and moves on it are checked. Barred ones are dropped, and the path is searched again from there on (LazySP:
-Dellin and Srinivasa, "A Unifying Formalism for Shortest Path Problems with Expensive Edge Evaluations", 2016). A link
-between two layers on which too many moves are barred is handed back to be mended; what else is known is kept.
+Collision checks are slow, so they are lazy. Dynamic programming finds the shortest path as if everything were free;
+only the states and moves on that path are checked. Barred ones are dropped, and the path is searched again from that
+layer on (LazySP: Dellin and Srinivasa, "A Unifying Formalism for Shortest Path Problems with Expensive Edge
+Evaluations", 2016). If too many moves to a layer are barred, the search returns that layer for mending. All other
+results are kept.
 
-A long ladder is searched window by window, so the cost grows linearly with its layers. The first part of a window's
+A long ladder is searched window by window, so the run time grows linearly with its layers. The first part of a window's
 path is final; the rest is searched again with the layers that follow.
 """
 
@@ -22,22 +23,22 @@ from numpy.typing import NDArray
 from pbd.pose import Array
 
 Stands = Callable[[int, Array], bool]
-"""Whether joints (k,) are free in a layer (counted from 0, the start)."""
+"""Says whether joints (k,) are free in a layer; layer 0 is the start."""
 Moves = Callable[[int, Array, Array], float]
-"""Cost of a move to that layer, from joints (k,) to others, beside its travel, rad; infinite where it is barred."""
+"""Gives the cost of a move to a layer beyond its straight travel, rad, from joints (k,) to (k,); infinite if barred."""
 Weighs = Callable[[list[int], Array, Array], Sequence[float]]
-"""Further cost of moves to layers, rad, from rows of joints (n, k) to rows of others."""
+"""Gives an additional cost of moves to n layers, rad, from rows of joints (n, k) to rows (n, k)."""
 
 
 UNSEEN = 0.2
-"""Further cost of an unchecked move, rad: a free path is not given up for one that is only a little shorter."""
+"""Extra cost of an unchecked move, rad: so a path known to be free is not left for one that is slightly shorter."""
 
 
 @dataclass(frozen=True)
 class Barred:
-    """Why no path was found: the layers that no free move leads to.
+    """Why no path was found: the indices of the layers that no free move leads to.
 
-    `standing`: whether a layer has a free state, so that it is the moves to it that are barred.
+    `standing`: for each, whether it has a free state; then the moves to it are barred, not its states.
     """
 
     layers: tuple[int, ...]
@@ -50,14 +51,17 @@ class Layer:
 
     Attributes:
         q: (m, k) rad.
-        cost: (m,) rad of joint travel, beside that of the moves; infinite where a state isn't free.
-        most_refused: so many barred moves make the layer count as out of reach.
-        costly: moves to it are checked last, once all others on the path are free.
-        in_order: moves to it are checked once those before them on the path are free.
-        most_step: rad, the largest motion of a joint on a move to this layer.
-        unseen: rad, further cost of an unchecked move.
-        wide_cost: rad, of a move to this layer on which a joint turns by more than half a turn.
-        length: (l, m) rad, of the moves from the l states before; infinite where barred.
+        cost: (m,) cost of each state, in rad of joint travel; infinite for a state that is not free.
+        most_refused: number of barred moves after which the layer is returned for mending.
+        costly: moves to it are checked last, once all other moves on the path are free.
+        in_order: a move to it is checked only if no earlier move on the path was barred in the same pass.
+        most_step: rad, largest motion of a joint on a move to this layer.
+        unseen: rad, extra cost of an unchecked move.
+        wide_cost: rad, extra cost of a move on which a joint moves by more than half a turn.
+        length: (l, m) rad, cost of the moves from the l states of the layer before; infinite if barred.
+        refused: number of moves to it that were found barred.
+        stood: (m,) whether each state was checked.
+        moved, weighed: (l, m) whether each move was checked, and whether its additional cost was added.
     """
 
     q: Array
@@ -80,14 +84,14 @@ class Layer:
         self.moved = self.weighed = np.empty((0, 0), dtype=bool)
 
     def copy(self) -> Layer:
-        """Copy it with the arrays that change in place; `q` is only ever replaced."""
+        """Copy the layer with the arrays that change in place; `q` is only ever replaced."""
         copied = copy(self)
         for name in ("cost", "stood", "length", "moved", "weighed"):
             setattr(copied, name, getattr(self, name).copy())
         return copied
 
     def link(self, before: Array, *, anew: bool = False) -> None:
-        """Measure the moves from states (l, k); keep what is known of earlier ones, unless `anew`."""
+        """Set the length of the moves from states (l, k); results of checked moves are kept unless `anew`."""
         step = before[:, None] - self.q
         length, (moved, weighed) = np.linalg.norm(step, axis=2), np.zeros((2, *step.shape[:2]), dtype=bool)
         farthest = np.abs(step).max(axis=2, initial=0.0)
@@ -103,10 +107,10 @@ class Layer:
 
 
 class Ladder:
-    """Layers to find a path through, the start's (of one state) first.
+    """The layers through which a path is searched; layer 0 has one state, the start.
 
     Attributes:
-        first, end: the window: the path up to layer `first` is final, layers from `end` on aren't searched yet.
+        first, end: the window: the path up to layer `first` is final; layers from `end` on are not searched yet.
     """
 
     def __init__(self, layers: Sequence[Layer]) -> None:
@@ -117,7 +121,7 @@ class Ladder:
         self._totals = [self.layers[0].cost]
 
     def copy(self) -> Ladder:
-        """Copy all that may change in the window."""
+        """Copy everything that may change in the window."""
         copied = copy(self)
         copied.layers = [*self.layers]
         for place in range(self.first, min(self.end + 1, len(self.layers))):
@@ -126,19 +130,19 @@ class Ladder:
         return copied
 
     def advance(self, path: Sequence[int], first: int, end: int) -> None:
-        """Move the window: it begins at layer `first`, in the state on the path, and ends before layer `end`."""
+        """Move the window: it begins at layer `first`, whose state on the path is now final, and ends before `end`."""
         self.shortest()
         self._totals[first] = np.where(np.arange(len(self.layers[first].q)) == path[first], 0.0, np.inf)
         self.first, self.end = first, min(end, len(self.layers))
         self._forget(first + 1)
 
     def release(self) -> None:
-        """Let the window begin at the start again."""
+        """Let the window begin at layer 0 again."""
         self.first = 0
         self._forget(1)
 
     def add(self, place: int, q: Array, cost: Array) -> None:
-        """Add states (m, k) to a layer; none where its state is final."""
+        """Add states (m, k) to a layer; ignored if its state is final."""
         if place <= self.first:
             return
         layer = self.layers[place]
@@ -152,28 +156,28 @@ class Ladder:
     def reopen(
         self, place: int, most_refused: int, *, costly: bool, in_order: bool = False, unseen: float = UNSEEN
     ) -> None:
-        """Mark the moves to a layer as unchecked: they are made differently from now on."""
+        """Mark the moves to a layer as unchecked, since they are made in another way from now on."""
         layer = self.layers[place]
         layer.most_refused, layer.costly, layer.in_order, layer.unseen = most_refused, costly, in_order, unseen
         layer.link(self.layers[place - 1].q, anew=True)
         self._forget(place)
 
     def settle(self, place: int, q_before: Array, q: Array, length: float) -> None:
-        """Leave only one move to a layer, which is free, and `length` rad long."""
+        """Keep only one move to a layer: from q_before to q, free, and `length` rad long."""
         layer, before = self.layers[place], self.layers[place - 1]
         layer.length[:], layer.moved[:], layer.refused = np.inf, True, 0
         layer.length[(before.q == q_before).all(axis=1).argmax(), (layer.q == q).all(axis=1).argmax()] = length
         self._forget(place)
 
     def doubt(self, place: int, unseen: float) -> None:
-        """Change the further cost of unchecked moves to a layer, rad."""
+        """Change the extra cost of unchecked moves to a layer, rad."""
         layer = self.layers[place]
         layer.length[~layer.moved] += unseen - layer.unseen
         layer.unseen, layer.refused = unseen, 0
         self._forget(place)
 
     def insert(self, place: int, layers: Sequence[Layer]) -> None:
-        """Insert layers before one of them."""
+        """Insert layers before layer `place`."""
         after = place + len(layers)
         self.end += len(layers)
         self.layers[place:place] = layers
@@ -182,7 +186,7 @@ class Ladder:
         self._forget(place)
 
     def drop(self, place: int, end: int) -> None:
-        """Remove layers up to `end`; the moves to the one after them are straight."""
+        """Remove the layers from `place` up to `end`; moves to the next layer may then be of any length."""
         del self.layers[place:end]
         self.end -= end - place
         if place < len(self.layers):
@@ -195,7 +199,7 @@ class Ladder:
         return np.array([layer.q[state] for layer, state in zip(self.layers, path, strict=False)])
 
     def shortest(self) -> list[int] | Barred:
-        """Return the state to take of each layer before `end`; or the first layer that no free path leads to."""
+        """Return the index of the state to take in each layer; or the first layer that no free path leads to."""
         for place in range(len(self._totals), self.end):
             layer = self.layers[place]
             total = (self._totals[-1][:, None] + layer.length).min(axis=0) + layer.cost
@@ -208,14 +212,14 @@ class Ladder:
         return path[::-1]
 
     def travel(self, place: int) -> Array:
-        """Return the cost (m,) of the shortest path to each state of a layer; infinite where there is none."""
+        """Return the cost (m,) of the shortest path to each state of a layer, rad; infinite if there is none."""
         self.shortest()
         return self._totals[place] if place < len(self._totals) else np.full(len(self.layers[place].q), np.inf)
 
     def search(self, stands: Stands, moves: Moves, weigh: Weighs | None = None) -> list[int] | Barred:
-        """Return the shortest path, checked and free; or the layers that need mending first.
+        """Return the shortest path once it is checked and free; or the layers that must be mended first.
 
-        `weigh`: a further cost of moves that is cheaper to find than whether they are free.
+        `weigh`: an additional cost of moves, which is faster to compute than a collision check.
         """
         while True:
             path = self.shortest()
@@ -274,6 +278,6 @@ class Ladder:
         return barred
 
     def _forget(self, place: int) -> None:
-        """Drop the path costs from a layer on."""
+        """Discard the path costs from a layer on."""
         place = max(self.first + 1, place)
         del self._totals[place:]

@@ -17,15 +17,15 @@ from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, MotionRequest
 from pbd.pose import Pose
 
 MOST_STRAIGHT_WIDE = 150
-"""Barred straight moves between two keyframes, once widened, before the link is mended again."""
+"""Number of barred straight moves between two widened keyframes after which the link is mended again."""
 COARSE = 4
-"""Poses of a path from one layer to the next, where it is split."""
+"""Number of poses from one layer to the next, where a path is split."""
 LOOK_BACK = 8
-"""Paths before a barred one that are split with it."""
+"""Number of paths before a barred one that are split with it."""
 
 
 class Mending(LinkChecks):
-    """The ladder of a motion, and the remedies for its links."""
+    """The ladder of a motion, with the remedies for its links."""
 
     def __init__(self, arm: ArmModel, request: MotionRequest, scene: CollisionScene | None, ladder: Ladder) -> None:
         super().__init__(arm, request, scene, ladder)
@@ -33,7 +33,7 @@ class Mending(LinkChecks):
             self._follow_path(i + 1, request.kind)
 
     def _follow_path(self, place: int, kind: str | None = None) -> None:
-        """Let the tool follow a path to a layer from end to end: the hand's if it is known and `kind` isn't LINE."""
+        """Let the tool follow one path to a layer: the hand's if it is known and `kind` is not LINE, else a line."""
         link = self.links[place - 1]
         i, T_base_tool = link.keyframe, self.request.T_base_tool
         hand = self.request.hand if kind != LINE else None
@@ -43,7 +43,7 @@ class Mending(LinkChecks):
         self.ladder.reopen(place, MOST_PATHS, costly=True)
 
     def _detour(self, i: int) -> None:
-        """Let the arm go around, whatever the tool does on the way to keyframe i."""
+        """Replace the move to keyframe i by a detour in joint space; the tool's path is then free."""
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
         self.moves[i].detour = True
         self.ladder.drop(places[0], places[-1])
@@ -51,7 +51,10 @@ class Mending(LinkChecks):
         self.ladder.reopen(places[0], MOST_DETOURS, costly=True, in_order=True, unseen=DETOUR_EXTRA)
 
     def _widen(self, i: int) -> None:
-        """Add configurations all along a move; where it followed a path in one link, try straight moves again."""
+        """Add configurations at all layers of the move to keyframe i.
+
+        A move of one link becomes straight in joint space again.
+        """
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
         for place in (places[0] - 1, *places):
             if place > 0 and self.links[place - 1].keyframe < self.n:
@@ -62,7 +65,10 @@ class Mending(LinkChecks):
             self.ladder.reopen(place, MOST_STRAIGHT_WIDE, costly=len(places) > 1)
 
     def _look_closely(self, i: int, place: int) -> bool:
-        """Add free configurations all along the null space at a keyframe; say whether there are any."""
+        """Add free configurations from the entire null space at a keyframe; return whether any was found.
+
+        Only a redundant arm has one, and only the search with the smaller margin does this.
+        """
         move = self.moves[i]
         if not self.close or move.looked_closely or self.arm.model.nv <= FULL_POSE:
             return False
@@ -70,7 +76,10 @@ class Mending(LinkChecks):
         return widen(self.arm, self._pose(place), self.ladder, place, STARTS_CLOSE, partial(self.stands_at, i)) > 0
 
     def _split(self, place: int) -> bool:
-        """Split a path, and the paths just before it, as they decide the configuration in which the arm arrives."""
+        """Split a path by layers on the way, and the paths just before it.
+
+        Those decide in which configuration the arm arrives. Return False if a pose on the way has no solution.
+        """
         if self.links[place - 1].poses is None:  # widening made it straight
             self._follow_path(place)
         first = place
@@ -87,12 +96,12 @@ class Mending(LinkChecks):
         return True
 
     def _whole(self, place: int) -> bool:
-        """Whether the link to a layer is a whole path of the tool from keyframe to keyframe."""
+        """Whether the link to a layer is an unsplit path of the tool from keyframe to keyframe."""
         link, before = self.links[place - 1], self.links[place - 2]
         return link.poses is not None and link.at_keyframe and before.keyframe != link.keyframe
 
     def _split_one(self, place: int) -> int | None:
-        """Insert a layer at every few poses of a path; return how many, None where a pose has no solution."""
+        """Insert a layer at every COARSE poses of a path; return how many, None if a pose has no solution."""
         link = self.links[place - 1]
         poses = link.poses or ()
         marks = [0, *range(COARSE, len(poses) - 1, COARSE), len(poses) - 1]

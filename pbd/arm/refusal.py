@@ -1,4 +1,4 @@
-"""Messages where no motion is found, or one with reservations: what was tried, and what came closest."""
+"""Messages if no motion is found, or one with a drawback: what was tried, and what came closest."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion
 from pbd.errors import PlanError, warn
 
 UNREACHABLE, COLLISION, CANNOT_FOLLOW = "unreachable", "collision", "cannot follow"
-"""A keyframe is out of reach; something is in the way; the arm can't follow the path that was asked for."""
+"""Reasons of a refusal: a keyframe is out of reach; something is in the way; the arm can't follow the path asked
+for."""
 
 _SPOKEN = {STRAIGHT: "Straight in joint space", LINE: "Straight line of the tool", DEMO: "Demonstrated path"}
 
@@ -26,14 +27,14 @@ class Refusal:
 
 
 def refuse_pose(i: int, tried: int, hit: Hit) -> Refusal:
-    """Refuse keyframe i, at which the arm touches something in each configuration that was tried."""
+    """Refuse keyframe i, where the arm touches something in each of the `tried` configurations."""
     return _collision(i, f"arm pose at keyframe {i} among {tried}: {describe(hit)}", STRAIGHT, hit)
 
 
 def refuse_move(i: int, move: Move, unfollowed: str | None) -> Refusal:
     """Refuse the move to keyframe i; the message names the shallowest hit.
 
-    `unfollowed`: a kind of path that the arm can't follow, even if nothing were in the way.
+    `unfollowed`: LINE or DEMO, if the arm can't follow that path even without obstacles; else None.
     """
     if not (hits := move.hits):
         path = "the demonstrated path" if unfollowed == DEMO else "the straight line"
@@ -58,7 +59,7 @@ def refuse_move(i: int, move: Move, unfollowed: str | None) -> Refusal:
 
 
 def tell(motion: Motion, no_way_back: Hit | None) -> None:
-    """Warn of detours, and of a way back that is left out."""
+    """Warn of detours, and of a retreat that is left out."""
     moves = [*motion.segments, motion.back] if motion.back else motion.segments
     for i, move in enumerate(moves):
         if move.kind == DETOUR and move.avoided is not None:
@@ -71,7 +72,7 @@ def tell(motion: Motion, no_way_back: Hit | None) -> None:
 
 
 def warn_of_closeness(error: PlanError) -> None:
-    """Warn that the only motion that was found comes nearer to something than MARGIN_M."""
+    """Warn that the motion comes nearer to something than MARGIN_M; `error`: what barred the motion at that margin."""
     bodies = error.fields["bodies"]
     assert isinstance(bodies, tuple)
     warn(

@@ -1,4 +1,4 @@
-"""Joints and segments for keyframes, or why there are none."""
+"""Choose joints and segments for keyframes, or say why there are none."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Refused(NamedTuple):
-    """Why there is no plan, and other options that may lead to one, with their names."""
+    """Why there is no plan, and other options that may give one, each with its description."""
 
     error: PbdError
     instead: tuple[tuple[str, PlanOptions], ...] = ()
@@ -30,7 +30,7 @@ class Refused(NamedTuple):
 def choose_joints(
     arm: ArmModel, scene: CollisionScene | None, request: MotionRequest, options: PlanOptions
 ) -> Motion | Refused:
-    """Choose joints and segments; without a scene whatever is in the way."""
+    """Choose joints and segments; without a scene, collisions are ignored."""
     from pbd.arm.choose_motion import choose_motion
     from pbd.arm.collision.motion_check import describe, refuse_home
     from pbd.arm.motion_request import Motion
@@ -73,11 +73,11 @@ def solve_keyframes(
     options: PlanOptions,
     hand_path: HandPath | None = None,
 ) -> tuple[tuple[Pose, ...], Array, Array]:
-    """Find joints for keyframes, whatever is in the way between them.
+    """Find joints for keyframes, without collision checks.
 
     Returns:
-        The tool's pose in base at each keyframe, the joints (n, k) that reach them, and how far off (n, 2, rad) an arm
-        with too few joints holds the tool: approach axis, and about it.
+        The tool's pose in base at each keyframe; the joints (n, k) there; and the rotation errors (n, 2), rad, of an
+        arm with too few joints: of the approach axis, and about it.
     """
     from pbd.arm.choose_motion import choose_motion
     from pbd.arm.ik.partial_pose import hold

@@ -1,4 +1,4 @@
-"""What is refused before a motion is planned, and what is told of it."""
+"""Checks before a motion is planned: they refuse, or warn."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from pbd.arm.motion_request import Motion
 
 UNSURE_M = 0.05
-"""Standard deviation of a keyframe's position above which it is told."""
+"""Standard deviation of a keyframe's position above which a warning is given, m."""
 
 NEAR_M, NEAR_RAD = 1e-3, np.radians(1.0)
-"""A motion whose keyframes are all closer together than this is none."""
+"""Keyframes that are all within this distance and rotation of the first make no motion."""
 
 
 def check_count(keyframes: Sequence[Keyframe]) -> None:
-    """A motion needs two keyframes."""
+    """Refuse fewer than two keyframes (TrackingError)."""
     if len(keyframes) < 2:
         raise TrackingError(
             f"the demonstration has {len(keyframes)} stop, a motion needs two; hold still, move, and hold still again",
@@ -35,7 +35,7 @@ def check_count(keyframes: Sequence[Keyframe]) -> None:
 
 
 def check_spread(T_base_tool: Sequence[Pose]) -> TrackingError | None:
-    """Return what is wrong where all keyframes are one."""
+    """Return the error if all keyframes lie in one place."""
     away = [T_base_tool[0].distance(pose) for pose in T_base_tool]
     if any(distance >= NEAR_M or angle >= NEAR_RAD for distance, angle in away):
         return None
@@ -48,10 +48,10 @@ def check_spread(T_base_tool: Sequence[Pose]) -> TrackingError | None:
 
 
 def check_certainty(keyframes: Sequence[Keyframe], scale: float) -> None:
-    """Warn of the least certain keyframe, and of what makes it so; `scale` multiplies positions.
+    """Warn of the least certain keyframe, and of the cause; `scale` multiplies positions.
 
     Raises:
-        TrackingError: its standard deviation is larger than the whole path.
+        TrackingError: its standard deviation exceeds the extent of the path.
     """
     variances = [scale**2 * float(np.linalg.eigvalsh(keyframe.cov[:3, :3]).max()) for keyframe in keyframes]
     least_sure, added = int(np.argmax(variances)), np.diff(variances, prepend=0.0)
@@ -79,7 +79,7 @@ def check_certainty(keyframes: Sequence[Keyframe], scale: float) -> None:
 
 
 def warn_of_shapes(arm: ArmModel) -> None:
-    """Tell which links have no collision shape, or one far too small: what they touch isn't seen."""
+    """Warn of links without a collision shape, or with one far too small: their contacts may be missed."""
     from pbd.arm.collision.shape_coverage import doubts
 
     if found := doubts(arm):
@@ -88,7 +88,7 @@ def warn_of_shapes(arm: ArmModel) -> None:
 
 
 def warn_of_table(scene: CollisionScene) -> None:
-    """Tell which links are on the table, or in it, whatever the arm does."""
+    """Warn of links that touch the table in nearly every configuration, so that they are not checked against it."""
     from pbd.arm.collision.scene import TABLE
 
     sunk = [pair.first for pair in scene.unchecked if pair.second == TABLE]
@@ -100,7 +100,7 @@ def warn_of_table(scene: CollisionScene) -> None:
 
 
 def warn_of_wide_moves(arm: ArmModel, motion: Motion) -> None:
-    """Tell where the tool turns, or strays, much more than it has to."""
+    """Warn of wide moves: the tool turns, or leaves the straight line, much more than needed."""
     from pbd.arm.motion_request import STRAIGHT
 
     wide = [(i, way.wide) for i, way in enumerate(motion.segments) if way.wide is not None and way.kind == STRAIGHT]
@@ -116,7 +116,7 @@ def warn_of_wide_moves(arm: ArmModel, motion: Motion) -> None:
 
 
 def _turns_back(arm: ArmModel, motion: Motion, i: int) -> str:
-    """Say which joint turns back by more than half a turn on the way to keyframe i since its range ends there."""
+    """Name a joint that turns back by more than half a turn to keyframe i because its range is below a whole turn."""
     way, ranges = np.abs(motion.q[i] - motion.q[i - 1]), arm.limits.upper - arm.limits.lower
     joint = int(way.argmax())
     if not arm.turns[joint] or way[joint] <= np.pi or ranges[joint] >= 2.0 * np.pi:
@@ -126,7 +126,7 @@ def _turns_back(arm: ArmModel, motion: Motion, i: int) -> str:
 
 
 def start_joints(arm: ArmModel, options: PlanOptions) -> Array:
-    """Where the arm comes from: (k,) rad, within its limits."""
+    """Return the joints (k,) at which the arm starts, rad; PlanError if they are not within its limits."""
     if options.start is None:
         return arm.robot.home
     q, names, limits = np.array(options.start), arm.robot.joints, arm.limits

@@ -1,4 +1,4 @@
-"""What follows from the torques of a finished motion: a warning, or a refusal with the speed at which it fits."""
+"""Check the torques of a planned motion: warn, or refuse and suggest a speed at which they are within the limits."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
     from pbd.audit.torque import Torque
 
 HIGH = 0.8
-"""Share of a torque limit above which it is warned: friction and the motors' own inertia are not in the model."""
+"""Share of a torque limit above which a warning is given: the model lacks friction and the motors' inertia."""
 
 FAR_OFF = 5.0
-"""No assumed limit is wrong by such a factor: what is above that is refused all the same."""
+"""Share of an assumed torque limit above which a motion is refused: no assumption is wrong by such a factor."""
 
 
 def check_torque(
     torque: Torque | None, limits: JointLimits, load: Load, options: PlanOptions, share_at: Callable[[float], float]
 ) -> Refused | None:
-    """Warn of torques near the limit, or above one that is assumed; return the refusal of others.
+    """Warn of torques near the limit, or above an assumed one; return the refusal of larger ones.
 
-    `share_at`: the largest share of a torque limit at another speed; at 0 standing still.
+    `share_at`: returns the largest share of a torque limit at another speed; at speed 0, of the arm at rest.
     """
     if torque is None:
         if str(load):

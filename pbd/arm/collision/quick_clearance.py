@@ -1,7 +1,7 @@
-"""Whether anything touches on a path, for searches that check many paths: not which two bodies do first.
+"""Fast continuous collision checks for searches that check many paths: free or not, without the first contact.
 
-A path is halved: two bodies that are d and e apart at its ends can't touch on it unless they move by d + e. The middle,
-where most moves are barred, is measured first; and before it the pairs that touched lately.
+A path is bisected: two bodies at distances d and e at its ends cannot touch between them unless they move by d + e. The
+middle is measured first, since most contacts are there. Pairs that touched recently are measured before others.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
 RECENT, REMEMBERED = 4, 2000
-"""Pairs that touched lately and are measured first; coordinates whose distances are cached."""
+"""Number of recently touching pairs that are measured first; number of coordinates whose distances are cached."""
 
 LIKELY = 0.5, 0.25, 0.75
-"""Where a straight move is measured first, as shares of it."""
+"""Shares of a straight move at which those pairs are measured first."""
 
 
 class QuickClearance(Clearance):
-    """Distances between pairs of bodies, cached, and the pairs that touched lately."""
+    """Clearance with cached distances and a list of the pairs that touched recently."""
 
     def __init__(
         self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs, margin_m: float = MARGIN_M, rests: Rests = NOWHERE
@@ -32,12 +32,12 @@ class QuickClearance(Clearance):
         super().__init__(arm, bodies, pairs, margin_m, rests)
         of_pairs = ((self.bodies[a], self.bodies[b]) for a, b in self.pairs)
         self._of_tool = np.array([moves_with_tool(arm, *pair) for pair in of_pairs], dtype=bool)
-        self._even = arm.full.nq == arm.full.nv  # no endless joint: pinocchio's configurations lie on a straight line
-        self._lately: list[int] = []  # pairs that touched, the last one first: the likeliest to touch next
+        self._even = arm.full.nq == arm.full.nv  # without continuous joints, straight moves are straight for pinocchio
+        self._lately: list[int] = []  # pairs that touched recently, the last one first
         self._known: dict[bytes, Array] = {}
 
     def touches(self, x: Array) -> bool:
-        """Whether any pair touches but may not at coordinates (k + 1,)."""
+        """Whether any pair touches at coordinates (k + 1,) where it may not."""
         if x.tobytes() not in self._known:
             self._place(self.arm.configurations(x))
             if self._touch_again(x):
@@ -48,7 +48,7 @@ class QuickClearance(Clearance):
         return False
 
     def meets(self, x: Array) -> bool:
-        """Whether any pair touches on a straight move from coordinates to others, x (2, k + 1), but not at these."""
+        """Whether any pair touches inside a straight move between coordinates x (2, k + 1); not checked at its ends."""
         step, q = x[1] - x[0], self.arm.configurations(x)
         way = q[1] - q[0]
 
@@ -77,16 +77,16 @@ class QuickClearance(Clearance):
         return False
 
     def meets_along(self, path: JointPath) -> bool:
-        """Whether any pair touches on a path, but not at its ends."""
+        """Whether any pair touches inside a path; its ends are not checked."""
         walk, at_start, at_end = self._walk(path), self._remembered(path.x[0]), self._remembered(path.x[-1])
         near = self._in_reach(at_start, at_end, self.rates @ walk.moved[:, -1])
         return any(self._halve(walk, pair, at_start[pair], at_end[pair]) and self._touched(pair) for pair in near)
 
     def tool_contact(self, T_base_tool: Iterable[Pose], opening: float) -> tuple[int, float, Array] | None:
-        """Return what moves with the tool and touches what stands still, with the tool at some poses.
+        """Check what moves with the tool against what does not move, with the tool at given poses.
 
         Returns:
-            The first pair that was found, its distance in m, and where (3,) m in base.
+            The first pair found that touches, its distance, m, and the point (3,) in base, m; or None.
         """
         joint, T_joint_tool = tool_on_joint(self.arm)
         self._place(self.arm.configurations(np.append(self.arm.robot.home, opening)))
@@ -105,20 +105,21 @@ class QuickClearance(Clearance):
         return None
 
     def _in_reach(self, at_start: Array, at_end: Array, travel: Array) -> list[int]:
-        """Return the pairs that may touch on a path, those that touched lately first; from distances at its ends."""
+        """Return the pairs that may touch inside a path, recent ones first, from their distances at its ends and the
+        bound (p,) of their motion, m."""
         open_ = ~(at_start + at_end > travel) & (travel > 0.0)
         near = np.flatnonzero(open_).tolist()
         near.sort(key=lambda pair: self._lately.index(pair) if pair in self._lately else RECENT)
         return near
 
     def _halve(self, walk: Walk, pair: int, at_start: float, at_end: float) -> bool:
-        """Whether a pair touches inside a path; given their distances at its ends, where they may."""
+        """Whether a pair touches inside a path where it may not; `at_start`, `at_end`: its distances at the ends, m."""
         travel = self.rates[pair] @ walk.moved
         parts = [(0, max(self.margin_m, at_start), len(travel) - 1, max(self.margin_m, at_end))]
         for first, before, last, after in parts:
             if last - first < 2 or before + after > travel[last] - travel[first]:
                 continue
-            # The middle of the part that the two distances don't cover.
+            # Take the middle of the part that the distances at the two ends do not cover.
             middle = 0.5 * (travel[first] + before + travel[last] - after)
             node = min(max(int(travel.searchsorted(middle)), first + 1), last - 1)
             self._place(walk.q[node])
@@ -131,7 +132,7 @@ class QuickClearance(Clearance):
         return False
 
     def _remembered(self, x: Array) -> Array:
-        """Measure all distances, cached: the same joints are the ends of many moves."""
+        """Return all distances; cached, since the same joints are the ends of many moves."""
         key = x.tobytes()
         if key not in self._known:
             if len(self._known) == REMEMBERED:
@@ -140,11 +141,11 @@ class QuickClearance(Clearance):
         return self._known[key]
 
     def _touch_again(self, x: Array) -> bool:
-        """Whether any of the pairs that touched lately touches, with all placed at coordinates (k + 1,)."""
+        """Whether any pair that touched recently touches now; all bodies are placed at coordinates x (k + 1,)."""
         near = (pair for pair in self._lately if not self._distance(pair) >= self.margin_m)
         return any(not self.may_touch(pair, x) for pair in near)
 
     def _touched(self, pair: int) -> bool:
-        """Remember a pair that touched."""
+        """Remember a pair that touched; return True."""
         self._lately = [pair, *(each for each in self._lately if each != pair)][:RECENT]
         return True

@@ -1,8 +1,8 @@
-"""All solutions for the tool's pose of a six-joint arm, in closed form, where its axes allow that.
+"""All solutions of a six-joint arm's inverse kinematics in closed form, for two kinds of arms.
 
-There are two kinds of arms, each with up to eight solutions: joints 2, 3 and 4 parallel with 5 and 6 crossing (UR, Z1),
-and joints 2 and 3 parallel with 4, 5 and 6 through one point (a spherical wrist). Of an arm that is so only nearly the
-solutions are approximate: descents refine them.
+The first kind has axes 2, 3 and 4 parallel, and axes 5 and 6 intersecting (UR, Z1). The second has axes 2 and 3
+parallel, and axes 4, 5 and 6 through one point (a spherical wrist). Both have up to eight solutions. If an arm is of a
+kind only approximately, so are the solutions, and descents refine them.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from pbd.arm.model import ArmModel
 from pbd.pose import Array
 
 STRETCHED_RAD = float(np.arccosh(1.001))
-"""Largest shortfall of an angle, rad, as `meet` defines it, that still is the arm stretched out."""
+"""Largest shortfall of an angle, rad, as `meet` defines it: the arm is stretched out, and just reaches the pose."""
 BEYOND_RAD = 0.05
-"""A solution farther than this beyond a joint's limit is left out: no descent from there comes back."""
+"""A solution that exceeds a joint limit by more than this, rad, is left out: no descent leads back from there."""
 
 
 _Ways = tuple[tuple[Array, ...], tuple[Array, ...]]
 
 
 class _Kind(NamedTuple):
-    """An arm of one of the two kinds; `signs` (6,): -1 where a parallel joint turns opposite to its axis."""
+    """An arm of one of the two kinds; `signs` (6,): -1 for a joint whose axis was reversed to equal that of joint 2."""
 
     axes: list[Axis]
     T_base_tool: pin.SE3
@@ -36,12 +36,12 @@ class _Kind(NamedTuple):
 
 
 def closed_form(arm: ArmModel, goal: pin.SE3) -> Array:
-    """Return joints (m, 6) that bring the tool to a pose, to rounding; none where the arm isn't of these kinds."""
+    """Return all solutions (m, 6) for a pose of the tool; (0, k) for an arm of neither kind."""
     kind = _kind(arm)
     if kind is None:
         return np.empty((0, len(arm.limits.lower)))
     moved = goal * kind.T_base_tool.inverse()
-    R, p = moved.rotation, moved.act(kind.axes[5].p)  # where the point of the last axis goes
+    R, p = moved.rotation, moved.act(kind.axes[5].p)  # the wrist's position for the goal
     q, short = (_spherical if kind.spherical else _parallel)(kind.axes, R, p)
     every = np.stack(np.broadcast_arrays(*q), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 6)
     found = within_turns(arm, every * kind.signs)
@@ -51,9 +51,9 @@ def closed_form(arm: ArmModel, goal: pin.SE3) -> Array:
 
 
 def flipped_elbow(arm: ArmModel, q: Array) -> Array | None:
-    """Return joints (k,) with the tool as at joints q, and the elbow of three parallel joints on its other side.
+    """Return the joints (k,) with the same tool pose as q, but the elbow of three parallel joints on the other side.
 
-    None where no three successive joints are parallel, or limits forbid it.
+    None if no three successive axes are parallel, or the limits are exceeded.
     """
     elbow = _elbow(arm)
     if elbow is None:
@@ -72,7 +72,8 @@ def flipped_elbow(arm: ArmModel, q: Array) -> Array | None:
 
 @lru_cache(maxsize=4)
 def _elbow(arm: ArmModel) -> tuple[int, Axis, Array, Array, Array] | None:
-    """The first of three parallel joints, their axis, the offsets (3,) m between them, and their signs (3,)."""
+    """Return the index of the first of three parallel joints, its axis, the two offsets (3,) between them, m, and
+    their signs (3,) relative to that axis; None if there are none."""
     axes, _ = axes_of(arm)
     for i, (a, b, c) in enumerate(zip(axes, axes[1:], axes[2:], strict=False) if arm.turns.all() else ()):
         if a.is_parallel(b) and a.is_parallel(c):
@@ -102,7 +103,7 @@ def _kind(arm: ArmModel) -> _Kind | None:
 
 
 def _parallel(axes: list[Axis], R: Array, p: Array) -> _Ways:
-    """Joints (2, 2, 2), by the sides of elbow, wrist and shoulder, and how far they are short, rad."""
+    """Return six arrays of angles, by the side of elbow, wrist and shoulder (2, 2, 2), and three shortfalls, rad."""
     first, second, third, fourth, fifth, last = axes
     n, upper, fore = second.h, third.p - second.p, fourth.p - third.p
     q1, short1 = first.meet(p - first.p, n, n @ (last.p - first.p))
@@ -119,7 +120,7 @@ def _parallel(axes: list[Axis], R: Array, p: Array) -> _Ways:
 
 
 def _spherical(axes: list[Axis], R: Array, p: Array) -> _Ways:
-    """The same, by the sides of wrist, elbow and shoulder."""
+    """Return the same for a spherical wrist, by the side of wrist, elbow and shoulder."""
     first, second, third, fourth, fifth, last = axes
     n, upper, fore = second.h, third.p - second.p, fourth.p - third.p
     q1, short1 = first.meet(p - first.p, n, n @ (last.p - first.p))
