@@ -81,7 +81,7 @@ def detours(plan: Plan) -> tuple[tuple[float, float], ...]:
     from pbd.arm.motion_request import DETOUR
 
     ends = (0.0, *plan.trajectory.keyframe_t.tolist(), plan.trajectory.duration)
-    moves = (*plan.segments, plan.back) if plan.back else plan.segments
+    moves = (*plan.segments, plan.retreat) if plan.retreat else plan.segments
     return tuple((ends[i], ends[i + 1]) for i, move in enumerate(moves) if move.kind == DETOUR)
 
 

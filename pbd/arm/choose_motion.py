@@ -18,14 +18,22 @@ import numpy as np
 from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.unreachable import out_of_reach
-from pbd.arm.joint_path import Unreachable, add_turns, build_ladder, turnable, widen
+from pbd.arm.joint_path import Unreachable, add_turns, build_ladder, joints_to_unwind, widen
 from pbd.arm.ladder_checks import WIDE_COST
 from pbd.arm.ladder_graph import Barred, Ladder
-from pbd.arm.ladder_links import Link, Move, motion_of
+from pbd.arm.ladder_links import Link, MoveState, assemble_motion
 from pbd.arm.ladder_mending import Mending
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
-from pbd.arm.refusal import COLLISION, UNREACHABLE, Refusal, refuse_move, refuse_pose, tell, warn_of_closeness
+from pbd.arm.refusal import (
+    COLLISION,
+    UNREACHABLE,
+    Refusal,
+    refuse_move,
+    refuse_pose,
+    warn_about_motion,
+    warn_of_closeness,
+)
 from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
 from pbd.pose import Array
 
@@ -42,8 +50,8 @@ def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene |
         PbdWarning: the retreat is left out, the arm makes a detour, or the motion only keeps the margin CLOSE_M.
     """
     poses, wide_cost = request.T_base_tool, WIDE_COST if request.kind == STRAIGHT else 0.0
-    most_refused = MOST_STRAIGHT if request.detour else MOST_ONLY_STRAIGHT
-    ladder = build_ladder(arm, poses, request.q_start, request.q_back, most_refused, wide_cost)
+    most_barred = MOST_STRAIGHT if request.detour else MOST_ONLY_STRAIGHT
+    ladder = build_ladder(arm, poses, request.q_start, request.q_retreat, most_barred, wide_cost)
     if isinstance(ladder, Unreachable):
         return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
     search = _Search(arm, request, scene, ladder.copy())
@@ -54,7 +62,7 @@ def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene |
             warn_of_closeness(found.error)
             search, found = close, closer
     if isinstance(found, Motion):
-        tell(found, search.no_way_back)
+        warn_about_motion(found, search.retreat_hit)
     return found
 
 
@@ -64,8 +72,8 @@ class _Search(Mending):
     def __init__(self, arm: ArmModel, request: MotionRequest, scene: CollisionScene | None, ladder: Ladder) -> None:
         super().__init__(arm, request, scene, ladder)
         ladder.end = min(WINDOW, len(ladder.layers))
-        self.no_way_back: Hit | None = None
-        self.before_line: tuple[Ladder, list[Link], list[Move], Hit | None] | None = None
+        self.retreat_hit: Hit | None = None
+        self.before_trial: tuple[Ladder, list[Link], list[MoveState], Hit | None] | None = None
         self.unwound: set[int] = set()
 
     def run(self) -> Motion | Refusal:
@@ -73,8 +81,8 @@ class _Search(Mending):
             path = self.ladder.search(self.stands, self.cost, self.wide_costs)
             if isinstance(path, Barred):
                 refused = self._mend_all(path)
-                if refused is not None and self.before_line is not None:
-                    (self.ladder, self.links, self.moves, self.no_way_back), self.before_line = self.before_line, None
+                if refused is not None and self.before_trial is not None:
+                    (self.ladder, self.links, self.moves, self.retreat_hit), self.before_trial = self.before_trial, None
                 elif refused is not None and self.ladder.first > 0:
                     self.ladder.release()
                 elif refused is not None:
@@ -84,7 +92,7 @@ class _Search(Mending):
             elif (end := self.ladder.end) < len(self.ladder.layers):
                 self.ladder.advance(path, end - KEPT, end - KEPT + WINDOW)
             else:
-                return motion_of(self.arm, self.links, self.moves, self.ladder.joints(path), self.n)
+                return assemble_motion(self.arm, self.links, self.moves, self.ladder.joints(path), self.n)
 
     def _mend_all(self, barred: Barred) -> Callable[[], Refusal] | None:
         """Mend the barred layers, the last one first.
@@ -106,8 +114,8 @@ class _Search(Mending):
         """
         link, move = self.at(place)
         i = link.keyframe
-        if standing and link.found and move.detour and self.ladder.layers[place].unseen < np.inf:
-            self.ladder.doubt(place, np.inf)  # use only the detours that are known, and search for no more
+        if standing and link.free_moves and move.detour and self.ladder.layers[place].unchecked_cost < np.inf:
+            self.ladder.set_unchecked_cost(place, np.inf)  # use only the detours that are known, and search for no more
             return None
         if not standing and not move.widened and {"widen", "connect"} & {*move.remedies}:
             move.widened, move.remedies = True, [each for each in move.remedies if each != "widen"]
@@ -117,10 +125,10 @@ class _Search(Mending):
             if self._look_closely(i, place):
                 return None
             return partial(refuse_pose, i, len(self.ladder.layers[place].q), move.pose_hit)
-        if not (move.remedies if standing else move.last_resort()):
+        if not (move.remedies if standing else move.keep_detours_only()):
             if i < self.n:
                 return partial(self._refuse, i)
-            self.no_way_back = move.hits[STRAIGHT]
+            self.retreat_hit = move.hits[STRAIGHT]
             self.ladder.drop(place, place + 1)
             del self.links[-1]
             return None
@@ -134,13 +142,13 @@ class _Search(Mending):
         elif remedy == "connect":
             self.connect(place)
         elif not self._split(place):
-            return None if move.last_resort() else partial(self._refuse, i)
+            return None if move.keep_detours_only() else partial(self._refuse, i)
         return None
 
     def _make_lines(self, path: Sequence[int]) -> bool:
         """Replace straight moves on which the tool leaves the tolerance, or goes wide, by lines of the tool.
 
-        Return whether the ladder changed. A line for a wide move is a trial: if it cannot be made, `before_line` is
+        Return whether the ladder changed. A line for a wide move is a trial: if it cannot be made, `before_trial` is
         restored.
         """
         tolerance, wide, made = self.request.tolerance_m, dict[int, ToolDeviation](), False
@@ -157,10 +165,10 @@ class _Search(Mending):
                 wide[place] = deviation
         if made:
             return True
-        if self.before_line is not None:  # the trial line works: give its move its remedies back
-            for move, before in zip(self.moves, self.before_line[2], strict=True):
+        if self.before_trial is not None:  # the trial line works: give its move its remedies back
+            for move, before in zip(self.moves, self.before_trial[2], strict=True):
                 move.remedies = move.remedies or [*before.remedies]
-            self.before_line = None
+            self.before_trial = None
         for place, deviation in wide.items():
             i = self.links[place - 1].keyframe
             if not self._unwind(i, q[place - 1], q[place]):
@@ -169,36 +177,36 @@ class _Search(Mending):
                 barred = self.tool_hit(i, straight) is not None
                 if barred and self.request.hand is None:
                     continue
-                self.before_line = self._copy()
+                self.before_trial = self._snapshot()
                 self._follow_path(place, DEMO if barred else LINE)
                 self.moves[i].remedies = []
             return True
         return False
 
     def _unwind(self, i: int, q_before: Array, q: Array) -> bool:
-        """Add configurations that differ by whole turns, for each joint that `turnable` names; say whether any was."""
-        joints = turnable(self.arm, self.request.T_base_tool[i], q_before, q) - self.unwound
+        """Add configurations with a whole turn more or less of each joint to unwind; return whether any was added."""
+        joints = joints_to_unwind(self.arm, self.request.T_base_tool[i], q_before, q) - self.unwound
         self.unwound |= joints
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe < self.n]
         return sum(add_turns(self.arm, self.ladder, place, joint) for joint in joints for place in places) > 0
 
-    def _copy(self) -> tuple[Ladder, list[Link], list[Move], Hit | None]:
+    def _snapshot(self) -> tuple[Ladder, list[Link], list[MoveState], Hit | None]:
         links, moves, within = [*self.links], [*self.moves], slice(self.ladder.first, self.ladder.end)
-        links[within] = [replace(link, found=dict(link.found)) for link in links[within]]
+        links[within] = [replace(link, free_moves=dict(link.free_moves)) for link in links[within]]
         for i in {link.keyframe for link in links[within]}:
             moves[i] = replace(moves[i], remedies=list(moves[i].remedies), hits=dict(moves[i].hits))
-        return self.ladder.copy(), links, moves, self.no_way_back
+        return self.ladder.copy(), links, moves, self.retreat_hit
 
     def _refuse(self, i: int) -> Refusal:
-        move, unfollowed = self.moves[i], None
+        move, infeasible_kind = self.moves[i], None
         if move.kind not in move.hits and move.kind != STRAIGHT:
-            if (hit := self._alone(i)) is not None:
+            if (hit := self._hit_on_path(i)) is not None:
                 move.hits[move.kind] = hit
             else:
-                unfollowed = move.kind
-        return refuse_move(i, move, unfollowed)
+                infeasible_kind = move.kind
+        return refuse_move(i, move, infeasible_kind)
 
-    def _alone(self, i: int) -> Hit | None:
+    def _hit_on_path(self, i: int) -> Hit | None:
         """Return what the arm touches on the tool's path to keyframe i; None if it cannot follow that path at all."""
         if self.scene is None:
             return None

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.collision.geometry import Body, apart, link_bodies
+from pbd.arm.collision.geometry import Body, body_distance, link_bodies
 from pbd.arm.model import ArmModel, from_se3
 from pbd.pose import Pose, quat_from_xyzw
 
@@ -65,9 +65,9 @@ def tool_rod(arm: ArmModel) -> Body | None:
         if link.name not in gripper:
             continue
         T_tool_body = T_tool_base @ from_se3(data.oMi[link.joint]) @ link.T_joint_body
-        if apart(link, T_tool_body, _AHEAD, _TURNED)[0] < LEAST_GAP_M:
+        if body_distance(link, T_tool_body, _AHEAD, _TURNED)[0] < LEAST_GAP_M:
             return None
-        distance, p_tool, _ = apart(link, T_tool_body, _POINT, Pose.identity())
+        distance, p_tool, _ = body_distance(link, T_tool_body, _POINT, Pose.identity())
         if distance < nearest:
             nearest, start = distance, p_tool
     length = float(np.linalg.norm(start))

@@ -21,7 +21,7 @@ from pbd.arm.ladder_graph import Barred, Ladder, Layer
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
-STARTS, STARTS_WIDE, STARTS_CLOSE = 12, 81, 1000
+STARTS, STARTS_WIDE, STARTS_NULL_SPACE = 12, 81, 1000
 """Descents for each keyframe: at first, if moves next to it are barred, and if no configuration was free."""
 CONTINUOUS_RAD, MOST_STEPS = 0.5, 60
 """Largest motion of a joint between two layers along a path, rad; barred moves there before the link is mended."""
@@ -54,7 +54,7 @@ def solve_path(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array) -> Ar
     Raises:
         PlanError: a keyframe can't be reached; see `out_of_reach` for its fields.
     """
-    ladder = build_ladder(arm, T_base_tool, q_start, None, most_refused=1)
+    ladder = build_ladder(arm, T_base_tool, q_start, None, most_barred=1)
     if isinstance(ladder, Unreachable):
         raise out_of_reach(arm, ladder.keyframe, T_base_tool[ladder.keyframe], ladder.q_seed)
     path = ladder.shortest()
@@ -66,7 +66,7 @@ def build_ladder(
     T_base_tool: Sequence[Pose],
     q_start: Array,
     q_end: Array | None,
-    most_refused: int,
+    most_barred: int,
     wide_cost: float = 0.0,
 ) -> Ladder | Unreachable:
     """Build the ladder of n poses: layer 0 is `q_start`, layer i + 1 pose i, the last one `q_end`; both (k,).
@@ -74,18 +74,18 @@ def build_ladder(
     `wide_cost`: see `Layer`; it does not apply to keyframe 0.
     """
     at = States(q_start[None], np.zeros(1), np.zeros(1))
-    layers = [Layer(at.q, at.cost, most_refused)]
+    layers = [Layer(at.q, at.cost, most_barred)]
     for keyframe, pose in enumerate(T_base_tool):
         following = states_at(arm, pose, at, STARTS)
         if not len(following.q):
             return Unreachable(keyframe, at.q[0])
         at = following
-        layers.append(Layer(at.q, at.cost, most_refused, wide_cost=wide_cost if keyframe > 0 else 0.0))
+        layers.append(Layer(at.q, at.cost, most_barred, wide_cost=wide_cost if keyframe > 0 else 0.0))
     if q_end is not None:
-        layers.append(Layer(q_end[None], np.zeros(1), most_refused))
+        layers.append(Layer(q_end[None], np.zeros(1), most_barred))
     ladder = Ladder(layers)
     if len(q_start) > FULL_POSE:
-        _slide(arm, T_base_tool, ladder)
+        _move_along_null_space(arm, T_base_tool, ladder)
     return ladder
 
 
@@ -147,7 +147,7 @@ def add_turns(arm: ArmModel, ladder: Ladder, place: int, joint: int) -> int:
     return len(q)
 
 
-def turned(arm: ArmModel, q: Array, before: Array, most: int) -> Array:
+def turn_variants(arm: ArmModel, q: Array, before: Array, most: int) -> Array:
     """Return each configuration of q (m, k) in up to `most` variants, by whole turns of joints within the limits.
 
     Those nearest to any of `before` (b, k) come first.
@@ -162,7 +162,7 @@ def turned(arm: ArmModel, q: Array, before: Array, most: int) -> Array:
     return np.vstack(found)
 
 
-def turnable(arm: ArmModel, T_base_tool: Pose, q_before: Array, q: Array) -> set[int]:
+def joints_to_unwind(arm: ArmModel, T_base_tool: Pose, q_before: Array, q: Array) -> set[int]:
     """Return the joints for which a start one whole turn away may make the move shorter.
 
     Such a joint turns back by more than half a turn between q_before and q, or the direct move to the pose would, to
@@ -175,7 +175,7 @@ def turnable(arm: ArmModel, T_base_tool: Pose, q_before: Array, q: Array) -> set
     return set(np.flatnonzero((over | back) & (arm.turns > 0.0)).tolist())
 
 
-def _slide(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:
+def _move_along_null_space(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:
     """Move each configuration of the shortest path along its null space; add the result to the layers.
 
     The direction is toward the mean of the two neighbours, and away from limits nearer than MARGIN_RAD.

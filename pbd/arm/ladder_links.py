@@ -20,8 +20,8 @@ MOST_DETOURS = 4
 """Number of pairs of configurations without a detour after which a link is mended."""
 DETOUR_EXTRA = 1.0
 """Assumed extra length of a detour over the straight move, rad, until the detour is found."""
-ENOUGH_DETOURS, ANY_OTHER = 1, 100.0
-"""After ENOUGH_DETOURS detours on a link, each unknown one costs ANY_OTHER rad more, so it is searched for last."""
+ENOUGH_DETOURS, OTHER_DETOUR_COST = 1, 100.0
+"""After ENOUGH_DETOURS detours on a link, any other costs OTHER_DETOUR_COST rad more: it is searched for last."""
 
 
 class DetourSearch(NamedTuple):
@@ -58,7 +58,7 @@ CLOSE_M only this share of the sum."""
 
 
 @dataclass(eq=False)
-class Move:
+class MoveState:
     """The state of the search for the move to a keyframe.
 
     Attributes:
@@ -66,35 +66,35 @@ class Move:
         remedies: what is left to try, in order: "follow", "widen", "split", "detour", "connect".
         hits: by kind of move, the first hit that was found.
         pose_hit: a hit of the arm at the keyframe itself.
-        tried: number of barred pairs of configurations.
-        found_wide: number of pairs of configurations between which the tool deviates widely.
+        barred_pairs: number of barred pairs of configurations.
+        wide_pairs: number of pairs of configurations between which the tool deviates widely.
         wide: the tool's deviation on the straight move that a line replaces.
         tool_barred: the tool or its load touches something on the path, in every configuration of the arm.
         detour: nothing else was free, so a detour is searched for.
-        searched: number of collision checks of those searches.
+        detour_checks: number of collision checks of those searches.
         widened: more configurations were added at the keyframe.
-        looked_closely: configurations along the entire null space were added at the keyframe.
+        null_space_searched: configurations along the entire null space were added at the keyframe.
     """
 
     kind: str
     remedies: list[str]
     hits: dict[str, Hit] = field(default_factory=dict)
     pose_hit: Hit | None = None
-    tried: int = 0
-    found_wide: int = 0
+    barred_pairs: int = 0
+    wide_pairs: int = 0
     wide: ToolDeviation | None = None
     tool_barred: bool = False
     detour: bool = False
-    searched: int = 0
+    detour_checks: int = 0
     widened: bool = False
-    looked_closely: bool = False
+    null_space_searched: bool = False
 
-    def last_resort(self) -> bool:
+    def keep_detours_only(self) -> bool:
         """Drop all remedies except detours; return whether any is left."""
         self.remedies[:] = self._detours()
         return bool(self.remedies)
 
-    def leave_path(self) -> None:
+    def drop_path_remedies(self) -> None:
         """Drop the remedies that keep the tool on its present path, since it touches something there."""
         first = self.remedies.index("split") if "split" in self.remedies else len(self.remedies)
         self.remedies = [*self.remedies[:first], *(self._detours() if first < len(self.remedies) else ())]
@@ -117,14 +117,14 @@ class Link:
         keyframe: its index; n for the retreat.
         poses: of the tool along the link; None: straight in joint space.
         at_keyframe: the layer is the keyframe itself, not a pose on the way.
-        found: joints (m, k) of the free moves, without the first; the key is the bytes of the joints at both ends.
+        free_moves: joints (m, k) of the free moves, without the first; the key is the bytes of the joints at both ends.
         tool_free: the tool and its load are known to touch nothing on the path.
     """
 
     keyframe: int
     poses: tuple[Pose, ...] | None = None
     at_keyframe: bool = True
-    found: dict[bytes, Array] = field(default_factory=dict)
+    free_moves: dict[bytes, Array] = field(default_factory=dict)
     tool_free: bool = False
 
 
@@ -141,12 +141,12 @@ def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str
     return [*path, "detour", "connect"]
 
 
-def motion_of(arm: ArmModel, links: Sequence[Link], moves: Sequence[Move], q: Array, n: int) -> Motion:
+def assemble_motion(arm: ArmModel, links: Sequence[Link], moves: Sequence[MoveState], q: Array, n: int) -> Motion:
     """Assemble a motion through n keyframes from the free moves of the l links; q (l + 1, k) are the joints chosen."""
     parts: list[list[Array]] = [[] for _ in moves]
     ends = [q[0]] * n
     for place, link in enumerate(links, start=1):
-        parts[link.keyframe].append(link.found[q[place - 1].tobytes() + q[place].tobytes()])
+        parts[link.keyframe].append(link.free_moves[q[place - 1].tobytes() + q[place].tobytes()])
         if link.keyframe < n:
             ends[link.keyframe] = q[place]
     segments = []
@@ -156,5 +156,5 @@ def motion_of(arm: ArmModel, links: Sequence[Link], moves: Sequence[Move], q: Ar
             (deviation,) = tool_deviations(arm, ends[i - 1][None], ends[i][None])
             segment = replace(segment, off_line_m=deviation.off_line_m, wide=deviation if deviation.wide else None)
         segments.append(segment)
-    back = moves[n].segment(np.vstack(parts[n])) if len(parts) > n and parts[n] else None
-    return Motion(np.array(ends), tuple(segments), back)
+    retreat = moves[n].segment(np.vstack(parts[n])) if len(parts) > n and parts[n] else None
+    return Motion(np.array(ends), tuple(segments), retreat)

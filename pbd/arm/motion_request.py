@@ -22,7 +22,7 @@ class MotionRequest:
         T_base_tool: n poses of the tool, one for each keyframe.
         q_start: (k,) rad, the arm's present joints; configurations near them are preferred.
         approach: the motion begins at q_start; else at keyframe 0.
-        q_back: (k,) rad, where the arm retreats to after the last keyframe; None: it stays there.
+        q_retreat: (k,) rad, where the arm retreats to after the last keyframe; None: it stays there.
         kind: of the moves between keyframes: STRAIGHT, LINE or DEMO.
         hand: returns the n - 1 demonstrated paths of the tool; None if they are unknown.
         tolerance_m: a straight move on which the tool leaves the straight line by more becomes a LINE. Without a
@@ -36,7 +36,7 @@ class MotionRequest:
     T_base_tool: Sequence[Pose]
     q_start: Array
     approach: bool = True
-    q_back: Array | None = None
+    q_retreat: Array | None = None
     kind: str = STRAIGHT
     hand: Callable[[], Sequence[Sequence[Pose]]] | None = None
     tolerance_m: float | None = None
@@ -74,4 +74,4 @@ class Motion:
 
     q: Array
     segments: tuple[Segment, ...]
-    back: Segment | None
+    retreat: Segment | None

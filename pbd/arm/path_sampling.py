@@ -12,7 +12,7 @@ from pbd.pose import Array
 _SAME_S = 1e-9  # instants closer than this are merged
 
 
-def polyline(q: Array, opening: float, rates: Array, step_m: float = STEP_M) -> JointPath:
+def sample_polyline(q: Array, opening: float, rates: Array, step_m: float = STEP_M) -> JointPath:
     """Sample a polyline in joint space through joints (m, k); t is 0 to 1, with an equal share for each segment.
 
     `rates` (p, k + 1): see motion_bounds.py. No pair of bodies moves by more than `step_m` between samples.
@@ -32,7 +32,7 @@ def polyline(q: Array, opening: float, rates: Array, step_m: float = STEP_M) -> 
     return JointPath(t, x)
 
 
-def along(trajectory: JointTrajectory, rates: Array, start: float = 0.0, end: float = np.inf) -> JointPath:
+def sample_trajectory(trajectory: JointTrajectory, rates: Array, start: float = 0.0, end: float = np.inf) -> JointPath:
     """Sample a trajectory from `start` to `end` (s); rates (p, k + 1), see motion_bounds.py."""
     end = min(end, trajectory.duration)
     marks = np.concatenate((_turning_points(trajectory), trajectory.knots, trajectory.gripper_t, (start, end)))

@@ -74,7 +74,7 @@ def refuse_unknown_things(names: Iterable[str], known: Collection[str]) -> None:
             raise UsageError(f"no keyframe belongs to '{name}': {given}; {how}", value=name, valid=list(known))
 
 
-def nearest_place(wanted: ThingPlace, shown: Array, works: Callable[[ThingPlace], bool]) -> ThingPlace | None:
+def nearest_working_place(wanted: ThingPlace, shown: Array, works: Callable[[ThingPlace], bool]) -> ThingPlace | None:
     """Return the place nearest to `wanted` that works, on the way from where the thing was shown (3,), m in base.
 
     None if not even the place where it was shown works.

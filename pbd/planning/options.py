@@ -95,7 +95,7 @@ def dwells(keyframes: Sequence[Keyframe], options: PlanOptions) -> list[float]:
     return [0.0, *(min(max(keyframe.dwell_s, SHORTEST_DWELL_S), longest) for keyframe in keyframes[1:-1]), 0.0]
 
 
-def demonstrated(keyframes: Sequence[Keyframe]) -> list[float]:
+def hand_durations(keyframes: Sequence[Keyframe]) -> list[float]:
     """Return the time that the hand took from each keyframe to the next, without the dwells, s."""
     return [
         max(0.0, after.t - 0.5 * after.dwell_s - before.t - 0.5 * before.dwell_s)

@@ -15,7 +15,7 @@ from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyf
 from pbd.errors import PbdError, PlanError
 from pbd.pipeline import track
 from pbd.planning.choose_joints import Refused, choose_joints
-from pbd.planning.object_frames import nearest_place, things
+from pbd.planning.object_frames import nearest_working_place, things
 from pbd.planning.options import PlanOptions, dwells
 from pbd.planning.preconditions import (
     check_certainty,
@@ -27,7 +27,7 @@ from pbd.planning.preconditions import (
     warn_of_wide_moves,
 )
 from pbd.planning.result import Plan, find_stretched, find_touching
-from pbd.planning.task import Task, arm_of, moves_of, place, request_of, scene_of
+from pbd.planning.task import Task, arm_of, moves_of, place_keyframes, request_of, scene_of
 from pbd.planning.torque import check_torque
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import keyframes_of
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from pbd.planning.task import Hand
 
 
-NEAR = 1.0, 0.1
+DEVIATION_SHARES = 1.0, 0.1
 """Shares of the usual deviation from a curve: the second is tried if the motion touches something beside the curve."""
 
 
@@ -109,8 +109,8 @@ def plan_keyframes(
     found = _attempt(task, options or PlanOptions())
     if isinstance(found, Plan):
         return found
-    others = [said for said, instead in found.instead if _works(task, instead)]
-    others += _where_things_work(task, options or PlanOptions(), found.error)
+    others = [said for said, alternatives in found.alternatives if _works(task, alternatives)]
+    others += _suggest_place(task, options or PlanOptions(), found.error)
     raise type(found.error)(", or ".join((found.error.message, *others)), **found.error.fields)
 
 
@@ -128,7 +128,7 @@ def _works(task: Task, options: PlanOptions, attempt: Callable[[Task, PlanOption
             return False
 
 
-def _where_things_work(task: Task, options: PlanOptions, error: PbdError) -> list[str]:
+def _suggest_place(task: Task, options: PlanOptions, error: PbdError) -> list[str]:
     """Suggest a place that works for the thing to which the keyframe of the error belongs."""
     number = error.fields.get("keyframe")
     of = task.keyframes[number].frames if isinstance(number, int) else ()
@@ -136,9 +136,9 @@ def _where_things_work(task: Task, options: PlanOptions, error: PbdError) -> lis
     if wanted is None:
         return []
     others = tuple(each for each in options.at if each is not wanted)
-    _, as_shown = place(task, replace(options, at=others))
+    _, as_shown = place_keyframes(task, replace(options, at=others))
     p_shown = as_shown[things(task.keyframes)[wanted.name][0]].p
-    found = nearest_place(wanted, p_shown, lambda at: _works(task, replace(options, at=(*others, at))))
+    found = nearest_working_place(wanted, p_shown, lambda at: _works(task, replace(options, at=(*others, at))))
     return [] if found is None else [f"put the {wanted.name} nearer to where it was shown (--at {found} works)"]
 
 
@@ -162,7 +162,7 @@ def _prepare(task: Task, options: PlanOptions) -> _Prepared | Refused:
     check_count(keyframes)
     check_certainty(keyframes, options.scale * calibration.scale)
     arm = arm_of(robot)
-    T_base_nav, T_base_tool = place(task, options)
+    T_base_nav, T_base_tool = place_keyframes(task, options)
     if options.path != "demo" and (error := check_spread(T_base_tool)) is not None:
         demo = replace(options, path="demo", tolerance_m=None)
         return Refused(error, (("follow the hand with --path demo", demo),))
@@ -184,7 +184,7 @@ def _prepare(task: Task, options: PlanOptions) -> _Prepared | Refused:
 
 
 def _attempt(task: Task, options: PlanOptions) -> Plan | Refused:
-    from pbd.arm.ik.partial_pose import hold
+    from pbd.arm.ik.partial_pose import held_poses
     from pbd.arm.timing.time_moves import time_moves
     from pbd.audit.audit import TouchError, audit, torque_of
 
@@ -194,35 +194,35 @@ def _attempt(task: Task, options: PlanOptions) -> Plan | Refused:
     keyframes, calibration, robot, _, grasped = task
     arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen = prepared
     warn_of_wide_moves(arm, chosen)
-    held, off_rad = hold(arm, T_base_tool, chosen.q)
-    moves, back = moves_of(chosen, keyframes, hand, options)
+    held, off_rad = held_poses(arm, T_base_tool, chosen.q)
+    moves, retreat = moves_of(chosen, keyframes, hand, options)
 
-    def timed_at(speed: float, near: float) -> tuple[JointTrajectory, Array]:
+    def timed_at(speed: float, deviation_share: float) -> tuple[JointTrajectory, Array]:
         return time_moves(
             arm,
             q_start if options.approach else chosen.q[0],
-            [replace(move, near=near) for move in moves],
+            [replace(move, deviation_share=deviation_share) for move in moves],
             dwells(keyframes, options),
             [keyframe.grip for keyframe in keyframes],
-            retreat=back and replace(back, near=near),
+            retreat=retreat and replace(retreat, deviation_share=deviation_share),
             speed=speed * (1.0 - options.margin),
         )
 
     load = Load(options.payload, options.p_tool_payload, grasped, calibration.table_height)
 
     def share_at(speed: float) -> float:
-        another, pace = (timed_at(speed, near)[0], 1.0) if speed else (trajectory, 0.0)
+        another, pace = (timed_at(speed, deviation_share)[0], 1.0) if speed else (trajectory, 0.0)
         torque = torque_of(another, robot.limits, robot, load, pace)
         return torque.share if torque else 0.0
 
     world = None if options.allow_collision else (calibration, grasped)
-    for near in NEAR:
-        trajectory, took = timed_at(options.speed, near)
+    for deviation_share in DEVIATION_SHARES:
+        trajectory, took = timed_at(options.speed, deviation_share)
         try:
             report = audit(trajectory, robot.limits, robot, held, world, load)
             break
         except TouchError:
-            if near == NEAR[-1]:
+            if deviation_share == DEVIATION_SHARES[-1]:
                 raise
     if (heavy := check_torque(report.torque, robot.limits, load, options, share_at)) is not None:
         return heavy
@@ -237,5 +237,5 @@ def _attempt(task: Task, options: PlanOptions) -> Plan | Refused:
         report,
         find_stretched(took, keyframes) if options.time == "demo" else (),
         find_touching(scene.closer(), trajectory) if options.allow_collision else None,
-        chosen.back,
+        chosen.retreat,
     )

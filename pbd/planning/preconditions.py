@@ -9,7 +9,7 @@ import numpy as np
 
 from pbd.data import Keyframe
 from pbd.errors import PlanError, TrackingError, warn
-from pbd.planning.options import PlanOptions, demonstrated
+from pbd.planning.options import PlanOptions, hand_durations
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def check_certainty(keyframes: Sequence[Keyframe], scale: float) -> None:
         return
     worst = int(np.argmax(added))
     if worst > 0 and added[worst] > 0.5 * variances[least_sure]:
-        duration = demonstrated(keyframes)[worst - 1]
+        duration = hand_durations(keyframes)[worst - 1]
         why = f"most of it from the {duration:.1f} s move to keyframe {worst}: pause half a second during that move"
     else:
         why = "from the drift of many moves: end where you began (pbd record --closed), or use known places"
@@ -80,9 +80,9 @@ def check_certainty(keyframes: Sequence[Keyframe], scale: float) -> None:
 
 def warn_of_shapes(arm: ArmModel) -> None:
     """Warn of links without a collision shape, or with one far too small: their contacts may be missed."""
-    from pbd.arm.collision.shape_coverage import doubts
+    from pbd.arm.collision.shape_coverage import doubtful_shapes
 
-    if found := doubts(arm):
+    if found := doubtful_shapes(arm):
         told = "; ".join(f"{link} {why}" for link, why in found.items())
         warn(f"contacts may be missed: {told}; correct the shapes in {arm.robot.urdf}")
 

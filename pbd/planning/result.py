@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from pbd.data import Calibration, Demonstration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
 from pbd.data.one_line_repr import brief
 from pbd.errors import PlanError, warn
-from pbd.planning.options import PlanOptions, demonstrated
+from pbd.planning.options import PlanOptions, hand_durations
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Plan:
         segments: the moves to the keyframes.
         stretched: with time "demo", moves that take longer than the hand did.
         touching: the contacts of the motion, if they were allowed; None: there are none.
-        back: the retreat, or None.
+        retreat: the retreat, or None.
     """
 
     keyframes: tuple[Keyframe, ...]
@@ -70,7 +70,7 @@ class Plan:
     report: AuditReport
     stretched: tuple[Stretch, ...] = ()
     touching: Touching | None = None
-    back: Segment | None = None
+    retreat: Segment | None = None
 
     @property
     def tracked(self) -> tuple[HandPath, Demonstration]:
@@ -102,7 +102,7 @@ def find_touching(scene: CollisionScene, trajectory: JointTrajectory) -> Touchin
 
 def find_stretched(took_s: Array, keyframes: Sequence[Keyframe]) -> tuple[Stretch, ...]:
     """Find the moves that take longer than the hand did, and warn of them; `took_s` (n,): the moves' durations."""
-    both = zip(demonstrated(keyframes), took_s[1:].tolist(), strict=True)
+    both = zip(hand_durations(keyframes), took_s[1:].tolist(), strict=True)
     found = [
         Stretch(i, hand_s, arm_s)
         for i, (hand_s, arm_s) in enumerate(both, start=1)

@@ -35,14 +35,14 @@ that are planned for each dock."""
 NEAR_M = 0.1
 """Largest distance of a sampled height from the wanted height over the table, m; the dock is then moved to that."""
 YAWS_DEG = (0.0, -90.0, 90.0, 180.0)
-AHEAD = 0.2
+AHEAD_COST = 0.2
 """Cost of a dock beside or behind the base's x axis, rad of joint travel per rad."""
-OFTEN = 0.5
+OFTEN_SHARE = 0.5
 """Share of random configurations above which two touching links are taken to touch by design: such a contact would bar
 most homes."""
 HOME_OVER_M = 0.05
 """Height of home over the dock, m, times the scale."""
-WIDELY = 81
+HOME_DESCENTS = 81
 """Number of descents for the configurations of home."""
 APPROACH_OFF_RAD = float(np.radians(5.0))
 """Largest error of the approach axis at a keyframe for an arm with too few joints, rad."""
@@ -93,27 +93,27 @@ def suggest(
     from pbd.arm.ik.starts import manipulability, starts_of
 
     arm = arm_of(robot)
-    p, R = _sampled(arm)
+    p, R = _sampled_tool_poses(arm)
     table = None if robot.dock is None else robot.dock.table_height
     lowest = -min(keyframe.T_nav_sensor.p[2] for keyframe in keyframes)
     touching: dict[tuple[str, str], int] = {}
     why = f"no dock has all keyframes within reach, even at {SCALES[-1]} of the size; correct base or T_body_tool"
     why += "" if table is None else ", or table_height"
-    for table_known, scale, places in _stages(table, p[R[:, 2, 2] < -DOWN, 2], lowest):
-        docks = list(islice(_docks(arm, (p, R), keyframes, table_known, scale), places))
-        held = _weigh(arm, docks, keyframes)
+    for table_known, scale, places in _search_order(table, p[R[:, 2, 2] < -DOWN, 2], lowest):
+        docks = list(islice(_possible_docks(arm, (p, R), keyframes, table_known, scale), places))
+        held = _rank(arm, docks, keyframes)
         tell(f"{len(held)} of {len(docks)} docks have all keyframes within reach at {scale:g} of the size")
-        planned, stopped = _try_all(robot, held, keyframes, grasped)
+        planned, stopped = _plan_at_best(robot, held, keyframes, grasped)
         if stopped and not planned and not touching and (touching := _often_touching(arm)):
             robot = replace(robot, may_touch=(*robot.may_touch, *touching))
             pairs = ", ".join(f"{first} and {second}" for first, second in touching)
             tell(f"links that overlap in most configurations are taken to do so by design: {pairs}")
-            planned, stopped = _try_all(robot, held, keyframes, grasped)
+            planned, stopped = _plan_at_best(robot, held, keyframes, grasped)
         if planned:
             own, plan = min(planned, key=lambda each: each[1].trajectory.duration)
             room = margins(arm, own.home)
             nearest = robot.joints[int(room.argmin())], float(room.min())
-            dexterity = float(manipulability(arm.jacobian(own.home)[None])[0]) / starts_of(arm).clumsy
+            dexterity = float(manipulability(arm.jacobian(own.home)[None])[0]) / starts_of(arm).low_manipulability
             return Suggestion(own, plan, nearest, dexterity, len(docks), len(held), table is not None, touching)
         why = next(iter(stopped), why)
     raise RobotError(f"{robot.name}: no home and dock found: {why}", robot=robot.name)
@@ -126,21 +126,21 @@ def _often_touching(arm: ArmModel) -> dict[tuple[str, str], int]:
     from pbd.arm.collision.scene import CollisionScene
 
     clearance, often = CollisionScene(arm).always, dict[tuple[str, str], int]()
-    for row, count in clearance.always_touching(samples(arm, CONFIGURATIONS), OFTEN).items():
+    for row, count in clearance.always_touching(samples(arm, CONFIGURATIONS), OFTEN_SHARE).items():
         first, second = (clearance.bodies[i].name for i in clearance.pairs[row])
         often[first, second] = max(count, often.get((first, second), 0))
     return often
 
 
-def _try_all(
+def _plan_at_best(
     robot: Robot, docks: Sequence[Calibration], keyframes: Sequence[Keyframe], grasped: GraspedObject | None
 ) -> tuple[list[tuple[Robot, Plan]], list[str]]:
     """Plan at the best docks; return the robots and plans that worked, and why the others failed."""
-    tried = [_try(robot, dock, keyframes, grasped) for dock in docks[:TRIED]]
+    tried = [_plan_at(robot, dock, keyframes, grasped) for dock in docks[:TRIED]]
     return [each for each in tried if isinstance(each, tuple)], [each for each in tried if isinstance(each, str)]
 
 
-def _sampled(arm: ArmModel) -> tuple[Array, Array]:
+def _sampled_tool_poses(arm: ArmModel) -> tuple[Array, Array]:
     """Return positions (n, 3), m, and rotations (n, 3, 3) of the tool in base for random configurations."""
     from pbd.arm.reach import sample
 
@@ -156,7 +156,7 @@ def _sampled(arm: ArmModel) -> tuple[Array, Array]:
     return p.astype(np.float64), R.astype(np.float64)
 
 
-def _stages(table: float | None, z_down: Array, lowest: float) -> Iterator[tuple[float | None, float, int]]:
+def _search_order(table: float | None, z_down: Array, lowest: float) -> Iterator[tuple[float | None, float, int]]:
     """Yield the table's height, m (None: any), the scale, and the number of docks, in the order of trial."""
     if table is not None:
         yield from ((table, scale, PLACES) for scale in SCALES)
@@ -170,7 +170,7 @@ def _stages(table: float | None, z_down: Array, lowest: float) -> Iterator[tuple
     yield from ((height, scale, MORE_PLACES) for height in (0.0, None) for scale in SCALES[2:])
 
 
-def _docks(
+def _possible_docks(
     arm: ArmModel, sampled: tuple[Array, Array], keyframes: Sequence[Keyframe], table: float | None, scale: float
 ) -> Iterator[Calibration]:
     """Yield docks that bring the most tilted keyframe to a sampled tool pose with a similar tilt."""
@@ -181,7 +181,7 @@ def _docks(
         place = Pose(p, quat_about_z(yaw))
         return Calibration(f"{name}'s own dock", place, table_height=table_height + 0.0, scale=scale, robots=(name,))
 
-    at_origin = _tool(dock(0.0, np.zeros(3), 0.0), keyframes)
+    at_origin = _tool_poses_at(dock(0.0, np.zeros(3), 0.0), keyframes)
     approach = [quat_rotate(pose.wxyz, (0.0, 0.0, 1.0)) for pose in at_origin]
     tipped = int(np.argmax([z for _, _, z in approach]))
     over = GRIP_M - min(pose.p[2] for pose in at_origin)
@@ -200,22 +200,22 @@ def _docks(
         yield dock(yaw, at, round(float(at[2]) - over, 3))
 
 
-def _weigh(arm: ArmModel, docks: Sequence[Calibration], keyframes: Sequence[Keyframe]) -> list[Calibration]:
+def _rank(arm: ArmModel, docks: Sequence[Calibration], keyframes: Sequence[Keyframe]) -> list[Calibration]:
     """Return the docks at which every keyframe is within reach, least cost first."""
     from pbd.arm.ik.branches import configuration_cost
 
     found = []
     for dock in docks:
-        poses = _tool(dock, keyframes)
-        q = _hold_all(arm, poses)
+        poses = _tool_poses_at(dock, keyframes)
+        q = _solve_all(arm, poses)
         if q is not None:
             x, y, _ = np.mean([pose.p for pose in poses], axis=0)
-            cost = float(configuration_cost(arm, q).mean()) + AHEAD * abs(float(np.arctan2(y, x)))
+            cost = float(configuration_cost(arm, q).mean()) + AHEAD_COST * abs(float(np.arctan2(y, x)))
             found.append((cost, dock))
     return [dock for _, dock in sorted(found, key=lambda each: each[0])]
 
 
-def _hold_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
+def _solve_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
     """Return joints (m, k) for the m different poses, those farthest from the first one first; None if one is out of
     reach."""
     from pbd.arm.ik.partial_pose import is_partial, measure
@@ -235,7 +235,7 @@ def _hold_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
     return np.array(found)
 
 
-def _try(
+def _plan_at(
     robot: Robot, dock: Calibration, keyframes: Sequence[Keyframe], grasped: GraspedObject | None
 ) -> tuple[Robot, Plan] | str:
     """Plan the demonstration at a dock, from the first home that works; or return why it can't be planned."""
@@ -257,9 +257,9 @@ def _homes(
     """Return joints (k,) with the tool over the first keyframe, least cost first; free ones if there are any."""
     from pbd.arm.ik.branches import configuration_cost, find_branches, turn_toward
 
-    first = _tool(dock, keyframes)[0]
+    first = _tool_poses_at(dock, keyframes)[0]
     over = Pose(first.p + np.array([0.0, 0.0, HOME_OVER_M * dock.scale]), first.wxyz)
-    found = turn_toward(arm, find_branches(arm, over, arm.robot.home[None], WIDELY), arm.robot.home)
+    found = turn_toward(arm, find_branches(arm, over, arm.robot.home[None], HOME_DESCENTS), arm.robot.home)
     if not len(found):
         return []
     scene = scene_of(arm, dock, grasped)
@@ -268,5 +268,5 @@ def _homes(
     return [q for q in least_first if scene.hit(q) is None][:HOMES] or [least_first[0]]
 
 
-def _tool(dock: Calibration, keyframes: Sequence[Keyframe]) -> tuple[Pose, ...]:
+def _tool_poses_at(dock: Calibration, keyframes: Sequence[Keyframe]) -> tuple[Pose, ...]:
     return tool_poses(in_base(keyframes, dock))

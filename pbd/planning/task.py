@@ -11,7 +11,7 @@ from pbd.calibration.touch_up import touched_poses
 from pbd.data import Calibration, GraspedObject, HandPath, Keyframe, Robot
 from pbd.errors import CalibrationError
 from pbd.planning.object_frames import place_things
-from pbd.planning.options import PlanOptions, demonstrated
+from pbd.planning.options import PlanOptions, hand_durations
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -71,13 +71,13 @@ def moves_of(
     from pbd.arm.motion_request import DEMO
     from pbd.arm.timing.time_moves import APPROACH_SPEED, Move
 
-    first, back = chosen.segments[0], chosen.back
+    first, retreat = chosen.segments[0], chosen.retreat
     moves = [Move(first.q, first.curved, share=APPROACH_SPEED)]
-    for i, (segment, demonstrated_s) in enumerate(zip(chosen.segments[1:], demonstrated(keyframes), strict=True)):
+    for i, (segment, demonstrated_s) in enumerate(zip(chosen.segments[1:], hand_durations(keyframes), strict=True)):
         least_s = demonstrated_s if options.time == "demo" else 0.0
         t = hand()[i].t if options.time == "demo" and segment.kind == DEMO and hand else None
         moves.append(Move(segment.q, curved=segment.curved, t=t, least_s=least_s))
-    return moves, None if back is None else Move(back.q, back.curved, share=APPROACH_SPEED)
+    return moves, None if retreat is None else Move(retreat.q, retreat.curved, share=APPROACH_SPEED)
 
 
 class Task(NamedTuple):
@@ -90,7 +90,7 @@ class Task(NamedTuple):
     grasped: GraspedObject | None
 
 
-def place(task: Task, options: PlanOptions) -> tuple[Pose, tuple[Pose, ...]]:
+def place_keyframes(task: Task, options: PlanOptions) -> tuple[Pose, tuple[Pose, ...]]:
     """Return T_base_nav and the tool's pose in base at each keyframe, with nudges, touch-ups and places of things."""
     keyframes, calibration, robot, path, _ = task
     if calibration.robots and robot.name not in calibration.robots:

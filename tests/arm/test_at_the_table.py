@@ -84,7 +84,7 @@ def carried(*obstacles: Obstacle, y: float) -> Plan:
 
 
 def test_what_is_held_may_stand_at_the_last_keyframe_before_the_arm_goes_home_with_it() -> None:
-    back = carried(y=0.1).back
+    back = carried(y=0.1).retreat
     assert back is not None
     assert back.kind == STRAIGHT
 
@@ -93,6 +93,6 @@ def test_a_detour_back_takes_along_what_is_held() -> None:
     wall = Obstacle("the wall", "box", (0.8, 0.02, 1.1), Pose.from_rpy((0.55, 0.22, 0.35), (0.0, 0.0, 0.0)))
     with pytest.warns(PbdWarning, match="^on its way back the arm goes around the wall"):
         plan = carried(wall, y=0.5)
-    assert plan.back is not None
-    assert plan.back.kind == DETOUR
+    assert plan.retreat is not None
+    assert plan.retreat.kind == DETOUR
     assert detours(plan) == ((plan.trajectory.keyframe_t[-1], plan.trajectory.duration),)

@@ -66,7 +66,7 @@ def chosen(poses: Sequence[Pose], obstacles: Sequence[Obstacle] = (), **request:
     found, scene = asked(poses, obstacles, **request)
     assert isinstance(found, Motion)
     moves = [Move(segment.q, segment.curved) for segment in found.segments]
-    back = None if found.back is None else Move(found.back.q, found.back.curved)
+    back = None if found.retreat is None else Move(found.retreat.q, found.retreat.curved)
     start = HOME if request.get("approach", True) else found.q[0]
     trajectory, _ = time_moves(ARM, start, moves, [0.2] * len(moves), [None] * len(moves), retreat=back)
     assert check_motion(scene, trajectory) is None
@@ -101,12 +101,12 @@ LOWER = over(LEFT, moved(y=-0.2, z=-0.12), moved(y=0.2, z=-0.12), RIGHT)
 
 
 def test_where_nothing_is_in_the_way_all_is_straight() -> None:
-    motion = chosen((LEFT, RIGHT), q_back=HOME)
+    motion = chosen((LEFT, RIGHT), q_retreat=HOME)
     assert kinds(motion) == [STRAIGHT, STRAIGHT]
     np.testing.assert_array_equal(motion.segments[1].q, motion.q[1:])
     assert motion.segments[1].off_line_m > 0.001
-    assert motion.back is not None
-    np.testing.assert_array_equal(motion.back.q[-1], HOME)
+    assert motion.retreat is not None
+    np.testing.assert_array_equal(motion.retreat.q[-1], HOME)
 
 
 def test_a_link_that_is_barred_is_gone_round_by_holding_the_arm_otherwise() -> None:
@@ -234,9 +234,9 @@ def test_a_detour_may_turn_a_joint_the_longer_way() -> None:
     """The nearer turn of the base leads nowhere: no pair of ways to hold the arm that is nearest has a detour."""
     arm, obstacles, poses = made("ur5", "bin", 4)
     scene = CollisionScene(arm, None, obstacles)
-    motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), scene)
+    motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_retreat=arm.robot.home), scene)
     assert isinstance(motion, Motion)
-    assert motion.back is not None
+    assert motion.retreat is not None
     assert motion.q[1, 0] - motion.q[0, 0] < np.pi
 
 
@@ -277,7 +277,7 @@ def test_a_detour_is_looked_for_before_the_arm_is_held_quite_otherwise() -> None
     arm, obstacles, poses = made("ur5", "shelf", 7000)
     scene = CollisionScene(arm, None, obstacles)
     with pytest.warns(PbdWarning, match="goes around"):
-        found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), scene)
+        found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_retreat=arm.robot.home), scene)
     assert isinstance(found, Motion)
     assert travel(found) < 8.0
 
@@ -287,10 +287,10 @@ def test_a_detour_from_home_and_back(end: str) -> None:
     """A wall between home and all keyframes, and too high to be gone over straight."""
     poses = (moved(y=0.45, z=-0.2), moved(y=0.5, z=-0.2))
     wall = box("the wall", (0.8, 0.02, 1.1), 0.15, 0.22, -0.1)
-    request = {"q_back": HOME, "approach": False} if end == "back" else {}
+    request = {"q_retreat": HOME, "approach": False} if end == "back" else {}
     with pytest.warns(PbdWarning, match="the arm goes around the wall"):
         found = chosen(poses, [wall], **request)
-    detour = found.segments[0] if end == "approach" else found.back
+    detour = found.segments[0] if end == "approach" else found.retreat
     assert detour is not None
     assert detour.kind == DETOUR
 
@@ -351,8 +351,8 @@ def test_where_the_last_keyframe_has_no_free_way_back_the_motion_ends_there() ->
     """Something stands at home: that bars the way back and nothing else."""
     poses = (moved(y=0.3, z=-0.1), moved(y=0.35, z=-0.1))
     with pytest.warns(PbdWarning, match=r"no collision-free way back from the last keyframe was found .*the ball"):
-        motion = chosen(poses, [ball(0.0, 0.0, 0.0, 0.12)], q_back=HOME, approach=False)
-    assert motion.back is None
+        motion = chosen(poses, [ball(0.0, 0.0, 0.0, 0.12)], q_retreat=HOME, approach=False)
+    assert motion.retreat is None
     assert kinds(motion) == [STRAIGHT, STRAIGHT]
 
 
@@ -361,13 +361,13 @@ def test_an_end_is_come_to_along_the_tools_axis_where_it_can_not_be_come_to_stra
     """A ball where the fingertips would pass shortly before they are there."""
     low, apart = moved(y=-0.3, z=-0.3), moved(y=-0.35, z=-0.3)
     poses = (low, apart) if end == "approach" else (apart, low)
-    free = chosen(poses, q_back=HOME)
+    free = chosen(poses, q_retreat=HOME)
     q = free.q[poses.index(low)]
     there = places((HOME + 0.8 * (q - HOME))[None])[0]
-    found = chosen(poses, [ball(*there)], q_back=HOME)
-    assert found.back is not None
-    np.testing.assert_array_equal(found.back.q[-1], HOME)
-    q = found.segments[0].q if end == "approach" else found.back.q
+    found = chosen(poses, [ball(*there)], q_retreat=HOME)
+    assert found.retreat is not None
+    np.testing.assert_array_equal(found.retreat.q[-1], HOME)
+    q = found.segments[0].q if end == "approach" else found.retreat.q
     assert len(q) == 2
     away = places(q[:1])[0] - places(found.q)[poses.index(low)]
     np.testing.assert_allclose(away[:2], 0.0, atol=1e-4)  # home's tool points down but for a hair

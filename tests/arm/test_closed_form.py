@@ -7,8 +7,10 @@ import pytest
 
 from pbd.arm.ik.branches import find_branches
 from pbd.arm.ik.closed_form import closed_form, flipped_elbow
-from pbd.arm.ik.seven_joints import APART_RAD, seven_joints
-from pbd.arm.model import to_se3
+from pbd.arm.ik.seven_joints import seven_joints
+from pbd.arm.ik.subproblems import limit_excess
+from pbd.arm.model import load_model, to_se3
+from pbd.pose import Pose
 from tests.arm.bundled import arm_of
 from tests.arm.conftest import random_joints
 from tests.benchmarks.branches import measure
@@ -28,17 +30,36 @@ def test_every_way_reaches_the_pose_and_the_known_one_is_among_them(name: str, w
     assert count >= ways * len(joints)
 
 
+@pytest.mark.parametrize("name", ["ur5", "kinova", "panda"])
+def test_a_base_may_stand_beside_the_first_axis(name: str) -> None:
+    """One arm of each kind; the same arm and poses moved together have the same solutions."""
+    arm, moved, shift = arm_of(name), load_model(arm_of(name).robot), np.array([0.1, -0.2, 0.3])
+    moved.model.jointPlacements[1].translation += shift
+    for truth in random_joints(arm.robot, 10, seed=12):
+        pose = arm.forward(truth)
+        there = Pose(pose.p + shift, pose.wxyz)
+        np.testing.assert_allclose(closed_form(moved, to_se3(there)), closed_form(arm, to_se3(pose)), atol=1e-6)
+        branches = [branch for branch in seven_joints(moved, to_se3(there)) if len(branch) > 1]
+        assert all(max(there.distance(moved.forward(branch[0]))) < 1e-5 for branch in branches)
+        assert bool(branches) == (name == "panda")
+
+
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
 def test_every_branch_of_seven_joints_holds_the_pose_and_one_leads_past_the_known_way(name: str) -> None:
-    arm = arm_of(name)
+    """A branch is divided where a joint moves by more than 1 rad from one solution to the next, and nowhere else."""
+    arm, largest, nearly = arm_of(name), 0.0, 0.0
     for truth in random_joints(arm.robot, 50, seed=11):
         pose = arm.forward(truth)
-        found = [branch for branch in seven_joints(arm, to_se3(pose)) if len(branch) > 1]
+        branches = seven_joints(arm, to_se3(pose))
+        found = [branch for branch in branches if len(branch) > 1]
+        nearly = max([nearly, *(float(limit_excess(arm, branch[0])) for branch in branches if len(branch) == 1)])
         assert all(max(pose.distance(arm.forward(branch[len(branch) // 2]))) < 1e-5 for branch in found)
         off = np.vstack(found) - truth
         assert np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi))).max(axis=1).min() < 0.3
         steps = np.vstack([np.diff(branch, axis=0) for branch in found])
-        assert np.abs(steps - 2.0 * np.pi * np.round(steps / (2.0 * np.pi))).max() <= APART_RAD
+        largest = max(largest, float(np.abs(steps - 2.0 * np.pi * np.round(steps / (2.0 * np.pi))).max()))
+    assert 0.6 < largest <= 1.0
+    assert 0.15 < nearly < 0.2  # rad beyond a limit, where a short branch may lie
 
 
 @pytest.mark.parametrize("name", ["so100", "so101"])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pbd.arm.ik.solver import check
 from pbd.arm.joint_path import STARTS, build_ladder, widen
-from pbd.arm.ladder_graph import UNSEEN, Barred, Ladder, Layer
+from pbd.arm.ladder_graph import UNCHECKED_COST, Barred, Ladder, Layer
 from pbd.pose import Array
 from tests.arm.bundled import arm_of
 
@@ -19,11 +19,11 @@ MANY = 10**6
 
 
 def random_layers(
-    rng: np.random.Generator, sizes: list[int], most_refused: int = MANY, unseen: float = 0.0
+    rng: np.random.Generator, sizes: list[int], most_barred: int = MANY, unchecked_cost: float = 0.0
 ) -> list[Layer]:
-    start = Layer(rng.normal(size=(1, 2)), np.zeros(1), most_refused)
+    start = Layer(rng.normal(size=(1, 2)), np.zeros(1), most_barred)
     drawn = ((rng.normal(size=(size, 2)), rng.uniform(0.0, 0.3, size)) for size in sizes)
-    return [start] + [Layer(q, cost, most_refused, unseen=unseen) for q, cost in drawn]
+    return [start] + [Layer(q, cost, most_barred, unchecked_cost=unchecked_cost) for q, cost in drawn]
 
 
 class World:
@@ -85,18 +85,18 @@ def test_it_is_the_shortest_of_all_that_are_free(seed: int, sizes: list[int], st
 
 def test_what_is_known_is_left_for_a_path_that_is_shorter_by_more_than_unseen() -> None:
     """So fewer moves are asked about in all, and a path is longer by no more than that a move."""
-    asked = {0.0: 0, UNSEEN: 0}
-    for seed, unseen in product(range(20), asked):
+    asked = {0.0: 0, UNCHECKED_COST: 0}
+    for seed, unchecked_cost in product(range(20), asked):
         rng = np.random.default_rng(seed)
-        layers = random_layers(rng, [4] * 5, unseen=unseen)
+        layers = random_layers(rng, [4] * 5, unchecked_cost=unchecked_cost)
         world = World(rng, layers, 0.1, 0.4)
         found = Ladder(layers).search(world.stands, world.free_move)
         best = min(filter(world.free, world.every()), key=world.length, default=None)
         assert isinstance(found, Barred) == (best is None)
         if best is not None and not isinstance(found, Barred):
-            assert world.length(tuple(found)) <= world.length(best) + 5 * unseen + 1e-9
-        asked[unseen] += len(world.asked)
-    assert asked[UNSEEN] < asked[0.0]
+            assert world.length(tuple(found)) <= world.length(best) + 5 * unchecked_cost + 1e-9
+        asked[unchecked_cost] += len(world.asked)
+    assert asked[UNCHECKED_COST] < asked[0.0]
 
 
 @settings(deadline=None, max_examples=60)
@@ -109,13 +109,13 @@ def test_a_mended_ladder_is_as_one_built_whole(seed: int, place: int) -> None:
     world.bad = {each for each in world.bad if each[0] != 4}
     third, part = layers.pop(3), layers[2]
     later_q, later_cost = part.q[2:], part.cost[2:].copy()
-    ladder = Ladder([*layers[:2], Layer(part.q[:2], part.cost[:2].copy(), MANY, unseen=0.0), layers[3]])
+    ladder = Ladder([*layers[:2], Layer(part.q[:2], part.cost[:2].copy(), MANY, unchecked_cost=0.0), layers[3]])
     ladder.search(
         lambda at, q: at > 2 or world.stands(at, q), lambda at, *q: 0.0 if at > 2 else world.free_move(at, *q)
     )
     ladder.add(2, later_q, later_cost)
     ladder.insert(3, [third])
-    ladder.reopen(place, MANY, costly=place % 2 == 0, unseen=0.0)
+    ladder.reset_moves(place, MANY, costly=place % 2 == 0, unchecked_cost=0.0)
     world.asked = [each for each in world.asked if each[0] != place or len(each) == 2]
     found = ladder.search(lambda at, q: at > 3 or world.stands(at, q), world.free_move)
     best = min(filter(world.free, world.every()), key=world.length, default=None)
@@ -136,7 +136,7 @@ def test_what_isnt_on_the_path_isnt_asked_about_and_what_is_costly_last() -> Non
 
 def test_a_layer_that_refuses_too_often_is_handed_back() -> None:
     """All such layers at once, before the others are searched through."""
-    layers = random_layers(np.random.default_rng(0), [4, 4, 4, 4], most_refused=2)
+    layers = random_layers(np.random.default_rng(0), [4, 4, 4, 4], most_barred=2)
     asked = []
 
     def free(place: int, q: Array, q_next: Array) -> float:

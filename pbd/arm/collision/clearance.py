@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pbd.arm.collision.geometry import Body, mesh_to, meshes_apart, shape_of
+from pbd.arm.collision.geometry import Body, mesh_depth, mesh_distance, shape_of
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
@@ -101,7 +101,7 @@ class Clearance:
         for first, second in self.pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(int(first), int(second)))
         pairs_of = [(self.bodies[a], self.bodies[b]) for a, b in self.pairs]
-        self._mesh_to = np.array([mesh_to(*pair) for pair in pairs_of], dtype=np.float64)
+        self._mesh_depth = np.array([mesh_depth(*pair) for pair in pairs_of], dtype=np.float64)
         self._placed, self._data = self._geometry.createData(), arm.full.createData()
 
     def distances(self, x: Array) -> Array:
@@ -112,8 +112,8 @@ class Clearance:
         pin.computeDistances(self.arm.full, self._data, self._geometry, self._placed, q)
         measured = [result.min_distance for result in self._placed.distanceResults]
         distances: Array = np.array(measured) - self._pads
-        for pair in np.flatnonzero((distances > -self._mesh_to) & (distances < self.margin_m)):
-            distances[pair] = self._of_meshes(int(pair), distances[pair])
+        for pair in np.flatnonzero((distances > -self._mesh_depth) & (distances < self.margin_m)):
+            distances[pair] = self._by_meshes(int(pair), distances[pair])
         return distances
 
     def touching(self, x: Array) -> list[tuple[int, float]]:
@@ -227,7 +227,7 @@ class Clearance:
 
     def _distance(self, pair: int) -> float:
         distance = self._hull_distance(pair)
-        return self._of_meshes(pair, distance) if -self._mesh_to[pair] < distance < self.margin_m else distance
+        return self._by_meshes(pair, distance) if -self._mesh_depth[pair] < distance < self.margin_m else distance
 
     def _witness(self, pair: int) -> Array:
         result = pin.computeDistance(self._geometry, self._placed, pair)
@@ -237,9 +237,9 @@ class Clearance:
     def _hull_distance(self, pair: int) -> float:
         return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])
 
-    def _of_meshes(self, pair: int, distance: float) -> float:
+    def _by_meshes(self, pair: int, distance: float) -> float:
         """Return a pair's distance by its meshes if that is at least the margin, else `distance`, that of the hulls."""
         one, other = self.pairs[pair].tolist()
         placed = self._placed.oMg[one], self._placed.oMg[other]
-        apart = meshes_apart(self.bodies[one], placed[0], self.bodies[other], placed[1], self.margin_m)
+        apart = mesh_distance(self.bodies[one], placed[0], self.bodies[other], placed[1], self.margin_m)
         return distance if apart is None else apart

@@ -149,7 +149,7 @@ def moves_with_tool(arm: ArmModel, first: Body, second: Body) -> bool:
     return (tool in ones and second.joint == 0) or (tool in others and first.joint == 0)
 
 
-def mesh_to(first: Body, second: Body) -> float:
+def mesh_depth(first: Body, second: Body) -> float:
     """Return the overlap of two bodies' hulls, m, up to which their meshes decide whether they touch.
 
     For two links there is no limit. Another body, deeper inside a link's hull than its own thickness, may be entirely
@@ -207,7 +207,7 @@ def _slabs(triangles: Array) -> dict[str, Any]:
     return slabs
 
 
-def meshes_apart(first: Body, T_first: Any, second: Body, T_second: Any, margin_m: float) -> float | None:
+def mesh_distance(first: Body, T_first: Any, second: Body, T_second: Any, margin_m: float) -> float | None:
     """Return a lower bound of the distance of two bodies' meshes, m; None if they are closer than `margin_m`."""
     T_first, T_second = (coal.Transform3s(T.rotation, T.translation) for T in (T_first, T_second))
     pad, asked, least = first.pad + second.pad, coal.DistanceRequest(), coal.DistanceResult()
@@ -223,7 +223,7 @@ def meshes_apart(first: Body, T_first: Any, second: Body, T_second: Any, margin_
     return None if touch else margin_m
 
 
-def apart(first: Body, T_first: Pose, second: Body, T_second: Pose) -> tuple[float, Array, Array]:
+def body_distance(first: Body, T_first: Pose, second: Body, T_second: Pose) -> tuple[float, Array, Array]:
     """Measure the distance of two bodies at given poses.
 
     Returns:

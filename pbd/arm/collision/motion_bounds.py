@@ -24,7 +24,7 @@ def rates(arm: ArmModel, bodies: Sequence[Body], pairs: NDArray[np.int64]) -> Ar
 
     Only the joints between the two bodies count: joints before them move both alike.
     """
-    reach, chains = [levers(arm, body) for body in bodies], [set(each) for each in arm.full.supports]
+    reach, chains = [lever_arms(arm, body) for body in bodies], [set(each) for each in arm.full.supports]
     bound = np.zeros((len(pairs), len(arm.robot.joints) + 1))
     for row, (first, second) in enumerate(pairs):
         for joint in chains[bodies[first].joint] ^ chains[bodies[second].joint]:
@@ -35,7 +35,7 @@ def rates(arm: ArmModel, bodies: Sequence[Body], pairs: NDArray[np.int64]) -> Ar
 
 
 @lru_cache(maxsize=1024)
-def levers(arm: ArmModel, body: Body) -> Array:
+def lever_arms(arm: ArmModel, body: Body) -> Array:
     """Return for each joint a bound on the motion of the body's points, m per rad (or per m for a prismatic joint).
 
     For a joint that does not carry the body, it is the motion relative to what the joint carries.

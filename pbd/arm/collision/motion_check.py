@@ -14,7 +14,7 @@ import numpy as np
 
 from pbd.arm.collision.clearance import Clearance, Contact, JointPath
 from pbd.arm.collision.scene import TABLE, CollisionScene, Hit
-from pbd.arm.path_sampling import along
+from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import JointTrajectory
 from pbd.data.world import Stay, holds
 from pbd.errors import PlanError
@@ -22,7 +22,7 @@ from pbd.pose import Pose
 
 _STILL_RAD = 1e-6  # the arm counts as standing at joints that differ by less
 
-_APART_S = 0.1
+_MERGED_S = 0.1
 """Contacts of one pair closer in time than this, s, are merged."""
 
 
@@ -52,7 +52,7 @@ def check_motion(scene: CollisionScene, trajectory: JointTrajectory) -> MotionHi
     first: MotionHit | None = None
     for clearance, start, end in _phases(scene, trajectory):
         if first is None or start <= first.t:
-            path = along(trajectory, clearance.rates, start, min(end, first.t) if first else end)
+            path = sample_trajectory(trajectory, clearance.rates, start, min(end, first.t) if first else end)
             met = clearance.first_contact(path)
             found = None if met is None else _motion_hit(scene, trajectory, clearance, path, met)
             first = found if first is None or (found is not None and found.t < first.t) else first
@@ -60,14 +60,14 @@ def check_motion(scene: CollisionScene, trajectory: JointTrajectory) -> MotionHi
 
 
 def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[MotionHit, ...]:
-    """Return all hits of a motion, sorted by their beginning; short gaps in a contact are closed (_APART_S)."""
+    """Return all hits of a motion, sorted by their beginning; short gaps in a contact are closed (_MERGED_S)."""
     found: list[MotionHit] = []
     for clearance, start, end in _phases(scene, trajectory):
-        path = along(trajectory, clearance.rates, start, end)
+        path = sample_trajectory(trajectory, clearance.rates, start, end)
         found += [_motion_hit(scene, trajectory, clearance, path, met) for met in clearance.contacts(path)]
     hits: list[MotionHit] = []
     for hit in sorted(found, key=lambda each: each.t):
-        i = next((i for i, other in enumerate(hits) if _one_hit(other, hit)), None)
+        i = next((i for i, other in enumerate(hits) if _same_contact(other, hit)), None)
         if i is None:
             hits.append(hit)
         else:
@@ -82,13 +82,13 @@ def _phases(scene: CollisionScene, trajectory: JointTrajectory) -> Iterator[tupl
     for stay in object_stays(scene, trajectory):
         start, end = max(0.0, stay.start), min(stay.end, trajectory.duration)
         if start <= end:
-            yield scene.around_object(stay), start, end
+            yield scene.object_clearance(stay), start, end
 
 
-def _one_hit(earlier: MotionHit, later: MotionHit) -> bool:
+def _same_contact(earlier: MotionHit, later: MotionHit) -> bool:
     """Whether two hits are of the same two bodies, at nearly the same time."""
     bodies = [(each.hit.first, each.hit.second) for each in (earlier, later)]
-    return bodies[0] == bodies[1] and later.t <= earlier.parted_t + _APART_S
+    return bodies[0] == bodies[1] and later.t <= earlier.parted_t + _MERGED_S
 
 
 def object_stays(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Stay, ...]:

@@ -16,10 +16,10 @@ from pbd.arm.gripper import tool_on_joint
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
-RECENT, REMEMBERED = 4, 2000
+RECENT, CACHED = 4, 2000
 """Number of recently touching pairs that are measured first; number of coordinates whose distances are cached."""
 
-LIKELY = 0.5, 0.25, 0.75
+FIRST_SHARES = 0.5, 0.25, 0.75
 """Shares of a straight move at which those pairs are measured first."""
 
 
@@ -33,21 +33,21 @@ class QuickClearance(Clearance):
         of_pairs = ((self.bodies[a], self.bodies[b]) for a, b in self.pairs)
         self._of_tool = np.array([moves_with_tool(arm, *pair) for pair in of_pairs], dtype=bool)
         self._even = arm.full.nq == arm.full.nv  # without continuous joints, straight moves are straight for pinocchio
-        self._lately: list[int] = []  # pairs that touched recently, the last one first
+        self._recent: list[int] = []  # pairs that touched recently, the last one first
         self._known: dict[bytes, Array] = {}
 
     def touches(self, x: Array) -> bool:
         """Whether any pair touches at coordinates (k + 1,) where it may not."""
         if x.tobytes() not in self._known:
             self._place(self.arm.configurations(x))
-            if self._touch_again(x):
+            if self._recent_pair_touches(x):
                 return True
-        for pair in np.flatnonzero(~(self._remembered(x) >= self.margin_m)).tolist():
+        for pair in np.flatnonzero(~(self._cached_distances(x) >= self.margin_m)).tolist():
             if not self.may_touch(pair, x):
-                return self._touched(pair)
+                return self._remember_touch(pair)
         return False
 
-    def meets(self, x: Array) -> bool:
+    def touches_inside(self, x: Array) -> bool:
         """Whether any pair touches inside a straight move between coordinates x (2, k + 1); not checked at its ends."""
         step, q = x[1] - x[0], self.arm.configurations(x)
         way = q[1] - q[0]
@@ -55,12 +55,12 @@ class QuickClearance(Clearance):
         def place(t: float) -> None:
             self._place(q[0] + t * way if self._even else self.arm.configurations(x[0] + t * step))
 
-        for t in LIKELY:
+        for t in FIRST_SHARES:
             place(t)
-            if self._touch_again(x[0] + t * step):
+            if self._recent_pair_touches(x[0] + t * step):
                 return True
-        at_start, at_end, speed = self._remembered(x[0]), self._remembered(x[1]), self.rates @ np.abs(step)
-        for pair in self._in_reach(at_start, at_end, speed):
+        at_start, at_end, speed = self._cached_distances(x[0]), self._cached_distances(x[1]), self.rates @ np.abs(step)
+        for pair in self._may_touch_inside(at_start, at_end, speed):
             v = float(speed[pair])
             gaps = [(max(self.margin_m, at_start[pair]) / v, 1.0 - max(self.margin_m, at_end[pair]) / v)]
             for since, until in gaps:
@@ -71,16 +71,18 @@ class QuickClearance(Clearance):
                 distance = self._distance(pair)
                 if not distance >= self.margin_m:
                     if not self.may_touch(pair, x[0] + t * step):
-                        return self._touched(pair)
+                        return self._remember_touch(pair)
                     distance = self.margin_m
                 gaps += ((since, t - distance / v), (t + distance / v, until))
         return False
 
-    def meets_along(self, path: JointPath) -> bool:
+    def touches_inside_path(self, path: JointPath) -> bool:
         """Whether any pair touches inside a path; its ends are not checked."""
-        walk, at_start, at_end = self._walk(path), self._remembered(path.x[0]), self._remembered(path.x[-1])
-        near = self._in_reach(at_start, at_end, self.rates @ walk.moved[:, -1])
-        return any(self._halve(walk, pair, at_start[pair], at_end[pair]) and self._touched(pair) for pair in near)
+        walk, at_start, at_end = self._walk(path), self._cached_distances(path.x[0]), self._cached_distances(path.x[-1])
+        near = self._may_touch_inside(at_start, at_end, self.rates @ walk.moved[:, -1])
+        return any(
+            self._touches_on(walk, pair, at_start[pair], at_end[pair]) and self._remember_touch(pair) for pair in near
+        )
 
     def tool_contact(self, T_base_tool: Iterable[Pose], opening: float) -> tuple[int, float, Array] | None:
         """Check what moves with the tool against what does not move, with the tool at given poses.
@@ -104,15 +106,15 @@ class QuickClearance(Clearance):
                     return pair, distance, self._witness(pair)
         return None
 
-    def _in_reach(self, at_start: Array, at_end: Array, travel: Array) -> list[int]:
+    def _may_touch_inside(self, at_start: Array, at_end: Array, travel: Array) -> list[int]:
         """Return the pairs that may touch inside a path, recent ones first, from their distances at its ends and the
         bound (p,) of their motion, m."""
         open_ = ~(at_start + at_end > travel) & (travel > 0.0)
         near = np.flatnonzero(open_).tolist()
-        near.sort(key=lambda pair: self._lately.index(pair) if pair in self._lately else RECENT)
+        near.sort(key=lambda pair: self._recent.index(pair) if pair in self._recent else RECENT)
         return near
 
-    def _halve(self, walk: Walk, pair: int, at_start: float, at_end: float) -> bool:
+    def _touches_on(self, walk: Walk, pair: int, at_start: float, at_end: float) -> bool:
         """Whether a pair touches inside a path where it may not; `at_start`, `at_end`: its distances at the ends, m."""
         travel = self.rates[pair] @ walk.moved
         parts = [(0, max(self.margin_m, at_start), len(travel) - 1, max(self.margin_m, at_end))]
@@ -131,21 +133,21 @@ class QuickClearance(Clearance):
             parts += ((first, before, node, distance), (node, distance, last, after))
         return False
 
-    def _remembered(self, x: Array) -> Array:
+    def _cached_distances(self, x: Array) -> Array:
         """Return all distances; cached, since the same joints are the ends of many moves."""
         key = x.tobytes()
         if key not in self._known:
-            if len(self._known) == REMEMBERED:
+            if len(self._known) == CACHED:
                 self._known.clear()
             self._known[key] = self.distances(x)
         return self._known[key]
 
-    def _touch_again(self, x: Array) -> bool:
+    def _recent_pair_touches(self, x: Array) -> bool:
         """Whether any pair that touched recently touches now; all bodies are placed at coordinates x (k + 1,)."""
-        near = (pair for pair in self._lately if not self._distance(pair) >= self.margin_m)
+        near = (pair for pair in self._recent if not self._distance(pair) >= self.margin_m)
         return any(not self.may_touch(pair, x) for pair in near)
 
-    def _touched(self, pair: int) -> bool:
+    def _remember_touch(self, pair: int) -> bool:
         """Remember a pair that touched; return True."""
-        self._lately = [pair, *(each for each in self._lately if each != pair)][:RECENT]
+        self._recent = [pair, *(each for each in self._recent if each != pair)][:RECENT]
         return True

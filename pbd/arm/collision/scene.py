@@ -16,12 +16,12 @@ import numpy as np
 
 from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, SAMPLES, Unchecked, link_pairs, samples
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Clearance, Pairs
-from pbd.arm.collision.geometry import Body, apart
+from pbd.arm.collision.geometry import Body, body_distance
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.collision.quick_clearance import QuickClearance
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
 from pbd.arm.model import ArmModel
-from pbd.arm.path_sampling import polyline
+from pbd.arm.path_sampling import sample_polyline
 from pbd.data import GraspedObject, Obstacle
 from pbd.data.world import Stay, holds, stays
 from pbd.pose import Array, Pose
@@ -31,10 +31,10 @@ TABLE = "the table"
 REST_M = 0.03
 """Distance from where it is gripped or released, m, within which a held object may touch its support."""
 
-STEEP = float(np.cos(np.radians(45.0)))
+LEAST_NORMAL_Z = float(np.cos(np.radians(45.0)))
 """Least z component of the normal of a supporting surface: its normal is within 45 degrees of the vertical."""
 
-MOST_LOOKS = 32
+MOST_TOOL_CHECKS = 32
 """Largest number of poses of a path at which `tool_hit` checks the tool."""
 
 MOST_STAYS = 64
@@ -100,8 +100,8 @@ class CollisionScene:
             T_base_table = Pose.from_rpy((0.0, 0.0, table_height), np.zeros(3))
             world.insert(0, Body(TABLE, 0, T_base_table, "floor"))
         self._bodies = (*self._links, *world)
-        around = self._against(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
-        around = self._off_the_table(around)
+        around = self._pairs_between(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
+        around = self._without_mount(around)
         self.always = QuickClearance(arm, self._bodies, np.concatenate((pairs, around)))
         self._with_object: dict[Stay, QuickClearance] = {}
 
@@ -131,15 +131,18 @@ class CollisionScene:
         x = np.column_stack((q[[0, -1]], (leg.opening, leg.opening)))[: len(q)]
         return not any(
             any(each.touches(end) for end in x)
-            or (len(q) == 2 and each.meets(x))
-            or (len(q) > 2 and each.meets_along(polyline(q, leg.opening, each.rates, 2.0 * self.margin_m)))
+            or (len(q) == 2 and each.touches_inside(x))
+            or (
+                len(q) > 2
+                and each.touches_inside_path(sample_polyline(q, leg.opening, each.rates, 2.0 * self.margin_m))
+            )
             for each in self.clearances(leg.stay)
         )
 
     def tool_hit(self, T_base_tool: Sequence[Pose], leg: Leg) -> Hit | None:
         """Return a hit of what moves with the tool, with the tool at given poses, whatever the arm's configuration."""
         count = len(T_base_tool)
-        middle_first = sorted(range(0, count, count // MOST_LOOKS + 1), key=lambda i: abs(2 * i - count))
+        middle_first = sorted(range(0, count, count // MOST_TOOL_CHECKS + 1), key=lambda i: abs(2 * i - count))
         for each in self.clearances(leg.stay):
             poses = (T_base_tool[i] for i in middle_first)
             met = each.tool_contact(poses, leg.opening)
@@ -153,7 +156,7 @@ class CollisionScene:
         leg = leg or Leg()
         first = None
         for each in self.clearances(leg.stay):
-            path = polyline(q, leg.opening, each.rates, 2.0 * self.margin_m)
+            path = sample_polyline(q, leg.opening, each.rates, 2.0 * self.margin_m)
             met = each.first_contact(path)
             if met is not None and (first is None or path.t[met.first] < first.share):
                 share = float(path.t[met.first])
@@ -187,9 +190,9 @@ class CollisionScene:
 
     def clearances(self, stay: Stay | None) -> list[QuickClearance]:
         """Return all clearances to check while the object is where `stay` says; None: there is no object."""
-        return [self.always] if stay is None else [self.always, self.around_object(stay)]
+        return [self.always] if stay is None else [self.always, self.object_clearance(stay)]
 
-    def around_object(self, stay: Stay) -> QuickClearance:
+    def object_clearance(self, stay: Stay) -> QuickClearance:
         """Return the clearance of the object: to the arm, and while it is held also to the world; cached."""
         if stay not in self._with_object:
             if len(self._with_object) == MOST_STAYS:
@@ -210,10 +213,10 @@ class CollisionScene:
         bodies = (*self._bodies, Body(f"the {thing.shape}", *placed, thing.shape, thing.size))
         this, gripper = len(self._bodies), gripper_links(self.arm, self._links)
         others = [i for i, link in enumerate(self._links) if link.name not in gripper]
-        pairs = self._against(bodies, others, (this,))
+        pairs = self._pairs_between(bodies, others, (this,))
         if not stay.held:
             return QuickClearance(self.arm, bodies, pairs, self.margin_m)
-        around = self._against(bodies, (this,), range(len(self._links), this))
+        around = self._pairs_between(bodies, (this,), range(len(self._links), this))
 
         def near(places: Sequence[Array], T_base_tool: Pose) -> bool:
             p = (T_base_tool @ stay.pose).p
@@ -227,16 +230,16 @@ class CollisionScene:
 
     def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:
         """Whether an object at a pose stands on a support."""
-        distance, _, normal = apart(thing, T_base_thing, support, support.T_joint_body)
-        return bool(abs(distance) <= REST_M and -normal[2] >= STEEP)
+        distance, _, normal = body_distance(thing, T_base_thing, support, support.T_joint_body)
+        return bool(abs(distance) <= REST_M and -normal[2] >= LEAST_NORMAL_Z)
 
-    def _against(self, bodies: Sequence[Body], ones: Iterable[int], others: Iterable[int]) -> Pairs:
+    def _pairs_between(self, bodies: Sequence[Body], ones: Iterable[int], others: Iterable[int]) -> Pairs:
         """Return all pairs of bodies, except those that no joint moves relative to each other."""
         others = tuple(others)
         pairs = np.array([(a, b) for a in ones for b in others], dtype=np.int64).reshape(-1, 2)
         return pairs[(rates(self.arm, bodies, pairs) > 0.0).any(axis=1)]
 
-    def _off_the_table(self, around: Pairs) -> Pairs:
+    def _without_mount(self, around: Pairs) -> Pairs:
         """Remove the pairs of the table and links that nearly always touch it, such as the arm's mount."""
         on_table = np.flatnonzero([self._bodies[second].name == TABLE for _, second in around])
         clearance = QuickClearance(self.arm, self._bodies, around[on_table])

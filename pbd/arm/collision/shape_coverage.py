@@ -26,7 +26,7 @@ LEAST_LINK_M = 0.01
 
 
 @lru_cache(maxsize=4)
-def doubts(arm: ArmModel) -> dict[str, str]:
+def doubtful_shapes(arm: ArmModel) -> dict[str, str]:
     """Return the links with doubtful shapes, in the URDF's order, and why ("has no collision shape").
 
     Raises:

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from pbd.arm.ik.closed_form import closed_form, flipped_elbow
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
-from pbd.arm.ik.partial_pose import FULL_POSE, SLACK_RAD, finish, is_partial, solve_partial
+from pbd.arm.ik.partial_pose import FULL_POSE, SLACK_RAD, is_partial, refine_partial, solve_partial
 from pbd.arm.ik.seven_joints import seven_joints
 from pbd.arm.ik.solver import solve
 from pbd.arm.ik.starts import manipulability, starts_of
@@ -24,7 +24,7 @@ AT_LIMIT = 0.3
 SINGULAR = 0.3
 """Cost of a singular configuration, in rad of joint travel."""
 
-CARRIED_RELAXED = 2
+CARRIED_PARTIAL = 2
 """Number of states before from which an arm with too few joints starts: it has few solutions and slow descents."""
 CARRIED_APART_RAD, FRESH_APART_RAD, FRESH_APART_REDUNDANT_RAD = 0.3, 2.0, 1.2
 """Starts that differ by less than this in every joint count as one: states before; new seeds; new seeds of a redundant
@@ -50,19 +50,19 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
             `before` first. From each self-motion curve of a redundant arm, at most a third as many are taken.
     """
     if is_partial(arm):
-        return _partial(arm, T_base_tool, before)
+        return _partial_pose_solutions(arm, T_base_tool, before)
     goal = to_se3(T_base_tool)
     third = starts // 3
-    carried = apart(before, third, CARRIED_APART_RAD)
+    carried = distinct(before, third, CARRIED_APART_RAD)
     around = min(ALONG_APART_RAD, 2.0 * np.pi / third)
     curves = (branch[_nearest_first(arm, branch, carried)] for branch in seven_joints(arm, goal))
-    ways = np.vstack((closed_form(arm, goal), *(apart(branch, third, around) for branch in curves)))
+    ways = np.vstack((closed_form(arm, goal), *(distinct(branch, third, around) for branch in curves)))
     # A singular pose has more solutions; descents from the states before find those.
     if len(ways) and len(found := _solutions(arm, goal, np.vstack((ways, carried)))):
         return found
     seeds = starts_of(arm).nearest(goal, NEARBY)
     distance = FRESH_APART_REDUNDANT_RAD if len(arm.robot.joints) > FULL_POSE else FRESH_APART_RAD
-    fresh = apart(seeds[_nearest_first(arm, seeds, carried)], starts - third, distance)
+    fresh = distinct(seeds[_nearest_first(arm, seeds, carried)], starts - third, distance)
     found = _solutions(arm, goal, np.vstack((carried, fresh)))
     if not len(found) and (result := solve(arm, T_base_tool, before[0])).reached:
         return polish(arm, goal, result.q[None])
@@ -75,7 +75,7 @@ def _solutions(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> Array:
     solved = squares < SOLVED
     coarse = solved & (squares > EXACT**2)
     q[coarse] = polish(arm, goal, q[coarse])
-    return apart(q[solved], len(q), SAME_RAD)
+    return distinct(q[solved], len(q), SAME_RAD)
 
 
 def _nearest_first(arm: ArmModel, q: Array, carried: Array) -> Array:
@@ -98,7 +98,7 @@ def configuration_cost(arm: ArmModel, q: Array) -> Array:
     """Return the cost (m,) of being near limits and singularities at joints (m, k), in rad of joint travel."""
     near_limits = np.maximum(0.0, 1.0 - margins(arm, q) / MARGIN_RAD)
     J = np.array([arm.jacobian(each) for each in q])
-    dexterity = manipulability(J) / starts_of(arm).clumsy
+    dexterity = manipulability(J) / starts_of(arm).low_manipulability
     cost: Array = AT_LIMIT * (near_limits**2).sum(axis=1) + SINGULAR * np.maximum(0.0, 1.0 - dexterity) ** 2
     return cost
 
@@ -108,7 +108,7 @@ def margins(arm: ArmModel, q: Array) -> Array:
     return np.minimum(q - arm.limits.lower, arm.limits.upper - q)
 
 
-def apart(q: Array, most: int, distance: float) -> Array:
+def distinct(q: Array, most: int, distance: float) -> Array:
     """Keep the first `most` configurations of q (m, k) that differ from all others kept by more than `distance`, rad,
     in some joint."""
     left, kept = q, list[Array]()
@@ -129,14 +129,14 @@ def polish(arm: ArmModel, goal: pin.SE3, q: Array) -> Array:
     return np.clip(q, arm.limits.lower, arm.limits.upper)
 
 
-def _partial(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:
-    goal, carried = to_se3(T_base_tool), apart(before, CARRIED_RELAXED, CARRIED_APART_RAD)
-    ways = solve_partial(arm, goal, carried) + [finish(arm, goal, q) for q in carried]
+def _partial_pose_solutions(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:
+    goal, carried = to_se3(T_base_tool), distinct(before, CARRIED_PARTIAL, CARRIED_APART_RAD)
+    ways = solve_partial(arm, goal, carried) + [refine_partial(arm, goal, q) for q in carried]
     reached = [way for way in ways if way.reached]
     least = min((way.off for way in reached), default=0.0)
     found = np.array([way.q for way in reached if way.off <= least + SLACK_RAD]).reshape(-1, before.shape[1])
-    found = apart(found, len(found), SAME_RAD)
-    flipped = [finish(arm, goal, q) for each in found if (q := flipped_elbow(arm, each)) is not None]
+    found = distinct(found, len(found), SAME_RAD)
+    flipped = [refine_partial(arm, goal, q) for each in found if (q := flipped_elbow(arm, each)) is not None]
     also = [way.q for way in flipped if way.reached and way.off <= least + SLACK_RAD]
     found = np.vstack((found, *also))
-    return apart(found, len(found), SAME_RAD)
+    return distinct(found, len(found), SAME_RAD)

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pbd.arm.ik.levenberg_marquardt import Residual
-from pbd.arm.ik.partial_pose import finish, is_partial
+from pbd.arm.ik.partial_pose import is_partial, refine_partial
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose, quat_slerp
 
@@ -22,8 +22,8 @@ SPACING_M, SPACING_RAD = 0.005, np.radians(2.0)
 LEAP_RAD = 0.1
 """Largest joint motion between neighbouring poses that is not checked for a leap, rad."""
 
-_BETWEEN = 8  # steps into which two poses are divided to check for a leap
-_FEWEST = 8  # least number of poses on a line
+_LEAP_STEPS = 8  # steps into which two poses are divided to check for a leap
+_LEAST_POSES = 8  # least number of poses on a line
 _STEPS = 12  # most Newton steps for a pose
 _SETTLED = 1e-9  # |e| (m, rad) at which a pose is solved
 _RIDGE = 1e-10  # keeps the normal equations solvable where the arm is singular
@@ -32,11 +32,11 @@ _RIDGE = 1e-10  # keeps the normal equations solvable where the arm is singular
 def line(T_start: Pose, T_end: Pose) -> tuple[Pose, ...]:
     """Return poses on a straight line, with constant speed and constant rotation about one axis."""
     distance, angle = T_start.distance(T_end)
-    count = max(_FEWEST, int(np.ceil(max(distance / SPACING_M, angle / SPACING_RAD))) + 1)
-    return _between(T_start, T_end, count)
+    count = max(_LEAST_POSES, int(np.ceil(max(distance / SPACING_M, angle / SPACING_RAD))) + 1)
+    return _interpolate(T_start, T_end, count)
 
 
-def _between(T_start: Pose, T_end: Pose, count: int) -> tuple[Pose, ...]:
+def _interpolate(T_start: Pose, T_end: Pose, count: int) -> tuple[Pose, ...]:
     share = np.linspace(0.0, 1.0, count)
     p = T_start.p + share[:, None] * (T_end.p - T_start.p)
     wxyz = quat_slerp(T_start.wxyz, T_end.wxyz, share)
@@ -66,11 +66,11 @@ def follow(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, q_end: Ar
 
 
 def _leaps(arm: ArmModel, T_before: Pose, T_after: Pose, q_before: Array, q_after: Array) -> bool:
-    """Whether a joint makes more than half of its motion within one of the _BETWEEN steps."""
-    poses = _between(T_before, T_after, _BETWEEN + 1)
+    """Whether a joint makes more than half of its motion within one of the _LEAP_STEPS steps."""
+    poses = _interpolate(T_before, T_after, _LEAP_STEPS + 1)
     path = [q_before]
     for i, pose in enumerate(poses[1:-1], start=1):
-        found = refine(arm, pose, q_before + i / _BETWEEN * (q_after - q_before))
+        found = refine(arm, pose, q_before + i / _LEAP_STEPS * (q_after - q_before))
         if found is None:
             return True
         path.append(found)
@@ -82,7 +82,7 @@ def refine(arm: ArmModel, pose: Pose, q_seed: Array) -> Array | None:
     """Refine joints (k,) that nearly reach a pose; None if that fails or exceeds the limits."""
     goal = to_se3(pose)
     if is_partial(arm):
-        found = finish(arm, goal, q_seed)
+        found = refine_partial(arm, goal, q_seed)
         return found.q if found.reached else None
     q, residual = q_seed, Residual(arm, goal)
     for _ in range(_STEPS):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.ik.subproblems import TOGETHER_M, Axis, axes_of, beyond, sines, within_turns
+from pbd.arm.ik.subproblems import INTERSECTING_M, Axis, axes_of, limit_excess, sines, wrap_to_limits
 from pbd.arm.model import ArmModel
 from pbd.pose import Array
 
@@ -23,7 +23,7 @@ BEYOND_RAD = 0.05
 """A solution that exceeds a joint limit by more than this, rad, is left out: no descent leads back from there."""
 
 
-_Ways = tuple[tuple[Array, ...], tuple[Array, ...]]
+_Solutions = tuple[tuple[Array, ...], tuple[Array, ...]]
 
 
 class _Kind(NamedTuple):
@@ -44,9 +44,9 @@ def closed_form(arm: ArmModel, goal: pin.SE3) -> Array:
     R, p = moved.rotation, moved.act(kind.axes[5].p)  # the wrist's position for the goal
     q, short = (_spherical if kind.spherical else _parallel)(kind.axes, R, p)
     every = np.stack(np.broadcast_arrays(*q), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 6)
-    found = within_turns(arm, every * kind.signs)
+    found = wrap_to_limits(arm, every * kind.signs)
     reached = np.max(np.broadcast_arrays(*short), axis=0).T.repeat(2) <= STRETCHED_RAD
-    ways: Array = found[reached & (beyond(arm, found) <= BEYOND_RAD)]
+    ways: Array = found[reached & (limit_excess(arm, found) <= BEYOND_RAD)]
     return ways
 
 
@@ -66,8 +66,8 @@ def flipped_elbow(arm: ArmModel, q: Array) -> Array | None:
     turn = axis.align(upper + axis.turn(sines(other), fore), wrist)
     flipped = q.copy()
     flipped[first : first + 3] = np.array([a + turn, other, b + c - turn - other]) * signs
-    flipped = within_turns(arm, flipped)
-    return flipped if beyond(arm, flipped) < BEYOND_RAD else None
+    flipped = wrap_to_limits(arm, flipped)
+    return flipped if limit_excess(arm, flipped) < BEYOND_RAD else None
 
 
 @lru_cache(maxsize=4)
@@ -92,7 +92,7 @@ def _kind(arm: ArmModel) -> _Kind | None:
         return None
     fifth.p = last.p = wrist
     off = wrist - fourth.p
-    spherical = bool(np.linalg.norm(off - (off @ fourth.h) * fourth.h) < TOGETHER_M)
+    spherical = bool(np.linalg.norm(off - (off @ fourth.h) * fourth.h) < INTERSECTING_M)
     if spherical:
         fourth.p = wrist
     elif not second.is_parallel(fourth):
@@ -102,7 +102,7 @@ def _kind(arm: ArmModel) -> _Kind | None:
     return _Kind(axes, tool, signs, spherical)
 
 
-def _parallel(axes: list[Axis], R: Array, p: Array) -> _Ways:
+def _parallel(axes: list[Axis], R: Array, p: Array) -> _Solutions:
     """Return six arrays of angles, by the side of elbow, wrist and shoulder (2, 2, 2), and three shortfalls, rad."""
     first, second, third, fourth, fifth, last = axes
     n, upper, fore = second.h, third.p - second.p, fourth.p - third.p
@@ -119,7 +119,7 @@ def _parallel(axes: list[Axis], R: Array, p: Array) -> _Ways:
     return (q1, q2, q3, all_three - q2 - q3, q5, q6), (short1, short5, short3)
 
 
-def _spherical(axes: list[Axis], R: Array, p: Array) -> _Ways:
+def _spherical(axes: list[Axis], R: Array, p: Array) -> _Solutions:
     """Return the same for a spherical wrist, by the side of wrist, elbow and shoulder."""
     first, second, third, fourth, fifth, last = axes
     n, upper, fore = second.h, third.p - second.p, fourth.p - third.p

@@ -29,7 +29,7 @@ from pbd.pose import Array, Pose
 FULL_POSE = 6
 """Number of joints needed to reach any pose."""
 
-ABOUT_AXIS = 0.1
+ABOUT_AXIS_WEIGHT = 0.1
 """Weight of the rotation about the approach axis, relative to that of the approach axis itself."""
 
 SLACK_RAD = np.deg2rad(0.1)
@@ -38,12 +38,12 @@ SLACK_RAD = np.deg2rad(0.1)
 NEAR_M, EXACT_M = 1e-5, 1e-9
 """Tolerance of the position, m, and the accuracy to which it is solved."""
 
-TELL_RAD = np.deg2rad(5.0)
+WARN_RAD = np.deg2rad(5.0)
 """Rotation error above which a warning is given, rad."""
 
 NEAREST, ANYWHERE = 8, 16
 """Number of sampled starts near the pose, and anywhere."""
-AT_PLACE, EVERY = 32, 4
+AT_POSITION, EVERY = 32, 4
 """If the position seems out of reach: number of samples near it, of which every fourth is tried, as neighbours are
 alike."""
 
@@ -70,7 +70,7 @@ class PartialPose(NamedTuple):
     @property
     def off(self) -> float:
         """The rotation error weighted by the rule, rad."""
-        return float(np.hypot(self.approach_rad, ABOUT_AXIS * self.about_rad))
+        return float(np.hypot(self.approach_rad, ABOUT_AXIS_WEIGHT * self.about_rad))
 
 
 def is_partial(arm: ArmModel) -> bool:
@@ -91,28 +91,28 @@ def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialP
     for q, _ in sorted(ended, key=lambda end: end[1]):
         if all(np.abs(q - other).max() > _APART_RAD for other in kept) and len(kept) < _KEPT:
             kept.append(q)
-    places = [measure(arm, goal, nearest_place(arm, goal, q)) for q in kept]
+    places = [measure(arm, goal, nearest_position(arm, goal, q)) for q in kept]
     if not any(place.reached for place in places):  # the weight of the rotation may have led away from the position
-        kept = [nearest_place(arm, goal, q) for q in samples.at(goal.translation, AT_PLACE)[::EVERY]]
+        kept = [nearest_position(arm, goal, q) for q in samples.at(goal.translation, AT_POSITION)[::EVERY]]
         places += [measure(arm, goal, q) for q in kept]
         if not any(place.reached for place in places):
             return [min(places, key=lambda place: place.position_m)]
-    ways = [finish(arm, goal, q) for q in kept]
+    ways = [refine_partial(arm, goal, q) for q in kept]
     # A descent that turns the tool may end at limits where the position cannot be met.
     found = [way for way in ways if way.reached] or [place for place in places if place.reached]
     return sorted(found, key=lambda way: way.off)
 
 
-def finish(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> PartialPose:
+def refine_partial(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> PartialPose:
     """Descend from a seed (k,) to a solution by the rule."""
     bounds = (arm.limits.lower, arm.limits.upper)
     q, _ = descend(
         _Residual(arm, goal, _FINE), bounds, q_seed, steps=_FINE_STEPS, solved=EXACT_M**2, stalled=1.0, still=_STILL_RAD
     )
-    return measure(arm, goal, nearest_place(arm, goal, q))
+    return measure(arm, goal, nearest_position(arm, goal, q))
 
 
-def nearest_place(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
+def nearest_position(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
     """Descend from a seed (k,) to the joints whose tool is nearest to a target's position, in any rotation."""
     p_goal = goal.translation
 
@@ -133,7 +133,7 @@ def measure(arm: ArmModel, goal: pin.SE3, q: Array) -> PartialPose:
     return PartialPose(q, float(np.linalg.norm(p - goal.translation)), float(approach), float(about))
 
 
-def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tuple[Pose, ...], Array]:
+def held_poses(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tuple[Pose, ...], Array]:
     """Return the poses that the arm holds at joints (n, k) found for n tool poses; warn if rotations are far off.
 
     Also return the errors (n, 2), rad, of the approach axis and of the rotation about it. An arm with enough joints
@@ -144,9 +144,9 @@ def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tuple[Po
     found = [measure(arm, to_se3(pose), joints) for pose, joints in zip(T_base_tool, q, strict=True)]
     held = tuple(Pose(pose.p, arm.forward(joints).wxyz) for pose, joints in zip(T_base_tool, q, strict=True))
     off = np.array([(each.approach_rad, each.about_rad) for each in found]).reshape(-1, 2)
-    if len(off) and off.max() > TELL_RAD:
+    if len(off) and off.max() > WARN_RAD:
         approach, about = np.rad2deg(off.max(axis=0))
-        worst = int(np.argmax(np.hypot(off[:, 0], ABOUT_AXIS * off[:, 1])))
+        worst = int(np.argmax(np.hypot(off[:, 0], ABOUT_AXIS_WEIGHT * off[:, 1])))
         warn(
             f"{arm.robot.name} has {q.shape[1]} joints and can't match the hand's orientation: its approach axis is up "
             f"to {approach:.0f} degrees off, the rotation about it up to {about:.0f} degrees, worst at keyframe "
@@ -160,7 +160,7 @@ class _Residual:
 
     def __init__(self, arm: ArmModel, goal: pin.SE3, weight_m: float) -> None:
         self.tool, self.p = arm.tool, goal.translation
-        self.weights = weight_m * np.array([ABOUT_AXIS, ABOUT_AXIS, 1.0])
+        self.weights = weight_m * np.array([ABOUT_AXIS_WEIGHT, ABOUT_AXIS_WEIGHT, 1.0])
         self.axes = goal.rotation * self.weights
 
     def __call__(self, q: Array) -> tuple[Array, Array]:

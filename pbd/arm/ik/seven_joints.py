@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.ik.subproblems import TINY, TOGETHER_M, Axis, axes_of, beyond, sines, within_turns
+from pbd.arm.ik.subproblems import INTERSECTING_M, TINY, Axis, axes_of, limit_excess, sines, wrap_to_limits
 from pbd.arm.model import ArmModel
 from pbd.pose import Array
 
@@ -25,8 +25,8 @@ COUNT, FEWEST = 128, 8
 """Number of angles of the last joint that are tried: about COUNT in total, plus FEWEST in each range."""
 PAST_RAD = 0.02
 """How far beyond the elbow's reach the last joint is tried, rad; solutions there separate neighbouring ranges."""
-LEAP_RAD, FINER, CLOSE_RAD = 0.3, 8, 1.0
-"""If a joint moves by more than LEAP_RAD between two neighbouring angles, and a solution there exceeds its limits by
+FAST_RAD, FINER, CLOSE_RAD = 0.3, 8, 1.0
+"""If a joint moves by more than FAST_RAD between two neighbouring angles, and a solution there exceeds its limits by
 less than CLOSE_RAD, FINER more angles are tried between them."""
 APART_RAD = 1.0
 """Neighbouring solutions that differ by more than this in some joint, rad, belong to two branches."""
@@ -41,7 +41,7 @@ def _axes(arm: ArmModel) -> tuple[list[Axis], pin.SE3] | None:
         return None
     axes, tool = axes_of(arm)
     shoulder, also, wrist = (axes[one].crossing(axes[other]) for one, other in ((0, 1), (1, 2), (4, 5)))
-    if shoulder is None or also is None or wrist is None or np.linalg.norm(also - shoulder) > TOGETHER_M:
+    if shoulder is None or also is None or wrist is None or np.linalg.norm(also - shoulder) > INTERSECTING_M:
         return None
     for axis, place in zip(axes, (*[shoulder] * 3, axes[3].p, wrist, wrist), strict=False):
         axis.p = place
@@ -58,29 +58,29 @@ def seven_joints(arm: ArmModel, goal: pin.SE3) -> list[Array]:
     axes, tool = known
     moved = goal * tool.inverse()
     R, to_shoulder = moved.rotation, axes[0].p - moved.act(axes[6].p)
-    q7 = _last(arm, axes, R.T @ to_shoulder, axes[4].p - axes[6].p)
+    q7 = _last_joint_angles(arm, axes, R.T @ to_shoulder, axes[4].p - axes[6].p)
     if not len(q7):
         return []
-    q, off = _ways(arm, axes, R, to_shoulder, q7)
+    q, off = _solutions(arm, axes, R, to_shoulder, q7)
     # Where other joints move much faster than the last, try more of its angles.
-    near = np.flatnonzero((_leaps(q, off) > LEAP_RAD).any(axis=0))
+    near = np.flatnonzero((_largest_steps(q, off) > FAST_RAD).any(axis=0))
     finer = np.setdiff1d(q7[near] + np.linspace(0.0, 1.0, FINER + 2)[1:-1, None] * (q7[near + 1] - q7[near]), q7)
     if len(finer):
-        q_finer, off_finer = _ways(arm, axes, R, to_shoulder, finer)
+        q_finer, off_finer = _solutions(arm, axes, R, to_shoulder, finer)
         order = np.argsort(np.append(q7, finer))
         q, off = np.hstack((q, q_finer))[:, order], np.hstack((off, off_finer))[:, order]
     # Local minima of the limit excess.
     beside = np.pad(off, ((0, 0), (1, 1)), constant_values=np.inf)
     dips = (off > 0.0) & (off < NEARLY_RAD) & (off <= beside[:, :-2]) & (off <= beside[:, 2:])
     branches = list(q[dips][:, None])
-    for family, inside, leap in zip(q, off == 0.0, _leaps(q, off), strict=True):
+    for family, inside, leap in zip(q, off == 0.0, _largest_steps(q, off), strict=True):
         at = np.flatnonzero(inside)
         ends = np.flatnonzero((np.diff(at) > 1) | (leap[at[:-1]] > APART_RAD)) + 1
         branches += [family[part] for part in np.split(at, ends) if len(part)]
     return branches
 
 
-def _leaps(q: Array, off: Array) -> Array:
+def _largest_steps(q: Array, off: Array) -> Array:
     """Return the largest joint motion (8, n - 1), rad, between neighbouring solutions q (8, n, 7); 0 far beyond the
     limits."""
     step = np.diff(q, axis=1)
@@ -89,7 +89,7 @@ def _leaps(q: Array, off: Array) -> Array:
     return np.where(near, np.abs(step).max(axis=2), 0.0)
 
 
-def _ways(arm: ArmModel, axes: Sequence[Axis], R: Array, from_last: Array, q7: Array) -> tuple[Array, Array]:
+def _solutions(arm: ArmModel, axes: Sequence[Axis], R: Array, from_last: Array, q7: Array) -> tuple[Array, Array]:
     """Return joints (8, n, 7) for both sides of shoulder, wrist and elbow, at n angles of the last joint.
 
     Also return how far (8, n) each is from a solution, rad: its limit excess or its shortfall as `meet` defines it,
@@ -115,12 +115,12 @@ def _ways(arm: ArmModel, axes: Sequence[Axis], R: Array, from_last: Array, q7: A
     turn2 = sines(q2)
     q1 = first.align(second.turn(turn2, third.h), there)
     q3 = -third.align(second.back(turn2, first.h), back)
-    found = within_turns(arm, np.stack(np.broadcast_arrays(q1, q2, q3, q4, q5, q6, q7), axis=-1))
-    off = np.maximum(np.maximum(beyond(arm, found), short2), np.maximum(short4, short6))
+    found = wrap_to_limits(arm, np.stack(np.broadcast_arrays(q1, q2, q3, q4, q5, q6, q7), axis=-1))
+    off = np.maximum(np.maximum(limit_excess(arm, found), short2), np.maximum(short4, short6))
     return found.reshape(8, -1, 7), np.maximum(off, 0.0).reshape(8, -1)
 
 
-def _last(arm: ArmModel, axes: Sequence[Axis], to_shoulder: Array, to_wrist: Array) -> Array:
+def _last_joint_angles(arm: ArmModel, axes: Sequence[Axis], to_shoulder: Array, to_wrist: Array) -> Array:
     """Return sorted angles (n,) of the last joint, within limits, at which the wrist is within the elbow's reach."""
     first, fourth, fifth, h, (lower, upper) = axes[0], axes[3], axes[4], axes[6].h, (arm.limits.lower, arm.limits.upper)
     bends = np.linspace(max(lower[3], -np.pi), min(upper[3], np.pi), COUNT)

@@ -14,7 +14,7 @@ from pbd.pose import Array
 SAMPLES = 10_000
 ROTATION_WEIGHT_M = 0.3
 """Weight of a difference of 1 in an element of the rotation matrix, m."""
-CLUMSY = 0.25
+LOW_SHARE = 0.25
 """Share of configurations that count as nearly singular."""
 
 _MEASURED = 500  # samples from which that quantile of manipulability is computed
@@ -26,7 +26,7 @@ class Starts:
     Attributes:
         q: (n, k) rad.
         p: (n, 3) m, the tool's positions.
-        clumsy: 25th percentile of manipulability.
+        low_manipulability: 25th percentile of manipulability.
     """
 
     def __init__(self, arm: ArmModel) -> None:
@@ -35,7 +35,7 @@ class Starts:
         self._features = np.hstack((self.p, ROTATION_WEIGHT_M * R.reshape(-1, 9)))
         self._half_squares = 0.5 * np.einsum("nf,nf->n", self._features, self._features)
         J = np.array([arm.jacobian(q) for q in self.q[:_MEASURED]])
-        self.clumsy = float(np.quantile(manipulability(J), CLUMSY))
+        self.low_manipulability = float(np.quantile(manipulability(J), LOW_SHARE))
 
     def nearest(self, goal: pin.SE3, count: int) -> Array:
         """Return the (count, k) samples whose tool is nearest to a pose, nearest first."""

@@ -15,7 +15,7 @@ import pinocchio as pin
 from pbd.arm.model import ArmModel
 from pbd.pose import Array
 
-PARALLEL, TOGETHER_M = 1e-3, 1e-3
+PARALLEL, INTERSECTING_M = 1e-3, 1e-3
 """Largest sine of the angle between parallel axes; largest distance between intersecting axes, m."""
 TINY = 1e-12
 """Least denominator, for a joint that has no influence."""
@@ -35,11 +35,11 @@ class Axis:
 
     def turn(self, by: tuple[Array, Array], v: Array) -> Array:
         """Rotate vectors (..., 3) by angles (...) given by their `sines`."""
-        return _turned(self.K, by, v)
+        return _rotated(self.K, by, v)
 
     def back(self, by: tuple[Array, Array], v: Array) -> Array:
         """Rotate vectors by the negative angles."""
-        return _turned(self.K.T, by, v)
+        return _rotated(self.K.T, by, v)
 
     def align(self, v: Array, w: Array) -> Array:
         """Return the angles (...) that rotate v (..., 3) nearest to w (..., 3)."""
@@ -66,7 +66,7 @@ class Axis:
         """Return the point (3,) of intersection with another axis, m; None if they do not intersect."""
         normal = np.cross(self.h, other.h)
         square, off = float(normal @ normal), other.p - self.p
-        if square < PARALLEL**2 or abs(off @ normal) > TOGETHER_M * math.sqrt(square):
+        if square < PARALLEL**2 or abs(off @ normal) > INTERSECTING_M * math.sqrt(square):
             return None
         place: Array = other.p + other.h * float(np.cross(off, self.h) @ normal) / square
         return place
@@ -90,7 +90,7 @@ def sines(q: Array) -> tuple[Array, Array]:
     return np.sin(q)[..., None], (1.0 - np.cos(q))[..., None]
 
 
-def _turned(K: Array, by: tuple[Array, Array], v: Array) -> Array:
+def _rotated(K: Array, by: tuple[Array, Array], v: Array) -> Array:
     across = v @ K
     turned: Array = v + by[0] * across + by[1] * (across @ K)
     return turned
@@ -101,7 +101,7 @@ def _dot(v: Array, w: Array) -> Array:
     return dot
 
 
-def within_turns(arm: ArmModel, q: Array) -> Array:
+def wrap_to_limits(arm: ArmModel, q: Array) -> Array:
     """Turn joints (..., k) by whole turns to be nearest to the middle of their limits."""
     lower, upper = arm.limits.lower, arm.limits.upper
     middle = np.where(np.isfinite(upper - lower), 0.5 * (np.maximum(lower, -1e3) + np.minimum(upper, 1e3)), 0.0)
@@ -109,7 +109,7 @@ def within_turns(arm: ArmModel, q: Array) -> Array:
     return nearest
 
 
-def beyond(arm: ArmModel, q: Array) -> Array:
+def limit_excess(arm: ArmModel, q: Array) -> Array:
     """Return the largest limit excess (...) of joints (..., k), rad; negative within the limits."""
     farthest: Array = np.maximum(arm.limits.lower - q, q - arm.limits.upper).max(axis=-1)
     return farthest

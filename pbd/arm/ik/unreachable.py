@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.arm.ik.levenberg_marquardt import Residual
-from pbd.arm.ik.partial_pose import nearest_place
+from pbd.arm.ik.partial_pose import nearest_position
 from pbd.arm.ik.solver import TOLERANCE_M, IkResult, solve
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel, to_se3
@@ -50,7 +50,7 @@ def find_reason(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Unreache
     # `solve` already brings an arm with too few joints to the nearest position.
     others = () if nearest.partial else starts_of(arm).at(T_base_tool.p, _STARTS)
     for q_seed in (nearest.q, *others):
-        q = nearest_place(arm, goal, q_seed)
+        q = nearest_position(arm, goal, q_seed)
         gap = T_base_tool.p - arm.forward(q).p
         if np.linalg.norm(gap) < beyond:
             beyond, gap_least, q_least = float(np.linalg.norm(gap)), gap, q

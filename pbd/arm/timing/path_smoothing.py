@@ -88,7 +88,7 @@ class Curve:
 
 
 def curved_move(
-    waypoints: Array, limits: JointLimits, factor: float, t: Array | None = None, near: float = 1.0
+    waypoints: Array, limits: JointLimits, factor: float, t: Array | None = None, deviation_share: float = 1.0
 ) -> PiecewiseCubic:
     """Time a move along a curve.
 
@@ -96,7 +96,7 @@ def curved_move(
         waypoints: (n, k) rad, from the arm's present joints to those where it comes to rest.
         factor: share of the velocity, acceleration and jerk limits.
         t: (n,) s, increasing: when the demonstration passed the waypoints; the arm is nowhere faster.
-        near: share of OFF_RAD by which averaging may leave the curve.
+        deviation_share: share of OFF_RAD by which averaging may leave the curve.
     """
     curve = Curve.through(waypoints, limits, t)
     if curve is None:
@@ -105,13 +105,14 @@ def curved_move(
     ramp_s = 2.0 * float((limits.acceleration / limits.jerk).max())
     # Deviation per step squared: half the acceleration, times the variance of the average and of the spline, in steps.
     off = 0.5 * (_JERK_WIDTH**2 / 12.0 + 1.0 / 3.0) * factor * float(limits.acceleration.max())
-    steps = int(np.clip(profile.t[-1] / np.sqrt(near * OFF_RAD / off), *JERK_STEPS))
+    steps = int(np.clip(profile.t[-1] / np.sqrt(deviation_share * OFF_RAD / off), *JERK_STEPS))
     if ramp_s > _JERK_WIDTH * profile.t[-1] / steps:
         slower = _jerk_limited(curve, profile, limits, factor, steps)
         if slower is not None:
-            return _averaged(curve, limits, slower, slower.t[-1] / steps, _JERK_WIDTH).within(limits, factor)
+            return _averaged(curve, limits, slower, slower.t[-1] / steps, _JERK_WIDTH).slowed_to_limits(limits, factor)
     made = [
-        _averaged(curve, limits, profile, share * ramp_s / _WIDTH, _WIDTH).within(limits, factor) for share in _RAMPS
+        _averaged(curve, limits, profile, share * ramp_s / _WIDTH, _WIDTH).slowed_to_limits(limits, factor)
+        for share in _RAMPS
     ]
     return min(made, key=lambda pieces: pieces.duration)
 

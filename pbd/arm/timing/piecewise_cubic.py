@@ -62,7 +62,7 @@ class PiecewiseCubic:
         """Return the same path, slowed if needed to take at least `least_s`."""
         return self.slowed(least_s / self.duration) if 0.0 < self.duration < least_s else self
 
-    def within(self, limits: JointLimits, factor: float) -> PiecewiseCubic:
+    def slowed_to_limits(self, limits: JointLimits, factor: float) -> PiecewiseCubic:
         """Return the same path, slowed as much as needed to keep a share `factor` of all limits."""
         velocity, acceleration, jerk = self.peaks()
         slow = max(

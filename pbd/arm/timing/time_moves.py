@@ -34,7 +34,7 @@ class Move:
         t: (n + 1,) s, when the demonstration passed the start and each waypoint; a curve is nowhere faster.
         least_s: shortest duration of the move, s.
         share: of the velocity, acceleration and jerk limits.
-        near: how closely it follows a curve; see `curved_move`.
+        deviation_share: how closely it follows a curve; see `curved_move`.
     """
 
     q: Array
@@ -42,7 +42,7 @@ class Move:
     t: Array | None = None
     least_s: float = 0.0
     share: float = 1.0
-    near: float = 1.0
+    deviation_share: float = 1.0
 
     def pieces(self, q_start: Array, limits: JointLimits, speed: float) -> PiecewiseCubic:
         """Time the move from joints (k,); `speed` multiplies its share of the limits."""
@@ -50,7 +50,9 @@ class Move:
             from pbd.arm.timing.path_smoothing import curved_move  # scipy loads slowly
 
             waypoints = np.vstack((q_start, self.q))
-            return curved_move(waypoints, limits, speed * self.share, self.t, self.near).lasting(self.least_s)
+            return curved_move(waypoints, limits, speed * self.share, self.t, self.deviation_share).lasting(
+                self.least_s
+            )
         parts, before = [], q_start
         for q in self.q:
             parts.append(ptp_move(before, q, limits, speed * self.share))

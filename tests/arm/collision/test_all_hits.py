@@ -21,7 +21,7 @@ def sampled(scene: CollisionScene, trajectory: JointTrajectory, t: Array) -> dic
     found: dict[tuple[str, str], list[float]] = {}
     for instant, q, opening in zip(t, samples.q, samples.gripper, strict=True):
         x = np.append(q, opening)
-        around = [scene.around_object(stay) for stay in stays if stay.start <= instant <= stay.end]
+        around = [scene.object_clearance(stay) for stay in stays if stay.start <= instant <= stay.end]
         for watch in (scene.always, *around):
             for pair, distance in watch.touching(x):
                 hit = scene.as_hit(watch, pair, x, distance)

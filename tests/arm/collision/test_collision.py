@@ -13,7 +13,7 @@ from pbd.arm.collision.motion_check import check_motion, collision_error, object
 from pbd.arm.collision.scene import TABLE, CollisionScene, Leg
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel
-from pbd.arm.path_sampling import along
+from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import GraspedObject, JointTrajectory, Obstacle
 from pbd.data.world import Stay
 from pbd.errors import PlanError
@@ -133,7 +133,7 @@ def dense(arm: ArmModel, scene: CollisionScene, names: set[str], trajectory: Joi
     everything = scene.always
     rows = [row for row, pair in enumerate(everything.pairs) if everything.bodies[pair[1]].name in names]
     watched = Clearance(arm, everything.bodies, everything.pairs[rows])
-    path = along(trajectory, watched.rates * STEP_M / 1e-4)
+    path = sample_trajectory(trajectory, watched.rates * STEP_M / 1e-4)
     return path.t, np.array([watched.distances(x).min() for x in path.x])
 
 

@@ -21,7 +21,7 @@ from pbd.arm.collision.geometry import Body, link_bodies
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.path_sampling import along, polyline
+from pbd.arm.path_sampling import sample_polyline, sample_trajectory
 from pbd.data import Gripper, JointTrajectory, Robot
 from pbd.pose import Array, Pose, quat_about_z
 from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, hull_distance, placements, points_of, rounding_of
@@ -120,7 +120,7 @@ def test_nodes_are_close_enough(arm: ArmModel, seed: int) -> None:
     trajectory, _ = spline(arm, seed)
     trajectory = replace(trajectory, gripper_t=np.array([0.0, 0.5, 0.9]), gripper_opening=np.array([1.0, 1.0, 0.2]))
     bound = links_only(arm).rates
-    path = along(trajectory, bound)
+    path = sample_trajectory(trajectory, bound)
     assert (path.t[0], path.t[-1]) == (0.0, trajectory.duration)
     assert (np.diff(path.t) > 0.0).all()
     motion = bound @ np.abs(np.diff(path.x.T))
@@ -136,7 +136,7 @@ def test_nodes_are_close_enough(arm: ArmModel, seed: int) -> None:
 
 def test_a_part_of_a_trajectory(arm: ArmModel) -> None:
     trajectory, _ = spline(arm, 0)
-    path = along(trajectory, links_only(arm).rates, 0.7, 1.1)
+    path = sample_trajectory(trajectory, links_only(arm).rates, 0.7, 1.1)
     assert (path.t[0], path.t[-1]) == (0.7, 1.1)
     assert_array_equal(path.x[:, :-1], trajectory.at(path.t).q)
 
@@ -153,7 +153,7 @@ class Counted(Clearance):
 
 def swing(arm: ArmModel, angle: float) -> JointPath:
     home: Array = arm.robot.home
-    return polyline(np.stack((home, home + angle * np.eye(7)[0])), 1.0, np.ones((1, 8)))
+    return sample_polyline(np.stack((home, home + angle * np.eye(7)[0])), 1.0, np.ones((1, 8)))
 
 
 def beside(arm: ArmModel, gap: float, size: float = 0.1) -> Clearance:
@@ -321,6 +321,6 @@ def test_what_touches_in_nearly_every_configuration_is_dropped_and_told(tmp_path
 def test_a_trajectory_of_one_instant(arm: ArmModel) -> None:
     """A stay may begin where it ends."""
     trajectory: JointTrajectory = spline(arm, 0)[0]
-    path = along(trajectory, links_only(arm).rates, 0.7, 0.7)
+    path = sample_trajectory(trajectory, links_only(arm).rates, 0.7, 0.7)
     assert_array_equal(path.t, [0.7])
     assert links_only(arm).first_contact(path) is None

@@ -8,7 +8,7 @@ from xml.dom.minidom import parse
 import pytest
 
 from pbd.arm.collision.scene import TABLE, CollisionScene
-from pbd.arm.collision.shape_coverage import doubts
+from pbd.arm.collision.shape_coverage import doubtful_shapes
 from pbd.arm.gripper import THE_TOOL
 from pbd.arm.model import load_model
 from pbd.cli import main
@@ -26,7 +26,7 @@ def test_every_body_is_watched_against_something(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_is_doubted_of_the_bundled_arms(name: str) -> None:
-    assert doubts(arm_of(name)) == {}
+    assert doubtful_shapes(arm_of(name)) == {}
 
 
 BOX = '<{0}><geometry><box size="0.2 0.2 0.2"/></geometry></{0}>'
@@ -48,7 +48,7 @@ MESH = '<{0}><geometry><mesh filename="t.obj" scale="{1} {1} {1}"/></geometry></
 )
 def test_a_hand_without_a_shape_or_with_one_far_too_small(tmp_path: Path, hand: str, why: str | None) -> None:
     (tmp_path / "t.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
-    found = doubts(load_model(simple(tmp_path, hand)))
+    found = doubtful_shapes(load_model(simple(tmp_path, hand)))
     if why is None:
         assert "hand" not in found
     else:
@@ -61,7 +61,7 @@ def test_a_link_far_smaller_than_the_way_between_its_joints(tmp_path: Path, size
     own = BOX.format("collision").replace("0.2", str(size))
     text = robot.urdf.read_text().replace('<link name="arm"/>', f'<link name="arm">{own}</link>')
     robot.urdf.write_text(text)
-    found = doubts(load_model(robot))
+    found = doubtful_shapes(load_model(robot))
     assert found.get("arm") == (None if why is None else f"has a collision shape {why}")
 
 

@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
-from pbd.arm.ik.partial_pose import ABOUT_AXIS, NEAR_M, PartialPose, hold, is_partial, measure, solve_partial
+from pbd.arm.ik.partial_pose import (
+    ABOUT_AXIS_WEIGHT,
+    NEAR_M,
+    PartialPose,
+    held_poses,
+    is_partial,
+    measure,
+    solve_partial,
+)
 from pbd.arm.ik.solver import solve
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel, to_se3
@@ -97,7 +105,7 @@ def best_by_slsqp(arm: ArmModel, pose: Pose, start: Array) -> float:
     def off(q: Array) -> float:
         R = arm.forward_many(q[None])[1]
         z, x = (1.0 - float(R[0][:, column] @ wanted[:, column]) for column in (2, 0))
-        return z + ABOUT_AXIS**2 * x
+        return z + ABOUT_AXIS_WEIGHT**2 * x
 
     def place(q: Array) -> Array:
         return np.asarray(10.0 * (arm.forward_many(q[None])[0][0] - pose.p))
@@ -126,7 +134,7 @@ def test_what_is_held_is_told() -> None:
     here = arm.forward(arm.robot.home)
     wanted = [turned(here, np.array([0.0, np.radians(4.0), 0.0])), turned(here, np.array([0.0, 0.0, 0.5]))]
     with pytest.warns(PbdWarning) as told:
-        held, off_rad = hold(arm, wanted, q)
+        held, off_rad = held_poses(arm, wanted, q)
     assert [str(warning.message) for warning in told] == [
         "so101 has 5 joints and can't match the hand's orientation: its approach axis is up to 4 degrees off,"
         " the rotation about it up to 29 degrees, worst at keyframe 0; use an arm with six joints, or move the dock"
@@ -140,9 +148,9 @@ def test_little_is_not_told_and_six_joints_hold_what_was_asked_for() -> None:
         warnings.simplefilter("error")
         arm = arm_of("so101")
         wanted = turned(arm.forward(arm.robot.home), np.array([0.0, 0.0, np.radians(4.0)]))
-        assert hold(arm, [wanted], arm.robot.home[None])[1][0, 1] == pytest.approx(np.radians(4.0))
+        assert held_poses(arm, [wanted], arm.robot.home[None])[1][0, 1] == pytest.approx(np.radians(4.0))
         arm = arm_of("ur5")
-        held, off_rad = hold(arm, [wanted], arm.robot.home[None])
+        held, off_rad = held_poses(arm, [wanted], arm.robot.home[None])
         assert held == (wanted,)
         np.testing.assert_array_equal(off_rad, [[0.0, 0.0]])
 
@@ -168,7 +176,7 @@ def test_the_bundled_demonstrations_are_held(name: str, demo: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         q = solve_path(arm, poses, arm.robot.home)
-        held, off_rad = hold(arm, poses, q)
+        held, off_rad = held_poses(arm, poses, q)
     approach, about = np.degrees(off_rad).max(axis=0)
     assert approach < (2.0 if demo == "pouring" else 4.0)
     assert about < 0.5
