@@ -18,7 +18,8 @@ from tests.benchmarks.branches import measure
 
 @pytest.mark.parametrize(("name", "ways"), [("ur3", 6.0), ("ur5", 6.0), ("ur10", 6.0), ("kinova", 7.0), ("z1", 1.0)])
 def test_every_way_reaches_the_pose_and_the_known_one_is_among_them(name: str, ways: float) -> None:
-    arm, count = arm_of(name), 0
+    """So are ways up to 0.05 rad beyond a limit, from where a descent leads back."""
+    arm, count, beyond = arm_of(name), 0, -np.inf
     joints = random_joints(arm.robot, 50, seed=11)
     for truth in joints:
         pose = arm.forward(truth)
@@ -27,7 +28,10 @@ def test_every_way_reaches_the_pose_and_the_known_one_is_among_them(name: str, w
         off = found - truth
         assert np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi))).max(axis=1).min() < 1e-6
         count += len(found)
+        beyond = max(beyond, float(limit_excess(arm, found).max()))
     assert count >= ways * len(joints)
+    assert beyond < 0.05
+    assert beyond > 0.03 or name.startswith("ur")
 
 
 @pytest.mark.parametrize("name", ["ur5", "kinova", "panda"])
@@ -46,8 +50,11 @@ def test_a_base_may_stand_beside_the_first_axis(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
 def test_every_branch_of_seven_joints_holds_the_pose_and_one_leads_past_the_known_way(name: str) -> None:
-    """A branch is divided where a joint moves by more than 1 rad from one solution to the next, and nowhere else."""
-    arm, largest, nearly = arm_of(name), 0.0, 0.0
+    """A branch is divided where a joint moves by more than 1 rad from one solution to the next, and nowhere else.
+
+    Where a joint moves fast, the angles of the last one are nine times as dense.
+    """
+    arm, largest, nearly, dense = arm_of(name), 0.0, 0.0, 0
     for truth in random_joints(arm.robot, 50, seed=11):
         pose = arm.forward(truth)
         branches = seven_joints(arm, to_se3(pose))
@@ -56,15 +63,24 @@ def test_every_branch_of_seven_joints_holds_the_pose_and_one_leads_past_the_know
         assert all(max(pose.distance(arm.forward(branch[len(branch) // 2]))) < 1e-5 for branch in found)
         off = np.vstack(found) - truth
         assert np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi))).max(axis=1).min() < 0.3
+        gaps = np.diff(np.unique(np.concatenate([branch[:, 6] for branch in found]).round(9)))
+        dense += np.isclose(gaps, gaps.max() / 9.0, rtol=0.01).sum()
         steps = np.vstack([np.diff(branch, axis=0) for branch in found])
         largest = max(largest, float(np.abs(steps - 2.0 * np.pi * np.round(steps / (2.0 * np.pi))).max()))
     assert 0.6 < largest <= 1.0
     assert 0.15 < nearly < 0.2  # rad beyond a limit, where a short branch may lie
+    assert dense > 200
 
 
 @pytest.mark.parametrize("name", ["so100", "so101"])
 def test_the_elbow_of_an_arm_of_five_joints_is_tried_on_both_sides(name: str) -> None:
     arm, flips = arm_of(name), 0
+    beyond = [
+        limit_excess(arm, q)
+        for q in (flipped_elbow(arm, q) for q in random_joints(arm.robot, 200, 11))
+        if q is not None
+    ]
+    assert 0.03 < max(beyond) < 0.05
     for truth in random_joints(arm.robot, 40, seed=11):
         flipped = flipped_elbow(arm, truth)
         if flipped is not None and (flipped > arm.limits.lower).all() and (flipped < arm.limits.upper).all():
