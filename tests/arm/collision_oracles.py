@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 
 import coal
 import numpy as np
@@ -13,16 +12,9 @@ from scipy.optimize import nnls
 from pbd.arm.collision.allowed_collisions import samples
 from pbd.arm.collision.clearance import Clearance
 from pbd.arm.collision.geometry import Body
-from pbd.arm.model import ArmModel, load_model
-from pbd.files.robot import read_robot
+from pbd.arm.model import ArmModel
 from pbd.pose import Array, Pose, quat_from_xyzw
-
-ROBOTS = sorted(path.stem for path in (Path(__file__).parents[2] / "robots").glob("*.toml"))
-
-
-@lru_cache
-def arm_of(name: str) -> ArmModel:
-    return load_model(read_robot(Path(__file__).parents[2] / "robots" / f"{name}.toml"))
+from tests.arm.bundled import arm_of
 
 
 def coordinates(arm: ArmModel, count: int, seed: int = 1) -> Array:

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,20 +10,18 @@ import pytest
 
 from pbd.arm.model import ArmModel, load_model
 from pbd.data import JointLimits, Robot
-from pbd.files.robot import read_robot
 from pbd.pose import Array, Pose
-
-PANDA = Path(__file__).parents[2] / "robots" / "panda.toml"
+from tests.arm.bundled import arm_of
 
 
 @pytest.fixture(scope="session")
 def panda() -> Robot:
-    return read_robot(PANDA)
+    return arm_of("panda").robot
 
 
 @pytest.fixture(scope="session")
-def arm(panda: Robot) -> ArmModel:
-    return load_model(panda)
+def arm() -> ArmModel:
+    return arm_of("panda")
 
 
 @pytest.fixture(scope="session")

@@ -65,25 +65,6 @@ def test_an_endless_joint_is_one_angle(odd_arm: ArmModel) -> None:
     np.testing.assert_array_equal(odd_arm.turns, [1, 0, 1, 1])
 
 
-def test_tool_lies_between_the_fingers_and_x_is_the_way_they_open(arm: ArmModel) -> None:
-    model, q = arm.full, arm.robot.home
-    data = model.createData()
-    tool = arm.forward(q)
-    left, right = (model.getFrameId(f"panda_{side}finger", pin.FrameType.BODY) for side in ("left", "right"))
-
-    def fingers(opening: float) -> tuple[Array, Array]:
-        """Positions of both fingers' bodies in the tool's frame."""
-        pin.framesForwardKinematics(model, data, arm.configurations(np.append(q, opening)))
-        inverse = tool.inverse()
-        return inverse.act(data.oMf[left].translation), inverse.act(data.oMf[right].translation)
-
-    shut, wide = fingers(0.0), fingers(1.0)
-    np.testing.assert_allclose(np.abs(wide[0] - wide[1]), [0.08, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(wide[0] - shut[0], [0.04, 0, 0], atol=1e-12)
-    np.testing.assert_allclose((wide[0] + wide[1])[:2], 0.0, atol=1e-12)
-    assert shut[0][2] < 0.0  # the fingers' bodies lie behind the tips, z leads out of the hand
-
-
 SHARED_NAMES = """<?xml version="1.0"?>
 <robot name="twins">
   <link name="foot"/> <link name="turn"/> <link name="hand"/> <link name="finger"/>
@@ -128,14 +109,6 @@ def test_joints_and_bodies_may_share_names(odd_robot: Robot, tmp_path: Path) -> 
 def test_full_configuration_opens_the_gripper_by_its_share(arm: ArmModel) -> None:
     q = random_joints(arm.robot, 1, seed=4)[0]
     np.testing.assert_array_equal(arm.configurations(np.append(q, 0.25)), [*q, 0.01, 0.01])
-
-
-def test_home_stands_above_the_table_and_points_down(arm: ArmModel) -> None:
-    home = arm.forward(arm.robot.home)
-    assert home.p[2] > 0.3
-    assert home.p[0] > 0.2
-    np.testing.assert_allclose(quat_to_matrix(home.wxyz)[:, 2], [0, 0, -1], atol=1e-5)
-    np.testing.assert_allclose(quat_to_matrix(home.wxyz)[:, 0], [1, 0, 0], atol=1e-5)
 
 
 def test_poses_go_to_pinocchio_and_back() -> None:

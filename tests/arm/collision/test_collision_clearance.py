@@ -24,7 +24,8 @@ from pbd.arm.model import ArmModel, load_model
 from pbd.arm.path_sampling import sample_polyline, sample_trajectory
 from pbd.data import Gripper, JointTrajectory, Robot
 from pbd.pose import Array, Pose, quat_about_z
-from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, hull_distance, placements, points_of, rounding_of
+from tests.arm.bundled import NAMES, arm_of
+from tests.arm.collision_oracles import coordinates, hull_distance, placements, points_of, rounding_of
 from tests.arm.dense import joint_values
 from tests.audit.test_audit import spline
 
@@ -33,7 +34,7 @@ def links_only(arm: ArmModel) -> Clearance:
     return Clearance(arm, arm_bodies(arm), link_pairs(arm)[0])
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_coordinates_are_the_models(name: str) -> None:
     arm = arm_of(name)
     full, x = arm.full, coordinates(arm, 5)
@@ -59,7 +60,7 @@ def test_distances_are_exact(name: str) -> None:
             assert got[pair] == pytest.approx(exact, abs=1e-5) or (got[pair] < 0.0 and exact < 1e-5) or asked
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_distances_change_no_faster_than_the_bound(name: str) -> None:
     arm = arm_of(name)
     clearance, rng = links_only(arm), np.random.default_rng(0)
@@ -231,7 +232,7 @@ def test_what_the_panda_drops() -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_every_pair_is_watched_or_dropped_or_rigid(name: str) -> None:
     arm = arm_of(name)
     bodies, why = arm_bodies(arm), dropped(arm)

@@ -15,10 +15,11 @@ from pbd.arm.collision.scene import REST_M, TABLE, CollisionScene, Leg
 from pbd.arm.gripper import arm_bodies
 from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel, from_se3, load_model
-from pbd.data import Calibration, GraspedObject, Obstacle
+from pbd.data import GraspedObject, Obstacle
 from pbd.data.world import Stay
 from pbd.pose import Array, Pose, quat_from_rpy
-from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, placements, points_of
+from tests.arm.bundled import NAMES, arm_of
+from tests.arm.collision_oracles import coordinates, placements, points_of
 
 DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
 BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
@@ -31,7 +32,7 @@ def at(arm: ArmModel, x: float, y: float, z: float) -> Array:
     return result.q
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_home_is_free(name: str) -> None:
     arm = arm_of(name)
     dock = arm.robot.dock
@@ -39,7 +40,7 @@ def test_home_is_free(name: str) -> None:
     assert CollisionScene(arm, dock.table_height, dock.obstacles).hit(arm.robot.home) is None
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_hit_is_what_the_distances_say(name: str) -> None:
     """The least of the distances, and between the two links that it belongs to."""
     arm = arm_of(name)
@@ -114,13 +115,6 @@ def test_the_table(arm: ArmModel, height: float) -> None:
             assert "finger" in hit.first
             assert hit.distance == pytest.approx(gap, abs=1e-4)
             assert_allclose(hit.p_base, (0.5, 0.1, height), atol=0.06)
-
-
-def test_the_base_may_stand_on_the_table_but_nothing_that_moves(arm: ArmModel) -> None:
-    assert CollisionScene(arm, 0.0).hit(arm.robot.home) is None
-    hit = CollisionScene(arm, 0.6).hit(arm.robot.home)  # so high that the hand is in it at home
-    assert hit is not None
-    assert hit.second == TABLE
 
 
 def test_what_is_always_on_the_table_is_dropped_and_told(arm: ArmModel) -> None:
@@ -266,17 +260,6 @@ def test_what_stands_beside_is_no_rest(arm: ArmModel) -> None:
     assert hit is not None
     assert hit.second == "wall"
     assert scene.hit(at(arm, 0.455, 0.0, 0.1), leg) is None  # the table it may touch
-
-
-def test_a_calibration_makes_the_scene(arm: ArmModel) -> None:
-    obstacle = Obstacle("thing", "sphere", (0.1,), Pose(arm.forward(arm.robot.home).p, DOWN))
-    calibration = Calibration("mine", T_base_nav=Pose.identity(), table_height=0.01, obstacles=(obstacle,))
-    scene = CollisionScene(arm, calibration.table_height, calibration.obstacles, BOTTLE)
-    assert scene.obstacles == {"thing"}
-    hit = scene.hit(arm.robot.home)
-    assert hit is not None
-    assert hit.second == "thing"
-    assert TABLE in {body.name for body in scene.always.bodies}
 
 
 def test_both_ends_of_a_move_count(arm: ArmModel) -> None:

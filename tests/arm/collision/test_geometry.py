@@ -18,9 +18,8 @@ from pbd.arm.model import load_model
 from pbd.data import Robot
 from pbd.errors import RobotError
 from pbd.pose import Array, Pose
+from tests.arm.bundled import NAMES, arm_of
 from tests.arm.collision_oracles import (
-    ROBOTS,
-    arm_of,
     coordinates,
     hull_distance,
     links_touching,
@@ -36,7 +35,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache" / "pbd" / "hulls"
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_every_mesh_lies_in_the_bodies_of_its_link(name: str) -> None:
     """Placed and scaled by pinocchio: a corner of each mesh in 25 directions, and the middle of every other shape."""
     arm = arm_of(name)
@@ -58,7 +57,7 @@ def gap(point: Array, body: Body) -> float:
     return hull_distance(point[None], body.T_joint_body.act(body.points)) - body.pad
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_no_contact_of_the_meshes_is_missed_and_few_are_made_up(name: str) -> None:
     """Of the configurations that are free 2 in 100 at most are called contacts (by hulls alone it was up to 48)."""
     arm = arm_of(name)
