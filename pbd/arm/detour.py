@@ -18,13 +18,17 @@ from pbd.arm.ladder_links import DetourSearch
 from pbd.arm.timing.path_smoothing import Curve
 from pbd.pose import Array
 
-_THINNED = 20  # every 20th point of a known path is a start state of the search
+_START_EVERY = 20  # every 20th point of a known path is a start state of the search
 _SHORTCUTS = 40  # most attempts to shorten a path
-_WARPED = 8  # most bent detours that are checked, the shortest first
-_WORSE = 1.2  # largest growth of a bent detour's length, relative to that of the straight move
-_NEARER = 0.5, 0.7, 0.85  # a bent detour keeps this share of its offset from the straight move: the first that is free
-_BENDS = 2  # steps of OMPL's B-spline smoothing; each halves the segments
-_BETWEEN_RAD = 0.05, 0.02, 0.01  # largest joint step between the points of a polyline through which a spline is tried
+_MOST_WARPED = 8  # most bent detours that are checked, the shortest first
+_MOST_GROWTH = 1.2  # largest growth of a bent detour's length, relative to that of the straight move
+_OFFSET_SHARES = (
+    0.5,
+    0.7,
+    0.85,
+)  # a bent detour keeps this share of its offset from the straight move: the first that is free
+_SMOOTHING_STEPS = 2  # steps of OMPL's B-spline smoothing; each halves the segments
+_SPACINGS_RAD = 0.05, 0.02, 0.01  # largest joint step between the points of a polyline through which a spline is tried
 
 
 def find_detour(
@@ -53,10 +57,10 @@ def find_detour(
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(effort.seed)
     search = _Search(scene, leg, np.vstack((starts, goals)), effort.winding_rad)
-    ways = _ways_from(starts, known)
+    ways = _known_paths_from(starts, known)
     there = next((ways[q.tobytes()] for q in goals if q.tobytes() in ways), None)
     if there is None:
-        marks = {q.tobytes() for way in known for q in (*way[::_THINNED], way[-1])}
+        marks = {q.tobytes() for way in known for q in (*way[::_START_EVERY], way[-1])}
         begun = np.array([*starts, *(way[-1] for way in [*ways.values()][len(starts) :] if way[-1].tobytes() in marks)])
         corners = search.connect(begun, goals, effort.step_rad, most_checks)
         if corners is None:
@@ -79,17 +83,17 @@ def warp_detour(scene: CollisionScene, leg: Leg, start: Array, goal: Array, know
     ways: list[tuple[float, Array]] = []
     for way in known:
         share = np.linspace(0.0, 1.0, len(way))[:, None]
-        most = _WORSE * _length(straight) * _length(way) / max(_length(way[[0, -1]]), 1e-9)
+        most = _MOST_GROWTH * _length(straight) * _length(way) / max(_length(way[[0, -1]]), 1e-9)
         for there in (way, way[::-1]):
             warped: Array = there + (1.0 - share) * (start - there[0]) + share * (goal - there[-1])
             warped[0], warped[-1] = start, goal
             if (length := _length(warped)) < most:
                 ways.append((length, warped))
     ways.sort(key=itemgetter(0))
-    for _, way in ways[:_WARPED]:
+    for _, way in ways[:_MOST_WARPED]:
         if _is_free_curve(scene, leg, way):
             direct = start + np.linspace(0.0, 1.0, len(way))[:, None] * (goal - start)
-            nearer = (direct + share * (way - direct) for share in _NEARER)
+            nearer = (direct + share * (way - direct) for share in _OFFSET_SHARES)
             return next((each for each in nearer if _is_free_curve(scene, leg, each)), way)
     return None
 
@@ -99,7 +103,7 @@ def _length(q: Array) -> float:
     return float(np.sqrt(np.einsum("ij,ij->i", step, step)).sum())
 
 
-def _ways_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
+def _known_paths_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
     """Return a path (m, k) along known paths from a start (s, k) to each configuration that these reach.
 
     The key is the bytes of the configuration at the end of the path; the starts themselves come first.
@@ -141,7 +145,7 @@ class _Search:
         space.setBounds(bounds)
         self.information = base.SpaceInformation(space)
         self.checker = _Checker(self.information, scene, leg, count)
-        self.information.setStateValidityChecker(self.checker.stands)
+        self.information.setStateValidityChecker(self.checker.is_free_state)
         self.information.setMotionValidator(self.checker)
         self.information.setup()
 
@@ -176,10 +180,10 @@ class _Search:
         corners = self.checker.joints(path)
         if len(corners) == 2:
             return corners
-        simplifier.smoothBSpline(path, _BENDS)
+        simplifier.smoothBSpline(path, _SMOOTHING_STEPS)
         for waypoints in (self.checker.joints(path), corners):
-            for between_rad in _BETWEEN_RAD:
-                dense = _divided(waypoints, between_rad)
+            for between_rad in _SPACINGS_RAD:
+                dense = _subdivided(waypoints, between_rad)
                 if _is_free_curve(self.checker.scene, self.checker.leg, dense):
                     return dense
         return None
@@ -200,22 +204,22 @@ class _Checker(base.MotionValidator):  # type: ignore[misc]
         super().__init__(information)
         self.scene, self.leg, self.count, self.checks = scene, leg, count, 0
 
-    def stands(self, state: base.State) -> bool:
+    def is_free_state(self, state: base.State) -> bool:
         self.checks += 1
-        return self.scene.is_free(self._of(state)[None], self.leg)
+        return self.scene.is_free(self._joints_of(state)[None], self.leg)
 
     def checkMotion(self, before: base.State, after: base.State) -> bool:
         self.checks += 1
-        return self.scene.is_free(np.stack((self._of(before), self._of(after))), self.leg)
+        return self.scene.is_free(np.stack((self._joints_of(before), self._joints_of(after))), self.leg)
 
     def joints(self, path: geometric.PathGeometric) -> Array:
-        return np.array([self._of(state) for state in path.getStates()])
+        return np.array([self._joints_of(state) for state in path.getStates()])
 
-    def _of(self, state: base.State) -> Array:
+    def _joints_of(self, state: base.State) -> Array:
         return np.array(state[0 : self.count])
 
 
-def _divided(q: Array, between_rad: float) -> Array:
+def _subdivided(q: Array, between_rad: float) -> Array:
     """Add points to a polyline (m, k) so that no joint moves by more than `between_rad` from one to the next."""
     steps = np.maximum(np.ceil(np.abs(np.diff(q, axis=0)).max(axis=1) / between_rad).astype(np.int64), 1)
     parts = [a + np.arange(n)[:, None] / n * (b - a) for a, b, n in zip(q[:-1], q[1:], steps, strict=True)]

@@ -69,7 +69,7 @@ class ArmModel:
         self.drives = {int(full.getJointId(name)): drive for name, drive in columns}
         self._driven = np.array([*self.drives]) - 1
         self._drive = tuple(map(np.array, zip(*self.drives.values(), strict=True)))
-        self._full_configuration = _configured(full)
+        self._full_configuration = _configuration_of(full)
         self.model = _reduced(full, robot.joints, self.configurations(np.append(robot.home, 1.0)))
         if tuple(self.model.names[1:]) != robot.joints:
             raise RobotError(
@@ -91,7 +91,7 @@ class ArmModel:
         frame = pin.Frame(TOOL, body.parentJoint, 0, T_joint_tool, pin.FrameType.OP_FRAME)
         self.tool_id: int = self.model.addFrame(frame)
         self.data = self.model.createData()
-        self.configuration = _configured(self.model)
+        self.configuration = _configuration_of(self.model)
         self.steps = _steps(self)
         self.turns: Array = np.array([step.joint == "turns" for step in self.steps[:-1]], dtype=np.float64)
 
@@ -193,7 +193,7 @@ def _move_world(model: Any, T_new_old: Any) -> None:
             frame.placement = T_new_old * frame.placement
 
 
-def _configured(model: Any) -> Callable[[Array], Array]:
+def _configuration_of(model: Any) -> Callable[[Array], Array]:
     """Return the conversion of joint values (..., n) to pinocchio's: it has cosine and sine of a continuous joint."""
     joints = list(model.joints)[1:]
     if model.nq == len(joints):
@@ -201,13 +201,13 @@ def _configured(model: Any) -> Callable[[Array], Array]:
     at, turning = np.array([joint.idx_q for joint in joints]), np.array([joint.nq == 2 for joint in joints])
     cosines = at[turning]
 
-    def configured(q: Array) -> Array:
+    def convert(q: Array) -> Array:
         made = np.empty((*q.shape[:-1], model.nq))
         made[..., at] = q
         made[..., cosines], made[..., cosines + 1] = np.cos(q[..., turning]), np.sin(q[..., turning])
         return made
 
-    return configured
+    return convert
 
 
 def to_se3(pose: Pose) -> Any:

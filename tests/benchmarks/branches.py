@@ -107,8 +107,8 @@ def _all(arm: ArmModel, goal: Any, seeds: Array) -> Iterable[Array]:
 
 def _partly(arm: ArmModel, goal: Any, seeds: Array) -> Iterable[Array]:
     ways = [way for seed in seeds if (way := refine_partial(arm, goal, seed)).reached]
-    least = min(way.off for way in ways)
-    return [way.q for way in ways if way.off <= least + SLACK_RAD]
+    least = min(way.weighted_rad for way in ways)
+    return [way.q for way in ways if way.weighted_rad <= least + SLACK_RAD]
 
 
 def traced(arm: ArmModel, goal: Any, q: Array) -> Array:

@@ -133,10 +133,10 @@ def _partial_pose_solutions(arm: ArmModel, T_base_tool: Pose, before: Array) -> 
     goal, carried = to_se3(T_base_tool), distinct(before, CARRIED_PARTIAL, CARRIED_APART_RAD)
     ways = solve_partial(arm, goal, carried) + [refine_partial(arm, goal, q) for q in carried]
     reached = [way for way in ways if way.reached]
-    least = min((way.off for way in reached), default=0.0)
-    found = np.array([way.q for way in reached if way.off <= least + SLACK_RAD]).reshape(-1, before.shape[1])
+    least = min((way.weighted_rad for way in reached), default=0.0)
+    found = np.array([way.q for way in reached if way.weighted_rad <= least + SLACK_RAD]).reshape(-1, before.shape[1])
     found = distinct(found, len(found), SAME_RAD)
     flipped = [refine_partial(arm, goal, q) for each in found if (q := flipped_elbow(arm, each)) is not None]
-    also = [way.q for way in flipped if way.reached and way.off <= least + SLACK_RAD]
+    also = [way.q for way in flipped if way.reached and way.weighted_rad <= least + SLACK_RAD]
     found = np.vstack((found, *also))
     return distinct(found, len(found), SAME_RAD)

@@ -18,7 +18,7 @@ from pbd.arm.model import ArmModel
 from pbd.pose import Array
 
 STRETCHED_RAD = float(np.arccosh(1.001))
-"""Largest shortfall of an angle, rad, as `meet` defines it: the arm is stretched out, and just reaches the pose."""
+"""Largest shortfall of an angle, rad, as `to_plane` defines it: the arm is stretched out, and just reaches the pose."""
 BEYOND_RAD = 0.05
 """A solution that exceeds a joint limit by more than this, rad, is left out: no descent leads back from there."""
 
@@ -60,10 +60,10 @@ def flipped_elbow(arm: ArmModel, q: Array) -> Array | None:
         return None
     first, axis, upper, fore, signs = elbow
     a, b, c = q[first : first + 3] * signs
-    wrist = upper + axis.turn(sines(b), fore)
-    angles, _ = axis.bend(upper, fore, wrist)
+    wrist = upper + axis.rotate(sines(b), fore)
+    angles, _ = axis.to_distance(upper, fore, wrist)
     other = angles[np.cos(angles - b).argmin()]
-    turn = axis.align(upper + axis.turn(sines(other), fore), wrist)
+    turn = axis.align(upper + axis.rotate(sines(other), fore), wrist)
     flipped = q.copy()
     flipped[first : first + 3] = np.array([a + turn, other, b + c - turn - other]) * signs
     flipped = wrap_to_limits(arm, flipped)
@@ -106,16 +106,16 @@ def _parallel(axes: list[Axis], R: Array, p: Array) -> _Solutions:
     """Return six arrays of angles, by the side of elbow, wrist and shoulder (2, 2, 2), and three shortfalls, rad."""
     first, second, third, fourth, fifth, last = axes
     n, upper, fore = second.h, third.p - second.p, fourth.p - third.p
-    q1, short1 = first.meet(p - first.p, n, n @ (last.p - first.p))
+    q1, short1 = first.to_plane(p - first.p, n, n @ (last.p - first.p))
     turn1 = sines(q1)
-    q5, short5 = fifth.meet(n, last.h, first.back(turn1, R @ last.h) @ n)
+    q5, short5 = fifth.to_plane(n, last.h, first.unrotate(turn1, R @ last.h) @ n)
     turn5 = sines(q5)
-    q6 = -last.align(fifth.back(turn5, n), first.turn(turn1, n) @ R)
-    through = last.back(sines(q6), fifth.back(turn5, upper)) @ R.T
-    all_three = second.align(upper, first.back(turn1, through))
-    wrist = first.back(turn1, p - first.p) + first.p - second.p - second.turn(sines(all_three), last.p - fourth.p)
-    q3, short3 = second.bend(upper, fore, wrist)
-    q2 = second.align(upper + second.turn(sines(q3), fore), wrist)
+    q6 = -last.align(fifth.unrotate(turn5, n), first.rotate(turn1, n) @ R)
+    through = last.unrotate(sines(q6), fifth.unrotate(turn5, upper)) @ R.T
+    all_three = second.align(upper, first.unrotate(turn1, through))
+    wrist = first.unrotate(turn1, p - first.p) + first.p - second.p - second.rotate(sines(all_three), last.p - fourth.p)
+    q3, short3 = second.to_distance(upper, fore, wrist)
+    q2 = second.align(upper + second.rotate(sines(q3), fore), wrist)
     return (q1, q2, q3, all_three - q2 - q3, q5, q6), (short1, short5, short3)
 
 
@@ -123,15 +123,15 @@ def _spherical(axes: list[Axis], R: Array, p: Array) -> _Solutions:
     """Return the same for a spherical wrist, by the side of wrist, elbow and shoulder."""
     first, second, third, fourth, fifth, last = axes
     n, upper, fore = second.h, third.p - second.p, fourth.p - third.p
-    q1, short1 = first.meet(p - first.p, n, n @ (last.p - first.p))
+    q1, short1 = first.to_plane(p - first.p, n, n @ (last.p - first.p))
     turn1 = sines(q1)
-    wrist = first.back(turn1, p - first.p) + first.p - second.p
-    q3, short3 = second.bend(upper, fore, wrist)
-    q2 = second.align(upper + second.turn(sines(q3), fore), wrist)
+    wrist = first.unrotate(turn1, p - first.p) + first.p - second.p
+    q3, short3 = second.to_distance(upper, fore, wrist)
+    q2 = second.align(upper + second.rotate(sines(q3), fore), wrist)
     turn23 = sines(q2 + q3)
-    end = second.back(turn23, first.back(turn1, R @ last.h))
-    q5, short5 = fifth.meet(fourth.h, last.h, end @ fourth.h)
+    end = second.unrotate(turn23, first.unrotate(turn1, R @ last.h))
+    q5, short5 = fifth.to_plane(fourth.h, last.h, end @ fourth.h)
     turn5 = sines(q5)
-    q4 = fourth.align(fifth.turn(turn5, last.h), end)
-    q6 = -last.align(fifth.back(turn5, fourth.h), first.turn(turn1, second.turn(turn23, fourth.h)) @ R)
+    q4 = fourth.align(fifth.rotate(turn5, last.h), end)
+    q6 = -last.align(fifth.unrotate(turn5, fourth.h), first.rotate(turn1, second.rotate(turn23, fourth.h)) @ R)
     return (q1, q2, q3, q4, q5, q6), (short1, short3, short5)

@@ -68,7 +68,7 @@ class PartialPose(NamedTuple):
         return self.position_m <= NEAR_M
 
     @property
-    def off(self) -> float:
+    def weighted_rad(self) -> float:
         """The rotation error weighted by the rule, rad."""
         return float(np.hypot(self.approach_rad, ABOUT_AXIS_WEIGHT * self.about_rad))
 
@@ -100,7 +100,7 @@ def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialP
     ways = [refine_partial(arm, goal, q) for q in kept]
     # A descent that turns the tool may end at limits where the position cannot be met.
     found = [way for way in ways if way.reached] or [place for place in places if place.reached]
-    return sorted(found, key=lambda way: way.off)
+    return sorted(found, key=lambda way: way.weighted_rad)
 
 
 def refine_partial(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> PartialPose:

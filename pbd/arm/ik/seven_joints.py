@@ -92,29 +92,29 @@ def _largest_steps(q: Array, off: Array) -> Array:
 def _solutions(arm: ArmModel, axes: Sequence[Axis], R: Array, from_last: Array, q7: Array) -> tuple[Array, Array]:
     """Return joints (8, n, 7) for both sides of shoulder, wrist and elbow, at n angles of the last joint.
 
-    Also return how far (8, n) each is from a solution, rad: its limit excess or its shortfall as `meet` defines it,
+    Also return how far (8, n) each is from a solution, rad: its limit excess or its shortfall as `to_plane` defines it,
     whichever is larger; 0 for a solution.
     """
     first, second, third, fourth, fifth, sixth, last = axes
     upper, fore = fourth.p - first.p, fifth.p - fourth.p
     # Remove the rotation of the last joint from the goal.
     turn7 = sines(q7)
-    to_shoulder = from_last - last.back(turn7, fifth.p - last.p) @ R.T
-    seen = last.turn(turn7, to_shoulder @ R)
-    q4, short4 = fourth.bend(upper, fore, to_shoulder)
+    to_shoulder = from_last - last.unrotate(turn7, fifth.p - last.p) @ R.T
+    seen = last.rotate(turn7, to_shoulder @ R)
+    q4, short4 = fourth.to_distance(upper, fore, to_shoulder)
     turn4 = sines(q4)
-    from_wrist = fourth.back(turn4, -upper) - fore
-    q6, short6 = sixth.meet(fifth.h, seen, from_wrist @ fifth.h)
+    from_wrist = fourth.unrotate(turn4, -upper) - fore
+    q6, short6 = sixth.to_plane(fifth.h, seen, from_wrist @ fifth.h)
     turn6 = sines(q6)
-    q5 = -fifth.align(from_wrist, sixth.turn(turn6, seen))
+    q5 = -fifth.align(from_wrist, sixth.rotate(turn6, seen))
     turn5 = sines(q5)
     # Joints 1 to 3 rotate the upper arm: it must take axis 3 to `there`, and its inverse must take axis 1 to `back`.
-    there = last.back(turn7, sixth.back(turn6, fifth.back(turn5, fourth.back(turn4, third.h)))) @ R.T
-    back = fourth.turn(turn4, fifth.turn(turn5, sixth.turn(turn6, last.turn(turn7, first.h @ R))))
-    q2, short2 = second.meet(first.h, third.h, there @ first.h)
+    there = last.unrotate(turn7, sixth.unrotate(turn6, fifth.unrotate(turn5, fourth.unrotate(turn4, third.h)))) @ R.T
+    back = fourth.rotate(turn4, fifth.rotate(turn5, sixth.rotate(turn6, last.rotate(turn7, first.h @ R))))
+    q2, short2 = second.to_plane(first.h, third.h, there @ first.h)
     turn2 = sines(q2)
-    q1 = first.align(second.turn(turn2, third.h), there)
-    q3 = -third.align(second.back(turn2, first.h), back)
+    q1 = first.align(second.rotate(turn2, third.h), there)
+    q3 = -third.align(second.unrotate(turn2, first.h), back)
     found = wrap_to_limits(arm, np.stack(np.broadcast_arrays(q1, q2, q3, q4, q5, q6, q7), axis=-1))
     off = np.maximum(np.maximum(limit_excess(arm, found), short2), np.maximum(short4, short6))
     return found.reshape(8, -1, 7), np.maximum(off, 0.0).reshape(8, -1)
@@ -124,7 +124,7 @@ def _last_joint_angles(arm: ArmModel, axes: Sequence[Axis], to_shoulder: Array, 
     """Return sorted angles (n,) of the last joint, within limits, at which the wrist is within the elbow's reach."""
     first, fourth, fifth, h, (lower, upper) = axes[0], axes[3], axes[4], axes[6].h, (arm.limits.lower, arm.limits.upper)
     bends = np.linspace(max(lower[3], -np.pi), min(upper[3], np.pi), COUNT)
-    reach = np.linalg.norm(fourth.p - first.p + fourth.turn(sines(bends), fifth.p - fourth.p), axis=1)
+    reach = np.linalg.norm(fourth.p - first.p + fourth.rotate(sines(bends), fifth.p - fourth.p), axis=1)
     across = to_wrist - (to_wrist @ h) * h
     a, b = float(to_shoulder @ across), -float(to_shoulder @ np.cross(h, across))
     size, nearest = math.hypot(a, b), math.atan2(b, a)

@@ -33,11 +33,11 @@ class Axis:
         """(3, 3): v @ K is the cross product h x v."""
         return np.cross(self.h, np.eye(3))
 
-    def turn(self, by: tuple[Array, Array], v: Array) -> Array:
+    def rotate(self, by: tuple[Array, Array], v: Array) -> Array:
         """Rotate vectors (..., 3) by angles (...) given by their `sines`."""
         return _rotated(self.K, by, v)
 
-    def back(self, by: tuple[Array, Array], v: Array) -> Array:
+    def unrotate(self, by: tuple[Array, Array], v: Array) -> Array:
         """Rotate vectors by the negative angles."""
         return _rotated(self.K.T, by, v)
 
@@ -47,7 +47,7 @@ class Axis:
         angle: Array = np.arctan2(_dot(across, w), -_dot(across @ self.K, w))
         return angle
 
-    def meet(self, n: Array, v: Array, d: Array) -> tuple[Array, Array]:
+    def to_plane(self, n: Array, v: Array, d: Array) -> tuple[Array, Array]:
         """Return the two angles (2, ...) with n . rotated(v) = d (...), and their shortfall (...), rad.
 
         If no angle solves it, the nearest is returned. The shortfall is the imaginary part of the complex solution.
@@ -58,9 +58,9 @@ class Axis:
         half, middle = np.arccos(np.clip(cosine, -1.0, 1.0)), np.arctan2(b, a)
         return np.stack((middle + half, middle - half)), np.arccosh(np.maximum(np.abs(cosine), 1.0))
 
-    def bend(self, upper: Array, fore: Array, reach: Array) -> tuple[Array, Array]:
-        """Return the angles with |upper + rotated(fore)| = |reach|, for vectors (..., 3), m, in the form of `meet`."""
-        return self.meet(upper, fore, 0.5 * (_dot(reach, reach) - upper @ upper - fore @ fore))
+    def to_distance(self, upper: Array, fore: Array, reach: Array) -> tuple[Array, Array]:
+        """Return the angles with |upper + rotated(fore)| = |reach|, for vectors (..., 3), m, as `to_plane` does."""
+        return self.to_plane(upper, fore, 0.5 * (_dot(reach, reach) - upper @ upper - fore @ fore))
 
     def crossing(self, other: Axis) -> Array | None:
         """Return the point (3,) of intersection with another axis, m; None if they do not intersect."""

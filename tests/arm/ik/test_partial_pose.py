@@ -47,7 +47,7 @@ def test_a_pose_that_can_be_met_whole_is(name: str) -> None:
         assert result.reached
         assert max(pose.distance(arm.forward(result.q))) < 1e-3
         assert result.position_error_m < 1e-5
-        assert solve_partial(arm, to_se3(pose), np.empty((0, 5)))[0].off < 1e-3
+        assert solve_partial(arm, to_se3(pose), np.empty((0, 5)))[0].weighted_rad < 1e-3
 
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
@@ -80,7 +80,7 @@ def test_no_joints_do_better_by_the_rule(name: str) -> None:
     for truth, pose, found in solved(arm, 4, seed=6):
         assert found.reached
         for start in (found.q, truth, *(found.q + 0.3 * rng.normal(size=(3, 5)))):
-            assert best_by_slsqp(arm, pose, start) > found.off - np.radians(0.2)
+            assert best_by_slsqp(arm, pose, start) > found.weighted_rad - np.radians(0.2)
 
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
@@ -88,7 +88,7 @@ def test_no_joints_nearby_do_better_by_a_fiftieth_of_a_degree(name: str) -> None
     """Where the position leaves the rotation hardly any choice too: the weight that leads there is small enough."""
     arm = arm_of(name)
     for _, pose, found in solved(arm, 20, seed=8):
-        assert best_by_slsqp(arm, pose, found.q) > found.off - np.radians(0.02)
+        assert best_by_slsqp(arm, pose, found.q) > found.weighted_rad - np.radians(0.02)
 
 
 def solved(arm: ArmModel, count: int, seed: int) -> Iterator[tuple[Array, Pose, PartialPose]]:
@@ -114,7 +114,7 @@ def best_by_slsqp(arm: ArmModel, pose: Pose, start: Array) -> float:
     bounds, exactly = Bounds(arm.limits.lower, arm.limits.upper), NonlinearConstraint(place, 0.0, 0.0)
     result = minimize(off, inside, method="SLSQP", bounds=bounds, constraints=exactly, options={"maxiter": 100})
     found = measure(arm, to_se3(pose), result.x)
-    return found.off if found.position_m < 1e-4 else np.inf
+    return found.weighted_rad if found.position_m < 1e-4 else np.inf
 
 
 def test_measures_are_the_angles_that_a_pose_was_turned_by() -> None:
