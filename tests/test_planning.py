@@ -1,4 +1,4 @@
-"""Plans as a whole: paths, times, starts, ends, what is refused and what is told."""
+"""Plans: paths, times, starts, ends, refusals and warnings."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def dock() -> Calibration:
 def tracked(name: str) -> tuple[Demonstration, HandPath, tuple[Keyframe, ...]]:
     demo = pbd.load_demo(name)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what tracking tells is not the plan's
+        warnings.simplefilter("ignore")  # warnings of tracking do not concern the plan
         path = pbd.track(demo.recording, "default", demo.known)
     return demo, path, find_keyframes(path)
 
@@ -62,7 +62,7 @@ def keyframe(
 
 
 def moving(plan: Plan) -> Array:
-    """Joints (n, k) at 1 kHz between the first keyframe and the last."""
+    """Return joints (n, k) at 1 kHz between the first keyframe and the last."""
     samples, t = plan.trajectory, plan.trajectory.keyframe_t
     inside: Array = samples.q[(samples.t >= t[0]) & (samples.t <= t[-1])]
     return inside
@@ -83,7 +83,7 @@ def test_lines_are_lines_to_the_tenth_of_a_millimetre(robot: Robot) -> None:
 
 @pytest.mark.parametrize("robot", [PANDA, pbd.load_robot("ur5")], ids=["panda", "ur5"])
 def test_the_demonstrated_path_is_where_the_hand_was(robot: Robot) -> None:
-    """Each place of the tool is within the smoothing (5 mm at most) of a place of the tracked hand."""
+    """Each position of the tool is within the smoothing, 5 mm at most, of the tracked hand's path."""
     plan = planned("paper-test1", robot, path="demo")
     _, path, _ = tracked("paper-test1")
     assert robot.dock is not None
@@ -96,7 +96,7 @@ def test_the_demonstrated_path_is_where_the_hand_was(robot: Robot) -> None:
 
 
 def on_a_circle(move_s: float, turn: float, radius: float, axes: tuple[int, int]) -> HandPath:
-    """A hand that turns once about a place beside it, from rest to rest, with a second of rest at both ends."""
+    """Return a hand that moves on a circle by an angle `turn`, from rest to rest, with 1 s of rest at both ends."""
     t = np.arange(0.0, move_s + 2.0, 0.01)
     share = np.clip((t - 1.0) / move_s, 0.0, 1.0)
     angle = turn * (10 * share**3 - 15 * share**4 + 6 * share**5)
@@ -110,7 +110,7 @@ def on_a_circle(move_s: float, turn: float, radius: float, axes: tuple[int, int]
 
 
 def test_a_demonstration_without_stops_on_the_way_is_followed() -> None:
-    """Half a circle of 20 cm in one move: keyframes alone would be a line."""
+    """Half a circle of 20 cm in one move; with keyframes alone it would be a straight move."""
     path = on_a_circle(2.0, np.pi, 0.1, (1, 2))
     plan = plan_keyframes(find_keyframes(path), dock(), PANDA, PlanOptions(path="demo"), path)
     tool, _ = arm_of(PANDA).forward_many(moving(plan)[::20])
@@ -120,7 +120,7 @@ def test_a_demonstration_without_stops_on_the_way_is_followed() -> None:
 
 
 def test_a_hand_that_comes_back_to_where_it_began_is_followed() -> None:
-    """A circle: its two keyframes are one, and only the hand's path says what is between."""
+    """A circle: its two keyframes coincide, and only the hand's path gives the motion."""
     path = on_a_circle(3.0, 2.0 * np.pi, 0.06, (0, 1))
     plan = plan_keyframes(find_keyframes(path), dock(), PANDA, PlanOptions(path="demo"), path)
     tool, _ = arm_of(PANDA).forward_many(moving(plan)[::20])
@@ -259,7 +259,7 @@ def test_a_home_in_collision() -> None:
 
 
 def low() -> tuple[list[Keyframe], Calibration]:
-    """Two keyframes below the table's top, and a dock for them."""
+    """Return three keyframes, the second below the table's top, and a dock for them."""
     bench = replace(dock(), T_base_dock=Pose(np.array([0.45, -0.15, 0.1]), TURN))
     return [keyframe(0.0), keyframe(1.0, x=0.1, z=-0.12), keyframe(2.0, x=0.1)], bench
 
@@ -295,7 +295,7 @@ def test_a_trajectory_alone_can_not_say_that_it_touches_something() -> None:
 
 
 def test_an_obstacle_is_gone_round_by_the_hands_own_path() -> None:
-    """A hand that went over a wall: the arm does too, where straight moves would go through it."""
+    """The hand moves over a wall, and so does the arm, since straight moves would touch it."""
     t = np.arange(0.0, 4.0, 0.01)
     share = np.clip((t - 1.0) / 2.0, 0.0, 1.0)
     angle = np.pi * (10 * share**3 - 15 * share**4 + 6 * share**5)
@@ -312,12 +312,12 @@ def test_an_obstacle_is_gone_round_by_the_hands_own_path() -> None:
     assert plan.segments[1].avoided is not None
     assert plan.segments[1].avoided.second == "the wall"
     with pytest.warns(PbdWarning, match="out of its way: to keyframe 1 it will turn 98 degrees instead of 0"):
-        unknown = plan_keyframes(keyframes, bench, PANDA, replace(alone, detour=False))  # how the hand went isn't known
+        unknown = plan_keyframes(keyframes, bench, PANDA, replace(alone, detour=False))  # the hand's path is unknown
     assert unknown.segments[1].kind == STRAIGHT
 
 
 def test_where_a_curve_touches_it_is_kept_to_more_closely(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The audit finds a contact where averaging leads off the curve by more than its tenth."""
+    """If the audit finds a contact, the motion is timed again with a tenth of the deviation from the curve."""
     looked = list[JointTrajectory]()
 
     def touch_first(arm: AuditArm, trajectory: JointTrajectory, pairs: Sequence[Pair]) -> Touch | None:
@@ -362,7 +362,7 @@ def test_options_have_names() -> None:
 
 
 def knob(yaw_deg: float, turn_deg: float) -> list[Keyframe]:
-    """Five keyframes above the dock's place, a quarter turn from each to the next."""
+    """Return five keyframes in one place near the dock, each rotated by `turn_deg` from the one before."""
     turns = np.radians(yaw_deg + turn_deg * np.arange(5))
     p = np.array([0.0, 0.0, -0.05])
     at = [Keyframe(i + 1.0, 0.5, Pose(p, quat_exp((0.0, 0.0, turn))), 1e-6 * np.eye(6)) for i, turn in enumerate(turns)]
@@ -371,7 +371,7 @@ def knob(yaw_deg: float, turn_deg: float) -> list[Keyframe]:
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 90.0])
 def test_a_knob_keeps_turning(yaw_deg: float) -> None:
-    """From 90 degrees on joint 7 has to begin a whole turn away."""
+    """With the first at 90 degrees, joint 7 must start a whole turn away."""
     xarm7 = pbd.load_robot("xarm7")
     assert xarm7.dock is not None
     plan = plan_keyframes(knob(yaw_deg, 90.0), xarm7.dock, xarm7)
@@ -381,7 +381,7 @@ def test_a_knob_keeps_turning(yaw_deg: float) -> None:
 
 
 def test_a_tool_that_is_turned_back_is_told() -> None:
-    """Joint 7 of a panda has less than a whole turn: it has to turn back once, late or a keyframe sooner."""
+    """Joint 7 of a panda has less than a whole turn, so it must turn back once, at one of two keyframes."""
     back = r"\(panda_joint7 turns back: its range of 33\d degrees is no whole turn\)"
     told = rf"to keyframe [45] it will turn 27\d degrees instead of 90 {back}; panda found no line there"
     with pytest.warns(PbdWarning, match=told):
@@ -403,7 +403,7 @@ def test_a_motion_of_hours_is_refused() -> None:
 
 
 def test_what_makes_a_keyframe_unsure_is_named() -> None:
-    """One long move, or many."""
+    """The cause is one long move, or many moves."""
     variances = {"long": (0.0, 1e-4, 1e-2, 1.1e-2), "many": tuple(1e-3 * k for k in range(12))}
     said = {}
     for name, each in variances.items():

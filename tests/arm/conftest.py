@@ -26,7 +26,7 @@ def arm() -> ArmModel:
 
 @pytest.fixture(scope="session")
 def oracle(panda: Robot) -> Callable[[Array], Any]:
-    """T_base_tool as pinocchio's SE3, from the whole URDF with its fingers, by the body's name."""
+    """Return T_base_tool as pinocchio's SE3, computed from the full URDF with its fingers."""
     model = pin.buildModelFromUrdf(str(panda.urdf))
     data = model.createData()
     body = model.getFrameId("panda_hand_tcp", pin.FrameType.BODY)
@@ -41,7 +41,7 @@ def oracle(panda: Robot) -> Callable[[Array], Any]:
 
 @pytest.fixture(scope="session")
 def odd_robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
-    """An arm of every kind of joint, about axes of every kind, on a base that isn't the root."""
+    """An arm with every kind of joint, oblique axes, and a base that is not the root."""
     path = tmp_path_factory.mktemp("odd") / "odd.urdf"
     path.write_text(ODD_URDF, encoding="utf-8")
     joints = ("pan", "lift", "wrist", "swing")
@@ -74,7 +74,7 @@ def odd_arm(odd_robot: Robot) -> ArmModel:
 
 
 def random_joints(robot: Robot, count: int, seed: int, margin: float = 0.0) -> Array:
-    """(count, k) rad, uniform between limits (an endless joint: within 10 rad)."""
+    """Draw joints (count, k), rad, uniformly within limits; continuous joints within 10 rad of zero."""
     lower, upper = np.clip(robot.limits.lower, -10.0, None), np.clip(robot.limits.upper, None, 10.0)
     return np.random.default_rng(seed).uniform(lower + margin, upper - margin, (count, len(robot.joints)))
 

@@ -1,4 +1,4 @@
-"""Which way the arm takes: straight, otherwise held, as the hand went; and what is said where none is free."""
+"""The choice of a motion: straight, with other configurations, by line, by the hand's path, by detour; refusals."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def moved(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:
-    """The tool as at home, shifted in base."""
+    """Return home's tool pose, shifted in base, m."""
     return Pose(T_HOME.p + np.array([x, y, z]), T_HOME.wxyz)
 
 
@@ -47,7 +47,7 @@ def box(name: str, size: tuple[float, ...], x: float, y: float, z: float) -> Obs
 
 
 def over(*corners: Pose) -> Sequence[Pose]:
-    """A hand that went from corner to corner."""
+    """Return the path of a hand from corner to corner."""
     poses: list[Pose] = [corners[0]]
     for a, b in pairwise(corners):
         poses += line(a, b)[1:]
@@ -62,7 +62,7 @@ def asked(
 
 
 def chosen(poses: Sequence[Pose], obstacles: Sequence[Obstacle] = (), **request: object) -> Motion:
-    """A motion, and the whole of it is free as the collision checks of motions in time see it."""
+    """Return a motion; assert that all of it, once timed, is free, and that it reaches the poses."""
     found, scene = asked(poses, obstacles, **request)
     assert isinstance(found, Motion)
     moves = [Move(segment.q, segment.curved) for segment in found.segments]
@@ -93,9 +93,9 @@ def places(q: Array) -> Array:
 
 LEFT, RIGHT = moved(y=-0.2, z=-0.1), moved(y=0.2, z=-0.1)
 WALL = [box("the wall", (1.2, 0.01, 0.7), 0.41, 0.0, -0.25)]
-"""Between left and right, from the arm's base outward: the hand can go over it."""
+"""A wall between left and right, from the arm's base outward; the hand can pass over it."""
 PLATE = [box("the plate", (1.2, 0.01, 1.8), 0.41, 0.0, 0.3)]
-"""From the arm's base outward and higher than it reaches: nothing passes."""
+"""A wall from the arm's base outward, higher than the arm reaches."""
 OVER = over(LEFT, moved(y=-0.2, z=0.2), moved(y=0.2, z=0.2), RIGHT)
 LOWER = over(LEFT, moved(y=-0.2, z=-0.12), moved(y=0.2, z=-0.12), RIGHT)
 
@@ -110,7 +110,7 @@ def test_where_nothing_is_in_the_way_all_is_straight() -> None:
 
 
 def test_a_link_that_is_barred_is_gone_round_by_holding_the_arm_otherwise() -> None:
-    """A ball where the elbow would pass in the middle of the move: the hand's path isn't needed."""
+    """A ball is where the elbow would pass in the middle of the move; the hand's path is not needed."""
     free = chosen((LEFT, RIGHT), approach=False)
     ARM.forward(0.5 * (free.q[0] + free.q[1]))
     elbow = ARM.data.oMi[4].translation - T_HOME.p
@@ -131,7 +131,7 @@ def test_over_a_wall_as_the_hand_went() -> None:
 
 
 def test_what_is_barred_is_mended_where_it_is() -> None:
-    """Three crossings of the wall among moves beside it: each is made as the hand went, the others stay straight."""
+    """Three of the moves cross the wall: only these follow the hand's path, the others stay straight."""
     beside = [moved(x=0.02, y=-0.2, z=-0.1), moved(x=0.02, y=0.2, z=-0.1)]
     poses = (LEFT, beside[0], RIGHT, beside[1], LEFT, beside[0], RIGHT)
     paths = [over(a, moved(y=a.p[1] - T_HOME.p[1], z=0.2), moved(y=b.p[1] - T_HOME.p[1], z=0.2), b)
@@ -141,7 +141,7 @@ def test_what_is_barred_is_mended_where_it_is() -> None:
 
 
 def test_many_keyframes_cost_as_much_each_as_few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """More than one window of them; what is checked is counted."""
+    """With more than one window of the ladder; collision checks are counted."""
     counted, is_free = list[Leg](), CollisionScene.is_free
 
     def count(self: CollisionScene, q: Array, leg: Leg) -> bool:
@@ -160,7 +160,7 @@ def test_many_keyframes_cost_as_much_each_as_few(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_path_on_which_the_tool_touches_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the tool carries is told by its poses alone: no joints are sought along the line."""
+    """The tool's hit follows from its poses alone, so no joints are solved along the line."""
     followed = list[object]()
     monkeypatch.setattr(ladder_checks, "follow", lambda *args: followed.append(args))
     with pytest.warns(PbdWarning, match="goes around the plate"):
@@ -199,7 +199,7 @@ def test_without_a_hands_path_a_line_is_tried() -> None:
 
 
 def test_a_detour_is_the_same_each_time_and_is_told() -> None:
-    """Neither another way to hold the arm nor a line gets around the plate; what was planned before changes nothing."""
+    """Neither other configurations nor a line avoid the plate; earlier plans do not change the result."""
     found = []
     for _ in range(2):
         with pytest.warns(PbdWarning, match="^from 0 to 1 the arm goes around the plate: --no-detour refuses that$"):
@@ -231,7 +231,7 @@ def test_what_was_tried_is_told_where_there_is_no_way_around(monkeypatch: pytest
 
 
 def test_a_detour_may_turn_a_joint_the_longer_way() -> None:
-    """The nearer turn of the base leads nowhere: no pair of ways to hold the arm that is nearest has a detour."""
+    """The shorter turn of the base leads nowhere: the nearest configurations have no detour."""
     arm, obstacles, poses = made("ur5", "bin", 4)
     scene = CollisionScene(arm, None, obstacles)
     motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_retreat=arm.robot.home), scene)
@@ -242,7 +242,7 @@ def test_a_detour_may_turn_a_joint_the_longer_way() -> None:
 
 @pytest.mark.filterwarnings("ignore:.*(goes around|comes nearer to something)")
 def test_a_narrow_part_of_the_null_space_is_found_where_nothing_else_is_free() -> None:
-    """Panda's last joint has 7 mrad in which the arm is 1 mm from the beam."""
+    """The arm is free, 1 mm from the beam, only within 7 mrad of panda's last joint."""
     arm, obstacles, poses = made("panda", "portal", 11)
     scene = CollisionScene(arm, None, obstacles)
     motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, approach=False), scene)
@@ -252,7 +252,7 @@ def test_a_narrow_part_of_the_null_space_is_found_where_nothing_else_is_free() -
 
 @pytest.mark.parametrize("higher_m", [1e-3, 3e-3])
 def test_a_motion_close_to_things_is_made_where_no_other_is_free_and_told(higher_m: float) -> None:
-    """Just below the fingers, however the arm is held: nearer than is kept elsewhere, then nearer than at all."""
+    """A plate just below the fingers: closer than MARGIN_M, then closer than CLOSE_M."""
     q, (low, high) = chosen((LEFT, RIGHT), approach=False).q[0], (-0.1, 0.0)
 
     def plate(z: float) -> list[Obstacle]:
@@ -273,7 +273,7 @@ def test_a_motion_close_to_things_is_made_where_no_other_is_free_and_told(higher
 
 
 def test_a_detour_is_looked_for_before_the_arm_is_held_quite_otherwise() -> None:
-    """A straight move is free among the first 36, but it is twice as long as the detour."""
+    """Among the first 36 straight moves one is free, but it is twice as long as the detour."""
     arm, obstacles, poses = made("ur5", "shelf", 7000)
     scene = CollisionScene(arm, None, obstacles)
     with pytest.warns(PbdWarning, match="goes around"):
@@ -284,7 +284,7 @@ def test_a_detour_is_looked_for_before_the_arm_is_held_quite_otherwise() -> None
 
 @pytest.mark.parametrize("end", ["approach", "back"])
 def test_a_detour_from_home_and_back(end: str) -> None:
-    """A wall between home and all keyframes, and too high to be gone over straight."""
+    """A wall stands between home and all keyframes, too high for straight moves."""
     poses = (moved(y=0.45, z=-0.2), moved(y=0.5, z=-0.2))
     wall = box("the wall", (0.8, 0.02, 1.1), 0.15, 0.22, -0.1)
     request = {"q_retreat": HOME, "approach": False} if end == "back" else {}
@@ -304,7 +304,7 @@ def test_a_path_that_was_asked_for_isnt_replaced(kind: str) -> None:
 
 
 def test_what_is_in_the_way_is_named_where_no_joints_lead_on_because_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No path was followed from end to end while something could be in the way: alone it can be, and touches it."""
+    """The path can be followed only without the scene; its hit is then found afterwards."""
     follow = cartesian.follow
 
     def broken(arm: object, poses: Sequence[Pose], *ends: Array) -> Array | None:
@@ -348,7 +348,7 @@ def test_lines_where_a_straight_move_leaves_them_too_far() -> None:
 
 
 def test_where_the_last_keyframe_has_no_free_way_back_the_motion_ends_there() -> None:
-    """Something stands at home: that bars the way back and nothing else."""
+    """An obstacle at home bars only the retreat."""
     poses = (moved(y=0.3, z=-0.1), moved(y=0.35, z=-0.1))
     with pytest.warns(PbdWarning, match=r"no collision-free way back from the last keyframe was found .*the ball"):
         motion = chosen(poses, [ball(0.0, 0.0, 0.0, 0.12)], q_retreat=HOME, approach=False)
@@ -358,7 +358,7 @@ def test_where_the_last_keyframe_has_no_free_way_back_the_motion_ends_there() ->
 
 @pytest.mark.parametrize("end", ["approach", "back"])
 def test_an_end_is_come_to_along_the_tools_axis_where_it_can_not_be_come_to_straight(end: str) -> None:
-    """A ball where the fingertips would pass shortly before they are there."""
+    """A ball is where the fingertips would pass shortly before they arrive."""
     low, apart = moved(y=-0.3, z=-0.3), moved(y=-0.35, z=-0.3)
     poses = (low, apart) if end == "approach" else (apart, low)
     free = chosen(poses, q_retreat=HOME)
@@ -380,7 +380,7 @@ def test_an_approach_that_is_barred_is_refused() -> None:
 
 
 def test_a_path_that_the_arm_can_not_follow_is_told() -> None:
-    """Through the arm's own base, where no tool can be."""
+    """The line goes through the arm's own base."""
     ur5 = arm_of("ur5")
     home = ur5.forward(ur5.robot.home)
     there = Pose(home.p * (-1.0, -1.0, 1.0), home.wxyz)
@@ -391,7 +391,7 @@ def test_a_path_that_the_arm_can_not_follow_is_told() -> None:
 
 
 def test_joints_are_sought_along_a_path_whose_ends_do_not_lead_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No pair of branches is followed from end to end; those of every few poses lead on."""
+    """No pair of configurations is connected along the entire path; those of every few poses are."""
     follow, ends = cartesian.follow, list[int]()
 
     def short(arm: object, poses: Sequence[Pose], *q: Array) -> Array | None:

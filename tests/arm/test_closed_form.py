@@ -1,4 +1,4 @@
-"""The closed form finds every way that its arms can be held, and says nothing of other arms."""
+"""The closed forms find all solutions of the arms for which they are made, and none for other arms."""
 
 from __future__ import annotations
 

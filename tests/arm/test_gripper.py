@@ -1,4 +1,4 @@
-"""The rod that stands for a gripper where the model has none."""
+"""The rod that stands for a gripper if the model has none."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
 
 
 def at(arm: ArmModel, z: float, roll: float = 0.0) -> Array:
-    """Joints at which the tool points down, or tilted, over the dock, at a height in base."""
+    """Return joints with the tool over the dock at a height in base, m, pointing down or tilted."""
     dock = arm.robot.dock
     assert dock is not None
     assert dock.T_base_dock is not None

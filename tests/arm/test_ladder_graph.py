@@ -1,4 +1,4 @@
-"""The shortest free path through a ladder graph, against every path there is."""
+"""The shortest free path through a ladder graph, compared with all paths."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def random_layers(
 
 
 class World:
-    """States and moves that are barred at random, and what was asked about."""
+    """States and moves that are barred at random, and a record of what was checked."""
 
     def __init__(self, rng: np.random.Generator, layers: list[Layer], states: float, moves: float) -> None:
         self.q, self.cost = [layer.q.copy() for layer in layers], [layer.cost.copy() for layer in layers]
@@ -46,7 +46,7 @@ class World:
     def free_move(self, place: int, q: Array, q_next: Array) -> float:
         move = (place, self.state(place - 1, q), self.state(place, q_next))
         self.asked.append(move)
-        assert (place - 1, move[1]) not in self.bad  # it is asked only of states that are free
+        assert (place - 1, move[1]) not in self.bad  # only moves between free states are checked
         assert (place, move[2]) not in self.bad
         return np.inf if move in self.bad_moves else 0.0
 
@@ -84,7 +84,7 @@ def test_it_is_the_shortest_of_all_that_are_free(seed: int, sizes: list[int], st
 
 
 def test_what_is_known_is_left_for_a_path_that_is_shorter_by_more_than_unseen() -> None:
-    """So fewer moves are asked about in all, and a path is longer by no more than that a move."""
+    """Fewer moves are checked, and a path is longer by at most the extra cost for each move."""
     asked = {0.0: 0, UNCHECKED_COST: 0}
     for seed, unchecked_cost in product(range(20), asked):
         rng = np.random.default_rng(seed)
@@ -102,7 +102,7 @@ def test_what_is_known_is_left_for_a_path_that_is_shorter_by_more_than_unseen() 
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 10_000), st.integers(1, 4))
 def test_a_mended_ladder_is_as_one_built_whole(seed: int, place: int) -> None:
-    """States added, a layer put in, moves made anew: what was known besides is kept, and never asked again."""
+    """States are added, a layer is inserted, moves are reset: all other results are kept, and not checked again."""
     rng = np.random.default_rng(seed)
     layers = random_layers(rng, [4, 4, 5, 4])
     world = World(rng, layers, 0.1, 0.2)
@@ -135,7 +135,7 @@ def test_what_isnt_on_the_path_isnt_asked_about_and_what_is_costly_last() -> Non
 
 
 def test_a_layer_that_refuses_too_often_is_handed_back() -> None:
-    """All such layers at once, before the others are searched through."""
+    """All such layers are returned at once."""
     layers = random_layers(np.random.default_rng(0), [4, 4, 4, 4], most_barred=2)
     asked = []
 
@@ -155,7 +155,7 @@ def test_a_step_that_is_too_long_is_no_move() -> None:
 
 
 def test_an_elbow_is_held_as_it_must_be() -> None:
-    """Up at the first keyframe and down at the others: other branches of the same poses."""
+    """The elbow must be up at the first keyframe and down at the others."""
     arm = arm_of("ur5")
     start = np.array([0.3, -1.3, 1.6, -1.9, -1.57, 0.0])
     poses = [arm.forward(start + shift) for shift in (0.0, 0.1, 0.2)]
@@ -180,7 +180,7 @@ def test_no_layers_but_the_start(count: int) -> None:
 
 
 class Totalled(Ladder):
-    """Counts the layers whose shortest paths are worked out."""
+    """Counts the layers for which path costs are computed."""
 
     count = 0
 
@@ -201,7 +201,7 @@ def by_windows(layers: list[Layer], world: World, window: int) -> tuple[list[int
 
 
 def test_what_a_long_ladder_costs_grows_with_its_layers() -> None:
-    """So do the moves that are asked about; and the path is hardly longer than that of a search of all at once."""
+    """The checked moves too; and the path is hardly longer than that of a search without windows."""
     asked, counts = [], []
     for length in (60, 120):
         layers = random_layers(np.random.default_rng(3), [4] * length)
@@ -219,7 +219,7 @@ def test_what_a_long_ladder_costs_grows_with_its_layers() -> None:
 
 
 def test_what_was_decided_is_sought_anew_once_it_is_released() -> None:
-    """The way that is decided leads nowhere: the one beside it does."""
+    """The path that is final leads nowhere; the one beside it does."""
     q = np.array([[0.0, 0.0], [1.0, 0.0]])
     layers = [Layer(q[:1], np.zeros(1), MANY), *(Layer(q, np.zeros(2), MANY) for _ in range(3))]
     ladder = Ladder(layers)

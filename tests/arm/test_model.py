@@ -84,7 +84,7 @@ SHARED_NAMES = """<?xml version="1.0"?>
 
 
 def test_joints_and_bodies_may_share_names(odd_robot: Robot, tmp_path: Path) -> None:
-    """As so100's gripper does, which is locked, and z1's, which is fixed; pinocchio takes neither as it is."""
+    """In so100 a locked joint does, in z1 a fixed one; pinocchio accepts neither as it is."""
     urdf = tmp_path / "twins.urdf"
     urdf.write_text(SHARED_NAMES, encoding="utf-8")
     one = np.ones(2)
@@ -97,7 +97,7 @@ def test_joints_and_bodies_may_share_names(odd_robot: Robot, tmp_path: Path) -> 
         gripper=Gripper(("hand",), np.array([0.8]), np.array([0.2]), 0.5),
     )
     arm = load_model(robot)
-    assert arm.full.names[3] == "hand"  # everyone else still finds it by its name
+    assert arm.full.names[3] == "hand"  # the full model keeps the name
     np.testing.assert_allclose(arm.configurations(np.array([np.pi / 2, 0.1, 0.5])), [0, 1, 0.1, 0.5], atol=1e-15)
     data = arm.full.createData()
     q = np.array([0.7, -0.4])
@@ -119,7 +119,7 @@ def test_poses_go_to_pinocchio_and_back() -> None:
 
 
 def test_loading_reads_no_mesh(panda: Robot, tmp_path: Path) -> None:
-    """Planning must not wait for meshes: a URDF whose meshes aren't there is planned with all the same."""
+    """A URDF without its meshes can be loaded, so planning does not wait for meshes."""
     lonely = tmp_path / "panda.urdf"
     lonely.write_bytes(panda.urdf.read_bytes())
     arm = load_model(replace(panda, urdf=lonely, package_dirs=()))
@@ -162,7 +162,7 @@ def test_a_urdf_that_cant_be_read_is_one_line(odd_robot: Robot, tmp_path: Path, 
 
 
 def test_the_arm_needs_no_viewer() -> None:
-    """Planning imports pinocchio, ruckig and what tracking has of scipy, and nothing else that is heavy."""
+    """Planning imports pinocchio and ruckig, but neither the viewer nor matplotlib."""
     code = "import sys, pbd.arm.joint_path, pbd.arm.timing.time_moves, pbd.audit.audit; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert {"pinocchio", "ruckig"} <= set(loaded)

@@ -1,4 +1,4 @@
-"""What ROS 2 gets, as its controller would follow it."""
+"""The export for ROS 2, interpolated as its controller does."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_samples_at_a_rate_add_points_and_change_no_motion(tmp_path: Path, rate_
 
 @pytest.mark.parametrize("arm", ["panda", "kinova"])
 def test_any_move_is_exported_within_the_limits(tmp_path: Path, arm: str) -> None:
-    """Also one of 1e-10 rad, and one whose phases are cut short."""
+    """Also a move of 1e-10 rad, and one without some of its phases."""
     model, rng = arm_of(arm), np.random.default_rng(5)
     for length in (1e-10, 1e-7, 1e-4, 1e-2, 0.3, 0.3, 0.3):
         steps = length * rng.uniform(-1.0, 1.0, (3, len(model.robot.joints)))
@@ -117,7 +117,7 @@ def test_without_fingers_in_the_model_it_says_when_to_grip(tmp_path: Path) -> No
 
 
 def test_the_check_of_the_gaps_agrees_with_the_controller(tmp_path: Path) -> None:
-    """Of samples alone, which break limits between them."""
+    """For samples at a rate, which exceed limits between them."""
     robot, trajectory = planned("panda", "paper-test2", "keyframes")
     samples = trajectory.sample(100.0)
     points = [

@@ -1,4 +1,4 @@
-"""All that a motion touches, against a search through its samples."""
+"""All contacts of a motion, compared with a search through its samples."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.arm.collision.test_collision import BOTTLE, GRIPS, PLACES, board, thr
 
 
 def sampled(scene: CollisionScene, trajectory: JointTrajectory, t: Array) -> dict[tuple[str, str], list[float]]:
-    """The instants at which two bodies touch, by their names."""
+    """Return the sampled instants at which two bodies touch, by their names."""
     samples, stays = trajectory.at(t), object_stays(scene, trajectory)
     found: dict[tuple[str, str], list[float]] = {}
     for instant, q, opening in zip(t, samples.q, samples.gripper, strict=True):
@@ -47,7 +47,7 @@ def test_all_hits_are_those_that_a_search_finds(
         spans = [(each.t, each.parted_t) for each in hits if (each.hit.first, each.hit.second) == bodies]
         for instant in instants:
             assert any(start - step <= instant <= end + step for start, end in spans), (bodies, instant, spans)
-        for start, end in spans:  # and what is told is there, but for what is shorter than the search can see
+        for start, end in spans:  # and each hit is confirmed, unless it is too short for the search
             assert end - start < 2 * step or any(start <= instant <= end for instant in instants)
     for earlier, later in pairwise(hits):
         assert earlier.t <= later.t

@@ -47,7 +47,7 @@ def test_coordinates_are_the_models(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_distances_are_exact(name: str) -> None:
-    """Hulls, boxes and capsules, against least squares over their corners."""
+    """For hulls, boxes and capsules, compared with least squares over their corners."""
     arm = arm_of(name)
     clearance = links_only(arm)
     for x in coordinates(arm, 4):
@@ -73,7 +73,7 @@ def test_distances_change_no_faster_than_the_bound(name: str) -> None:
 
 
 def test_a_sliding_and_an_endless_joint_are_bounded_too(odd_arm: ArmModel) -> None:
-    """Bodies on every link of an arm with every kind of joint."""
+    """For bodies on every link of an arm with every kind of joint."""
     joints = range(odd_arm.full.njoints)
     bodies = [
         Body(str(i), i, Pose.from_rpy((0.1, 0.05 * i, 0.0), (0.3, 0.0, i)), "box", (0.1, 0.2, 0.02)) for i in joints
@@ -92,7 +92,7 @@ def test_a_sliding_and_an_endless_joint_are_bounded_too(odd_arm: ArmModel) -> No
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 7), st.floats(0.01, 1.0), st.integers(0, 2**32 - 1))
 def test_the_bound_holds_for_each_point_and_is_not_idle(joint: int, turn: float, seed: int) -> None:
-    """Points of the panda's hand move with each joint by at most its lever; with the last one by nearly as much."""
+    """Points of the panda's hand move by at most the bound for each joint, and for the last one by nearly as much."""
     arm = arm_of("panda")
     hand = next(body for body in link_bodies(arm) if body.name == "panda_hand")
     foot = Body("foot", 0, Pose.identity(), "floor")
@@ -117,7 +117,7 @@ def test_joints_below_both_bodies_do_not_count() -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_nodes_are_close_enough(arm: ArmModel, seed: int) -> None:
-    """Between two nodes each joint goes one way, and no pair moves by more than a step."""
+    """Between two nodes each joint is monotonic, and no pair moves by more than STEP_M."""
     trajectory, _ = spline(arm, seed)
     trajectory = replace(trajectory, gripper_t=np.array([0.0, 0.5, 0.9]), gripper_opening=np.array([1.0, 1.0, 0.2]))
     bound = links_only(arm).rates
@@ -143,7 +143,7 @@ def test_a_part_of_a_trajectory(arm: ArmModel) -> None:
 
 
 class Counted(Clearance):
-    """Counts how often a distance is asked for."""
+    """Counts the distances that are measured."""
 
     looks = 0
 
@@ -158,7 +158,7 @@ def swing(arm: ArmModel, angle: float) -> JointPath:
 
 
 def beside(arm: ArmModel, gap: float, size: float = 0.1) -> Clearance:
-    """The panda's hand and a sphere that its path round the base stays `gap` away from, 0.6 rad along."""
+    """Return the panda's hand and a sphere; as joint 1 turns, the hand passes it at `gap`, m, after 0.6 rad."""
     hand = next(body for body in link_bodies(arm) if body.name == "panda_hand")
     x = np.append(arm.robot.home + 0.6 * np.eye(7)[0], 1.0)
     top = points_of(hand, placements(arm, x))
@@ -266,7 +266,7 @@ NESTED = """<robot name="nested">
 
 
 def nested(folder: Path, panda: Robot, radius: float = 0.05, foot: float = 0.3) -> ArmModel:
-    """An arm whose hand is inside its foot; between arm and hand there is a link with nothing solid."""
+    """Return an arm whose hand is inside its foot; a link without a shape lies between arm and hand."""
     path = folder / "nested.urdf"
     path.write_text(NESTED.format(foot, radius), encoding="utf-8")
     limits: Any = {name: np.ones(3) for name in ("upper", "velocity", "acceleration", "jerk")}
@@ -297,7 +297,7 @@ def test_what_always_touches_is_dropped_and_told(tmp_path: Path, panda: Robot) -
 
 
 def test_what_touches_only_mostly_is_kept(tmp_path: Path, panda: Robot) -> None:
-    """The hand's middle is between 0.1 and 0.2 m from the foot's, whose radius is 0.3: so near only when tilted."""
+    """A smaller foot, which the hand touches only in some tilts."""
     arm = nested(tmp_path, panda)
     body = next(body for body in link_bodies(arm) if body.name == "foot")
     reach = [np.linalg.norm(placements(arm, np.array([0.0, tilt, 0, 1]))[3].p) for tilt in (-1.0, 0.0, 1.0)]
@@ -310,7 +310,7 @@ def test_what_touches_only_mostly_is_kept(tmp_path: Path, panda: Robot) -> None:
 
 
 def test_what_touches_in_nearly_every_configuration_is_dropped_and_told(tmp_path: Path, panda: Robot) -> None:
-    """The hand is clear of a foot of 13.8 cm only where it is tilted least, in three of a hundred configurations."""
+    """The hand clears a foot of 13.8 cm only at the smallest tilts, in three of a hundred configurations."""
     why = dropped(nested(tmp_path, panda, foot=0.1378))[frozenset(("foot", "hand"))]
     found = re.fullmatch(r"touch in (\d+) of 200 random configurations", why)
     assert found is not None
@@ -320,7 +320,7 @@ def test_what_touches_in_nearly_every_configuration_is_dropped_and_told(tmp_path
 
 
 def test_a_trajectory_of_one_instant(arm: ArmModel) -> None:
-    """A stay may begin where it ends."""
+    """A stay of the object may have no duration."""
     trajectory: JointTrajectory = spline(arm, 0)[0]
     path = sample_trajectory(trajectory, links_only(arm).rates, 0.7, 0.7)
     assert_array_equal(path.t, [0.7])

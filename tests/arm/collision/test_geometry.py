@@ -1,4 +1,4 @@
-"""A robot's links as convex bodies: against pinocchio's reading of the URDF and against the raw meshes."""
+"""A robot's links as convex bodies, compared with pinocchio's reading of the URDF and with the raw meshes."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from tests.arm.collision_oracles import (
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A user's cache of one's own."""
+    """A separate, empty cache."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return tmp_path / "cache" / "pbd" / "hulls"
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_mesh_lies_in_the_bodies_of_its_link(name: str) -> None:
-    """Placed and scaled by pinocchio: a corner of each mesh in 25 directions, and the middle of every other shape."""
+    """Checked for the extreme corner of each mesh in 25 directions, and the centre of other shapes, by pinocchio."""
     arm = arm_of(name)
     raw = raw_meshes(name)
     directions = np.random.default_rng(0).normal(size=(25, 3))
@@ -51,7 +51,7 @@ def test_every_mesh_lies_in_the_bodies_of_its_link(name: str) -> None:
 
 
 def gap(point: Array, body: Body) -> float:
-    """How far a point on the joint is outside a body; of other shapes than hulls, from their middle."""
+    """Return the distance of a point, in the joint's frame, from a hull, or from the centre of another shape, m."""
     if body.shape != "hull":
         return float(np.linalg.norm(point - body.T_joint_body.p))
     return hull_distance(point[None], body.T_joint_body.act(body.points)) - body.pad
@@ -74,7 +74,7 @@ def test_no_contact_of_the_meshes_is_missed_and_few_are_made_up(name: str) -> No
 
 
 def simple(tmp_path: Path, shapes: str) -> Robot:
-    """A robot of two joints about z; its hand has the shapes that are given."""
+    """Return a robot of two joints about z, whose hand has the given shapes."""
     path = tmp_path / "arm.urdf"
     path.write_text(SIMPLE_URDF.format(shapes), encoding="utf-8")
     panda = arm_of("panda").robot

@@ -1,4 +1,4 @@
-"""What has no shape, or one far too small, is told."""
+"""Links without a shape, or with one far too small, are reported."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.arm.collision.test_geometry import simple
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_body_is_watched_against_something(name: str) -> None:
-    """Nothing on the arm is left out of all pairs, but for what never moves and what is next to it."""
+    """Every body of the arm, except perhaps the rod, is in some checked pair."""
     watch = CollisionScene(arm_of(name), -10.0).always
     watched = {watch.bodies[i] for pair in watch.pairs for i in pair}
     assert {body.name for body in set(watch.bodies) - watched} <= {TABLE, THE_TOOL}
@@ -68,7 +68,7 @@ def test_a_link_far_smaller_than_the_way_between_its_joints(tmp_path: Path, size
 def test_a_link_without_a_shape_is_told_by_robots_and_before_a_motion(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A panda whose forearm has lost its mesh; the motion is planned all the same."""
+    """For a panda whose forearm has no mesh; the motion is planned nevertheless."""
     monkeypatch.chdir(tmp_path)
     panda = arm_of("panda").robot
     toml = Path(__file__).parents[3] / "robots" / "panda.toml"

@@ -1,4 +1,4 @@
-"""Joints along a path of the tool: they lead on, reach each pose, and never leap."""
+"""Joints along a path of the tool are continuous, reach each pose, and never leap."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SIX_AND_MORE = [name for name in NAMES if not is_partial(arm_of(name))]
 
 
 def along(arm: ArmModel, distance: float) -> tuple[Pose, ...]:
-    """A line from home toward the base and down, with a turn about the tool's axis."""
+    """Return a line from home toward the base and down, with a rotation about the tool's axis."""
     home = arm.forward(arm.robot.home)
     inward = -home.p * (1.0, 1.0, 0.0) / np.linalg.norm(home.p[:2]) + (0.0, 0.0, -0.5)
     return line(home, Pose(home.p + distance * inward, (home @ Pose.from_rpy((0, 0, 0), (0, 0, 0.4))).wxyz))
@@ -54,7 +54,7 @@ def test_each_pose_is_reached_and_no_joint_leaps(name: str) -> None:
 
 @pytest.mark.parametrize("name", SIX_AND_MORE)
 def test_the_tool_stays_on_the_line(name: str) -> None:
-    """Straight in joint space it doesn't."""
+    """A straight move in joint space leaves the line."""
     arm = arm_of(name)
     poses = along(arm, 0.1)
     q = follow(arm, poses, *known_ends(arm, poses))
@@ -65,7 +65,7 @@ def test_the_tool_stays_on_the_line(name: str) -> None:
 
 
 def test_off_line_is_the_distance_from_a_line() -> None:
-    """By hand, place for place."""
+    """Computed by hand, point by point."""
     arm = arm_of("ur5")
     q = np.linspace(arm.robot.home, arm.robot.home + np.array([0.5, 0.3, -0.2, 0.1, 0.4, 0.0]), 20)
     places = arm.forward_many(q)[0]
@@ -76,7 +76,7 @@ def test_off_line_is_the_distance_from_a_line() -> None:
 
 
 def test_another_way_to_hold_the_arm_is_a_leap() -> None:
-    """The same pose with another wrist or elbow: no path of the tool leads there."""
+    """The same pose with another wrist or elbow cannot be reached along the path."""
     arm = arm_of("ur5")
     poses = along(arm, 0.1)
     start, end = known_ends(arm, poses)
@@ -87,7 +87,7 @@ def test_another_way_to_hold_the_arm_is_a_leap() -> None:
 
 
 def test_an_elbow_that_flips_by_a_fifth_of_a_radian_is_a_leap() -> None:
-    """Of an arm that is stretched out but for 0.1 rad."""
+    """The arm is stretched out except for 0.1 rad."""
     arm, q = arm_of("ur5"), np.array([0.3, -1.2, 0.1, -1.0, -1.4, 0.2])
     here = arm.forward(q)
     lower = Pose(here.p - np.array([0.0, 0.0, 1e-3]), here.wxyz)
@@ -134,7 +134,7 @@ def test_newton_stops_once_a_pose_is_met_and_gives_up_after_twelve_steps(monkeyp
 
 
 def test_a_singular_seed_is_no_error() -> None:
-    """Of an arm whose joints are all at zero."""
+    """All joints of the arm are at zero."""
     assert refine(arm_of("ur5"), Pose.from_rpy((0.3, 0.3, 0.3), (0.0, 0.0, 0.0)), np.zeros(6)) is None
 
 
@@ -164,7 +164,7 @@ def test_lines_are_straight_and_their_poses_close() -> None:
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
 def test_a_redundant_arm_led_around_a_square_comes_back_as_it_left(name: str) -> None:
-    """Left alone its elbow has drifted by then, and the last step has to make up for that."""
+    """Otherwise its elbow would drift, and the last step would have to make up for it."""
     arm = arm_of(name)
     home = arm.forward(arm.robot.home)
     corners = [Pose(home.p + np.array((0.0, *yz)), home.wxyz)

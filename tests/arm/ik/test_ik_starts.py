@@ -1,4 +1,4 @@
-"""Starts are near the poses that they are asked for, within limits, and the same each time."""
+"""Starts are near the wanted pose, within limits, and the same each time."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_manipulability_is_the_product_of_the_singular_values(name: str) -> None
     arm = arm_of(name)
     J = np.array([arm.jacobian(q) for q in random_joints(arm.robot, 2000, seed=7)])
     measured = manipulability(J)
-    # Of five joints it is the root of a determinant, whose rounding depends on the processor.
+    # For five joints it is the root of a determinant, whose rounding depends on the processor.
     squared = np.linalg.svd(J, compute_uv=False).prod(axis=1) ** 2
     np.testing.assert_allclose(measured**2, squared, rtol=1e-6, atol=1e-16)
     assert (measured < starts_of(arm).low_manipulability).mean() == pytest.approx(LOW_SHARE, abs=0.06)

@@ -1,4 +1,4 @@
-"""Arms of five joints hold the rule: the position exactly, then the approach axis, then the rotation about it."""
+"""Arms of five joints follow the rule: the position exactly, then the approach axis, then the rotation about it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tests.arm.conftest import random_joints
 
 
 def turned(pose: Pose, rotation: Array) -> Pose:
-    """A pose that is turned in place, about the tool's own axes."""
+    """Rotate a pose about the tool's own axes."""
     return pose @ Pose.exp((0.0, 0.0, 0.0, *rotation))
 
 
@@ -63,7 +63,7 @@ def test_the_position_is_met_whatever_the_rotation(name: str) -> None:
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
 def test_a_roll_that_cant_be_met_leaves_the_approach_axis_alone(name: str) -> None:
-    """Turning the wanted jaws about an approach that five joints can meet turns the wrist, and not the approach."""
+    """If the goal is rotated about an approach axis that five joints can meet, only the wrist turns."""
     arm = arm_of(name)
     wrist = len(arm.robot.joints) - 1
     for truth in random_joints(arm.robot, 40, seed=4, margin=0.4):
@@ -75,7 +75,7 @@ def test_a_roll_that_cant_be_met_leaves_the_approach_axis_alone(name: str) -> No
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
 def test_no_joints_do_better_by_the_rule(name: str) -> None:
-    """Oracle: scipy's SLSQP on the rule itself, its position an equality, from the solution and from around it."""
+    """Oracle: scipy's SLSQP on the rule itself, with the position as a constraint, from the solution and around it."""
     arm, rng = arm_of(name), np.random.default_rng(5)
     for truth, pose, found in solved(arm, 4, seed=6):
         assert found.reached
@@ -85,14 +85,14 @@ def test_no_joints_do_better_by_the_rule(name: str) -> None:
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
 def test_no_joints_nearby_do_better_by_a_fiftieth_of_a_degree(name: str) -> None:
-    """Where the position leaves the rotation hardly any choice too: the weight that leads there is small enough."""
+    """Also where the position leaves hardly any choice of rotation: the weight of the rotation is small enough."""
     arm = arm_of(name)
     for _, pose, found in solved(arm, 20, seed=8):
         assert best_by_slsqp(arm, pose, found.q) > found.weighted_rad - np.radians(0.02)
 
 
 def solved(arm: ArmModel, count: int, seed: int) -> Iterator[tuple[Array, Pose, PartialPose]]:
-    """Joints, the tool's pose there turned by some 0.3 rad, and the solution for that."""
+    """Yield joints, the tool's pose there rotated by about 0.3 rad, and the solution for it."""
     rng = np.random.default_rng(seed)
     for truth in random_joints(arm.robot, count, seed, margin=0.3):
         pose = turned(arm.forward(truth), 0.3 * rng.normal(size=3))

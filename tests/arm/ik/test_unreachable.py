@@ -1,4 +1,4 @@
-"""What an arm can't reach is told with what stops it."""
+"""The reason why an arm can't reach a pose."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def hindrance(arm: ArmModel, pose: Pose) -> Unreached:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_beyond_reach_is_by_how_far_the_nearest_place_is(name: str) -> None:
-    """Oracle: none of many samples is nearer, and the nearest of them isn't much farther."""
+    """Oracle: of many samples none is nearer, and the nearest is not much farther."""
     arm = arm_of(name)
     p, _ = arm.forward_many(random_joints(arm.robot, 100_000, seed=1))
     reach = float(np.linalg.norm(p, axis=1).max())
@@ -42,7 +42,7 @@ def test_beyond_reach_is_by_how_far_the_nearest_place_is(name: str) -> None:
 
 @pytest.fixture
 def stiff(panda: Robot) -> Callable[[float], ArmModel]:
-    """A panda that moves its joints by little about home."""
+    """Return a panda whose joints move only a little about home."""
 
     def make(by: float) -> ArmModel:
         limits = changed(panda.limits, lower=panda.home - by, upper=panda.home + by)
@@ -64,7 +64,7 @@ def test_too_near_is_inside_the_arms_reach(stiff: Callable[[float], ArmModel]) -
 
 @pytest.mark.parametrize("side", ["lower", "upper"])
 def test_the_limit_that_stops_it_is_named(stiff: Callable[[float], ArmModel], side: str) -> None:
-    """Each joint in turn would have to turn by more than it can, and the others can make up for little of it."""
+    """Each joint in turn would have to exceed its limit, and the others can compensate only a little."""
     arm = stiff(0.01)
     for i, joint in enumerate(arm.robot.joints):
         beyond = arm.robot.home + (0.3 if side == "upper" else -0.3) * np.eye(7)[i]
@@ -74,7 +74,7 @@ def test_the_limit_that_stops_it_is_named(stiff: Callable[[float], ArmModel], si
 
 
 def test_a_named_limit_is_what_is_in_the_way(arm: ArmModel) -> None:
-    """With the limits that are named a little wider the arm gets nearer, for as long as it is they that stop it."""
+    """If a joint moves a little beyond its named limit, the tool gets nearer."""
     checked = 0
     for truth in random_joints(arm.robot, 40, seed=4):
         pose = arm.forward(truth) @ Pose.from_rpy((0, 0, 0), (0.0, 1.5, 0.0))

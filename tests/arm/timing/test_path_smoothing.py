@@ -1,4 +1,4 @@
-"""Moves along a curve: limits, ends, the curve itself, and how near the optimum they are."""
+"""Moves along a curve: limits, ends, deviation from the curve, and duration compared with the optimum."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.arm.toppra_oracle import toppra_duration
 
 
 def at(pieces: PiecewiseCubic, places: int = 5) -> Array:
-    """Joints along the pieces, by their powers."""
+    """Return joints (n, k) along the pieces."""
     s = np.linspace(0.0, 1.0, places) * pieces.durations[:, None]
     powers = s[:, :, None] ** np.arange(4)
     joints: Array = np.einsum("ijp,ipk->ijk", powers, pieces.coefficients).reshape(-1, pieces.coefficients.shape[2])
@@ -32,14 +32,14 @@ def at(pieces: PiecewiseCubic, places: int = 5) -> Array:
 
 
 def off(pieces: PiecewiseCubic, curve: Curve) -> float:
-    """Oracle: how far the joints get off a finely sampled curve, in rad."""
+    """Oracle: the largest distance of the joints from a densely sampled curve, rad."""
     on = curve.q(np.linspace(0.0, curve.s[-1], 20_000))
     some = at(pieces)[:: max(1, 5 * len(pieces.durations) // 100)]
     return max(float(np.linalg.norm(on - q, axis=1).min()) for q in some)
 
 
 def shares(pieces: PiecewiseCubic, limits: JointLimits) -> list[float]:
-    """Oracle: the largest share of each limit, by differences of closely spaced joints."""
+    """Oracle: the largest share of each limit, by finite differences."""
     dt, found = 1e-4, []
     knots = np.append(0.0, np.cumsum(pieces.durations))
     t = np.arange(0.0, knots[-1], dt)
@@ -107,7 +107,7 @@ def test_with_plenty_of_jerk_it_is_near_the_optimum_without_any(seed: int) -> No
 def test_with_little_jerk_it_is_near_the_optimum_along_a_line(jerk: float, share: float, longer: float) -> None:
     """Ruckig gives the optimum of a straight move; a curve that happens to be straight takes hardly longer.
 
-    It speeds up as it slows down.
+    Its acceleration and deceleration are symmetrical.
     """
     limits, ends = limits_of(2.0, 8.0, jerk), np.array([[0.0, 0.0, 0.0], [0.9, -0.5, 0.3]])
     waypoints = ends[0] + np.linspace(0.0, 1.0, 40)[:, None] * (ends[1] - ends[0])
@@ -163,7 +163,7 @@ def test_waypoints_within_a_nanosecond_are_one() -> None:
 
 
 def test_a_demonstrations_own_pace_is_kept_where_the_limits_allow_it() -> None:
-    """A hand that goes along the path as hands do: from rest to rest, fastest in the middle."""
+    """The hand moves from rest to rest, fastest in the middle, as hands do."""
     limits, path = limits_of(2.0, 8.0, 8000.0), random_waypoints(3)
     fast = curved_move(path, limits, 1.0).duration
     t = np.linspace(0.0, 4.0 * fast, 200)
@@ -183,7 +183,7 @@ def test_a_demonstrations_own_pace_is_kept_where_the_limits_allow_it() -> None:
 
 @pytest.mark.parametrize("jerk", [8000.0, 80.0])
 def test_position_limits_are_kept_between_waypoints_at_a_limit(jerk: float) -> None:
-    """A joint that comes to its limit and stays there: the curve through these waypoints swings beyond."""
+    """A joint reaches its limit and stays there; the spline through these waypoints overshoots it."""
     one = np.minimum(np.linspace(-0.5, 0.5, 30), 0.0)
     waypoints = np.column_stack((one, np.linspace(0.0, 1.0, 30), np.zeros(30)))
     limits = replace(limits_of(2.0, 8.0, jerk), upper=np.array([0.0, 100.0, 100.0]))

@@ -1,4 +1,4 @@
-"""The fastest pace along a path, beside toppra's and where it can be worked out by hand."""
+"""The fastest profile along a path, compared with toppra and with results by hand."""
 
 from __future__ import annotations
 

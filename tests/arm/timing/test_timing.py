@@ -26,11 +26,11 @@ def move(arm: ArmModel, start: Array, end: Array, speed: float = 1.0) -> JointTr
 
 
 def shortest(arm: ArmModel, start: Array, end: Array) -> float:
-    """Oracle: the seconds that the slowest joint takes alone; no motion of all joints can be faster."""
+    """Oracle: the time of the slowest joint alone, s; no motion of all joints can be faster."""
     limits, k = arm.limits, len(start)
     wanted, found = InputParameter(k), Trajectory(k)
     wanted.current_position, wanted.target_position = start, end
-    # Moves keep a billionth of each limit clear, for rounding.
+    # Moves keep a billionth below each limit, for rounding errors.
     wanted.max_velocity, wanted.max_acceleration = WITHIN * limits.velocity, WITHIN * limits.acceleration
     wanted.max_jerk = WITHIN * limits.jerk
     Ruckig(k).calculate(wanted, found)
@@ -158,7 +158,7 @@ def test_where_nothing_moves_there_is_no_trajectory(arm: ArmModel) -> None:
 def test_pieces_join_however_short_the_moves(
     arm: ArmModel, lengths: Sequence[float], dwells: Sequence[float], seed: int
 ) -> None:
-    """Moves from 1e-10 rad to 1 rad: no jump in position, velocity or acceleration, and time goes on."""
+    """Moves from 1e-10 rad to 1 rad have no jump in position, velocity or acceleration, and time increases."""
     rng = np.random.default_rng(seed)
     steps = [10.0**length * rng.uniform(-1, 1, 7) for length in (0, *lengths)]
     q = arm.robot.home + np.cumsum(steps, axis=0)
