@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.arm.conftest import PANDA as PANDA_TOML
+from tests.arm.bundled import FOLDER
 from tests.cli.running import Capture, refused, run, run_json
 
 pytestmark = pytest.mark.usefixtures("elsewhere", "remembered")
@@ -228,7 +228,9 @@ def test_a_line_is_followed_where_something_bars_the_way_back_alone(capsys: Capt
 def test_a_home_in_collision_with_the_arm_itself(capsys: Capture, elsewhere: Path) -> None:
     (elsewhere / "robots").mkdir()
     text = re.sub(
-        r"(?m)^home.*$", "home = [0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0]", PANDA_TOML.read_text(encoding="utf-8")
+        r"(?m)^home.*$",
+        "home = [0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0]",
+        (FOLDER / "panda.toml").read_text(encoding="utf-8"),
     )
     (elsewhere / "robots" / "mine.toml").write_text(text)
     line = refused(capsys, 3, "replay", "pouring", "--robot", "mine")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -14,10 +12,8 @@ from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel
 from pbd.data import GraspedObject, Obstacle
 from pbd.data.world import Stay
-from pbd.errors import PlanError
-from pbd.planning import plan_keyframes
 from pbd.pose import Array, Pose, quat_from_rpy
-from tests.arm.bundled import NAMES, arm_of, keyframes_of, path_of
+from tests.arm.bundled import NAMES, arm_of
 from tests.arm.collision_oracles import coordinates, placements
 
 WITHOUT = ("ur3", "ur5", "ur10", "xarm7")
@@ -79,14 +75,3 @@ def test_it_meets_obstacles_but_not_what_is_grasped(name: str) -> None:
             assert (hit.first, hit.second) == (THE_TOOL, "ball")
     scene = CollisionScene(arm, 0.0, grasped=GraspedObject("cylinder", (0.06, 0.1)))
     assert scene.hit(q, Leg(0.0, Stay(0.0, 1.0, True, Pose.identity()))) is None
-
-
-def test_a_keyframe_under_the_table_is_refused() -> None:
-    robot, keyframes = arm_of("ur5").robot, list(keyframes_of("pouring"))
-    assert robot.dock is not None
-    assert robot.dock.T_base_dock is not None
-    T = keyframes[2].T_nav_sensor
-    low = Pose(np.array([*T.p[:2], -0.15 - robot.dock.T_base_dock.p[2]]), T.wxyz)
-    keyframes[2] = replace(keyframes[2], T_nav_sensor=low)
-    with pytest.raises(PlanError, match=r"^no collision-free arm pose at keyframe 2 among .* would touch the table, "):
-        plan_keyframes(keyframes, robot.dock, robot, None, path_of("pouring"))

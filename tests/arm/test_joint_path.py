@@ -77,12 +77,6 @@ def test_the_freedom_that_is_left_shortens_the_path(arm: ArmModel, monkeypatch: 
     assert travel(np.vstack((truth[0], slid))) < travel(np.vstack((truth[0], unslid)))
 
 
-def test_the_same_poses_give_the_same_path(arm: ArmModel) -> None:
-    truth = wander(arm.robot, 5, seed=41)
-    poses = [arm.forward(q) for q in truth[1:]]
-    np.testing.assert_array_equal(solve_path(arm, poses, truth[0]), solve_path(arm, poses, truth[0]))
-
-
 def test_no_keyframes_no_path(arm: ArmModel) -> None:
     assert solve_path(arm, [], arm.robot.home).shape == (0, 7)
 

@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 from pbd.arm.ik.solver import solve
-from pbd.arm.model import ArmModel, from_se3, load_model, to_se3
+from pbd.arm.model import ArmModel, load_model, to_se3
 from pbd.data import Gripper, JointLimits, Robot
 from pbd.errors import RobotError
 from pbd.pose import Array, Pose, quat_to_matrix
@@ -109,13 +109,6 @@ def test_joints_and_bodies_may_share_names(odd_robot: Robot, tmp_path: Path) -> 
 def test_full_configuration_opens_the_gripper_by_its_share(arm: ArmModel) -> None:
     q = random_joints(arm.robot, 1, seed=4)[0]
     np.testing.assert_array_equal(arm.configurations(np.append(q, 0.25)), [*q, 0.01, 0.01])
-
-
-def test_poses_go_to_pinocchio_and_back() -> None:
-    pose = Pose.from_rpy((0.1, -0.2, 0.3), (0.4, -1.5, 3.0))
-    there = to_se3(pose)
-    np.testing.assert_allclose(there.homogeneous, pose.matrix(), atol=1e-15)
-    assert max(from_se3(there).distance(pose)) < 1e-15
 
 
 def test_loading_reads_no_mesh(panda: Robot, tmp_path: Path) -> None:

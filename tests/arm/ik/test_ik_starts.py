@@ -31,12 +31,6 @@ def test_the_nearest_are_the_nearest_of_all(arm: ArmModel) -> None:
         np.testing.assert_allclose(off, np.sort(np.linalg.norm(starts.p - p, axis=1))[:8], atol=1e-5)
 
 
-def test_they_are_the_same_each_time(arm: ArmModel) -> None:
-    again = starts_of.__wrapped__(arm)
-    np.testing.assert_array_equal(starts_of(arm).q[:30], again.q[:30])
-    assert starts_of(arm).low_manipulability == again.low_manipulability
-
-
 @pytest.mark.parametrize("name", ["panda", "ur5", "so101"])
 def test_manipulability_is_the_product_of_the_singular_values(name: str) -> None:
     arm = arm_of(name)

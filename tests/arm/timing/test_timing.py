@@ -14,7 +14,7 @@ from pbd.arm.model import ArmModel, load_model
 from pbd.arm.timing.piecewise_cubic import WITHIN, PiecewiseCubic
 from pbd.arm.timing.ptp import ptp_move
 from pbd.arm.timing.time_moves import APPROACH_SPEED, Move, time_moves
-from pbd.data import JointTrajectory, Robot
+from pbd.data import JointTrajectory
 from pbd.errors import PbdWarning, PlanError
 from pbd.pose import Array
 from tests.arm.conftest import random_joints
@@ -92,13 +92,6 @@ def test_keyframes_are_reached_exactly_and_dwells_kept(arm: ArmModel) -> None:
     assert trajectory.joint_names == arm.robot.joints
 
 
-def test_the_approach_can_be_left_out(arm: ArmModel) -> None:
-    q = random_joints(arm.robot, 3, seed=7)
-    trajectory = time_keyframes(arm, q, [0, 0, 0], [None] * 3, arm.robot.home, approach=False)
-    assert trajectory.keyframe_t[0] == 0.0
-    np.testing.assert_array_equal(trajectory.at(np.zeros(1)).q[0], q[0])
-
-
 def test_speed_is_a_share_of_every_limit(arm: ArmModel) -> None:
     start, end = random_joints(arm.robot, 2, seed=8)
     slower = replace(
@@ -172,12 +165,6 @@ def test_pieces_join_however_short_the_moves(
     np.testing.assert_allclose(end_qd[:-1], c[1][1:], atol=1e-9)
     np.testing.assert_allclose(end_qdd[:-1], 2 * c[2][1:], atol=1e-7)
     np.testing.assert_allclose(trajectory.at(trajectory.keyframe_t).q, q, atol=1e-8)
-
-
-def test_an_arm_with_a_sliding_joint(odd_robot: Robot) -> None:
-    arm = load_model(odd_robot)
-    end = odd_robot.home + np.array([0.0, 0.15, 0.0, 0.0])
-    assert move(arm, odd_robot.home, end).duration == pytest.approx(shortest(arm, odd_robot.home, end), rel=1e-12)
 
 
 def test_a_move_may_have_corners_where_it_rests(arm: ArmModel) -> None:
