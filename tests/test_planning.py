@@ -72,7 +72,7 @@ def moving(plan: Plan) -> Array:
 
 
 @pytest.mark.parametrize("robot", [PANDA, pbd.load_robot("ur5")], ids=["panda", "ur5"])
-def test_lines_are_lines_to_the_tenth_of_a_millimetre(robot: Robot) -> None:
+def test_lines_are_straight_to_a_tenth_of_a_millimetre(robot: Robot) -> None:
     plan = planned(robot=robot, path="line")
     assert [way.kind for way in plan.segments] == [STRAIGHT, *4 * [LINE]]
     arm, samples, reached = arm_of(robot), plan.trajectory, plan.trajectory.keyframe_t
@@ -131,7 +131,7 @@ def test_a_hand_that_comes_back_to_where_it_began_is_followed() -> None:
         plan_keyframes(find_keyframes(path), dock(), PANDA, None, path)
 
 
-def test_a_tolerance_makes_lines_of_what_leaves_them_too_far() -> None:
+def test_a_tolerance_makes_lines_of_moves_beyond_it() -> None:
     free, kept = planned("pouring"), planned("pouring", tolerance_m=0.01)
     off = [way.off_line_m for way in free.segments]
     assert max(off) > 0.02
@@ -162,7 +162,7 @@ def test_the_hands_own_time_is_kept_where_the_limits_allow_it(path: str) -> None
 
 
 @pytest.mark.parametrize("path", ["keyframes", "line", "demo"])
-def test_it_is_stretched_where_not_and_said_where_and_by_how_much(path: str) -> None:
+def test_moves_beyond_the_limits_are_stretched_with_a_warning(path: str) -> None:
     with pytest.warns(
         PbdWarning, match="moves are slower than the hand's, to keep the joint limits: to keyframe"
     ) as caught:
@@ -273,7 +273,7 @@ def test_a_plan_that_touches_something_is_refused_unless_that_is_allowed() -> No
     assert planned(allow_collision=True).touching is None
 
 
-def test_what_touches_is_told_with_both_bodies_how_deep_and_when() -> None:
+def test_a_contact_has_both_bodies_its_depth_and_its_time() -> None:
     plan = plan_keyframes(*low(), PANDA, PlanOptions(allow_collision=True))
     touching, t = plan.touching, plan.trajectory.keyframe_t
     assert touching is not None
@@ -283,7 +283,7 @@ def test_what_touches_is_told_with_both_bodies_how_deep_and_when() -> None:
     assert 0.015 < touching.found.hit.depth < 0.05
 
 
-def test_a_trajectory_alone_can_not_say_that_it_touches_something() -> None:
+def test_plan_refuses_a_contact_even_if_it_is_allowed() -> None:
     wall = Obstacle("the wall", "box", (0.02, 1.0, 1.0), Pose(np.array([0.5, 0.0, 0.5]), TURN))
     with pytest.raises(PlanError, match="would touch the wall"):
         pbd.plan(
@@ -294,7 +294,7 @@ def test_a_trajectory_alone_can_not_say_that_it_touches_something() -> None:
         )
 
 
-def test_an_obstacle_is_gone_round_by_the_hands_own_path() -> None:
+def test_the_hands_path_avoids_an_obstacle() -> None:
     """The hand moves over a wall, and so does the arm, since straight moves would touch it."""
     t = np.arange(0.0, 4.0, 0.01)
     share = np.clip((t - 1.0) / 2.0, 0.0, 1.0)
@@ -316,7 +316,7 @@ def test_an_obstacle_is_gone_round_by_the_hands_own_path() -> None:
     assert unknown.segments[1].kind == STRAIGHT
 
 
-def test_where_a_curve_touches_it_is_kept_to_more_closely(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_curve_that_touches_is_followed_more_closely(monkeypatch: pytest.MonkeyPatch) -> None:
     """If the audit finds a contact, the motion is timed again with a tenth of the deviation from the curve."""
     looked = list[JointTrajectory]()
 
@@ -380,7 +380,7 @@ def test_a_knob_keeps_turning(yaw_deg: float) -> None:
     assert all(segment.wide is None for segment in plan.segments)
 
 
-def test_a_tool_that_is_turned_back_is_told() -> None:
+def test_a_tool_that_turns_back_is_warned_of() -> None:
     """Joint 7 of a panda has less than a whole turn, so it must turn back once, at one of two keyframes."""
     back = r"\(panda_joint7 turns back: its range of 33\d degrees is no whole turn\)"
     told = rf"to keyframe [45] it will turn 27\d degrees instead of 90 {back}; panda found no line there"
@@ -402,7 +402,7 @@ def test_a_motion_of_hours_is_refused() -> None:
         plan_keyframes(long, dock(), PANDA, PlanOptions(dwell_s=np.inf))
 
 
-def test_what_makes_a_keyframe_unsure_is_named() -> None:
+def test_the_cause_of_an_uncertain_keyframe_is_named() -> None:
     """The cause is one long move, or many moves."""
     variances = {"long": (0.0, 1e-4, 1e-2, 1.1e-2), "many": tuple(1e-3 * k for k in range(12))}
     said = {}

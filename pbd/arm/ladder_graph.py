@@ -107,7 +107,7 @@ class Layer:
 
 
 class Ladder:
-    """The layers through which a path is searched; layer 0 has one state, the start.
+    """The layers through which a path is searched; layer 0 has one state, the start. `place` is the index of a layer.
 
     Attributes:
         first, end: the window: the path up to layer `first` is final; layers from `end` on are not searched yet.

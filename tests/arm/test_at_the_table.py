@@ -52,7 +52,7 @@ def test_a_line_along_the_table_leads_to_a_grasp(name: str, seed: int) -> None:
     assert {way.kind for way in plan.segments[1:]} == {LINE}
 
 
-def test_what_is_grasped_is_in_the_hand_from_its_keyframe_on() -> None:
+def test_the_object_is_held_from_its_keyframe_on() -> None:
     """A cup held 10 cm beside the grasp would slide along the table, which is a contact."""
     arm = arm_of("panda")
     grasp = Pose(np.array([0.5, 0.0, 0.5 * CUP.size[-1]]), np.array([0.0, 1.0, 0.0, 0.0]))
@@ -83,13 +83,13 @@ def carried(*obstacles: Obstacle, y: float) -> Plan:
     return plan_keyframes(keyframes, dock, robot, alone, grasped=CUP)
 
 
-def test_what_is_held_may_stand_at_the_last_keyframe_before_the_arm_goes_home_with_it() -> None:
+def test_a_held_object_may_touch_its_support_at_the_last_keyframe() -> None:
     back = carried(y=0.1).retreat
     assert back is not None
     assert back.kind == STRAIGHT
 
 
-def test_a_detour_back_takes_along_what_is_held() -> None:
+def test_a_detour_of_the_retreat_carries_the_object() -> None:
     wall = Obstacle("the wall", "box", (0.8, 0.02, 1.1), Pose.from_rpy((0.55, 0.22, 0.35), (0.0, 0.0, 0.0)))
     with pytest.warns(PbdWarning, match="^on its way back the arm goes around the wall"):
         plan = carried(wall, y=0.5)

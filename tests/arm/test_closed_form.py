@@ -17,7 +17,7 @@ from tests.benchmarks.branches import measure
 
 
 @pytest.mark.parametrize(("name", "ways"), [("ur3", 6.0), ("ur5", 6.0), ("ur10", 6.0), ("kinova", 7.0), ("z1", 1.0)])
-def test_every_way_reaches_the_pose_and_the_known_one_is_among_them(name: str, ways: float) -> None:
+def test_every_solution_reaches_the_pose_and_the_known_one_is_among_them(name: str, ways: float) -> None:
     """So are ways up to 0.05 rad beyond a limit, from where a descent leads back."""
     arm, count, beyond = arm_of(name), 0, -np.inf
     joints = random_joints(arm.robot, 50, seed=11)
@@ -49,7 +49,7 @@ def test_a_base_may_stand_beside_the_first_axis(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
-def test_every_branch_of_seven_joints_holds_the_pose_and_one_leads_past_the_known_way(name: str) -> None:
+def test_every_branch_of_seven_joints_reaches_the_pose_and_one_passes_the_known_solution(name: str) -> None:
     """A branch is divided where a joint moves by more than 1 rad from one solution to the next, and nowhere else.
 
     Where a joint moves fast, the angles of the last one are nine times as dense.
@@ -98,7 +98,7 @@ def test_planning_finds_what_a_search_a_hundred_times_longer_finds(name: str) ->
 
 
 @pytest.mark.parametrize("name", ["panda", "so101"])
-def test_other_arms_are_left_to_descents(name: str) -> None:
+def test_other_arms_have_no_closed_form(name: str) -> None:
     arm = arm_of(name)
     assert not len(closed_form(arm, to_se3(arm.forward(arm.robot.home))))
     assert not seven_joints(arm_of("ur5"), to_se3(arm_of("ur5").forward(arm_of("ur5").robot.home)))

@@ -37,7 +37,7 @@ def test_arms_without_a_gripper_in_the_model_have_one() -> None:
 
 
 @pytest.mark.parametrize("name", WITHOUT)
-def test_it_leads_from_the_flange_to_just_before_the_tool(name: str) -> None:
+def test_the_rod_ends_just_before_the_tools_origin(name: str) -> None:
     arm = arm_of(name)
     rod = arm_bodies(arm)[-1]
     assert rod.name == THE_TOOL
@@ -63,7 +63,7 @@ def test_the_tool_may_come_down_to_the_table_and_no_farther(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", WITHOUT)
-def test_it_meets_obstacles_but_not_what_is_grasped(name: str) -> None:
+def test_the_rod_may_touch_the_object_but_no_obstacle(name: str) -> None:
     arm = arm_of(name)
     q = at(arm, 0.2)
     for side, free in ((ROD_RADIUS_M + 0.01, False), (ROD_RADIUS_M + 0.01 + 2.0 * MARGIN_M, True)):

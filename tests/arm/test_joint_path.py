@@ -68,7 +68,7 @@ def test_a_still_hand_keeps_the_arm_still(arm: ArmModel) -> None:
     np.testing.assert_array_equal(path, np.tile(home, (4, 1)))
 
 
-def test_the_freedom_that_is_left_shortens_the_path(arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_null_space_shortens_the_path(arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
     truth = wander(arm.robot, 6, seed=40)
     poses = [arm.forward(q) for q in truth[1:]]
     slid = solve_path(arm, poses, truth[0])
@@ -135,7 +135,7 @@ def test_the_first_keyframe_out_of_reach_is_named(arm: ArmModel) -> None:
     assert error.fields["joints"] == ()
 
 
-def test_five_joints_are_stopped_by_the_place_alone() -> None:
+def test_five_joints_fail_only_at_the_position() -> None:
     arm = arm_of("so101")
     with pytest.raises(PlanError) as caught:
         solve_path(arm, [Pose.from_rpy((0.7, 0.0, 0.2), (np.pi, 0.0, 0.0))], arm.robot.home)
@@ -161,7 +161,7 @@ def test_it_stays_away_from_limits_and_singularities() -> None:
     np.testing.assert_allclose(costs[-1], (SINGULAR, AT_LIMIT), atol=1e-6)
 
 
-def test_the_freedom_that_is_left_leads_away_from_limits(arm: ArmModel) -> None:
+def test_the_null_space_leads_away_from_limits(arm: ArmModel) -> None:
     """A seventh joint lets the arm leave the limit at which it starts."""
     start = arm.robot.home.copy()
     start[0] = arm.limits.upper[0] - 0.005
@@ -170,7 +170,7 @@ def test_the_freedom_that_is_left_leads_away_from_limits(arm: ArmModel) -> None:
 
 
 @pytest.mark.parametrize("roll_deg", [-90, -45, 0, 45, 90])
-def test_the_docks_surroundings_are_within_reach(arm: ArmModel, roll_deg: float) -> None:
+def test_the_surroundings_of_the_dock_are_within_reach(arm: ArmModel, roll_deg: float) -> None:
     """As robots/panda.toml claims: a level sensor in the entire box, a rolled one in the middle of it."""
     dock = arm.robot.dock
     assert dock is not None

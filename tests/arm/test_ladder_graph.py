@@ -83,7 +83,7 @@ def test_it_is_the_shortest_of_all_that_are_free(seed: int, sizes: list[int], st
     assert len(world.asked) == len(set(world.asked))
 
 
-def test_what_is_known_is_left_for_a_path_that_is_shorter_by_more_than_unseen() -> None:
+def test_a_known_path_is_left_only_for_one_that_is_shorter_by_the_extra_cost() -> None:
     """Fewer moves are checked, and a path is longer by at most the extra cost for each move."""
     asked = {0.0: 0, UNCHECKED_COST: 0}
     for seed, unchecked_cost in product(range(20), asked):
@@ -101,7 +101,7 @@ def test_what_is_known_is_left_for_a_path_that_is_shorter_by_more_than_unseen() 
 
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 10_000), st.integers(1, 4))
-def test_a_mended_ladder_is_as_one_built_whole(seed: int, place: int) -> None:
+def test_a_mended_ladder_gives_the_same_path_as_one_built_at_once(seed: int, place: int) -> None:
     """States are added, a layer is inserted, moves are reset: all other results are kept, and not checked again."""
     rng = np.random.default_rng(seed)
     layers = random_layers(rng, [4, 4, 5, 4])
@@ -126,7 +126,7 @@ def test_a_mended_ladder_is_as_one_built_whole(seed: int, place: int) -> None:
     assert isinstance(shorter, Barred) or len(shorter) == 4
 
 
-def test_what_isnt_on_the_path_isnt_asked_about_and_what_is_costly_last() -> None:
+def test_only_the_path_is_checked_and_costly_moves_last() -> None:
     layers = random_layers(np.random.default_rng(0), [4, 4, 4])
     layers[1].costly = True
     world = World(np.random.default_rng(0), layers, 0.0, 0.0)
@@ -134,7 +134,7 @@ def test_what_isnt_on_the_path_isnt_asked_about_and_what_is_costly_last() -> Non
     assert [place[0] for place in world.asked] == [1, 2, 3, 2, 3, 1]
 
 
-def test_a_layer_that_refuses_too_often_is_handed_back() -> None:
+def test_layers_with_too_many_barred_moves_are_returned() -> None:
     """All such layers are returned at once."""
     layers = random_layers(np.random.default_rng(0), [4, 4, 4, 4], most_barred=2)
     asked = []
@@ -154,7 +154,7 @@ def test_a_step_that_is_too_long_is_no_move() -> None:
     assert Ladder(layers).search(lambda *_: True, lambda *_: 0.0) == [0, 2]
 
 
-def test_an_elbow_is_held_as_it_must_be() -> None:
+def test_the_elbow_is_on_the_side_that_is_free() -> None:
     """The elbow must be up at the first keyframe and down at the others."""
     arm = arm_of("ur5")
     start = np.array([0.3, -1.3, 1.6, -1.9, -1.57, 0.0])
@@ -200,7 +200,7 @@ def by_windows(layers: list[Layer], world: World, window: int) -> tuple[list[int
         ladder.advance(path, ladder.end - window // 2, ladder.end + window // 2)
 
 
-def test_what_a_long_ladder_costs_grows_with_its_layers() -> None:
+def test_the_cost_of_a_long_ladder_is_linear_in_its_layers() -> None:
     """The checked moves too; and the path is hardly longer than that of a search without windows."""
     asked, counts = [], []
     for length in (60, 120):
@@ -218,7 +218,7 @@ def test_what_a_long_ladder_costs_grows_with_its_layers() -> None:
     assert asked[1] < 2.4 * asked[0]
 
 
-def test_what_was_decided_is_sought_anew_once_it_is_released() -> None:
+def test_a_final_path_is_searched_again_once_released() -> None:
     """The path that is final leads nowhere; the one beside it does."""
     q = np.array([[0.0, 0.0], [1.0, 0.0]])
     layers = [Layer(q[:1], np.zeros(1), MANY), *(Layer(q, np.zeros(2), MANY) for _ in range(3))]
@@ -236,7 +236,7 @@ def test_what_was_decided_is_sought_anew_once_it_is_released() -> None:
     assert ladder.search(lambda *_: True, free) == [0, 1, 1, 1]
 
 
-def test_what_is_weighed_is_only_asked_about_while_it_is_on_the_shortest_path() -> None:
+def test_moves_with_an_additional_cost_are_checked_only_on_the_shortest_path() -> None:
     layers = [Layer(np.zeros((1, 2)), np.zeros(1), 1), Layer(np.array([[0.1, 0.0], [0.2, 0.0]]), np.zeros(2), 1)]
     asked = []
 

@@ -135,7 +135,7 @@ def test_the_check_of_the_gaps_agrees_with_the_controller(tmp_path: Path) -> Non
     assert max(found) > 1.1
 
 
-def test_what_breaks_a_limit_between_points_is_refused(tmp_path: Path) -> None:
+def test_an_export_that_exceeds_a_limit_between_points_is_refused(tmp_path: Path) -> None:
     robot, trajectory = planned("panda", "paper-test2", "keyframes")
     slower = replace(robot, limits=replace(robot.limits, jerk=0.9 * robot.limits.jerk))
     for rate_hz in (None, 100.0):
@@ -146,7 +146,7 @@ def test_what_breaks_a_limit_between_points_is_refused(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_samples_alone_would_break_is_told(tmp_path: Path) -> None:
+def test_samples_that_exceed_a_limit_between_them_are_warned_of(tmp_path: Path) -> None:
     robot, trajectory = planned("panda", "paper-test2", "keyframes")
     with pytest.warns(PbdWarning, match=r"by cubics would reach 1\.\d+ times panda_joint\d's acceleration limit"):
         export(trajectory, robot, "csv", tmp_path / "motion.csv", 100.0)

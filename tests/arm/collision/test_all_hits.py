@@ -53,7 +53,7 @@ def test_all_hits_are_those_that_a_search_finds(
         assert earlier.t <= later.t
 
 
-def test_the_first_is_the_one_that_a_refusal_tells(arm: ArmModel) -> None:
+def test_the_first_hit_is_that_of_a_refusal(arm: ArmModel) -> None:
     scene = CollisionScene(arm, 0.12, [board(0.0, 0.45)], BOTTLE)
     trajectory = through(arm, PLACES, GRIPS)
     first, (told, *_) = check_motion(scene, trajectory), all_hits(scene, trajectory)

@@ -70,7 +70,7 @@ def test_the_bottle_meets_what_the_hand_does_not(arm: ArmModel) -> None:
     assert trajectory.keyframe_t[2] < found.t <= found.parted_t < trajectory.keyframe_t[3]
 
 
-def test_what_was_let_go_stays_in_the_way(arm: ArmModel) -> None:
+def test_a_released_object_is_an_obstacle(arm: ArmModel) -> None:
     """A rod is put down. A motion that was free before then touches it, with a link that is not the gripper."""
     rod = GraspedObject("cylinder", (0.02, 0.3))
     here, there = (0.5, -0.2, 0.15), (0.5, 0.2, 0.15)
@@ -104,7 +104,7 @@ def test_a_contact_with_the_table_is_allowed_only_where_the_object_rests(arm: Ar
     assert (found.hit.first, found.hit.second) == ("the cylinder", TABLE)
 
 
-def test_fingers_that_open_against_something_are_seen(arm: ArmModel) -> None:
+def test_a_contact_of_opening_fingers_is_found(arm: ArmModel) -> None:
     """Only the gripper moves; the arm stands still."""
     post = Obstacle("post", "cylinder", (0.02, 0.16), Pose.from_rpy((0.5 + 0.055, 0.2, 0.08), (0, 0, 0)))
     scene = CollisionScene(arm, None, [post])
@@ -119,7 +119,7 @@ def test_fingers_that_open_against_something_are_seen(arm: ArmModel) -> None:
 
 
 @pytest.mark.parametrize("thick", [1e-4, 1e-3])
-def test_nothing_is_too_thin_or_too_fast(arm: ArmModel, thick: float) -> None:
+def test_a_thin_sheet_across_a_fast_move_is_found(arm: ArmModel, thick: float) -> None:
     """A thin sheet across a move at full speed; both ends are free."""
     trajectory = through(arm, [(0.5, -0.3, 0.4), (0.5, 0.3, 0.4)], [None, None])
     found = check_motion(CollisionScene(arm, 0.0, [board(0.3, 0.6, thick)]), trajectory)
@@ -181,7 +181,7 @@ def test_against_dense_sampling(arm: ArmModel) -> None:
         ),
     ],
 )
-def test_a_hit_is_told_in_one_line(arm: ArmModel, obstacle: Obstacle, message: str) -> None:
+def test_a_hit_is_described_in_one_line(arm: ArmModel, obstacle: Obstacle, message: str) -> None:
     scene, trajectory = CollisionScene(arm, None, [obstacle]), through(arm, PLACES[2:4], [None, None])
     with pytest.raises(PlanError, match=f"^{message}") as caught:
         refuse_collision(scene, trajectory)
@@ -190,7 +190,7 @@ def test_a_hit_is_told_in_one_line(arm: ArmModel, obstacle: Obstacle, message: s
     assert caught.value.fields.keys() == {"keyframe", "t", "bodies", "value", "p_base"}
 
 
-def test_what_only_comes_near_is_told_so(arm: ArmModel) -> None:
+def test_a_near_miss_is_described_by_its_distance(arm: ArmModel) -> None:
     trajectory = through(arm, PLACES[:2], [None, None])
     fingers = [body for body in link_bodies(arm) if "finger" in body.name]
     joints = placements(arm, np.append(trajectory.keyframe_q[1], 1.0))
@@ -246,7 +246,7 @@ def test_home_in_collision_is_refused(arm: ArmModel) -> None:
     assert caught.value.exit_code == 3
 
 
-def test_what_is_no_number_is_not_free(arm: ArmModel) -> None:
+def test_nan_is_an_error(arm: ArmModel) -> None:
     scene, q = CollisionScene(arm), arm.robot.home * np.nan
     with pytest.raises(ValueError, match="must be finite"):
         scene.hit(q)

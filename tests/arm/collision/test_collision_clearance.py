@@ -35,7 +35,7 @@ def links_only(arm: ArmModel) -> Clearance:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_coordinates_are_the_models(name: str) -> None:
+def test_coordinates_become_pinocchios_configurations(name: str) -> None:
     arm = arm_of(name)
     full, x = arm.full, coordinates(arm, 5)
     for *q, opening, found in zip(*x.T, arm.configurations(x), strict=True):
@@ -91,7 +91,7 @@ def test_a_sliding_and_an_endless_joint_are_bounded_too(odd_arm: ArmModel) -> No
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 7), st.floats(0.01, 1.0), st.integers(0, 2**32 - 1))
-def test_the_bound_holds_for_each_point_and_is_not_idle(joint: int, turn: float, seed: int) -> None:
+def test_the_bound_of_motion_holds_for_each_point_and_is_tight(joint: int, turn: float, seed: int) -> None:
     """Points of the panda's hand move by at most the bound for each joint, and for the last one by nearly as much."""
     arm = arm_of("panda")
     hand = next(body for body in link_bodies(arm) if body.name == "panda_hand")
@@ -107,7 +107,7 @@ def test_the_bound_holds_for_each_point_and_is_not_idle(joint: int, turn: float,
         assert way >= 0.95 * rate[6] * 2.0 * np.sin(abs(turn) / 2.0)
 
 
-def test_joints_below_both_bodies_do_not_count() -> None:
+def test_joints_before_both_bodies_do_not_count() -> None:
     arm = arm_of("panda")
     bodies = link_bodies(arm)
     names = [body.name for body in bodies]
@@ -116,7 +116,7 @@ def test_joints_below_both_bodies_do_not_count() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_nodes_are_close_enough(arm: ArmModel, seed: int) -> None:
+def test_nodes_are_dense_enough(arm: ArmModel, seed: int) -> None:
     """Between two nodes each joint is monotonic, and no pair moves by more than STEP_M."""
     trajectory, _ = spline(arm, seed)
     trajectory = replace(trajectory, gripper_t=np.array([0.0, 0.5, 0.9]), gripper_opening=np.array([1.0, 1.0, 0.2]))
@@ -168,7 +168,7 @@ def beside(arm: ArmModel, gap: float, size: float = 0.1) -> Clearance:
     return Counted(arm, [hand, sphere], np.array([[0, 1]]))
 
 
-def test_a_path_that_passes_is_free_and_few_looks_are_taken() -> None:
+def test_a_free_path_needs_few_distances() -> None:
     arm = arm_of("panda")
     clearance = beside(arm, 1.1 * MARGIN_M)
     path = swing(arm, 1.2)
@@ -191,7 +191,7 @@ def test_a_contact_is_found_with_its_beginning_end_and_depth(depth: float) -> No
     assert clearance.distances(path.x[met.deepest])[0] == met.distance
 
 
-def test_what_is_allowed_is_passed_over() -> None:
+def test_an_allowed_contact_is_ignored() -> None:
     arm = arm_of("panda")
     clearance, path = beside(arm, -0.01), swing(arm, 1.2)
     clearance.rests = {0: lambda T_base_tool: True}
@@ -202,7 +202,7 @@ def test_what_is_allowed_is_passed_over() -> None:
     assert 0.6 <= path.x[met.first, 0] < 0.61
 
 
-def test_the_first_contact_comes_first_whichever_pair_is_asked_first() -> None:
+def test_the_first_contact_does_not_depend_on_the_order_of_pairs() -> None:
     arm = arm_of("panda")
     clearance = beside(arm, -0.02)
     ball = clearance.bodies[1]
@@ -218,7 +218,7 @@ def dropped(arm: ArmModel) -> dict[frozenset[str], str]:
     return {frozenset((pair.first, pair.second)): pair.why for pair in link_pairs(arm)[1]}
 
 
-def test_what_the_panda_drops() -> None:
+def test_the_unchecked_pairs_of_the_panda() -> None:
     arm = arm_of("panda")
     why = dropped(arm)
     assert why[frozenset(("panda_link2", "panda_link3"))] == "next to each other"
@@ -233,7 +233,7 @@ def test_what_the_panda_drops() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_pair_is_watched_or_dropped_or_rigid(name: str) -> None:
+def test_every_pair_is_checked_or_listed_or_rigid(name: str) -> None:
     arm = arm_of(name)
     bodies, why = arm_bodies(arm), dropped(arm)
     watched = {tuple(pair) for pair in link_pairs(arm)[0]}
@@ -285,7 +285,7 @@ def nested(folder: Path, panda: Robot, radius: float = 0.05, foot: float = 0.3) 
     )
 
 
-def test_what_always_touches_is_dropped_and_told(tmp_path: Path, panda: Robot) -> None:
+def test_pairs_that_always_touch_are_listed_as_unchecked(tmp_path: Path, panda: Robot) -> None:
     why = dropped(nested(tmp_path, panda))
     assert why == {
         frozenset(("foot", "arm")): "next to each other",
@@ -296,7 +296,7 @@ def test_what_always_touches_is_dropped_and_told(tmp_path: Path, panda: Robot) -
     assert len(link_pairs(nested(tmp_path, panda))[0]) == 2  # the finger against foot and arm
 
 
-def test_what_touches_only_mostly_is_kept(tmp_path: Path, panda: Robot) -> None:
+def test_a_pair_that_touches_less_often_is_checked(tmp_path: Path, panda: Robot) -> None:
     """A smaller foot, which the hand touches only in some tilts."""
     arm = nested(tmp_path, panda)
     body = next(body for body in link_bodies(arm) if body.name == "foot")
@@ -309,7 +309,7 @@ def test_what_touches_only_mostly_is_kept(tmp_path: Path, panda: Robot) -> None:
     assert (np.array([clearance.distances(x)[0] for x in allowed_collisions.samples(arm, 100)]) < 0.0).any()
 
 
-def test_what_touches_in_nearly_every_configuration_is_dropped_and_told(tmp_path: Path, panda: Robot) -> None:
+def test_pairs_that_nearly_always_touch_are_listed_as_unchecked(tmp_path: Path, panda: Robot) -> None:
     """The hand clears a foot of 13.8 cm only at the smallest tilts, in three of a hundred configurations."""
     why = dropped(nested(tmp_path, panda, foot=0.1378))[frozenset(("foot", "hand"))]
     found = re.fullmatch(r"touch in (\d+) of 200 random configurations", why)

@@ -117,7 +117,7 @@ def test_the_table(arm: ArmModel, height: float) -> None:
             assert_allclose(hit.p_base, (0.5, 0.1, height), atol=0.06)
 
 
-def test_what_is_always_on_the_table_is_dropped_and_told(arm: ArmModel) -> None:
+def test_a_link_that_always_touches_the_table_is_listed_as_unchecked(arm: ArmModel) -> None:
     """Link 1 turns about the vertical at 0.33 m, so a table at 0.35 m always touches it; `unchecked` says so."""
     dropped = {(pair.first, pair.second): pair.why for pair in CollisionScene(arm, 0.35).unchecked}
     assert dropped["panda_link1", TABLE] == "on it in nearly every configuration"
@@ -172,7 +172,7 @@ def tool_over(x: float, z: float) -> Pose:
     return Pose(np.array([x, 0.0, z]), DOWN)
 
 
-def test_legs_say_where_the_object_is_and_how_far_the_gripper_is_open(arm: ArmModel) -> None:
+def test_legs_have_the_place_of_the_object_and_the_gripper_opening(arm: ArmModel) -> None:
     scene = CollisionScene(arm, 0.0, grasped=BOTTLE)
     poses = [tool_over(0.4, 0.3), tool_over(0.4, 0.15), tool_over(0.5, 0.3), tool_over(0.5, 0.15), tool_over(0.4, 0.3)]
     legs = scene.legs(poses, [None, True, None, False, None])
@@ -198,7 +198,7 @@ def held(T_tool_object: Pose, *rests: Pose) -> Leg:
     return Leg(0.0, Stay(0.0, 1.0, True, T_tool_object, rests))
 
 
-def test_what_is_held_touches_what_the_arm_does_not(arm: ArmModel) -> None:
+def test_a_held_object_touches_what_the_arm_does_not(arm: ArmModel) -> None:
     """A rod of 30 cm hangs from the fingers and touches a box below; without the rod the arm is free."""
     rod = GraspedObject("cylinder", (0.02, 0.3))
     box = Obstacle("box", "box", (0.1, 0.1, 0.1), Pose.from_rpy((0.5, 0.0, 0.05), (0, 0, 0)))
@@ -214,7 +214,7 @@ def test_what_is_held_touches_what_the_arm_does_not(arm: ArmModel) -> None:
     assert scene.hit(at(arm, 0.5, 0.2, 0.38), leg) is None
 
 
-def test_what_is_held_meets_the_arm_but_may_touch_the_gripper(arm: ArmModel) -> None:
+def test_a_held_object_may_touch_the_gripper_but_not_the_arm(arm: ArmModel) -> None:
     scene = CollisionScene(arm, grasped=GraspedObject("cylinder", (0.02, 1.2)))
     q = at(arm, 0.5, 0.0, 0.3)
     down, across = Pose.from_rpy((0, 0, 0.5), (0, 0, 0)), Pose.from_rpy((0, 0, 0), (0, np.pi / 2, 0))
@@ -225,7 +225,7 @@ def test_what_is_held_meets_the_arm_but_may_touch_the_gripper(arm: ArmModel) -> 
     assert hit.first in ("panda_link0", "panda_link1")
 
 
-def test_what_stands_is_met_by_the_arm_but_may_be_touched_by_the_gripper(arm: ArmModel) -> None:
+def test_a_standing_object_may_touch_the_gripper_but_not_the_arm(arm: ArmModel) -> None:
     standing = Stay(-np.inf, 1.0, False, Pose.from_rpy((0.5, 0.0, 0.1), (0, 0, 0)))
     scene = CollisionScene(arm, 0.0, grasped=BOTTLE)
     assert scene.hit(at(arm, 0.5, 0.0, 0.15), Leg(1.0, standing)) is None
@@ -237,7 +237,7 @@ def test_what_stands_is_met_by_the_arm_but_may_be_touched_by_the_gripper(arm: Ar
 
 
 @pytest.mark.parametrize("support", ["the table", "a shelf"])
-def test_what_is_held_may_touch_what_it_rests_on_near_where_it_rests(arm: ArmModel, support: str) -> None:
+def test_a_held_object_may_touch_its_support_near_its_rest(arm: ArmModel, support: str) -> None:
     """It hangs 10 cm below the tool. Near its rest it may touch, even 1 cm deep; 4 cm beside it may not."""
     shelf = Obstacle("a shelf", "box", (0.6, 0.6, 0.1), Pose.from_rpy((0.5, 0.0, 0.05), (0, 0, 0)))
     level = 0.0 if support == "the table" else 0.1
@@ -251,7 +251,7 @@ def test_what_is_held_may_touch_what_it_rests_on_near_where_it_rests(arm: ArmMod
             assert (hit.first, hit.second) == ("the cylinder", support)
 
 
-def test_what_stands_beside_is_no_rest(arm: ArmModel) -> None:
+def test_a_wall_beside_the_object_is_no_support(arm: ArmModel) -> None:
     """An object released against a wall touches the wall, but does not stand on it."""
     wall = Obstacle("wall", "box", (0.02, 0.4, 0.06), Pose.from_rpy((0.5, 0.0, 0.03), (0, 0, 0)))
     scene = CollisionScene(arm, 0.0, [wall], BOTTLE)

@@ -58,7 +58,7 @@ def gap(point: Array, body: Body) -> float:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_no_contact_of_the_meshes_is_missed_and_few_are_made_up(name: str) -> None:
+def test_no_contact_of_the_meshes_is_missed_and_few_are_false(name: str) -> None:
     """Of the configurations that are free 2 in 100 at most are called contacts (by hulls alone it was up to 48)."""
     arm = arm_of(name)
     clearance = Clearance(arm, arm_bodies(arm), link_pairs(arm)[0])
@@ -119,7 +119,7 @@ def test_simple_shapes_stay_what_they_are(
     assert max(metres, rad) < 1e-12
 
 
-def test_what_is_seen_counts_only_where_nothing_else_is_given(tmp_path: Path) -> None:
+def test_visual_shapes_count_only_without_collision_shapes(tmp_path: Path) -> None:
     shapes = [
         SHAPES.format(e, g) for e, g in (("collision", '<sphere radius="1"/>'), ("visual", '<box size="1 1 1"/>'))
     ]
@@ -161,7 +161,9 @@ def test_a_mesh_is_found_and_scaled(tmp_path: Path, cache: Path, address: str) -
         ),
     ],
 )
-def test_a_fault_is_told(tmp_path: Path, cache: Path, content: str | None, collision: str, message: str) -> None:
+def test_a_faulty_shape_is_one_line(
+    tmp_path: Path, cache: Path, content: str | None, collision: str, message: str
+) -> None:
     good = simple(tmp_path, "")
     arm = load_model(good)  # before the fault: pinocchio reads some of it too
     (tmp_path / "meshes").mkdir()
@@ -178,7 +180,7 @@ def test_a_fault_is_told(tmp_path: Path, cache: Path, content: str | None, colli
 FLAT = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n"
 
 
-def test_what_is_flat_is_held_by_a_thin_box(tmp_path: Path, cache: Path) -> None:
+def test_a_flat_mesh_becomes_a_thin_box(tmp_path: Path, cache: Path) -> None:
     (tmp_path / "t.obj").write_text(FLAT, encoding="utf-8")
     mesh = '<collision><geometry><mesh filename="t.obj"/></geometry></collision>'
     (body,) = link_bodies(load_model(simple(tmp_path, mesh)))

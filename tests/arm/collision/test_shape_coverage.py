@@ -17,7 +17,7 @@ from tests.arm.collision.test_geometry import simple
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_body_is_watched_against_something(name: str) -> None:
+def test_every_body_is_in_some_checked_pair(name: str) -> None:
     """Every body of the arm, except perhaps the rod, is in some checked pair."""
     watch = CollisionScene(arm_of(name), -10.0).always
     watched = {watch.bodies[i] for pair in watch.pairs for i in pair}
@@ -25,7 +25,7 @@ def test_every_body_is_watched_against_something(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_nothing_is_doubted_of_the_bundled_arms(name: str) -> None:
+def test_the_bundled_arms_have_no_doubtful_shapes(name: str) -> None:
     assert doubtful_shapes(arm_of(name)) == {}
 
 
@@ -56,7 +56,7 @@ def test_a_hand_without_a_shape_or_with_one_far_too_small(tmp_path: Path, hand: 
 
 
 @pytest.mark.parametrize(("size", "why"), [(0.13, "of 22.5 cm, but its joints are 50.0 cm apart"), (0.2, None)])
-def test_a_link_far_smaller_than_the_way_between_its_joints(tmp_path: Path, size: float, why: str | None) -> None:
+def test_a_shape_far_smaller_than_the_distance_between_the_joints(tmp_path: Path, size: float, why: str | None) -> None:
     robot = simple(tmp_path, BOX.format("collision"))
     own = BOX.format("collision").replace("0.2", str(size))
     text = robot.urdf.read_text().replace('<link name="arm"/>', f'<link name="arm">{own}</link>')
@@ -65,7 +65,7 @@ def test_a_link_far_smaller_than_the_way_between_its_joints(tmp_path: Path, size
     assert found.get("arm") == (None if why is None else f"has a collision shape {why}")
 
 
-def test_a_link_without_a_shape_is_told_by_robots_and_before_a_motion(
+def test_a_link_without_a_shape_is_reported_by_robots_and_before_a_motion(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """For a panda whose forearm has no mesh; the motion is planned nevertheless."""

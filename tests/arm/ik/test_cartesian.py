@@ -75,7 +75,7 @@ def test_off_line_is_the_distance_from_a_line() -> None:
     assert off_line(np.repeat(places[:1], 3, axis=0)) == 0.0
 
 
-def test_another_way_to_hold_the_arm_is_a_leap() -> None:
+def test_another_branch_is_a_leap() -> None:
     """The same pose with another wrist or elbow cannot be reached along the path."""
     arm = arm_of("ur5")
     poses = along(arm, 0.1)
@@ -138,7 +138,7 @@ def test_a_singular_seed_is_no_error() -> None:
     assert refine(arm_of("ur5"), Pose.from_rpy((0.3, 0.3, 0.3), (0.0, 0.0, 0.0)), np.zeros(6)) is None
 
 
-def test_a_pose_out_of_reach_on_the_way_is_told() -> None:
+def test_a_path_out_of_reach_is_not_followed() -> None:
     arm = arm_of("ur5")
     home = arm.forward(arm.robot.home)
     far = Pose(home.p + np.array([2.0, 0.0, 0.0]), home.wxyz)

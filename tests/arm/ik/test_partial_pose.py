@@ -39,7 +39,7 @@ def test_only_arms_of_fewer_than_six_joints_are_relaxed() -> None:
 
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
-def test_a_pose_that_can_be_met_whole_is(name: str) -> None:
+def test_a_full_pose_within_reach_is_met(name: str) -> None:
     arm = arm_of(name)
     for truth in random_joints(arm.robot, 60, seed=1):
         pose = arm.forward(truth)
@@ -128,7 +128,7 @@ def test_measures_are_the_angles_that_a_pose_was_turned_by() -> None:
         assert found.position_m < 1e-15
 
 
-def test_what_is_held_is_told() -> None:
+def test_poses_that_are_held_with_another_rotation_are_warned_of() -> None:
     arm = arm_of("so101")
     q = np.array([arm.robot.home, arm.robot.home])
     here = arm.forward(arm.robot.home)
@@ -143,7 +143,7 @@ def test_what_is_held_is_told() -> None:
     assert all(max(pose.distance(here)) < 1e-12 for pose in held)
 
 
-def test_little_is_not_told_and_six_joints_hold_what_was_asked_for() -> None:
+def test_small_rotation_errors_give_no_warning_and_six_joints_hold_the_pose() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         arm = arm_of("so101")
@@ -167,7 +167,7 @@ def test_out_of_reach_is_the_nearest_place(name: str) -> None:
 
 @pytest.mark.parametrize("demo", DEMOS)
 @pytest.mark.parametrize("name", FIVE_JOINTS)
-def test_the_bundled_demonstrations_are_held(name: str, demo: str) -> None:
+def test_five_joints_hold_the_bundled_demonstrations(name: str, demo: str) -> None:
     """What docs/robots.md says of them."""
     arm, keyframes = arm_of(name), keyframes_of(demo)
     dock = arm.robot.dock

@@ -26,7 +26,7 @@ def hindrance(arm: ArmModel, pose: Pose) -> Unreached:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_beyond_reach_is_by_how_far_the_nearest_place_is(name: str) -> None:
+def test_the_distance_beyond_reach_is_that_of_the_nearest_position(name: str) -> None:
     """Oracle: of many samples none is nearer, and the nearest is not much farther."""
     arm = arm_of(name)
     p, _ = arm.forward_many(random_joints(arm.robot, 100_000, seed=1))
@@ -51,7 +51,7 @@ def stiff(panda: Robot) -> Callable[[float], ArmModel]:
     return make
 
 
-def test_too_near_is_inside_the_arms_reach(stiff: Callable[[float], ArmModel]) -> None:
+def test_a_pose_too_near_is_inside_the_reach(stiff: Callable[[float], ArmModel]) -> None:
     arm = stiff(0.3)
     shoulder, home = np.array([0.0, 0.0, 0.333]), arm.forward(arm.robot.home)
     near, far = (Pose(shoulder + share * (home.p - shoulder), home.wxyz) for share in (0.1, 1.9))
@@ -73,7 +73,7 @@ def test_the_limit_that_stops_it_is_named(stiff: Callable[[float], ArmModel], si
         assert (joint, side) in found.limits
 
 
-def test_a_named_limit_is_what_is_in_the_way(arm: ArmModel) -> None:
+def test_a_named_limit_keeps_the_tool_from_the_pose(arm: ArmModel) -> None:
     """If a joint moves a little beyond its named limit, the tool gets nearer."""
     checked = 0
     for truth in random_joints(arm.robot, 40, seed=4):
@@ -112,12 +112,12 @@ def error(arm: ArmModel, pose: Pose, q: Array) -> float:
         (Unreached(0.0, False, ()), "reachable, but not with the tool at this angle"),
     ],
 )
-def test_it_is_told_in_words(found: Unreached, told: str) -> None:
+def test_the_reason_is_one_phrase(found: Unreached, told: str) -> None:
     assert str(found) == told
 
 
 @pytest.mark.parametrize("far", [1e9, 1e300])
-def test_a_place_beyond_all_measure_is_told_too(arm: ArmModel, far: float) -> None:
+def test_a_very_distant_pose_has_a_reason_too(arm: ArmModel, far: float) -> None:
     with np.errstate(all="ignore"):
         found = hindrance(arm, Pose.from_rpy((far, 0.0, 0.0), DOWN))
     assert not found.beyond_m < 0.9 * far

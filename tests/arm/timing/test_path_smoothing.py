@@ -51,7 +51,7 @@ def shares(pieces: PiecewiseCubic, limits: JointLimits) -> list[float]:
     return [*found, float((np.abs(6.0 * pieces.coefficients[:, 3]) / limits.jerk).max())]
 
 
-def test_along_a_curve_counts_the_time_that_the_slowest_joint_needs() -> None:
+def test_the_path_parameter_is_the_time_of_the_slowest_joint() -> None:
     waypoints = np.array([[0.0, 0.0], [1.0, 0.5], [1.0, -0.5]])
     curve = Curve.through(waypoints, replace(limits_of(2.0, 8.0, 80.0, 2), velocity=np.array([2.0, 0.5])))
     assert curve is not None
@@ -91,7 +91,7 @@ def test_pieces_join_at_any_size_and_speed(seed: int, factor: float, size: float
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_with_plenty_of_jerk_it_is_near_the_optimum_without_any(seed: int) -> None:
+def test_with_a_high_jerk_limit_it_is_near_the_optimum_without_one(seed: int) -> None:
     limits = arm_of("panda").limits
     waypoints = arm_of("panda").robot.home + random_waypoints(seed, joints=7, spread=0.1)
     curve = Curve.through(waypoints, limits)
@@ -104,7 +104,7 @@ def test_with_plenty_of_jerk_it_is_near_the_optimum_without_any(seed: int) -> No
 @pytest.mark.parametrize(
     ("jerk", "share", "longer"), [(400.0, 1.0, 1.035), (80.0, 1.0, 1.035), (20.0, 1.0, 1.07), (60.0, 0.3, 1.035)]
 )
-def test_with_little_jerk_it_is_near_the_optimum_along_a_line(jerk: float, share: float, longer: float) -> None:
+def test_with_a_low_jerk_limit_it_is_near_the_optimum_along_a_line(jerk: float, share: float, longer: float) -> None:
     """Ruckig gives the optimum of a straight move; a curve that happens to be straight takes hardly longer.
 
     Its acceleration and deceleration are symmetrical.
@@ -195,7 +195,7 @@ def test_position_limits_are_kept_between_waypoints_at_a_limit(jerk: float) -> N
     assert max(shares(pieces, limits)) <= 1.0 + 1e-4
 
 
-def test_waypoints_that_are_all_one_take_no_time() -> None:
+def test_coincident_waypoints_take_no_time() -> None:
     limits = limits_of(2.0, 8.0, 400.0)
     assert curved_move(np.ones((5, 3)), limits, 1.0).duration == 0.0
     twice = np.repeat(random_waypoints(0), 2, axis=0)

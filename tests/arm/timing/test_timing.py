@@ -68,7 +68,7 @@ def test_derivatives_are_those_of_the_position(arm: ArmModel) -> None:
     np.testing.assert_allclose((after.qd - before.qd) / (2 * step), here.qdd, atol=jerk * step**2)
 
 
-def test_each_move_uses_a_limit_whole_and_none_beyond(arm: ArmModel) -> None:
+def test_each_move_uses_one_limit_fully_and_exceeds_none(arm: ArmModel) -> None:
     for start, end in zip(random_joints(arm.robot, 20, seed=4), random_joints(arm.robot, 20, seed=5), strict=True):
         samples = move(arm, start, end).sample(2000.0)
         velocity = (np.abs(samples.qd) / arm.limits.velocity).max()
@@ -135,7 +135,7 @@ def test_coincident_keyframes_take_no_time(arm: ArmModel) -> None:
     assert trajectory.keyframe_t[4] == pytest.approx(trajectory.keyframe_t[3] + 0.3)
 
 
-def test_where_nothing_moves_there_is_no_trajectory(arm: ArmModel) -> None:
+def test_a_motion_in_which_nothing_moves_is_refused(arm: ArmModel) -> None:
     with pytest.raises(
         PlanError, match="nothing moves: the arm already stands at every keyframe; demonstrate a motion"
     ):
@@ -179,7 +179,7 @@ def test_a_move_may_have_corners_where_it_rests(arm: ArmModel) -> None:
 
 
 @pytest.mark.parametrize("curved", [False, True])
-def test_a_move_takes_as_long_as_it_is_told_at_least(arm: ArmModel, curved: bool) -> None:
+def test_a_move_takes_at_least_its_least_duration(arm: ArmModel, curved: bool) -> None:
     q = arm.robot.home + np.linspace(0.0, 0.3, 12)[:, None]
     ends = q[1:] if curved else q[-1:]
     fast = time_moves(arm, q[0], [Move(ends, curved=curved)], [0.0], [None])[0]
@@ -192,7 +192,7 @@ def test_a_move_takes_as_long_as_it_is_told_at_least(arm: ArmModel, curved: bool
     np.testing.assert_allclose(slow.at(3.0 * shares).q, fast.at(fast.duration * shares).q, atol=1e-9)
 
 
-def test_the_way_back_comes_after_the_last_dwell_and_stroke(arm: ArmModel) -> None:
+def test_the_retreat_comes_after_the_last_dwell_and_stroke(arm: ArmModel) -> None:
     assert arm.robot.gripper is not None
     q = random_joints(arm.robot, 2, seed=12)
     back = Move(arm.robot.home[None], share=APPROACH_SPEED)
