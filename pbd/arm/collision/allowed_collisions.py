@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import pinocchio as pin
 
 from pbd.arm.collision.clearance import Clearance, Pairs
 from pbd.arm.collision.geometry import Body
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links
+from pbd.arm.link_frames import link_tree
 from pbd.arm.model import ArmModel
 from pbd.io.xml import read_xml
 from pbd.pose import Array
@@ -87,13 +87,11 @@ def _reasons(arm: ArmModel, bodies: Sequence[Body], links: Iterable[tuple[str, s
 
 def _carrier(arm: ArmModel, link: str, solid: frozenset[str]) -> str | None:
     """Return the nearest link toward the root that has a body."""
-    frames = arm.full.frames
-    frame = frames[arm.full.getFrameId(link, pin.FrameType.BODY)]
-    while frame.name != "universe":
-        frame = frames[frame.parentFrame]
-        if frame.type == pin.FrameType.BODY and frame.name in solid:
-            return str(frame.name)
-    return None
+    parents = {child: parent for child, _, parent, _ in link_tree(arm)}
+    above = parents.get(link)
+    while above is not None and above not in solid:
+        above = parents.get(above)
+    return above
 
 
 def _trusted(arm: ArmModel) -> dict[frozenset[str], str]:
