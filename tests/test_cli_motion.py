@@ -243,7 +243,7 @@ def test_what_stands_in_the_table_is_told(capsys: Capture, elsewhere: Path) -> N
     (elsewhere / "c.toml").write_text(LOW_DOCK.replace("0.2\n", "0.05\n").replace("0.1]", "0.3]"))
     result = run_json(capsys, "replay", "paper-test2", "--robot", "ur5", "--calibration", "c.toml")
     (told,) = result["warnings"]
-    assert told.startswith("always touches the table, so not checked against it: shoulder_link")
+    assert told.startswith("not checked against the table, since it nearly always touches it: shoulder_link")
     assert told.endswith("; if that is wrong, correct table_height in the calibration")
 
 

@@ -38,7 +38,7 @@ def test_a_plan_becomes_a_scene(scale: float) -> None:
         assert nearest < 0.002 + 2.0 * scale * float(np.sqrt(np.linalg.eigvalsh(keyframe.cov[:3, :3]).max()))
 
 
-@pytest.mark.filterwarnings("ignore:always touches the table")
+@pytest.mark.filterwarnings("ignore:not checked against the table")
 def test_all_that_touches_is_shown_by_when_it_begins() -> None:
     demo, robot = pbd.load_demo("pouring"), pbd.load_robot("panda")
     assert robot.dock is not None

@@ -76,8 +76,8 @@ def warn_of_closeness(error: PlanError) -> None:
     bodies = error.fields["bodies"]
     assert isinstance(bodies, tuple)
     warn(
-        f"a motion was only found that comes nearer to something than {1e3 * MARGIN_M:g} mm (no less "
-        f"than {1e3 * CLOSE_M:g} mm, as for {bodies[0]} and {bodies[1]}): check where the obstacles are"
+        f"the only motion found keeps a clearance of {1e3 * CLOSE_M:g} mm instead of {1e3 * MARGIN_M:g} mm, for "
+        f"example between {bodies[0]} and {bodies[1]}: check where the obstacles are"
     )
 
 

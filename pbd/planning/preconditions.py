@@ -94,8 +94,8 @@ def warn_of_table(scene: CollisionScene) -> None:
     sunk = [pair.first for pair in scene.unchecked if pair.second == TABLE]
     if sunk:
         warn(
-            f"always touches the table, so not checked against it: {', '.join(sunk)}; if that is wrong, correct "
-            "table_height in the calibration"
+            f"not checked against the table, since it nearly always touches it: {', '.join(sunk)}; if that is wrong, "
+            "correct table_height in the calibration"
         )
 
 

@@ -42,7 +42,7 @@ def check_torque(
         slower = _fitting_speed(options.speed, share_at)
         lighter = "carry less" if carrying else "move the dock nearer to the base"
         share = f"{100.0 * torque.share:.1f} % of" if torque.share < 10.0 else f"{torque.share:.0f} times"
-        what = f"{needs}: {share} {bound}; {'' if slower else 'slower is no help: '}{lighter}"
+        what = f"{needs}: {share} {bound}; {'' if slower else 'a lower speed does not help: '}{lighter}"
         fields = {"joint": torque.joint, "t": torque.t, "value": torque.value, "bound": torque.bound}
         alternatives = ((f"use --speed {slower:g}", replace(options, speed=slower)),) if slower else ()
         return Refused(PlanError(what, **fields), alternatives)
