@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -21,10 +20,12 @@ from pbd.audit.contact import Pair, Touch, find_touch
 from pbd.data import Calibration, Demonstration, HandPath, JointTrajectory, Keyframe, Obstacle, Robot, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
+from pbd.files.demo import load_demo
 from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes
 from pbd.planning.preconditions import check_certainty
 from pbd.pose import Array, Pose, quat_exp
 from pbd.tracking.keyframes import find_keyframes
+from tests.arm.bundled import keyframes_of, path_of
 from tests.remembered import remembering
 
 PANDA, UR5 = pbd.load_robot("panda"), pbd.load_robot("ur5")
@@ -37,13 +38,8 @@ def dock() -> Calibration:
     return PANDA.dock
 
 
-@cache
 def tracked(name: str) -> tuple[Demonstration, HandPath, tuple[Keyframe, ...]]:
-    demo = pbd.load_demo(name)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # warnings of tracking do not concern the plan
-        path = pbd.track(demo.recording, "default", demo.known)
-    return demo, path, find_keyframes(path)
+    return load_demo(name), path_of(name), keyframes_of(name)
 
 
 def planned(

@@ -18,10 +18,11 @@ from pbd.data.controller_interpolation import shares
 from pbd.errors import PbdWarning, PlanError
 from pbd.files.demo import load_demo
 from pbd.files.exporters import export
-from pbd.planning import PlanOptions, plan_keyframes
+from pbd.planning import PlanOptions
 from tests.arm.bundled import DEMOS, arm_of, keyframes_of, path_of
 from tests.arm.controller import Controller, refuse, seconds
 from tests.arm.straight import time_keyframes
+from tests.remembered import remembering
 
 ARMS = ("panda", "ur5", "so101", "xarm7")
 IMPOSSIBLE = (("so101", "pouring", "line"), ("so101", "pouring", "demo"))  # five joints can't follow the turn
@@ -36,9 +37,10 @@ MOTIONS = [
 def planned(arm: str, demo: str, path: Any) -> tuple[Robot, JointTrajectory]:
     robot = arm_of(arm).robot
     assert robot.dock is not None
+    plan_once = remembering("pbd.planning.plan", "plan_keyframes")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        plan = plan_keyframes(
+        plan = plan_once(
             keyframes_of(demo), robot.dock, robot, PlanOptions(path=path), path_of(demo), load_demo(demo).grasped
         )
     return robot, plan.trajectory
