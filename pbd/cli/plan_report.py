@@ -47,7 +47,7 @@ def say_torque(plan: Plan) -> None:
 
 def moves_json(plan: Plan) -> list[dict[str, Any]]:
     """How the arm comes to each keyframe after the first; and to that, and home (null), where by a detour."""
-    ways = enumerate([*plan.segments, plan.back] if plan.back else plan.segments)
+    ways = enumerate([*plan.segments, plan.retreat] if plan.retreat else plan.segments)
     return [
         {"keyframe": i if i < len(plan.segments) else None, "kind": way.kind, "off_line_m": way.off_line_m}
         for i, way in ways

@@ -17,7 +17,7 @@ from pbd.sensors import port as serial_port
 from pbd.sensors.phyphox.experiment import MAX_QR_CODES, NAME, experiment, qr_payloads
 from pbd.sensors.probe import ProbeResult
 from pbd.sensors.protocols import PROTOCOLS
-from pbd.view.terminal import drawing
+from pbd.view.terminal import for_rich
 from pbd.view.terminal_tables import ports_table, print_csv, print_table, words_table
 
 BORDER = 2
@@ -126,7 +126,7 @@ def _show_codes() -> None:
         drawn = io.StringIO()
         code.terminal(drawn, border=BORDER, compact=True)
         rows = (f"{WHITE_ON_BLACK}{line}{PLAIN}" for line in drawn.getvalue().splitlines())
-        print("\n".join(rows), file=drawing(sys.stdout))
+        print("\n".join(rows), file=for_rich(sys.stdout))
         if count > 1:
             print(f"code {k + 1} of {count}: scan it, then press Enter", flush=True)
             sys.stdin.readline()

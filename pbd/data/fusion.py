@@ -51,13 +51,11 @@ class MovedThing:
 
     Attributes:
         first, last: the first and the last keyframe of the run, both included.
-
         moved_m: by take, distance from where the thing stood in the first take, m.
     """
 
     first: int
     last: int
-
     moved_m: dict[str, float]
 
 

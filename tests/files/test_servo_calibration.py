@@ -1,4 +1,4 @@
-"""LeRobot's calibration of an arm's servos, and where it is looked for."""
+"""LeRobot's calibration of an arm's servos: its format, and where it is found."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SO101 = load_robot("so101")
 NAMES = servo_names(SO101)
 
 
-def test_there_and_back(tmp_path: Path) -> None:
+def test_a_calibration_is_read_as_written(tmp_path: Path) -> None:
     file = tmp_path / "calibration" / "mine.json"
     write_servo_calibration(calibration_of("so101"), file)
     assert read_servo_calibration(file, NAMES) == calibration_of("so101")
@@ -36,7 +36,7 @@ def test_there_and_back(tmp_path: Path) -> None:
         ("range_min", 3061, "range_min of elbow_flex, 3061, is not below its range_max, 3061"),
     ],
 )
-def test_a_number_that_no_servo_can_have(tmp_path: Path, key: str, value: object, says: str) -> None:
+def test_an_invalid_number_is_refused(tmp_path: Path, key: str, value: object, says: str) -> None:
     file = tmp_path / "mine.json"
     write_servo_calibration(calibration_of("so101"), file)
     values = json.loads(file.read_text())
@@ -51,13 +51,13 @@ def test_a_number_that_no_servo_can_have(tmp_path: Path, key: str, value: object
     ("text", "says"),
     [("{", "is not JSON"), ("[1]", "holds no object"), ('{"elbow": {}}', "lacks shoulder_pan, .*: it has elbow")],
 )
-def test_what_is_no_calibration(tmp_path: Path, text: str, says: str) -> None:
+def test_another_file_is_refused(tmp_path: Path, text: str, says: str) -> None:
     (tmp_path / "mine.json").write_text(text)
     with pytest.raises(CalibrationError, match=says):
         read_servo_calibration(tmp_path / "mine.json", NAMES)
 
 
-def test_where_it_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_places_where_it_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path / "lerobot"))
 
@@ -78,7 +78,7 @@ def test_where_it_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_lerobots_degrees_and_percent() -> None:
-    """By LeRobot's own rule (motors_bus.py, `_normalize`): the middle of the range is 0 degrees."""
+    """LeRobot's rule (motors_bus.py, `_normalize`): the middle of the range is 0 degrees."""
     counts = EncoderCounts(SO101, calibration_of("so101"))
     q = np.array([[0.1, -0.5, 0.7, -0.9, 1.1]])
     at = counts.from_joints(q, np.array([1.0]))
@@ -97,12 +97,12 @@ def test_lerobots_degrees_and_percent() -> None:
         ({"drive_mode": 1}, "drive_mode of elbow_flex is 1"),
     ],
 )
-def test_a_calibration_that_cannot_be_trusted(change: dict[str, int], says: str) -> None:
+def test_an_implausible_calibration_is_refused(change: dict[str, int], says: str) -> None:
     servos = calibration_of("so101")
     with pytest.raises(CalibrationError, match=says):
         EncoderCounts(SO101, servos | {"elbow_flex": replace(servos["elbow_flex"], **change)})
 
 
-def test_an_arm_that_lerobot_does_not_know() -> None:
+def test_an_arm_without_servos_is_refused() -> None:
     with pytest.raises(RobotError, match="panda has no"):
         EncoderCounts(load_robot("panda"), {})
