@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.arm.conftest import PANDA as PANDA_TOML
+from tests.arm.bundled import FOLDER
 from tests.cli.running import Capture, refused, run, run_json
 
 pytestmark = pytest.mark.usefixtures("elsewhere", "remembered")
@@ -209,7 +209,9 @@ def test_a_line_is_followed_where_something_bars_the_way_back_alone(capsys: Capt
 def test_a_home_in_collision_with_the_arm_itself(capsys: Capture, elsewhere: Path) -> None:
     (elsewhere / "robots").mkdir()
     text = re.sub(
-        r"(?m)^home.*$", "home = [0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0]", PANDA_TOML.read_text(encoding="utf-8")
+        r"(?m)^home.*$",
+        "home = [0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0]",
+        (FOLDER / "panda.toml").read_text(encoding="utf-8"),
     )
     (elsewhere / "robots" / "mine.toml").write_text(text)
     line = refused(capsys, 3, "replay", "pouring", "--robot", "mine")
@@ -222,7 +224,7 @@ def test_what_stands_in_the_table_is_told(capsys: Capture, elsewhere: Path) -> N
     (elsewhere / "c.toml").write_text(LOW_DOCK.replace("0.2\n", "0.05\n").replace("0.1]", "0.3]"))
     result = run_json(capsys, "replay", "paper-test2", "--robot", "ur5", "--calibration", "c.toml")
     (told,) = result["warnings"]
-    assert told.startswith("always touches the table, so not checked against it: shoulder_link")
+    assert told.startswith("not checked against the table, since it nearly always touches it: shoulder_link")
     assert told.endswith("; if that is wrong, correct table_height in the calibration")
 
 

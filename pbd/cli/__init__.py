@@ -13,7 +13,7 @@ from pbd.cli.commands import parse, parser
 from pbd.cli.console import say
 from pbd.errors import PbdError, collected_warnings, in_words
 from pbd.io.atomic import DELETED, in_deleted_folder
-from pbd.view.terminal import drop, standard_streams
+from pbd.view.terminal import discard_rest, standard_streams
 
 __all__ = ["main", "parser"]
 
@@ -33,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             finally:
                 sys.stdout.flush()  # otherwise the interpreter reports an error of the output when it exits
         except BrokenPipeError:
-            drop(sys.stdout)  # the reader of the pipe has gone (`pbd ... | head`)
+            discard_rest(sys.stdout)  # its reader has gone (`pbd ... | head`)
             return 141
         except KeyboardInterrupt:
             return 130
@@ -53,7 +53,7 @@ def _os_error_message(reason: OSError) -> str | None:
         return DELETED
     if reason.filename is not None or reason.errno not in UNWRITABLE:
         return None
-    drop(sys.stdout)
+    discard_rest(sys.stdout)
     return f"standard output can't be written ({in_words(reason)}); send it elsewhere"
 
 

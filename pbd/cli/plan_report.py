@@ -47,7 +47,7 @@ def say_torque(plan: Plan) -> None:
 
 def moves_json(plan: Plan) -> list[dict[str, Any]]:
     """How the arm moves to each keyframe after the first; detours to the first keyframe and back home (null) too."""
-    moves = enumerate([*plan.segments, plan.back] if plan.back else plan.segments)
+    moves = enumerate([*plan.segments, plan.retreat] if plan.retreat else plan.segments)
     return [
         {"keyframe": i if i < len(plan.segments) else None, "kind": move.kind, "off_line_m": move.off_line_m}
         for i, move in moves

@@ -23,7 +23,7 @@ from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, refuse_demo_folder, utc_now
 from pbd.record import Outcome, RecordOptions, record
 from pbd.record.loop import SCREEN_EVERY_S, Poll
-from pbd.record.values import FEWEST_STOPS
+from pbd.record.session_types import FEWEST_STOPS
 
 SIMULATED = "sim"
 

@@ -14,10 +14,10 @@ from pbd.cli.recording.device import probed
 from pbd.errors import SensorError
 from pbd.io.atomic import atomic_file, refuse_output
 from pbd.sensors import port as serial_port
-from pbd.sensors.phyphox.experiment import MOST_CODES, NAME, code_parts, experiment
-from pbd.sensors.probe import Found
+from pbd.sensors.phyphox.experiment import MAX_QR_CODES, NAME, experiment, qr_payloads
+from pbd.sensors.probe import ProbeResult
 from pbd.sensors.protocols import PROTOCOLS
-from pbd.view.terminal import drawing
+from pbd.view.terminal import for_rich
 from pbd.view.terminal_tables import ports_table, print_csv, print_table, words_table
 
 BORDER = 2
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> None:
     return show(words_table(("--sensor", "device", "gives"), (kind.values() for kind in kinds)))
 
 
-def _note(found: Found) -> str:
+def _note(found: ProbeResult) -> str:
     """Say what was heard on a port if no sensor was recognised; "" if one was."""
     if found.sensor is not None:
         return ""
@@ -88,7 +88,7 @@ def _prepare_phone(args: argparse.Namespace) -> None:
         if kind == "phyphox":
             there.write_text(experiment(), encoding="utf-8")
         else:
-            (data,) = code_parts(1)
+            (data,) = qr_payloads(1)
             _qr_code(data).save(str(there), kind=kind, scale=PIXELS)
     if args.json:
         return print_json({"file": str(file)})
@@ -115,8 +115,8 @@ def _qr_code(data: bytes) -> Any:
 def _show_codes() -> None:
     """Show the experiment as QR codes, one at a time: as few as fit the terminal's size."""
     columns, lines = shutil.get_terminal_size()
-    for count in range(1, MOST_CODES + 1):
-        codes = [_qr_code(part) for part in code_parts(count)]
+    for count in range(1, MAX_QR_CODES + 1):
+        codes = [_qr_code(part) for part in qr_payloads(count)]
         width = max(code.symbol_size(border=BORDER)[0] for code in codes)
         if width <= columns and (width + 1) // 2 + 2 <= lines:
             break
@@ -128,7 +128,7 @@ def _show_codes() -> None:
         drawn = io.StringIO()
         code.terminal(drawn, border=BORDER, compact=True)
         rows = (f"{WHITE_ON_BLACK}{line}{PLAIN}" for line in drawn.getvalue().splitlines())
-        print("\n".join(rows), file=drawing(sys.stdout))
+        print("\n".join(rows), file=for_rich(sys.stdout))
         if count > 1:
             print(f"code {k + 1} of {count}: scan it, then press Enter", flush=True)
             sys.stdin.readline()

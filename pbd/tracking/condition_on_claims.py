@@ -52,7 +52,7 @@ def condition_on(
         return path
     p_stop = path.p_nav_sensor[[stop.start for stop in path.stops]]
     G, R, misfit = measurement_of(claims, p_stop, calibration)
-    PG = path.covariance.times(G)
+    PG = path.covariance.multiply(G)
     S = np.einsum("kam,kan->mn", G, PG) + R
     fits = fits_of(path, claims, misfit, S)
 
@@ -72,7 +72,7 @@ class _Conditioned:
 
     def __call__(self, columns: Array) -> Array:
         seen = np.einsum("kam,kac->mc", self.gain, columns)
-        left = self.prior.times(columns - self.G @ seen)
+        left = self.prior.multiply(columns - self.G @ seen)
         conditioned: Array = left + self.gain @ (self.R @ seen - np.einsum("kam,kac->mc", self.G, left))
         return conditioned
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array
 
-MEAN_S = 0.0125
-"""s: whether a hand moves is judged by means over so long of such means. What shakes at 80 Hz and more (a motor, a
-phone that vibrates) takes it nowhere and leaves little in them. Together they are as long as a sample of a sensor of
-40 Hz, which finds the same stops."""
+MEAN_S, MEANS = 0.0125, 4
+"""A hand's motion is judged by moving means over MEAN_S s, taken MEANS times. Shaking of 60 Hz and more (a motor, a
+phone that vibrates, or what a slower sampling makes of them) moves the hand nowhere; these means keep less than 1 % of
+it. The mean over a sample of a sensor of 40 Hz, which finds the same stops, is two such means."""
 
 
 def rows_of_mean(rate_hz: float) -> int:
@@ -32,7 +32,7 @@ def window_moments(values: Array, n: int) -> tuple[Array, Array]:
 
 def calm_variance(values: Array, n: int, k: int) -> Array:
     """That variance of what `calmed` leaves, by means over k samples, in each window of n samples."""
-    return window_moments(calmed(values, k), n - 2 * k + 2)[0]
+    return window_moments(calmed(values, k), n - MEANS * (k - 1))[0]
 
 
 def cumulative(steps: Array) -> Array:
@@ -49,17 +49,25 @@ def window_sums(values: Array, n: int) -> Array:
     return windows
 
 
-def calmed(values: Array, n: int) -> Array:
-    """Means of means over n samples, which leave next to nothing of fast shaking: (l, k) -> (l - 2 n + 2, k)."""
+def calmed(values: Array, n: int, means: int = MEANS) -> Array:
+    """Moving means over n samples, taken `means` times: (l, k) -> (l - means (n - 1), k)."""
     if n == 1:
         return values
-    triangle = np.convolve(np.ones(n), np.ones(n)) / n**2
-    return np.stack([np.convolve(column, triangle, "valid") for column in values.T], axis=1)
+    weights = _weights(n, means)
+    return np.stack([np.convolve(column, weights, "valid") for column in values.T], axis=1)
 
 
-def whiteness(n: int) -> float:
-    """Variance of means of means over n samples of white noise, whose own is 1."""
-    return (2.0 * n**2 + 1.0) / (3.0 * n**3)
+def whiteness(n: int, means: int = MEANS) -> float:
+    """Variance of `calmed` white noise, whose own is 1."""
+    weights = _weights(n, means)
+    return float(weights @ weights)
+
+
+def _weights(n: int, means: int) -> Array:
+    weights = np.ones(1)
+    for _ in range(means):
+        weights = np.convolve(weights, np.full(n, 1.0 / n))
+    return weights
 
 
 def window_maxima(values: NDArray[Any], n: int) -> NDArray[Any]:

@@ -237,7 +237,7 @@ def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = 
     for n in {1, rows_of_mean(1.0 / dt)}:  # what shakes fast bends samples, but not means
         edge = 3 * n - 1
         if len(u) > 2 * edge:
-            bend = _bends(calmed(u, n), n, noise, dt)
+            bend = _bends(calmed(u, n, 2), n, noise, dt)
             inner = noise.acc_bend * n * dt / 12.0 * bend**2 / (bend + noise.bend_knee**2)
             between[edge:-edge] = np.minimum(between[edge:-edge], inner)
     s_a[2, 2:-2] += between[2:-2]
@@ -248,7 +248,7 @@ def _bends(means: Array, n: int, noise: Noise, dt: float) -> Array:
     """Squares of second differences without those of white noise, (m2/s4), by fourth ones, which no steady jerk has.
 
     Args:
-        means: (m, 3) m/s2, means of means over n samples.
+        means: (m, 3) m/s2, moving means over n samples, taken twice.
         n: samples; also of a difference.
         noise: of the accelerometer.
         dt: s, between samples.
@@ -256,6 +256,6 @@ def _bends(means: Array, n: int, noise: Noise, dt: float) -> Array:
     second = means[2 * n :] - 2.0 * means[n:-n] + means[: -2 * n]
     fourth = second[2 * n :] - 2.0 * second[n:-n] + second[: -2 * n]
     # Of white noise alone fourth differences have 70 variances, second ones 6.
-    white = 6.0 * 3.0 * noise.acc_density**2 / dt * whiteness(n)
+    white = 6.0 * 3.0 * noise.acc_density**2 / dt * whiteness(n, 2)
     bends: Array = np.maximum(6.0 / 70.0 * squares(fourth) - white, 0.0)
     return bends

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array
 from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, Rest
-from pbd.tracking.moving_windows import calm_variance, calmed, rows_of_mean, squares, window_maxima, window_sums
+from pbd.tracking.moving_windows import (
+    MEANS,
+    calm_variance,
+    calmed,
+    rows_of_mean,
+    squares,
+    window_maxima,
+    window_sums,
+)
 from pbd.tracking.noise import Noise
 
 Spans = list[tuple[int, int]]
@@ -44,7 +52,7 @@ def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
         n: rows of a window, ENERGY_WINDOW_S.
     """
     k = rows_of_mean(n / ENERGY_WINDOW_S)
-    shake, n = calm_variance(u, n, k), n - 2 * k + 2
+    shake, n = calm_variance(u, n, k), n - MEANS * (k - 1)
     return shake, window_sums(squares(calmed(gyr, k)), n) / n
 
 

@@ -15,7 +15,7 @@ import zxingcpp
 from PIL import Image
 
 from pbd.sensors.phyphox.answers import BUFFERS
-from pbd.sensors.phyphox.experiment import ROWS, code_parts, experiment
+from pbd.sensors.phyphox.experiment import BUFFER_ROWS, experiment, qr_payloads
 from tests.cli.running import Capture, run
 from tests.cli.terminal import Terminal
 
@@ -48,7 +48,7 @@ def test_the_code_in_a_picture_is_the_experiment(
 @pytest.mark.parametrize("count", [1, 3, 6])
 def test_several_codes_make_one_experiment(count: int) -> None:
     read = []
-    for part in code_parts(count):
+    for part in qr_payloads(count):
         picture = np.array(
             [list(row) for row in segno.make_qr(part, mode="byte", error="l").matrix_iter(scale=4, border=4)]
         )
@@ -66,7 +66,7 @@ def test_the_experiment_has_the_three_sensors_with_gravity(
     assert "scan" not in out  # without a terminal there is no code
     root = ElementTree.parse("pbd.phyphox").getroot()
     buffers = {each.text: each.get("size") for each in root.iter("container")}
-    assert buffers == {name: str(ROWS) for names in BUFFERS.values() for name in names}
+    assert buffers == {name: str(BUFFER_ROWS) for names in BUFFERS.values() for name in names}
     inputs = {each.get("type"): [out.text for out in each] for each in root.iter("sensor")}
     assert inputs == dict(
         zip(

@@ -97,7 +97,7 @@ def test_stopped_for_a_while_it_goes_on(tmp_path: Path) -> None:
         stood_s = time.monotonic() - stopped
         process.send_signal(signal.SIGCONT)
         out, error = process.communicate(timeout=60)
-    told = re.search(r"this program stood still for ([\d.]+) s", error)
+    told = re.search(r"this program was suspended for ([\d.]+) s", error)
     assert told is not None
     assert float(told[1]) > stood_s - 0.1
     assert "ended: 4 s recorded" in out

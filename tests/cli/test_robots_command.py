@@ -115,5 +115,5 @@ def test_a_base_may_be_carried_by_a_locked_joint(tmp_path: Path) -> None:
     (tmp_path / "tiago.toml").write_text(TIAGO, encoding="utf-8")
     robot = read_robot(tmp_path / "tiago.toml", draft=True)
     q = robot.home + 0.1
-    seen = AuditArm(replace(robot, home=q)).tool(np.append(q, 1.0))
-    np.testing.assert_allclose(seen.translation, arm_of(robot).forward(q).p, atol=1e-12)
+    seen = AuditArm(replace(robot, home=q)).tool_pose(np.append(q, 1.0))
+    np.testing.assert_allclose(seen.p, arm_of(robot).forward(q).p, atol=1e-12)

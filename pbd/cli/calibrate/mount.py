@@ -17,8 +17,7 @@ from pbd.errors import UsageError
 from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import find_keyframes
-from pbd.view.calibration_tables import figures_table
-from pbd.view.terminal_tables import print_table
+from pbd.view.terminal_tables import print_table, words_table
 
 
 def run(args: argparse.Namespace) -> None:
@@ -87,7 +86,7 @@ def _print(args: argparse.Namespace, pivot: PivotFit | None, turns: TurnsFit | N
     if turns is not None:
         for name, move, off, angle in zip(args.turns, turns.moves, turns.off, turns.turned, strict=True):
             rows.append((f"move {move}, about {name}", f"{np.degrees(angle):.0f}°", f"axis {np.degrees(off):.1f}° off"))
-    print_table(figures_table(rows))
+    print_table(words_table(("what", "value", ""), rows))
     if pivot is not None and pivot.chi2 > POOR_CHI2:
         say(
             f"the tip moved {np.sqrt(pivot.chi2):.1f} times more than the tracker's uncertainty predicts: it slipped, "

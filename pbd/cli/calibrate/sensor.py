@@ -19,8 +19,7 @@ from pbd.errors import CalibrationError, warn
 from pbd.files.calibration_edit import existing_calibration, update_calibration
 from pbd.files.demo import load_demo
 from pbd.tracking.repair.repair_recording import condition
-from pbd.view.calibration_tables import figures_table
-from pbd.view.terminal_tables import print_table
+from pbd.view.terminal_tables import print_table, words_table
 
 
 def run(args: argparse.Namespace) -> None:
@@ -111,4 +110,4 @@ def _print(fit: SensorFit) -> None:
         evened = f"{100.0 * fit.mag.before:.1f} % -> {100.0 * fit.mag.uneven:.2f} % rms"
         rows.append(("strength of the field differs by", evened, f"{fit.mag.field:.1f} µT"))
         rows.append(("dip differs by", f"{np.degrees(fit.mag.dip_uneven):.2f}° rms", f"{np.degrees(fit.mag.dip):.1f}°"))
-    print_table(figures_table(rows))
+    print_table(words_table(("what", "value", ""), rows))

@@ -13,7 +13,7 @@ from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.phyphox.phone import PhonePort
 from pbd.sensors.port import open_port
-from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, Found, find_baud, probe
+from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, ProbeResult, find_baud, probe
 from pbd.sensors.protocols import COMMAND_PAUSE_S, PROTOCOLS, protocol
 from pbd.sensors.reader import Source
 
@@ -82,7 +82,7 @@ def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder
     return (f"{PHONE} ({phone.model})" if phone.model else PHONE), open_again, protocol(PHONE).decoder()
 
 
-def probed(device: str) -> Found:
+def probed(device: str) -> ProbeResult:
     """Listen on a port to detect its sensor and baud rate."""
     with open_port(device, FIRST_BAUD) as port, listening(device, "listening to", LONGEST_PROBE_S):
         return probe(port)

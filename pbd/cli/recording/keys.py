@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Any, Self
 
 from pbd.errors import PbdError
-from pbd.record.values import Command
+from pbd.record.session_types import Command
 
 POLL_S = 0.02
 """Period at which a key is looked for, s."""

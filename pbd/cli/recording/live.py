@@ -8,7 +8,7 @@ from dataclasses import replace
 from pbd.data.one_line_repr import counted
 from pbd.errors import PbdError
 from pbd.record.person_messages import in_cm
-from pbd.record.values import Outcome, Say, Status
+from pbd.record.session_types import Outcome, Say, Status
 from pbd.view.live_view import LivePicture, LiveView, State
 
 PAGE_EVERY_S = 0.05

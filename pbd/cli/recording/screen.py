@@ -6,8 +6,8 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING, Self
 
-from pbd.record.person_messages import in_cm, placed
-from pbd.record.values import Say, Status
+from pbd.record.person_messages import describe_stop, in_cm
+from pbd.record.session_types import Say, Status
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -99,7 +99,9 @@ class PanelScreen:
         table.add_row("hand", Text(hand, style=f"bold {colour}"))
         x, y, z = 100.0 * status.p_nav_sensor
         table.add_row("place", f"({x:.1f}, {y:.1f}, {z:.1f}) cm")
-        last = f"{status.stops - 1}, the last at {placed(status.keyframes[-1])}" if status.stops > 1 else "none yet"
+        last = "none yet"
+        if status.stops > 1:
+            last = f"{status.stops - 1}, the last at {describe_stop(status.keyframes[-1])}"
         table.add_row("stops", last)
         over = status.sigma_m > self._tolerance_m
         table.add_row("sigma", Text(f"{100.0 * status.sigma_m:6.1f} cm  {bar(status.sigma_m / self._tolerance_m)}"))

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from pbd.data import GripEvent
 from pbd.record.loop import Poll
-from pbd.record.values import Command, Outcome, Say, Status
+from pbd.record.session_types import Command, Outcome, Say, Status
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol

@@ -8,7 +8,7 @@ from typing import Any
 
 from pbd.arm.collision.allowed_collisions import link_pairs
 from pbd.arm.collision.geometry import link_bodies
-from pbd.arm.collision.shape_coverage import doubts
+from pbd.arm.collision.shape_coverage import doubtful_shapes
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.reach import farthest
 from pbd.cli.common import print_result
@@ -88,6 +88,6 @@ def _collision(arm: ArmModel) -> dict[str, Any]:
     return {
         "links": list(solid),
         "links_without_shape": [link for link in arm.links if link not in solid],
-        "doubtful_shapes": [{"link": link, "why": why} for link, why in doubts(arm).items()],
+        "doubtful_shapes": [{"link": link, "why": why} for link, why in doubtful_shapes(arm).items()],
         "left_out": [vars(each) for each in unchecked],
     }

@@ -18,8 +18,8 @@ from pbd.cli.run.drive import drive_arm
 from pbd.data import Robot
 from pbd.driving.arm import identify, release
 from pbd.driving.bus import Bus
-from pbd.driving.calibrating import ENDLESS, Calibrating, calibrating
-from pbd.driving.counts import Counts, names_of
+from pbd.driving.calibrating import FULL_TURN_JOINT, Calibrating, calibrating
+from pbd.driving.encoder_counts import EncoderCounts, servo_names
 from pbd.errors import PbdError, UsageError
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import COUNTS, own_servo_calibration, write_servo_calibration
@@ -72,11 +72,11 @@ def _calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
         with calibrating(bus, ids) as session:
             keys.ask("Move every joint to the middle of its range, the gripper half open. Enter when it stands there.")
             session.set_middles()
-            others = f"every joint but {ENDLESS}" if ENDLESS in ids else "every joint"
+            others = f"every joint but {FULL_TURN_JOINT}" if FULL_TURN_JOINT in ids else "every joint"
             say(f"move {others} slowly from stop to stop, one after the other; Enter when all are done")
             _show_ranges(keys, session, ids)
             servos = session.result()
-            Counts(robot, servos)  # raises for ranges that are too short
+            EncoderCounts(robot, servos)  # raises for ranges that are too short
             session.store(servos)
             write_servo_calibration(servos, file)
     print_table(_ranges(ids, [(s.range_min, s.range_max) for s in servos.values()]), sys.stderr)
@@ -101,7 +101,7 @@ def _release_servos(args: argparse.Namespace, robot: Robot) -> None:
 
 def _ids(robot: Robot) -> dict[str, int]:
     """The servos' bus numbers, by joint, as LeRobot's setup assigns them."""
-    return {name: number for number, name in enumerate(names_of(robot), start=1)}
+    return {name: number for number, name in enumerate(servo_names(robot), start=1)}
 
 
 def _show_ranges(keys: Keys, session: Calibrating, ids: dict[str, int]) -> None:

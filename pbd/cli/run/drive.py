@@ -20,8 +20,8 @@ from pbd.driving import bus as servo_bus
 from pbd.driving import stream as streaming
 from pbd.driving.arm import ServoArm
 from pbd.driving.bus import Bus
-from pbd.driving.counts import Counts, names_of
-from pbd.driving.stream import Clock, goals_of, planned_start, stream
+from pbd.driving.encoder_counts import EncoderCounts, servo_names
+from pbd.driving.stream import Clock, planned_start, sample_goals, stream
 from pbd.driving.watch import Watch, check_health
 from pbd.errors import SensorError
 from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration
@@ -41,7 +41,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
     stroke_s = robot.gripper.stroke_s
     device = args.port or only_port("arm", "")
     file = find_servo_calibration(args.servos, robot.name, robot.servos.robot_type)
-    counts = Counts(robot, read_servo_calibration(file, names_of(robot)))
+    counts = EncoderCounts(robot, read_servo_calibration(file, servo_names(robot)))
     with Bus.open(device) as bus:
         arm = ServoArm(bus, counts)
         _check_pace(bus, arm)
@@ -49,7 +49,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
         check_health(counts.names, arm.bounds, before)
         start = planned_start(counts, before, robot.limits)
         plan = plan_demonstration(args, start)
-        t, goals = goals_of(counts, plan.trajectory, before, args.rate, stroke_s)
+        t, goals = sample_goals(counts, plan.trajectory, before, args.rate, stroke_s)
         say(f"'{plan.name}' on {robot.name} at {device}, its servos calibrated in {file}")
         print_table(preview_table(counts, before, goals, t, plan.trajectory), sys.stderr)
         say(timetable(plan.trajectory, t))
@@ -63,12 +63,12 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
                         "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels."
                     )
                 now = arm.state()
-                by = np.degrees(np.abs(counts.joints(now.counts) - counts.joints(before.counts)).max())
+                by = np.degrees(np.abs(counts.to_joints(now.counts) - counts.to_joints(before.counts)).max())
                 if by > MOVED_DEG:
                     what = f"the arm was moved by {by:.1f} degrees since it was measured"
                     raise SensorError(f"{what}, so the motion doesn't begin there: run it again")
-                t, goals = goals_of(counts, plan.trajectory, now, args.rate, stroke_s)
-                arm.stiffen(now.counts)
+                t, goals = sample_goals(counts, plan.trajectory, now, args.rate, stroke_s)
+                arm.enable_torque(now.counts)
                 say("the arm moves: any key stops it")
             bus.answer_s = servo_bus.ANSWER_S
             tolerance = math.inf if args.dry_run else args.tolerance

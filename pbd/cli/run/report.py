@@ -13,8 +13,8 @@ from pbd.cli.console import say
 from pbd.data import JointTrajectory
 from pbd.driving.arm import State
 from pbd.driving.bus import Bus
-from pbd.driving.counts import Counts
-from pbd.driving.stream import Streamed
+from pbd.driving.encoder_counts import EncoderCounts
+from pbd.driving.stream import StreamResult
 from pbd.driving.watch import Watch
 from pbd.errors import SensorError
 from pbd.pose import Array
@@ -24,17 +24,17 @@ STOPPED_BY_HAND = 130
 """Exit code after a key stopped the arm: that of Ctrl-C."""
 
 
-def preview_table(counts: Counts, state: State, goals: Array, t: Array, trajectory: JointTrajectory) -> Table:
+def preview_table(counts: EncoderCounts, state: State, goals: Array, t: Array, trajectory: JointTrajectory) -> Table:
     """Each joint's present position, the demonstration's start, and the range of the motion and of the servo."""
     table = make_table("joint", "now", "start", "lowest", "highest", "servo's range", left=("joint",))
     at = goals[int(np.searchsorted(t, trajectory.keyframe_t[0]))]
     rows = np.array([state.counts, at, goals.min(axis=0), goals.max(axis=0), counts.lower, counts.upper])
-    degrees = np.degrees(counts.joints(rows))
+    degrees = np.degrees(counts.to_joints(rows))
     for i, name in enumerate(counts.names[:-1]):
         now, start, low, high, *ends = degrees[:, i]
         reach = f"{min(ends):.0f} to {max(ends):.0f}"
         table.add_row(name, *(f"{value:.1f}°" for value in (now, start, low, high)), f"{reach}°")
-    percent = counts.percent(rows)
+    percent = counts.gripper_percent(rows)
     table.add_row(counts.names[-1], *(f"{value:.0f} %" for value in percent[:4]), "0 to 100 %")
     return table
 
@@ -47,7 +47,7 @@ def timetable(trajectory: JointTrajectory, t: Array) -> str:
     return f"{', '.join(parts)}: {t[-1] - t[0]:.1f} s in all, then the arm holds"
 
 
-def motion_json(done: Streamed, watch: Watch, bus: Bus, names: Sequence[str], dry_run: bool) -> dict[str, Any]:
+def motion_json(done: StreamResult, watch: Watch, bus: Bus, names: Sequence[str], dry_run: bool) -> dict[str, Any]:
     """What JSON says of the motion: its goals, their timing, and the largest values that the servos reported."""
     period_ms = 1e3 * done.periods
     return {
@@ -68,7 +68,7 @@ def motion_json(done: Streamed, watch: Watch, bus: Bus, names: Sequence[str], dr
     }
 
 
-def report_end(done: Streamed, watch: Watch, counts: Counts, args: argparse.Namespace, device: str) -> int:
+def report_end(done: StreamResult, watch: Watch, counts: EncoderCounts, args: argparse.Namespace, device: str) -> int:
     """Say how it ended; return the exit code."""
     lets_go = f"`pbd run --release --robot {args.robot} --port {device}` lets go of it"
     holds = "the arm holds where it stopped"

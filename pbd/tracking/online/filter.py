@@ -128,18 +128,20 @@ class OnlineFilter:
         self.P = P
         self._kept: tuple[Array, Array] = (self.E @ self.C, self.p)
 
-    def velocity_test(self, sigma: float) -> tuple[float, float]:
+    def velocity_test(self, sigma: float, shaking: Array) -> tuple[float, float]:
         """Whether the hand stands still: how many sigmas its velocity is off zero, squared; and the speed, m/s.
 
         Args:
             sigma: m/s along each axis, how fast a hand may be that stands still.
+            shaking: (3,) m/s in the gyro frame, the part of the velocity that moves the hand nowhere.
         """
-        S = self.P[VEL, VEL] + sigma**2 * np.eye(3)
-        return float(self.v @ np.linalg.inv(S) @ self.v), float(np.sqrt(self.v @ self.v))
+        S, v = self.P[VEL, VEL] + sigma**2 * np.eye(3), self.v - self.E @ shaking
+        return float(v @ np.linalg.inv(S) @ v), float(np.sqrt(v @ v))
 
-    def update_zero_velocity(self, sigma: float, robust: bool = True) -> None:
-        """The velocity is zero within `sigma` m/s along each axis; what is far off counts less (Geman-McClure)."""
-        self._update(H_VEL, -self.v, sigma**2, robust)
+    def update_zero_velocity(self, sigma: float, shaking: Array, robust: bool = True) -> None:
+        """The velocity but for `shaking` is zero within `sigma` m/s along each axis; what is far off counts less
+        (Geman-McClure)."""
+        self._update(H_VEL, self.E @ shaking - self.v, sigma**2, robust)
 
     def update_no_motion(self, turn_sigma: float) -> None:
         """Since the last knot nothing has moved, or turned by more than `turn_sigma` rad."""

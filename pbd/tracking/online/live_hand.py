@@ -19,6 +19,7 @@ from pbd.tracking.online.samples import Sample
 from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
+from pbd.tracking.smoother.preintegration import integral_of_means
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, energies, quiet_limits, speed_by_energies
 
 CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_DEVICE_S = 0.2, 2.0, 0.6
@@ -80,6 +81,7 @@ class LiveHand:
         self._n = max(2, round(ENERGY_WINDOW_S / interval))
         self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=self._n)
         self._past_stops: list[Standing] = []
+        self._shaking: Array = np.zeros(3)
         self._angles = [np.zeros(3)]
         self._trial: Trial | None = None
         self._trial_filter: OnlineFilter | None = None
@@ -124,11 +126,15 @@ class LiveHand:
         return events
 
     def _measure_stillness(self) -> bool:
-        """Whether the last window is quiet. Also sets the sigma of a zero-velocity update."""
+        """Whether the last window is quiet. Also sets what a zero-velocity update needs."""
         force, rate = (np.array(seen) for seen in zip(*((u, rate) for _, u, rate in self._window), strict=True))
         (shake,), (turn,) = energies(force, rate, len(force))
         self.restless = float(restlessness(shake, turn))
         self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise))
+        if not self._device:
+            # Shaking moves the hand nowhere: its velocity is what a constant acceleration leaves over in the window.
+            t = np.array([sample.t for sample, _, _ in self._window])
+            self._shaking = off_line(t - t[-1], integral_of_means(t, force))
         return bool(shake < self._limits[0] and turn < self._limits[1]) and len(force) == self._n
 
     def _known(self) -> list[OnlineFilter]:
@@ -150,7 +156,7 @@ class LiveHand:
             angle = np.array(self._angles) - self._angles[0]
             sway = angle - np.linspace(0.0, 1.0, len(angle))[:, None] * angle[-1]
             at.update_no_motion(float(np.hypot(self._noise.still_turn, 2.0 * np.abs(sway).max())))
-        at.update_zero_velocity(self._sigma, robust)
+        at.update_zero_velocity(self._sigma, self._shaking, robust)
         if not self._past_stops:
             at.set_origin()
         at.clone_pose()
@@ -161,7 +167,7 @@ class LiveHand:
 
     def _is_moving(self, at: OnlineFilter) -> tuple[float, bool]:
         """Squared Mahalanobis distance of the velocity from zero; whether the hand moves for certain."""
-        off, speed = at.velocity_test(self._sigma)
+        off, speed = at.velocity_test(self._sigma, self._shaking)
         return off, off > VELOCITY_GATE and speed > max(SLOW_SPEED, OUTLIER_SIGMAS * self._sigma)
 
     def _continue_stop(self, stop: Standing, sample: Sample, quiet: bool) -> list[LiveEvent]:
@@ -203,7 +209,7 @@ class LiveHand:
         off, fast = (0.0, False) if self._trial_filter is None or self._device else self._is_moving(self._trial_filter)
         if trial is None or fast or off > VELOCITY_GATE:
             self._trial_filter = self._filter.fork()
-            off, speed = self._trial_filter.velocity_test(self._sigma)
+            off, speed = self._trial_filter.velocity_test(self._sigma, self._shaking)
             # Quiet but for a jolt since the last stop?
             soon = sample.t - last.t < SHORTEST_MOVE_S + 2.0 * ENERGY_WINDOW_S
             knocked = off > VELOCITY_GATE and soon
@@ -260,3 +266,12 @@ class LiveHand:
         """One sigma in m of the position if the hand stops now; and what the move under way adds, 0 in a stop."""
         here, way = self._filter.sigma_if_stopped(self._noise.still_speed)
         return here, 0.0 if self.still else way
+
+
+def off_line(s: Array, values: Array) -> Array:
+    """By how much the last of values (n, 3) is off the straight line through all of them; there s (n,) is 0."""
+    about = s - s.mean()
+    mean = values.mean(axis=0)
+    slope = about @ values / max(float(about @ about), np.finfo(float).tiny)
+    off: Array = values[-1] - mean - about[-1] * slope
+    return off

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from itertools import permutations, product
 from typing import NamedTuple
 
@@ -50,7 +50,8 @@ UNITS = (
 """What a gyro in another unit is to be multiplied by, and what to say of it."""
 
 
-class Reading(NamedTuple):
+@dataclass(frozen=True, order=True)
+class Reading:
     """What each of three axes should have been read from: its index and its sign."""
 
     order: tuple[int, ...]
@@ -62,7 +63,7 @@ class Reading(NamedTuple):
         matrix: Array = np.eye(3)[list(self.order)] * np.array(self.signs)[:, None]
         return matrix
 
-    @property
+    @cached_property
     def causes(self) -> int:
         """How many mistakes it takes: a sign, two columns swapped, or all signs, is one."""
         moved = sum(axis != k for k, axis in enumerate(self.order))

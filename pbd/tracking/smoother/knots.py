@@ -131,7 +131,7 @@ def pose_problem(
         rows,
         stop_of,
         within,
-        preintegrate(frame, rows, density, impulses),
+        preintegrate(frame, rows, density, impulses, _velocity(frame, rows, stop_of)),
         speed[rows],
         quat_to_matrix(frame.wxyz[rows]),
         np.zeros((len(rows), 3)) if device else _mean_about(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),
@@ -175,6 +175,19 @@ def _evenly(t: Array, edges: Rows, apart_s: Array) -> Rows:
     share = (1 + np.arange(ends[-1]) - (ends - legs)[of]) / legs[of]
     found: Rows = np.searchsorted(t, start[of] + share * lasts[of] - 1e-9)
     return found
+
+
+def _velocity(frame: GyroFrame, rows: Rows, stop_of: NDArray[np.intp]) -> Array:
+    """Velocity (m, 3) m/s at the knots, in the gyro frame. In a stop it is the mean of half an energy window.
+
+    What shakes a hand at rest has a velocity at any instant, but moves it nowhere.
+    """
+    U, reach = frame.U[rows], round(0.25 * ENERGY_WINDOW_S / frame.dt)
+    still = (stop_of >= 0) & (rows >= reach) & (rows < len(frame.t) - reach)
+    about = rows[still, None] + np.arange(-reach, reach + 1)
+    early = (frame.t[about] - frame.t[rows[still], None]).mean(axis=1)[:, None]
+    U[still] = frame.U[about].mean(axis=1) - frame.u[about].mean(axis=1) * early
+    return U
 
 
 def _turn_sigma(frame: GyroFrame, rows: Rows, within: NDArray[np.bool_], least: float) -> Array:

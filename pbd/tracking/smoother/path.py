@@ -37,7 +37,7 @@ def path_of(problem: Problem, x: State) -> Path:
     """
     frame, rows, T = problem.frame, problem.rows, problem.legs.T[:, None]
     g, E = np.array([0.0, 0.0, float(x.shared[GRAVITY][0])]), x.E[:-1]
-    U, UU = frame.U[rows[:-1]], frame.UU[rows[:-1]]
+    U, UU = problem.legs.U[:-1], frame.UU[rows[:-1]]
     left_v = np.diff(x.v, axis=0) - _turned(E, problem.legs.dU) + g * T
     left_p = np.diff(x.p, axis=0) - x.v[:-1] * T - _turned(E, problem.legs.dP) + 0.5 * g * T**2
     left_p -= 0.5 * T * left_v

@@ -142,6 +142,7 @@ class Legs:
     Attributes:
         rows: (m + 1,) the knots' rows.
         T: (m,) s.
+        U: (m + 1, 3) m/s, velocity at the knots.
         dU: (m, 3) m/s, dP: (m, 3) m: velocity gained, way gone from standing.
         J: (m, 9, ERRORS), of turn, velocity and way, by the sensor's errors.
         parts: (3, m, 9, 9), covariance of turn, velocity and way, which add up: white noise, turning, motion.
@@ -149,6 +150,7 @@ class Legs:
 
     rows: Rows
     T: Array
+    U: Array
     dU: Array  # noqa: N815
     dP: Array  # noqa: N815
     J: Array
@@ -160,12 +162,14 @@ def preintegrate(
     rows: Rows,
     density: tuple[Array, Array],
     impulses: Sequence[Impulse] = (),
+    U: Array | None = None,
 ) -> Legs:
     """Integrate from knot to knot.
 
     Args:
         frame: of the recording.
         rows: (m + 1,) increasing.
+        U: (m + 1, 3) m/s, the knots' own velocity in the gyro frame; by default frame.U there.
         density: (3, n) rad2/s and (3, n) m2/s3, the parts of the noise at each row.
         impulses: of unknown size.
     """
@@ -187,8 +191,10 @@ def preintegrate(
         return np.add.reduceat(0.5 * dt * (values[1:] + values[:-1]), edges[:-1])
 
     # Of each block: velocity gained; and the way that it makes until the leg's end.
-    dU = np.diff(frame.U[edges], axis=0)
-    dP = np.diff(frame.UU[edges], axis=0) - frame.U[edges[:-1]] * h[:, None] + dU * togo
+    at_knots, velocity = frame.U[rows] if U is None else U, frame.U[edges]
+    velocity[first] = at_knots
+    dU = np.diff(velocity, axis=0)
+    dP = np.diff(frame.UU[edges], axis=0) - velocity[:-1] * h[:, None] + dU * togo
     C = quat_to_matrix(frame.wxyz[(edges[:-1] + edges[1:]) // 2])
 
     lasts = np.maximum(h, np.finfo(float).tiny)[:, None]  # samples that came at one instant make an empty block
@@ -217,7 +223,7 @@ def preintegrate(
     for block, floor in zip((ROT, VEL, POS), ROUNDING_SIGMAS, strict=True):
         parts[0, :, block, block] += floor**2 * np.eye(3)
     _add_impulses(parts[0], frame, rows, impulses)
-    return Legs(rows, T, gained, way, J, parts)
+    return Legs(rows, T, at_knots, gained, way, J, parts)
 
 
 def of_blocks_by_errors(C: Array, rate: Array, force: Array, h: Array) -> tuple[Array, Array]:

@@ -273,6 +273,7 @@ def test_axes_that_are_not_the_accelerometers_are_found_out(how: str, sensor: st
     assert all("import the file with --column g" in message for message in said)
 
 
+@pytest.mark.filterwarnings("ignore:.*far more than such a sensor:pbd.errors.PbdWarning")  # one recording in twenty
 @settings(max_examples=8, deadline=None)
 @given(st.sampled_from(["modern", "ideal"]), st.floats(9.6, 10.0), st.integers(0, 100))
 def test_gravity_is_what_the_sensor_shows(sensor: str, gravity: float, seed: int) -> None:
