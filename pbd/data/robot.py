@@ -202,7 +202,7 @@ class JointTrajectory:
         return float(self.knots[-1])
 
     def at(self, t: ArrayLike) -> Samples:
-        """Evaluate at one instant or at instants (n,), s: n rows. Before the start and after the end the arm stands still."""
+        """Evaluate at one instant or at instants (n,), s: n rows. Before and after the motion the arm stands still."""
         t = np.atleast_1d(np.asarray(t, dtype=np.float64))
         inside = np.clip(t, 0.0, self.duration)
         piece = np.clip(np.searchsorted(self.knots, inside, side="right") - 1, 0, len(self.coefficients) - 1)

@@ -195,5 +195,10 @@ def test_a_rate_out_of_range_is_refused(tmp_path: Path, motion: JointTrajectory,
 
 def test_each_format_has_its_file() -> None:
     folder = Path(exporters.__file__).parent
-    files = {path.stem for path in folder.glob("*.py")} - {"__init__", "export_request", "check_export"}
+    files = {path.stem for path in folder.glob("*.py")} - {
+        "__init__",
+        "export_request",
+        "check_export",
+        "controller_interpolation",
+    }
     assert files == {each.file for each in FORMATS.values()}
