@@ -1,4 +1,4 @@
-"""Make the bundled demonstrations again: python demos/make.py (they are simulated, and say so)."""
+"""Write the bundled demonstrations again: python demos/make.py. They are simulated, and their notes say so."""
 
 from __future__ import annotations
 

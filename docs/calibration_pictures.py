@@ -258,7 +258,7 @@ def sensor() -> Figure:
     number = np.arange(1, len(rests) + 1)
     for norm, colour, name in (
         (np.linalg.norm(rests.acc, axis=1), X, "as read"),
-        (np.linalg.norm(acc.true(rests.acc), axis=1), Z, "calibrated"),
+        (np.linalg.norm(acc.correct(rests.acc), axis=1), Z, "calibrated"),
     ):
         bars.plot(number, 1e3 / GRAVITY * (norm - EARTH.gravity), "o-", color=colour, label=name, linewidth=1.2)
     bars.axhline(0.0, color=GREY, linewidth=0.8)

@@ -6,14 +6,14 @@
     robot = pbd.load_robot("panda")
     trajectory = pbd.plan(path, pbd.load_calibration("default"), robot)
 
-That is what `pbd replay` and `pbd export` do: edited keyframes, known places and the grasped object count here too.
+`pbd replay` and `pbd export` do the same. Edited keyframes, known places and the grasped object count here too.
 
-Nothing heavy is imported before it is used.
+A name is imported from its module when it is first used, so `import pbd` is fast.
 """
 
 from __future__ import annotations
 
-TYPE_CHECKING = False  # typing takes longer to load than all of this
+TYPE_CHECKING = False  # importing typing would take longer than the rest of this file
 if TYPE_CHECKING:
     from typing import Any
 
@@ -28,7 +28,7 @@ __version__ = "0.1.0"
 
 __all__ = ["PlanOptions", "check_all", "fuse", "load_calibration", "load_demo", "load_robot", "plan", "track"]
 
-_HOMES = {
+_MODULES = {
     "PlanOptions": "pbd.planning",
     "check_all": "pbd.check_demos",
     "fuse": "pbd.pipeline",
@@ -41,12 +41,12 @@ _HOMES = {
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOMES])
+    return sorted([*globals(), *_MODULES])
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOMES:
+    if name in _MODULES:
         from importlib import import_module
 
-        return getattr(import_module(_HOMES[name]), name)
+        return getattr(import_module(_MODULES[name]), name)
     raise AttributeError(f"module 'pbd' has no attribute '{name}'")

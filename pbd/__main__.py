@@ -1,20 +1,20 @@
-"""python -m pbd, and the script `pbd`."""
+"""Entry point of `python -m pbd` and of the script `pbd`."""
 
 from __future__ import annotations
 
 import os
 import sys
 
-# Its matrices are small: more threads would wait for each other.
+# The matrices are small: several threads would only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def main() -> int:
-    """Run a command; return its exit code. Ctrl-C while the command line is being loaded ends it as later on."""
+    """Run a command and return its exit code: 130 after Ctrl-C, also while the modules are being imported."""
     try:
-        from pbd.cli import main as run
+        from pbd.cli import main as run_command
 
-        return run()
+        return run_command()
     except KeyboardInterrupt:
         return 130
 

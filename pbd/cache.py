@@ -1,7 +1,7 @@
-"""Results that take long and follow from files alone, kept in the user's cache folder as named arrays.
+"""A cache on disk, in the user's cache folder, for slow results that depend on files alone.
 
-A file is an .npz behind the SHA-256 of its bytes, so a damaged one is found out and made anew. It appears whole or not
-at all: several processes may write the same one. Where nothing can be written, the work is done again each time.
+Each cache file holds the SHA-256 of its content, then an .npz. A damaged file fails the check and counts as absent.
+Files are written atomically, so several processes may write the same one. A folder that is not writable is no error.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ _DIGEST_BYTES = hashlib.sha256().digest_size
 
 
 def recall(kind: str, key: str) -> dict[str, NDArray[Any]] | None:
-    """Return the arrays that were kept under a kind ("hulls") and a key (a hash of what they follow from), or None."""
+    """Load arrays by kind ("hulls") and key (a hash of the inputs); None where they are absent or damaged."""
     try:
-        kept = _place(kind, key).read_bytes()
+        stored = _cache_file(kind, key).read_bytes()
     except OSError:
         return None
-    digest, content = kept[:_DIGEST_BYTES], kept[_DIGEST_BYTES:]
+    digest, content = stored[:_DIGEST_BYTES], stored[_DIGEST_BYTES:]
     if hashlib.sha256(content).digest() != digest:
         return None
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
@@ -37,12 +37,12 @@ def recall(kind: str, key: str) -> dict[str, NDArray[Any]] | None:
 
 
 def remember(kind: str, key: str, arrays: Mapping[str, Any]) -> None:
-    """Keep arrays under a kind and a key."""
+    """Store arrays by kind and key, for `recall`."""
     content = io.BytesIO()
     np.savez(content, **arrays)
-    with suppress(PbdError), atomic_file(_place(kind, key), parents=True) as file:
+    with suppress(PbdError), atomic_file(_cache_file(kind, key), parents=True) as file:
         file.write_bytes(hashlib.sha256(content.getvalue()).digest() + content.getvalue())
 
 
-def _place(kind: str, key: str) -> Path:
+def _cache_file(kind: str, key: str) -> Path:
     return Path(platformdirs.user_cache_dir("pbd")) / kind / f"{key}.npz"

@@ -1,4 +1,4 @@
-"""Check many demonstrations: is each usable, what should a person look at, which differs from its siblings?"""
+"""Check many demonstrations: which are usable, what a person should look at, which differ from the others of a task."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Calibration, Robot
-from pbd.errors import PbdError, collected_warnings
+from pbd.errors import PbdError, WrongTypeError, collected_warnings
 from pbd.files.demo import load_demo
 from pbd.fusion.matching import HAND_M
 from pbd.pipeline import track
@@ -20,29 +20,29 @@ from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import Array, Pose, level_onto, quat_about_z, quat_rotate
 
 FEWEST_SIBLINGS = 4
-"""Fewest demonstrations of one task that are compared: of three, the one that is off pulls the median."""
+"""Smallest number of demonstrations of one task that are compared. Among three, a wrong one shifts the median."""
 
 TURNED_RAD = np.radians(30.0)
-"""A demonstration that is turned by more about the vertical, rad, is compared turned back: the sensor was put otherwise
-into the hand, and not the hand otherwise to the dock. Less is a difference like any other."""
+"""Smallest yaw against the siblings, rad, that is taken for a sensor held in another way. It is removed before
+positions are compared. A smaller yaw stays, and shows as a difference of positions."""
 
 CHI3_MEDIAN = 1.538
-"""Median of the distance from the mean, in sigmas of one axis: of chi with three degrees of freedom."""
+"""Median of the chi distribution with three degrees of freedom: of a 3-D distance from the mean, in sigmas per axis."""
 
 
 @dataclass(frozen=True, eq=False)
 class DemoCheck:
-    """What was found out about one demonstration.
+    """The result of checking one demonstration. Figures are nan, and `p_dock_sensor` is None, where it is unusable.
 
     Attributes:
-        why: what makes it unusable, in one line; "": nothing.
-        duration_s: the recording's, s; nan where it can't be read, as in what follows.
-        p_dock_sensor: (k, 3) m, where the sensor was at its keyframes, from the first one and in its heading.
+        why: why it is unusable, in one line; "" if it is usable.
+        duration_s: duration of the recording, s.
+        p_dock_sensor: (k, 3) m, the sensor at each keyframe, relative to its position and heading at the first one.
         sigma_m: the largest sigma of a keyframe along an axis, m.
-        grips: where the grip closes (True) and opens (False), by keyframe: siblings have the same.
+        grips: (keyframe, closes) of each keyframe at which the grip closes (True) or opens (False).
         findings: what a person should look at, in words.
-        motion_s: how long the robot takes, s; nan without a robot, or where it can't do it.
-        refused: what stops the robot; "": nothing, or no robot was named.
+        motion_s: duration of the robot's motion, s; nan without a robot, or if the robot can't do it.
+        refused: why the robot can't do it; "" if it can, or if no robot was named.
         differs: where it is farther from its siblings than chance explains, in words.
     """
 
@@ -59,12 +59,12 @@ class DemoCheck:
 
     @property
     def usable(self) -> bool:
-        """Whether it can be tracked, and replayed by the robot that was named."""
+        """Whether it can be tracked and, if a robot was named, replayed by it."""
         return not (self.why or self.refused)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """All that a person should look at, the worst first."""
+        """Everything that a person should look at, the worst first."""
         return tuple(filter(None, (self.why, self.refused, *self.differs, *self.findings)))
 
 
@@ -74,41 +74,41 @@ def check_all(
     jobs: int | None = None,
     done: Callable[[int], None] | None = None,
 ) -> tuple[DemoCheck, ...]:
-    """Check demonstrations, each on its own, then each against its siblings.
+    """Check each demonstration alone, then compare it with its siblings.
 
-    Siblings have as many keyframes and the same grips. The work is done by joblib: a backend that the caller has
-    chosen with `joblib.parallel_config` (Dask, Ray) takes it.
+    Siblings have the same number of keyframes and the same grips. joblib distributes the work, to the backend that
+    the caller chose with `joblib.parallel_config` (Dask, Ray).
 
     Args:
         demos: names, folders or files, as `pbd.load_demo` takes them.
-        robot: also plan for this one, on its own dock.
-        jobs: processes at once; None: one, or what `joblib.parallel_config` says.
-        done: is called with the number of those that are done, after each.
+        robot: name or file of a robot; each demonstration is also planned for it, on its own dock.
+        jobs: number of processes; None: one, or what `joblib.parallel_config` says.
+        done: called after each demonstration, with the number of those done.
 
     Returns:
-        What was found, in the order of `demos`. One that can't be used is told there, not raised.
+        The results in the order of `demos`. An unusable demonstration is a result, not an exception.
 
     Raises:
         RobotError, CalibrationError: the robot or its calibration can't be loaded.
-        TypeError: a single name, whose letters would be taken for demonstrations.
+        WrongTypeError: a single name instead of a list; its letters would be taken for names.
     """
     from joblib import Parallel, delayed
 
     from pbd.planning import load_arm
 
     if isinstance(demos, str | Path):
-        raise TypeError(f"check_all takes a list of demonstrations: check_all([{str(demos)!r}])")
+        raise WrongTypeError(f"check_all takes a list of demonstrations: check_all([{str(demos)!r}])")
     arm = None if robot is None else load_arm(robot)
     found: list[DemoCheck] = []
     for check in Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(str(name), arm) for name in demos):
         found.append(check)
         if done is not None:
             done(len(found))
-    return _compared(found)
+    return compare_siblings(found)
 
 
 def check_one(name: str, arm: tuple[Robot, Calibration] | None = None) -> DemoCheck:
-    """Check one demonstration: load it, track it, and plan for the robot that is given, on its calibration."""
+    """Load and track one demonstration, and plan for the `arm`, a robot with its calibration, if there is one."""
     check = DemoCheck(name)
     with collected_warnings() as remarks:
         try:
@@ -119,7 +119,7 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None) -> DemoCh
         except PbdError as error:
             return replace(check, why=error.message)
         keyframes = plot.keyframes
-        T_dock_nav = level_onto(keyframes[0].T_nav_sensor, Pose.identity())  # the sensor there has no heading
+        T_dock_nav = level_onto(keyframes[0].T_nav_sensor, Pose.identity())  # the sensor's heading there is 0
         check = replace(
             check,
             p_dock_sensor=T_dock_nav.act(np.array([keyframe.T_nav_sensor.p for keyframe in keyframes])),
@@ -137,7 +137,8 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None) -> DemoCh
             return replace(check, refused=f"{arm[0].name}: {error.message}")
 
 
-def _compared(found: Iterable[DemoCheck]) -> tuple[DemoCheck, ...]:
+def compare_siblings(found: Iterable[DemoCheck]) -> tuple[DemoCheck, ...]:
+    """Fill in `differs`: compare a keyframe's distance from the siblings' median with their scatter and its sigma."""
     checks = list(found)
     siblings: dict[Any, list[int]] = defaultdict(list)
     for i, check in enumerate(checks):
@@ -147,31 +148,30 @@ def _compared(found: Iterable[DemoCheck]) -> tuple[DemoCheck, ...]:
         if len(group) < FEWEST_SIBLINGS:
             continue
         p = np.array([checks[i].p_dock_sensor for i in group])
-        turns = _turns(p)
-        p = quat_rotate(quat_about_z(-turns)[:, None], p)
-        away = np.linalg.norm(p - np.median(p, axis=0), axis=2)
+        yaws = _sensor_yaws(p)
+        p = quat_rotate(quat_about_z(-yaws)[:, None], p)
+        distance = np.linalg.norm(p - np.median(p, axis=0), axis=2)
         own = np.array([checks[i].sigma_m for i in group])[:, None]
-        bound = OFF_SIGMAS * np.hypot(np.median(away, axis=0) / CHI3_MEDIAN, own)
+        bound = OFF_SIGMAS * np.hypot(np.median(distance, axis=0) / CHI3_MEDIAN, own)
         likes = f"the {len(group) - 1} like it"
-        for i, turn, far, most in zip(group, turns.tolist(), away, bound, strict=True):
+        for i, yaw, far, most in zip(group, yaws.tolist(), distance, bound, strict=True):
             words = [
                 f"keyframe {k} is {100.0 * far[k]:.0f} cm from where {likes} have theirs"
                 for k in np.flatnonzero(far > most)
             ]
-            if abs(turn) > TURNED_RAD:
-                words.insert(0, f"the sensor is turned by {np.degrees(turn):.0f}° about the vertical against {likes}")
+            if abs(yaw) > TURNED_RAD:
+                words.insert(0, f"the sensor is turned by {np.degrees(yaw):.0f}° about the vertical against {likes}")
             checks[i] = replace(checks[i], differs=tuple(words))
     return tuple(checks)
 
 
-def _turns(p: Array) -> Array:
-    """By what angle (n,) about the vertical each way (n, k, 3) is turned against the one that is most like the others.
+def _sensor_yaws(p: Array) -> Array:
+    """Yaw (n,) rad of each demonstration's keyframes (n, k, 3) m against the demonstration most like the others.
 
-    Only what is more than TURNED_RAD counts: a sensor that sits otherwise in the hand, as in takes to be fused. A way
-    up and down shows no direction.
+    A yaw up to TURNED_RAD is returned as 0. So are all, where a demonstration has no horizontal motion to show its yaw.
     """
-    level = p[..., 0] + 1j * p[..., 1]
-    between = np.angle(np.einsum("ik,jk->ij", level.conj(), level))
-    turns: Array = between[np.argmin(np.abs(between).sum(axis=1))]
-    shown = (np.abs(level).max(axis=1) > HAND_M).all()
-    return np.where(shown & (np.abs(turns) > TURNED_RAD), turns, 0.0)
+    horizontal = p[..., 0] + 1j * p[..., 1]
+    between = np.angle(np.einsum("ik,jk->ij", horizontal.conj(), horizontal))
+    yaws: Array = between[np.argmin(np.abs(between).sum(axis=1))]
+    shown = (np.abs(horizontal).max(axis=1) > HAND_M).all()
+    return np.where(shown & (np.abs(yaws) > TURNED_RAD), yaws, 0.0)

@@ -1,6 +1,6 @@
-"""What can go wrong, by whose fault: every error says where it is and ends with what to do next.
+"""The errors and warnings of pbd. An error's message says where the fault is and ends with what to do next.
 
-The command line prints a `PbdError` as one line on stderr and leaves with its `exit_code`; any other exception is a bug
+The command line prints a `PbdError` as one line on stderr and exits with its `exit_code`. Any other exception is a bug
 and keeps its traceback.
 """
 
@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self
 
 
 class PbdError(Exception):
-    """The root. `fields` holds what the message is about (keyframe, joint, value, bound, path, line), for programs."""
+    """The base class. `fields` gives programs the values in the message: keyframe, joint, value, bound, path, line."""
 
     exit_code: ClassVar[int] = 1
 
@@ -25,59 +25,63 @@ class PbdError(Exception):
 
     @classmethod
     def at(cls, path: object, what: str, line: object = None, **fields: object) -> Self:
-        """Say what is wrong with a file: its path and line stand first in the message, and in the fields."""
+        """Make the error of a file: the message begins with its path and line, which are in the fields too."""
         if line is None:
             return cls(f"{path}: {what}", path=path, **fields)
         return cls(f"{path}:{line}: {what}", path=path, line=line, **fields)
 
 
 class SensorError(PbdError):
-    """The device, its port or its bytes."""
+    """The device, its port or its bytes are at fault."""
 
 
 class RecordingError(PbdError):
-    """A recording, or the file it stands in, can't be read as one."""
+    """A recording, or the file that holds it, is not valid."""
 
 
 class TrackingError(PbdError):
-    """The recording is sound but no hand path follows from it."""
+    """The recording is valid, but no hand path can be estimated from it."""
 
 
 class CalibrationError(PbdError):
-    """A calibration file, or the data that one would be made from."""
+    """A calibration file, or the data to make one from, is at fault."""
 
 
 class RobotError(PbdError):
-    """A robot description: its TOML, its URDF, its limits."""
+    """A robot's description is at fault: its TOML, its URDF or its limits."""
 
 
 class PlanError(PbdError):
-    """The robot can't do it: out of reach, limits, collision."""
+    """The robot can't do the motion: a pose out of reach, a joint limit, a collision."""
 
     exit_code = 3
 
 
 class UsageError(PbdError):
-    """A name, a unit or an option that the caller gave is not known, or doesn't go with another."""
+    """The caller gave an unknown name, unit or option, or options that exclude each other."""
 
     exit_code = 2
 
 
+class WrongTypeError(UsageError, TypeError):
+    """An argument of a Python function has the wrong type, such as a robot's name instead of the robot."""
+
+
 class PbdWarning(UserWarning):
-    """Something was mended or assumed on the way; the result is sound but the reader should know."""
+    """Something was repaired or assumed. The result is valid, but the user should know."""
 
     def __init__(self, message: str) -> None:
         super().__init__(one_line(message))
 
 
 def warn(message: str) -> None:
-    """Give a PbdWarning."""
+    """Issue a PbdWarning."""
     warnings.warn(message, PbdWarning, stacklevel=3)
 
 
 @contextmanager
 def collected_warnings(tell: Callable[[str], object] = str) -> Iterator[list[str]]:
-    """Collect the text of each PbdWarning that is given inside, and `tell` it, instead of showing it."""
+    """Collect the text of each PbdWarning that is issued inside, and call `tell` with it, instead of showing it."""
     collected: list[str] = []
     as_usual = warnings.showwarning
 
@@ -95,11 +99,11 @@ def collected_warnings(tell: Callable[[str], object] = str) -> Iterator[list[str
 
 
 LONGEST_MESSAGE = 1000
-"""Longest message, characters: what a file says may be in it."""
+"""Longest message, characters. A message may quote a file, whose words may be of any length."""
 
 
 def one_line(message: str) -> str:
-    """Write a message on one line, in print that no terminal obeys, without the middle where it is very long."""
+    """Make a message one line: escape control characters, and cut the middle out where it is longer than allowed."""
     if not message.isprintable():
         message = "".join(c if c.isprintable() else " " if c.isspace() else repr(c)[1:-1] for c in message)
     if len(message) <= LONGEST_MESSAGE:
@@ -108,12 +112,12 @@ def one_line(message: str) -> str:
 
 
 def in_words(reason: Exception) -> str:
-    """Say what the system or a parser refused, without an error number and the path, which the message has."""
+    """Return the reason of an exception, without errno and path: the message that quotes it names the path."""
     return reason.strerror if isinstance(reason, OSError) and reason.strerror else str(reason)
 
 
 def require_package(module: str, extra: str, what: str) -> None:
-    """Refuse (PbdError) `what` needs a package that is not there; pbd-robot[`extra`] brings it."""
+    """Raise PbdError if a module that `what` needs can't be imported; pbd-robot[`extra`] installs it."""
     try:
         import_module(module)
     except ImportError:
@@ -121,28 +125,35 @@ def require_package(module: str, extra: str, what: str) -> None:
         raise PbdError(f"{what} needs the package {package}; install it with: {how}") from None
 
 
+def require_type(function: str, value: object, source: str, *types: type) -> None:
+    """Raise WrongTypeError unless `value` has one of the types that `function` takes; `source` returns such a value."""
+    if not isinstance(value, types):
+        wanted = " or ".join(f"a {each.__name__}" for each in types)
+        raise WrongTypeError(f"{function} takes {wanted}, got {value!r:.60}; {source} returns one")
+
+
 MOST_LISTED = 12
-"""Most names that a message lists."""
+"""Largest number of names that a message lists."""
 
 LONGEST_WORD = 80
-"""Longest word of a file that a message shows whole, characters."""
+"""Longest word of a file that a message quotes uncut, characters."""
 
 
 def printable(text: str) -> str:
-    """Write a word of a file for a message: cut where it is long, in print that no terminal obeys."""
+    """Quote a word of a file for a message: control characters are escaped, a long word is cut."""
     shown = text if text.isprintable() else repr(text)[1:-1]
     return shown if len(shown) <= LONGEST_WORD else f"{shown[:LONGEST_WORD]}..."
 
 
 def listed(names: Iterable[str]) -> str:
-    """Write names for a message, the first of them where there are many."""
+    """Join names with commas for a message; of many, only the first ones and the number of the others."""
     given = [printable(name) for name in names]
     more = f" and {len(given) - MOST_LISTED} more" if len(given) > MOST_LISTED else ""
     return ", ".join(given[:MOST_LISTED]) + more or "(none)"
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Ask "; did you mean ...?" where one that is known is much like this name; "" elsewhere."""
+    """Return "; did you mean ...?" with the known name that is most similar to this one; "" if none is."""
     from difflib import get_close_matches
 
     folded = {each.lower(): each for each in known}

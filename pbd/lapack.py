@@ -1,4 +1,4 @@
-"""Linear algebra as scipy's LAPACK does it, and on how many threads."""
+"""Access to scipy's LAPACK without loading all of scipy.linalg, and a limit on the number of BLAS threads."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ NAME = "scipy.linalg._flapack"
 
 @cache
 def lapack() -> Any:
-    """Return the module of LAPACK's routines, without the rest of scipy.linalg, which takes 0.15 s to load."""
+    """Return the module of LAPACK's routines. It is loaded alone: all of scipy.linalg takes 0.15 s to import."""
     import scipy
 
     stem = Path(scipy.__path__[0], *NAME.split(".")[1:])
     file = next((path for suffix in EXTENSION_SUFFIXES if (path := Path(f"{stem}{suffix}")).is_file()), None)
     spec = None if file is None or "scipy.linalg" in sys.modules else spec_from_file_location(NAME, file)
-    if spec is None or spec.loader is None:  # loaded anyway, or built otherwise
+    if spec is None or spec.loader is None:  # scipy.linalg is loaded already, or scipy was built in another way
         from scipy.linalg import lapack as public
 
         return public
@@ -33,7 +33,7 @@ def lapack() -> Any:
 
 @cache
 def _thread_pools() -> Any:
-    """The BLAS libraries of numpy and scipy."""
+    """Return a controller of the BLAS libraries that numpy and scipy use."""
     from threadpoolctl import ThreadpoolController
 
     lapack()
@@ -41,9 +41,9 @@ def _thread_pools() -> Any:
 
 
 class _OneBlasThread(ContextDecorator):
-    """Keeps BLAS to one thread: the matrices here are small, and idle threads spin while they wait for work.
+    """Limits BLAS to one thread: the matrices here are small, and idle threads use the cores while they wait for work.
 
-    Callers on several threads share the limit; the last to leave gives back what was there before the first.
+    Callers on several threads share the limit. When the last of them leaves, the former number is restored.
     """
 
     def __init__(self) -> None:

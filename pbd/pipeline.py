@@ -1,4 +1,4 @@
-"""The first verb: `track` turns a recording into a hand path; the second, `plan`, is in pbd/planning."""
+"""The first of the two main functions: `track` turns a recording into a hand path. `plan` is in pbd/planning."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pbd.calibration.dock import nav_in_base
 from pbd.calibration.sensor import corrected
 from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, SensorErrors, Stop, Tracking
-from pbd.errors import PbdWarning, RecordingError, TrackingError, warn
+from pbd.errors import PbdWarning, RecordingError, TrackingError, require_type, warn
 from pbd.lapack import one_blas_thread
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.alarm import alarms
@@ -29,37 +29,40 @@ from pbd.tracking.smoother.attitude import mean_quaternion
 from pbd.tracking.smoother.preintegration import Impulse
 
 SAME_DOCK_RAD = np.radians(1.0)
-"""An edited first keyframe is still the dock if it is turned by no more."""
+"""Largest rotation of an edited first keyframe against the tracked one, rad: the first keyframe must stay the dock."""
 
 OPEN_END_S = 0.2
-"""s: longer motion at either end of a recording is reported."""
+"""Longest motion, s, before the first stop or after the last one that is not warned of."""
 
 METHODS = ("default", "paper")
-"""How to track: as well as we can, or as the paper does."""
+"""Names of the tracking methods: pbd's own, and the paper's."""
 
 
 def fuse(takes: Sequence[Demonstration], calibration: Calibration | None = None, accept_gap: bool = False) -> HandPath:
-    """Make one path of several takes of a task: `track` of a demonstration whose demo.toml lists them.
+    """Estimate one hand path from several takes of a task, as `track` does for a demonstration that lists its takes.
 
-    All takes are estimated together: the sensor's errors are shared, the hand scatters from take to take. The path
-    runs from keyframe to keyframe as the takes do in the mean. `HandPath.fusion` says what was matched, what was left
-    out and how the hand scatters.
+    All takes are estimated together: they share the sensor's errors, and the hand scatters from take to take. Between
+    keyframes the path is the mean of the takes. `HandPath.fusion` says which keyframes were matched, which were left
+    out, and how the hand scatters.
 
     Args:
-        takes: two or more demonstrations of one task, of one device or of several; the first says how the sensor sits
-            in the hand and where nav is.
+        takes: two or more demonstrations of one task, by one device or by several. The first take defines nav and how
+            the sensor is held.
         calibration: as `track` takes it.
         accept_gap: as `track` takes it.
 
     Raises:
-        RecordingError: fewer than two takes, or one twice.
+        RecordingError: there are fewer than two takes, or one is there twice.
+        WrongTypeError: a take is not a Demonstration, for example a name.
         TrackingError: the takes are of different tasks, or one of them can't be tracked.
     """
     return track(fused_demo(takes), calibration=calibration, accept_gap=accept_gap)
 
 
 def fused_demo(takes: Sequence[Demonstration]) -> Demonstration:
-    """A demonstration of several takes, those of a fused one included; RecordingError: one is there twice."""
+    """Make the demonstration that lists these takes; a fused one adds its own takes. Raises as `fuse` does."""
+    for take in takes:
+        require_type("fuse", take, "pbd.load_demo", Demonstration)
     takes = [one for take in takes for one in (take.takes or (take,))]
     names = [take.recording.info.name for take in takes]
     for k, take in enumerate(takes):
@@ -88,28 +91,28 @@ def track(
     calibration: Calibration | None = None,
     accept_gap: bool = False,
 ) -> HandPath:
-    """Track a hand: attitude, motion acceleration, stops, path.
+    """Estimate the hand's motion: attitude, acceleration, stops and path.
 
-    A demonstration brings along what demo.toml and keyframes.toml say: places and heights are used here, the edited
-    keyframes and the grasped object go with the path to `plan`. A recording alone knows nothing of that.
+    A demonstration includes demo.toml and keyframes.toml. Known places and heights are used here; edited keyframes and
+    the grasped object stay with the path, for `plan`. A recording has none of them.
 
     Args:
-        method: one of METHODS; the paper's knows of no places.
-        known: what is known of the stops: places, heights; None: what the demonstration says.
-        calibration: the sensor's errors are taken out, by either method; it also tells what is known in the robot's
-            base, and the lever from sensor to tool. `plan` tracks again where its own tells more than none.
-        accept_gap: the hand is known to have stood still wherever data are missing in a rest: warn of such a gap that
-            is long enough to hide a move, instead of refusing it.
+        source: the samples, or a demonstration with them.
+        method: one of METHODS. The paper's method does not use known places.
+        known: what is known of the stops (places, heights); None: as the demonstration says.
+        calibration: the sensor's errors, which either method removes; places known in the robot's base; the lever
+            from sensor to tool. `plan` tracks again if there is none here and its own calibration has any of these.
+        accept_gap: the user says that the hand stood still wherever data are missing in a rest. A gap that is long
+            enough to hide a move is then a warning, not an error.
 
     Raises:
-        CalibrationError: the calibration is of another sensor.
-        RecordingError: the recording can't be one (units, clock, no data); the edited keyframes start elsewhere.
-        TrackingError: no path follows from it (never still, data missing where the hand may have moved), or what is
-            known contradicts it.
-        TypeError: the source is something else, as a name.
+        CalibrationError: the calibration belongs to another sensor.
+        RecordingError: the samples are not valid (units, clock, no data), or the edited first keyframe was turned.
+        TrackingError: no path can be estimated (the hand is never still, data are missing where it may have moved), or
+            a known place contradicts the samples.
+        WrongTypeError: the source is neither, for example a name.
     """
-    if not isinstance(source, Recording | Demonstration):
-        raise TypeError(f"track takes a Recording or a Demonstration, got {source!r:.60}; pbd.load_demo reads one")
+    require_type("track", source, "pbd.load_demo", Recording, Demonstration)
     demo = source if isinstance(source, Demonstration) else Demonstration(source)
     if known is not None:
         demo = replace(demo, closed=known.closed, places=known.places, contacts=known.contacts)
@@ -120,11 +123,11 @@ def track(
         demo = replace(demo, places=(*demo.places, *(path.fusion.places if path.fusion else ())))
     else:
         path = track_alone(demo, method, calibration, accept_gap)[0]
-    _refuse_another_dock(demo, path, method)
+    _refuse_turned_dock(demo, path, method)
     if method == "paper":
         return path
     try:
-        return _condition(path, demo.known, calibration)
+        return _condition_on_known(path, demo.known, calibration)
     except TrackingError as reason:
         if demo.folder is None or not reason.message.startswith("demo.toml "):
             raise
@@ -134,7 +137,7 @@ def track(
 def track_alone(
     demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool
 ) -> tuple[HandPath, Estimate]:
-    """From the recording alone, without what is known of its stops; and what the path was made from."""
+    """Track the recording without known places; return the path and the estimate that it was made from."""
     if method not in METHODS:
         raise TrackingError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method)
     recording, gaps = condition(demo.recording)
@@ -144,7 +147,7 @@ def track_alone(
         recording, lost = restore(recording, clips)
     errors = None if calibration is None else calibration.sensor
     if errors is not None:
-        recording = corrected(recording, errors)  # after what is about the sensor's raw range
+        recording = corrected(recording, errors)  # after `restore`: clipping is at the range of the raw values
     rest = find_rest(recording)
     if method == "paper":
         found = track_as_paper(recording, rest)
@@ -176,8 +179,8 @@ def track_alone(
     return path, found
 
 
-def _refuse_another_dock(demo: Demonstration, path: HandPath, method: str) -> None:
-    """The attitude at the dock says how nav lies in base: an edited one would turn all the others."""
+def _refuse_turned_dock(demo: Demonstration, path: HandPath, method: str) -> None:
+    """Refuse an edited first keyframe whose attitude changed: it orients nav in base, so all keyframes would turn."""
     if demo.keyframes is None:
         return
     found = mean_quaternion(path.wxyz_nav_sensor[path.stops[0].start : path.stops[0].stop])
@@ -192,17 +195,19 @@ def _refuse_another_dock(demo: Demonstration, path: HandPath, method: str) -> No
         )
 
 
-def _condition(path: HandPath, known: Known, calibration: Calibration | None) -> HandPath:
+def _condition_on_known(path: HandPath, known: Known, calibration: Calibration | None) -> HandPath:
+    """Condition the path on known places; those in base need T_base_nav, by the attitude at the first stop."""
     T_base_nav = None
     if calibration is not None and calibration.knows_start:
         first = slice(path.stops[0].start, path.stops[0].stop)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PbdWarning)  # of the dock's tilt: planning tells it
+            warnings.simplefilter("ignore", PbdWarning)  # planning warns of the dock's tilt
             T_base_nav = nav_in_base(calibration, mean_quaternion(path.wxyz_nav_sensor[first]))
     return apply_constraints(path, known, calibration, T_base_nav)
 
 
 def _warn_at_rest(recording: Recording, rest: Rest, errors: SensorErrors | None) -> None:
+    """Warn where the samples of the first rest contradict gravity or the calibration."""
     rows, acc = slice(rest.start, rest.stop), rest.gravity * rest.up_sensor
     gyr = None if recording.gyr is None else rest.gyro_bias
     mag = None if recording.mag is None else recording.mag[rows].mean(axis=0)
@@ -211,6 +216,7 @@ def _warn_at_rest(recording: Recording, rest: Rest, errors: SensorErrors | None)
 
 
 def _warn_of_open_ends(t: Array, stops: tuple[Stop, ...]) -> None:
+    """Warn of motion before the first stop and after the last one: neither is used."""
     before, after = float(t[stops[0].start] - t[0]), float(t[-1] - t[stops[-1].stop - 1])
     if before > OPEN_END_S:
         warn(f"the hand moves when the recording starts; its first rest, at {before:.1f} s, is taken as the dock")

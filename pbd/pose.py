@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 CACHE_BYTES = 2**20
-"""Size of a processor's own cache."""
+"""Typical size of a processor core's own cache, bytes."""
 
 
 def readonly(values: ArrayLike) -> Array:
-    """Return a copy as float64 that nobody can write to (freezing a dataclass does not freeze its arrays).
+    """Return a read-only float64 copy: freezing a dataclass does not freeze its arrays.
 
-    What is such a copy already is returned as it is.
+    A read-only float64 array that owns its data is returned without a copy.
     """
     if isinstance(values, np.ndarray) and values.dtype == np.float64 and not values.flags.writeable:
         own: Array = values
@@ -33,7 +33,7 @@ def readonly(values: ArrayLike) -> Array:
 
 
 def lengths(vectors: ArrayLike) -> Array:
-    """Norms of vectors, (..., k) -> (...); of long lists of short vectors numpy's own takes several times as long."""
+    """Norms of vectors, (..., k) -> (...). numpy's own norm takes several times as long for many short vectors."""
     vectors = np.asarray(vectors, dtype=np.float64)
     norms: Array = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
     return norms
@@ -48,7 +48,7 @@ def skew(v: Array) -> Array:
 
 
 def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
-    """Hamilton product: first b, then a. (..., 4) and (..., 4) -> (..., 4)."""
+    """Hamilton product of (..., 4) and (..., 4): the rotation by b, then by a."""
     (aw, ax, ay, az), (bw, bx, by, bz) = _components(a), _components(b)
     return _vectors(
         aw * bw - ax * bx - ay * by - az * bz,
@@ -65,7 +65,7 @@ def quat_inverse(wxyz: ArrayLike) -> Array:
 
 
 def quat_cumulative(wxyz: ArrayLike) -> Array:
-    """Products of the first 1, 2, ... n of unit quaternions (n, 4), in blocks of 16, of all of them at once."""
+    """Cumulative products of unit quaternions (n, 4): row k is q0 q1 ... qk. All blocks of 16 rows run in parallel."""
     turns = np.asarray(wxyz, dtype=np.float64)
     n, block = len(turns), 16
     if n < 2:
@@ -80,7 +80,7 @@ def quat_cumulative(wxyz: ArrayLike) -> Array:
 
 
 def quat_rotate(wxyz: ArrayLike, vector: ArrayLike) -> Array:
-    """Turn vectors (..., 3) by unit quaternions (..., 4)."""
+    """Rotate vectors (..., 3) by unit quaternions (..., 4)."""
     (w, x, y, z), (a, b, c) = _components(wxyz), _components(vector)
     # vector + w t + xyz x t, with t twice the cross product of xyz and the vector
     t, u, v = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
@@ -88,7 +88,7 @@ def quat_rotate(wxyz: ArrayLike, vector: ArrayLike) -> Array:
 
 
 def _components(values: ArrayLike) -> list[Array]:
-    """Each column; of what no cache holds in one piece, as arithmetic on strides then takes 4 times as long."""
+    """Columns of the last axis; contiguous copies beyond the cache's size, where strided ones are 4 times as slow."""
     array = np.asarray(values, dtype=np.float64)
     if array.nbytes > CACHE_BYTES:
         return list(np.ascontiguousarray(np.moveaxis(array, -1, 0)))
@@ -96,7 +96,7 @@ def _components(values: ArrayLike) -> list[Array]:
 
 
 def _vectors(*components: Array) -> Array:
-    """The inverse of that; numpy's stack takes as long."""
+    """Stack components along a new last axis."""
     vectors = np.empty((*components[0].shape, len(components)))
     for i, component in enumerate(components):
         vectors[..., i] = component
@@ -106,7 +106,7 @@ def _vectors(*components: Array) -> Array:
 def quat_exp(rotation_vector: ArrayLike) -> Array:
     """Unit quaternions of rotation vectors (..., 3) in rad."""
     half = 0.5 * np.asarray(rotation_vector, dtype=np.float64)
-    angle = np.maximum(lengths(half), 1e-99)[..., None]  # whose sine is itself
+    angle = np.maximum(lengths(half), 1e-99)[..., None]  # of such a small angle, sine and angle are equal
     return np.concatenate((np.cos(angle), half * (np.sin(angle) / angle)), axis=-1)
 
 
@@ -121,7 +121,7 @@ def quat_log(wxyz: ArrayLike) -> Array:
 
 
 def matrix_log(matrix: Array) -> Array:
-    """Rotation vectors (..., 3) in rad of rotation matrices (..., 3, 3) that turn by less than pi."""
+    """Rotation vectors (..., 3) in rad of rotation matrices (..., 3, 3) with angles below pi."""
     sine = np.empty(matrix.shape[:-1])
     for i, (j, k) in enumerate(((2, 1), (0, 2), (1, 0))):
         sine[..., i] = 0.5 * (matrix[..., j, k] - matrix[..., k, j])
@@ -140,13 +140,13 @@ def quat_canonical(wxyz: ArrayLike) -> Array:
 
 
 def quat_slerp(start: ArrayLike, end: ArrayLike, fraction: ArrayLike) -> Array:
-    """Turn at constant rate along the shorter way: (4,) or (n, 4) ends, (n,) fractions in 0..1 -> (n, 4)."""
+    """Interpolate at constant angular rate, by at most pi: ends (4,) or (n, 4), fractions (n,) in 0..1 -> (n, 4)."""
     turn = quat_log(quat_multiply(quat_inverse(start), end))
     return quat_multiply(start, quat_exp(np.asarray(fraction, dtype=np.float64)[..., None] * turn))
 
 
 def quat_to_matrix(wxyz: ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3); their columns are the turned axes."""
+    """Rotation matrices (..., 3, 3); their columns are the rotated axes."""
     w, x, y, z = _components(wxyz)
     x2, y2, z2 = 2.0 * x, 2.0 * y, 2.0 * z
     rows = _vectors(
@@ -186,7 +186,7 @@ def quat_from_rpy(rpy: ArrayLike) -> Array:
 
 
 def quat_to_rpy(wxyz: ArrayLike) -> Array:
-    """Roll, pitch, yaw (..., 3) in rad of unit quaternions; pitch within a quarter turn, where yaw is taken as zero."""
+    """Roll, pitch, yaw (..., 3) in rad of unit quaternions. Pitch is within pi/2; at either end of it yaw is zero."""
     w, x, y, z = np.moveaxis(np.asarray(wxyz, dtype=np.float64), -1, 0)
     sine = np.clip(2.0 * (w * y - z * x), -1.0, 1.0)
     at_pole = np.abs(sine) > 1.0 - 1e-14  # there roll and yaw turn about one axis
@@ -206,7 +206,7 @@ def quat_to_xyzw(wxyz: ArrayLike) -> Array:
 
 
 def yaw_toward(wxyz_measured: ArrayLike, wxyz_wanted: ArrayLike) -> float:
-    """Angle about z, in rad, that brings one rotation closest to another: wanted ~ Rz(yaw) measured.
+    """Yaw in rad that brings one rotation closest to another: wanted ~ Rz(yaw) measured.
 
     It maximises the scalar part of measured * wanted^-1 * Rz(yaw), which has a closed form.
     """
@@ -215,7 +215,7 @@ def yaw_toward(wxyz_measured: ArrayLike, wxyz_wanted: ArrayLike) -> float:
 
 
 def quat_about_z(yaw: ArrayLike) -> Array:
-    """Unit quaternions (..., 4) of turns about z by `yaw` (...) rad."""
+    """Unit quaternions (..., 4) of rotations about z by `yaw` (...) rad."""
     return quat_exp(np.multiply.outer(np.asarray(yaw, dtype=np.float64), (0.0, 0.0, 1.0)))
 
 
@@ -259,7 +259,7 @@ class Pose:
 
     @staticmethod
     def exp(twist: ArrayLike) -> Pose:
-        """From (6,): translation in metres, rotation vector in rad, taken apart (not the screw exponential)."""
+        """From (6,): translation in metres, then rotation vector in rad, independently (not the screw exponential)."""
         twist = np.asarray(twist, dtype=np.float64)
         return Pose(twist[:3], quat_exp(twist[3:]))
 
@@ -286,12 +286,12 @@ class Pose:
         return Pose(self.act(other.p), quat_multiply(self.wxyz, other.wxyz))
 
     def distance(self, other: Pose) -> tuple[float, float]:
-        """How far apart two poses in the same frame are: metres, rad."""
+        """Distance between two poses in the same frame: metres, rad."""
         turn = quat_log(quat_multiply(quat_inverse(self.wxyz), other.wxyz))
         return float(np.linalg.norm(self.p - other.p)), float(np.linalg.norm(turn))
 
 
 def level_onto(own: Pose, wanted: Pose) -> Pose:
-    """T_to_from, a turn about z and a shift: it brings one pose to the place of another, and as near its attitude."""
+    """The yaw and translation, as a pose, that bring `own` to the position of `wanted` and nearest to its attitude."""
     turn = quat_about_z(yaw_toward(own.wxyz, wanted.wxyz))
     return Pose(wanted.p - quat_rotate(turn, own.p), turn)

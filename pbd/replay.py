@@ -1,4 +1,4 @@
-"""From a plan to what a replay shows: the one place where the arm's results meet the view's values."""
+"""Converts a plan to the scene of a replay. This is the only place where the arm's results meet the view's values."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from pbd.calibration.success_probability import success_of
 from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.calibration.uncertainty import tool_covariances
-from pbd.data import Keyframe, Samples
+from pbd.data import Samples
 from pbd.planning import Plan, arm_of, scene_of
 from pbd.pose import Array, quat_rotate, quat_to_matrix
-from pbd.view.replay_scene import ReplayKeyframe, ReplayScene, Rod, Touching
+from pbd.view.replay_scene import Contact, ReplayScene, Rod
 from pbd.view.robot_motion import FRAME_RATE_HZ, RobotMotion
 
 if TYPE_CHECKING:
@@ -21,101 +21,91 @@ if TYPE_CHECKING:
 
 
 def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
-    """Collect what a replay shows. The hand's path is drawn where the tool would have been, scaled as the motion is."""
+    """Collect what a replay shows."""
     from pbd.arm.collision.motion_check import object_stays
 
-    (path, demo), arm, T_base_nav, options = plan.tracked, arm_of(plan.robot), plan.T_base_nav, plan.options
-    scale = options.scale * plan.calibration.scale
-    rows = slice(path.stops[0].start, path.stops[-1].stop)
-    p_base_sensor = T_base_nav.act(scale * path.p_nav_sensor[rows])
-    p_sensor_tool = plan.calibration.T_sensor_tool.p
-    lever = quat_rotate(T_base_nav.wxyz, quat_rotate(path.wxyz_nav_sensor[rows], p_sensor_tool))
-    if options.orientation == "fixed":
-        lever = np.broadcast_to(plan.T_base_tool[0].p - T_base_nav.p, p_base_sensor.shape)
-    # What is unsure of the dock or the mount moves all keyframes alike; `pbd keyframes --robot` tells it.
-    placed = KeyframesInBase(plan.keyframes, T_base_nav, plan.calibration, options.scale, path)
-    cov = tool_covariances(placed)["tracking"]
-    told = any(keyframe.tolerance_m is not None for keyframe in plan.keyframes)
-    found = success_of(placed) if told else None
-    inside = np.ones(len(cov)) if found is None else found.of_each
-    likely = found and f"probability that all keyframes are within their tolerances: {found.band}"
-    keyframes = zip(plan.keyframes, plan.trajectory.keyframe_t, plan.T_base_tool, cov, inside, strict=True)
+    (path, demo), arm = plan.tracked, arm_of(plan.robot)
+    placed = KeyframesInBase(plan.keyframes, plan.T_base_nav, plan.calibration, plan.options.scale, path)
+    R = plan.options.scale * plan.calibration.scale * quat_to_matrix(plan.T_base_nav.wxyz)
+    tolerances = [each.tolerance_m for each in plan.keyframes]
+    success = success_of(placed) if any(each is not None for each in tolerances) else None
+    likely = success and f"probability that all keyframes are within their tolerances: {success.band}"
     return ReplayScene(
         title=demo.recording.info.name,
         robot=plan.robot,
         trajectory=plan.trajectory,
         motion=robot_motion(arm, plan.trajectory.sample(FRAME_RATE_HZ)),
-        hand_path_base=p_base_sensor + lever,
-        hand_speed=np.linalg.norm(path.v_nav_sensor[rows], axis=1),
-        keyframes=tuple(
-            ReplayKeyframe(
-                label=keyframe.label,
-                t=float(t),
-                T_base_tool=pose,
-                cov=tracked if keyframe.cov.any() else None,  # one that a person typed has no sigma
-                grip=keyframe.grip,
-                weight=keyframe.weight,
-                tolerance=_allowed(keyframe, scale * quat_to_matrix(T_base_nav.wxyz)),
-                inside=None if keyframe.tolerance_m is None else float(chance),
-            )
-            for keyframe, t, pose, tracked, chance in keyframes
-        ),
-        table_height=plan.calibration.table_height,
+        calibration=plan.calibration,
+        keyframes=plan.keyframes,
+        T_base_tool=plan.T_base_tool,
+        # Errors of the dock and of the mount move all keyframes alike; `pbd keyframes --robot` reports them.
+        cov=tool_covariances(placed)["tracking"],
+        tolerance=np.array([R @ np.diag(np.full(3, np.nan) if m is None else m**2) @ R.T for m in tolerances]),
+        inside=np.ones(len(tolerances)) if success is None else success.of_each,
+        hand_path_base=_hand_path(plan),
+        hand_speed=np.linalg.norm(path.v_nav_sensor[_demonstrated(plan)], axis=1),
         grasped=plan.grasped,
-        phases=object_stays(scene_of(arm, plan.calibration, plan.grasped), plan.trajectory),
-        notes=tuple(note for note in (demo.notes, likely, *warnings) if note),
-        touching=_touching(plan),
-        obstacles=plan.calibration.obstacles,
+        stays=object_stays(scene_of(arm, plan.calibration, plan.grasped), plan.trajectory),
         rod=_rod(arm),
         torque=None if plan.report.torque is None else plan.report.torque.share,
         detours=detours(plan),
+        contacts=_contacts(plan),
+        notes=tuple(note for note in (demo.notes, likely, *warnings) if note),
     )
 
 
-def _allowed(keyframe: Keyframe, R_base_nav: Array) -> Array | None:
-    """The square of a keyframe's tolerance, in base; that of positions alone."""
-    if keyframe.tolerance_m is None:
-        return None
-    allowed: Array = R_base_nav @ np.diag(keyframe.tolerance_m**2) @ R_base_nav.T
-    return allowed
-
-
 def robot_motion(arm: ArmModel, samples: Samples) -> RobotMotion:
-    """Give the whole robot's motion, arm and fingers, at the instants of samples."""
+    """Return the motion of all joints, of arm and fingers, at the times of the samples."""
     q = arm.configurations(np.column_stack((samples.q, samples.gripper)))
     return RobotMotion(arm.full, samples.t, q)
 
 
+def _demonstrated(plan: Plan) -> slice:
+    """The samples of the hand's path from the first stop to the last."""
+    stops = plan.tracked[0].stops
+    return slice(stops[0].start, stops[-1].stop)
+
+
+def _hand_path(plan: Plan) -> Array:
+    """Where the hand would have carried the tool, (n, 3) m in base, scaled as the motion is."""
+    path, rows, T_base_nav = plan.tracked[0], _demonstrated(plan), plan.T_base_nav
+    p_base_sensor = T_base_nav.act(plan.options.scale * plan.calibration.scale * path.p_nav_sensor[rows])
+    if plan.options.orientation == "fixed":
+        return p_base_sensor + (plan.T_base_tool[0].p - T_base_nav.p)
+    p_nav_lever = quat_rotate(path.wxyz_nav_sensor[rows], plan.calibration.T_sensor_tool.p)
+    return p_base_sensor + quat_rotate(T_base_nav.wxyz, p_nav_lever)
+
+
 def detours(plan: Plan) -> tuple[tuple[float, float], ...]:
-    """From when to when the arm goes around something, s: from the keyframe before to the next, or to the end."""
+    """From when to when, s, the arm avoids an obstacle: from a keyframe to the next one, or to the end."""
     from pbd.arm.motion_request import DETOUR
 
     ends = (0.0, *plan.trajectory.keyframe_t.tolist(), plan.trajectory.duration)
-    moves = (*plan.segments, plan.back) if plan.back else plan.segments
+    moves = (*plan.segments, plan.retreat) if plan.retreat else plan.segments
     return tuple((ends[i], ends[i + 1]) for i, move in enumerate(moves) if move.kind == DETOUR)
 
 
 def _rod(arm: ArmModel) -> Rod | None:
-    """The rod that is checked for collisions, where the model has no gripper."""
     from pbd.arm.gripper import tool_on_joint, tool_rod
 
-    checked = tool_rod(arm)
-    if checked is None:
+    body = tool_rod(arm)
+    if body is None:
         return None
     _, T_joint_tool = tool_on_joint(arm)
-    return Rod(T_joint_tool.inverse() @ checked.T_joint_body, *checked.size)
+    return Rod(T_joint_tool.inverse() @ body.T_joint_body, *body.size)
 
 
-def _touching(plan: Plan) -> tuple[Touching, ...]:
+def _contacts(plan: Plan) -> tuple[Contact, ...]:
+    """All contacts; the message of the first one is the plan's, which says what to change."""
     from pbd.arm.collision.motion_check import describe
 
     if plan.touching is None:
         return ()
     first, error = plan.touching.found, plan.touching.error
-    messages = []
+    contacts = []
     for each in plan.touching.hits:
         bodies = (each.hit.first, each.hit.second)
         is_first = each.t == first.t and bodies == (first.hit.first, first.hit.second)
-        words = error.message if is_first else f"t = {each.t:.1f} s: {describe(each.hit)}"
-        messages.append(Touching(bodies, each.t, each.parted_t, words))
-    return tuple(messages)
+        message = error.message if is_first else f"t = {each.t:.1f} s: {describe(each.hit)}"
+        contacts.append(Contact(bodies, each.t, each.parted_t, message))
+    return tuple(contacts)

@@ -1,11 +1,12 @@
 """Time stamps of samples and the count of lost ones, by the device's own clock or by arrival times on the host.
 
-A device's time is accepted while it goes on regularly. After a leap the next sample decides: a device that restarted
-goes on from there; a broken digit (some protocols have no checksum) stands alone and is left out.
+A device's time is accepted while its steps are regular. After a jump the next sample decides. If it continues from the
+new time, the device restarted. If it does not, the jump was a corrupted digit (some protocols have no checksum), and
+that sample is left out.
 
-Arrival times are straightened. USB delivers in bursts and a busy host reads late, but never early. A sample arrives
-after it was taken, with a delay that is smallest on an idle host. So the truth is a line under the arrivals,
-one interval a sample. Where samples are lost, the arrivals that follow stay above that line for good.
+Arrival times are straightened. USB delivers in bursts and a busy host reads late, but no sample arrives before it was
+taken. So the true times lie on a line below the arrivals, one interval per sample. After a lost sample all arrivals
+stay above that line by one interval more.
 """
 
 from __future__ import annotations
@@ -19,53 +20,53 @@ import numpy as np
 from pbd.pose import Array
 
 LOST_SHARE = 0.6
-"""Share of an interval by which the next sample is late where one is lost, at least."""
+"""Least delay of a sample, as a share of the interval, that counts as a lost sample before it."""
 
 LONGEST_BURST_S = 0.5
-"""Longest burst of arrivals, s. A delay that lasts longer is a lost sample."""
+"""Longest burst of arrivals, s. A delay that lasts longer means a lost sample."""
 
 LOSS_RISE_S = 0.1
-"""s after a loss by which the least delay shows all of it."""
+"""Time, s, in which the least delay rises to its full value after a loss."""
 
 BLOCK_SAMPLES = 64
-"""Samples per block; the least delayed one of each supports the line under the arrivals."""
+"""Samples per block. The line below the arrivals is fitted to the least delayed sample of each block."""
 
 FIRST_SPAN_SAMPLES = 128
-"""Samples over which the interval is first estimated: few such spans have a loss in them."""
+"""Largest distance, in samples, of the pairs that give the first estimate of the interval: few of them span a loss."""
 
 MEAN_SAMPLES = 2000
-"""Samples over which a live stamp's interval is averaged."""
+"""Number of samples over which the interval of live stamps is averaged."""
 
 SETTLE_S = 1.0
-"""Time constant, s, with which live stamps follow the remaining delay, which is the error of the interval. It must
-exceed LONGEST_BURST_S, over which the delay is taken, or the stamps would oscillate."""
+"""Time constant, s, with which live stamps correct their remaining delay, the effect of the interval's error. It must
+exceed LONGEST_BURST_S, over which the delay is measured: otherwise the stamps oscillate."""
 
 SHORTEST_STEP_S = 1e-5
-"""Least increase of live stamps, s."""
+"""Smallest step between live stamps, s."""
 
 BELIEVED_STEP_S = 0.1
-"""Largest accepted step of a device's time, s, while its usual step is unknown."""
+"""Largest accepted step of a device's time, s, until its usual step is known."""
 
 BELIEVED_STEPS = 3.0
-"""Largest accepted step of a device's time, in usual steps."""
+"""Largest accepted step of a device's time, as a multiple of the usual step."""
 
-HOST_ROOM_S, HOST_ROOM = 0.02, 0.1
-"""A larger step is accepted if it equals the host's within this time (s) and this share."""
+HOST_TOLERANCE_S, HOST_TOLERANCE = 0.02, 0.1
+"""A larger step is accepted if the host's clock agrees: within this time (s) plus this share of the step."""
 
 SHORTEST_USUAL_STEP = 0.25
-"""Least step of a device's time, as a share of the usual step."""
+"""Smallest accepted step of a device's time, as a share of the usual step."""
 
 USUAL_STEPS = 9
-"""Number of steps whose median is the usual one."""
+"""The usual step is the median of this number of latest steps."""
 
 LONGEST_GAP_S = 10.0
-"""Longest gap, s, in a device's time. A longer leap, or one backwards, is a clock set anew."""
+"""Longest gap, s, in a device's time. A longer jump, or one backwards, means that the clock was reset."""
 
 LONGEST_USUAL_STEP = 1.6
-"""Largest step without a loss, in usual steps."""
+"""Largest step without a lost sample, as a multiple of the median step."""
 
 COUNT_AFTER_S, COUNT_EVERY_S, COUNT_SHARE = 2.0, 1.0, 0.02
-"""Losses are counted from this time on (s), this often (s), and in at most this share of the time."""
+"""The live count of losses: its first time (s), its least period (s), and the share of the time that it may take."""
 
 
 T = TypeVar("T")
@@ -78,17 +79,17 @@ class _Reading(NamedTuple, Generic[T]):
 
 
 class SampleClock(Generic[T]):
-    """Takes samples as they come and tells their times, s since the first. The first sample says whose clock counts.
+    """Gives each sample its time, s since the first. The device's clock is used if the first sample has its time.
 
     Attributes:
-        times: of the samples so far: the device's, or as they arrived on the host, s.
-        doubted: how many samples were left out because of their time.
-        lost: how many samples never came, by the latest count.
-        straightened: (n,) s, arrival times as of the latest count; None by the device's clock.
+        times: s, of the samples so far: the device's times, or the arrival times on the host.
+        doubted: number of samples that were left out because of their time.
+        lost: number of samples that never arrived, by the latest count.
+        straightened: (n,) s, the arrival times as straightened by the latest count; None with a device's clock.
     """
 
     def __init__(self, usual_s: float = 0.0) -> None:
-        """Begin; `usual_s` is the device's interval where it is known already."""
+        """Start; `usual_s` is the device's interval if it is known, else 0."""
         self.times: list[float] = []
         self.doubted = self.lost = 0
         self.straightened: Array | None = None
@@ -107,15 +108,18 @@ class SampleClock(Generic[T]):
         return self._last is not None
 
     def take(self, sample: T, t_device: float | None, arrival: float) -> list[tuple[float, T]]:
-        """Take the next sample, which arrived at `arrival` s on the host's clock; return those whose time is known now.
+        """Add the next sample; return (time, sample) of each sample whose time is now known.
 
-        `t_device` is s on the device's clock; None where it has none.
+        Args:
+            sample: the sample.
+            t_device: s on the device's clock; None if the sample has no time.
+            arrival: s on the host's clock.
         """
         if self._last is None and (self._stamper or t_device is None):
             self._stamper = self._stamper or Stamper()
             self.times.append(arrival)
             return [(self._stamper.stamp(arrival), sample)]
-        if t_device is None:  # its part with the time was lost
+        if t_device is None:  # the packet with its time was lost
             self.doubted += 1
             return []
         self._learn(t_device)
@@ -127,7 +131,7 @@ class SampleClock(Generic[T]):
             self.doubted += doubt is not None
             return [self._accept(now)]
         if now.t_device < last.t_device and self._before is not None and self._follows(self._before, now):
-            self.doubted += 1  # the last one was wrong; what lies before it now has no place
+            self.doubted += 1  # the last time was wrong; this sample would come before it, so it is left out
             return []
         if doubt is None or not self._follows(doubt, now):
             self.doubted += doubt is not None
@@ -139,7 +143,7 @@ class SampleClock(Generic[T]):
         return [self._accept(doubt), self._accept(now)]
 
     def count(self, now_and_then: bool = False) -> None:
-        """Count the lost samples: at once, or only if it is time. The longer a count takes, the rarer they are."""
+        """Count the lost samples; `now_and_then`: only if the next count is due. Slow counts are made less often."""
         begun = time.monotonic()
         span = self.times[-1] - self.times[0] if self.times else 0.0
         if now_and_then and (begun < self._next_count or span < COUNT_AFTER_S):
@@ -164,7 +168,7 @@ class SampleClock(Generic[T]):
         if step <= SHORTEST_USUAL_STEP * self._usual:
             return False
         believed = BELIEVED_STEPS * self._usual or BELIEVED_STEP_S
-        return step <= believed or abs(step - elapsed) < HOST_ROOM_S + HOST_ROOM * elapsed
+        return step <= believed or abs(step - elapsed) < HOST_TOLERANCE_S + HOST_TOLERANCE * elapsed
 
     def _accept(self, now: _Reading[T]) -> tuple[float, T]:
         self._before, self._last, self._doubt = self._last, now, None
@@ -173,13 +177,13 @@ class SampleClock(Generic[T]):
 
 
 class Stamper:
-    """Stamps samples as they arrive, for the screen and the first writing; `straighten` knows better at the end."""
+    """Stamps samples as they arrive, for the screen and the file. At the end `straighten` gives better times."""
 
     def __init__(self) -> None:
         self._arrivals: deque[float] = deque(maxlen=MEAN_SAMPLES + 1)
         self._t = 0.0
         self._behind: deque[tuple[float, float]] = deque()
-        """(arrival, delay) of the last LONGEST_BURST_S, delays rising: the first one is the least."""
+        """(arrival, delay) pairs of the last LONGEST_BURST_S with rising delays, so that the first is the least."""
 
     def stamp(self, arrival: float) -> float:
         """Return the time of the next sample, s since the first, which arrived at `arrival` s on the host's clock."""
@@ -204,9 +208,9 @@ class Stamper:
 
 
 def missing(t: Array) -> int:
-    """How many samples are missing between increasing times (n,) s of a device's own clock.
+    """Count the samples that are missing between increasing times (n,) s of a device's own clock.
 
-    A step that is short by as much as makes a long one long is taken off again: between them a time was wrong.
+    A short step cancels a long one beside it: the time between them was wrong, and nothing is missing.
     """
     steps = np.diff(t)
     if not len(steps):
@@ -216,14 +220,14 @@ def missing(t: Array) -> int:
 
 
 def straighten(arrival: Array) -> tuple[Array, int]:
-    """Times (n,) s from 0 of samples that arrived at (n,) s, even but for lost ones; and how many were lost."""
+    """Convert arrival times (n,) s to evenly spaced times (n,) s from 0 with gaps at losses; also count the losses."""
     n = len(arrival)
     if n < 3:
         return arrival - arrival[:1], 0
     k = np.arange(n, dtype=np.float64)
     interval = _slope(k, arrival, min(n // 2, FIRST_SPAN_SAMPLES))
     lost = np.zeros(n)
-    for _ in range(3):  # the interval is the better for knowing what was lost, and the other way round
+    for _ in range(3):  # a better interval gives a better count of losses, and the reverse
         lost = _lost_before(arrival - k * interval, interval)
         interval = _slope_below(k + lost, arrival)
     t = interval * (k + lost)
@@ -231,10 +235,10 @@ def straighten(arrival: Array) -> tuple[Array, int]:
 
 
 def _lost_before(delay: Array, interval: float) -> Array:
-    """How many samples were lost before each, from delays (n,) s that rise and stay risen: (n,)."""
+    """Count the samples lost before each sample, (n,), from rises of the delays (n,) s that do not fall again."""
     from scipy.ndimage import find_objects, label, minimum_filter1d
 
-    # The least delay of those that follow within a burst. The very last samples have none that could tell.
+    # The least delay within a burst ahead. Too few samples follow the last ones, so these repeat the value before.
     ahead, rise = max(2, round(LONGEST_BURST_S / interval)), max(2, round(LOSS_RISE_S / interval))
     least: Array = minimum_filter1d(delay, ahead, origin=-(ahead // 2), mode="nearest")
     least[-ahead:] = least[-ahead - 1] if len(least) > ahead else least[0]
@@ -250,7 +254,7 @@ def _lost_before(delay: Array, interval: float) -> Array:
 
 
 def _slope_below(k: Array, arrival: Array) -> float:
-    """Slope of the line under the arrivals: through the least delayed sample of each block, robustly."""
+    """Slope of the line below the arrivals: a robust fit to the least delayed sample of each block."""
     slope = _slope(k, arrival, len(k) // 2)
     delay = arrival - slope * k
     rows = [
@@ -260,5 +264,5 @@ def _slope_below(k: Array, arrival: Array) -> float:
 
 
 def _slope(k: Array, arrival: Array, span: int) -> float:
-    """Median slope of pairs that are `span` rows apart (Theil and Sen)."""
+    """Median slope of the pairs that are `span` rows apart, as in Theil and Sen's estimator."""
     return float(np.median((arrival[span:] - arrival[:-span]) / (k[span:] - k[:-span])))

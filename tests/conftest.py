@@ -1,4 +1,4 @@
-"""What all tests share."""
+"""Fixtures and settings of all tests."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from tests.remembered import FUNCTIONS, reading_once, remembering
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """One more than there are cores: every fourth second of the tests is spent waiting for a browser or a port."""
+    """One worker more than cores: a quarter of the time is spent waiting for a browser or a port."""
     return (os.cpu_count() or 1) + 1
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
-    """Tests of a file run in one process, as far as they can: what they share is made once."""
+    """Run the tests of a file in one process where possible, so that their shared fixtures are made once."""
     return WorkStealingScheduling(config, log)
 
 
@@ -39,14 +39,14 @@ settings.load_profile("pbd")
 
 @pytest.fixture
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder, in which a command runs as in a user's own."""
+    """An empty working folder, as a user's own."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 @pytest.fixture
 def remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Track and plan each input once, and read each bundled robot once, for tests of what comes after."""
+    """Cache tracking, planning and bundled robots by input, for tests of what follows them."""
     for module, function in FUNCTIONS:
         monkeypatch.setattr(importlib.import_module(module), function, remembering(module, function))
     monkeypatch.setattr("pbd.files.robot.read_robot", reading_once(read_robot))
@@ -54,7 +54,7 @@ def remembered(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def data_folder() -> Path:
-    """Real recordings with optical truth, which are never copied into the project."""
+    """The folder of real recordings with optical truth. They are not part of the project."""
     folder = Path(os.environ.get("PBD_DATA", Path(__file__).parents[2] / "shared" / "data"))
     if not (folder / "broad").is_dir():
         pytest.skip(

@@ -1,4 +1,4 @@
-"""A folder with files and demonstrations that are each wrong in one way: what tests/test_messages.py tries."""
+"""Makes a folder of files and demonstrations with one fault each, for tests/test_messages.py."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ FILES = {
 
 
 def lay_out(folder: Path) -> None:
-    """Fill a folder."""
+    """Write them into a folder."""
     for name, text in FILES.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text, encoding="utf-8")
@@ -85,7 +85,7 @@ def lay_out(folder: Path) -> None:
 
 
 def spoilt(tea: Recording) -> dict[str, Recording]:
-    """By the name of the demonstration: `tea` with one fault."""
+    """Copies of `tea` with one fault each, by the name of the demonstration."""
     assert tea.gyr is not None
     moving = int(np.argmax(np.linalg.norm(tea.gyr, axis=1)))
     row = np.arange(len(tea))
@@ -102,7 +102,7 @@ def spoilt(tea: Recording) -> dict[str, Recording]:
 
 
 def rows(recording: Recording, kept: NDArray[np.bool_]) -> Recording:
-    """Only some of its samples."""
+    """A copy with some of its samples."""
     channels: dict[str, Any] = {
         name: None if (values := getattr(recording, name)) is None else values[kept]
         for name in ("acc", "gyr", "mag", "device_rpy")

@@ -1,4 +1,4 @@
-"""Whole recordings compared at once: pytest.approx takes one number after the other, a thousand times as long."""
+"""Compares large arrays at once. pytest.approx compares number by number, which takes a thousand times as long."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pbd.pose import Array
 
 
 def assert_near(found: Array, wanted: ArrayLike, within: float) -> None:
-    """As `found == pytest.approx(wanted, abs=within)`: of one shape, or one number for all; NaN is near nothing."""
+    """As `found == pytest.approx(wanted, abs=within)`; `wanted` has the shape of `found`, or is a number. NaN fails."""
     expected: Array = np.asarray(wanted, dtype=np.float64)
     assert expected.shape in ((), found.shape)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=within, equal_nan=False)

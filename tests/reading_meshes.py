@@ -1,4 +1,4 @@
-"""A mesh's triangles as they are read, past the cache."""
+"""Reads a mesh's triangles without the cache."""
 
 from __future__ import annotations
 

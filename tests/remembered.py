@@ -1,4 +1,4 @@
-"""What is tracked and planned is worked out once for each input: for tests of what commands say of it and write."""
+"""Caches the results of tracking and planning by input, for tests of what commands print and write."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ import numpy as np
 from pbd.data import Robot
 
 FUNCTIONS = (("pbd.pipeline", "track_alone"), ("pbd.planning.plan", "plan_keyframes"), ("pbd.planning.plan", "_works"))
-"""Where most of the time goes. Each gives the same for the same arguments (tests/test_same_bytes.py)."""
+"""The functions that take most of the time. Each is deterministic (tests/test_same_bytes.py)."""
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 
 MOST = 60
-"""Answers of each that are kept, so that they take no more than some 100 MB."""
+"""Largest number of cached results per function: they take about 100 MB."""
 
 
 def key(value: object) -> object:
-    """A value as nested tuples, alike where values are alike to the bit; a file counts with its age."""
+    """A value as nested tuples, equal if the values are equal bit by bit; a path includes its modification time."""
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, Path):
@@ -38,7 +38,7 @@ def key(value: object) -> object:
 
 @cache
 def remembering(module: str, function: str) -> Callable[..., Any]:
-    """A function that answers from memory, and warns again, where it was asked the same before."""
+    """A cached version of a function, which repeats the warnings and the exception of the first call."""
     asked: Callable[..., Any] = getattr(importlib.import_module(module), function)
     answers: dict[object, tuple[Any, Exception | None, list[Warning | str]]] = {}
 
@@ -71,7 +71,7 @@ def _bundled(path: Path, read: Callable[..., Robot]) -> Robot:
 
 
 def reading_once(read: Callable[..., Robot]) -> Callable[..., Robot]:
-    """A reader of robots that reads a bundled one once, so that what the planner keeps of an arm serves each test."""
+    """A reader that reads each bundled robot once, so that all tests share the planner's caches of it."""
 
     def read_once(path: Path, *, draft: bool = False) -> Robot:
         return _bundled(path, read) if path.parent == ROBOTS and not draft else read(path, draft=draft)

@@ -1,4 +1,4 @@
-"""Recordings that tests are made of: simulated, with a truth."""
+"""Simulated recordings with ground truth, for tests."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import find_keyframes
 
 uncalibrated = pytest.mark.filterwarnings("ignore:at rest the accelerometer reads:pbd.errors.PbdWarning")
-"""For a sensor as it was sold (wt901): its bias of some 20 mg is told from 30 mg on."""
+"""For the wt901 without calibration: its bias of about 20 mg may exceed 30 mg, which is warned of."""
 
 
 def truth_at(truth: Truth, t: float) -> Array:
-    """The true position (3,) m at an instant."""
+    """The true position (3,) m at time t."""
     return np.array([np.interp(t, truth.t, axis) for axis in truth.p_nav_sensor.T])
 
 
 def keyframes_and_errors(demo: Demonstration) -> tuple[tuple[Keyframe, ...], Array]:
-    """The keyframes of a demonstration and how far each is from the truth, m."""
+    """The keyframes of a demonstration, and the distance of each from the truth, m."""
     keyframes = find_keyframes(track(demo.recording))
     assert demo.truth is not None
     return keyframes, np.array([np.linalg.norm(k.T_nav_sensor.p - truth_at(demo.truth, k.t)) for k in keyframes])
 
 
 def with_rows(recording: Recording, rows: NDArray[np.intp] | slice) -> Recording:
-    """A recording of some of the rows."""
+    """A recording with some of the rows."""
     return replace(
         recording,
         t=recording.t[rows],
@@ -44,7 +44,7 @@ def with_rows(recording: Recording, rows: NDArray[np.intp] | slice) -> Recording
 
 
 def with_hole(recording: Recording, start_s: float, stop_s: float) -> Recording:
-    """A recording whose accelerometer says nothing for a while."""
+    """A recording whose accelerometer reads NaN from start to stop."""
     acc = recording.acc.copy()
     acc[(recording.t >= start_s) & (recording.t < stop_s)] = np.nan
     return replace(recording, acc=acc)
@@ -52,5 +52,5 @@ def with_hole(recording: Recording, start_s: float, stop_s: float) -> Recording:
 
 @cache
 def pour(sensor: str = "modern", seed: int = 0) -> Demonstration:
-    """The everyday task."""
+    """The simulated pouring task."""
     return simulate("pour", sensor, seed)

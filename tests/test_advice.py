@@ -1,4 +1,4 @@
-"""What a refusal advises was tried before, and what is told of a motion is true of it."""
+"""The advice in a refusal has been tried and works, and messages about a motion are true."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_other_options_are_named_where_they_work() -> None:
 
 
 def test_options_that_do_not_work_either_are_not_named() -> None:
-    """A line past the arm's own base, which it can't follow; and one that is barred where a straight move is too."""
+    """The line past the arm's base can't be followed. The other line is blocked, and so is the straight move."""
     past_base = [keyframe(0.0, x=-0.45, y=-0.35, z=0.2), keyframe(1.0, x=-0.45, y=0.35, z=0.2)]
     with pytest.raises(PlanError, match=r"can't follow the straight line .*; move the dock, or use --path keyframes$"):
         plan_keyframes(past_base, dock(), PANDA, PlanOptions(path="line", approach=False, retreat=False))
@@ -36,7 +36,7 @@ def test_options_that_do_not_work_either_are_not_named() -> None:
 
 
 def test_home_is_skipped_where_that_helps() -> None:
-    """A lamp behind the hand at home, which the motion itself doesn't meet."""
+    """The lamp touches the hand at home only."""
     behind = arm_of(PANDA).forward(PANDA.home) @ Pose(np.array([-0.12, 0.0, -0.12]), TURN)
     lamp = Obstacle("the lamp", "sphere", (0.1,), behind)
     with pytest.raises(PlanError, match=r"^home of panda: .*; move the lamp, .*, or skip home \(--no-approach --no-"):
@@ -56,7 +56,7 @@ def test_a_start_at_a_keyframe_in_the_table_is_not_blamed_on_home() -> None:
 
 
 def test_a_motion_that_goes_home_through_something_is_not_said_to_end_before() -> None:
-    """The way back is barred, and so is the line: what is shown is planned without looking, and does go home."""
+    """The line and the way back are both blocked. The motion shown ignores collisions, and does go home."""
     wall = Obstacle("the wall", "box", (0.3, 0.02, 0.6), Pose(np.array([0.5, 0.05, 0.3]), TURN))
     keyframes = [keyframe(0.0), keyframe(1.0, y=0.4)]
     options = PlanOptions(path="line", allow_collision=True)

@@ -22,7 +22,7 @@ FOLDER = (share() / "example-robot-data" / "robots").resolve()
 
 
 def meshes() -> list[Path]:
-    """All that the bundled arms show or are checked by."""
+    """All visual and collision meshes of the bundled arms."""
     robots = [arm_of(name).robot for name in NAMES]
     return sorted(
         {

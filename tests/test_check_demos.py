@@ -1,4 +1,4 @@
-"""Many demonstrations are checked: what is unusable, what differs, whatever does the work."""
+"""`pbd check` and `check_all`: unusable and differing demonstrations, and other backends of joblib."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pbd import check_all
-from pbd.check_demos import DemoCheck, _compared
+from pbd.check_demos import DemoCheck, compare_siblings
 from pbd.cli import main
 from pbd.files.demo import write_demo
 from pbd.pose import quat_about_z, quat_rotate
@@ -21,7 +21,7 @@ from tests.cli.running import Capture, run, run_json
 
 @pytest.fixture
 def takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Two sound takes, and one whose samples are gone."""
+    """Two valid takes, and one without samples."""
     monkeypatch.chdir(tmp_path)
     write_demo(simulate("pick-and-place-stops", "modern", 0), Path("demos/tea1"))
     shutil.copytree("demos/tea1", "demos/tea2")
@@ -58,25 +58,25 @@ def sibling(name: str, off_m: float) -> DemoCheck:
 
 
 def test_one_that_differs_from_its_siblings_is_named() -> None:
-    """Their scatter and its own sigma say how far is too far; of three nobody can say which one is off."""
+    """Their scatter and its own sigma give the bound. With three demonstrations none is named."""
     offs = (0.0, 0.002, -0.002, 0.003, 0.05)
-    checks = _compared([sibling(str(off), off) for off in offs])
+    checks = compare_siblings([sibling(str(off), off) for off in offs])
     assert [bool(check.differs) for check in checks] == [False, False, False, False, True]
     assert checks[-1].differs == ("keyframe 1 is 5 cm from where the 4 like it have theirs",)
-    assert not any(check.differs for check in _compared([sibling(str(off), off) for off in offs[2:]]))
+    assert not any(check.differs for check in compare_siblings([sibling(str(off), off) for off in offs[2:]]))
     other = replace(sibling("grips", 0.05), grips=((1, True),))
-    assert not _compared([*(sibling(str(off), off) for off in offs[:4]), other])[-1].differs
+    assert not compare_siblings([*(sibling(str(off), off) for off in offs[:4]), other])[-1].differs
 
 
 def test_one_whose_sensor_was_turned_in_the_hand_is_told_in_one_line() -> None:
     way = 0.1 * np.random.default_rng(0).normal(size=(5, 3)) * (np.arange(5) > 0)[:, None]
     ways = [quat_rotate(quat_about_z(np.radians(turn)), way) for turn in (0.0, 0.2, 90.0, 0.1, 180.0, -0.2)]
-    found = _compared([DemoCheck(f"tea{k}", p_dock_sensor=p, sigma_m=0.002) for k, p in enumerate(ways)])
+    found = compare_siblings([DemoCheck(f"tea{k}", p_dock_sensor=p, sigma_m=0.002) for k, p in enumerate(ways)])
     told = [check.differs for check in found]
     turned = "the sensor is turned by {}° about the vertical against the 5 like it"
     assert told == [(), (), (turned.format(90),), (), (turned.format(180),), ()]
     up = [replace(check, p_dock_sensor=0.1 * np.array(check.p_dock_sensor), differs=()) for check in found]
-    assert not any("turned" in words for check in _compared(up) for words in check.differs)
+    assert not any("turned" in words for check in compare_siblings(up) for words in check.differs)
 
 
 @pytest.mark.filterwarnings("default")  # of Dask's own
@@ -89,8 +89,3 @@ def test_a_local_dask_cluster_does_the_same(takes: list[str]) -> None:
         there = check_all(folders)
     assert [check.why for check in there] == [check.why for check in check_all(folders)]
     assert there[0].sigma_m == check_all(folders[:1])[0].sigma_m
-
-
-def test_a_single_name_is_no_list_of_letters() -> None:
-    with pytest.raises(TypeError, match=r"check_all\(\['pouring'\]\)"):
-        check_all("pouring")

@@ -1,4 +1,4 @@
-"""The command line as a user meets it: what is printed where, exit codes, and the JSON that other things rely on."""
+"""The command line: output streams, exit codes, and the JSON that other programs rely on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the options of motion do on the command line, and what is said where a motion can't be."""
+"""The motion options of the command line, and the messages when no motion is possible."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.arm.conftest import PANDA as PANDA_TOML
+from tests.arm.bundled import FOLDER
 from tests.cli.running import Capture, refused, run, run_json
 
 pytestmark = pytest.mark.usefixtures("elsewhere", "remembered")
@@ -105,7 +105,7 @@ name:
 
 
 def test_joint_states_are_read_as_they_come(capsys: Capture, elsewhere: Path) -> None:
-    """With the fingers, in any order, in rad whatever --units says; as JSON, or as `ros2 topic echo` prints it."""
+    """With finger joints, in any order, in rad whatever --units says; as JSON or as `ros2 topic echo` prints it."""
     q = [0.1, -0.5, 0.1, -2.0, 0.1, 1.5, 0.5]
     names = [f"panda_joint{i + 1}" for i in range(7)]
     message = {
@@ -134,7 +134,7 @@ def test_units_say_in_what_the_joints_are(capsys: Capture, named: bool) -> None:
 
 
 def test_a_table_in_degrees_does_not_turn_what_was_given_in_rad(capsys: Capture) -> None:
-    """`pbd keyframes` prints degrees unless it is asked for others; a start is in rad unless it is."""
+    """`pbd keyframes` prints degrees by default, but --from is in rad by default."""
     q = [0.1, -0.5, 0.1, -2.0, 0.1, 1.5, 0.5]
     command = ("keyframes", "paper-test2", *PANDA)
     rad = run_json(capsys, *command, "--from", json.dumps(q))
@@ -146,7 +146,7 @@ def test_a_table_in_degrees_does_not_turn_what_was_given_in_rad(capsys: Capture)
 
 
 def start_of(capsys: Capture, given: str, *options: str) -> list[float]:
-    """Where the exported motion begins."""
+    """The first joints of the exported motion."""
     run_json(capsys, "export", "paper-test2", *PANDA, "--from", given, *options, "--format", "npz", "-o", "out.npz")
     with np.load("out.npz", allow_pickle=False) as file:
         start: list[float] = file["q"][0].tolist()
@@ -154,35 +154,16 @@ def start_of(capsys: Capture, given: str, *options: str) -> list[float]:
 
 
 @pytest.mark.parametrize(
-    ("given", "code", "message"),
+    ("given", "message"),
     [
-        ("[1, 2]", 1, "pbd: --from: needs 7 numbers, in rad, for panda_joint1, panda_joint2, "),
-        ('[0, 0, 0, "a", 0, 0, 0]', 1, "pbd: --from: needs 7 numbers, in rad, for panda_joint1"),
-        ("[1, 2", 1, "pbd: --from: not JSON ("),
-        ('{"panda_joint1": 0.0}', 1, "pbd: --from: lacks panda_joint2, panda_joint3, "),
-        ('{"name": ["panda_joint1"], "position": []}', 1, "pbd: --from: name and position must be lists of one length"),
-        ('{"name": ["panda_joint1"], "position": [0.1]}', 1, "pbd: --from: lacks panda_joint2, panda_joint3, "),
-        (f"[{'9' * 400}, 0, 0, -2, 0, 1, 0]", 1, "pbd: --from: needs 7 numbers"),
-        (f"[{'9' * 5000}]", 1, "pbd: --from: not JSON ("),
-        ("[" * 100_000, 1, "pbd: --from: not JSON ("),
-        ("nowhere.json", 1, "pbd: --from nowhere.json: can't be read ("),
-        ("[0, 0, 0, 2.0, 0, 1, 0]", 3, "pbd: the start has panda_joint4 at 2 rad, outside its limits of -3.072 to "),
-        ("[0, 0, 0, NaN, 0, 1, 0]", 1, "pbd: --from: needs 7 numbers"),
+        (f"[{'9' * 400}, 0, 0, -2, 0, 1, 0]", "pbd: --from: needs 7 numbers"),
+        (f"[{'9' * 5000}]", "pbd: --from: not JSON ("),
+        ("[" * 100_000, "pbd: --from: not JSON ("),
     ],
 )
-def test_a_start_that_can_not_be(capsys: Capture, given: str, code: int, message: str) -> None:
-    line = refused(capsys, code, "replay", "pouring", *PANDA, "--from", given)
+def test_a_start_that_no_parser_can_take(capsys: Capture, given: str, message: str) -> None:
+    line = refused(capsys, 1, "replay", "pouring", *PANDA, "--from", given)
     assert line.startswith(message)
-
-
-@pytest.mark.parametrize("command", [("replay", "--html", "out.html"), ("export", "--format", "csv", "-o", "out")])
-def test_a_collision_is_refused(capsys: Capture, elsewhere: Path, command: tuple[str, ...]) -> None:
-    (elsewhere / "c.toml").write_text(OBSTACLE)
-    line = refused(capsys, 3, *command[:1], "pouring", *command[1:], *PANDA, "--calibration", "c.toml")
-    assert "would touch the shelf, " in line
-    assert " deep" in line
-    assert line.endswith("; move the dock or the obstacle, or view the motion with --allow-collision")
-    assert not [*elsewhere.glob("out*")]
 
 
 def test_a_collision_that_is_allowed_is_shown_marked_and_never_exported(capsys: Capture, elsewhere: Path) -> None:
@@ -209,7 +190,7 @@ def test_a_home_in_collision_is_refused(capsys: Capture, elsewhere: Path) -> Non
 
 
 def test_a_line_is_followed_where_something_bars_the_way_back_alone(capsys: Capture, elsewhere: Path) -> None:
-    """Simulated. What it holds would sweep through the post on its way home: that is told, and the lines are kept."""
+    """The held object would touch the post only on the way home. The moves stay lines; a warning names the detour."""
     (elsewhere / "c.toml").write_text(POST)
     run(capsys, "simulate", "pick-and-place-stops", "s")
     line = ("replay", "s", "--robot", "ur5", "--calibration", "c.toml", "--path", "line")
@@ -228,7 +209,9 @@ def test_a_line_is_followed_where_something_bars_the_way_back_alone(capsys: Capt
 def test_a_home_in_collision_with_the_arm_itself(capsys: Capture, elsewhere: Path) -> None:
     (elsewhere / "robots").mkdir()
     text = re.sub(
-        r"(?m)^home.*$", "home = [0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0]", PANDA_TOML.read_text(encoding="utf-8")
+        r"(?m)^home.*$",
+        "home = [0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0]",
+        (FOLDER / "panda.toml").read_text(encoding="utf-8"),
     )
     (elsewhere / "robots" / "mine.toml").write_text(text)
     line = refused(capsys, 3, "replay", "pouring", "--robot", "mine")
@@ -237,11 +220,11 @@ def test_a_home_in_collision_with_the_arm_itself(capsys: Capture, elsewhere: Pat
 
 
 def test_what_stands_in_the_table_is_told(capsys: Capture, elsewhere: Path) -> None:
-    """A table up to the shoulder: links that are in it however the arm stands aren't watched there."""
+    """A table up to the shoulder: links that are always inside it are not checked against it."""
     (elsewhere / "c.toml").write_text(LOW_DOCK.replace("0.2\n", "0.05\n").replace("0.1]", "0.3]"))
     result = run_json(capsys, "replay", "paper-test2", "--robot", "ur5", "--calibration", "c.toml")
     (told,) = result["warnings"]
-    assert told.startswith("always touches the table, so not checked against it: shoulder_link")
+    assert told.startswith("not checked against the table, since it nearly always touches it: shoulder_link")
     assert told.endswith("; if that is wrong, correct table_height in the calibration")
 
 

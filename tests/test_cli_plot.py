@@ -1,4 +1,4 @@
-"""`pbd plot` as a user meets it: files, messages, JSON."""
+"""`pbd plot`: its files, messages and JSON."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("elsewhere", "remembered")
 
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One figure is enough, where it is not about the figures."""
+    """Draw one figure only, for tests that are not about the figures."""
     monkeypatch.setattr(figures, "FIGURES", {"position": figures.FIGURES["position"]})
     monkeypatch.setattr(compare_figures, "COMPARISONS", {"paths": compare_figures.COMPARISONS["paths"]})
 
@@ -109,17 +109,9 @@ def test_comparison_as_csv(capsys: Capture) -> None:
     assert list(csv.DictReader(out.splitlines()))[1]["spread x (cm)"] == ""  # of one alone nothing is known
 
 
-def test_the_table_of_one_is_wrong_usage(capsys: Capture, elsewhere: Path) -> None:
-    code, out, err = run(capsys, "plot", "pouring", "--csv")
-    assert (code, out) == (2, "")
-    assert "name two or more" in err
-    assert err.count("\n") == 1
-    assert not (elsewhere / "plots").exists()
-
-
 @pytest.mark.usefixtures("few")
 def test_what_cannot_be_known_is_drawn_all_the_same(capsys: Capture, elsewhere: Path) -> None:
-    """A person who claims what isn't so must see why."""
+    """A demonstration whose known places contradict it is drawn without them, so that the user sees why."""
     main(["simulate", "pick-and-place-stops", "tea", "--seed", "1"])  # it ends 15 cm away
     toml = elsewhere / "demos" / "tea" / "demo.toml"
     toml.write_text("closed = true\n" + toml.read_text().replace("closed = false\n", "", 1))
@@ -147,12 +139,6 @@ def test_what_goes_wrong_is_one_line(capsys: Capture, elsewhere: Path) -> None:
         assert not (elsewhere / "plots").exists()
 
 
-def test_an_unknown_format_is_wrong_usage() -> None:
-    with pytest.raises(SystemExit) as left:
-        main(["plot", "--format", "bmp"])
-    assert left.value.code == 2
-
-
 @pytest.mark.usefixtures("few")
 def test_a_name_leads_nowhere_else(capsys: Capture, elsewhere: Path) -> None:
     main(["simulate", "pour", "tea"])
@@ -161,10 +147,3 @@ def test_a_name_leads_nowhere_else(capsys: Capture, elsewhere: Path) -> None:
     run_json(capsys, "plot", "tea")
     assert sorted(path.name for path in elsewhere.iterdir()) == ["demos", "plots"]
     assert [path.name for path in (elsewhere / "plots").iterdir()] == ["tea"]
-
-
-def test_help_has_an_example(capsys: Capture) -> None:
-    with pytest.raises(SystemExit) as left:
-        main(["plot", "--help"])
-    assert left.value.code == 0
-    assert "example:\n  pbd plot" in capsys.readouterr().out

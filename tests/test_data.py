@@ -1,4 +1,4 @@
-"""The frozen values: frozen for real, refused where they are not well formed, trajectories against numpy's own."""
+"""The data classes: read-only arrays, refused shapes, repr; trajectories against numpy's polynomials."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def test_what_a_device_lacks_is_none() -> None:
 
 
 def test_the_rate_is_that_of_the_median_interval() -> None:
-    """A gap doesn't change it."""
+    """A gap does not change the rate."""
     assert Recording(t=np.array([0.0, 0.01, 0.02, 5.0]), acc=np.zeros((4, 3))).rate_hz == pytest.approx(100.0)
 
 
@@ -156,7 +156,7 @@ def test_residuals_are_frozen_too() -> None:
 
 
 def trajectory(seed: int, durations: list[float]) -> JointTrajectory:
-    """Pieces that don't even join: nothing but the polynomials is taken for granted."""
+    """A trajectory of random pieces that do not join: only the polynomials are tested."""
     rng = np.random.default_rng(seed)
     return JointTrajectory(
         joint_names=("a", "b"),
@@ -197,6 +197,11 @@ def test_the_ends_are_held(motion: JointTrajectory, beyond: float) -> None:
     assert_array_equal((before.qd, before.qdd), 0.0)
 
 
+def test_a_single_instant_gives_one_row() -> None:
+    motion = trajectory(0, [1.0])
+    assert_array_equal(motion.at(0.5).q, motion.at(np.array([0.5])).q)
+
+
 def test_the_gripper_goes_straight_and_is_held() -> None:
     samples = trajectory(0, [1.0]).at(np.array([-1.0, 0.0, 0.2, 0.25, 0.3, 0.4, 1.0, 9.0]))
     assert_allclose(samples.gripper, [1.0, 1.0, 1.0, 0.75, 0.5, 0.0, 0.0, 0.0])
@@ -224,7 +229,7 @@ def test_a_trajectory_is_at_hand_at_1_khz() -> None:
 @pytest.mark.parametrize("name", VALUES)
 @pytest.mark.parametrize("spoilt", [False, True])
 def test_a_value_says_what_it_is_in_one_short_line(name: str, spoilt: bool) -> None:
-    """Arrays of any length and of NaN, too: a debugger prints a value whatever is in it."""
+    """Also with long arrays and with NaN: a debugger prints any value."""
     make, shapes = VALUES[name]
     filler = np.full if spoilt else (lambda shape, _: np.arange(np.prod(shape), dtype=float).reshape(shape))
     said = repr(make(**{array: filler(shape, np.nan) for array, shape in shapes.items()}))

@@ -1,4 +1,4 @@
-"""What the documentation says is so: its Python runs, its links lead somewhere, its commands exist."""
+"""The documentation is true: its Python runs, its links and commands exist, its figures agree."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def blocks(page: Path, language: str) -> list[str]:
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.stem)
 @pytest.mark.usefixtures("remembered")
 def test_the_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One after the other, as a reader would."""
+    """The blocks of a page run in order and share their names."""
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     for number, block in enumerate(blocks(page, "python"), start=1):
@@ -38,7 +38,7 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_commands_are_ones_that_there_are(page: Path) -> None:
-    """Each `pbd ...` line of a shell block is understood; whether its files exist is another matter."""
+    """Each `pbd ...` line of a shell block is parsed; its files need not exist."""
     for block in blocks(page, "sh"):
         for line in block.splitlines():
             words = shlex.split(line, comments=True)
@@ -47,7 +47,7 @@ def test_commands_are_ones_that_there_are(page: Path) -> None:
 
 
 def test_what_is_installed_is_ours() -> None:
-    """The name `pbd` on the index is somebody else's: nothing tells to install or look up that."""
+    """The name `pbd` on the package index belongs to somebody else, so nothing may tell to install or look up that."""
     assert tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["name"] == "pbd-robot"
     wrong = re.compile(r"""pip3? install [^\n`]*\bpbd\b(?!-robot)|\bpbd\[|(?:version|files|metadata)\(["']pbd["']\)""")
     named = ("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "Makefile", ".ci/run")
@@ -56,13 +56,13 @@ def test_what_is_installed_is_ours() -> None:
 
 
 def benchmark_rows() -> list[tuple[str, str, str]]:
-    """What is measured, its figures, and the page that has them, of the rows in the README's table that name one."""
+    """(what is measured, its figures, the page with details) of each row of the README's table of benchmarks."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     return re.findall(r"^\| ([^|]+) \| ([^|]+) \| `\w+\.py`[^|]* \| \[\w+\]\(([^)]+)\) \|$", text, re.MULTILINE)
 
 
 def test_the_benchmarks_figures_are_in_one_place() -> None:
-    """The README's are those of the page that it names, rounded; times are looked for among times."""
+    """Each figure of the README is on the page that it names, up to rounding; times are compared with times."""
     number, of_time = r"(?<![\w.])(\d+(?:\.\d+)?)(?![\w.]*\d)", r"(?=(?: to [\d.]+)? m?s\b)"
     rows = benchmark_rows()
     assert len(rows) > 4

@@ -30,7 +30,7 @@ PROGRAMS = {"ur5": "rtde_control", "panda": "franky", "xarm7": "xarm.wrapper"}
 
 
 class Stand:
-    """What an arm was told."""
+    """An arm that records the commands it gets."""
 
     def __init__(self, q: Array) -> None:
         self.q, self.told = q, list[Any]()
@@ -178,7 +178,7 @@ def test_an_arm_that_stands_elsewhere_is_not_moved(
 
 
 def test_ros_2_is_sent_the_arms_goal_and_the_fingers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The messages' fields are rosbags' word, from ROS 2's own definitions."""
+    """The messages' fields are checked against ROS 2's definitions, from rosbags."""
     plan, robot, source = planned("panda")
     monkeypatch.chdir(tmp_path)
     export(plan.trajectory, robot, "ros2-json", Path("pouring.json"), source=source)

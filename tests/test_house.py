@@ -1,4 +1,4 @@
-"""The house keeps its order: who may import whom, what is heavy, how long a file and how full a folder is."""
+"""The structure of the package: layers of imports, heavy imports, length of files, size of folders."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RUNGS = (
     ("pipeline", "fusion", "planning", "plots", "record", "replay", "check_demos", "driving"),
     ("cli", "__main__"),
 )
-"""A file imports only from lower rungs, from its own folder, and, but for the third rung, from its own rung."""
+"""A file imports only from lower rungs, from its own folder and, except in the third rung, from its own rung."""
 
 SEPARATE = ("sensors", "simulation", "tracking", "calibration", "arm", "audit", "files", "view")
 HEAVY = {"pinocchio", "ruckig", "meshcat", "matplotlib", "serial", "filterpy", "scipy"}
@@ -30,7 +30,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
 def imports(path: Path) -> list[tuple[str, bool]]:
-    """All modules that a file imports, and whether at its top level outside `if TYPE_CHECKING`."""
+    """(module, at top level) of each import in a file; one below `if TYPE_CHECKING` is not at top level."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     top = {id(node) for node in tree.body}
     found = []
@@ -56,7 +56,7 @@ def all_imports() -> dict[str, list[tuple[str, bool]]]:
 
 
 def part(module: str) -> str:
-    """The folder or file at the top of the package that a module is in."""
+    """The part of the package, a top-level folder or file, that a module belongs to."""
     return module.split(".")[1] if "." in module else ""
 
 
@@ -90,7 +90,7 @@ def test_a_file_reads_in_one_sitting_and_a_folder_at_a_glance() -> None:
 
 
 def test_nothing_heavy_is_loaded_early() -> None:
-    """Nor numpy, for the help."""
+    """The help does not load numpy either."""
     for statement, heavy in (
         ("import pbd.cli; pbd.cli.parser()", HEAVY | {"numpy"}),
         ("import pbd; pbd.track; pbd.load_robot", HEAVY),

@@ -1,4 +1,4 @@
-"""What is said of bad input, word for word: a change of words is seen in messages.txt.
+"""Messages about bad input, word for word: any change of them shows in messages.txt.
 
 messages.txt holds commands ("$ pbd ...") and under each its exit code and what it says on stderr, with # for a number
 that has a decimal point. To try another command, write its line there. To write the file anew, once a change of words
@@ -26,20 +26,27 @@ FILE = Path(__file__).with_name("messages.txt")
 PROMPT = "$ pbd "
 
 
+def files() -> dict[Path, int]:
+    """All files below the working folder, with their modification times, ns."""
+    return {path: path.stat().st_mtime_ns for path in Path().rglob("*") if path.is_file()}
+
+
 def said(command: str) -> str:
-    """Run a command; return its exit code, then the lines on stderr."""
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as err:
+    """Run a command; return its exit code, then the lines on stderr. One that fails prints and changes nothing."""
+    before = files()
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
         try:
             code = main(shlex.split(command))
         except SystemExit as left:
             code = int(left.code or 0)
-    lines = err.getvalue().replace(f"{Path.cwd()}/", "")
+    assert code == 0 or (out.getvalue() == "" and files() == before)
+    lines = err.getvalue().replace(f"{Path.cwd()}/", "").replace(f"{FILE.parents[1]}/", "")
     lines = re.sub(r"plugged in are: .*?\)", "plugged in are: ...)", lines)  # as the machine has them
     return f"{code}\n" + re.sub(r"-?\d+\.\d+", "#", lines)
 
 
 def written() -> dict[str, str]:
-    """What the file says, by command."""
+    """The expected exit code and lines on stderr, by command."""
     blocks = FILE.read_text(encoding="utf-8").split(PROMPT)[1:]
     return {command: told.rstrip("\n") for command, _, told in (block.partition("\n") for block in blocks)}
 
@@ -61,7 +68,7 @@ def test_it_says_what_is_written(bench: Path, monkeypatch: pytest.MonkeyPatch, c
 
 
 def write_anew() -> None:
-    """Run every command of the file, and write what it says now."""
+    """Run every command of the file, and write the file with the present messages."""
     with tempfile.TemporaryDirectory() as folder:
         lay_out(Path(folder))
         os.chdir(folder)

@@ -1,11 +1,10 @@
-"""Plans as a whole: paths, times, starts, ends, what is refused and what is told."""
+"""Plans: paths, times, starts, ends, refusals and warnings."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -21,12 +20,16 @@ from pbd.audit.contact import Pair, Touch, find_touch
 from pbd.data import Calibration, Demonstration, HandPath, JointTrajectory, Keyframe, Obstacle, Robot, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
+from pbd.files.demo import load_demo
 from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes
 from pbd.planning.preconditions import check_certainty
 from pbd.pose import Array, Pose, quat_exp
 from pbd.tracking.keyframes import find_keyframes
+from tests.arm.bundled import keyframes_of, path_of
+from tests.remembered import remembering
 
 PANDA, UR5 = pbd.load_robot("panda"), pbd.load_robot("ur5")
+plan_once = remembering("pbd.planning.plan", "plan_keyframes")
 TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -35,27 +38,17 @@ def dock() -> Calibration:
     return PANDA.dock
 
 
-@cache
 def tracked(name: str) -> tuple[Demonstration, HandPath, tuple[Keyframe, ...]]:
-    demo = pbd.load_demo(name)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what tracking tells is not the plan's
-        path = pbd.track(demo.recording, "default", demo.known)
-    return demo, path, find_keyframes(path)
+    return load_demo(name), path_of(name), keyframes_of(name)
 
 
 def planned(
     name: str = "paper-test1", robot: Robot = PANDA, calibration: Calibration | None = None, **options: object
 ) -> Plan:
     demo, path, keyframes = tracked(name)
-    return plan_keyframes(
-        keyframes,
-        calibration or robot.dock or dock(),
-        robot,
-        PlanOptions(**options),  # type: ignore[arg-type]
-        path,
-        demo.grasped,
-    )
+    asked = PlanOptions(**options)  # type: ignore[arg-type]
+    plan: Plan = plan_once(keyframes, calibration or robot.dock or dock(), robot, asked, path, demo.grasped)
+    return plan
 
 
 def keyframe(
@@ -65,7 +58,7 @@ def keyframe(
 
 
 def moving(plan: Plan) -> Array:
-    """Joints (n, k) at 1 kHz between the first keyframe and the last."""
+    """Return joints (n, k) at 1 kHz between the first keyframe and the last."""
     samples, t = plan.trajectory, plan.trajectory.keyframe_t
     inside: Array = samples.q[(samples.t >= t[0]) & (samples.t <= t[-1])]
     return inside
@@ -75,7 +68,7 @@ def moving(plan: Plan) -> Array:
 
 
 @pytest.mark.parametrize("robot", [PANDA, pbd.load_robot("ur5")], ids=["panda", "ur5"])
-def test_lines_are_lines_to_the_tenth_of_a_millimetre(robot: Robot) -> None:
+def test_lines_are_straight_to_a_tenth_of_a_millimetre(robot: Robot) -> None:
     plan = planned(robot=robot, path="line")
     assert [way.kind for way in plan.segments] == [STRAIGHT, *4 * [LINE]]
     arm, samples, reached = arm_of(robot), plan.trajectory, plan.trajectory.keyframe_t
@@ -86,7 +79,7 @@ def test_lines_are_lines_to_the_tenth_of_a_millimetre(robot: Robot) -> None:
 
 @pytest.mark.parametrize("robot", [PANDA, pbd.load_robot("ur5")], ids=["panda", "ur5"])
 def test_the_demonstrated_path_is_where_the_hand_was(robot: Robot) -> None:
-    """Each place of the tool is within the smoothing (5 mm at most) of a place of the tracked hand."""
+    """Each position of the tool is within the smoothing, 5 mm at most, of the tracked hand's path."""
     plan = planned("paper-test1", robot, path="demo")
     _, path, _ = tracked("paper-test1")
     assert robot.dock is not None
@@ -99,7 +92,7 @@ def test_the_demonstrated_path_is_where_the_hand_was(robot: Robot) -> None:
 
 
 def on_a_circle(move_s: float, turn: float, radius: float, axes: tuple[int, int]) -> HandPath:
-    """A hand that turns once about a place beside it, from rest to rest, with a second of rest at both ends."""
+    """Return a hand that moves on a circle by an angle `turn`, from rest to rest, with 1 s of rest at both ends."""
     t = np.arange(0.0, move_s + 2.0, 0.01)
     share = np.clip((t - 1.0) / move_s, 0.0, 1.0)
     angle = turn * (10 * share**3 - 15 * share**4 + 6 * share**5)
@@ -113,7 +106,7 @@ def on_a_circle(move_s: float, turn: float, radius: float, axes: tuple[int, int]
 
 
 def test_a_demonstration_without_stops_on_the_way_is_followed() -> None:
-    """Half a circle of 20 cm in one move: keyframes alone would be a line."""
+    """Half a circle of 20 cm in one move; with keyframes alone it would be a straight move."""
     path = on_a_circle(2.0, np.pi, 0.1, (1, 2))
     plan = plan_keyframes(find_keyframes(path), dock(), PANDA, PlanOptions(path="demo"), path)
     tool, _ = arm_of(PANDA).forward_many(moving(plan)[::20])
@@ -123,7 +116,7 @@ def test_a_demonstration_without_stops_on_the_way_is_followed() -> None:
 
 
 def test_a_hand_that_comes_back_to_where_it_began_is_followed() -> None:
-    """A circle: its two keyframes are one, and only the hand's path says what is between."""
+    """A circle: its two keyframes coincide, and only the hand's path gives the motion."""
     path = on_a_circle(3.0, 2.0 * np.pi, 0.06, (0, 1))
     plan = plan_keyframes(find_keyframes(path), dock(), PANDA, PlanOptions(path="demo"), path)
     tool, _ = arm_of(PANDA).forward_many(moving(plan)[::20])
@@ -134,7 +127,7 @@ def test_a_hand_that_comes_back_to_where_it_began_is_followed() -> None:
         plan_keyframes(find_keyframes(path), dock(), PANDA, None, path)
 
 
-def test_a_tolerance_makes_lines_of_what_leaves_them_too_far() -> None:
+def test_a_tolerance_makes_lines_of_moves_beyond_it() -> None:
     free, kept = planned("pouring"), planned("pouring", tolerance_m=0.01)
     off = [way.off_line_m for way in free.segments]
     assert max(off) > 0.02
@@ -165,7 +158,7 @@ def test_the_hands_own_time_is_kept_where_the_limits_allow_it(path: str) -> None
 
 
 @pytest.mark.parametrize("path", ["keyframes", "line", "demo"])
-def test_it_is_stretched_where_not_and_said_where_and_by_how_much(path: str) -> None:
+def test_moves_beyond_the_limits_are_stretched_with_a_warning(path: str) -> None:
     with pytest.warns(
         PbdWarning, match="moves are slower than the hand's, to keep the joint limits: to keyframe"
     ) as caught:
@@ -262,7 +255,7 @@ def test_a_home_in_collision() -> None:
 
 
 def low() -> tuple[list[Keyframe], Calibration]:
-    """Two keyframes below the table's top, and a dock for them."""
+    """Return three keyframes, the second below the table's top, and a dock for them."""
     bench = replace(dock(), T_base_dock=Pose(np.array([0.45, -0.15, 0.1]), TURN))
     return [keyframe(0.0), keyframe(1.0, x=0.1, z=-0.12), keyframe(2.0, x=0.1)], bench
 
@@ -273,11 +266,10 @@ def test_a_plan_that_touches_something_is_refused_unless_that_is_allowed() -> No
     ) as caught:
         plan_keyframes(*low(), PANDA)
     assert caught.value.exit_code == 3
-    assert plan_keyframes(*low(), PANDA, PlanOptions(allow_collision=True)).touching is not None
     assert planned(allow_collision=True).touching is None
 
 
-def test_what_touches_is_told_with_both_bodies_how_deep_and_when() -> None:
+def test_a_contact_has_both_bodies_its_depth_and_its_time() -> None:
     plan = plan_keyframes(*low(), PANDA, PlanOptions(allow_collision=True))
     touching, t = plan.touching, plan.trajectory.keyframe_t
     assert touching is not None
@@ -287,16 +279,19 @@ def test_what_touches_is_told_with_both_bodies_how_deep_and_when() -> None:
     assert 0.015 < touching.found.hit.depth < 0.05
 
 
-def test_a_trajectory_alone_can_not_say_that_it_touches_something() -> None:
+def test_plan_refuses_a_contact_even_if_it_is_allowed() -> None:
     wall = Obstacle("the wall", "box", (0.02, 1.0, 1.0), Pose(np.array([0.5, 0.0, 0.5]), TURN))
     with pytest.raises(PlanError, match="would touch the wall"):
         pbd.plan(
-            tracked("paper-test1")[1], replace(dock(), obstacles=(wall,)), PANDA, PlanOptions(allow_collision=True)
+            tracked("paper-test1")[1],
+            replace(dock(), obstacles=(wall,)),
+            PANDA,
+            PlanOptions(allow_collision=True, detour=False),
         )
 
 
-def test_an_obstacle_is_gone_round_by_the_hands_own_path() -> None:
-    """A hand that went over a wall: the arm does too, where straight moves would go through it."""
+def test_the_hands_path_avoids_an_obstacle() -> None:
+    """The hand moves over a wall, and so does the arm, since straight moves would touch it."""
     t = np.arange(0.0, 4.0, 0.01)
     share = np.clip((t - 1.0) / 2.0, 0.0, 1.0)
     angle = np.pi * (10 * share**3 - 15 * share**4 + 6 * share**5)
@@ -313,12 +308,12 @@ def test_an_obstacle_is_gone_round_by_the_hands_own_path() -> None:
     assert plan.segments[1].avoided is not None
     assert plan.segments[1].avoided.second == "the wall"
     with pytest.warns(PbdWarning, match="out of its way: to keyframe 1 it will turn 98 degrees instead of 0"):
-        unknown = plan_keyframes(keyframes, bench, PANDA, replace(alone, detour=False))  # how the hand went isn't known
+        unknown = plan_keyframes(keyframes, bench, PANDA, replace(alone, detour=False))  # the hand's path is unknown
     assert unknown.segments[1].kind == STRAIGHT
 
 
-def test_where_a_curve_touches_it_is_kept_to_more_closely(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The audit finds a contact where averaging leads off the curve by more than its tenth."""
+def test_a_curve_that_touches_is_followed_more_closely(monkeypatch: pytest.MonkeyPatch) -> None:
+    """If the audit finds a contact, the motion is timed again with a tenth of the deviation from the curve."""
     looked = list[JointTrajectory]()
 
     def touch_first(arm: AuditArm, trajectory: JointTrajectory, pairs: Sequence[Pair]) -> Touch | None:
@@ -326,7 +321,9 @@ def test_where_a_curve_touches_it_is_kept_to_more_closely(monkeypatch: pytest.Mo
         return Touch(pairs[0], 1.0) if len(looked) == 1 else find_touch(arm, trajectory, pairs)
 
     monkeypatch.setattr(audit, "find_touch", touch_first)
-    plan = planned(robot=UR5, path="demo")
+    demo, path, keyframes = tracked("paper-test1")
+    plan = plan_keyframes(keyframes, UR5.dock or dock(), UR5, PlanOptions(path="demo"), path, demo.grasped)
+    monkeypatch.undo()
     assert looked[1] is plan.trajectory
     usual = planned(robot=UR5, path="demo").trajectory
     np.testing.assert_array_equal(usual.keyframe_t, looked[0].keyframe_t)
@@ -361,7 +358,7 @@ def test_options_have_names() -> None:
 
 
 def knob(yaw_deg: float, turn_deg: float) -> list[Keyframe]:
-    """Five keyframes above the dock's place, a quarter turn from each to the next."""
+    """Return five keyframes in one place near the dock, each rotated by `turn_deg` from the one before."""
     turns = np.radians(yaw_deg + turn_deg * np.arange(5))
     p = np.array([0.0, 0.0, -0.05])
     at = [Keyframe(i + 1.0, 0.5, Pose(p, quat_exp((0.0, 0.0, turn))), 1e-6 * np.eye(6)) for i, turn in enumerate(turns)]
@@ -370,7 +367,7 @@ def knob(yaw_deg: float, turn_deg: float) -> list[Keyframe]:
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 90.0])
 def test_a_knob_keeps_turning(yaw_deg: float) -> None:
-    """From 90 degrees on joint 7 has to begin a whole turn away."""
+    """With the first at 90 degrees, joint 7 must start a whole turn away."""
     xarm7 = pbd.load_robot("xarm7")
     assert xarm7.dock is not None
     plan = plan_keyframes(knob(yaw_deg, 90.0), xarm7.dock, xarm7)
@@ -379,8 +376,8 @@ def test_a_knob_keeps_turning(yaw_deg: float) -> None:
     assert all(segment.wide is None for segment in plan.segments)
 
 
-def test_a_tool_that_is_turned_back_is_told() -> None:
-    """Joint 7 of a panda has less than a whole turn: it has to turn back once, late or a keyframe sooner."""
+def test_a_tool_that_turns_back_is_warned_of() -> None:
+    """Joint 7 of a panda has less than a whole turn, so it must turn back once, at one of two keyframes."""
     back = r"\(panda_joint7 turns back: its range of 33\d degrees is no whole turn\)"
     told = rf"to keyframe [45] it will turn 27\d degrees instead of 90 {back}; panda found no line there"
     with pytest.warns(PbdWarning, match=told):
@@ -401,8 +398,8 @@ def test_a_motion_of_hours_is_refused() -> None:
         plan_keyframes(long, dock(), PANDA, PlanOptions(dwell_s=np.inf))
 
 
-def test_what_makes_a_keyframe_unsure_is_named() -> None:
-    """One long move, or many."""
+def test_the_cause_of_an_uncertain_keyframe_is_named() -> None:
+    """The cause is one long move, or many moves."""
     variances = {"long": (0.0, 1e-4, 1e-2, 1.1e-2), "many": tuple(1e-3 * k for k in range(12))}
     said = {}
     for name, each in variances.items():

@@ -1,4 +1,4 @@
-"""Rotations and poses against scipy, near the singular angles above all."""
+"""Rotations and poses against scipy, especially near singular angles."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def wxyz(rotation: Rotation) -> Array:
 
 
 def apart(quat: Array, rotation: Rotation) -> float:
-    """Angle in rad between ours and scipy's."""
+    """Angle in rad between a quaternion of pbd and a rotation of scipy."""
     return float((Rotation.from_quat(quat, scalar_first=True).inv() * rotation).magnitude())
 
 
@@ -64,7 +64,7 @@ def assert_same(a: Pose, b: Pose) -> None:
 
 @given(turns, st.floats(-3.0, 3.0))
 def test_exp(turn: Array, factor: float) -> None:
-    """Beyond pi too, where the scalar part changes its sign."""
+    """Also beyond pi, where the scalar part changes its sign."""
     assert_allclose(quat_exp(factor * turn), wxyz(Rotation.from_rotvec(factor * turn)), atol=1e-15)
 
 
@@ -139,7 +139,7 @@ def test_rpy_there_and_back(roll: float, pitch: float, yaw: float) -> None:
 
 @pytest.mark.parametrize("short_of", [1e-3, 1e-5, 1e-7])
 def test_rpy_near_its_pole(short_of: float) -> None:
-    """Roll and yaw become one; the rotation must still come back, to the half of the digits that arcsin leaves."""
+    """At the pole roll and yaw share an axis. The rotation is recovered to half of the digits, as arcsin allows."""
     for pitch in (np.pi / 2 - short_of, short_of - np.pi / 2):
         quat = quat_from_rpy((0.3, pitch, 0.5))
         assert apart(quat_from_rpy(quat_to_rpy(quat)), Rotation.from_quat(quat, scalar_first=True)) < 1e-7
@@ -160,7 +160,7 @@ def test_xyzw(rotation: Rotation) -> None:
 
 @given(rotations, turns.filter(lambda turn: bool(np.linalg.norm(turn) < 3.1)), st.sampled_from((-1.0, 1.0)))
 def test_slerp(start: Rotation, turn: Array, sign: float) -> None:
-    """The shorter way, whichever of its two quaternions is given."""
+    """The shorter rotation, for either sign of the quaternion."""
     fraction = np.linspace(0.0, 1.0, 5)
     end = start * Rotation.from_rotvec(turn)
     ours = quat_slerp(wxyz(start), sign * wxyz(end), fraction)

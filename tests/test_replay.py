@@ -1,4 +1,4 @@
-"""From a plan to what the replay shows."""
+"""The scene of a replay agrees with its plan."""
 
 from __future__ import annotations
 
@@ -26,20 +26,19 @@ def test_a_plan_becomes_a_scene(scale: float) -> None:
     path, options = pbd.track(demo.recording), PlanOptions(scale=scale)
     plan = plan_keyframes(find_keyframes(path), calibration, robot, options, path, demo.grasped)
     scene = replay_scene(plan, ("a warning",))
-    assert scene.obstacles == (shelf,)
-    assert scene.touching == ()
+    assert scene.calibration.obstacles == (shelf,)
+    assert scene.contacts == ()
     assert "a warning" in scene.notes
-    for shown, keyframe, pose in zip(scene.keyframes, plan.keyframes, plan.T_base_tool, strict=True):
-        assert shown.cov is not None
+    for cov, keyframe, pose in zip(scene.cov, plan.keyframes, plan.T_base_tool, strict=True):
         # The tool's frame lies in the sensor's origin here: its ellipsoid is the hand's, scaled and turned.
         np.testing.assert_allclose(
-            np.linalg.eigvalsh(shown.cov[:3, :3]), scale**2 * np.linalg.eigvalsh(keyframe.cov[:3, :3]), atol=1e-12
+            np.linalg.eigvalsh(cov[:3, :3]), scale**2 * np.linalg.eigvalsh(keyframe.cov[:3, :3]), atol=1e-12
         )
         nearest = np.linalg.norm(scene.hand_path_base - pose.p, axis=1).min()
         assert nearest < 0.002 + 2.0 * scale * float(np.sqrt(np.linalg.eigvalsh(keyframe.cov[:3, :3]).max()))
 
 
-@pytest.mark.filterwarnings("ignore:always touches the table")
+@pytest.mark.filterwarnings("ignore:not checked against the table")
 def test_all_that_touches_is_shown_by_when_it_begins() -> None:
     demo, robot = pbd.load_demo("pouring"), pbd.load_robot("panda")
     assert robot.dock is not None
@@ -50,16 +49,16 @@ def test_all_that_touches_is_shown_by_when_it_begins() -> None:
     assert plan.touching is not None
     told = plan.touching.error.message
     scene = replay_scene(plan, (f"collision: {told}",))
-    assert [each.bodies for each in scene.touching] == [(h.hit.first, h.hit.second) for h in plan.touching.hits]
-    assert {each.bodies[1] for each in scene.touching} >= {"the post", "the table"}
-    assert [each.start for each in scene.touching] == sorted(each.start for each in scene.touching)
-    assert [each.message for each in scene.touching].count(told) == 1  # the first, with what to do about it
-    assert all(0.0 <= each.start <= each.end <= plan.trajectory.duration for each in scene.touching)
+    assert [each.bodies for each in scene.contacts] == [(h.hit.first, h.hit.second) for h in plan.touching.hits]
+    assert {each.bodies[1] for each in scene.contacts} >= {"the post", "the table"}
+    assert [each.start for each in scene.contacts] == sorted(each.start for each in scene.contacts)
+    assert [each.message for each in scene.contacts].count(told) == 1  # the first, with what to do about it
+    assert all(0.0 <= each.start <= each.end <= plan.trajectory.duration for each in scene.contacts)
 
 
 @pytest.mark.parametrize(("name", "ahead_m"), [("ur5", 0.16), ("ur5", 0.045), ("ur5", 0.03), ("panda", 0.1)])
 def test_the_tool_that_is_checked_is_shown(name: str, ahead_m: float) -> None:
-    """Its pose and size in the scene are those of the body that the checks for collisions watch."""
+    """Its pose and size in the scene are those of the body that collisions are checked with."""
     known = pbd.load_robot(name)
     robot = replace(known, T_body_tool=Pose(np.array([0.0, 0.0, ahead_m]), known.T_body_tool.wxyz))
     assert robot.dock is not None

@@ -1,4 +1,4 @@
-"""The same question has the same answer, whatever else a process was asked before."""
+"""Results do not depend on what a process computed before."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def exported(demo: str, robot: str, folder: Path) -> bytes:
 def test_a_plan_has_the_same_bytes_whatever_was_planned_and_solved_before(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Two plans in either order, then after poses of more arms than the four that any cache holds."""
+    """Two plans in either order, then again after poses of more arms than the four that a cache holds."""
     asked = ("pouring", "panda"), ("paper-test1", "so101")
     first = [exported(*each, tmp_path) for each in asked]
     assert [exported(*each, tmp_path) for each in reversed(asked)] == first[::-1]

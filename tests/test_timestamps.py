@@ -1,4 +1,4 @@
-"""Times of samples by the device's clock and by arrivals: wrong ones, bursts, stalls and losses."""
+"""Time stamps by the device's clock and by arrival times: wrong times, bursts, stalls and losses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HZ = 100.0
 
 
 def taken(times: list[float | None], arrivals: list[float] | None = None) -> tuple[list[float], SampleClock[int]]:
-    """The times that samples are given which say these, and arrive as they should or as is said."""
+    """The stamped times of samples with these device times; they arrive at HZ, or at `arrivals`."""
     clock, out = SampleClock[int](), []
     for k, at in enumerate(times):
         arrival = 50.0 + (k / HZ if arrivals is None else arrivals[k])
@@ -28,7 +28,7 @@ def steady(n: int, start: float = 7.0) -> list[float | None]:
 
 @given(st.integers(0, 49), st.floats(-100.0, 1e6).filter(lambda wrong: abs(wrong) > 1e-9))
 def test_one_false_time_costs_itself_and_shifts_nothing(row: int, wrong: float) -> None:
-    """Whatever it says; of a small leap onwards also what seems to lie before it."""
+    """One wrong time costs one sample; after a small jump forward also the samples that seem to come before it."""
     times = steady(60)
     times[row] = 7.0 + row / HZ + wrong
     got, clock = taken(times)
@@ -52,7 +52,7 @@ def test_a_device_that_begins_anew_goes_on_by_the_hosts_clock() -> None:
 
 
 def test_a_gap_stays_a_gap() -> None:
-    """Even where all of it arrives at once, as after a host that was busy."""
+    """Also if all samples arrive at once, as on a busy host."""
     times = steady(50) + steady(50, start=9.0)
     expected = [k / HZ for k in range(50)] + [2.0 + k / HZ for k in range(50)]
     for arrivals in (expected, [1.0] * 100):
@@ -106,7 +106,7 @@ def test_few_samples_are_counted_too() -> None:
 
 
 def arrivals(rate_hz: float, kind: str, seed: int, seconds: float = 40.0) -> tuple[Array, Array, int]:
-    """True times of the samples that came, when they arrived, and how many did not come."""
+    """The true times of the samples that arrived, their arrival times, and the number of lost samples."""
     rng = np.random.default_rng(seed)
     n = int(rate_hz * seconds)
     true = np.arange(n) / rate_hz * 1.00003  # no crystal is exact

@@ -1,4 +1,4 @@
-"""The grasped object's way."""
+"""When a grasped object is held, and where it is."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from pbd.data import GraspedObject
-from pbd.data.world import holds, stays
+from pbd.data.world import gripped_spans, object_stays
 from pbd.pose import Pose, quat_rotate
 
 BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
 
 
 def tool(t: float) -> Pose:
-    """It points down and goes along x at 0.1 m/s, 10 cm above the table, rolling slowly."""
+    """A tool that points down and moves along x at 0.1 m/s, 10 cm above the table, while it rolls slowly."""
     return Pose.from_rpy(np.array([0.1 * min(t, 10.0), 0.0, 0.1]), (np.pi + 0.05 * min(t, 10.0), 0.0, 0.0))
 
 
@@ -29,11 +29,11 @@ def tool(t: float) -> Pose:
 def test_it_is_held_from_the_end_of_closing_to_the_start_of_opening(
     t: list[float], opening: list[float], spans: list[tuple[float, float]]
 ) -> None:
-    assert holds(np.array(t), np.array(opening)) == spans
+    assert gripped_spans(np.array(t), np.array(opening)) == spans
 
 
 def test_it_stands_then_goes_with_the_tool_then_stands() -> None:
-    before, held, after = stays(BOTTLE, [(3.0, 6.0)], tool, 0.0)
+    before, held, after = object_stays(BOTTLE, [(3.0, 6.0)], tool, 0.0)
     assert [(each.start, each.end, each.held) for each in (before, held, after)] == [
         (-np.inf, 3.0, False),
         (3.0, 6.0, True),
@@ -46,9 +46,9 @@ def test_it_stands_then_goes_with_the_tool_then_stands() -> None:
 
 
 def test_it_does_not_reach_into_the_table() -> None:
-    assert stays(BOTTLE, [(3.0, 6.0)], tool, 0.04)[0].pose.p[2] == pytest.approx(0.04 + 0.1)
+    assert object_stays(BOTTLE, [(3.0, 6.0)], tool, 0.04)[0].pose.p[2] == pytest.approx(0.04 + 0.1)
 
 
 def test_a_gripper_that_closes_elsewhere_takes_nothing() -> None:
-    once, again = (stays(BOTTLE, spans, tool, None) for spans in ([(3.0, 4.0)], [(3.0, 4.0), (8.0, np.inf)]))
+    once, again = (object_stays(BOTTLE, spans, tool, None) for spans in ([(3.0, 4.0)], [(3.0, 4.0), (8.0, np.inf)]))
     assert [each.end for each in once] == [each.end for each in again]

@@ -1,4 +1,4 @@
-"""What the system refuses: permissions count for root too, and a disk that is full."""
+"""Simulates failures of the system: permissions that also hold for root, and a full disk."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 
 LINUX_CAPABILITY_VERSION_3 = 0x20080522
 DAC_OVERRIDE, DAC_READ_SEARCH = 1 << 1, 1 << 2
-"""capabilities(7): to pass over permissions."""
+"""Bits of the capabilities that bypass file permissions; see capabilities(7)."""
 
 
 class _Header(ctypes.Structure):
@@ -26,7 +26,7 @@ class _Data(ctypes.Structure):
 
 @contextmanager
 def as_a_user() -> Iterator[None]:
-    """Permissions count, in this thread, for root as for everybody else."""
+    """File permissions hold in this thread, also for root."""
     if os.geteuid() != 0:
         yield
         return
@@ -46,7 +46,7 @@ def as_a_user() -> Iterator[None]:
 
 @contextmanager
 def full_disk(room: int) -> Iterator[None]:
-    """Every file may have so many bytes and no more."""
+    """No file may grow beyond `room` bytes."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
     try:

@@ -1,9 +1,10 @@
-"""Choose the arm's motion from keyframe to keyframe, and mend it where something bars it.
+"""Choose the arm's motion from keyframe to keyframe, and mend it where a collision or the kinematics bar it.
 
-All keyframes lie on one ladder graph. Its links are straight moves in joint space, or paths of the tool. A barred link
-is mended on its own; what is known of the others is kept. Tried in this order: the hand's path (a line where no hand is
-known), more configurations at both ends, configurations along the path (a link for every few poses), a detour
-(detour.py). The cost grows with the number of keyframes and of barred links.
+All keyframes lie on one ladder graph. Its links are straight moves in joint space, or paths of the tool. Each barred
+link is mended on its own, and the results for all other links are kept. The remedies, in this order: the hand's path
+(a straight line of the tool if the hand's path is unknown), more configurations at both ends, configurations along the
+path (one link for every few poses), a detour (detour.py). The run time grows linearly with the keyframes and the barred
+links.
 """
 
 from __future__ import annotations
@@ -17,32 +18,40 @@ import numpy as np
 from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.unreachable import out_of_reach
-from pbd.arm.joint_path import Unreachable, add_turns, build_ladder, turnable, widen
+from pbd.arm.joint_path import Unreachable, add_turns, build_ladder, joints_to_unwind, widen
 from pbd.arm.ladder_checks import WIDE_COST
 from pbd.arm.ladder_graph import Barred, Ladder
-from pbd.arm.ladder_links import Link, Move, motion_of
+from pbd.arm.ladder_links import Link, MoveState, assemble_motion
 from pbd.arm.ladder_mending import Mending
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
-from pbd.arm.refusal import COLLISION, UNREACHABLE, Refusal, refuse_move, refuse_pose, tell, warn_of_closeness
+from pbd.arm.refusal import (
+    COLLISION,
+    UNREACHABLE,
+    Refusal,
+    refuse_move,
+    refuse_pose,
+    warn_about_motion,
+    warn_of_closeness,
+)
 from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
 from pbd.pose import Array
 
 MOST_STRAIGHT, MOST_ONLY_STRAIGHT = 12, 36
-"""Barred straight moves between two keyframes before the link is mended: with detours allowed, and without."""
+"""Number of barred straight moves between two keyframes after which the link is mended: with detours, without."""
 WINDOW, KEPT = 64, 32
-"""Layers that are searched at once, and how many of them are searched again with those that follow."""
+"""Layers in one search window; of these, the last KEPT layers are searched again in the next window."""
 
 
 def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene | None) -> Motion | Refusal:
-    """Choose joints at the keyframes and the segments between them; without a scene collisions are ignored.
+    """Choose the joints at the keyframes and the segments between them; without a scene, collisions are ignored.
 
     Warns:
-        PbdWarning: the way back is left out, the arm makes a detour, or the only free motion is close to something.
+        PbdWarning: the retreat is left out, the arm makes a detour, or the motion only keeps the margin CLOSE_M.
     """
     poses, wide_cost = request.T_base_tool, WIDE_COST if request.kind == STRAIGHT else 0.0
-    most_refused = MOST_STRAIGHT if request.detour else MOST_ONLY_STRAIGHT
-    ladder = build_ladder(arm, poses, request.q_start, request.q_back, most_refused, wide_cost)
+    most_barred = MOST_STRAIGHT if request.detour else MOST_ONLY_STRAIGHT
+    ladder = build_ladder(arm, poses, request.q_start, request.q_retreat, most_barred, wide_cost)
     if isinstance(ladder, Unreachable):
         return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
     search = _Search(arm, request, scene, ladder.copy())
@@ -53,18 +62,18 @@ def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene |
             warn_of_closeness(found.error)
             search, found = close, closer
     if isinstance(found, Motion):
-        tell(found, search.no_way_back)
+        warn_about_motion(found, search.retreat_hit)
     return found
 
 
 class _Search(Mending):
-    """Search the ladder, and mend what is barred, until a path is free."""
+    """The search for a motion: find the shortest path, mend the links that are barred, and repeat until it is free."""
 
     def __init__(self, arm: ArmModel, request: MotionRequest, scene: CollisionScene | None, ladder: Ladder) -> None:
         super().__init__(arm, request, scene, ladder)
         ladder.end = min(WINDOW, len(ladder.layers))
-        self.no_way_back: Hit | None = None
-        self.before_line: tuple[Ladder, list[Link], list[Move], Hit | None] | None = None
+        self.retreat_hit: Hit | None = None
+        self.before_trial: tuple[Ladder, list[Link], list[MoveState], Hit | None] | None = None
         self.unwound: set[int] = set()
 
     def run(self) -> Motion | Refusal:
@@ -72,8 +81,8 @@ class _Search(Mending):
             path = self.ladder.search(self.stands, self.cost, self.wide_costs)
             if isinstance(path, Barred):
                 refused = self._mend_all(path)
-                if refused is not None and self.before_line is not None:
-                    (self.ladder, self.links, self.moves, self.no_way_back), self.before_line = self.before_line, None
+                if refused is not None and self.before_trial is not None:
+                    (self.ladder, self.links, self.moves, self.retreat_hit), self.before_trial = self.before_trial, None
                 elif refused is not None and self.ladder.first > 0:
                     self.ladder.release()
                 elif refused is not None:
@@ -83,10 +92,14 @@ class _Search(Mending):
             elif (end := self.ladder.end) < len(self.ladder.layers):
                 self.ladder.advance(path, end - KEPT, end - KEPT + WINDOW)
             else:
-                return motion_of(self.arm, self.links, self.moves, self.ladder.joints(path), self.n)
+                return assemble_motion(self.arm, self.links, self.moves, self.ladder.joints(path), self.n)
 
     def _mend_all(self, barred: Barred) -> Callable[[], Refusal] | None:
-        """Mend barred layers, the last one first; once a mend has inserted layers, places are stale, so stop."""
+        """Mend the barred layers, the last one first.
+
+        Stop once a remedy has inserted or removed layers, since the other indices are then stale. Return None, or a
+        function that makes the refusal if a layer has no remedy left.
+        """
         refused, count = None, len(self.ladder.layers)
         for place, standing in reversed([*zip(barred.layers, barred.standing, strict=True)]):
             refused = self._mend(place, standing) or refused
@@ -95,11 +108,14 @@ class _Search(Mending):
         return refused
 
     def _mend(self, place: int, standing: bool) -> Callable[[], Refusal] | None:
-        """Change how the arm gets to a layer; where nothing is left to try return what makes the refusal."""
+        """Apply the next remedy to the link to a layer; if none is left, return a function that makes the refusal.
+
+        `standing`: the layer has a free configuration, so the moves to it are barred.
+        """
         link, move = self.at(place)
         i = link.keyframe
-        if standing and link.found and move.detour and self.ladder.layers[place].unseen < np.inf:
-            self.ladder.doubt(place, np.inf)  # from now on only detours that were found
+        if standing and link.free_moves and move.detour and self.ladder.layers[place].unchecked_cost < np.inf:
+            self.ladder.set_unchecked_cost(place, np.inf)  # use only the detours that are known, and search for no more
             return None
         if not standing and not move.widened and {"widen", "connect"} & {*move.remedies}:
             move.widened, move.remedies = True, [each for each in move.remedies if each != "widen"]
@@ -109,10 +125,10 @@ class _Search(Mending):
             if self._look_closely(i, place):
                 return None
             return partial(refuse_pose, i, len(self.ladder.layers[place].q), move.pose_hit)
-        if not (move.remedies if standing else move.last_resort()):
+        if not (move.remedies if standing else move.keep_detours_only()):
             if i < self.n:
                 return partial(self._refuse, i)
-            self.no_way_back = move.hits[STRAIGHT]
+            self.retreat_hit = move.hits[STRAIGHT]
             self.ladder.drop(place, place + 1)
             del self.links[-1]
             return None
@@ -126,11 +142,15 @@ class _Search(Mending):
         elif remedy == "connect":
             self.connect(place)
         elif not self._split(place):
-            return None if move.last_resort() else partial(self._refuse, i)
+            return None if move.keep_detours_only() else partial(self._refuse, i)
         return None
 
     def _make_lines(self, path: Sequence[int]) -> bool:
-        """Replace straight moves by lines where the tool strays beyond the tolerance, or wide; say whether any was."""
+        """Replace straight moves on which the tool leaves the tolerance, or goes wide, by lines of the tool.
+
+        Return whether the ladder changed. A line for a wide move is a trial: if it cannot be made, `before_trial` is
+        restored.
+        """
         tolerance, wide, made = self.request.tolerance_m, dict[int, ToolDeviation](), False
         q, within = self.ladder.joints(path), range(self.ladder.first + 1, self.ladder.end)
         at = [place for place in within if self.straight(place)]
@@ -145,10 +165,10 @@ class _Search(Mending):
                 wide[place] = deviation
         if made:
             return True
-        if self.before_line is not None:  # the line works: its move may be mended again
-            for move, before in zip(self.moves, self.before_line[2], strict=True):
+        if self.before_trial is not None:  # the trial line works: give its move its remedies back
+            for move, before in zip(self.moves, self.before_trial[2], strict=True):
                 move.remedies = move.remedies or [*before.remedies]
-            self.before_line = None
+            self.before_trial = None
         for place, deviation in wide.items():
             i = self.links[place - 1].keyframe
             if not self._unwind(i, q[place - 1], q[place]):
@@ -157,37 +177,37 @@ class _Search(Mending):
                 barred = self.tool_hit(i, straight) is not None
                 if barred and self.request.hand is None:
                     continue
-                self.before_line = self._copy()
+                self.before_trial = self._snapshot()
                 self._follow_path(place, DEMO if barred else LINE)
                 self.moves[i].remedies = []
             return True
         return False
 
     def _unwind(self, i: int, q_before: Array, q: Array) -> bool:
-        """Add whole turns of each joint that turned back, or that a direct move would lead over its limit."""
-        joints = turnable(self.arm, self.request.T_base_tool[i], q_before, q) - self.unwound
+        """Add configurations with a whole turn more or less of each joint to unwind; return whether any was added."""
+        joints = joints_to_unwind(self.arm, self.request.T_base_tool[i], q_before, q) - self.unwound
         self.unwound |= joints
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe < self.n]
         return sum(add_turns(self.arm, self.ladder, place, joint) for joint in joints for place in places) > 0
 
-    def _copy(self) -> tuple[Ladder, list[Link], list[Move], Hit | None]:
+    def _snapshot(self) -> tuple[Ladder, list[Link], list[MoveState], Hit | None]:
         links, moves, within = [*self.links], [*self.moves], slice(self.ladder.first, self.ladder.end)
-        links[within] = [replace(link, found=dict(link.found)) for link in links[within]]
+        links[within] = [replace(link, free_moves=dict(link.free_moves)) for link in links[within]]
         for i in {link.keyframe for link in links[within]}:
             moves[i] = replace(moves[i], remedies=list(moves[i].remedies), hits=dict(moves[i].hits))
-        return self.ladder.copy(), links, moves, self.no_way_back
+        return self.ladder.copy(), links, moves, self.retreat_hit
 
     def _refuse(self, i: int) -> Refusal:
-        move, unfollowed = self.moves[i], None
+        move, infeasible_kind = self.moves[i], None
         if move.kind not in move.hits and move.kind != STRAIGHT:
-            if (hit := self._alone(i)) is not None:
+            if (hit := self._hit_on_path(i)) is not None:
                 move.hits[move.kind] = hit
             else:
-                unfollowed = move.kind
-        return refuse_move(i, move, unfollowed)
+                infeasible_kind = move.kind
+        return refuse_move(i, move, infeasible_kind)
 
-    def _alone(self, i: int) -> Hit | None:
-        """Return what the tool's path to keyframe i touches, if the arm can follow that path on its own."""
+    def _hit_on_path(self, i: int) -> Hit | None:
+        """Return what the arm touches on the tool's path to keyframe i; None if it cannot follow that path at all."""
         if self.scene is None:
             return None
         ends, move = self.request.T_base_tool[i - 1 : i + 1], self.moves[i]

@@ -1,7 +1,7 @@
-"""A detour around what bars a straight move: RRT-Connect, then shortcuts, then smooth bends, every part of it checked.
+"""A detour around what bars a straight move: RRT-Connect, then shortcuts, then a smooth curve, all of it checked.
 
 Kuffner and LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Planning", 2000, as OMPL implements it.
-The result is the same each time: the search ends after a number of checks, not after a time, and its seed is fixed.
+The search is reproducible: its seed is fixed, and it ends after a number of collision checks, not after a time.
 """
 
 from __future__ import annotations
@@ -18,13 +18,17 @@ from pbd.arm.ladder_links import DetourSearch
 from pbd.arm.timing.path_smoothing import Curve
 from pbd.pose import Array
 
-_THINNED = 20  # every so many points of a known path one begins a tree
-_SHORTCUTS = 40
-_WARPED = 8  # known detours that are bent and checked, the shortest first
-_WORSE = 1.2  # largest growth of a bent detour's length, relative to the straight move
-_NEARER = 0.5, 0.7, 0.85  # shares of its offset from the straight move that a bent detour keeps: the first that is free
-_BENDS = 2  # halvings of the path when OMPL smooths it
-_BETWEEN_RAD = 0.05, 0.02, 0.01  # spacing of points on straight lines at which a spline through them is tried
+_START_EVERY = 20  # every 20th point of a known path is a start state of the search
+_SHORTCUTS = 40  # most attempts to shorten a path
+_MOST_WARPED = 8  # most bent detours that are checked, the shortest first
+_MOST_GROWTH = 1.2  # largest growth of a bent detour's length, relative to that of the straight move
+_OFFSET_SHARES = (
+    0.5,
+    0.7,
+    0.85,
+)  # a bent detour keeps this share of its offset from the straight move: the first that is free
+_SMOOTHING_STEPS = 2  # steps of OMPL's B-spline smoothing; each halves the segments
+_SPACINGS_RAD = 0.05, 0.02, 0.01  # largest joint step between the points of a polyline through which a spline is tried
 
 
 def find_detour(
@@ -39,12 +43,12 @@ def find_detour(
     """Find a collision-free path from one of the starts (s, k) to one of the goals (g, k).
 
     Args:
-        most_checks: collision checks before the search is given up; smoothing comes on top.
+        most_checks: collision checks before the search gives up; smoothing needs further checks.
         known: free paths (m, k) of the same leg; the detour may follow part of one, in either direction.
 
     Returns:
-        Joints (m, k) on a curve from a start to a goal, only these two if it is straight, or None. And the number of
-        checks.
+        Joints (m, k) on a smooth curve from a start to a goal, or just these two if the straight move is free, or None
+        if nothing was found. Then the number of collision checks.
     """
     starts = np.array([q for q in starts if scene.is_free(q[None], leg)]).reshape(-1, goals.shape[1])
     goals = np.array([q for q in goals if scene.is_free(q[None], leg)]).reshape(-1, goals.shape[1])
@@ -53,10 +57,10 @@ def find_detour(
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(effort.seed)
     search = _Search(scene, leg, np.vstack((starts, goals)), effort.winding_rad)
-    ways = _ways_from(starts, known)
+    ways = _known_paths_from(starts, known)
     there = next((ways[q.tobytes()] for q in goals if q.tobytes() in ways), None)
     if there is None:
-        marks = {q.tobytes() for way in known for q in (*way[::_THINNED], way[-1])}
+        marks = {q.tobytes() for way in known for q in (*way[::_START_EVERY], way[-1])}
         begun = np.array([*starts, *(way[-1] for way in [*ways.values()][len(starts) :] if way[-1].tobytes() in marks)])
         corners = search.connect(begun, goals, effort.step_rad, most_checks)
         if corners is None:
@@ -66,12 +70,12 @@ def find_detour(
 
 
 def warp_detour(scene: CollisionScene, leg: Leg, start: Array, goal: Array, known: Sequence[Array]) -> Array | None:
-    """Bend a known detour (m, k) of the same leg to other ends (k,).
+    """Bend a known detour (m, k) of the same leg to new ends (k,).
 
-    Most detours around one obstacle are similar: this takes a check or two, a search about fifty.
+    Most detours around one obstacle are similar. This needs one or two collision checks, a search about fifty.
 
     Returns:
-        Joints (m, k): only the ends if the straight move is free, else the shortest free detour, or None.
+        Joints (m, k): only the ends if the straight move is free, else the shortest free detour; None if none is free.
     """
     straight: Array = np.stack((start, goal))
     if scene.is_free(straight, leg):
@@ -79,17 +83,17 @@ def warp_detour(scene: CollisionScene, leg: Leg, start: Array, goal: Array, know
     ways: list[tuple[float, Array]] = []
     for way in known:
         share = np.linspace(0.0, 1.0, len(way))[:, None]
-        most = _WORSE * _length(straight) * _length(way) / max(_length(way[[0, -1]]), 1e-9)
+        most = _MOST_GROWTH * _length(straight) * _length(way) / max(_length(way[[0, -1]]), 1e-9)
         for there in (way, way[::-1]):
             warped: Array = there + (1.0 - share) * (start - there[0]) + share * (goal - there[-1])
             warped[0], warped[-1] = start, goal
             if (length := _length(warped)) < most:
                 ways.append((length, warped))
     ways.sort(key=itemgetter(0))
-    for _, way in ways[:_WARPED]:
+    for _, way in ways[:_MOST_WARPED]:
         if _is_free_curve(scene, leg, way):
             direct = start + np.linspace(0.0, 1.0, len(way))[:, None] * (goal - start)
-            nearer = (direct + share * (way - direct) for share in _NEARER)
+            nearer = (direct + share * (way - direct) for share in _OFFSET_SHARES)
             return next((each for each in nearer if _is_free_curve(scene, leg, each)), way)
     return None
 
@@ -99,8 +103,11 @@ def _length(q: Array) -> float:
     return float(np.sqrt(np.einsum("ij,ij->i", step, step)).sum())
 
 
-def _ways_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
-    """Return a path (m, k) to each end that known paths reach from starts (s, k), by the end's bytes; starts first."""
+def _known_paths_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
+    """Return a path (m, k) along known paths from a start (s, k) to each configuration that these reach.
+
+    The key is the bytes of the configuration at the end of the path; the starts themselves come first.
+    """
     beside: dict[bytes, list[Array]] = {}
     for way in known:
         for before, after in pairwise(way):
@@ -117,7 +124,7 @@ def _ways_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
 
 
 def _is_free_curve(scene: CollisionScene, leg: Leg, q: Array) -> bool:
-    """Whether the curve through joints (m, k) is free."""
+    """Whether the smooth curve through joints (m, k) is free and within the limits."""
     limits = scene.arm.limits
     if (q < limits.lower).any() or (q > limits.upper).any() or (curve := Curve.through(q, limits)) is None:
         return False
@@ -125,7 +132,7 @@ def _is_free_curve(scene: CollisionScene, leg: Leg, q: Array) -> bool:
 
 
 class _Search:
-    """A search by OMPL in the joint space around ends (m, k) of one leg."""
+    """An OMPL problem for one leg; its joint space reaches `winding_rad` beyond the range of the ends (m, k)."""
 
     def __init__(self, scene: CollisionScene, leg: Leg, ends: Array, winding_rad: float) -> None:
         limits, count = scene.arm.limits, ends.shape[1]
@@ -138,12 +145,12 @@ class _Search:
         space.setBounds(bounds)
         self.information = base.SpaceInformation(space)
         self.checker = _Checker(self.information, scene, leg, count)
-        self.information.setStateValidityChecker(self.checker.stands)
+        self.information.setStateValidityChecker(self.checker.is_free_state)
         self.information.setMotionValidator(self.checker)
         self.information.setup()
 
     def connect(self, starts: Array, goals: Array, step_rad: float, most_checks: int) -> Array | None:
-        """Return the corners (m, k) of a path from a start to a goal, None where the checks are used up first."""
+        """Return the corners (m, k) of a path from a start to a goal; None if the checks are used up first."""
         problem, ends = base.ProblemDefinition(self.information), base.GoalStates(self.information)
         for q in starts:
             problem.addStartState(self._state(q))
@@ -158,21 +165,25 @@ class _Search:
         return self.checker.joints(problem.getSolutionPath()) if problem.hasExactSolution() else None
 
     def smooth(self, q: Array) -> Array | None:
-        """Shorten and smooth a path of corners (l, k): joints (m, k) on a curve, or two ends if it is straight."""
+        """Shorten and smooth a path of corners (l, k).
+
+        Returns:
+            Joints (m, k) on a free curve, just the two ends if the straight move is free, or None.
+        """
         path = geometric.PathGeometric(self.information)
         for each in q:
             path.append(self._state(each))
         simplifier = geometric.PathSimplifier(self.information)
-        simplifier.reduceVertices(path)  # first: its checks are between corners, whose distances are known
+        simplifier.reduceVertices(path)  # first: it checks moves between corners, whose distances are cached
         simplifier.partialShortcutPath(path, _SHORTCUTS, _SHORTCUTS)
         simplifier.reduceVertices(path)
         corners = self.checker.joints(path)
         if len(corners) == 2:
             return corners
-        simplifier.smoothBSpline(path, _BENDS)
+        simplifier.smoothBSpline(path, _SMOOTHING_STEPS)
         for waypoints in (self.checker.joints(path), corners):
-            for between_rad in _BETWEEN_RAD:
-                dense = _divided(waypoints, between_rad)
+            for between_rad in _SPACINGS_RAD:
+                dense = _subdivided(waypoints, between_rad)
                 if _is_free_curve(self.checker.scene, self.checker.leg, dense):
                     return dense
         return None
@@ -184,29 +195,32 @@ class _Search:
 
 
 class _Checker(base.MotionValidator):  # type: ignore[misc]
-    """The checks of one leg, as OMPL calls them. It must not refer to the search: OMPL can't free reference cycles."""
+    """The collision checks of one leg, as OMPL calls them.
+
+    It must not refer to `_Search`: OMPL cannot free reference cycles.
+    """
 
     def __init__(self, information: base.SpaceInformation, scene: CollisionScene, leg: Leg, count: int) -> None:
         super().__init__(information)
         self.scene, self.leg, self.count, self.checks = scene, leg, count, 0
 
-    def stands(self, state: base.State) -> bool:
+    def is_free_state(self, state: base.State) -> bool:
         self.checks += 1
-        return self.scene.is_free(self._of(state)[None], self.leg)
+        return self.scene.is_free(self._joints_of(state)[None], self.leg)
 
     def checkMotion(self, before: base.State, after: base.State) -> bool:
         self.checks += 1
-        return self.scene.is_free(np.stack((self._of(before), self._of(after))), self.leg)
+        return self.scene.is_free(np.stack((self._joints_of(before), self._joints_of(after))), self.leg)
 
     def joints(self, path: geometric.PathGeometric) -> Array:
-        return np.array([self._of(state) for state in path.getStates()])
+        return np.array([self._joints_of(state) for state in path.getStates()])
 
-    def _of(self, state: base.State) -> Array:
+    def _joints_of(self, state: base.State) -> Array:
         return np.array(state[0 : self.count])
 
 
-def _divided(q: Array, between_rad: float) -> Array:
-    """Put points on straight moves (m, k) so that no joint moves by more than `between_rad` from one to the next."""
+def _subdivided(q: Array, between_rad: float) -> Array:
+    """Add points to a polyline (m, k) so that no joint moves by more than `between_rad` from one to the next."""
     steps = np.maximum(np.ceil(np.abs(np.diff(q, axis=0)).max(axis=1) / between_rad).astype(np.int64), 1)
     parts = [a + np.arange(n)[:, None] / n * (b - a) for a, b, n in zip(q[:-1], q[1:], steps, strict=True)]
     return np.vstack((*parts, q[-1:]))

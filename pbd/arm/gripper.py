@@ -1,7 +1,8 @@
-"""The gripper: what the arm's last joint carries, or a rod where the model has none.
+"""The gripper for collision checks: the links that the tool's joint carries, or a rod if the model has no gripper.
 
-Most models end at the flange, and the tool's point lies in front of it where a gripper's fingertips would be. A rod
-from the flange to there, a capsule, is checked as fingers would be: it may touch the grasped object, nothing else.
+Many URDFs end at the flange, while the tool frame lies ahead of it, between the fingertips of a gripper that the model
+lacks. A capsule from the flange to the tool's origin stands for that gripper. Like fingers, it may touch the grasped
+object and nothing else.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.collision.geometry import Body, apart, link_bodies
+from pbd.arm.collision.geometry import Body, body_distance, link_bodies
 from pbd.arm.model import ArmModel, from_se3
 from pbd.pose import Pose, quat_from_xyzw
 
@@ -21,10 +22,10 @@ THE_TOOL = "the tool"
 ROD_RADIUS_M = 0.01
 
 ROD_SHORT_M = 0.005
-"""How far before the tool's point the rod ends, m, since that point may come down to the table."""
+"""Gap between the end of the rod and the tool's origin, m, since the origin may come down to the table."""
 
 LEAST_GAP_M = 0.02
-"""The model has no gripper where its links end farther behind the tool's point than this, m."""
+"""The rod is added if all links end farther behind the tool's origin than this, m."""
 
 _AHEAD, _TURNED = Body("ahead", 0, Pose.identity(), "floor"), Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
 _POINT = Body("point", 0, Pose.identity(), "sphere", (0.0,))
@@ -38,20 +39,20 @@ def tool_on_joint(arm: ArmModel) -> tuple[int, Pose]:
 
 
 def gripper_links(arm: ArmModel, bodies: Iterable[Body]) -> frozenset[str]:
-    """Return the names of bodies that the tool's joint carries: they may touch the grasped object."""
+    """Return the names of the bodies that the tool's joint carries; these may touch the grasped object."""
     joint, _ = tool_on_joint(arm)
     return frozenset(body.name for body in bodies if joint > 0 and joint in list(arm.full.supports[body.joint]))
 
 
 @lru_cache(maxsize=4)
 def arm_bodies(arm: ArmModel) -> tuple[Body, ...]:
-    """Return the bodies of all links, and of the rod where the model has nothing at the tool's point."""
+    """Return the bodies of all links, and the rod if the model has no gripper."""
     rod = tool_rod(arm)
     return link_bodies(arm) if rod is None else (*link_bodies(arm), rod)
 
 
 def tool_rod(arm: ArmModel) -> Body | None:
-    """Return the rod from the gripper's nearest point to the tool's; None where the closed gripper reaches that."""
+    """Return the rod from the nearest point of the tool's links to the tool's origin; None if they reach that far."""
     links = link_bodies(arm)
     gripper = gripper_links(arm, links)
     joint, T_joint_tool = tool_on_joint(arm)
@@ -64,9 +65,9 @@ def tool_rod(arm: ArmModel) -> Body | None:
         if link.name not in gripper:
             continue
         T_tool_body = T_tool_base @ from_se3(data.oMi[link.joint]) @ link.T_joint_body
-        if apart(link, T_tool_body, _AHEAD, _TURNED)[0] < LEAST_GAP_M:
+        if body_distance(link, T_tool_body, _AHEAD, _TURNED)[0] < LEAST_GAP_M:
             return None
-        distance, p_tool, _ = apart(link, T_tool_body, _POINT, Pose.identity())
+        distance, p_tool, _ = body_distance(link, T_tool_body, _POINT, Pose.identity())
         if distance < nearest:
             nearest, start = distance, p_tool
     length = float(np.linalg.norm(start))

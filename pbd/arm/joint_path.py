@@ -1,8 +1,7 @@
-"""The ladder through all keyframes: of the configurations that reach each, those with least joint travel together.
+"""Build the ladder graph through all keyframes, whose shortest path has the least joint travel.
 
-Each keyframe gets about a dozen branches: some continue those of the keyframe before, for as long as they last, and
-some start afresh. An arm with more than six joints then slides along its null space, toward its neighbours and away
-from limits.
+Each keyframe gets about a dozen configurations: some descend from those of the keyframe before, others from new seeds.
+A redundant arm's shortest path is then moved along the null space, toward its neighbours and away from limits.
 """
 
 from __future__ import annotations
@@ -22,18 +21,18 @@ from pbd.arm.ladder_graph import Barred, Ladder, Layer
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
-STARTS, STARTS_WIDE, STARTS_CLOSE = 12, 81, 1000
-"""Descents for each keyframe: at first, where moves next to it are barred, and where no configuration was free."""
+STARTS, STARTS_WIDE, STARTS_NULL_SPACE = 12, 81, 1000
+"""Descents for each keyframe: at first, if moves next to it are barred, and if no configuration was free."""
 CONTINUOUS_RAD, MOST_STEPS = 0.5, 60
 """Largest motion of a joint between two layers along a path, rad; barred moves there before the link is mended."""
 SWEEPS = 3
-"""Passes over the path in which each configuration slides toward the middle of its neighbours."""
+"""Passes over the path; in each, every configuration moves along its null space toward the mean of its neighbours."""
 
-_RIDGE = 1e-9  # keeps the projection onto the null space solvable where the arm is singular
+_RIDGE = 1e-9  # keeps the null-space projection solvable where the arm is singular
 
 
 class States(NamedTuple):
-    """Configurations, the least travel first: q (m, k) rad, cost (m,) rad, travel (m,) rad from the start."""
+    """Configurations of one pose, sorted by travel: q (m, k) rad, cost (m,) rad, travel from the start (m,) rad."""
 
     q: Array
     cost: Array
@@ -41,7 +40,7 @@ class States(NamedTuple):
 
 
 class Unreachable(NamedTuple):
-    """The first keyframe that has no solution, and joints (k,) near which one was sought."""
+    """The first keyframe that has no solution, and the seed (k,) of the search for one."""
 
     keyframe: int
     q_seed: Array
@@ -55,7 +54,7 @@ def solve_path(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array) -> Ar
     Raises:
         PlanError: a keyframe can't be reached; see `out_of_reach` for its fields.
     """
-    ladder = build_ladder(arm, T_base_tool, q_start, None, most_refused=1)
+    ladder = build_ladder(arm, T_base_tool, q_start, None, most_barred=1)
     if isinstance(ladder, Unreachable):
         raise out_of_reach(arm, ladder.keyframe, T_base_tool[ladder.keyframe], ladder.q_seed)
     path = ladder.shortest()
@@ -67,28 +66,31 @@ def build_ladder(
     T_base_tool: Sequence[Pose],
     q_start: Array,
     q_end: Array | None,
-    most_refused: int,
+    most_barred: int,
     wide_cost: float = 0.0,
 ) -> Ladder | Unreachable:
-    """Lay out the branches at n poses: layer 0 is `q_start`, layer i + 1 pose i, the last `q_end`; both (k,)."""
+    """Build the ladder of n poses: layer 0 is `q_start`, layer i + 1 pose i, the last one `q_end`; both (k,).
+
+    `wide_cost`: see `Layer`; it does not apply to keyframe 0.
+    """
     at = States(q_start[None], np.zeros(1), np.zeros(1))
-    layers = [Layer(at.q, at.cost, most_refused)]
+    layers = [Layer(at.q, at.cost, most_barred)]
     for keyframe, pose in enumerate(T_base_tool):
         following = states_at(arm, pose, at, STARTS)
         if not len(following.q):
             return Unreachable(keyframe, at.q[0])
         at = following
-        layers.append(Layer(at.q, at.cost, most_refused, wide_cost=wide_cost if keyframe > 0 else 0.0))
+        layers.append(Layer(at.q, at.cost, most_barred, wide_cost=wide_cost if keyframe > 0 else 0.0))
     if q_end is not None:
-        layers.append(Layer(q_end[None], np.zeros(1), most_refused))
+        layers.append(Layer(q_end[None], np.zeros(1), most_barred))
     ladder = Ladder(layers)
     if len(q_start) > FULL_POSE:
-        _slide(arm, T_base_tool, ladder)
+        _move_along_null_space(arm, T_base_tool, ladder)
     return ladder
 
 
 def states_at(arm: ArmModel, pose: Pose, before: States, starts: int) -> States:
-    """Find the branches of a pose, with whole turns chosen nearest to the states before."""
+    """Find the configurations of a pose; whole turns are chosen for the least travel from the states before."""
     found = find_branches(arm, pose, before.q, starts)
     if not len(found):
         return States(found, np.empty(0), np.empty(0))
@@ -103,7 +105,7 @@ def states_at(arm: ArmModel, pose: Pose, before: States, starts: int) -> States:
 
 
 def layers_along(arm: ArmModel, ladder: Ladder, place: int, T_base_tool: Sequence[Pose]) -> list[Layer] | None:
-    """Lay out the branches at poses that follow on from a layer; None where a pose has none."""
+    """Make one layer for each pose on a path that continues from layer `place`; None if a pose has no solution."""
     before, travel = ladder.layers[place], ladder.travel(place)
     order = np.argsort(travel)[: np.isfinite(travel).sum()]
     at, layers = States(before.q[order], before.cost[order], travel[order]), []
@@ -123,9 +125,9 @@ def widen(
     starts: int = STARTS_WIDE,
     stands: Callable[[Array], bool] = lambda q: True,
 ) -> int:
-    """Add to a layer the new states that a larger search from the layer before finds; return how many.
+    """Search for more configurations of a layer, from the states of the layer before; add those that are new.
 
-    `stands`: whether a state is free.
+    `stands`: says whether a configuration is free; others are left out. Return how many were added.
     """
     before, known = ladder.layers[place - 1].q, ladder.layers[place].q
     found = states_at(arm, pose, States(before, np.zeros(len(before)), np.zeros(len(before))), starts)
@@ -135,7 +137,7 @@ def widen(
 
 
 def add_turns(arm: ArmModel, ladder: Ladder, place: int, joint: int) -> int:
-    """Add to a layer its states with a joint turned by a whole turn, within its limits; return how many."""
+    """Add to a layer its states with one joint turned by a whole turn, if within limits; return how many."""
     q = np.repeat(ladder.layers[place].q, 2, axis=0)
     q[::2, joint] += 2.0 * np.pi
     q[1::2, joint] -= 2.0 * np.pi
@@ -145,8 +147,11 @@ def add_turns(arm: ArmModel, ladder: Ladder, place: int, joint: int) -> int:
     return len(q)
 
 
-def turned(arm: ArmModel, q: Array, before: Array, most: int) -> Array:
-    """Turn joints by whole turns, within limits; return for each of (m, k) the `most` nearest to any of (b, k)."""
+def turn_variants(arm: ArmModel, q: Array, before: Array, most: int) -> Array:
+    """Return each configuration of q (m, k) in up to `most` variants, by whole turns of joints within the limits.
+
+    Those nearest to any of `before` (b, k) come first.
+    """
     turns = 2.0 * np.pi * np.array([*product(*((-1.0, 0.0, 1.0) if turn else (0.0,) for turn in arm.turns))])
     found = []
     for each in q:
@@ -157,11 +162,11 @@ def turned(arm: ArmModel, q: Array, before: Array, most: int) -> Array:
     return np.vstack(found)
 
 
-def turnable(arm: ArmModel, T_base_tool: Pose, q_before: Array, q: Array) -> set[int]:
-    """Return the joints that had better be a whole turn elsewhere.
+def joints_to_unwind(arm: ArmModel, T_base_tool: Pose, q_before: Array, q: Array) -> set[int]:
+    """Return the joints for which a start one whole turn away may make the move shorter.
 
-    They turn back by more than half a turn between q_before and q, or a direct motion to the pose would, to first
-    order, lead them over their limits.
+    Such a joint turns back by more than half a turn between q_before and q, or the direct move to the pose would, to
+    first order, exceed its limits.
     """
     off, J = Residual(arm, to_se3(T_base_tool))(q_before)
     there = q_before - np.linalg.lstsq(J, off, rcond=None)[0]
@@ -170,8 +175,11 @@ def turnable(arm: ArmModel, T_base_tool: Pose, q_before: Array, q: Array) -> set
     return set(np.flatnonzero((over | back) & (arm.turns > 0.0)).tolist())
 
 
-def _slide(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:
-    """Slide the shortest path along null spaces, toward the middle of its neighbours; add it to the layers."""
+def _move_along_null_space(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:
+    """Move each configuration of the shortest path along its null space; add the result to the layers.
+
+    The direction is toward the mean of the two neighbours, and away from limits nearer than MARGIN_RAD.
+    """
     shortest = ladder.shortest()
     if isinstance(shortest, Barred):
         return
@@ -182,13 +190,13 @@ def _slide(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:
         for i, goal in enumerate(goals, start=1):
             q, before, after = path[i], path[i - 1], path[i + 1] if i + 1 < len(path) else path[i - 1]
             pull = 0.5 * (before + after) - q
-            # Joints too near a limit are pulled to where they aren't.
+            # Pull joints that are too near a limit away from it.
             over, under = q - arm.limits.lower, arm.limits.upper - q
             pull += np.maximum(0.0, MARGIN_RAD - over) - np.maximum(0.0, MARGIN_RAD - under)
             J = arm.jacobian(q)
             pull -= J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), J @ pull)
             ended, squares = descend_each(arm, goal, (q + pull)[None])
-            # It is better if it costs less than this.
+            # The new configuration is an improvement if its cost is below this.
             most = costs[i] + _travel(before, q, after) - _travel(before, ended[0], after)
             if squares[0] < SOLVED and most > 0.0 and (cost := float(configuration_cost(arm, ended)[0])) < most:
                 path[i], costs[i] = ended[0], cost

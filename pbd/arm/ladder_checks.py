@@ -1,4 +1,4 @@
-"""Which links of a motion's ladder graph are free, and their cost. Results are stored with each link and move."""
+"""Check which moves of a motion's ladder graph are free, and what they cost. Links and moves store the results."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from pbd.arm.collision.scene import CollisionScene, Hit, Leg
 from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.ik.cartesian import follow, line, refine
 from pbd.arm.ik.partial_pose import is_partial
-from pbd.arm.joint_path import turned, widen
+from pbd.arm.joint_path import turn_variants, widen
 from pbd.arm.ladder_graph import Ladder
 from pbd.arm.ladder_links import (
-    ANY_OTHER,
     BETWEEN_TWO,
     CHECKS,
     CHECKS_CLOSE,
     CHECKS_EACH,
     ENOUGH_DETOURS,
     FROM_ANY_TO_ANY,
+    OTHER_DETOUR_COST,
     DetourSearch,
     Link,
-    Move,
+    MoveState,
     remedies_of,
 )
 from pbd.arm.model import ArmModel
@@ -33,19 +33,26 @@ from pbd.arm.tool_deviation import tool_deviations
 from pbd.pose import Array, Pose
 
 WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
-"""Cost of a wide move, in rad of joint travel; after so many between two keyframes others are not tested."""
+"""Cost of a wide move, rad of joint travel; after MOST_WIDE wide moves between two keyframes no more are measured."""
 APPROACH_M = 0.08, 0.16
-"""Distances before a keyframe, along the approach axis, from which the arm comes where it can't come straight from its
-start; the first that is free. It leaves the last keyframe for home in the same manner."""
+"""Distances of a via point before keyframe 0, m, along the tool's approach axis.
+
+The arm takes the first that is free where the straight move from its start touches something. The retreat does the same
+after the last keyframe.
+"""
 
 
 class LinkChecks:
-    """The ladder of a motion, with its links and moves: link j leads to layer j + 1.
+    """The ladder of a motion, with its links and moves: links[j] leads to layer j + 1.
 
-    Without a scene collisions are ignored.
+    Without a scene, collisions are ignored.
 
     Attributes:
-        legs: leg i leads to keyframe i, leg n away from the last one.
+        legs: legs[i] leads to keyframe i, legs[n] away from the last one.
+        moves: moves[i] leads to keyframe i, moves[n] back home.
+        checks_left: collision checks that all detour searches of this motion may still use.
+        detours: the detours (m, k) that searches between two configurations found, by leg.
+        close: the scene uses the smaller margin CLOSE_M.
     """
 
     def __init__(self, arm: ArmModel, request: MotionRequest, scene: CollisionScene | None, ladder: Ladder) -> None:
@@ -54,77 +61,79 @@ class LinkChecks:
         self.n = len(request.T_base_tool)
         self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
         may_detour = request.detour and scene is not None
-        self.moves = [Move(STRAIGHT, remedies_of(request, i, may_detour=may_detour)) for i in range(len(self.links))]
+        self.moves = [
+            MoveState(STRAIGHT, remedies_of(request, i, may_detour=may_detour)) for i in range(len(self.links))
+        ]
         self.checks_left = CHECKS + self.n * CHECKS_EACH
-        self.detours: dict[Leg, list[Array]] = {}  # those that a search found
+        self.detours: dict[Leg, list[Array]] = {}
         self.close = scene is not None and scene.margin_m < MARGIN_M
         if self.close:
             self.checks_left = int(CHECKS_CLOSE * self.checks_left)
 
-    def at(self, place: int) -> tuple[Link, Move]:
+    def at(self, place: int) -> tuple[Link, MoveState]:
         """Return the link to a layer, and the move that it is part of."""
         link = self.links[place - 1]
         return link, self.moves[link.keyframe]
 
     def stands(self, place: int, q: Array) -> bool:
-        """Whether the arm may stand at joints (k,) in a layer."""
+        """Whether the arm is free at joints (k,) in a layer."""
         link, move = self.at(place)
         i = link.keyframe
         if self.scene is None or i == self.n:
             return True
         if not link.at_keyframe:
             return self.scene.is_free(q[None], self.legs[i])
-        if self.stands_at(i, q):
+        if self.is_free_at_keyframe(i, q):
             return True
-        if move.pose_hit is None:  # the first one is kept, for the message
+        if move.pose_hit is None:  # keep the first one for the message
             hits = (self.scene.hit(q, leg) for leg in self.legs[i : i + 2])
             move.pose_hit = next((hit for hit in hits if hit), None)
         return False
 
-    def stands_at(self, i: int, q: Array) -> bool:
+    def is_free_at_keyframe(self, i: int, q: Array) -> bool:
         """Whether the arm touches nothing at keyframe i with joints (k,), as it arrives and as it leaves."""
-        legs = dict.fromkeys(self.legs[i : i + 2])  # mostly alike
+        legs = dict.fromkeys(self.legs[i : i + 2])  # often equal: check once
         return self.scene is None or all(self.scene.is_free(q[None], leg) for leg in legs)
 
     def tool_hit(self, i: int, T_base_tool: Sequence[Pose]) -> Hit | None:
-        """Return a hit on the way to keyframe i of what moves with the tool: it is there however the arm is held."""
+        """Return a hit of the tool and its load on poses to keyframe i: it occurs in every configuration of the arm."""
         if self.scene is None or is_partial(self.arm):
             return None
         return self.scene.tool_hit(T_base_tool, self.legs[i])
 
     def wide_costs(self, places: Sequence[int], q_before: Array, q: Array) -> list[float]:
-        """Return what each straight move to a layer costs for being wide, rad; rows of (n, k) to rows of (n, k)."""
+        """Return the extra cost of wide moves, rad, for straight moves from rows of joints (n, k) to rows (n, k)."""
         turns, costs = np.abs(q - q_before).max(axis=1) > np.pi, [0.0] * len(places)
         asked = [
             i
             for i, place in enumerate(places)
             if self.straight(place)
-            and self.at(place)[1].found_wide < MOST_WIDE
-            # The ladder has charged already for a joint that turns by more than half a turn.
+            and self.at(place)[1].wide_pairs < MOST_WIDE
+            # The ladder has already charged for a joint that moves by more than half a turn.
             and not (turns[i] and self.ladder.layers[place].wide_cost > 0.0)
         ]
         for i, deviation in zip(asked, tool_deviations(self.arm, q_before[asked], q[asked]), strict=True):
-            self.at(places[i])[1].found_wide += deviation.wide
+            self.at(places[i])[1].wide_pairs += deviation.wide
             costs[i] = WIDE_COST * deviation.wide
         return costs
 
     def cost(self, place: int, q_before: Array, q: Array) -> float:
-        """Return the cost of a move to a layer beside its travel, rad; infinite where it isn't free."""
+        """Return the cost of a move to a layer beyond its straight travel, rad; infinite if it is not free."""
         link, move = self.at(place)
-        along, cost = self._along(link, move, q_before, q), 0.0
+        along, cost = self._free_move(link, move, q_before, q), 0.0
         if along is None:
-            move.tried, cost = move.tried + 1, np.inf
+            move.barred_pairs, cost = move.barred_pairs + 1, np.inf
         else:
-            link.found[q_before.tobytes() + q.tobytes()] = along
+            link.free_moves[q_before.tobytes() + q.tobytes()] = along
             if move.detour:
                 path = np.vstack((q_before, along))
                 cost = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() - np.linalg.norm(q - q_before))
-                if len(link.found) == ENOUGH_DETOURS:
-                    self.ladder.doubt(place, ANY_OTHER)
-        if move.tool_barred:  # in every configuration of the arm
+                if len(link.free_moves) == ENOUGH_DETOURS:
+                    self.ladder.set_unchecked_cost(place, OTHER_DETOUR_COST)
+        if move.tool_barred:  # no configuration of the arm can help
             layer = self.ladder.layers[place]
-            layer.refused = layer.most_refused
-            move.leave_path()
+            layer.barred_moves = layer.most_barred
+            move.drop_path_remedies()
         return cost
 
     def straight(self, place: int) -> bool:
@@ -133,30 +142,30 @@ class LinkChecks:
         return link.poses is None and 0 < link.keyframe < self.n and not move.detour
 
     def connect(self, place: int) -> None:
-        """Replace all moves to a layer by one detour from any state of the layer before; bar them if there is none.
+        """Replace all moves to a layer by one detour from any state of the layer before; bar them if none is found.
 
-        It may use paths that are known to be free on links whose leg is the same.
+        The search may use paths that are known to be free on links with the same leg.
         """
         ladder, (link, move) = self.ladder, self.at(place)
         before, layer, i = ladder.layers[place - 1], ladder.layers[place], link.keyframe
         if i < self.n:
             widen(self.arm, self.request.T_base_tool[i], ladder, place)
         starts = before.q[np.isfinite(ladder.travel(place - 1))]
-        if place > 1:  # prefer states that a free path is known to reach
-            ends = {along[-1].tobytes() for along in self.links[place - 2].found.values()}
+        if place > 1:  # prefer states to which a free move is known
+            ends = {along[-1].tobytes() for along in self.links[place - 2].free_moves.values()}
             known = np.array([q.tobytes() in ends for q in starts], dtype=bool)
             starts = starts[known] if known.any() else starts
         goals = np.array([q for q in layer.q[np.isfinite(layer.cost)] if self.stands(place, q)])
-        found = self._connect(i, move, starts, goals) if len(starts) and len(goals) else None
+        found = self._detour_between_any(i, move, starts, goals) if len(starts) and len(goals) else None
         if found is None:
-            ladder.settle(place, before.q[0], layer.q[0], np.inf)
+            ladder.keep_only(place, before.q[0], layer.q[0], np.inf)
             return
         if not (layer.q == found[-1]).all(axis=1).any():
             ladder.add(place, found[-1:], configuration_cost(self.arm, found[-1:]))
-        link.found[found[0].tobytes() + found[-1].tobytes()] = found[1:]
-        ladder.settle(place, found[0], found[-1], float(np.linalg.norm(np.diff(found, axis=0), axis=1).sum()))
+        link.free_moves[found[0].tobytes() + found[-1].tobytes()] = found[1:]
+        ladder.keep_only(place, found[0], found[-1], float(np.linalg.norm(np.diff(found, axis=0), axis=1).sum()))
 
-    def _connect(self, i: int, move: Move, starts: Array, goals: Array) -> Array | None:
+    def _detour_between_any(self, i: int, move: MoveState, starts: Array, goals: Array) -> Array | None:
         """Return joints (m, k) of a detour to keyframe i, from any of the starts (s, k) to any of the goals (g, k)."""
         if self.scene is None:
             return None
@@ -165,27 +174,27 @@ class LinkChecks:
             np.vstack((np.frombuffer(ends)[:count], along))
             for link in self.links
             if legs[link.keyframe] == legs[i]
-            for ends, along in link.found.items()
+            for ends, along in link.free_moves.items()
         ]
         for effort in FROM_ANY_TO_ANY:
-            ends = goals if i == self.n else turned(self.arm, goals, starts, effort.turned)
+            ends = goals if i == self.n else turn_variants(self.arm, goals, starts, effort.turned)
             if (found := self._find_detour(i, move, starts, ends, effort, known)) is not None:
                 return found
         return None
 
     def _find_detour(
-        self, i: int, move: Move, starts: Array, goals: Array, effort: DetourSearch, known: Sequence[Array] = ()
+        self, i: int, move: MoveState, starts: Array, goals: Array, effort: DetourSearch, known: Sequence[Array] = ()
     ) -> Array | None:
-        from pbd.arm.detour import find_detour  # OMPL takes its time to load
+        from pbd.arm.detour import find_detour  # OMPL loads slowly
 
         assert self.scene is not None
         most_checks = min(effort.most_checks, self.checks_left)
         found, checks = find_detour(self.scene, self.legs[i], starts, goals, effort, most_checks, known)
-        move.searched, self.checks_left = move.searched + checks, self.checks_left - checks
+        move.detour_checks, self.checks_left = move.detour_checks + checks, self.checks_left - checks
         return found
 
-    def _around(self, i: int, move: Move, q_before: Array, q: Array) -> Array | None:
-        """Return the joints (m, k) of a detour to keyframe i: a known one, bent to these ends, else a new one."""
+    def _detour_between(self, i: int, move: MoveState, q_before: Array, q: Array) -> Array | None:
+        """Return joints (m, k) of a detour to keyframe i: a known detour bent to these ends, else a new one."""
         from pbd.arm.detour import warp_detour
 
         assert self.scene is not None
@@ -197,13 +206,13 @@ class LinkChecks:
                 known.append(found)
         return None if found is None else found[1:]
 
-    def _along(self, link: Link, move: Move, q_before: Array, q: Array) -> Array | None:
-        """Return the joints (m, k) along a free move from one configuration to another; None where there is none."""
+    def _free_move(self, link: Link, move: MoveState, q_before: Array, q: Array) -> Array | None:
+        """Return the joints (m, k) along a move between two configurations, without the first; None if not free."""
         i, scene = link.keyframe, self.scene
         if (scene is None and link.poses is None) or (i == 0 and not self.request.approach):
             return q[None]
         if scene is not None and move.detour:
-            return self._around(i, move, q_before, q)
+            return self._detour_between(i, move, q_before, q)
         if link.poses is not None and not link.tool_free:
             tool_hit = self.tool_hit(i, link.poses)
             link.tool_free, move.tool_barred = tool_hit is None, tool_hit is not None
@@ -214,14 +223,14 @@ class LinkChecks:
         if along is None or scene is None or scene.is_free(along, self.legs[i]):
             return None if along is None else along[1:]
         ends = (q, q_before) if i == 0 else (q_before, q)
-        if i in (0, self.n) and (between := self._on_the_axis(self.legs[i], *ends)) is not None:
+        if i in (0, self.n) and (between := self._via_point_on_axis(self.legs[i], *ends)) is not None:
             return np.stack((between, q))
         if move.kind not in move.hits and (hit := scene.check_path(along, self.legs[i])):
             move.hits[move.kind] = hit
         return None
 
-    def _on_the_axis(self, leg: Leg, q: Array, q_away: Array) -> Array | None:
-        """Find joints from which the tool moves along its approach axis to joints q at an end of the motion."""
+    def _via_point_on_axis(self, leg: Leg, q: Array, q_away: Array) -> Array | None:
+        """Find a via point (k,) on the tool's approach axis, between joints q at a keyframe and q_away; None: none."""
         assert self.scene is not None
         T_base_tool, before = self.arm.forward(q), q
         for near, far in pairwise((0.0, *APPROACH_M)):

@@ -1,11 +1,12 @@
-"""A ladder graph: layers of configurations, moves between neighbouring layers, and the shortest free path.
+"""A ladder graph: layers of configurations (states), moves between neighbouring layers, and the shortest free path.
 
-Collision checks are costly, so they are lazy: dynamic programming finds the shortest path as if all were free, and only
-the states and moves on it are checked. Barred ones are dropped, and the path is searched again from there on (LazySP:
-Dellin and Srinivasa, "A Unifying Formalism for Shortest Path Problems with Expensive Edge Evaluations", 2016). A link
-between two layers on which too many moves are barred is handed back to be mended; what else is known is kept.
+Collision checks are slow, so they are lazy. Dynamic programming finds the shortest path as if everything were free;
+only the states and moves on that path are checked. Barred ones are dropped, and the path is searched again from that
+layer on (LazySP: Dellin and Srinivasa, "A Unifying Formalism for Shortest Path Problems with Expensive Edge
+Evaluations", 2016). If too many moves to a layer are barred, the search returns that layer for mending. All other
+results are kept.
 
-A long ladder is searched window by window, so the cost grows linearly with its layers. The first part of a window's
+A long ladder is searched window by window, so the run time grows linearly with its layers. The first part of a window's
 path is final; the rest is searched again with the layers that follow.
 """
 
@@ -21,23 +22,23 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array
 
-Stands = Callable[[int, Array], bool]
-"""Whether joints (k,) are free in a layer (counted from 0, the start)."""
-Moves = Callable[[int, Array, Array], float]
-"""Cost of a move to that layer, from joints (k,) to others, beside its travel, rad; infinite where it is barred."""
-Weighs = Callable[[list[int], Array, Array], Sequence[float]]
-"""Further cost of moves to layers, rad, from rows of joints (n, k) to rows of others."""
+StateCheck = Callable[[int, Array], bool]
+"""Says whether joints (k,) are free in a layer; layer 0 is the start."""
+MoveCost = Callable[[int, Array, Array], float]
+"""Gives the cost of a move to a layer beyond its straight travel, rad, from joints (k,) to (k,); infinite if barred."""
+ExtraCost = Callable[[list[int], Array, Array], Sequence[float]]
+"""Gives an additional cost of moves to n layers, rad, from rows of joints (n, k) to rows (n, k)."""
 
 
-UNSEEN = 0.2
-"""Further cost of an unchecked move, rad: a free path is not given up for one that is only a little shorter."""
+UNCHECKED_COST = 0.2
+"""Extra cost of an unchecked move, rad: so a path known to be free is not left for one that is slightly shorter."""
 
 
 @dataclass(frozen=True)
 class Barred:
-    """Why no path was found: the layers that no free move leads to.
+    """Why no path was found: the indices of the layers that no free move leads to.
 
-    `standing`: whether a layer has a free state, so that it is the moves to it that are barred.
+    `standing`: for each, whether it has a free state; then the moves to it are barred, not its states.
     """
 
     layers: tuple[int, ...]
@@ -50,63 +51,66 @@ class Layer:
 
     Attributes:
         q: (m, k) rad.
-        cost: (m,) rad of joint travel, beside that of the moves; infinite where a state isn't free.
-        most_refused: so many barred moves make the layer count as out of reach.
-        costly: moves to it are checked last, once all others on the path are free.
-        in_order: moves to it are checked once those before them on the path are free.
-        most_step: rad, the largest motion of a joint on a move to this layer.
-        unseen: rad, further cost of an unchecked move.
-        wide_cost: rad, of a move to this layer on which a joint turns by more than half a turn.
-        length: (l, m) rad, of the moves from the l states before; infinite where barred.
+        cost: (m,) cost of each state, in rad of joint travel; infinite for a state that is not free.
+        most_barred: number of barred moves after which the layer is returned for mending.
+        costly: moves to it are checked last, once all other moves on the path are free.
+        in_order: a move to it is checked only if no earlier move on the path was barred in the same pass.
+        most_step: rad, largest motion of a joint on a move to this layer.
+        unchecked_cost: rad, extra cost of an unchecked move.
+        wide_cost: rad, extra cost of a move on which a joint moves by more than half a turn.
+        length: (l, m) rad, cost of the moves from the l states of the layer before; infinite if barred.
+        barred_moves: number of moves to it that were found barred.
+        state_checked: (m,) whether each state was checked.
+        move_checked, cost_added: (l, m) whether each move was checked, and whether its additional cost was added.
     """
 
     q: Array
     cost: Array
-    most_refused: int
+    most_barred: int
     most_step: float = np.inf
     costly: bool = False
     in_order: bool = False
     wide_cost: float = 0.0
-    unseen: float = UNSEEN
+    unchecked_cost: float = UNCHECKED_COST
     length: Array = field(init=False)
-    refused: int = field(init=False, default=0)
-    stood: NDArray[np.bool_] = field(init=False)
-    moved: NDArray[np.bool_] = field(init=False)
-    weighed: NDArray[np.bool_] = field(init=False)
+    barred_moves: int = field(init=False, default=0)
+    state_checked: NDArray[np.bool_] = field(init=False)
+    move_checked: NDArray[np.bool_] = field(init=False)
+    cost_added: NDArray[np.bool_] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.stood = np.zeros(len(self.q), dtype=bool)
+        self.state_checked = np.zeros(len(self.q), dtype=bool)
         self.length = np.empty((0, 0))
-        self.moved = self.weighed = np.empty((0, 0), dtype=bool)
+        self.move_checked = self.cost_added = np.empty((0, 0), dtype=bool)
 
     def copy(self) -> Layer:
-        """Copy it with the arrays that change in place; `q` is only ever replaced."""
+        """Copy the layer with the arrays that change in place; `q` is only ever replaced."""
         copied = copy(self)
-        for name in ("cost", "stood", "length", "moved", "weighed"):
+        for name in ("cost", "state_checked", "length", "move_checked", "cost_added"):
             setattr(copied, name, getattr(self, name).copy())
         return copied
 
     def link(self, before: Array, *, anew: bool = False) -> None:
-        """Measure the moves from states (l, k); keep what is known of earlier ones, unless `anew`."""
+        """Set the length of the moves from states (l, k); results of checked moves are kept unless `anew`."""
         step = before[:, None] - self.q
-        length, (moved, weighed) = np.linalg.norm(step, axis=2), np.zeros((2, *step.shape[:2]), dtype=bool)
+        length, (move_checked, cost_added) = np.linalg.norm(step, axis=2), np.zeros((2, *step.shape[:2]), dtype=bool)
         farthest = np.abs(step).max(axis=2, initial=0.0)
         length += self.wide_cost * (farthest > np.pi)
         length[farthest > self.most_step] = np.inf
-        length += self.unseen
+        length += self.unchecked_cost
         if anew:
-            self.refused = 0
+            self.barred_moves = 0
         else:
             known = tuple(slice(count) for count in self.length.shape)
-            length[known], moved[known], weighed[known] = self.length, self.moved, self.weighed
-        self.length, self.moved, self.weighed = length, moved, weighed
+            length[known], move_checked[known], cost_added[known] = self.length, self.move_checked, self.cost_added
+        self.length, self.move_checked, self.cost_added = length, move_checked, cost_added
 
 
 class Ladder:
-    """Layers to find a path through, the start's (of one state) first.
+    """The layers through which a path is searched; layer 0 has one state, the start. `place` is the index of a layer.
 
     Attributes:
-        first, end: the window: the path up to layer `first` is final, layers from `end` on aren't searched yet.
+        first, end: the window: the path up to layer `first` is final; layers from `end` on are not searched yet.
     """
 
     def __init__(self, layers: Sequence[Layer]) -> None:
@@ -117,7 +121,7 @@ class Ladder:
         self._totals = [self.layers[0].cost]
 
     def copy(self) -> Ladder:
-        """Copy all that may change in the window."""
+        """Copy everything that may change in the window."""
         copied = copy(self)
         copied.layers = [*self.layers]
         for place in range(self.first, min(self.end + 1, len(self.layers))):
@@ -126,76 +130,87 @@ class Ladder:
         return copied
 
     def advance(self, path: Sequence[int], first: int, end: int) -> None:
-        """Move the window: it begins at layer `first`, in the state on the path, and ends before layer `end`."""
+        """Move the window: it begins at layer `first`, whose state on the path is now final, and ends before `end`."""
         self.shortest()
         self._totals[first] = np.where(np.arange(len(self.layers[first].q)) == path[first], 0.0, np.inf)
         self.first, self.end = first, min(end, len(self.layers))
-        self._forget(first + 1)
+        self._discard_totals(first + 1)
 
     def release(self) -> None:
-        """Let the window begin at the start again."""
+        """Let the window begin at layer 0 again."""
         self.first = 0
-        self._forget(1)
+        self._discard_totals(1)
 
     def add(self, place: int, q: Array, cost: Array) -> None:
-        """Add states (m, k) to a layer; none where its state is final."""
+        """Add states (m, k) to a layer; ignored if its state is final."""
         if place <= self.first:
             return
         layer = self.layers[place]
         layer.q, layer.cost = np.vstack((layer.q, q)), np.append(layer.cost, cost)
-        layer.stood = np.append(layer.stood, np.zeros(len(q), dtype=bool))
+        layer.state_checked = np.append(layer.state_checked, np.zeros(len(q), dtype=bool))
         for at in (place, place + 1):
             if at < len(self.layers):
                 self.layers[at].link(self.layers[at - 1].q)
-        self._forget(place)
+        self._discard_totals(place)
 
-    def reopen(
-        self, place: int, most_refused: int, *, costly: bool, in_order: bool = False, unseen: float = UNSEEN
+    def reset_moves(
+        self,
+        place: int,
+        most_barred: int,
+        *,
+        costly: bool,
+        in_order: bool = False,
+        unchecked_cost: float = UNCHECKED_COST,
     ) -> None:
-        """Mark the moves to a layer as unchecked: they are made differently from now on."""
+        """Mark the moves to a layer as unchecked, since they are made in another way from now on."""
         layer = self.layers[place]
-        layer.most_refused, layer.costly, layer.in_order, layer.unseen = most_refused, costly, in_order, unseen
+        layer.most_barred, layer.costly, layer.in_order, layer.unchecked_cost = (
+            most_barred,
+            costly,
+            in_order,
+            unchecked_cost,
+        )
         layer.link(self.layers[place - 1].q, anew=True)
-        self._forget(place)
+        self._discard_totals(place)
 
-    def settle(self, place: int, q_before: Array, q: Array, length: float) -> None:
-        """Leave only one move to a layer, which is free, and `length` rad long."""
+    def keep_only(self, place: int, q_before: Array, q: Array, length: float) -> None:
+        """Keep only one move to a layer: from q_before to q, free, and `length` rad long."""
         layer, before = self.layers[place], self.layers[place - 1]
-        layer.length[:], layer.moved[:], layer.refused = np.inf, True, 0
+        layer.length[:], layer.move_checked[:], layer.barred_moves = np.inf, True, 0
         layer.length[(before.q == q_before).all(axis=1).argmax(), (layer.q == q).all(axis=1).argmax()] = length
-        self._forget(place)
+        self._discard_totals(place)
 
-    def doubt(self, place: int, unseen: float) -> None:
-        """Change the further cost of unchecked moves to a layer, rad."""
+    def set_unchecked_cost(self, place: int, unchecked_cost: float) -> None:
+        """Change the extra cost of unchecked moves to a layer, rad."""
         layer = self.layers[place]
-        layer.length[~layer.moved] += unseen - layer.unseen
-        layer.unseen, layer.refused = unseen, 0
-        self._forget(place)
+        layer.length[~layer.move_checked] += unchecked_cost - layer.unchecked_cost
+        layer.unchecked_cost, layer.barred_moves = unchecked_cost, 0
+        self._discard_totals(place)
 
     def insert(self, place: int, layers: Sequence[Layer]) -> None:
-        """Insert layers before one of them."""
+        """Insert layers before layer `place`."""
         after = place + len(layers)
         self.end += len(layers)
         self.layers[place:place] = layers
         for at in range(place, after + 1):
             self.layers[at].link(self.layers[at - 1].q, anew=True)
-        self._forget(place)
+        self._discard_totals(place)
 
     def drop(self, place: int, end: int) -> None:
-        """Remove layers up to `end`; the moves to the one after them are straight."""
+        """Remove the layers from `place` up to `end`; moves to the next layer may then be of any length."""
         del self.layers[place:end]
         self.end -= end - place
         if place < len(self.layers):
             self.layers[place].most_step = np.inf
             self.layers[place].link(self.layers[place - 1].q, anew=True)
-        self._forget(place)
+        self._discard_totals(place)
 
     def joints(self, path: Sequence[int]) -> Array:
         """Return the states (n, k) on a path."""
         return np.array([layer.q[state] for layer, state in zip(self.layers, path, strict=False)])
 
     def shortest(self) -> list[int] | Barred:
-        """Return the state to take of each layer before `end`; or the first layer that no free path leads to."""
+        """Return the index of the state to take in each layer; or the first layer that no free path leads to."""
         for place in range(len(self._totals), self.end):
             layer = self.layers[place]
             total = (self._totals[-1][:, None] + layer.length).min(axis=0) + layer.cost
@@ -208,72 +223,74 @@ class Ladder:
         return path[::-1]
 
     def travel(self, place: int) -> Array:
-        """Return the cost (m,) of the shortest path to each state of a layer; infinite where there is none."""
+        """Return the cost (m,) of the shortest path to each state of a layer, rad; infinite if there is none."""
         self.shortest()
         return self._totals[place] if place < len(self._totals) else np.full(len(self.layers[place].q), np.inf)
 
-    def search(self, stands: Stands, moves: Moves, weigh: Weighs | None = None) -> list[int] | Barred:
-        """Return the shortest path, checked and free; or the layers that need mending first.
+    def search(
+        self, state_check: StateCheck, moves: MoveCost, extra_cost: ExtraCost | None = None
+    ) -> list[int] | Barred:
+        """Return the shortest path once it is checked and free; or the layers that must be mended first.
 
-        `weigh`: a further cost of moves that is cheaper to find than whether they are free.
+        `extra_cost`: an additional cost of moves, which is faster to compute than a collision check.
         """
         while True:
             path = self.shortest()
             if isinstance(path, Barred):
                 return path
-            if self._bar_states(path, stands) or (weigh and self._weigh_moves(path, weigh)):
+            if self._check_states(path, state_check) or (extra_cost and self._add_costs(path, extra_cost)):
                 continue
-            if not self._bar_moves(path, moves, costly=False) and not self._bar_moves(path, moves, costly=True):
+            if not self._check_moves(path, moves, costly=False) and not self._check_moves(path, moves, costly=True):
                 return path
             within = range(self.first + 1, self.end)
-            tired = tuple(i for i in within if self.layers[i].refused >= self.layers[i].most_refused)
-            if tired:
-                return Barred(tired, (True,) * len(tired))
+            exhausted = tuple(i for i in within if self.layers[i].barred_moves >= self.layers[i].most_barred)
+            if exhausted:
+                return Barred(exhausted, (True,) * len(exhausted))
 
-    def _bar_states(self, path: Sequence[int], stands: Stands) -> bool:
+    def _check_states(self, path: Sequence[int], state_check: StateCheck) -> bool:
         barred = False
         for place in range(self.first + 1, self.end):
             layer, state = self.layers[place], path[place]
-            if layer.stood[state]:
+            if layer.state_checked[state]:
                 continue
-            layer.stood[state] = True
-            if not stands(place, layer.q[state]):
+            layer.state_checked[state] = True
+            if not state_check(place, layer.q[state]):
                 layer.cost[state] = np.inf
-                self._forget(place)
+                self._discard_totals(place)
                 barred = True
         return barred
 
-    def _weigh_moves(self, path: Sequence[int], weigh: Weighs) -> bool:
+    def _add_costs(self, path: Sequence[int], extra_cost: ExtraCost) -> bool:
         places = []
         for place in range(self.first + 1, self.end):
             layer, move = self.layers[place], (path[place - 1], path[place])
-            if not (layer.weighed[move] or layer.moved[move]):
-                layer.weighed[move] = True
+            if not (layer.cost_added[move] or layer.move_checked[move]):
+                layer.cost_added[move] = True
                 places.append(place)
         if not places:
             return False
         first, q = len(path), self.joints(path)
-        for place, cost in zip(places, weigh(places, q[[place - 1 for place in places]], q[places]), strict=True):
+        for place, cost in zip(places, extra_cost(places, q[[place - 1 for place in places]], q[places]), strict=True):
             self.layers[place].length[path[place - 1], path[place]] += cost
             first = min(first, place) if cost > 0.0 else first
-        self._forget(first)
+        self._discard_totals(first)
         return first < len(path)
 
-    def _bar_moves(self, path: Sequence[int], moves: Moves, *, costly: bool) -> bool:
+    def _check_moves(self, path: Sequence[int], moves: MoveCost, *, costly: bool) -> bool:
         barred, first = False, len(path)
         for place in range(self.first + 1, self.end):
             layer, state, following = self.layers[place], path[place - 1], path[place]
-            if layer.moved[state, following] or layer.costly != costly or (layer.in_order and barred):
+            if layer.move_checked[state, following] or layer.costly != costly or (layer.in_order and barred):
                 continue
-            layer.moved[state, following], unseen = True, layer.unseen
+            layer.move_checked[state, following], unchecked_cost = True, layer.unchecked_cost
             cost = moves(place, self.layers[place - 1].q[state], layer.q[following])
-            layer.length[state, following] += cost - unseen
-            layer.refused += cost == np.inf
+            layer.length[state, following] += cost - unchecked_cost
+            layer.barred_moves += cost == np.inf
             first, barred = min(first, place), barred or cost > 0.0
-        self._forget(first)
+        self._discard_totals(first)
         return barred
 
-    def _forget(self, place: int) -> None:
-        """Drop the path costs from a layer on."""
+    def _discard_totals(self, place: int) -> None:
+        """Discard the path costs from a layer on."""
         place = max(self.first + 1, place)
         del self._totals[place:]

@@ -1,4 +1,4 @@
-"""What the search for a motion knows of each move between keyframes, and of each link of its ladder graph."""
+"""The state of each move between keyframes and of each link of the ladder graph, while a motion is searched for."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
 from pbd.pose import Array, Pose
 
 MOST_PATHS = 4
-"""Barred paths of the tool, from end to end, before a link is mended."""
+"""Number of barred paths of the tool, from keyframe to keyframe, after which a link is mended."""
 MOST_DETOURS = 4
-"""Pairs of configurations without a detour before a link is mended."""
+"""Number of pairs of configurations without a detour after which a link is mended."""
 DETOUR_EXTRA = 1.0
-"""How much longer than straight a detour is assumed to be, rad, until it is found."""
-ENOUGH_DETOURS, ANY_OTHER = 1, 100.0
-"""After so many detours another costs so many rad more: it is searched for only where these lead nowhere."""
+"""Assumed extra length of a detour over the straight move, rad, until the detour is found."""
+ENOUGH_DETOURS, OTHER_DETOUR_COST = 1, 100.0
+"""After ENOUGH_DETOURS detours on a link, any other costs OTHER_DETOUR_COST rad more: it is searched for last."""
 
 
 class DetourSearch(NamedTuple):
-    """How a detour is searched for.
+    """Settings of one search for a detour.
 
     Attributes:
-        most_checks: collision checks before it is given up.
-        seed: of random joints.
-        step_rad: the longest move that is added to a tree, over all joints.
-        winding_rad: how far beyond all starts and goals a joint may go.
-        turned: goals that are made of each configuration by whole turns.
+        most_checks: number of collision checks after which the search gives up.
+        seed: of the random joints.
+        step_rad: longest edge of a tree, as the norm over all joints.
+        winding_rad: how far a joint may go beyond the range of all starts and goals.
+        turned: number of goals made from each configuration by whole turns of joints.
     """
 
     most_checks: int
@@ -50,43 +50,52 @@ FROM_ANY_TO_ANY = (
     DetourSearch(1500, winding_rad=0.5 * np.pi, seed=3, step_rad=0.5),
     DetourSearch(1500, seed=4, step_rad=0.5),
 )
-"""Most searches end soon or never: several short ones that differ find more than a long one."""
+"""Searches from any configuration to any other, in this order: several short, different ones find more than a long
+one, since most end soon or never."""
 CHECKS, CHECKS_EACH, CHECKS_CLOSE = 6000, 1000, 0.5
-"""Checks for all detours of a motion; more for each keyframe; share of that at the smaller margin."""
+"""Collision checks for all detours of a motion: a constant, plus CHECKS_EACH per keyframe; with the smaller margin
+CLOSE_M only this share of the sum."""
 
 
 @dataclass(eq=False)
-class Move:
-    """A move to a keyframe: its kind, the remedies left to try, and the first hit of each kind that was tried.
+class MoveState:
+    """The state of the search for the move to a keyframe.
 
-    `pose_hit`: what the arm touches at the keyframe itself. `tried`: barred pairs of configurations.
-    `found_wide`: pairs of configurations on which the tool deviates widely.
-    `wide`: the deviation because of which a line is tried instead.
-    `tool_barred`: what the tool carries touches something on its path, in every configuration.
-    `detour`: nothing else was free, so a detour is searched for; `searched`: collision checks for that.
-    `widened`: more configurations were added at its end; `looked_closely`: those of all its null space.
+    Attributes:
+        kind: STRAIGHT, LINE or DEMO: how the move is made at present.
+        remedies: what is left to try, in order: "follow", "widen", "split", "detour", "connect".
+        hits: by kind of move, the first hit that was found.
+        pose_hit: a hit of the arm at the keyframe itself.
+        barred_pairs: number of barred pairs of configurations.
+        wide_pairs: number of pairs of configurations between which the tool deviates widely.
+        wide: the tool's deviation on the straight move that a line replaces.
+        tool_barred: the tool or its load touches something on the path, in every configuration of the arm.
+        detour: nothing else was free, so a detour is searched for.
+        detour_checks: number of collision checks of those searches.
+        widened: more configurations were added at the keyframe.
+        null_space_searched: configurations along the entire null space were added at the keyframe.
     """
 
     kind: str
     remedies: list[str]
     hits: dict[str, Hit] = field(default_factory=dict)
     pose_hit: Hit | None = None
-    tried: int = 0
-    found_wide: int = 0
+    barred_pairs: int = 0
+    wide_pairs: int = 0
     wide: ToolDeviation | None = None
     tool_barred: bool = False
     detour: bool = False
-    searched: int = 0
+    detour_checks: int = 0
     widened: bool = False
-    looked_closely: bool = False
+    null_space_searched: bool = False
 
-    def last_resort(self) -> bool:
-        """Drop all remedies but detours; say whether any is left."""
+    def keep_detours_only(self) -> bool:
+        """Drop all remedies except detours; return whether any is left."""
         self.remedies[:] = self._detours()
         return bool(self.remedies)
 
-    def leave_path(self) -> None:
-        """Drop the remedies that keep the tool on its path, on which it touches something."""
+    def drop_path_remedies(self) -> None:
+        """Drop the remedies that keep the tool on its present path, since it touches something there."""
         first = self.remedies.index("split") if "split" in self.remedies else len(self.remedies)
         self.remedies = [*self.remedies[:first], *(self._detours() if first < len(self.remedies) else ())]
         self.tool_barred = False
@@ -102,21 +111,25 @@ class Move:
 
 @dataclass(eq=False)
 class Link:
-    """The link to a layer: part of the move to a keyframe, along poses of the tool or (None) straight.
+    """The link to a layer: a part of the move to a keyframe.
 
-    `at_keyframe`: the layer is the keyframe itself. `found`: joints (m, k) of free moves, by the bytes of both ends.
-    `tool_free`: what the tool carries is known to touch nothing on the path.
+    Attributes:
+        keyframe: its index; n for the retreat.
+        poses: of the tool along the link; None: straight in joint space.
+        at_keyframe: the layer is the keyframe itself, not a pose on the way.
+        free_moves: joints (m, k) of the free moves, without the first; the key is the bytes of the joints at both ends.
+        tool_free: the tool and its load are known to touch nothing on the path.
     """
 
     keyframe: int
     poses: tuple[Pose, ...] | None = None
     at_keyframe: bool = True
-    found: dict[bytes, Array] = field(default_factory=dict)
+    free_moves: dict[bytes, Array] = field(default_factory=dict)
     tool_free: bool = False
 
 
 def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str]:
-    """Return the remedies for the move to keyframe i, the likeliest first; i = n leads away from the last one."""
+    """Return the remedies for the move to keyframe i in the order of trial; i = n is the retreat."""
     if i in (0, len(request.T_base_tool)):
         return ["detour", "connect"] if may_detour else ["widen"]
     if request.kind != STRAIGHT:
@@ -128,12 +141,12 @@ def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str
     return [*path, "detour", "connect"]
 
 
-def motion_of(arm: ArmModel, links: Sequence[Link], moves: Sequence[Move], q: Array, n: int) -> Motion:
-    """Put a motion through n keyframes together from what was found on the links between joints (l + 1, k)."""
+def assemble_motion(arm: ArmModel, links: Sequence[Link], moves: Sequence[MoveState], q: Array, n: int) -> Motion:
+    """Assemble a motion through n keyframes from the free moves of the l links; q (l + 1, k) are the joints chosen."""
     parts: list[list[Array]] = [[] for _ in moves]
     ends = [q[0]] * n
     for place, link in enumerate(links, start=1):
-        parts[link.keyframe].append(link.found[q[place - 1].tobytes() + q[place].tobytes()])
+        parts[link.keyframe].append(link.free_moves[q[place - 1].tobytes() + q[place].tobytes()])
         if link.keyframe < n:
             ends[link.keyframe] = q[place]
     segments = []
@@ -143,5 +156,5 @@ def motion_of(arm: ArmModel, links: Sequence[Link], moves: Sequence[Move], q: Ar
             (deviation,) = tool_deviations(arm, ends[i - 1][None], ends[i][None])
             segment = replace(segment, off_line_m=deviation.off_line_m, wide=deviation if deviation.wide else None)
         segments.append(segment)
-    back = moves[n].segment(np.vstack(parts[n])) if len(parts) > n and parts[n] else None
-    return Motion(np.array(ends), tuple(segments), back)
+    retreat = moves[n].segment(np.vstack(parts[n])) if len(parts) > n and parts[n] else None
+    return Motion(np.array(ends), tuple(segments), retreat)

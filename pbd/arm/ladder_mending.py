@@ -8,7 +8,7 @@ from itertools import pairwise
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.partial_pose import FULL_POSE
-from pbd.arm.joint_path import CONTINUOUS_RAD, MOST_STEPS, STARTS, STARTS_CLOSE, layers_along, widen
+from pbd.arm.joint_path import CONTINUOUS_RAD, MOST_STEPS, STARTS, STARTS_NULL_SPACE, layers_along, widen
 from pbd.arm.ladder_checks import LinkChecks
 from pbd.arm.ladder_graph import Ladder
 from pbd.arm.ladder_links import DETOUR_EXTRA, MOST_DETOURS, MOST_PATHS, Link
@@ -16,16 +16,16 @@ from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, MotionRequest
 from pbd.pose import Pose
 
-MOST_STRAIGHT_WIDE = 150
-"""Barred straight moves between two keyframes, once widened, before the link is mended again."""
+MOST_STRAIGHT_WIDENED = 150
+"""Number of barred straight moves between two widened keyframes after which the link is mended again."""
 COARSE = 4
-"""Poses of a path from one layer to the next, where it is split."""
+"""Number of poses from one layer to the next, where a path is split."""
 LOOK_BACK = 8
-"""Paths before a barred one that are split with it."""
+"""Number of paths before a barred one that are split with it."""
 
 
 class Mending(LinkChecks):
-    """The ladder of a motion, and the remedies for its links."""
+    """The ladder of a motion, with the remedies for its links."""
 
     def __init__(self, arm: ArmModel, request: MotionRequest, scene: CollisionScene | None, ladder: Ladder) -> None:
         super().__init__(arm, request, scene, ladder)
@@ -33,25 +33,28 @@ class Mending(LinkChecks):
             self._follow_path(i + 1, request.kind)
 
     def _follow_path(self, place: int, kind: str | None = None) -> None:
-        """Let the tool follow a path to a layer from end to end: the hand's if it is known and `kind` isn't LINE."""
+        """Let the tool follow one path to a layer: the hand's if it is known and `kind` is not LINE, else a line."""
         link = self.links[place - 1]
         i, T_base_tool = link.keyframe, self.request.T_base_tool
         hand = self.request.hand if kind != LINE else None
         self.moves[i].kind = DEMO if hand else LINE
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
         link.tool_free, self.ladder.layers[place].wide_cost = False, 0.0
-        self.ladder.reopen(place, MOST_PATHS, costly=True)
+        self.ladder.reset_moves(place, MOST_PATHS, costly=True)
 
     def _detour(self, i: int) -> None:
-        """Let the arm go around, whatever the tool does on the way to keyframe i."""
+        """Replace the move to keyframe i by a detour in joint space; the tool's path is then free."""
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
         self.moves[i].detour = True
         self.ladder.drop(places[0], places[-1])
         self.links[places[0] - 1 : places[-1]] = [Link(i)]
-        self.ladder.reopen(places[0], MOST_DETOURS, costly=True, in_order=True, unseen=DETOUR_EXTRA)
+        self.ladder.reset_moves(places[0], MOST_DETOURS, costly=True, in_order=True, unchecked_cost=DETOUR_EXTRA)
 
     def _widen(self, i: int) -> None:
-        """Add configurations all along a move; where it followed a path in one link, try straight moves again."""
+        """Add configurations at all layers of the move to keyframe i.
+
+        A move of one link becomes straight in joint space again.
+        """
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
         for place in (places[0] - 1, *places):
             if place > 0 and self.links[place - 1].keyframe < self.n:
@@ -59,22 +62,33 @@ class Mending(LinkChecks):
         if len(places) == 1:
             self.links[places[0] - 1].poses, self.moves[i].kind = None, STRAIGHT
         for place in places:
-            self.ladder.reopen(place, MOST_STRAIGHT_WIDE, costly=len(places) > 1)
+            self.ladder.reset_moves(place, MOST_STRAIGHT_WIDENED, costly=len(places) > 1)
 
     def _look_closely(self, i: int, place: int) -> bool:
-        """Add free configurations all along the null space at a keyframe; say whether there are any."""
+        """Add free configurations from the entire null space at a keyframe; return whether any was found.
+
+        Only a redundant arm has one, and only the search with the smaller margin does this.
+        """
         move = self.moves[i]
-        if not self.close or move.looked_closely or self.arm.model.nv <= FULL_POSE:
+        if not self.close or move.null_space_searched or self.arm.model.nv <= FULL_POSE:
             return False
-        move.looked_closely = True
-        return widen(self.arm, self._pose(place), self.ladder, place, STARTS_CLOSE, partial(self.stands_at, i)) > 0
+        move.null_space_searched = True
+        return (
+            widen(
+                self.arm, self._pose(place), self.ladder, place, STARTS_NULL_SPACE, partial(self.is_free_at_keyframe, i)
+            )
+            > 0
+        )
 
     def _split(self, place: int) -> bool:
-        """Split a path, and the paths just before it, as they decide the configuration in which the arm arrives."""
+        """Split a path by layers on the way, and the paths just before it.
+
+        Those decide in which configuration the arm arrives. Return False if a pose on the way has no solution.
+        """
         if self.links[place - 1].poses is None:  # widening made it straight
             self._follow_path(place)
         first = place
-        while first > 1 and place - first < LOOK_BACK and self._whole(first - 1):
+        while first > 1 and place - first < LOOK_BACK and self._is_unsplit(first - 1):
             first -= 1
         end = place
         while first <= end:
@@ -86,13 +100,13 @@ class Mending(LinkChecks):
             first, end = first + added + 1, end + added
         return True
 
-    def _whole(self, place: int) -> bool:
-        """Whether the link to a layer is a whole path of the tool from keyframe to keyframe."""
+    def _is_unsplit(self, place: int) -> bool:
+        """Whether the link to a layer is an unsplit path of the tool from keyframe to keyframe."""
         link, before = self.links[place - 1], self.links[place - 2]
         return link.poses is not None and link.at_keyframe and before.keyframe != link.keyframe
 
     def _split_one(self, place: int) -> int | None:
-        """Insert a layer at every few poses of a path; return how many, None where a pose has no solution."""
+        """Insert a layer at every COARSE poses of a path; return how many, None if a pose has no solution."""
         link = self.links[place - 1]
         poses = link.poses or ()
         marks = [0, *range(COARSE, len(poses) - 1, COARSE), len(poses) - 1]
@@ -100,7 +114,7 @@ class Mending(LinkChecks):
         if layers is None:
             return None
         last = self.ladder.layers[place]
-        last.most_refused, last.most_step = MOST_STEPS, CONTINUOUS_RAD
+        last.most_barred, last.most_step = MOST_STEPS, CONTINUOUS_RAD
         self.ladder.insert(place, layers)
         self.links[place - 1 : place] = [
             Link(link.keyframe, poses[a : b + 1], b == len(poses) - 1, tool_free=True) for a, b in pairwise(marks)

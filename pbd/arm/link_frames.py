@@ -1,4 +1,4 @@
-"""Where an arm's links are, each in its parent: the tree of frames that ROS calls TF."""
+"""The pose of each of an arm's links in its parent link: the tree of frames that ROS calls TF."""
 
 from __future__ import annotations
 
@@ -12,15 +12,17 @@ from pbd.pose import Array, Pose
 
 
 def links_in_parents(arm: ArmModel, q: Array, opening: float) -> dict[str, tuple[str, Pose]]:
-    """Return each link's parent and its pose there, at joints (k,) and an opening; the root has none."""
+    """Return the parent of each link and T_parent_link, at joints (k,) and a gripper opening; the root is left out."""
     data = arm.full.createData()
     pin.framesForwardKinematics(arm.full, data, arm.configurations(np.append(q, opening)))
-    return {link: (parent, from_se3(data.oMf[above].inverse() * data.oMf[i])) for link, i, parent, above in _tree(arm)}
+    return {
+        link: (parent, from_se3(data.oMf[above].inverse() * data.oMf[i])) for link, i, parent, above in link_tree(arm)
+    }
 
 
 @lru_cache(maxsize=4)
-def _tree(arm: ArmModel) -> tuple[tuple[str, int, str, int], ...]:
-    """Each link and its parent, by name and by frame."""
+def link_tree(arm: ArmModel) -> tuple[tuple[str, int, str, int], ...]:
+    """Return each link's name and frame index, and those of its parent link; the root is left out."""
     found, frames = [], arm.full.frames
     for i, frame in enumerate(frames):
         if frame.type != pin.FrameType.BODY:

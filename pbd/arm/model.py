@@ -1,8 +1,9 @@
-"""A robot's kinematics: pinocchio's model of its URDF with everything but the arm's joints locked.
+"""A robot's kinematics: pinocchio's model of its URDF with all joints locked except the arm's.
 
-Joint vectors `q` here and in all of pbd/arm are (k,) in the order of `robot.joints`, rad (m for a sliding joint); a
+Joint vectors `q` here and in all of pbd/arm are (k,) in the order of `robot.joints`, rad (m for a prismatic joint). A
 continuous joint is one angle, not pinocchio's cosine and sine. Coordinates `x` are (k + 1,): q, then the gripper's
-opening, 1 open to 0 closed. Pinocchio's world is `base` in both models. No mesh is read here: that can take seconds.
+opening, 1 open to 0 closed. Pinocchio's world is `base` in both models. No mesh is read here, since that can take
+seconds.
 """
 
 from __future__ import annotations
@@ -41,16 +42,16 @@ def load_model(robot: Robot) -> ArmModel:
 
 
 class ArmModel:
-    """An arm's forward kinematics. Not to be shared between threads: pinocchio keeps its workings in it.
+    """An arm's forward kinematics. Not safe to share between threads: pinocchio computes in `data`.
 
     Attributes:
-        full: pinocchio's model of the whole URDF, for the viewer and for collision.
-        axes: by joint of `full`: its axis in its own frame, and whether it slides along it.
-        drives: by joint of `full` that moves: its column of x; its value is at_zero + slope * x: slope, at_zero.
-        model, data: pinocchio's model of the arm's joints alone, and its workings.
-        configuration: turns joints (k,) into pinocchio's configuration of `model`.
+        full: pinocchio's model of the entire URDF, for the viewer and for collision checks.
+        axes: by joint of `full`: its axis (3,) in its own frame, and whether it is prismatic.
+        drives: by moving joint of `full`: its column of x, slope, at_zero; the joint's value is at_zero + slope * x.
+        model, data: pinocchio's model of the arm's joints alone, and its buffers.
+        configuration: converts joints (k,) to pinocchio's configuration of `model`.
         tool_id: the tool's frame in `model`.
-        turns: (k,) 1 where a joint is back in its place after a whole turn, 0 where it slides.
+        turns: (k,) 1 for a revolute joint, which a whole turn leaves in the same place; 0 for a prismatic one.
     """
 
     def __init__(self, robot: Robot, full: Any) -> None:
@@ -68,7 +69,7 @@ class ArmModel:
         self.drives = {int(full.getJointId(name)): drive for name, drive in columns}
         self._driven = np.array([*self.drives]) - 1
         self._drive = tuple(map(np.array, zip(*self.drives.values(), strict=True)))
-        self._full_configuration = _configured(full)
+        self._full_configuration = _configuration_of(full)
         self.model = _reduced(full, robot.joints, self.configurations(np.append(robot.home, 1.0)))
         if tuple(self.model.names[1:]) != robot.joints:
             raise RobotError(
@@ -90,7 +91,7 @@ class ArmModel:
         frame = pin.Frame(TOOL, body.parentJoint, 0, T_joint_tool, pin.FrameType.OP_FRAME)
         self.tool_id: int = self.model.addFrame(frame)
         self.data = self.model.createData()
-        self.configuration = _configured(self.model)
+        self.configuration = _configuration_of(self.model)
         self.steps = _steps(self)
         self.turns: Array = np.array([step.joint == "turns" for step in self.steps[:-1]], dtype=np.float64)
 
@@ -101,7 +102,7 @@ class ArmModel:
 
     @property
     def limits(self) -> JointLimits:
-        """The robot's, of the arm's joints."""
+        """The limits of the arm's joints."""
         return self.robot.limits
 
     def forward(self, q: Array) -> Pose:
@@ -109,14 +110,14 @@ class ArmModel:
         return from_se3(self.placement(q))
 
     def placement(self, q: Array) -> Any:
-        """The same as pinocchio's pose."""
+        """Return the same as pinocchio's SE3."""
         pin.forwardKinematics(self.model, self.data, self.configuration(q))
         return pin.updateFramePlacement(self.model, self.data, self.tool_id)
 
     def forward_many(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the tool's positions (n, 3) in m and rotation matrices (n, 3, 3) in base, at joints (n, k).
 
-        Plain numpy in the precision of q, for samples and pictures by the thousand; planning relies on `forward`.
+        It uses numpy in the precision of q, and is fast for thousands of samples. Planning relies on `forward`.
         """
         joints, (c_of, s_of) = q.T, (np.cos(q.T), np.sin(q.T))
         p = np.zeros((3, len(q)), q.dtype)
@@ -135,13 +136,13 @@ class ArmModel:
         """Return (6, k): the tool's velocity in its own frame, m/s then rad/s, per joint velocity."""
         J: Array = pin.computeFrameJacobian(
             self.model, self.data, self.configuration(q), self.tool_id, pin.ReferenceFrame.LOCAL
-        ).reshape(6, -1)  # pinocchio's of one joint is a vector
+        ).reshape(6, -1)  # for an arm of one joint, pinocchio returns a vector
         return J
 
     def tool(self, q: Array) -> tuple[Array, Array, Array]:
-        """Return the tool's p (3,), R (3, 3) and Jacobian (6, k) in base, at q (k,), as inverse kinematics needs them.
+        """Return the tool's position (3,), rotation (3, 3) and Jacobian (6, k) in base at q (k,), for fast IK.
 
-        p and R are pinocchio's own: the next call overwrites them.
+        Position and rotation are views of pinocchio's buffers: the next call overwrites them.
         """
         J = pin.computeFrameJacobian(self.model, self.data, self.configuration(q), self.tool_id, _BASE_AXES)
         placement = self.data.oMf[self.tool_id]
@@ -161,7 +162,7 @@ class ArmModel:
         return self._full_configuration(values)
 
     def _frame(self, name: str) -> Any:
-        # Asked for by kind: some URDFs give a joint and a body the same name.
+        # Search by kind, since some URDFs give a joint and a body the same name.
         if not self.model.existFrame(name, pin.FrameType.BODY):
             bodies = [frame.name for frame in self.model.frames if frame.type == pin.FrameType.BODY]
             raise _unknown(self.robot, "body", name, bodies)
@@ -169,9 +170,9 @@ class ArmModel:
 
 
 def _reduced(full: Any, joints: tuple[str, ...], reference: Array) -> Any:
-    """Lock all joints but these at a configuration."""
+    """Return the model with all joints except these locked at a configuration."""
     model = full.copy()
-    # Pinocchio's own function fails where a joint shares its name with a body.
+    # Pinocchio's own function fails if a joint shares its name with a body.
     for joint in range(1, model.njoints):
         frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)]
         frame.name = model.names[joint] = f"{model.names[joint]}{_JOINT}"
@@ -183,7 +184,7 @@ def _reduced(full: Any, joints: tuple[str, ...], reference: Array) -> Any:
 
 
 def _move_world(model: Any, T_new_old: Any) -> None:
-    """Let a model's world be another frame that stands still."""
+    """Express a model in another fixed world frame."""
     for joint in range(1, model.njoints):
         if model.parents[joint] == 0:
             model.jointPlacements[joint] = T_new_old * model.jointPlacements[joint]
@@ -192,30 +193,30 @@ def _move_world(model: Any, T_new_old: Any) -> None:
             frame.placement = T_new_old * frame.placement
 
 
-def _configured(model: Any) -> Callable[[Array], Array]:
-    """How numbers (..., n), one a joint, become pinocchio's, which are cosine and sine of a continuous joint."""
+def _configuration_of(model: Any) -> Callable[[Array], Array]:
+    """Return the conversion of joint values (..., n) to pinocchio's: it has cosine and sine of a continuous joint."""
     joints = list(model.joints)[1:]
     if model.nq == len(joints):
         return lambda q: q
     at, turning = np.array([joint.idx_q for joint in joints]), np.array([joint.nq == 2 for joint in joints])
     cosines = at[turning]
 
-    def configured(q: Array) -> Array:
+    def convert(q: Array) -> Array:
         made = np.empty((*q.shape[:-1], model.nq))
         made[..., at] = q
         made[..., cosines], made[..., cosines + 1] = np.cos(q[..., turning]), np.sin(q[..., turning])
         return made
 
-    return configured
+    return convert
 
 
 def to_se3(pose: Pose) -> Any:
-    """Turn a Pose into pinocchio's."""
+    """Convert a Pose to pinocchio's SE3."""
     return pin.XYZQUATToSE3(np.concatenate((pose.p, quat_to_xyzw(pose.wxyz))))
 
 
 def from_se3(placement: Any) -> Pose:
-    """Turn pinocchio's pose into ours."""
+    """Convert pinocchio's SE3 to a Pose."""
     xyzquat = pin.SE3ToXYZQUAT(placement)
     return Pose(xyzquat[:3], quat_from_xyzw(xyzquat[3:]))
 
@@ -232,7 +233,7 @@ def _axes(model: Any) -> dict[int, tuple[Array, bool]]:
 
 
 class _Step(NamedTuple):
-    """A fixed step along the arm, then a joint that turns about z of where it leads, or slides along it."""
+    """A fixed transform along the arm, then a joint about (or along) the z axis of the frame that this leads to."""
 
     offset: Array
     turn: Array
@@ -240,7 +241,7 @@ class _Step(NamedTuple):
 
 
 def _steps(arm: ArmModel) -> list[_Step]:
-    """Break the arm into steps from base to tool; no joint follows the last."""
+    """Split the arm into steps from base to tool; the last one has no joint."""
     model, steps = arm.model, list[_Step]()
     T_axis_joint = pin.SE3.Identity()
     for i in range(1, model.njoints):

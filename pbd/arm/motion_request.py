@@ -1,4 +1,4 @@
-"""What is asked of a motion, and the motion that was chosen."""
+"""The request for a motion, and the motion that was chosen for it."""
 
 from __future__ import annotations
 
@@ -10,30 +10,33 @@ from pbd.arm.tool_deviation import ToolDeviation
 from pbd.pose import Array, Pose
 
 STRAIGHT, LINE, DEMO, DETOUR = "straight", "line", "demo", "detour"
-"""Kinds of moves: straight in joint space; the tool on a straight line; as the hand went; around what is in the way."""
+"""Kinds of moves: straight in joint space; the tool on a straight line; the tool on the hand's path; a detour in joint
+space around what a straight move would touch."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionRequest:
-    """What is asked of a motion.
+    """The request for a motion through n keyframes.
 
     Attributes:
-        q_start: (k,) rad, where the arm stands; branches near it are preferred.
-        approach: the motion begins there; else at keyframe 0.
-        q_back: (k,) rad, where it goes after the last keyframe, or None.
+        T_base_tool: n poses of the tool, one for each keyframe.
+        q_start: (k,) rad, the arm's present joints; configurations near them are preferred.
+        approach: the motion begins at q_start; else at keyframe 0.
+        q_retreat: (k,) rad, where the arm retreats to after the last keyframe; None: it stays there.
         kind: of the moves between keyframes: STRAIGHT, LINE or DEMO.
-        hand: returns the n - 1 paths of the tool as the hand went, computed when first called; or None.
-        tolerance_m: a straight move whose tool gets farther from the line becomes a LINE; without a tolerance a wide
-            one (see tool_deviation.py) does where possible.
-        detour: where nothing else is free, search for a DETOUR, unless the tool was to follow something.
-        grips: at each keyframe True where the gripper closes, False where it opens, None where nothing changes; none:
-            it stays open.
+        hand: returns the n - 1 demonstrated paths of the tool; None if they are unknown.
+        tolerance_m: a straight move on which the tool leaves the straight line by more becomes a LINE. Without a
+            tolerance, a wide move (see tool_deviation.py) does if possible.
+        detour: search for a DETOUR if nothing else is free; between keyframes only if `kind` is STRAIGHT and there is
+            no tolerance.
+        grips: for each keyframe, True if the gripper closes there, False if it opens, None if it does not move. An
+            empty sequence: it stays open.
     """
 
     T_base_tool: Sequence[Pose]
     q_start: Array
     approach: bool = True
-    q_back: Array | None = None
+    q_retreat: Array | None = None
     kind: str = STRAIGHT
     hand: Callable[[], Sequence[Sequence[Pose]]] | None = None
     tolerance_m: float | None = None
@@ -47,10 +50,10 @@ class Segment:
 
     Attributes:
         kind: STRAIGHT, LINE, DEMO or DETOUR.
-        q: (m, k) rad, without the joints that the move begins at; the last row is the keyframe's.
-        off_line_m: of a move straight in joint space: the tool's largest distance from the straight line.
-        avoided: what a straight move would have touched, where that is why this isn't one.
-        wide: the tool's deviation on a wide straight move; or the one because of which this is a LINE.
+        q: (m, k) rad, without the joints at which the move begins; the last row is the keyframe's.
+        off_line_m: for a STRAIGHT move, the tool's largest distance from the straight line.
+        avoided: what a straight move would have touched, if that is the reason for another kind.
+        wide: the tool's deviation on a wide STRAIGHT move, or on the one that a LINE replaces.
     """
 
     kind: str
@@ -61,14 +64,14 @@ class Segment:
 
     @property
     def curved(self) -> bool:
-        """Whether the joints lie on a smooth curve; else the arm goes straight from each to the next."""
+        """Whether the arm follows a smooth curve through q; else it moves straight from each row to the next."""
         return self.kind != STRAIGHT
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Joints (n, k) at the keyframes, the segments to them, and the way back or None."""
+    """Joints (n, k) at the keyframes, the segments to them, and the retreat or None."""
 
     q: Array
     segments: tuple[Segment, ...]
-    back: Segment | None
+    retreat: Segment | None

@@ -1,4 +1,4 @@
-"""Samples along a motion, close enough for collision checks: see `JointPath`."""
+"""Sample a motion densely enough for collision checks: see `JointPath`."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pbd.arm.collision.clearance import STEP_M, JointPath
 from pbd.data import JointTrajectory
 from pbd.pose import Array
 
-_SAME_S = 1e-9  # instants nearer than this are one
+_SAME_S = 1e-9  # instants closer than this are merged
 
 
-def polyline(q: Array, opening: float, rates: Array, step_m: float = STEP_M) -> JointPath:
-    """Sample straight moves in joint space from each of joints (m, k) to the next; t is 0 to 1, equal for each move.
+def sample_polyline(q: Array, opening: float, rates: Array, step_m: float = STEP_M) -> JointPath:
+    """Sample a polyline in joint space through joints (m, k); t is 0 to 1, with an equal share for each segment.
 
-    `rates` (p, k + 1): see motion_bounds.py. No pair moves by more than `step_m` from one sample to the next.
+    `rates` (p, k + 1): see motion_bounds.py. No pair of bodies moves by more than `step_m` between samples.
 
     Raises:
         ValueError: a joint isn't finite.
@@ -32,13 +32,13 @@ def polyline(q: Array, opening: float, rates: Array, step_m: float = STEP_M) -> 
     return JointPath(t, x)
 
 
-def along(trajectory: JointTrajectory, rates: Array, start: float = 0.0, end: float = np.inf) -> JointPath:
+def sample_trajectory(trajectory: JointTrajectory, rates: Array, start: float = 0.0, end: float = np.inf) -> JointPath:
     """Sample a trajectory from `start` to `end` (s); rates (p, k + 1), see motion_bounds.py."""
     end = min(end, trajectory.duration)
     marks = np.concatenate((_turning_points(trajectory), trajectory.knots, trajectory.gripper_t, (start, end)))
     marks = np.unique(marks[(marks >= start) & (marks <= end)])
     marks = np.append(marks[:-1][np.diff(marks) > _SAME_S], marks[-1])
-    # Between two marks each joint moves in one direction, and its speed is monotonic: the ends bound it.
+    # Between two marks each joint moves in one direction with monotonic speed, so its top speed is at an end.
     duration = np.diff(marks)
     opening = np.interp(marks, trajectory.gripper_t, trajectory.gripper_opening)
     speed = np.column_stack((_top_speeds(trajectory, marks), np.abs(np.diff(opening)) / duration))
@@ -51,16 +51,17 @@ def along(trajectory: JointTrajectory, rates: Array, start: float = 0.0, end: fl
 
 
 def _shares(steps: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
-    """Divide spans into steps; return for each step the index of its span, and the share of the span before it."""
+    """Divide each span into steps (n,); return for each step the index of its span, and where in the span it begins,
+    as a share of the span."""
     span = np.repeat(np.arange(len(steps)), steps)
     return span, (np.arange(len(span)) - np.repeat(np.cumsum(steps) - steps, steps)) / steps[span]
 
 
 def _turning_points(trajectory: JointTrajectory) -> Array:
-    """Instants inside a piece at which a joint's velocity or acceleration is zero."""
+    """Return the instants, s, inside a piece at which a joint's velocity or acceleration is zero."""
     _, c1, c2, c3 = np.moveaxis(trajectory.coefficients, 1, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        # c1 + 2 c2 s + 3 c3 s^2 = 0, in the form that loses no digits and takes c3 = 0
+        # Solve c1 + 2 c2 s + 3 c3 s^2 = 0 in the numerically stable form, which also allows c3 = 0.
         w = -(c2 + np.copysign(np.sqrt(c2**2 - 3.0 * c3 * c1), c2))
         roots = np.stack((w / (3.0 * c3), c1 / w, -c2 / (3.0 * c3)))
     inside = (roots > 0.0) & (roots < np.diff(trajectory.knots)[:, None])
@@ -68,7 +69,7 @@ def _turning_points(trajectory: JointTrajectory) -> Array:
 
 
 def _top_speeds(trajectory: JointTrajectory, marks: Array) -> Array:
-    """Return the joints' larger speed (n - 1, k) at the two ends of each stretch between marks (n,)."""
+    """Return the larger of each joint's speeds at the two ends of each span between marks (n,): (n - 1, k) rad/s."""
     middle = 0.5 * (marks[:-1] + marks[1:])
     piece = np.clip(np.searchsorted(trajectory.knots, middle) - 1, 0, len(trajectory.coefficients) - 1)
     _, c1, c2, c3 = np.moveaxis(trajectory.coefficients[piece], 1, 0)

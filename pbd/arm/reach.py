@@ -1,4 +1,4 @@
-"""How far an arm reaches: sampled configurations, and the one that brings its tool farthest."""
+"""Random configurations of an arm, and its reach: the largest distance of its tool from base's z axis."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from pbd.arm.model import ArmModel
 from pbd.pose import Array
 
 _SAMPLES = 20_000
-_CLIMBERS = 4
-_ON_AXIS_M = 1e-9
+_STARTS = 4  # best samples from which the distance is maximized
+_ON_AXIS_M = 1e-9  # keeps the gradient finite for a tool on the axis
 
 
 def sample(arm: ArmModel, count: int) -> Array:
     """Draw configurations (count, k) uniformly between the joint limits, the same ones each time.
 
-    A joint with a range of more than a turn is sampled over one turn; joint_path.py chooses the turn later.
+    A joint with a range of more than one turn is sampled over one turn; joint_path.py chooses whole turns later.
     """
     lower, upper = arm.limits.lower, arm.limits.upper
     further = upper - lower > 2.0 * np.pi
@@ -25,8 +25,8 @@ def sample(arm: ArmModel, count: int) -> Array:
 
 
 def farthest(arm: ArmModel) -> float:
-    """Return the largest distance of the tool from base's z axis, m: sampled, then climbed from the best samples."""
-    from scipy.optimize import Bounds, minimize  # takes its time to load
+    """Return the largest distance of the tool from base's z axis, m, optimized from the best samples."""
+    from scipy.optimize import Bounds, minimize  # loads slowly
 
     def inward(q: Array) -> tuple[float, Array]:
         p, _, J = arm.tool(q)
@@ -35,6 +35,6 @@ def farthest(arm: ArmModel) -> float:
 
     q = sample(arm, _SAMPLES)
     p, _ = arm.forward_many(q)
-    best = q[np.argsort(-np.hypot(p[:, 0], p[:, 1]))[:_CLIMBERS]]
+    best = q[np.argsort(-np.hypot(p[:, 0], p[:, 1]))[:_STARTS]]
     bounds = Bounds(arm.limits.lower, arm.limits.upper)
     return max(-float(minimize(inward, each, jac=True, bounds=bounds, method="L-BFGS-B").fun) for each in best)

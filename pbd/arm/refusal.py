@@ -1,4 +1,4 @@
-"""Messages where no motion is found, or one with reservations: what was tried, and what came closest."""
+"""Messages if no motion is found, or one with a drawback: what was tried, and what came closest."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.motion_check import describe
 from pbd.arm.collision.scene import TABLE, Hit
-from pbd.arm.ladder_links import Move
+from pbd.arm.ladder_links import MoveState
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion
 from pbd.errors import PlanError, warn
 
 UNREACHABLE, COLLISION, CANNOT_FOLLOW = "unreachable", "collision", "cannot follow"
-"""A keyframe is out of reach; something is in the way; the arm can't follow the path that was asked for."""
+"""Reasons of a refusal: a keyframe is out of reach; something is in the way; the arm can't follow the path asked
+for."""
 
-_SPOKEN = {STRAIGHT: "Straight in joint space", LINE: "Straight line of the tool", DEMO: "Demonstrated path"}
+_KIND_NAMES = {STRAIGHT: "Straight in joint space", LINE: "Straight line of the tool", DEMO: "Demonstrated path"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,57 +27,57 @@ class Refusal:
 
 
 def refuse_pose(i: int, tried: int, hit: Hit) -> Refusal:
-    """Refuse keyframe i, at which the arm touches something in each configuration that was tried."""
+    """Refuse keyframe i, where the arm touches something in each of the `barred_pairs` configurations."""
     return _collision(i, f"arm pose at keyframe {i} among {tried}: {describe(hit)}", STRAIGHT, hit)
 
 
-def refuse_move(i: int, move: Move, unfollowed: str | None) -> Refusal:
+def refuse_move(i: int, move: MoveState, infeasible_kind: str | None) -> Refusal:
     """Refuse the move to keyframe i; the message names the shallowest hit.
 
-    `unfollowed`: a kind of path that the arm can't follow, even if nothing were in the way.
+    `infeasible_kind`: LINE or DEMO, if the arm can't follow that path even without obstacles; else None.
     """
     if not (hits := move.hits):
-        path = "the demonstrated path" if unfollowed == DEMO else "the straight line"
+        path = "the demonstrated path" if infeasible_kind == DEMO else "the straight line"
         error = PlanError(
             f"the arm can't follow {path} from keyframe {i - 1} to keyframe {i}: it would have to flip its elbow or "
             "wrist on the way, or exceed its joint limits or reach; move the dock",
             keyframe=i,
-            way=unfollowed,
+            way=infeasible_kind,
         )
         return Refusal(CANNOT_FOLLOW, error)
     closest = max(hits, key=lambda kind: hits[kind].distance)
     told = [
-        f"{_SPOKEN[kind]}{' (closest)' if len(hits) > 1 and kind == closest else ''}: {describe(hit)}"
+        f"{_KIND_NAMES[kind]}{' (closest)' if len(hits) > 1 and kind == closest else ''}: {describe(hit)}"
         for kind, hit in hits.items()
     ]
-    if unfollowed is not None:
-        told.append(f"{_SPOKEN[unfollowed]}: the arm can't follow it")
+    if infeasible_kind is not None:
+        told.append(f"{_KIND_NAMES[infeasible_kind]}: the arm can't follow it")
     where = f"from keyframe {i - 1} to keyframe {i}" if i > 0 else "to keyframe 0"
-    pairs = f"{move.tried} pairs of arm poses" if move.tried > 1 else "1 pair of arm poses"
-    search = f", and no detour found in {move.searched} checks" if move.searched else ""
+    pairs = f"{move.barred_pairs} pairs of arm poses" if move.barred_pairs > 1 else "1 pair of arm poses"
+    search = f", and no detour found in {move.detour_checks} checks" if move.detour_checks else ""
     return _collision(i, f"motion {where} among {pairs}{search}. {'. '.join(told)}", closest, hits[closest])
 
 
-def tell(motion: Motion, no_way_back: Hit | None) -> None:
-    """Warn of detours, and of a way back that is left out."""
-    moves = [*motion.segments, motion.back] if motion.back else motion.segments
+def warn_about_motion(motion: Motion, retreat_hit: Hit | None) -> None:
+    """Warn of detours, and of a retreat that is left out."""
+    moves = [*motion.segments, motion.retreat] if motion.retreat else motion.segments
     for i, move in enumerate(moves):
         if move.kind == DETOUR and move.avoided is not None:
             where = f"from {i - 1} to {i}" if i > 0 else "on its way to keyframe 0"
             where = "on its way back" if i == len(motion.q) else where
             warn(f"{where} the arm goes around {move.avoided.second}: --no-detour refuses that")
-    if no_way_back is not None:
-        message = f"no collision-free way back from the last keyframe was found ({describe(no_way_back)})"
+    if retreat_hit is not None:
+        message = f"no collision-free way back from the last keyframe was found ({describe(retreat_hit)})"
         warn(f"{message}: the motion ends there")
 
 
 def warn_of_closeness(error: PlanError) -> None:
-    """Warn that the only motion that was found comes nearer to something than MARGIN_M."""
+    """Warn that the motion comes nearer to something than MARGIN_M; `error`: what barred the motion at that margin."""
     bodies = error.fields["bodies"]
     assert isinstance(bodies, tuple)
     warn(
-        f"a motion was only found that comes nearer to something than {1e3 * MARGIN_M:g} mm (no less "
-        f"than {1e3 * CLOSE_M:g} mm, as for {bodies[0]} and {bodies[1]}): check where the obstacles are"
+        f"the only motion found keeps a clearance of {1e3 * CLOSE_M:g} mm instead of {1e3 * MARGIN_M:g} mm, for "
+        f"example between {bodies[0]} and {bodies[1]}: check where the obstacles are"
     )
 
 

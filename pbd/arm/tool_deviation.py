@@ -1,4 +1,4 @@
-"""How far the tool deviates from the direct path on a straight move in joint space: by a long turn, or a wide arc."""
+"""How far the tool deviates from its direct path on a straight move in joint space: by rotation and by distance."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from pbd.arm.model import ArmModel, FloatArray
 from pbd.pose import Array
 
 TURN_RAD = math.radians(30.0)
-"""A move is wide if it turns the tool by so much more than the direct rotation does."""
+"""A move is wide if it rotates the tool by this much more than the direct rotation."""
 STRAY_M, STRAY_SHARE = 0.1, 0.25
-"""A move is wide if the tool leaves the straight line by more than this plus that share of the line's length."""
+"""A move is wide if the tool leaves the straight line by more than STRAY_M plus STRAY_SHARE of the line's length."""
 
 _SAMPLES = 33
 
 
 @dataclass(frozen=True)
 class ToolDeviation:
-    """What the tool does on a straight move in joint space.
+    """The tool's motion on a straight move in joint space.
 
     Attributes:
-        turn_rad: length of its rotation along the move.
+        turn_rad: total rotation along the move.
         direct_rad: angle of the direct rotation.
-        off_line_m: its largest distance from the straight line.
-        line_m: length of the line.
+        off_line_m: largest distance from the straight line.
+        line_m: length of that line.
     """
 
     turn_rad: float
@@ -36,12 +36,12 @@ class ToolDeviation:
 
     @property
     def turns(self) -> bool:
-        """Whether it turns much more than needed."""
+        """Whether the tool rotates much more than needed."""
         return self.turn_rad > self.direct_rad + TURN_RAD
 
     @property
     def wide(self) -> bool:
-        """Whether it turns, or strays from the line, much more than needed."""
+        """Whether the tool rotates, or leaves the line, much more than needed."""
         return self.turns or self.off_line_m > STRAY_M + STRAY_SHARE * self.line_m
 
     def __str__(self) -> str:
@@ -51,7 +51,7 @@ class ToolDeviation:
 
 
 def tool_deviations(arm: ArmModel, q_before: Array, q: Array) -> list[ToolDeviation]:
-    """Measure straight moves from rows of joints (n, k) to rows of others."""
+    """Measure the straight moves from rows of joints (n, k) to rows (n, k)."""
     along = q_before[:, None] + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (q - q_before)[:, None]
     p, R = arm.forward_many(along.reshape(-1, q.shape[1]))
     p, R = p.reshape(len(q), _SAMPLES, 3), R.reshape(len(q), _SAMPLES, 3, 3)
@@ -63,7 +63,7 @@ def tool_deviations(arm: ArmModel, q_before: Array, q: Array) -> list[ToolDeviat
 
 
 def off_line(p: FloatArray) -> FloatArray:
-    """Return the largest distance (...) in m of places (..., n, 3) from the line between the first and the last."""
+    """Return the largest distance (...) m of points (..., n, 3) from the line segment from the first to the last."""
     away, way = p - p[..., :1, :], p[..., -1:, :] - p[..., :1, :]
     share = np.clip((away * way).sum(axis=-1) / np.maximum((way * way).sum(axis=-1), 1e-18), 0.0, 1.0)
     farthest: FloatArray = np.linalg.norm(away - share[..., None] * way, axis=-1).max(axis=-1)
@@ -71,7 +71,7 @@ def off_line(p: FloatArray) -> FloatArray:
 
 
 def _angles(R_before: FloatArray, R: FloatArray) -> FloatArray:
-    """Angles (...) between rotations (..., 3, 3), by the arcsine, which is precise for small ones."""
+    """Return the angles (...) between rotations (..., 3, 3); the arcsine is accurate for small angles."""
     apart = np.linalg.norm(R - R_before, axis=(-2, -1)) / np.sqrt(8.0)
     angles: FloatArray = 2.0 * np.arcsin(np.minimum(1.0, apart))
     return angles

@@ -1,5 +1,6 @@
-"""Whether a trajectory keeps its promises: nothing is shown or written unaudited.
+"""The audit checks a finished trajectory independently of the planner: no motion is shown or written unaudited.
 
-Nothing here imports pbd.arm. The audit shares with the planner what files say (the URDF's model and shapes, the robot's
-and the calibration's values) and works out the rest anew: extrema, poses, which pairs to check, and how far they are.
+Nothing here imports pbd.arm. The audit and the planner share what files say (the URDF's model and shapes, the values of
+the robot and of the calibration). The audit computes everything else anew: extrema, poses, the pairs to check and their
+distances.
 """

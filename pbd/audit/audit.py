@@ -1,4 +1,4 @@
-"""The audit: a trajectory's form, smoothness, limits, poses, and what it might touch."""
+"""The audit of a trajectory: its form, smoothness, limits, poses, contacts and torques."""
 
 from __future__ import annotations
 
@@ -18,28 +18,29 @@ from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, L
 from pbd.errors import PlanError
 from pbd.pose import Pose
 
-POSE_TOLERANCE_M = 1e-5
-POSE_TOLERANCE_RAD = 1e-5
+POSE_TOLERANCE_M, POSE_TOLERANCE_RAD = 1e-5, 1e-5
+"""Largest error of the tool's pose at a keyframe, m and rad."""
 
 RECEIVED_M, RECEIVED_RAD = 1e-3, 2e-3
-"""How far off a keyframe the tool may be where an exported motion passes it between two points, m and rad: what the
-planner itself lets averages cut off a bend (1 mm), which on an arm of half a metre are 2 mrad."""
-NOTHING = Load()
+"""Largest error of the tool's pose, m and rad, at a keyframe that an exported motion passes between two of its points.
+The planner's own smoothing may cut a bend by 1 mm; on an arm of half a metre that is 2 mrad."""
+
+NO_LOAD = Load()
 
 
 class TouchError(PlanError):
-    """The motion would touch something: its `bodies`, at `t` s."""
+    """The motion would touch something: the fields `bodies` (names) and `t` (s) say what and when."""
 
 
 @dataclass(frozen=True)
 class AuditReport:
-    """What a sound trajectory uses of what it may use.
+    """How much of the limits a sound trajectory uses, and how exact it is.
 
     Attributes:
-        velocity, acceleration, jerk: the largest fraction of the limit, over joints and time.
-        max_position_error_m, max_rotation_error_rad: from the tool to the wanted pose, over the keyframes.
-        torque: the largest share of a joint's torque limit, which may be above 1: what follows from that depends on
-            who says so. None where no limit is known.
+        velocity, acceleration, jerk: the largest share of the limit, over joints and time.
+        max_position_error_m, max_rotation_error_rad: of the tool's pose, over the keyframes.
+        torque: the largest share of a joint's torque limit. It may be above 1: the caller decides, by the source of
+            the limit, whether to warn or to refuse. None where no limit is known.
     """
 
     velocity: float
@@ -56,18 +57,18 @@ def audit(
     robot: Robot,
     T_base_tool_keyframes: Sequence[Pose],
     world: tuple[Calibration, GraspedObject | None] | None = None,
-    load: Load = NOTHING,
+    load: Load = NO_LOAD,
 ) -> AuditReport:
-    """Check all that a trajectory promises.
+    """Check a trajectory.
 
     Args:
-        limits: of its joints: the whole of them, whatever share the planner was given.
-        T_base_tool_keyframes: the tool's poses at `trajectory.keyframe_t`.
-        world: what stands around, and what is grasped; None: touching is allowed.
+        limits: the full limits of the joints, whatever share of them the planner used.
+        T_base_tool_keyframes: the tool's required poses at `trajectory.keyframe_t`.
+        world: the calibration, with the obstacles, and the grasped object; None: contacts are allowed.
 
     Raises:
-        PlanError: a promise is broken; its fields are joint, keyframe, t (s), value, bound and bodies, as they apply.
-        TouchError: one, where it touches something.
+        PlanError: a check fails; the fields are joint, keyframe, t (s), value, bound and bodies, as they apply.
+        TouchError: the same, where the motion would touch something.
     """
     _check_form(trajectory, robot, len(T_base_tool_keyframes))
     check_smoothness(trajectory, limits)
@@ -83,19 +84,19 @@ def audit(
 
 
 def audit_received(path: JointTrajectory, robot: Robot, world: tuple[Calibration, GraspedObject | None]) -> None:
-    """Check what a receiver makes of an exported motion: where it stops, and what it might touch, not its limits.
+    """Check an exported motion as its receiver interpolates it: keyframes and contacts, but not limits.
 
     Args:
-        path: its pieces may meet at an angle; at `keyframe_t` it is to be where `keyframe_q` is.
-        world: what stands around, and what is grasped.
+        path: the interpolated motion, whose pieces may meet at an angle. At `keyframe_t` it must be at `keyframe_q`.
+        world: the calibration, with the obstacles, and the grasped object.
 
     Raises:
-        PlanError: a keyframe is missed by more than RECEIVED_M or RECEIVED_RAD, or something would be touched.
+        PlanError: a keyframe is missed by more than RECEIVED_M or RECEIVED_RAD.
+        TouchError: something would be touched.
     """
     arm, x = _arm(robot), coordinates(path, path.keyframe_t)
     for keyframe, (at, q) in enumerate(zip(x, path.keyframe_q, strict=True)):
-        there, wanted = (Pose.from_matrix(arm.tool(each).homogeneous) for each in (at, np.append(q, at[-1])))
-        off_m, off_rad = there.distance(wanted)
+        off_m, off_rad = arm.tool_pose(at).distance(arm.tool_pose(np.append(q, at[-1])))
         if off_m > RECEIVED_M or off_rad > RECEIVED_RAD:
             what = f"between the exported points keyframe {keyframe} would be missed by {1e3 * off_m:.1f} mm"
             raise PlanError(what, keyframe=keyframe, value=off_m, bound=RECEIVED_M)
@@ -109,7 +110,7 @@ def audit_received(path: JointTrajectory, robot: Robot, world: tuple[Calibration
 def torque_of(
     trajectory: JointTrajectory, limits: JointLimits, robot: Robot, load: Load, pace: float = 1.0
 ) -> Torque | None:
-    """Return the largest share of a torque limit, by `find_torque`; None where no limit is known."""
+    """Return the largest share of a torque limit (`find_torque`); None where no limit is known."""
     return None if limits.effort is None else find_torque(_arm(robot), trajectory, load, limits.effort, pace)
 
 
@@ -138,15 +139,15 @@ def _check_form(trajectory: JointTrajectory, robot: Robot, keyframes: int) -> No
         fail("the gripper's times decrease, or its opening is outside 0 to 1")
 
 
-def _check_poses(trajectory: JointTrajectory, arm: AuditArm, wanted: Sequence[Pose]) -> tuple[float, float]:
-    """Return how far the tool is off at most, m and rad, at the keyframes' times, by the model of the whole URDF."""
+def _check_poses(trajectory: JointTrajectory, arm: AuditArm, required: Sequence[Pose]) -> tuple[float, float]:
+    """Return the tool's largest error at the keyframes, m and rad, by the model of the whole URDF."""
     worst_m = worst_rad = 0.0
     x = coordinates(trajectory, trajectory.keyframe_t)
-    for keyframe, (t, pose) in enumerate(zip(trajectory.keyframe_t, wanted, strict=True)):
+    for keyframe, (t, pose) in enumerate(zip(trajectory.keyframe_t, required, strict=True)):
         where = f"at keyframe {keyframe} ({t:.3f} s)"
         if not np.abs(x[keyframe, :-1] - trajectory.keyframe_q[keyframe]).max() <= JUMP_RAD:
             fail(f"{where} the joints differ from the planned ones", keyframe=keyframe)
-        position, rotation = pose.distance(Pose.from_matrix(arm.tool(x[keyframe]).homogeneous))
+        position, rotation = pose.distance(arm.tool_pose(x[keyframe]))
         if position > POSE_TOLERANCE_M or rotation > POSE_TOLERANCE_RAD:
             fail(
                 f"{where} the tool is {position:.3g} m and {rotation:.3g} rad off its pose",
@@ -160,7 +161,10 @@ def _check_poses(trajectory: JointTrajectory, arm: AuditArm, wanted: Sequence[Po
 
 
 def _refuse(trajectory: JointTrajectory, touch: Touch) -> NoReturn:
-    """Tell what touches: the planner sees to it that nothing does, but for what its own list leaves out."""
+    """Refuse a motion that touches something.
+
+    This needs no report of a bug: the planner's own list of pairs may leave out what the audit checks.
+    """
     first, second = touch.bodies
     keyframe = int(np.searchsorted(trajectory.keyframe_t, touch.t))
     last = len(trajectory.keyframe_t) - 1

@@ -1,4 +1,4 @@
-"""What the audit checks: its own list of pairs, made from the URDF, the SRDF and samples of its own."""
+"""The audit's own list of pairs to check for collision, from the URDF, the SRDF and random configurations."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.audit.arm import AuditArm, se3
-from pbd.audit.contact import Pair, Placed
-from pbd.audit.grasp import THE_TOOL, follow_object, gripper_joints, may_rest, object_solid, tool_rod
-from pbd.audit.solids import Solid, clearance, floor, hull_distance, link_solids, one_in_the_other, simple_solid
+from pbd.audit.contact import Pair, Placement
+from pbd.audit.grasp import THE_TOOL, follow_object, gripper_joints, object_solid, resting_contact, tool_rod
+from pbd.audit.solids import Solid, clearance, half_space, hull_distance, link_solids, one_encloses_other, simple_solid
 from pbd.data import Calibration, GraspedObject, JointTrajectory
 from pbd.data.world import Stay
 from pbd.io.urdf import read_urdf_xml
@@ -20,21 +20,21 @@ from pbd.io.xml import read_xml
 
 TABLE = "the table"
 
-TRUSTED = ("Adjacent", "Never")
-"""The SRDF's reasons that are believed."""
+TRUSTED_REASONS = ("Adjacent", "Never")
+"""Reasons for which an SRDF may exclude a pair. Pairs that it excludes for another reason are checked all the same."""
 
 SAMPLES = 200
-"""Random configurations by which it is decided what always touches."""
+"""Number of random configurations that show which solids touch nearly always."""
 
 NEARLY_ALWAYS = 0.95
-"""Solids that touch in this share of the samples, or more, are built so: they are left out."""
+"""Share of the samples in which two solids touch, from which on they touch by design and are not checked."""
 
 
 class AuditScene:
-    """An arm and what stands around it.
+    """An arm and the objects around it.
 
     Attributes:
-        left_out: pairs of links (or a link and the table) that aren't checked, and why.
+        always_touching: pairs of links (or the table and a link) that touch nearly always and are not checked.
     """
 
     def __init__(self, arm: AuditArm, calibration: Calibration, grasped: GraspedObject | None) -> None:
@@ -43,100 +43,92 @@ class AuditScene:
         rod = tool_rod(arm, self.links)
         self.links += [rod] if rod else []
         self._gripper = gripper_joints(arm)
-        self.left_out: dict[tuple[str, str], str] = {}
+        self.always_touching: list[Pair] = []
         self._around = [
             simple_solid(each.name, 0, arm.T_universe_base * se3(each.T_base_obstacle), each.shape, each.size)
             for each in calibration.obstacles
         ]
-        always = self._without_what_always_touches(self._own(), "touch in nearly every configuration")
-        always += self._against(self.links, self._around)
+        self._fixed_pairs = self._drop_always_touching(self._self_pairs())
+        self._fixed_pairs += self._moving_pairs(self.links, self._around)
         if self._table is not None:
             T_base_table = pin.SE3(np.eye(3), np.array([0.0, 0.0, self._table]))
-            table = floor(TABLE, arm.T_universe_base * T_base_table)
-            on_table = self._against([table], self.links)
-            always += self._without_what_always_touches(on_table, "on it in nearly every configuration")
+            table = half_space(TABLE, arm.T_universe_base * T_base_table)
+            self._fixed_pairs += self._drop_always_touching(self._moving_pairs([table], self.links))
             self._around.append(table)
-        self._always = always
 
     def pairs(self, trajectory: JointTrajectory) -> list[Pair]:
-        """All that must not touch during a motion."""
-        pairs = list(self._always)
+        """Return all pairs that must not touch during a motion."""
+        pairs = list(self._fixed_pairs)
         if self._grasped is not None:
             for stay in follow_object(self.arm, trajectory, self._grasped, self._table):
-                pairs += self._with_object(stay, self._grasped)
+                pairs += self._object_pairs(stay, self._grasped)
         return pairs
 
-    def _own(self) -> list[Pair]:
-        """The arm against itself, but for what is left out by its names."""
-        trusted, next_to = self._trusted(), self._next_links()
-        pairs = []
-        for first, second in combinations(self.links, 2):
-            names = frozenset((first.name, second.name))
-            if not self._move(first, second):
-                continue
-            if first.joint in self._gripper and second.joint in self._gripper:
-                self.left_out[first.name, second.name] = "both belong to the gripper"
-            elif names in next_to:
-                self.left_out[first.name, second.name] = "next to each other"
-            elif names in trusted:
-                self.left_out[first.name, second.name] = trusted[names]
-            else:
-                pairs.append(Pair(first, second))
+    def _self_pairs(self) -> list[Pair]:
+        """Pair the arm's solids with each other, except those of the gripper and those that may touch by name."""
+        may_touch = self._adjacent_links() | self._trusted_pairs()
+        return [
+            Pair(first, second)
+            for first, second in combinations(self.links, 2)
+            if self._can_move(first, second)
+            and not self._gripper.issuperset((first.joint, second.joint))
+            and frozenset((first.name, second.name)) not in may_touch
+        ]
+
+    def _can_move(self, first: Solid, second: Solid) -> bool:
+        """Say whether two solids can move against each other: a driven joint is between them."""
+        return self.arm.driven_carriers(first.joint) != self.arm.driven_carriers(second.joint)
+
+    def _moving_pairs(self, ones: Sequence[Solid], others: Sequence[Solid]) -> list[Pair]:
+        return [Pair(one, other) for one in ones for other in others if self._can_move(one, other)]
+
+    def _object_pairs(self, stay: Stay, grasped: GraspedObject) -> list[Pair]:
+        """Pair the object with the links, except the gripper's; while it is held, also with the objects around."""
+        held = object_solid(self.arm, stay, grasped)
+        links = [link for link in self.links if link.joint not in self._gripper and self._can_move(link, held)]
+        pairs = [Pair(link, held, stay.start, stay.end) for link in links]
+        for other in self._around if stay.held else []:
+            allowed = resting_contact(self.arm, stay, held, other)
+            pairs.append(Pair(other, held, stay.start, stay.end, allowed))
         return pairs
 
-    def _move(self, first: Solid, second: Solid) -> bool:
-        """Whether a joint that moves is between two solids."""
-        return self.arm.driven(first.joint) != self.arm.driven(second.joint)
-
-    def _against(self, ones: Sequence[Solid], others: Sequence[Solid]) -> list[Pair]:
-        return [Pair(one, other) for one in ones for other in others if self._move(one, other)]
-
-    def _with_object(self, stay: Stay, grasped: GraspedObject) -> list[Pair]:
-        """The object against the links but the gripper's, and while it is held against what stands around."""
-        thing = object_solid(self.arm, stay, grasped)
-        links = [link for link in self.links if link.joint not in self._gripper and self._move(link, thing)]
-        pairs = [Pair(link, thing, stay.start, stay.end) for link in links]
-        around = self._around if stay.held else []
-        rests = [(other, may_rest(self.arm, stay, thing, other)) for other in around]
-        return pairs + [Pair(other, thing, stay.start, stay.end, allowed) for other, allowed in rests]
-
-    def _next_links(self) -> set[frozenset[str]]:
-        """Links next to each other, or with nothing solid between; the rod and the link that carries the gripper."""
+    def _adjacent_links(self) -> set[frozenset[str]]:
+        """Return pairs of links with no solid link between them. The rod's neighbour is the link before the gripper."""
         joints = read_urdf_xml(self.arm.robot.urdf).iterfind("joint")
-        before = {j.find("child").get("link"): j.find("parent").get("link") for j in joints}  # type: ignore[union-attr]
+        parent = {j.find("child").get("link"): j.find("parent").get("link") for j in joints}  # type: ignore[union-attr]
         solid = {link.name for link in self.links}
-        firm = {link.name for link in self.links if link.joint not in self._gripper}
+        outside_gripper = {link.name for link in self.links if link.joint not in self._gripper}
         found = set()
         for link in solid:
-            other = before.get(self.arm.robot.body if link == THE_TOOL else link)
-            while other is not None and other not in (firm if link == THE_TOOL else solid):
-                other = before.get(other)
+            other = parent.get(self.arm.robot.body if link == THE_TOOL else link)
+            while other is not None and other not in (outside_gripper if link == THE_TOOL else solid):
+                other = parent.get(other)
             found |= {frozenset((link, other))} if other is not None else set()
         return found
 
-    def _trusted(self) -> dict[frozenset[str], str]:
-        """Links that the robot's TOML lets touch, or the SRDF says never do, each with its reason."""
-        robot, trusted = self.arm.robot, dict[frozenset[str], str]()
-        for entry in [] if robot.srdf is None else read_xml(robot.srdf).iterfind("disable_collisions"):
-            if (reason := entry.get("reason")) in TRUSTED:
-                trusted[frozenset((entry.get("link1", ""), entry.get("link2", "")))] = f"SRDF: {reason}"
-        return trusted | {frozenset(pair): "may_touch in the robot's TOML" for pair in robot.may_touch}
+    def _trusted_pairs(self) -> set[frozenset[str]]:
+        """Return pairs of links that the robot's TOML lets touch, or that the SRDF excludes for a trusted reason."""
+        robot = self.arm.robot
+        entries = [] if robot.srdf is None else read_xml(robot.srdf).iterfind("disable_collisions")
+        trusted = [entry for entry in entries if entry.get("reason") in TRUSTED_REASONS]
+        by_srdf = {frozenset((entry.get("link1", ""), entry.get("link2", ""))) for entry in trusted}
+        return by_srdf | set(map(frozenset, robot.may_touch))
 
-    def _without_what_always_touches(self, pairs: list[Pair], why: str) -> list[Pair]:
-        limits = self.arm.robot.limits
-        lower, upper = np.maximum(limits.lower, -2.0 * np.pi), np.minimum(limits.upper, 2.0 * np.pi)
-        x = np.random.default_rng(13).uniform(np.append(lower, 0.0), np.append(upper, 1.0), (SAMPLES, len(lower) + 1))
-        always = pairs
+    def _drop_always_touching(self, pairs: list[Pair]) -> list[Pair]:
+        """Return the pairs without those that touch nearly always; an endless joint is sampled within two turns."""
+        limits, turns = self.arm.robot.limits, 2.0 * np.pi
+        lower, upper = np.append(limits.lower.clip(-turns), 0.0), np.append(limits.upper.clip(None, turns), 1.0)
+        touching = pairs
         for separate in (_hulls_separate, _separate):  # most pairs need no mesh
-            apart = dict.fromkeys(always, 0)
-            for each in x:
-                placed = Placed(self.arm.place(each))
+            apart = dict.fromkeys(touching, 0)
+            for x in np.random.default_rng(13).uniform(lower, upper, (SAMPLES, len(lower))):
+                placement = Placement(self.arm.joint_poses(x))
                 for pair in apart:
-                    apart[pair] += separate(*pair.at(placed))
+                    apart[pair] += separate(*pair.placed(placement))
                 apart = {pair: count for pair, count in apart.items() if count <= (1.0 - NEARLY_ALWAYS) * SAMPLES}
-            always = list(apart)
-        self.left_out |= {(pair.first.name, pair.second.name): why for pair in always}
-        return [pair for pair in pairs if pair not in always]
+            touching = list(apart)
+        self.always_touching += touching
+        return [pair for pair in pairs if pair not in touching]
 
 
 def _hulls_separate(*placed: Any) -> bool:
@@ -144,5 +136,5 @@ def _hulls_separate(*placed: Any) -> bool:
 
 
 def _separate(*placed: Any) -> bool:
-    """Whether two solids don't touch, nor is one inside the other."""
-    return clearance(*placed) > 0.0 and not one_in_the_other(*placed)
+    """Say whether two solids neither touch nor enclose each other."""
+    return clearance(*placed) > 0.0 and not one_encloses_other(*placed)

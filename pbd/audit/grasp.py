@@ -1,8 +1,8 @@
-"""The audit's own view of the gripper and of what it carries; the rules are those of docs/motion.md.
+"""The audit's own view of the gripper and of the object that it carries; docs/motion.md has the rules.
 
-Where an object is follows from where the tool is (pbd.data.world), which the audit works out itself. What the arm's
-last joint carries is the gripper, and may touch what is grasped. Where the model has nothing at the tool's point a rod
-stands for it.
+The object's pose follows from the tool's (pbd.data.world), which the audit computes itself. The gripper is what the
+arm's last joint carries; it may touch the grasped object. Where the model has no solid at the tool's point, a rod
+stands for the tool.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pbd.audit.arm import AuditArm, se3
 from pbd.audit.contact import coordinates
 from pbd.audit.solids import Solid, simple_solid
 from pbd.data import GraspedObject, JointTrajectory
-from pbd.data.world import Stay, holds, stays
+from pbd.data.world import Stay, gripped_spans, object_stays
 from pbd.pose import Pose
 
 THE_TOOL = "the tool"
@@ -26,26 +26,27 @@ THE_TOOL = "the tool"
 ROD_RADIUS_M = 0.01
 
 ROD_SHORT_M = 0.005
-"""How far before the tool's point the rod ends, m."""
+"""Distance, m, from the end of the rod to the tool's point."""
 
 ROD_GAP_M = 0.02
-"""A gripper that ends closer than this to the tool's point, m, needs no rod."""
+"""Distance, m, from the gripper to the tool's point, below which no rod is needed."""
 
 REST_M = 0.03
-"""Within this of where it was gripped or is let go, m, a held object may touch what it stands on there."""
+"""Largest distance, m, of a held object from where it is gripped or let go, at which it may touch what it stands on
+there."""
 
 UPRIGHT = float(np.cos(np.radians(45.0)))
-"""What an object stands on faces upward: the least z of its normal."""
+"""Least z of the normal of a surface on which an object can stand."""
 
 
 def gripper_joints(arm: AuditArm) -> frozenset[int]:
-    """Return the joint that carries the tool, and all that it carries."""
+    """Return the joint that carries the tool, and all joints that it carries."""
     return frozenset(each for each in range(1, arm.model.njoints) if arm.tool_joint in arm.carriers(each))
 
 
 def tool_rod(arm: AuditArm, links: Sequence[Solid]) -> Solid | None:
-    """Return the rod from the gripper's nearest point to the tool's; None where the closed gripper reaches that."""
-    placed = arm.place(np.append(arm.robot.home, 0.0))
+    """Return a rod from the gripper's nearest point to the tool's point; None where the closed gripper reaches it."""
+    placed = arm.joint_poses(np.append(arm.robot.home, 0.0))
     T_tool_universe = (placed[arm.tool_joint] * arm.T_joint_tool).inverse()
     start, gripper = arm.T_joint_tool.inverse().translation, gripper_joints(arm)
     nearest = np.inf
@@ -53,10 +54,10 @@ def tool_rod(arm: AuditArm, links: Sequence[Solid]) -> Solid | None:
         if link.joint not in gripper:
             continue
         T_tool_link = T_tool_universe * placed[link.joint] * link.T_joint_solid
-        ahead, _ = _apart(link.hull, T_tool_link, coal.Halfspace(np.array([0.0, 0.0, -1.0]), ROD_GAP_M))
+        ahead, _ = _distance(link.hull, T_tool_link, coal.Halfspace(np.array([0.0, 0.0, -1.0]), ROD_GAP_M))
         if ahead < 0.0:
             return None
-        distance, found = _apart(link.hull, T_tool_link, coal.Sphere(0.0))
+        distance, found = _distance(link.hull, T_tool_link, coal.Sphere(0.0))
         if distance < nearest:
             nearest, start = distance, np.array(found.getNearestPoint1())
     length = float(np.linalg.norm(start))
@@ -72,45 +73,44 @@ def tool_rod(arm: AuditArm, links: Sequence[Solid]) -> Solid | None:
 
 
 def follow_object(
-    arm: AuditArm, trajectory: JointTrajectory, thing: GraspedObject, table: float | None
+    arm: AuditArm, trajectory: JointTrajectory, grasped: GraspedObject, table: float | None
 ) -> tuple[Stay, ...]:
-    """Say where an object is during a motion, by the tool as the audit finds it."""
+    """Return where an object is during a motion, from the tool's poses as the audit computes them."""
 
-    def tool(t: float) -> Pose:  # what is never let go may rest at the last keyframe
-        x = coordinates(trajectory, np.array([min(t, *trajectory.keyframe_t[-1:])]))[0]
-        return Pose.from_matrix(arm.tool(x).homogeneous)
+    def tool(t: float) -> Pose:  # an object that is never let go counts as resting at the last keyframe
+        return arm.tool_pose(coordinates(trajectory, np.array([min(t, *trajectory.keyframe_t[-1:])]))[0])
 
-    return stays(thing, holds(trajectory.gripper_t, trajectory.gripper_opening), tool, table)
+    return object_stays(grasped, gripped_spans(trajectory.gripper_t, trajectory.gripper_opening), tool, table)
 
 
-def object_solid(arm: AuditArm, stay: Stay, thing: GraspedObject) -> Solid:
-    """Return the object where it is held, or stands."""
+def object_solid(arm: AuditArm, stay: Stay, grasped: GraspedObject) -> Solid:
+    """Return the solid of an object where it is held or stands."""
     held = arm.tool_joint, arm.T_joint_tool * se3(stay.pose)
     placed = held if stay.held else (0, arm.T_universe_base * se3(stay.pose))
-    return simple_solid(f"the {thing.shape}", *placed, thing.shape, thing.size)
+    return simple_solid(f"the {grasped.shape}", *placed, grasped.shape, grasped.size)
 
 
-def may_rest(arm: AuditArm, stay: Stay, thing: Solid, support: Solid) -> Callable[[Any], bool] | None:
-    """Say at which T_universe_joint a held object may touch a support; None where it never stands on that."""
+def resting_contact(arm: AuditArm, stay: Stay, held: Solid, support: Solid) -> Callable[[Any], bool] | None:
+    """Return at which T_universe_joint a held object may touch a support; None where it never stands on the support."""
     up = arm.T_universe_base.rotation[:, 2]
     places = []
-    for rest in (arm.T_universe_base * se3(each) for each in stay.rests):
-        distance, found = _apart(thing.hull, support.T_joint_solid.inverse() * rest, support.hull)
-        # The normal leads to the support.
+    for rest in (arm.T_universe_base * se3(pose) for pose in stay.rests):
+        distance, found = _distance(held.hull, support.T_joint_solid.inverse() * rest, support.hull)
+        # coal's normal points from the object to the support.
         if abs(distance) <= REST_M and -(support.T_joint_solid.rotation @ found.normal) @ up >= UPRIGHT:
             places.append(rest.translation)
     if not places:
         return None
 
     def allowed(T_universe_joint: Any) -> bool:
-        p = (T_universe_joint[thing.joint] * thing.T_joint_solid).translation
+        p = (T_universe_joint[held.joint] * held.T_joint_solid).translation
         return any(float(np.linalg.norm(p - place)) <= REST_M for place in places)
 
     return allowed
 
 
-def _apart(shape: Any, T: Any, other: Any) -> tuple[float, Any]:
-    """Distance in m of a shape from another at the origin, and coal's result."""
+def _distance(shape: Any, T: Any, other: Any) -> tuple[float, Any]:
+    """Return the distance, m, of a shape at pose T from another at the origin, and coal's result."""
     result, placed = coal.DistanceResult(), coal.Transform3s(T.rotation, T.translation)
     distance = coal.distance(shape, placed, other, coal.Transform3s.Identity(), coal.DistanceRequest(), result)
     return float(distance), result

@@ -1,1 +1,1 @@
-"""Calibration: nav in the robot's base, the sensor's errors, the sensor on the tool."""
+"""Calibration: nav in the robot's base, the sensor's errors, and the mount of the sensor on the tool."""

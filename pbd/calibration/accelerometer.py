@@ -1,4 +1,4 @@
-"""Bias, scale and misalignment of an accelerometer: at rest the norm of its reading is g in every orientation."""
+"""Estimate an accelerometer's bias, scale and misalignment: at rest its reading has the norm g in every orientation."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.calibration.rests import Rests, orientations, rms
+from pbd.calibration.rests import Rests, count_orientations, rms
 from pbd.data import GRAVITY, Linear
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
-PRIOR_BIAS, PRIOR_SCALE, PRIOR_LEAN = 0.05 * GRAVITY, 0.02, np.radians(1.0)
+PRIOR_BIAS, PRIOR_SCALE, PRIOR_MISALIGNMENT = 0.05 * GRAVITY, 0.02, np.radians(1.0)
 """Prior sigma of bias (m/s2), scale (a share) and misalignment (rad) of a low-cost part."""
 
 MEAN_SIGMA = 0.0005 * GRAVITY
-"""m/s2: least sigma of the mean over a rest. The table gives, the bias wanders."""
+"""Least sigma, m/s2, of the mean over a rest, because the table yields and the bias wanders."""
 
 DETERMINED = 0.3
-"""An error is determined by the data if its sigma shrinks below this share of the prior's."""
+"""Ratio of an error's sigma to its prior sigma, below which the data determine the error."""
 
 FEWEST_ORIENTATIONS = 4
-"""Least number of orientations: with fewer, bias, scale and misalignment can't be separated."""
+"""Smallest number of orientations. With fewer, bias, scale and misalignment can't be separated."""
 
 NAMES = tuple(f"{what} {axis}" for what in ("bias", "scale") for axis in "xyz") + tuple(
     f"misalignment {axes}" for axes in ("yz", "xz", "xy")
@@ -30,13 +30,14 @@ NAMES = tuple(f"{what} {axis}" for what in ("bias", "scale") for axis in "xyz") 
 
 @dataclass(frozen=True, eq=False)
 class AccelerometerFit:
-    """What was found.
+    """An accelerometer's estimated errors.
 
     Attributes:
-        linear: bias and matrix; the matrix is symmetric, as a rotation of all axes together does not change a norm.
-        sigma: (9,) of NAMES, one sigma.
-        determined: those of NAMES that the orientations determine. The others are assumed to be small.
-        before, after: m/s2, rms of the norm less gravity over the rests.
+        linear: bias and matrix. The matrix is symmetric, because a common rotation of all axes does not change a norm.
+        sigma: (9,) one sigma of each error in NAMES.
+        determined: the errors of NAMES that the orientations determine. The others stay near the prior.
+        orientations: number of different orientations.
+        before, after: m/s2, rms of the norm less gravity over the rests, without and with the correction.
     """
 
     linear: Linear
@@ -48,32 +49,32 @@ class AccelerometerFit:
 
     @property
     def up_sigma(self) -> float:
-        """rad, how far the vertical may be off in some attitude, by what the data leave open."""
+        """One sigma of the vertical's direction, rad, in the worst attitude."""
         return float(np.hypot(self.sigma[:3].max() / GRAVITY, self.sigma[3:].max()))
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Those of NAMES that the orientations do not determine."""
+        """The errors of NAMES that the orientations do not determine."""
         return tuple(name for name in NAMES if name not in self.determined)
 
 
 def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFit:
-    """Least squares of |matrix (f - bias)| = gravity over all rests, nine unknowns, each held by a prior.
+    """Fit |matrix (f - bias)| = gravity over all rests, by least squares with nine unknowns, each with a prior.
 
-    The prior is what the parts' makers let expect. It decides only what the orientations leave open: with nine or more
-    that are well spread the effect is nil. With fewer, errors that can't be separated share the residual.
+    The priors are typical errors by the makers' data sheets. They matter only for errors that the orientations don't
+    determine; such errors share the residual. With nine or more well-spread orientations the priors have no effect.
 
     Source: D. Tedaldi, A. Pretto and E. Menegatti, A robust and easy to implement method for IMU calibration without
     external equipments, ICRA 2014 (there with a triangular matrix: another choice of the free rotation).
 
     Args:
-        gravity: m/s2, of the place. A wrong one is taken for scale.
+        gravity: m/s2, local gravity. An error of it appears as an error of scale.
 
     Raises:
         CalibrationError: too few orientations.
     """
     up = rests.up_sensor
-    different = orientations(up)
+    different = count_orientations(up)
     if different < FEWEST_ORIENTATIONS:
         spread = np.degrees(np.arccos(np.clip((up @ up.T).min(), -1.0, 1.0)))
         orientation = f"orientation{'s' if different > 1 else ''} 15 degrees or more apart (at most {spread:.0f})"
@@ -89,22 +90,22 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     from scipy.optimize import least_squares
 
     noise = np.hypot(rests.acc_noise / np.sqrt(rests.samples), MEAN_SIGMA)
-    prior = np.repeat((PRIOR_BIAS, PRIOR_SCALE, PRIOR_LEAN), 3)
+    prior = np.repeat((PRIOR_BIAS, PRIOR_SCALE, PRIOR_MISALIGNMENT), 3)
 
-    def left(x: Array) -> Array:
+    def residuals(x: Array) -> Array:
         bias, matrix = _unpack(x * prior)
         norm = np.linalg.norm((rests.acc - bias) @ matrix.T, axis=1)
         return np.concatenate(((norm - gravity) / noise, x))
 
-    result = least_squares(left, np.zeros(9), method="lm")
+    result = least_squares(residuals, np.zeros(9), method="lm")
     jacobian = np.asarray(result.jac)
-    share = np.sqrt(np.diagonal(np.linalg.inv(jacobian.T @ jacobian)))
+    relative = np.sqrt(np.diagonal(np.linalg.inv(jacobian.T @ jacobian)))  # to the prior sigma
     bias, matrix = _unpack(result.x * prior)
-    sigma = share * prior
+    sigma = relative * prior
     return AccelerometerFit(
         linear=Linear(bias, matrix, sigma[:3]),
         sigma=sigma,
-        determined=tuple(name for name, left_over in zip(NAMES, share, strict=True) if left_over < DETERMINED),
+        determined=tuple(name for name, ratio in zip(NAMES, relative, strict=True) if ratio < DETERMINED),
         orientations=different,
         before=rms(np.linalg.norm(rests.acc, axis=1) - gravity),
         after=rms(np.linalg.norm((rests.acc - bias) @ matrix.T, axis=1) - gravity),
@@ -112,6 +113,7 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
 
 
 def _unpack(x: Array) -> tuple[Array, Array]:
+    """Return bias and matrix of the nine errors in NAMES."""
     matrix = np.diag(1.0 + x[3:6])
     for value, (i, j) in zip(x[6:], ((1, 2), (0, 2), (0, 1)), strict=True):
         matrix[i, j] = matrix[j, i] = value

@@ -1,4 +1,4 @@
-"""Match stops to points, where a demonstration has more stops than points or their order is unknown."""
+"""Match stops to touched points, if a demonstration has more stops than points or the order is unknown."""
 
 from __future__ import annotations
 
@@ -14,49 +14,51 @@ from pbd.errors import CalibrationError
 from pbd.pose import Array, Pose
 
 STOP_SIGMA_M = 0.005
-"""m: least sigma of a stop, so that a hypothesis from two stops is not too strict."""
+"""Least sigma of a stop, m, so that a hypothesis from two stops is not too strict."""
 
 OUTLIER_COST = 16.0
-"""Largest cost of one stop, four sigma squared: one wrong point must not hide the rest."""
+"""Largest cost of one stop (four sigmas, squared), so that one wrong point does not outweigh the others."""
 
 HEADING_BASE_M = 0.03
-"""m, horizontal: least distance between two stops or points that give a heading."""
+"""Least horizontal distance, m, between two stops or points that give a heading."""
 
 AMBIGUOUS_COST = 12.0
-"""Difference in cost below which two answers count as equally likely. A true point costs about 3."""
+"""Difference in cost below which two matches count as equally likely. A correct point costs about 3."""
 
-SAME_ANSWER_M, SAME_ANSWER_RAD = 0.05, np.radians(10.0)
-"""Distance and angle, m and rad, below which two answers are the same."""
+SAME_M, SAME_RAD = 0.05, np.radians(10.0)
+"""Distance and angle of the poses of two matches, m and rad, below which they count as the same."""
 
-REFINED_ANSWERS = 20
-"""Number of the best answers that are aligned again on all their stops."""
+REFINED_MATCHES = 20
+"""Number of the best matches that are aligned again on all their stops."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Answer:
+class _Match:
+    """Which stop touched each point, with the pose that this assumes, and the sum of squared sigmas."""
+
     cost: float
     stops: tuple[int, ...]
     T_base_nav: Pose
 
 
 def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) -> tuple[int, ...]:
-    """Say which stop touched each point.
+    """Find which stop touched each point.
 
-    Every two stops on every two points that are as far apart tell yaw and position, as both frames have z up; of all
-    these hypotheses the one that explains the most wins. Points in order are assigned by dynamic programming, others by
+    Two stops and two points at the same distance give a hypothesis of nav in base: yaw and position, because both
+    frames have z up. The hypothesis of lowest cost wins. Points in order are assigned by dynamic programming, others by
     the Hungarian method.
 
     Args:
-        p_nav_tip: (n, 3) m at the stops.
-        sigma: (n,) m per axis at the stops.
+        p_nav_tip: (n, 3) m, the tip at each stop.
+        sigma: (n,) m per axis, of the tip.
         points: (m, 3) m in base.
-        in_order: the points were touched in their order, with other stops between.
+        in_order: the points were touched in their order, possibly with other stops in between.
 
     Returns:
         (m,) indices of stops.
 
     Raises:
-        CalibrationError: fewer stops than points, no stops that lie as the points do, or several ways to match them.
+        CalibrationError: there are fewer stops than points, no stops fit the points, or they fit in several ways.
     """
     n, m = len(p_nav_tip), len(points)
     if n < m:
@@ -70,9 +72,9 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
         return tuple(range(m))
     sigma = np.hypot(sigma, STOP_SIGMA_M)
     given = p_nav_tip, sigma, points, in_order
-    found = sorted((_assign(pose, *given) for pose in _hypotheses(*given)), key=lambda answer: -answer.cost)
-    unique = sorted({answer.stops: answer for answer in found}.values(), key=lambda answer: answer.cost)
-    best = sorted((_refined(answer, *given) for answer in unique[:REFINED_ANSWERS]), key=lambda answer: answer.cost)
+    matches = sorted((_assign(pose, *given) for pose in _hypotheses(*given)), key=lambda match: -match.cost)
+    unique = sorted({match.stops: match for match in matches}.values(), key=lambda match: match.cost)
+    best = sorted((_refined(match, *given) for match in unique[:REFINED_MATCHES]), key=lambda match: match.cost)
     if not best or best[0].cost > OUTLIER_COST * max(1.0, m - 2.0):
         raise CalibrationError(
             "no stops of the demonstration have the same distances as the points; check the points' unit and "
@@ -80,7 +82,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
         )
     for other in best[1:]:
         metres, rad = other.T_base_nav.distance(best[0].T_base_nav)
-        if other.cost - best[0].cost < AMBIGUOUS_COST and (metres > SAME_ANSWER_M or rad > SAME_ANSWER_RAD):
+        if other.cost - best[0].cost < AMBIGUOUS_COST and (metres > SAME_M or rad > SAME_RAD):
             raise CalibrationError(
                 f"the stops fit the points in more than one way (another is turned by {np.degrees(rad):.0f} degrees), "
                 "because the points are symmetric; name the stops with --stops, touch the points in order, or add one "
@@ -92,32 +94,34 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
 
 
 def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool) -> Iterator[Pose]:
+    """Yield T_base_nav for all two stops and two points whose level distances and heights agree within three sigmas."""
     for i, j in combinations(range(len(p)), 2):
-        way, room = p[j] - p[i], 3.0 * np.hypot(sigma[i], sigma[j])
-        if np.hypot(*way[:2]) < HEADING_BASE_M:
+        move, tolerance = p[j] - p[i], 3.0 * np.hypot(sigma[i], sigma[j])
+        moved = np.hypot(*move[:2])
+        if moved < HEADING_BASE_M:
             continue
         for a, b in combinations(range(len(points)), 2) if in_order else permutations(range(len(points)), 2):
-            wanted = points[b] - points[a]
-            level = np.hypot(*wanted[:2])
-            if level > HEADING_BASE_M and abs(level - np.hypot(*way[:2])) < room and abs(wanted[2] - way[2]) < room:
+            apart = points[b] - points[a]
+            level = np.hypot(*apart[:2])
+            if level > HEADING_BASE_M and max(abs(level - moved), abs(apart[2] - move[2])) < tolerance:
                 yield align(p[[i, j]], points[[a, b]])
 
 
-def _assign(T_base_nav: Pose, p: Array, sigma: Array, points: Array, in_order: bool) -> _Answer:
+def _assign(T_base_nav: Pose, p: Array, sigma: Array, points: Array, in_order: bool) -> _Match:
     from scipy.optimize import linear_sum_assignment
 
     square = ((T_base_nav.act(p)[:, None] - points[None]) ** 2).sum(axis=2) / sigma[:, None] ** 2
-    cost = np.minimum(square, OUTLIER_COST) + 1e-6 * square  # of those beyond the cap the nearest
+    cost = np.minimum(square, OUTLIER_COST) + 1e-6 * square  # beyond the cap, nearer stops still cost less
     if in_order:
-        stops = rows_in_order(cost)
+        stops = _rows_in_order(cost)
     else:
         rows, columns = linear_sum_assignment(cost)
         stops = tuple(int(row) for row in rows[np.argsort(columns)])
-    return _Answer(float(cost[list(stops), range(len(points))].sum()), stops, T_base_nav)
+    return _Match(float(cost[list(stops), range(len(points))].sum()), stops, T_base_nav)
 
 
-def rows_in_order(cost: Array) -> tuple[int, ...]:
-    """The increasing rows (m,), one for each column, of lowest cost (n, m)."""
+def _rows_in_order(cost: Array) -> tuple[int, ...]:
+    """Return the increasing rows (m,), one for each column of cost (n, m), with the lowest sum."""
     n, m = cost.shape
     best = np.full((n + 1, m + 1), np.inf)
     best[:, 0] = 0.0
@@ -132,16 +136,16 @@ def rows_in_order(cost: Array) -> tuple[int, ...]:
     return tuple(reversed(rows))
 
 
-def _refined(answer: _Answer, p: Array, sigma: Array, points: Array, in_order: bool) -> _Answer:
-    """Aligned on all the stops that fit, and assigned again."""
+def _refined(match: _Match, p: Array, sigma: Array, points: Array, in_order: bool) -> _Match:
+    """Align a match on all of its stops that fit, assign again, and repeat while that lowers the cost."""
     for _ in range(3):
-        stops = list(answer.stops)
-        off = np.linalg.norm(answer.T_base_nav.act(p[stops]) - points, axis=1) / sigma[stops]
+        stops = list(match.stops)
+        off = np.linalg.norm(match.T_base_nav.act(p[stops]) - points, axis=1) / sigma[stops]
         good = off < np.sqrt(OUTLIER_COST)
         if good.sum() < 2:
-            return answer
+            return match
         again = _assign(align(p[stops][good], points[good]), p, sigma, points, in_order)
-        if again.cost >= answer.cost:
-            return answer
-        answer = again
-    return answer
+        if again.cost >= match.cost:
+            return match
+        match = again
+    return match

@@ -1,9 +1,8 @@
 """The demonstrated path from one keyframe to the next, as poses of the tool in base.
 
-The hand trembles, and the tracked path is only known to within its uncertainty: it is smoothed by a cubic spline as far
-as it stays within one sigma of what was tracked, and within SMOOTH_M and SMOOTH_RAD. It begins and ends exactly at the
-keyframes, which may have been edited, or belong to a thing that stands elsewhere now: what is missing at either end is
-shared out over the move, smoothly.
+The hand trembles, and the tracked path is uncertain. So a cubic spline smooths it, within one sigma of the tracked path
+and within SMOOTH_M and SMOOTH_RAD. The path starts and ends exactly at the keyframes. They may have been edited, or may
+belong to an object that stands elsewhere now, so corrections at both ends are spread smoothly over the move.
 """
 
 from __future__ import annotations
@@ -31,19 +30,19 @@ FEWEST_POSES, FEWEST_SMOOTHED = 8, 5
 """Fewest poses of a path; fewest samples that are smoothed."""
 
 STRENGTHS, END_WEIGHT = np.logspace(-12, 1, 27), 1e6
-"""Strengths of smoothing that are tried; weight of both ends, which are met."""
+"""Smoothing strengths that are tried; weight of both ends, which makes the spline pass through them."""
 
 
 @dataclass(frozen=True, eq=False)
 class DemonstratedMove:
-    """From one keyframe to the next: t (n,) s of the demonstration, increasing, and the tool's poses then."""
+    """A move from one keyframe to the next: times t (n,) s of the demonstration, increasing, and the tool's poses."""
 
     t: Array
     T_base_tool: tuple[Pose, ...]
 
     @property
     def duration(self) -> float:
-        """Seconds that the hand took."""
+        """Duration of the hand's move, s."""
         return float(self.t[-1] - self.t[0])
 
 
@@ -56,17 +55,17 @@ def demonstrated_moves(
     scale: float = 1.0,
     fixed: bool = False,
 ) -> tuple[DemonstratedMove, ...]:
-    """Follow the hand between keyframes.
+    """Return the hand's moves between keyframes.
 
     Args:
-        T_base_tool: where the tool is at each keyframe; the path is led from one to the next.
+        T_base_tool: the tool's pose at each keyframe, where the moves start and end.
         calibration: its own scale multiplies `scale`.
         fixed: the tool keeps the rotation of T_base_tool.
     """
     scale *= calibration.scale
     moves = []
     for (before, after), (start, end) in zip(pairwise(keyframes), pairwise(T_base_tool), strict=True):
-        t, p, wxyz = _sampled(path, before, after)
+        t, p, wxyz = _samples_of_move(path, before, after)
         p, wxyz = T_base_nav.act(scale * p), quat_multiply(T_base_nav.wxyz, wxyz)
         if fixed:
             wxyz = np.tile(start.wxyz, (len(p), 1))
@@ -76,14 +75,14 @@ def demonstrated_moves(
                 quat_multiply(wxyz, calibration.T_sensor_tool.wxyz),
             )
         sigma = np.sqrt(np.minimum(np.diagonal(before.cov), np.diagonal(after.cov)).reshape(2, 3).max(axis=1))
-        t, p, wxyz = _led(t, p, wxyz, start, end, min(scale * sigma[0], SMOOTH_M), min(sigma[1], SMOOTH_RAD))
-        along = (Pose(p[i], wxyz[i]) for i in range(1, len(t) - 1))
-        moves.append(DemonstratedMove(t, (start, *along, end)))
+        within = min(scale * sigma[0], SMOOTH_M), min(sigma[1], SMOOTH_RAD)
+        t, p, wxyz = _smoothed_poses(t, p, wxyz, start, end, *within)
+        moves.append(DemonstratedMove(t, (start, *map(Pose, p[1:-1], wxyz[1:-1]), end)))
     return tuple(moves)
 
 
-def _sampled(path: HandPath, before: Keyframe, after: Keyframe) -> tuple[Array, Array, Array]:
-    """The samples of a move, from the last at rest to the first at rest: t, p_nav_sensor, wxyz_nav_sensor."""
+def _samples_of_move(path: HandPath, before: Keyframe, after: Keyframe) -> tuple[Array, Array, Array]:
+    """Return t, p_nav_sensor and wxyz_nav_sensor of a move, from the last sample at rest to the first at rest."""
     start, end = before.t + 0.5 * before.dwell_s, after.t - 0.5 * after.dwell_s
     inside = (path.t >= start - 1e-6) & (path.t <= end + 1e-6)
     if inside.sum() < 2:
@@ -93,23 +92,18 @@ def _sampled(path: HandPath, before: Keyframe, after: Keyframe) -> tuple[Array, 
     return path.t[inside], path.p_nav_sensor[inside], path.wxyz_nav_sensor[inside]
 
 
-def _led(
+def _smoothed_poses(
     t: Array, p: Array, wxyz: Array, start: Pose, end: Pose, within_m: float, within_rad: float
 ) -> tuple[Array, Array, Array]:
-    """Smooth samples of the tool in base, lead them from pose to pose, and take as many as the spacing asks for."""
+    """Smooth samples of the tool in base, lead them from `start` to `end`, and resample them as densely as required."""
     from scipy.interpolate import make_interp_spline
 
     share = (t - t[0]) / (t[-1] - t[0])
     wxyz = _continuous(wxyz)
     p = smoothed(share, p, within_m)(share)
-    wxyz = smoothed(share, wxyz, 0.5 * within_rad)(share)  # of a unit quaternion: half the angle
+    wxyz = smoothed(share, wxyz, 0.5 * within_rad)(share)  # a unit quaternion changes by half the angle
     wxyz /= np.linalg.norm(wxyz, axis=1, keepdims=True)
-    # What is missing at either end is shared out, so that the path leaves and comes as the hand did there.
-    shifts = [wanted.p - p[i] for wanted, i in ((start, 0), (end, -1))]
-    twists = [quat_log(quat_multiply(wanted.wxyz, quat_inverse(wxyz[i]))) for wanted, i in ((start, 0), (end, -1))]
-    later = (share**2 * (3.0 - 2.0 * share))[:, None]
-    p = p + (1.0 - later) * shifts[0] + later * shifts[1]
-    wxyz = quat_multiply(quat_exp((1.0 - later) * twists[0] + later * twists[1]), wxyz)
+    p, wxyz = led_between(share, p, wxyz, start, end)
     shift = np.linalg.norm(np.diff(p, axis=0), axis=1) / SPACING_M
     turn = np.linalg.norm(quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:])), axis=1) / SPACING_RAD
     steps = np.append(0.0, np.cumsum(np.maximum(shift, turn))) + 1e-6 * share
@@ -120,10 +114,25 @@ def _led(
     return t[0] + at * (t[-1] - t[0]), p, wxyz
 
 
-def smoothed(x: Array, values: Array, within: float) -> BSpline:
-    """Fit the smoothest cubic spline to values (n, c) over x (n,) that leaves none by more than `within`.
+def led_between(share: Array, p: Array, wxyz: Array, start: Pose, end: Pose) -> tuple[Array, Array]:
+    """Change a path p (n, 3), wxyz (n, 4) so that it starts and ends at given poses.
 
-    The ends are met. Fewer than five values are interpolated.
+    The corrections of both ends are spread over the move such that the velocities at the ends stay as they are.
+
+    Args:
+        share: (n,) of the move's duration, from 0 to 1.
+    """
+    shifts = [pose.p - p[i] for pose, i in ((start, 0), (end, -1))]
+    turns = [quat_log(quat_multiply(pose.wxyz, quat_inverse(wxyz[i]))) for pose, i in ((start, 0), (end, -1))]
+    of_end = (share**2 * (3.0 - 2.0 * share))[:, None]
+    p = p + (1.0 - of_end) * shifts[0] + of_end * shifts[1]
+    return p, quat_multiply(quat_exp((1.0 - of_end) * turns[0] + of_end * turns[1]), wxyz)
+
+
+def smoothed(x: Array, values: Array, within: float) -> BSpline:
+    """Fit the smoothest cubic spline to values (n, c) over x (n,) that stays within `within` of each of them.
+
+    It passes through both ends. Fewer than five values are interpolated.
     """
     from scipy.interpolate import make_interp_spline, make_smoothing_spline
 
@@ -144,6 +153,6 @@ def smoothed(x: Array, values: Array, within: float) -> BSpline:
 
 
 def _continuous(wxyz: Array) -> Array:
-    """Quaternions (n, 4) of the same rotations, each on the side of the one before."""
+    """Return quaternions (n, 4) of the same rotations, with signs such that neighbours are close."""
     sides = np.sign(np.einsum("ij,ij->i", wxyz[1:], wxyz[:-1]))
     return np.asarray(wxyz * np.append(1.0, np.cumprod(np.where(sides == 0.0, 1.0, sides)))[:, None])

@@ -1,4 +1,4 @@
-"""The dock: it places nav in the robot's base frame. A new dock can be taken from a demonstration's stop."""
+"""The dock places nav in the robot's base frame. A new dock can be taken from a stop of a demonstration."""
 
 from __future__ import annotations
 
@@ -14,15 +14,18 @@ from pbd.errors import CalibrationError, warn
 from pbd.pose import Array, Pose, level_onto, quat_inverse, quat_rotate
 
 TILT_WARNING_DEG, UPSIDE_DOWN_DEG = 5.0, 150.0
-"""Angle between the declared and the measured vertical, above which there is a warning; an error."""
+"""Angle, degrees, between the declared and the measured vertical, above which there is a warning, and an error."""
 
 
 def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
-    """T_base_nav, from the sensor's attitude (4,) in nav at its first rest.
+    """Return T_base_nav, from the sensor's attitude (4,) in nav at its first rest.
 
-    With a dock, nav's origin is the dock's position and nav's heading the yaw that brings the measured attitude closest
-    to the declared one. Both frames have z up, so the tilt between the two is an error of the dock's declaration or
-    of how the sensor was put down: it is warned of, never "corrected".
+    With a dock, nav's origin is the dock's position, and nav's heading is the yaw that brings the measured attitude
+    closest to the declared one. Both frames have z up. So a tilt between the two attitudes is an error, of the declared
+    dock or of how the sensor was put down: it gives a warning and is never "corrected".
+
+    Raises:
+        CalibrationError: the calibration has no dock, or the sensor lies upside down on it.
     """
     if calibration.T_base_nav is not None:
         return calibration.T_base_nav
@@ -53,13 +56,13 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
 def in_base(
     keyframes: Sequence[Keyframe], calibration: Calibration, scale: float = 1.0, path: HandPath | None = None
 ) -> KeyframesInBase:
-    """Place keyframes in base, by the attitude at the first of them; raises as `nav_in_base`."""
+    """Place keyframes in base, by the attitude at the first of them; raises the errors of `nav_in_base`."""
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     return KeyframesInBase(keyframes, T_base_nav, calibration, scale, path)
 
 
 def dock_tilt(T_base_dock: Pose, wxyz_nav_sensor: Array) -> float:
-    """Angle in rad between the vertical as the dock declares it and as the sensor measured it, in sensor axes."""
+    """Return the angle, rad, in sensor axes between the vertical that the dock declares and the measured one."""
     z = np.array([0.0, 0.0, 1.0])
     declared = quat_rotate(quat_inverse(T_base_dock.wxyz), z)
     measured = quat_rotate(quat_inverse(wxyz_nav_sensor), z)
@@ -67,13 +70,15 @@ def dock_tilt(T_base_dock: Pose, wxyz_nav_sensor: Array) -> float:
 
 
 def dock_at(keyframes: Sequence[Keyframe], index: int, calibration: Calibration) -> tuple[Pose, Array]:
-    """T_base_sensor at a keyframe, and the covariance (6, 6) of its position and heading: a dock has no other.
+    """Return T_base_sensor at a keyframe, and its covariance (6, 6), m and rad.
+
+    The covariance has no tilt, because only position and heading of a dock are used.
 
     Args:
         keyframes: of a demonstration; the first is where it started.
     """
-    bare = replace(calibration, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
-    stopped = replace(in_base(keyframes, bare), keyframes=[keyframes[index]])
-    cov = sum(tool_covariances(stopped).values(), np.zeros((1, 6, 6)))[0]
+    no_tool = replace(calibration, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
+    placed = replace(in_base(keyframes, no_tool), keyframes=[keyframes[index]])
+    cov = sum(tool_covariances(placed).values(), np.zeros((1, 6, 6)))[0]
     cov[3:5] = cov[:, 3:5] = 0.0
-    return tool_poses(stopped)[0], cov
+    return tool_poses(placed)[0], cov

@@ -1,4 +1,4 @@
-"""Repeatability of a magnetic heading between the stops of a demonstration, and between demonstrations."""
+"""Repeatability of the magnetic heading between the stops of a demonstration, and between demonstrations."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from pbd.pose import Array, quat_rotate, yaw_toward
 
 DISTURBED_HEADING, DISTURBED_STRENGTH = np.radians(3.0), 0.10
-"""Largest variation of a field, rms over the stops, that serves as a compass: of its heading (rad) and its strength (a
-share). With more, a dock gives a better heading."""
+"""Largest variation, rms over the stops, of a field that serves as a compass: of its heading (rad) and of its strength
+(a share). If it varies more, a dock gives a better heading."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,14 @@ class FieldSpread:
 
 
 def field_spread(mag: Array, wxyz_nav_sensor: Array) -> FieldSpread:
-    """Compare the field at the stops, turned into nav.
+    """Compare the field at the stops, rotated into nav.
 
-    From stop to stop the attitude is the gyro's, so that what differs is the room's field, or what is left of the
-    sensor's hard and soft iron, or of its tilt.
+    From stop to stop the attitude comes from the gyro. So the variation shows an uneven field in the room, or remaining
+    errors of hard and soft iron or of tilt.
 
     Args:
         mag: (k, 3) in any unit, the means over the stops.
-        wxyz_nav_sensor: (k, 4) there.
+        wxyz_nav_sensor: (k, 4) at the stops.
     """
     field = quat_rotate(wxyz_nav_sensor, mag)
     strength = np.linalg.norm(field, axis=1)
@@ -51,11 +51,11 @@ def field_spread(mag: Array, wxyz_nav_sensor: Array) -> FieldSpread:
 
 
 def heading_changes(wxyz_first: Array, wxyz_again: Sequence[Array]) -> Array:
-    """Difference of nav's heading between demonstrations, (m,) rad.
+    """Return how nav's heading differs between demonstrations, (m,) rad.
 
     Args:
         wxyz_first: (4,) the sensor's attitude in nav at the first rest of one demonstration.
-        wxyz_again: the same of others that began with the sensor put down in the same way.
+        wxyz_again: the same for m others, which started with the sensor in the same place and attitude.
     """
     turns = np.array([yaw_toward(wxyz_first, again) for again in wxyz_again])
     return (turns + np.pi) % (2.0 * np.pi) - np.pi

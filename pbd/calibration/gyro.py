@@ -1,4 +1,4 @@
-"""Bias, scale and misalignment of a gyro: at rest it reads zero, and between rests it turns as the vertical does."""
+"""Estimate a gyro's bias, scale and misalignment: at rest it reads zero, else it turns as the vertical does."""
 
 from __future__ import annotations
 
@@ -13,41 +13,41 @@ PRIOR_SIGMA = 0.02
 """Prior sigma of the gyro's scale errors (a share) and of its axes' misalignment with the accelerometer's (rad)."""
 
 VERTICAL_SIGMA = np.radians(0.1)
-"""rad: least sigma of the vertical at a rest, and of how a move turns it."""
+"""Least sigma, rad, of the vertical's direction after a move, by the gyro and by the accelerometer together."""
 
 LEAST_TURN = np.radians(20.0)
-"""rad: smallest turn of a move that is used."""
+"""Smallest rotation, rad, of a move that is used."""
 
 MAX_EVALUATIONS = 60
-"""Limit of the fit's evaluations. A sound gyro needs four or five."""
+"""Largest number of evaluations of the fit. A sound gyro needs four or five."""
 
 LARGEST_MISFIT = np.radians(10.0)
-"""rad rms: largest disagreement of gyro and gravity after the fit. Above it the gyro has another unit or other axes."""
+"""Largest disagreement, rad rms, of gyro and gravity after the fit. A larger one shows a wrong unit or wrong axes."""
 
 LARGEST_ERROR = 10.0
-"""Bound of the fit, in prior sigmas."""
+"""Largest estimated error, in prior sigmas. A larger one shows a wrong unit or wrong axes."""
 
 BIAS_SIGMA = np.radians(0.003)
-"""rad/s: least sigma of the bias, as it wanders."""
+"""Least sigma of the bias, rad/s, because it wanders."""
 
 
 def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None, up_sigma: float = 0.0) -> Linear:
-    """The bias from the rests and, where the vertical is known there, scale and axes from the moves between them.
+    """Estimate the bias from the rests and, if the vertical is known there, scale and axes from the moves between them.
 
-    With u the vertical in sensor axes at two rests and R the turn between them by the gyro, u_2 = R^-1 u_1. What is
-    missing is laid to a matrix (nine unknowns, each held by a prior). The turn of the gyro's axes as a whole is against
-    those of the accelerometer.
+    With u_1, u_2 the vertical in sensor axes at two rests and R the rotation between them by the gyro, u_2 = R^-1 u_1.
+    A matrix (nine unknowns, each with a prior) corrects the gyro so that this holds. The matrix includes the rotation
+    of the gyro's axes relative to the accelerometer's.
 
     Source: D. Tedaldi, A. Pretto and E. Menegatti, A robust and easy to implement method for IMU calibration without
     external equipments, ICRA 2014.
 
     Args:
         recording: without NaN.
-        up_sensor: (k, 3) unit, by a calibrated accelerometer; None: the bias alone.
-        up_sigma: rad, how well that shows the vertical.
+        up_sensor: (k, 3) unit vertical at the rests, by a calibrated accelerometer; None: estimate the bias alone.
+        up_sigma: rad, one sigma of the vertical's direction.
 
     Raises:
-        CalibrationError: there is no gyro.
+        CalibrationError: there is no gyro, or it contradicts the accelerometer.
     """
     if recording.gyr is None or rests.gyr is None:
         raise CalibrationError("the recording has no gyro; record one, or leave it out with --only acc")
@@ -60,40 +60,41 @@ def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None,
     return Linear(bias, matrix, sigma)
 
 
-def _matrix(recording: Recording, rests: Rests, up_sensor: Array, seen: float, bias: Array) -> Array:
+def _matrix(recording: Recording, rests: Rests, up_sensor: Array, sigma: float, bias: Array) -> Array:
+    """Fit the gyro's matrix to the moves between rests; `sigma` is that of each residual of the vertical, rad."""
     from scipy.optimize import least_squares
 
     assert recording.gyr is not None
-    legs = []
+    moves = []
     for k in range(len(rests) - 1):
         rows = slice(int(rests.stop[k]) - 1, int(rests.start[k + 1]) + 1)
         turns = (recording.gyr[rows] - bias) * np.diff(recording.t[rows], append=recording.t[rows.stop - 1])[:, None]
         tilted = np.arccos(np.clip(up_sensor[k] @ up_sensor[k + 1], -1.0, 1.0))
         if max(np.linalg.norm(turns, axis=1).sum(), tilted) > LEAST_TURN:
-            legs.append((k, turns))
-    if not legs:
+            moves.append((k, turns))
+    if not moves:
         return np.eye(3)
 
-    def look(x: Array) -> tuple[Array, Array]:
-        """The residual and its derivative, taken in the middle of each sample's turn."""
+    def linearised(x: Array) -> tuple[Array, Array]:
+        """Return the residuals and their Jacobian, which takes the attitude in the middle of each sample."""
         matrix = np.eye(3) + PRIOR_SIGMA * x.reshape(3, 3)
         off, changes = [], []
-        for k, turns in legs:
+        for k, turns in moves:
             R = np.vstack((np.eye(3)[None], quat_to_matrix(quat_cumulative(quat_exp(turns @ matrix.T)))))
             up = up_sensor[k] @ R[-1]
             off.append(up - up_sensor[k + 1])
             changes.append(skew(up) @ R[-1].T @ np.einsum("nij,nk->ijk", 0.5 * (R[:-1] + R[1:]), turns).reshape(3, 9))
-        residual = np.concatenate((np.ravel(off) / seen, x))
-        return residual, np.vstack((PRIOR_SIGMA / seen * np.vstack(changes), np.eye(9)))
+        scaled = np.vstack((PRIOR_SIGMA / sigma * np.vstack(changes), np.eye(9)))
+        return np.concatenate((np.ravel(off) / sigma, x)), scaled
 
-    def left(x: Array) -> Array:
-        return look(x)[0]
+    def residuals(x: Array) -> Array:
+        return linearised(x)[0]
 
-    def change(x: Array) -> Array:
-        return look(x)[1]
+    def jacobian(x: Array) -> Array:
+        return linearised(x)[1]
 
-    result = least_squares(left, np.zeros(9), change, method="lm", max_nfev=MAX_EVALUATIONS)
-    off = float(np.sqrt(np.mean((seen * result.fun[:-9]) ** 2) * 3.0))
+    result = least_squares(residuals, np.zeros(9), jacobian, method="lm", max_nfev=MAX_EVALUATIONS)
+    off = float(np.sqrt(np.mean((sigma * result.fun[:-9]) ** 2) * 3.0))
     if off > LARGEST_MISFIT or np.abs(result.x).max() > LARGEST_ERROR:
         raise CalibrationError(
             f"between the rests the gyro does not turn as gravity does (by {np.degrees(off):.0f} degrees, rms); is its "

@@ -1,4 +1,4 @@
-"""Hard and soft iron of a magnetometer: in every orientation the field has the same strength and dip."""
+"""Estimate a magnetometer's hard and soft iron: in every orientation the field has the same strength and dip."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ SAMPLES_USED = 1500
 """Number of samples in the fit, spread evenly over the recording."""
 
 FIELD_SIGMA_UT = 0.1
-"""uT: least sigma of the field, as rooms are uneven."""
+"""Least sigma of the field, uT, because a room's field is uneven."""
 
 LEAST_SPREAD = 10.0
-"""Least rms of the readings along each axis, in units of their noise, while the sensor is turned."""
+"""Least standard deviation of the readings along any axis, in units of their noise."""
 
 LEAST_COVER = 0.04
-"""Least mean square of the field's directions along any axis. It is 1/3 where they point all over, 0 where one is
-missing."""
+"""Least mean square of the field's unit directions along any axis: 1/3 if they cover the sphere, 0 if they lie in a
+plane."""
 
 PRIOR_TURN = 0.05
-"""rad: prior sigma of the rotation between the magnetometer's axes and the accelerometer's."""
+"""Prior sigma, rad, of the rotation between the magnetometer's axes and the accelerometer's."""
 
 TURN_IT = "turn the sensor slowly in all directions, each side up and down once, or leave it out with --only acc"
 
 ROBUST_SIGMAS = 3.0
-"""Sigmas beyond which a misfit counts linearly (soft L1), as the field is disturbed near iron."""
+"""Misfit, in sigmas, beyond which it counts linearly (soft L1), because iron disturbs the field in places."""
 
 
 @dataclass(frozen=True, eq=False)
 class MagnetometerFit:
-    """What was found.
+    """A magnetometer's estimated errors and the field.
 
     Attributes:
-        linear: bias (hard iron) and matrix (soft iron, of determinant 1: no strength is known).
-        field: uT, the strength.
-        dip: rad, below the horizon.
-        uneven: share, rms by which the strength differs over the recording.
-        dip_uneven: rad, rms by which the dip differs over the rests.
-        before: share, rms by which the strength as read differs.
+        linear: bias (hard iron) and matrix (soft iron). The determinant is 1, because the true strength is not known.
+        field: uT, strength of the field.
+        dip: rad, of the field below the horizon.
+        uneven: relative rms variation of the corrected strength over the recording.
+        dip_uneven: rad, rms variation of the dip over the rests.
+        before: relative rms variation of the strength without the correction.
     """
 
     linear: Linear
@@ -55,16 +55,16 @@ class MagnetometerFit:
 
 
 def fit_ellipsoid(points: Array) -> tuple[Array, Array]:
-    """The ellipsoid |matrix (x - centre)| = 1 nearest to points (n, 3), in the algebraic sense: one linear solution.
+    """Fit the ellipsoid |matrix (x - centre)| = 1 to points (n, 3) by linear least squares of the algebraic distance.
 
-    Source: Q. Li and J. G. Griffiths, Least squares ellipsoid specific fitting, GMP 2004; without their constraint, as
-    points all around leave nothing but an ellipsoid.
+    Source: Q. Li and J. G. Griffiths, Least squares ellipsoid specific fitting, GMP 2004; without their constraint,
+    because points on all sides admit no other quadric.
 
     Returns:
         centre (3,), symmetric matrix (3, 3).
 
     Raises:
-        CalibrationError: no ellipsoid fits: the points don't lie all around.
+        CalibrationError: no ellipsoid fits, because the points don't lie on all sides.
     """
     middle = points.mean(axis=0)
     size = rms(np.linalg.norm(points - middle, axis=1))
@@ -80,20 +80,22 @@ def fit_ellipsoid(points: Array) -> tuple[Array, Array]:
 
 
 def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float = 0.0) -> MagnetometerFit:
-    """Hard and soft iron: the ellipsoid, then least squares with the dip, which turns it into the accelerometer's axes.
+    """Fit hard and soft iron: an ellipsoid first, then least squares of strength and dip.
 
-    The strength alone leaves a rotation open, and with it the heading. At the rests the vertical is known: there the
-    field's vertical part is the same (M. Kok and T. Schön, Magnetometer calibration using inertial sensors, IEEE
-    Sensors Journal 16(14), 2016, as maximum likelihood; here with the attitude at the rests only).
+    The strength alone does not determine a rotation of the magnetometer's axes relative to the accelerometer's, nor so
+    the heading. The dip does: at all rests, where the vertical is known, the field's vertical part must be the same.
+
+    Source: M. Kok and T. Schön, Magnetometer calibration using inertial sensors, IEEE Sensors Journal 16(14), 2016
+    (there by maximum likelihood, with the attitude at all times).
 
     Args:
         mag: (n, 3) uT, all samples while the sensor is turned.
         rests: with `mag`.
-        up_sensor: (k, 3) unit, the vertical at the rests, by a calibrated accelerometer.
-        up_sigma: rad, how well that shows it.
+        up_sensor: (k, 3) unit vertical at the rests, by a calibrated accelerometer.
+        up_sigma: rad, one sigma of the vertical's direction.
 
     Raises:
-        CalibrationError: it was not turned far enough, or there is no field.
+        CalibrationError: the sensor was not turned far enough, or there is no field.
     """
     from scipy.optimize import least_squares
 
@@ -125,7 +127,7 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     noise_at_rest = np.hypot(np.hypot(rests.mag_noise / np.sqrt(rests.samples), FIELD_SIGMA_UT), up_sigma * field)
 
     def vertical_part(bias: Array, matrix: Array) -> Array:
-        """Upwards, (k,) uT."""
+        """Return the field's upward part at the rests, (k,) uT."""
         return np.asarray(np.einsum("ki,ki->k", (at_rest - bias) @ matrix.T, up_sensor))
 
     down = -np.average(vertical_part(centre, start))
@@ -133,15 +135,15 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     def unpack(x: Array) -> tuple[Array, Array, float]:
         return centre + x[:3], start @ (np.eye(3) + x[3:12].reshape(3, 3)), float(down + x[12])
 
-    def left(x: Array) -> Array:
+    def residuals(x: Array) -> Array:
         bias, matrix, vertical = unpack(x)
         strength = np.linalg.norm((used - bias) @ matrix.T, axis=1) - field
-        # Few orientations leave the rotation open: it is held near none.
+        # A prior on the rotation, because few orientations do not determine it.
         turn = (x[3:12].reshape(3, 3) - x[3:12].reshape(3, 3).T)[np.triu_indices(3, 1)]
         dip = vertical_part(bias, matrix) + vertical
         return np.concatenate((strength / noise, dip / noise_at_rest, turn / (2.0 * PRIOR_TURN)))
 
-    result = least_squares(left, np.zeros(13), loss="soft_l1", f_scale=ROBUST_SIGMAS, x_scale="jac")
+    result = least_squares(residuals, np.zeros(13), loss="soft_l1", f_scale=ROBUST_SIGMAS, x_scale="jac")
     bias, matrix, vertical = unpack(result.x)
     jacobian = np.asarray(result.jac)
     sigma = np.sqrt(np.diagonal(np.linalg.pinv(jacobian.T @ jacobian)))[:3]

@@ -1,4 +1,4 @@
-"""Mount of the sensor on the tool: lever by pivoting the tip on a point, rotation by turns about named axes."""
+"""Estimate the sensor's mount on the tool: the lever by pivoting the tip on a point, the rotation by named turns."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.calibration.points import TOUCH_SIGMA_M
+from pbd.calibration.points import TIP_SIGMA_M
 from pbd.calibration.registration import observe_points, widened
 from pbd.data import Keyframe
 from pbd.data.covariance import PoseCovariance
@@ -16,23 +16,23 @@ from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_from_xyzw, quat_inverse, quat_log, quat_multiply, quat_rotate, quat_to_matrix
 
 SLIPPED_CHI2 = 10.0
-"""Chi-square per degree of freedom above which the tip has slipped: it moved three times as far as the tracker's sigmas
-allow."""
+"""Chi-square per degree of freedom above which the tip has slipped: it moved about three times as far as the tracker's
+sigmas allow."""
 
 LARGEST_SIGMA_M = 0.01
-"""m: largest sigma of the lever along any axis. It is larger if the tool was not turned about the others."""
+"""Largest sigma of the lever along any axis, m. It is larger if the tool was not turned about the other axes."""
 
 LEAST_TURN = np.radians(20.0)
-"""rad: smallest turn that has a meaningful axis."""
+"""Smallest turn, rad, whose axis is meaningful."""
 
 TURN_BY_HAND_SIGMA = np.radians(2.0)
-"""rad: how well a hand turns a tool about one of its axes."""
+"""One sigma, rad, of the axis when a hand turns a tool about one of the tool's axes."""
 
 MISNAMED_RAD = np.radians(20.0)
-"""rad: largest angle between a turn's axis and the one that it is named for."""
+"""Largest angle, rad, between a turn's axis and the axis that the user named."""
 
 TURN_AXIS_SIGMA = np.radians(0.5)
-"""rad: least sigma of a turn's axis, per radian of the turn."""
+"""One sigma, rad, of the tracked axis of a turn of one radian; it is inversely proportional to the turn."""
 
 AXES = dict(zip(("x", "y", "z", "-x", "-y", "-z"), (*np.eye(3), *-np.eye(3)), strict=True))
 
@@ -44,8 +44,8 @@ class PivotFit:
     Attributes:
         p_sensor_tip: (3,) m in sensor axes.
         cov: (3, 3) m2.
-        residuals: (k, 3) m in nav, distance of the tip from its point at each stop.
-        chi2: per degree of freedom; 1 where the tracker's sigmas are right.
+        residuals: (k, 3) m in nav, the point less the tip at each stop.
+        chi2: per degree of freedom; 1 is expected if the tracker's sigmas are right.
     """
 
     p_sensor_tip: Array
@@ -63,7 +63,7 @@ class TurnsFit:
         cov: (3, 3) rad2, of the rotation vector in sensor axes.
         off: (m,) rad, the angle between each turn's axis and the tool's axis that it was named after.
         turned: (m,) rad, the angle of each turn.
-        moves: (m,) which moves these are.
+        moves: (m,) index of the move of each turn.
     """
 
     wxyz_sensor_tool: Array
@@ -74,19 +74,20 @@ class TurnsFit:
 
 
 def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> PivotFit:
-    """The lever l: while the tip stands on a point c of nav, p_k + R_k l = c at every stop k.
+    """Estimate the lever l: while the tip stands on a point c of nav, p_k + R_k l = c at every stop k.
 
-    Linear least squares in l and c, with the joint covariance of all stops: a bias or a scale that turns with the
-    sensor passes for a lever, so that its sigma has both. Attitudes turn the lever (found in a second pass). The sphere
-    fit of surgical navigation with known attitudes: Z. Yaniv, Which pivot calibration?, Proc. SPIE 9415, 2015
-    ("algebraic one step").
+    Linear least squares in l and c, with the joint covariance of all stops. A bias or a scale that turns with the
+    sensor looks like a lever; through the joint covariance the lever's sigma includes that. The covariance of R_k l
+    needs the lever, so there is a second pass.
+
+    Source: Z. Yaniv, Which pivot calibration?, Proc. SPIE 9415, 2015 ("algebraic one step").
 
     Args:
-        keyframes: of a path that is not conditioned on known places; at all of them the tip stood on the point.
-        covariance: the path's, of all of them together.
+        keyframes: of a path that is not conditioned on known places. The tip stood on the point at all of them.
+        covariance: joint covariance of the keyframes, by the path.
 
     Raises:
-        CalibrationError: too few stops, or turns about one axis only.
+        CalibrationError: too few stops, turns about one axis only, or the tip slipped.
     """
     if len(keyframes) < 3:
         raise CalibrationError(
@@ -100,11 +101,11 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> Pivo
     lever = np.zeros(3)
     for _ in range(2):
         touched = observe_points(keyframes, covariance, lever)
-        root = np.linalg.cholesky(touched.cov + TOUCH_SIGMA_M**2 * np.eye(3 * len(keyframes)))
+        root = np.linalg.cholesky(touched.cov + TIP_SIGMA_M**2 * np.eye(3 * len(keyframes)))
         whitened = np.linalg.solve(root, design)
         information = whitened.T @ whitened
-        if np.linalg.eigvalsh(information)[0] < 1.0:  # a metre
-            raise _one_axis(R)
+        if np.linalg.eigvalsh(information)[0] < 1.0:  # 1/m2: a sigma of more than a metre
+            raise _undetermined_lever(R)
         right = np.linalg.solve(root, touched.p_nav_sensor.ravel())
         found = np.linalg.solve(information, whitened.T @ right)
         lever = found[:3]
@@ -112,7 +113,7 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> Pivo
     freedom = 3 * len(keyframes) - 6
     cov = widened(np.linalg.inv(information)[:3, :3], chi2, freedom)
     if (sigma_m := float(np.sqrt(np.linalg.eigvalsh(cov)[-1]))) > LARGEST_SIGMA_M:
-        raise _one_axis(R, sigma_m)
+        raise _undetermined_lever(R, sigma_m)
     residuals = (design @ found).reshape(-1, 3) - touched.p_nav_sensor
     if chi2 / freedom > SLIPPED_CHI2:
         off = np.linalg.norm(residuals, axis=1)
@@ -125,8 +126,8 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> Pivo
     return PivotFit(lever, cov, residuals, chi2 / freedom)
 
 
-def _one_axis(R: Array, sigma_m: float = np.inf) -> CalibrationError:
-    """Turns about one axis leave the lever along it open."""
+def _undetermined_lever(R: Array, sigma_m: float = np.inf) -> CalibrationError:
+    """Return the error that says along which axis the lever is not determined, because all turns were about it."""
     change = (R - R[0]).reshape(-1, 3)
     _, size, axes = np.linalg.svd(change)
     turned = float(np.degrees(size[1] / np.sqrt(len(R))))
@@ -142,18 +143,19 @@ def _one_axis(R: Array, sigma_m: float = np.inf) -> CalibrationError:
 
 
 def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
-    """The rotation of the sensor on the tool, from turns whose axes in the tool are known.
+    """Estimate the rotation of the sensor on the tool, from turns about known axes of the tool.
 
-    Each turn's axis u in sensor axes is R_sensor_tool times the tool's axis that it was named after: Wahba's problem,
+    The axis of each turn in sensor axes is R_sensor_tool times the named axis of the tool. That is Wahba's problem,
     solved in closed form (Kabsch 1976, by scipy).
 
     Args:
         keyframes: the stops between the turns.
-        named: for each move that turns by 20 degrees or more, in order, the tool's axis it turned about: one of AXES;
-            by the right hand's rule.
+        named: for each move that turns by 20 degrees or more, in order, the tool's axis of the turn: one of AXES, by
+            the right-hand rule.
 
     Raises:
-        CalibrationError: as many turns as names are not there, all are about one axis, or they contradict their names.
+        CalibrationError: the numbers of turns and names differ, all turns are about one axis, or they contradict their
+            names.
     """
     from scipy.spatial.transform import Rotation
 

@@ -1,8 +1,8 @@
-"""Registration of nav in base from touched points. A point that contradicts the others is left out."""
+"""Register nav in base from touched points. A point that contradicts the others is left out."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,25 +13,27 @@ from pbd.calibration.registration import (
     PointObservations,
     Problem,
     register,
-    variance,
+    variance_factor,
     widened,
 )
 from pbd.errors import CalibrationError
 from pbd.pose import Array, Pose
 
-TOUCH_SIGMA_M = 0.001
-"""m per axis: how precisely a tip is put on a point."""
+TIP_SIGMA_M = 0.001
+"""One sigma per axis, m, of the tip on a point."""
 
 FEWEST = 3
+"""Smallest number of points."""
 
 LEAST_SPREAD_M = 0.05
-"""m: least rms distance of the points from their middle or line, in each direction that is needed."""
+"""Least rms horizontal distance, m, of the points from their middle. Where the tilt is estimated too, half of it is the
+least rms distance from a line."""
 
 WRONG_CHANCE = 1e-4
-"""Chance of a point's misfit against all the others, below which the point is wrong."""
+"""Probability of a point's misfit to all others, below which the point is wrong."""
 
 CLEARER_CHI2 = 9.0
-"""A wrong point is named if it explains the misfit better than any other, by this much chi-square."""
+"""Difference in chi-square by which leaving out the wrong point must be better than leaving out any other."""
 
 POOR_CHI2 = 2.5
 """Chi-square per degree of freedom above which a fit is not trusted."""
@@ -39,17 +41,16 @@ POOR_CHI2 = 2.5
 
 @dataclass(frozen=True, eq=False)
 class PointFit:
-    """Nav in base, from touched points.
+    """Nav in base, from m touched points.
 
     Attributes:
-        cov: (6, 6) m and rad, position and rotation vector in base; no tilt where gravity gave it.
-        scale: of the hand's positions; 1 unless it was fitted.
-        scale_sigma: one sigma; 0 as above.
-        residuals: (m, 3) m in base, point less touch, of all points, those left out too.
-        left_out: (m, 3) m in base, the same with the point itself left out of the fit.
-        left_out_sigma: (m, 3) m, one sigma of that.
-        used: (m,) False where a point was found wrong.
-        chi2: of the fit, per degree of freedom: 1 where the tracker's sigmas are right.
+        cov: (6, 6) m and rad, of position and rotation vector in base; zero for the tilt if gravity gave it.
+        scale, scale_sigma: scale of the hand's positions, and one sigma; 1 and 0 unless it was fitted.
+        residuals: (m, 3) m in base, point less touch, for all points, also those that were found wrong.
+        left_out: (m, 3) m in base, the same if the point itself is left out of the fit.
+        left_out_sigma: (m, 3) m, one sigma of `left_out`.
+        used: (m,) False for a point that was found wrong.
+        chi2: of the fit, per degree of freedom; 1 is expected if the tracker's sigmas are right.
     """
 
     T_base_nav: Pose
@@ -69,33 +70,34 @@ def fit_points(
     *,
     free: bool = False,
     scaled: bool = False,
-    touch_m: float = TOUCH_SIGMA_M,
+    touch_m: float = TIP_SIGMA_M,
 ) -> PointFit:
     """Find nav in base; a point that contradicts the others is left out and marked.
 
-    A wrong point is found by leaving each one out in turn: by how much chi-square falls is tested against what is left
-    of the others, with all correlations (W. Baarda, A testing procedure for use in geodetic networks, 1968; A. J. Pope,
-    The statistics of residuals and the detection of outliers, 1976, where the sigmas are known up to a factor only).
+    Each point is left out in turn. The fall of chi-square is tested against the remaining misfit, with correlations.
+
+    Sources: W. Baarda, A testing procedure for use in geodetic networks, 1968; A. J. Pope, The statistics of residuals
+    and the detection of outliers, 1976 (for sigmas that are known up to a factor only).
 
     Args:
         touched: m touches.
         points: (m, 3) m in base, in the same order.
-        free: nav's tilt too (6 unknowns); else both have z up (yaw and position: 4 unknowns).
-        scaled: the scale of the hand's positions too.
-        touch_m: m per axis, how well the tip meets a point.
+        free: estimate nav's tilt too (6 unknowns). Otherwise both frames have z up (position and yaw: 4 unknowns).
+        scaled: estimate the scale of the hand's positions too.
+        touch_m: m, one sigma per axis of the tip on a point.
 
     Raises:
-        CalibrationError: too few points, in a line, above each other; or they contradict each other and which one is at
-            fault can't be located.
+        CalibrationError: there are too few points, they lie in a line or above each other, or they contradict each
+            other and the wrong one can't be located.
     """
     if len(points) != len(touched.stops):
         raise ValueError(f"{len(touched.stops)} touches for {len(points)} points; give one touch per point")
     refuse_shape(points, free)
     touched = replace(touched, cov=touched.cov + touch_m**2 * np.eye(len(touched.cov)))
     problem = Problem(touched, points, free, scaled)
-    wrong, fit = _consistent(problem)
+    wrong, fit, without = _find_wrong_points(problem)
     cov = widened(fit.cov, fit.chi2, fit.freedom)
-    left_out = [_left_out(problem, k, wrong, fit) for k in range(len(points))]
+    left_out = [_left_out(problem, k, wrong, fit, without) for k in range(len(points))]
     return PointFit(
         T_base_nav=fit.pose,
         cov=cov[:6, :6],
@@ -109,51 +111,59 @@ def fit_points(
     )
 
 
-def _consistent(problem: Problem) -> tuple[list[int], Fit]:
-    """The points that are wrong, and the fit of the others."""
-    wrong: list[int] = []
+def _find_wrong_points(problem: Problem) -> tuple[list[int], Fit, dict[int, Fit]]:
+    """Return the indices of wrong points, the fit of the others, and that fit without each of them where possible."""
+    wrong, fit = list[int](), register(problem)
     while True:
-        fit, used = register(problem, wrong), [k for k in range(len(problem.points)) if k not in wrong]
+        used = [k for k in range(len(problem.points)) if k not in wrong]
         without = {k: register(problem, [*wrong, k]) for k in used if _enough(problem, [*wrong, k])}
         gained = {k: fit.chi2 - each.chi2 for k, each in without.items()}
         worst = max(gained, key=lambda k: gained[k], default=None)
-        if worst is None or not _wrong(gained[worst], without[worst]):
-            return wrong, fit
+        if worst is None or not _is_wrong(gained[worst], without[worst]):
+            return wrong, fit, without
         rivals = [k for k in gained if k != worst and gained[worst] - gained[k] < CLEARER_CHI2]
         if rivals or len(used) <= FEWEST or fit.freedom < 6:
             raise _contradiction(problem, fit, [worst, *rivals] if rivals else used)
         wrong.append(worst)
+        fit = without[worst]
 
 
-def _wrong(gained: float, others: Fit) -> bool:
-    """Whether chi-square falls by more, for a point's three coordinates, than what the others leave lets expect."""
+def _is_wrong(gained: float, others: Fit) -> bool:
+    """Say whether leaving out a point lowers chi-square by more than chance (F test, three coordinates)."""
     from scipy.special import fdtrc
 
-    share = gained / 3.0 / variance(others.chi2, others.freedom)
-    return bool(fdtrc(3.0, PRIOR_FREEDOM + others.freedom, share) < WRONG_CHANCE)
+    ratio = gained / 3.0 / variance_factor(others.chi2, others.freedom)
+    return bool(fdtrc(3.0, PRIOR_FREEDOM + others.freedom, ratio) < WRONG_CHANCE)
 
 
 def _enough(problem: Problem, left_out: Sequence[int]) -> bool:
-    """Whether the other points are enough for a fit, and lie well."""
+    """Say whether the other points are enough for a fit, and lie far enough apart."""
     others = np.delete(problem.points, list(left_out), axis=0)
-    return problem.freedom(len(others)) > 0 and not _bad_shape(others, problem.free, len(others))
+    return problem.freedom(len(others)) > 0 and not _bad_shape(others, problem.free)
 
 
-def _left_out(problem: Problem, k: int, wrong: Sequence[int], fit: Fit) -> tuple[Array, Array]:
-    """Point k less where the others put it, and the sigma of that, (3,) m; where they can't, by all."""
-    out = [k, *(each for each in wrong if each != k)]
-    off, cov = problem.points[k] - fit.in_base(problem.touched)[k], fit.cov[:3, :3]
-    if _enough(problem, out):
-        fit = register(problem, out)
-        off, cov = fit.left_out[0], fit.cov_left_out[0]
+def _left_out(
+    problem: Problem, k: int, wrong: Sequence[int], fit: Fit, without: Mapping[int, Fit]
+) -> tuple[Array, Array]:
+    """Return point k less its touch by the fit of the others, and one sigma, (3,) m each.
+
+    If the others do not suffice for a fit, it is by the fit of all.
+    """
+    if k in wrong:
+        off, cov = fit.left_out[wrong.index(k)], fit.cov_left_out[wrong.index(k)]
+    elif k in without:
+        fit = without[k]
+        off, cov = fit.left_out[-1], fit.cov_left_out[-1]
+    else:
+        off, cov = problem.points[k] - fit.in_base(problem.touched)[k], fit.cov[:3, :3]
     return off, np.sqrt(np.diagonal(widened(cov, fit.chi2, fit.freedom)))
 
 
 def refuse_shape(points: Array, free: bool) -> None:
-    """Refuse points (m, 3) from which no pose follows, however well they are touched.
+    """Refuse points (m, 3) that do not determine a pose, however well they are touched.
 
     Raises:
-        CalibrationError: too few, two in one place, in a line, above each other.
+        CalibrationError: they are too few, two are the same place, or they lie in a line or above each other.
     """
     if len(points) < FEWEST:
         raise CalibrationError(
@@ -165,18 +175,16 @@ def refuse_shape(points: Array, free: bool) -> None:
         for k in range(j):
             if np.linalg.norm(points[j] - points[k]) < 1e-4:
                 raise CalibrationError(f"points {k + 1} and {j + 1} are the same place; remove one", points=(k, j))
-    if bad := _bad_shape(points, free, FEWEST):
+    if bad := _bad_shape(points, free):
         raise CalibrationError(bad)
 
 
-def _bad_shape(points: Array, free: bool, fewest: int) -> str:
-    """What is wrong with how points (m, 3) lie, or ''."""
-    if len(points) < min(fewest, 2):
-        return "too few"
+def _bad_shape(points: Array, free: bool) -> str:
+    """Say why points (m, 3) do not determine a pose, or ''."""
     off = points - points.mean(axis=0)
     if free:
         spread = np.linalg.svd(off, compute_uv=False) / np.sqrt(len(points))
-        if len(points) < 3 or spread[1] < LEAST_SPREAD_M / 2.0:
+        if spread[1] < LEAST_SPREAD_M / 2.0:
             return (
                 f"the points lie on a line (within {100.0 * spread[1]:.1f} cm), so the rotation about it is unknown; "
                 "touch a point beside it, or leave out --free"

@@ -1,4 +1,4 @@
-"""Least-squares registration of nav in base, with the joint covariance of the touches."""
+"""Register nav in base by least squares, with the joint covariance of the touches."""
 
 from __future__ import annotations
 
@@ -22,25 +22,24 @@ from pbd.pose import (
 )
 
 MAX_ITERATIONS, CONVERGED_STEP = 50, 1e-9
-"""Limit of Gauss-Newton iterations, which usually are three or four; step (m, rad, a share) that ends them."""
+"""Largest number of Gauss-Newton iterations (three or four are usual); step (m, rad, log of scale) that ends them."""
 
 PRIOR_FREEDOM = 2.0
-"""Degrees of freedom that the tracker's own sigmas are worth beside the residuals: few points may fit well by
-chance."""
+"""Degrees of freedom of the prior that the tracker's sigmas are right, because few points may fit well by chance."""
 
 TWO_SIGMA_SHARE = 0.97725
-"""Share of a normal distribution below two sigma."""
+"""Probability of a normal distribution below two sigma."""
 
 
 @dataclass(frozen=True, eq=False)
 class PointObservations:
-    """Where a demonstration's tip stood when it touched points.
+    """Positions of the tip at m stops, where it touched points.
 
     Attributes:
         p_nav_sensor: (m, 3) m.
         lever: (m, 3) m, from the sensor to the tip, in nav.
-        cov: (3 m, 3 m) m2, of the tips' positions together.
-        stops: (m,) indices.
+        cov: (3 m, 3 m) m2, joint covariance of the tip's positions.
+        stops: (m,) indices of the stops.
     """
 
     p_nav_sensor: Array
@@ -49,7 +48,7 @@ class PointObservations:
     stops: tuple[int, ...]
 
     def only(self, keep: Sequence[int]) -> PointObservations:
-        """Some of them."""
+        """Return the observations with these indices."""
         rows = (3 * np.asarray(keep)[:, None] + np.arange(3)).ravel()
         return PointObservations(
             self.p_nav_sensor[list(keep)],
@@ -62,13 +61,13 @@ class PointObservations:
 def observe_points(
     keyframes: Sequence[Keyframe], covariance: PoseCovariance, p_sensor_tip: Array, cov_tip: Array | None = None
 ) -> PointObservations:
-    """Where the tip stood at all stops: p + R l. An error of the attitude turns R l, one of l turns with it.
+    """Return the tip's positions p + R l at all stops, with errors of p, R and l.
 
     Args:
         keyframes: all of a path that is not conditioned on known places.
-        covariance: the path's, of all of them together.
+        covariance: joint covariance of the keyframes, by the path.
         p_sensor_tip: (3,) m, the tip l in sensor axes.
-        cov_tip: (3, 3) m2, how well the tip is known; None: exactly.
+        cov_tip: (3, 3) m2, of l; None: l is exact.
     """
     m, poses = len(keyframes), [keyframe.T_nav_sensor for keyframe in keyframes]
     R = quat_to_matrix(np.array([pose.wxyz for pose in poses]))
@@ -84,12 +83,12 @@ def observe_points(
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is to be fitted.
+    """A registration problem.
 
     Attributes:
         points: (m, 3) m in base.
-        free: nav's tilt too; else both frames have z up.
-        scaled: the scale of the hand's positions too.
+        free: nav's tilt is unknown too. Otherwise both frames have z up.
+        scaled: the scale of the hand's positions is unknown too.
     """
 
     touched: PointObservations
@@ -99,23 +98,26 @@ class Problem:
 
     @property
     def unknowns(self) -> list[int]:
-        """Which of position (0 to 2), rotation vector in base (3 to 5) and log of the scale (6) are unknown."""
+        """Indices of the unknowns in position (0 to 2), rotation vector in base (3 to 5), log of the scale (6)."""
         return [0, 1, 2, *((3, 4, 5) if self.free else (5,)), *((6,) if self.scaled else ())]
 
     def freedom(self, used: int) -> int:
-        """Degrees of freedom that so many points leave."""
+        """Return the degrees of freedom with `used` points."""
         return 3 * used - len(self.unknowns)
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Least squares' answer.
+    """A least-squares solution. Covariances are by the tracker's sigmas.
 
     Attributes:
-        cov: (7, 7) of position, rotation vector in base and log of the scale, by the tracker's sigmas.
-        chi2: the whole sum.
-        left_out: (l, 3) m in base, each point that was left out less where its touch lies by the others.
-        cov_left_out: (l, 3, 3) m2, of these, by the tracker's sigmas.
+        pose: T_base_nav.
+        scale: of the hand's positions.
+        cov: (7, 7) of position, rotation vector in base and log of the scale.
+        chi2: sum of the squared residuals, in sigmas.
+        freedom: degrees of freedom.
+        left_out: (l, 3) m in base, each point that was left out, less its touch by the fit of the others.
+        cov_left_out: (l, 3, 3) m2, of `left_out`.
     """
 
     pose: Pose
@@ -127,33 +129,32 @@ class Fit:
     cov_left_out: Array
 
     def in_base(self, touched: PointObservations) -> Array:
-        """Where the tips lie, (m, 3) m."""
+        """Return the tip's positions in base, (m, 3) m."""
         return self.pose.act(self.scale * touched.p_nav_sensor + touched.lever)
 
 
-def variance(chi2: float, freedom: int) -> float:
-    """The factor by which the tracker's variances are too small, by the residuals of a fit and by a prior."""
+def variance_factor(chi2: float, freedom: int) -> float:
+    """Estimate by which factor the tracker's variances are too small, from a fit's residuals and a prior of 1."""
     return (PRIOR_FREEDOM + chi2) / (PRIOR_FREEDOM + freedom)
 
 
 def widened(cov: Array, chi2: float, freedom: int) -> Array:
-    """A least squares' covariance by the tracker's sigmas, such that two sigma hold 95 %.
+    """Widen a covariance by the tracker's sigmas such that two sigma hold 95 %.
 
-    Where those are right but for a factor, of which they tell as much as PRIOR_FREEDOM degrees of freedom would, the
-    unknowns have Student's t distribution (A. Zellner, An introduction to Bayesian inference in econometrics, 1971,
-    III).
+    If the sigmas are right up to a factor, whose prior is worth PRIOR_FREEDOM degrees of freedom, the unknowns have
+    Student's t distribution (A. Zellner, An introduction to Bayesian inference in econometrics, 1971, III).
     """
     from scipy.special import stdtrit
 
     wider = 0.5 * float(stdtrit(PRIOR_FREEDOM + freedom, TWO_SIGMA_SHARE))
-    return np.asarray(cov * variance(chi2, freedom) * wider**2)
+    return np.asarray(cov * variance_factor(chi2, freedom) * wider**2)
 
 
 def align(p_from: Array, p_to: Array, free: bool = False) -> Pose:
-    """The pose T_to_from that brings points (m, 3) closest to others, in the sum of squares.
+    """Return the pose T_to_from that brings points (m, 3) closest to others, in the sum of squares.
 
-    `free` finds any rotation (Kabsch 1976, by scipy). Otherwise both frames have z up, and the yaw is the angle of the
-    horizontal cross-covariance.
+    `free` allows any rotation (Kabsch 1976, by scipy). Otherwise both frames have z up, and the yaw follows in closed
+    form from the horizontal cross-covariance.
     """
     from scipy.spatial.transform import Rotation
 
@@ -167,10 +168,10 @@ def align(p_from: Array, p_to: Array, free: bool = False) -> Pose:
 
 
 def register(problem: Problem, left_out: Sequence[int] = ()) -> Fit:
-    """Fit, by Gauss and Newton's steps. The touch of a point that is left out has an error of its own, unknown too.
+    """Fit by Gauss-Newton. The touch of a point that is left out has an additional error, which is estimated too.
 
-    That error is found with all correlations: what the others show of the tracker's errors is taken out of it. What is
-    left is whitened in nav: there the noise does not turn with the unknown rotation.
+    That error is estimated with all correlations, so it does not include tracking errors that the other points show.
+    Residuals are whitened in nav, where the noise does not depend on the unknown rotation.
     """
     touched, where = problem.touched, problem.unknowns
     used = np.delete(np.arange(len(problem.points)), left_out)
@@ -205,13 +206,13 @@ def register(problem: Problem, left_out: Sequence[int] = ()) -> Fit:
 
 
 def misfit(problem: Problem, pose: Pose, scale: float) -> Array:
-    """Error of each touch in nav, (m, 3) m: the tracked position minus the point's."""
+    """Return the error of each touch in nav, (m, 3) m: the tracked position less that of the point."""
     tips = pose.inverse().act(problem.points)
     return problem.touched.p_nav_sensor - (tips - problem.touched.lever) / scale
 
 
 def jacobian(problem: Problem, pose: Pose, scale: float) -> Array:
-    """Of `misfit`, (3 m, unknowns)."""
+    """Return the Jacobian of `misfit`, (3 m, unknowns)."""
     R_nav_base = quat_to_matrix(pose.wxyz).T
     from_nav = problem.points - pose.p
     by_turn = -R_nav_base @ skew(from_nav)
@@ -222,6 +223,6 @@ def jacobian(problem: Problem, pose: Pose, scale: float) -> Array:
 
 
 def moved(pose: Pose, scale: float, step: Array) -> tuple[Pose, float]:
-    """By (7,): position, rotation vector in base, log of the scale."""
-    there = Pose(pose.p + step[:3], quat_multiply(quat_exp(step[3:6]), pose.wxyz))
-    return there, scale * float(np.exp(step[6]))
+    """Return pose and scale after a step (7,): position, rotation vector in base, log of the scale."""
+    stepped = Pose(pose.p + step[:3], quat_multiply(quat_exp(step[3:6]), pose.wxyz))
+    return stepped, scale * float(np.exp(step[6]))

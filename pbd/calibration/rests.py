@@ -1,4 +1,4 @@
-"""Rests of a sensor that was put down in several orientations, with its mean readings."""
+"""Find the rests of a sensor that was put down in several orientations, with its mean readings."""
 
 from __future__ import annotations
 
@@ -12,36 +12,38 @@ from pbd.errors import CalibrationError
 from pbd.pose import Array
 
 STILL_WINDOW_S, SHORTEST_REST_S, REST_EDGE_S = 0.5, 1.0, 0.2
-"""s: window over which stillness is measured; shortest rest; what is left out at either end of a rest."""
+"""Durations, s: of the window in which stillness is measured, of the shortest rest, and of what is cut off at each end
+of a rest."""
 
 STILL_RATIO = 9.0
-"""Largest variance of a still window, relative to the quietest."""
+"""Largest variance of a still window, relative to the quietest window."""
 
 STILL_ACC, STILL_GYR = 0.1, np.radians(1.0)
-"""m/s2 and rad/s, rms over a window, all axes: a sensor that lies on a table shakes less."""
+"""Upper bound, m/s2 and rad/s rms over a window, all axes together, of what a still sensor reads. A sensor that lies on
+a table shakes less."""
 
 SURELY_STILL_ACC, SURELY_STILL_GYR = 0.02, np.radians(0.1)
-"""m/s2 and rad/s, rms over a window, all axes: a sensor that shakes less is still in any case."""
+"""Lower bound, m/s2 and rad/s rms over a window, all axes together: a sensor that shakes less is always still."""
 
-EVEN_TURN = np.radians(0.3)
-"""rad/s: largest deviation of a rest's mean rate from that of the others, beyond noise. A sensor that turns evenly
-exceeds it; a wandering bias does not."""
+RATE_DEVIATION = np.radians(0.3)
+"""Largest deviation, rad/s, of a window's mean rate from the median over still windows, beyond noise. A sensor that
+turns at constant rate exceeds it; a wandering bias does not."""
 
 SAME_ORIENTATION_DEG = 15.0
-"""Angle between the verticals of two rests below which they count as one orientation."""
+"""Angle, degrees, between the verticals of two rests, below which they count as one orientation."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rests:
-    """What a sensor read at k rests, as means.
+    """Mean readings of a sensor at k rests.
 
     Attributes:
-        start, stop: (k,) half-open rows.
-        seconds: (k,) s.
+        start, stop: (k,) half-open ranges of rows.
+        seconds: (k,) s, duration.
         acc: (k, 3) m/s2.
         gyr: (k, 3) rad/s, or None.
         mag: (k, 3) uT, or None.
-        acc_noise, gyr_noise, mag_noise: per sample and axis, rms; 0 where there is no such sensor.
+        acc_noise, gyr_noise, mag_noise: rms per sample and axis, in the same units; 0 without that sensor.
     """
 
     start: NDArray[np.intp]
@@ -59,26 +61,26 @@ class Rests:
 
     @property
     def samples(self) -> NDArray[np.intp]:
-        """(k,) how many."""
+        """Number of samples in each rest, (k,)."""
         return self.stop - self.start
 
     @property
     def up_sensor(self) -> Array:
-        """(k, 3) unit, the vertical as the accelerometer shows it."""
+        """Unit vertical by the accelerometer, (k, 3), in sensor axes."""
         return np.asarray(self.acc / np.linalg.norm(self.acc, axis=1, keepdims=True))
 
 
 def find_rests(recording: Recording) -> Rests:
-    """Find all rests of a second or more, by the variance of both sensors relative to the quietest window.
+    """Find all rests of SHORTEST_REST_S or more, by the variance of both sensors relative to the quietest window.
 
-    After the static detector of D. Tedaldi, A. Pretto and E. Menegatti, A robust and easy to implement method for IMU
+    Source: the static detector of D. Tedaldi, A. Pretto and E. Menegatti, A robust and easy to implement method for IMU
     calibration without external equipments, ICRA 2014.
 
     Args:
         recording: without NaN.
 
     Raises:
-        CalibrationError: it was never still.
+        CalibrationError: the sensor was never still, or the recording is too short.
     """
     from scipy.ndimage import find_objects, label
 
@@ -94,8 +96,8 @@ def find_rests(recording: Recording) -> Rests:
         gyr_var, gyr_mean = _moving(recording.gyr, length)
         still &= _still(recording, "gyro", gyr_var, STILL_GYR, SURELY_STILL_GYR, "degrees/s", 180.0 / np.pi)
         if still.any():
-            room = np.hypot(EVEN_TURN, 4.0 * np.sqrt(np.median(gyr_var[still]) / length))
-            still &= np.linalg.norm(gyr_mean - np.median(gyr_mean[still], axis=0), axis=1) < room
+            tolerance = np.hypot(RATE_DEVIATION, 4.0 * np.sqrt(np.median(gyr_var[still]) / length))
+            still &= np.linalg.norm(gyr_mean - np.median(gyr_mean[still], axis=0), axis=1) < tolerance
     edge = round(REST_EDGE_S * rate)
     spans = [(rows.start, rows.stop + length - 1) for (rows,) in find_objects(label(still)[0])]
     spans = [(start + edge, stop - edge) for start, stop in spans if (stop - start) / rate >= SHORTEST_REST_S]
@@ -119,12 +121,12 @@ def find_rests(recording: Recording) -> Rests:
 
 
 def rms(values: Array) -> float:
-    """Root of the mean square."""
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(values**2)))
 
 
-def orientations(up_sensor: Array) -> int:
-    """How many of the verticals (k, 3) are different."""
+def count_orientations(up_sensor: Array) -> int:
+    """Return the number of different orientations among unit verticals (k, 3)."""
     found: list[Array] = []
     for up in up_sensor:
         if all(up @ other < np.cos(np.radians(SAME_ORIENTATION_DEG)) for other in found):
@@ -135,6 +137,17 @@ def orientations(up_sensor: Array) -> int:
 def _still(
     recording: Recording, what: str, variance: Array, still: float, floor: float, unit: str, factor: float
 ) -> NDArray[np.bool_]:
+    """Say in which windows a sensor is still.
+
+    Args:
+        what: name of the sensor.
+        variance: summed over the axes.
+        still, floor: upper and lower bound of its root, in SI units.
+        unit, factor: for the message, and its ratio to the SI unit.
+
+    Raises:
+        CalibrationError: it was never still.
+    """
     quietest = float(variance.min())
     if quietest > still**2:
         raise CalibrationError(
@@ -148,11 +161,11 @@ def _still(
 
 
 def _moving(values: Array, length: int) -> tuple[Array, Array]:
-    """Variance, summed over the axes, and mean over each run of `length` samples: (n - length + 1,) and (..., 3)."""
+    """Return variance (n - length + 1,), summed over the axes, and mean (..., 3) of each window of `length` samples."""
     from scipy.ndimage import uniform_filter1d
 
     middle = values.mean(axis=0)
     centred = values - middle  # keeps the difference of squares well conditioned
-    whole = slice(length // 2, length // 2 + len(values) - length + 1)
-    mean, square = (uniform_filter1d(x, length, axis=0)[whole] for x in (centred, centred**2))
+    full_windows = slice(length // 2, length // 2 + len(values) - length + 1)
+    mean, square = (uniform_filter1d(x, length, axis=0)[full_windows] for x in (centred, centred**2))
     return np.maximum((square - mean**2).sum(axis=1), 0.0), mean + middle

@@ -18,16 +18,16 @@ from pbd.pose import Array
 KINDS = ("gyr", "acc", "mag")
 
 UNEVEN_FIELD = 0.05
-"""Relative rms variation of the field's strength over a recording above which the field is disturbed."""
+"""Relative rms variation of the field's strength over a recording, above which the field is disturbed."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorFit:
-    """What was found, and how well it fits.
+    """A sensor's estimated errors, and how well they fit.
 
     Attributes:
-        acc, mag: how well; None where it was not fitted.
-        remarks: what a person should know, a line each.
+        acc, mag: details of these fits; None for what was not fitted.
+        remarks: lines for the user.
     """
 
     errors: SensorErrors
@@ -45,17 +45,19 @@ def calibrate_sensor(
     known: SensorErrors | None = None,
     temperature_c: float | None = None,
 ) -> SensorFit:
-    """Find gyro, accelerometer and magnetometer errors.
+    """Estimate the errors of gyro, accelerometer and magnetometer.
 
     Args:
         recording: without NaN, of a sensor that is put down in several orientations.
-        gravity: m/s2, of the place.
-        only: some of KINDS, which must then succeed; none: what the sensor has, and a magnetometer that was not turned
-            far enough is left out with a remark.
-        known: earlier errors of the same sensor; those that are not fitted now stay.
+        gravity: m/s2, local gravity.
+        only: those of KINDS to fit, which must succeed. Empty: all that the sensor has; then a magnetometer that was
+            not turned far enough is left out with a remark.
+        known: earlier errors of the same sensor. Those that are not fitted now are kept.
+        temperature_c: of the sensor, noted in the result.
 
     Raises:
-        CalibrationError: never still, orientations too alike, not turned far enough, no such channel.
+        CalibrationError: the sensor was never still, its orientations are too similar, it was not turned far enough, or
+            it lacks what `only` names.
     """
     known = SensorErrors(recording.info.sensor) if known is None else known
     refuse_other_sensor(f"'{recording.info.name}'", recording.info.sensor, known)
@@ -71,8 +73,8 @@ def calibrate_sensor(
                 f"{acc.orientations} orientations do not determine {', '.join(acc.undetermined)}: typical values are "
                 "kept; to measure all of them, put each of the six sides and six edges up"
             )
-    force = rests.acc if errors.acc is None else errors.acc.true(rests.acc)
-    up: Array = force / np.linalg.norm(force, axis=1, keepdims=True)  # the vertical, as well as it is known
+    force = rests.acc if errors.acc is None else errors.acc.correct(rests.acc)
+    up: Array = force / np.linalg.norm(force, axis=1, keepdims=True)  # best available vertical
     up_sigma = np.radians(1.0) if acc is None else acc.up_sigma
     if "gyr" in wanted and (recording.gyr is not None or "gyr" in only):
         gyr = fit_gyro(recording, rests, None if acc is None else up, up_sigma)
@@ -100,7 +102,7 @@ def calibrate_sensor(
 
 
 def corrected(recording: Recording, errors: SensorErrors | None) -> Recording:
-    """The recording as a sensor without these errors would have made it. Its own attitude stays as it is.
+    """Return the recording with the sensor's errors removed. The sensor's own attitude output stays as it is.
 
     Raises:
         CalibrationError: the errors are those of another sensor.
@@ -109,14 +111,16 @@ def corrected(recording: Recording, errors: SensorErrors | None) -> Recording:
         return recording
     refuse_other_sensor(f"'{recording.info.name}'", recording.info.sensor, errors)
     given = ((kind, getattr(errors, kind), getattr(recording, kind)) for kind in KINDS)
-    return replace(recording, **{kind: e.true(read) for kind, e, read in given if e is not None and read is not None})
+    return replace(
+        recording, **{kind: e.correct(read) for kind, e, read in given if e is not None and read is not None}
+    )
 
 
 def refuse_other_sensor(what: str, sensor: str, errors: SensorErrors) -> None:
-    """Refuse errors of another sensor than the one `what` was made with. A sensor without a name fits all.
+    """Refuse errors that are not of the sensor with which `what` was made. A sensor without a name matches any.
 
     Raises:
-        CalibrationError: names both.
+        CalibrationError: names both sensors.
     """
     if "unknown" not in (sensor, errors.sensor) and sensor != errors.sensor:
         raise CalibrationError(

@@ -1,4 +1,4 @@
-"""Calibration drift: whether a sensor at rest still reads gravity and the field of its calibration."""
+"""Detect calibration drift: whether a sensor at rest still reads gravity and the field of its calibration."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pbd.data import GRAVITY, SensorErrors
 from pbd.pose import Array
 
 ACC_DRIFT, GYR_DRIFT = 0.015, np.radians(0.5)
-"""Largest deviation from the calibration, as a share of gravity and in rad/s, of a sensor that is warm or hand-held."""
+"""Largest deviation from the calibration, as a share of gravity and in rad/s, that warmth or a trembling hand cause."""
 
 UNCALIBRATED_ACC = 0.03
-"""Largest error of a sound sensor without a calibration, as a share of gravity. (Gravity varies by 0.5 % on earth.)"""
+"""Largest error of a sound uncalibrated sensor, as a share of gravity. Gravity itself varies by 0.5 % on earth."""
 
 FIELD_DRIFT, DIP_DRIFT = 0.10, np.radians(6.0)
 """Largest variation of the magnetic field within a room: of its strength (a share) and its dip (rad)."""
@@ -20,13 +20,13 @@ FIELD_DRIFT, DIP_DRIFT = 0.10, np.radians(6.0)
 def disagreements(
     errors: SensorErrors | None, acc: Array, gyr: Array | None = None, mag: Array | None = None
 ) -> tuple[str, ...]:
-    """Report what a sensor at rest reads wrongly, a line for each deviation beyond its bound.
+    """Report, a line each, the deviations of a sensor at rest that exceed their bounds.
 
     Args:
-        errors: the calibration's; None: it has none, and only gravity is known.
+        errors: of the calibration; None: there is none, and only gravity is known.
         acc: (3,) m/s2, the mean over a rest, corrected.
-        gyr: (3,) rad/s.
-        mag: (3,) uT.
+        gyr: (3,) rad/s, the same.
+        mag: (3,) uT, the same.
     """
     errors, calibrated = errors or SensorErrors(""), errors is not None and errors.acc is not None
     said, norm, gravity = [], float(np.linalg.norm(acc)), errors.gravity
@@ -51,6 +51,6 @@ def disagreements(
 
 
 def gravity_at(latitude_deg: float) -> float:
-    """Gravity in m/s2 at a latitude, at sea level: Somigliana's formula with WGS 84's constants (TR8350.2, 4-1)."""
+    """Return gravity, m/s2, at sea level: Somigliana's formula with the constants of WGS 84 (TR8350.2, 4-1)."""
     square = float(np.sin(np.radians(latitude_deg)) ** 2)
     return 9.7803253359 * (1.0 + 0.00193185265241 * square) / float(np.sqrt(1.0 - 0.00669437999013 * square))

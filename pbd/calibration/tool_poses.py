@@ -13,13 +13,13 @@ from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, yaw_
 
 @dataclass(frozen=True, eq=False)
 class KeyframesInBase:
-    """Keyframes, and where nav lies in the robot's base.
+    """Keyframes, with the pose of nav in the robot's base.
 
     Attributes:
-        keyframes: k of them; the first one is the first rest, at the dock.
+        keyframes: k of them. The first is the first rest, at the dock.
         calibration: its own scale multiplies `scale`.
         scale: multiplies p_nav_sensor and nothing else.
-        path: of the keyframes, which err together and may have touch-ups; None where each is on its own.
+        path: of the keyframes, with their joint covariance and touch-ups; None: the keyframes' errors are independent.
     """
 
     keyframes: Sequence[Keyframe]
@@ -30,18 +30,19 @@ class KeyframesInBase:
 
 
 def with_table(calibration: Calibration, robot: Robot) -> Calibration:
-    """A calibration that names no table has the one that the robot stands on: its own dock's."""
+    """Return the calibration; if it has no table, with that of the robot's own dock, on which the robot stands."""
     if calibration.table_height is not None or robot.dock is None:
         return calibration
     return replace(calibration, table_height=robot.dock.table_height)
 
 
 def tool_poses(placed: KeyframesInBase, orientation: str = "demo") -> tuple[Pose, ...]:
-    """T_base_tool at each keyframe: T_base_nav @ T_nav_sensor @ T_sensor_tool, with the keyframe's own nudges.
+    """Return T_base_tool at each keyframe: T_base_nav @ T_nav_sensor @ T_sensor_tool, with the keyframe's own nudges.
+
+    The path's touch-ups are not applied; see `touched_poses`.
 
     Args:
-        placed: without its path's touch-ups.
-        orientation: "demo", or "fixed": the tool keeps keyframe 0's heading, its z straight down.
+        orientation: "demo", or "fixed": the tool keeps the heading of keyframe 0, with its z straight down.
     """
     keyframes, T_base_nav, calibration = placed.keyframes, placed.T_base_nav, placed.calibration
     scale = placed.scale * calibration.scale
@@ -52,7 +53,7 @@ def tool_poses(placed: KeyframesInBase, orientation: str = "demo") -> tuple[Pose
         poses.append(T_base_nav @ scaled @ calibration.T_sensor_tool)
     if orientation == "fixed":
         fixed = pointing_down(poses[0].wxyz)
-        # The hand's path is kept, not the tool's: without its turns the tool is carried along rigidly.
+        # The tool follows the hand's path at a constant offset, that of keyframe 0.
         lever = poses[0].p - (T_base_nav @ Pose(scale * keyframes[0].T_nav_sensor.p, fixed)).p
         poses = [Pose(T_base_nav.act(scale * keyframe.T_nav_sensor.p) + lever, fixed) for keyframe in keyframes]
     return tuple(map(_nudged, poses, keyframes))
@@ -64,6 +65,6 @@ def _nudged(T_base_tool: Pose, keyframe: Keyframe) -> Pose:
 
 
 def pointing_down(wxyz_base_tool: Array) -> Array:
-    """Return the rotation with z straight down that is nearest to a tool's."""
+    """Return the rotation with z straight down that is nearest to that of a tool."""
     down = np.array([0.0, 1.0, 0.0, 0.0])
     return quat_multiply(quat_about_z(yaw_toward(down, wxyz_base_tool)), down)

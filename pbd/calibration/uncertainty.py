@@ -1,4 +1,4 @@
-"""Covariance of the tool's pose in base at each keyframe, and the contribution of each calibration part."""
+"""Covariance of the tool's pose in base at each keyframe, by its sources."""
 
 from __future__ import annotations
 
@@ -12,63 +12,63 @@ from pbd.data import Calibration
 from pbd.pose import Array, quat_rotate, quat_to_matrix, skew
 
 PARTS = {"start": "where the hand starts", "mount": "the mount", "tracking": "tracking"}
-"""Where the tool's uncertainty comes from, in words."""
+"""Sources of the tool's uncertainty, and their names for the user."""
 
 
 def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
-    """Covariance (k, 6, 6) in base of the tool's position and rotation vector, m and rad, by PARTS; they add up.
+    """Return the covariance (k, 6, 6) of the tool's position and rotation vector in base, m and rad, by PARTS.
 
-    From p_base_tool = t + R (s p + R_k l), with t and R nav in base, p and R_k the sensor in nav, l the tool in sensor
-    axes: what is unsure about each of them, to first order. A mount that was never calibrated counts as exact.
+    The sum of the parts is the total. From p_base_tool = t + R (s p + R_k l), with t and R nav in base, p and R_k the
+    sensor in nav, l the tool in sensor axes: the uncertainty of each of them, propagated to first order. A mount that
+    was never calibrated counts as exact.
     """
-    by, calibration = _jacobians(placed), placed.calibration
-    of = {
+    J, calibration = _jacobians(placed), placed.calibration
+    cov = {
         "start": calibration.cov_start,
-        "mount": _of_mount(calibration),
+        "mount": _mount_covariance(calibration),
         "tracking": np.array([keyframe.cov for keyframe in placed.keyframes]),
     }
-    return {part: np.asarray(by[part] @ of[part] @ by[part].transpose(0, 2, 1)) for part in PARTS}
+    return {part: np.asarray(J[part] @ cov[part] @ J[part].transpose(0, 2, 1)) for part in PARTS}
 
 
 def joint_tool_covariance(cov_nav_sensor: Array, placed: KeyframesInBase) -> Array:
-    """Covariance (6k, 6k) of all tool poses together: the dock and the mount err by the same at each keyframe.
+    """Return the joint covariance (6k, 6k) of all tool poses. Errors of dock and mount are the same at all keyframes.
 
     Args:
         cov_nav_sensor: (6k, 6k) of the keyframes, in nav.
-        placed: the keyframes.
     """
-    by, calibration = _jacobians(placed), placed.calibration
-    start, mount = by["start"].reshape(-1, 6), by["mount"].reshape(-1, 6)
+    J, calibration = _jacobians(placed), placed.calibration
+    start, mount = J["start"].reshape(-1, 6), J["mount"].reshape(-1, 6)
     k = len(placed.keyframes)
-    tracked = np.einsum("iab,ibjc,jdc->iajd", by["tracking"], cov_nav_sensor.reshape(k, 6, k, 6), by["tracking"])
-    joint: Array = start @ calibration.cov_start @ start.T + mount @ _of_mount(calibration) @ mount.T
+    tracked = np.einsum("iab,ibjc,jdc->iajd", J["tracking"], cov_nav_sensor.reshape(k, 6, k, 6), J["tracking"])
+    joint: Array = start @ calibration.cov_start @ start.T + mount @ _mount_covariance(calibration) @ mount.T
     joint += tracked.reshape(6 * k, 6 * k)
     return joint
 
 
-def _of_mount(calibration: Calibration) -> Array:
+def _mount_covariance(calibration: Calibration) -> Array:
     cov = calibration.cov_sensor_tool
     return np.zeros((6, 6)) if cov is None else cov
 
 
 def _jacobians(placed: KeyframesInBase) -> dict[str, Array]:
-    """How the tool's pose at each keyframe depends on each part's, (k, 6, 6)."""
+    """Return the Jacobian (k, 6, 6) of the tool's pose at each keyframe by the pose of each part."""
     calibration, R = placed.calibration, quat_to_matrix(placed.T_base_nav.wxyz)
     scale = placed.scale * calibration.scale
-    by = {part: np.zeros((len(placed.keyframes), 6, 6)) for part in PARTS}
+    J = {part: np.zeros((len(placed.keyframes), 6, 6)) for part in PARTS}
     for k, keyframe in enumerate(placed.keyframes):
         lever = quat_rotate(keyframe.T_nav_sensor.wxyz, calibration.T_sensor_tool.p)
         from_nav = R @ (scale * keyframe.T_nav_sensor.p + lever)
-        by["start"][k] = np.block([[np.eye(3), -skew(from_nav)], [np.zeros((3, 3)), np.eye(3)]])
-        by["tracking"][k] = np.block([[scale * R, -R @ skew(lever)], [np.zeros((3, 3)), R]])
-        by["mount"][k] = np.kron(np.eye(2), R @ quat_to_matrix(keyframe.T_nav_sensor.wxyz))
-    return by
+        J["start"][k] = np.block([[np.eye(3), -skew(from_nav)], [np.zeros((3, 3)), np.eye(3)]])
+        J["tracking"][k] = np.block([[scale * R, -R @ skew(lever)], [np.zeros((3, 3)), R]])
+        J["mount"][k] = np.kron(np.eye(2), R @ quat_to_matrix(keyframe.T_nav_sensor.wxyz))
+    return J
 
 
 def base_sigmas(parts: Mapping[str, Array]) -> list[dict[str, Any]]:
-    """The same for programs, a row a keyframe: base_sigma_m and base_sigma_deg (3), base_sigma_parts_m (3 each).
+    """Return each keyframe's sigmas for `--json`: base_sigma_m and base_sigma_deg (3), base_sigma_parts_m (3 each).
 
-    A part without a measurement is None: a mount that was never calibrated, a keyframe that a person typed.
+    A part without a covariance is None: a mount that was never calibrated, a keyframe that a person typed.
     """
     total = np.sqrt(np.diagonal(np.sum(list(parts.values()), axis=0), axis1=1, axis2=2))
     of_parts = {part: np.sqrt(np.diagonal(cov, axis1=1, axis2=2))[:, :3] for part, cov in parts.items()}

@@ -1,4 +1,4 @@
-"""The command line: parse, call, print, exit code. The options are in commands/; each command's work in its file."""
+"""The command line. commands/ has the options of each command; the file or folder of its name runs it."""
 
 from __future__ import annotations
 
@@ -13,47 +13,47 @@ from pbd.cli.commands import parse, parser
 from pbd.cli.console import say
 from pbd.errors import PbdError, collected_warnings, in_words
 from pbd.io.atomic import DELETED, in_deleted_folder
-from pbd.view.terminal import drop, standard_streams
+from pbd.view.terminal import discard_rest, standard_streams
 
 __all__ = ["main", "parser"]
 
 UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
-"""Errors of standard output: a full disk, a closed terminal. Errors of files are reported by then."""
+"""errno values that standard output gives: a full disk, a closed terminal. Errors of files are PbdErrors by then."""
 
 FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP, *UNWRITABLE)
-"""Errors of a path that are the user's, not a bug: permissions, names, disks."""
+"""errno values of a path that are no bug: permissions, names, disks."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; return its exit code."""
+    """Run a command and return its exit code."""
     with standard_streams():
         try:
             try:
                 return _run(argv)
             finally:
-                sys.stdout.flush()  # else the interpreter reports the error when it ends
+                sys.stdout.flush()  # otherwise the interpreter reports an error of the output when it exits
         except BrokenPipeError:
-            drop(sys.stdout)  # its reader has gone (`pbd ... | head`)
+            discard_rest(sys.stdout)  # its reader has gone (`pbd ... | head`)
             return 141
         except KeyboardInterrupt:
             return 130
         except OSError as reason:
-            message = _refused(reason)
+            message = _os_error_message(reason)
             if message is None:
                 raise  # a bug
             say(message)
             return 1
 
 
-def _refused(reason: OSError) -> str | None:
-    """The message of an operating system's error that was not reported yet; None for a bug."""
+def _os_error_message(reason: OSError) -> str | None:
+    """The message for an OSError that is the user's or the machine's fault; None if it is a bug."""
     if reason.filename is not None and reason.errno in FORBIDDEN:
         return f"{os.fsdecode(reason.filename)}: {in_words(reason)}; check the path, and who may read and write there"
     if in_deleted_folder():
         return DELETED
     if reason.filename is not None or reason.errno not in UNWRITABLE:
         return None
-    drop(sys.stdout)
+    discard_rest(sys.stdout)
     return f"standard output can't be written ({in_words(reason)}); send it elsewhere"
 
 
@@ -63,7 +63,7 @@ def _run(argv: Sequence[str] | None) -> int:
         return 2
     args = parse(argv)
     if getattr(args, "csv", False) and "units" in args:
-        args.units = replace(args.units, exact=True)  # rounding is for people's eyes
+        args.units = replace(args.units, exact=True)  # tables are rounded for people, CSV is not
     try:
         with collected_warnings(lambda message: say(f"warning: {message}")) as args.warnings:
             return int(import_module(args.module).run(args) or 0)

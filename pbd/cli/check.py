@@ -17,12 +17,12 @@ from pbd.errors import RecordingError, listed
 from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units
 
-SHOWN = 2
-"""Most remarks of one demonstration in the table; --json has all of them."""
+MOST_REMARKS = 2
+"""Largest number of remarks on one demonstration in the table; --json has all of them."""
 
 
 def run(args: argparse.Namespace) -> None:
-    """Check them, print what needs a look first, and fail where one is unusable."""
+    """Check the demonstrations, print those that need a look first, and fail if one is unusable."""
     checks = sorted(_checked(args), key=_worst_first)
     print_result(args, {"demos": [_row(check) for check in checks]}, _table(checks, args.robot, args.units))
     if unusable := [check.name for check in checks if not check.usable]:
@@ -65,13 +65,13 @@ def _table(checks: Sequence[DemoCheck], robot: str | None, units: Units) -> Tabl
     table = make_table(*columns, left=(columns[0], columns[-1]))
     for check in checks:
         remarks = check.remarks
-        more = f" (and {len(remarks) - SHOWN} more)" if len(remarks) > SHOWN else ""
+        more = f" (and {len(remarks) - MOST_REMARKS} more)" if len(remarks) > MOST_REMARKS else ""
         table.add_row(
             check.name,
             *units.times(check.duration_s),
             "" if check.p_dock_sensor is None else str(len(check.p_dock_sensor)),
             *units.lengths(check.sigma_m, finer=1),
             *(() if robot is None else units.times(check.motion_s)),
-            "; ".join(remarks[:SHOWN]) + more,
+            "; ".join(remarks[:MOST_REMARKS]) + more,
         )
     return table

@@ -1,4 +1,4 @@
-"""Steps that several commands share: load, track, plan, decode, store."""
+"""Steps that several commands share: load, track, plan, choose a decoder, store and print."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from pbd.sensors.decoding import Decoder
 
 POINTS_FILE = "points.csv"
-"""File in a demonstration's folder: the points that it touched."""
+"""Name of the file, in a demonstration's folder, with the points that the hand touched."""
 
 
 def load_demonstration(name: str | None) -> Demonstration:
-    """Load the demonstration that was named, or the newest, and then say which."""
+    """Load the demonstration of this name; without one load the newest, and say which it is."""
     if name is None:
         name = newest_demo()
         say(f"no demonstration named: using '{name}'")
@@ -47,7 +47,7 @@ def load_demonstration(name: str | None) -> Demonstration:
 def track_demonstration(
     demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool
 ) -> tuple[HandPath, tuple[Keyframe, ...]]:
-    """Track it; return the hand's path and the keyframes that count."""
+    """Track a demonstration; return the hand's path and its keyframes, the edited ones if there are any."""
     from pbd.pipeline import track
     from pbd.tracking.keyframes import keyframes_of
     from pbd.tracking.repair.gyro_consistency import up_in_sensor, warn_upside_down
@@ -55,7 +55,7 @@ def track_demonstration(
     with working("tracking"):
         path = track(demo, method, calibration=calibration, accept_gap=accept_gap)
     keyframes = keyframes_of(path)
-    if calibration is None:  # one that is there tells how far the dock is tilted
+    if calibration is None:  # with a calibration, the tilt of the dock is reported instead
         up_sensor = up_in_sensor(keyframes[0].T_nav_sensor.wxyz)
         warn_upside_down(demo.recording, up_sensor, path.stops[0].start, path.stops[0].stop)
     if demo.keyframes is not None:
@@ -64,7 +64,7 @@ def track_demonstration(
 
 
 def track_recording(args: argparse.Namespace, calibration: Calibration) -> tuple[Recording, HandPath]:
-    """Load args.demo and track its recording alone: what is known of its stops does not count."""
+    """Load args.demo and track its recording alone, without known places and edited keyframes."""
     from pbd.pipeline import track
 
     recording = load_demo(args.demo).recording
@@ -73,15 +73,15 @@ def track_recording(args: argparse.Namespace, calibration: Calibration) -> tuple
 
 
 def named_calibration(args: argparse.Namespace) -> Calibration | None:
-    """Load the calibration that was named, if one was: what a command without a robot tracks with."""
+    """Load the calibration of --calibration, or None: a command without a robot tracks with no other."""
     return load_calibration(args.calibration) if args.calibration else None
 
 
 def replaced_part(path: Path, calibration: Calibration, part: str, force: bool) -> dict[str, str]:
-    """Name which of [dock] and [nav] the new `part` replaces; empty where there is no other.
+    """Return {old: new} if the new `part`, "dock" or "nav", replaces the other of the two; else {}.
 
     Raises:
-        CalibrationError: there is one, and `force` was not given.
+        CalibrationError: it would replace the other, and `force` was not given.
     """
     other = "nav" if part == "dock" else "dock"
     if (calibration.T_base_nav if other == "nav" else calibration.T_base_dock) is None:
@@ -93,13 +93,13 @@ def replaced_part(path: Path, calibration: Calibration, part: str, force: bool) 
 
 
 def sigma_json(cov: Array) -> dict[str, Any]:
-    """One sigma of a pose's covariance (6, 6); NaN (null in JSON) where it is unknown."""
+    """One sigma per axis from a pose's covariance (6, 6), as JSON has it; NaN, null in JSON, where it is unknown."""
     sigma = one_sigma(cov)
     return {"sigma_m": sigma[:3], "sigma_deg": np.degrees(sigma[3:])}
 
 
 def plan_options(args: argparse.Namespace, robot: Robot, measured: tuple[float, ...] | None = None) -> PlanOptions:
-    """Collect what `add_planning` added; the motion starts where the arm was `measured` to be (rad), or as it says."""
+    """Make the options of a plan from those of `add_planning`; `measured` joints (rad, m) are the start, not --from."""
     from pbd.planning import PlanOptions
     from pbd.planning.object_frames import ThingPlace
 
@@ -127,7 +127,7 @@ def plan_options(args: argparse.Namespace, robot: Robot, measured: tuple[float, 
 
 
 def _start_joints(args: argparse.Namespace, robot: Robot) -> tuple[float, ...]:
-    """Read --from: in rad (and m) unless --units says otherwise."""
+    """Read the joints of --from, in rad (and m) unless --units says otherwise; return them in rad (and m)."""
     from pbd.files.joint_state import read_joints
     from pbd.planning import arm_of
     from pbd.view.units import ANGLES, LENGTHS
@@ -141,7 +141,7 @@ def _start_joints(args: argparse.Namespace, robot: Robot) -> tuple[float, ...]:
 
 
 def plan_demonstration(args: argparse.Namespace, measured: tuple[float, ...] | None = None) -> Plan:
-    """Load, track, and plan an audited motion; `measured` as in `plan_options`."""
+    """Load, track and plan args.demo; the motion is audited. `measured` is that of `plan_options`."""
     from pbd.planning import load_arm, plan_path
 
     demo = load_demonstration(args.demo)
@@ -159,9 +159,11 @@ def store_demonstration(
     touched: Points | None = None,
     more: Mapping[str, object] = MappingProxyType({}),
 ) -> None:
-    """Write it under args.name, stamped with the time, and say what was `done`; the points it `touched` go beside.
+    """Write a demonstration to args.name with the present time, and say what was `done`: "imported", "simulated".
 
-    As JSON there is `more`.
+    Args:
+        touched: points that the hand touched; they are written to POINTS_FILE beside it.
+        more: further keys of the JSON.
     """
     recording = replace(demo.recording, info=replace(demo.recording.info, created=utc_now()))
     folder = demo_folder(args.name)
@@ -178,7 +180,7 @@ def store_demonstration(
 
 
 def print_result(args: argparse.Namespace, result: dict[str, Any], *tables: Table) -> bool:
-    """Print JSON, the tables as CSV, or the first of them for a person; return whether a person reads it."""
+    """Print JSON, all tables as CSV, or the first table for a person; return whether it was for a person."""
     from pbd.view.terminal_tables import print_csv, print_table
 
     if args.json:
@@ -191,7 +193,7 @@ def print_result(args: argparse.Namespace, result: dict[str, Any], *tables: Tabl
 
 
 def write_figures(folder: Path, format_name: str, names: Collection[str], draw: Callable[[str], Figure]) -> list[str]:
-    """Draw figures into files, all of them or none, and say where they are."""
+    """Draw figures into files, all of them or none; say where they are, and return their paths."""
     from pbd.plots.style import write
 
     files = {name: folder / f"{name}.{format_name}" for name in names}
@@ -207,7 +209,7 @@ def write_figures(folder: Path, format_name: str, names: Collection[str], draw: 
 
 
 def refuse_columns(args: argparse.Namespace, sensor: str) -> None:
-    """Refuse what describes a line of numbers (of `add_lines`) for a sensor that prints none."""
+    """Refuse (UsageError) the options of `add_lines` for any sensor but "lines"."""
     given = args.columns or args.separator != "," or args.prefix or args.wrap is not None
     if given and sensor != "lines":
         what = f"--columns, --separator, --prefix and --wrap are for --sensor lines; leave them out for {sensor}"
@@ -215,13 +217,13 @@ def refuse_columns(args: argparse.Namespace, sensor: str) -> None:
 
 
 def decoder_maker(args: argparse.Namespace, sensor: str, also: Iterable[str] = ()) -> Callable[[], Decoder]:
-    """Return what makes the sensor's decoder, by the options of `add_lines` and --unit.
+    """Return a function that makes the sensor's decoder, from the options of `add_lines` and --unit.
 
-    Names that the command takes `also` are for the message.
+    The message about an unknown sensor also lists the names `also`, which only the command knows.
 
     Raises:
-        UsageError: the sensor is unknown, or its lines are not described, or wrongly.
-        SensorError: the TOML file describes them wrongly.
+        UsageError: the sensor is unknown, or --columns is missing or wrong.
+        SensorError: the TOML file of --columns is wrong.
     """
     from pbd.sensors.line_layout import layout_from_options, layout_from_toml
     from pbd.sensors.lines import LineDecoder

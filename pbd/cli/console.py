@@ -1,4 +1,4 @@
-"""A command's output: its result as JSON on stdout; notes, and at a terminal progress, on stderr."""
+"""A command's output: JSON goes to stdout; messages, and progress at a terminal, go to stderr."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 def say(message: str) -> None:
-    """Tell the user something that is not the result, in one line."""
+    """Print a message on stderr, in one line."""
     print(f"pbd: {' '.join(message.split())}", file=sys.stderr)
 
 
 def print_json(result: dict[str, Any]) -> None:
-    """Print the result as one JSON object; arrays are lists, and numbers that are not finite null."""
+    """Print the result as one JSON object; arrays become lists, and NaN and infinity become null."""
     print(json.dumps(_plain(result), allow_nan=False))
 
 
@@ -37,7 +37,7 @@ def _plain(value: Any) -> Any:
 
 @contextmanager
 def working(what: str, at_most_s: float | None = None) -> Iterator[None]:
-    """Show `what` while it runs, and for how long at most; silent where stderr is no terminal."""
+    """Show `what` while the block runs, and the most time left; print nothing if stderr is no terminal."""
     if not sys.stderr.isatty():
         yield
         return
@@ -45,7 +45,7 @@ def working(what: str, at_most_s: float | None = None) -> Iterator[None]:
 
     from pbd.view.screen import Screen
 
-    # Warnings that are printed meanwhile go above the line: rich takes them in.
+    # rich prints warnings above this line.
     shown = Text(f"{what} ...") if at_most_s is None else _Countdown(what, at_most_s)
     with Screen(sys.stderr).status(shown):
         yield
@@ -53,7 +53,7 @@ def working(what: str, at_most_s: float | None = None) -> Iterator[None]:
 
 @contextmanager
 def listening(device: str, what: str, at_most_s: float) -> Iterator[None]:
-    """Show that pbd is listening, and for how long at most; a plain line where stderr is no terminal."""
+    """Show that pbd listens to a device, as `working` does; print one plain line if stderr is no terminal."""
     if not sys.stderr.isatty():
         print(f"{what} {device} ...", file=sys.stderr, flush=True)
     with working(f"{what} {device}", at_most_s):
@@ -62,7 +62,7 @@ def listening(device: str, what: str, at_most_s: float) -> Iterator[None]:
 
 @dataclass
 class _Countdown:
-    """Drawn anew by rich several times a second."""
+    """A line with the time left, which rich draws several times a second."""
 
     what: str
     at_most_s: float

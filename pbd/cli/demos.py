@@ -15,7 +15,7 @@ from pbd.view.terminal_tables import make_table
 
 
 def run(args: argparse.Namespace) -> None:
-    """List them, the newest first; warn of those that can't be read."""
+    """List the demonstrations, the newest first; warn of those that can't be read."""
     found: list[Demonstration] = []
     for name in names("demos", ""):
         try:
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _row(demo: Demonstration, folder: Path, default: str) -> dict[str, Any]:
-    """What JSON says of one; a command uses the `default` one where none is named."""
+    """A demonstration as JSON has it; `default` is the name of the one that commands use if none is named."""
     recording, info = demo.recording, demo.recording.info
     return {
         "name": folder.name,

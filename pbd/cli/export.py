@@ -1,4 +1,4 @@
-"""pbd export [DEMO] --robot R --format F -o FILE."""
+"""pbd export [DEMO] --robot R --format F -o FILE: write the joint trajectory for other tools."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STDOUT = Path("-")
 
 
 def run(args: argparse.Namespace) -> None:
-    """Plan, audit, write."""
+    """Plan each demonstration, audit the motion and write it."""
     format_name = _format(args)
     check_format(format_name, args.rate, args.dense, load_robot(args.robot) if FORMATS[format_name].for_some else None)
     if format_name in FOLDERS:
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> None:
     done = _write(args, plans, format_name)
     count, duration = sum(len(each.samples.t) for each in done), sum(plan.trajectory.duration for plan in plans)
     name = "to standard output" if args.output == STDOUT else args.output
-    if format_name == "tum-hand":  # the hand's own time, not the arm's
+    if format_name == "tum-hand":  # the hand's time, not the arm's
         say(f"wrote {name}: {count} poses, {np.ptp(plans[0].tracked[0].t):.1f} s")
     else:
         say(f"wrote {name}: {count} {done[0].counted}, {duration:.1f} s, {len(plans[0].robot.joints)} joints")
@@ -46,8 +46,8 @@ def run(args: argparse.Namespace) -> None:
         say(f"episode{'s' if len(done) > 1 else ''} {numbers} (lerobot-replay --dataset.episode={done[0].episode})")
         say(f"lerobot-replay jumps to the first frame, so bring the arm there before: {first}")
     if args.json:
-        told = [_json(args, format_name, *each) for each in zip(plans, done, strict=True)]
-        print_json({"episodes": told} if format_name in FOLDERS else told[0])
+        results = [_json(args, format_name, *each) for each in zip(plans, done, strict=True)]
+        print_json({"episodes": results} if format_name in FOLDERS else results[0])
 
 
 def _plan(args: argparse.Namespace, name: str | None) -> Plan:
@@ -78,8 +78,8 @@ def _json(args: argparse.Namespace, format_name: str, plan: Plan, done: Export) 
 
 
 def _format(args: argparse.Namespace) -> str:
-    """The format that was named, or that the file's name says."""
-    said = SUFFIXES.get(args.output.suffix.lower())
+    """The format by --format, or by the ending of the file's name."""
+    by_ending = SUFFIXES.get(args.output.suffix.lower())
     if args.output == STDOUT:
         if args.json:
             raise UsageError("-o - and --json would both go to standard output; name a file, or leave --json out")
@@ -89,11 +89,13 @@ def _format(args: argparse.Namespace) -> str:
             raise PbdError("standard output is closed: name a file")
         if args.format in ("npz", "mcap", "glb") and sys.stdout.isatty():
             raise UsageError(f"{args.format} is binary, so it is not printed to a terminal; name a file, or pipe it")
-    name: str | None = args.format or said
+    name: str | None = args.format or by_ending
     if name is None:
         raise UsageError(f"name the --format ({', '.join(FORMATS)}), or a file that ends in {', '.join(SUFFIXES)}")
-    if said not in (name, None) and args.output.suffix.lower() not in FORMATS[name].also:
-        raise UsageError(f"{args.output} looks like {said}, but --format is {name}; name another file, or no --format")
+    if by_ending not in (name, None) and args.output.suffix.lower() not in FORMATS[name].also:
+        raise UsageError(
+            f"{args.output} looks like {by_ending}, but --format is {name}; name another file, or no --format"
+        )
     if name not in FOLDERS and (len(args.demos) > 1 or args.task):
         what = "--task is" if args.task else "several demonstrations are"
         raise UsageError(f"{what} for {', '.join(FOLDERS)}; {name} has one motion a file")
@@ -101,7 +103,7 @@ def _format(args: argparse.Namespace) -> str:
 
 
 def _write(args: argparse.Namespace, plans: list[Plan], format_name: str) -> list[Export]:
-    """Write the file, or to standard output what the file would hold."""
+    """Write the file or the folder; for standard output, write a temporary file and copy it."""
     pairs = [(plan.trajectory, source_of(plan)) for plan in plans]
     (trajectory, source), robot = pairs[0], plans[0].robot
     with TemporaryDirectory() as folder:

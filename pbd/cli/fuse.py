@@ -1,4 +1,4 @@
-"""pbd fuse TAKE... -o NAME."""
+"""pbd fuse TAKE... -o NAME: make one demonstration of several takes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pbd.view.terminal_tables import print_table
 
 
 def run(args: argparse.Namespace) -> None:
-    """Fuse, store, and say what was matched."""
+    """Fuse the takes, write the demonstration, and print which keyframes were matched."""
     folder = demo_folder(args.output)
     refuse_demo_folder(folder, args.force)
     with working("reading the takes"):

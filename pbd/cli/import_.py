@@ -1,4 +1,4 @@
-"""pbd import FILE NAME."""
+"""pbd import FILE NAME: store another program's recording as a demonstration."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ NO_GYRO = (
 
 
 def run(args: argparse.Namespace) -> None:
-    """Import and store, and say what was understood."""
+    """Import the file, store it as a demonstration, and print how its columns were understood."""
     folder = demo_folder(args.name)
     if not (is_file(args.file) or is_folder(args.file)):
         raise RecordingError(f"no file {args.file}; give the path of a recording", path=args.file)
     if folder.resolve() in (args.file.resolve(), *args.file.resolve().parents):
         raise RecordingError(f"{args.file} is in {folder}, which it would replace; give another name", path=args.file)
-    # Lines without a header are what `pbd record` would have decoded.
+    # Raw bytes, and lines without a header, are decoded as `pbd record` does.
     if args.file.suffix.lower() == ".bin" or args.columns:
         imported = Imported(_decode(args), Understood())
     else:
@@ -42,8 +42,8 @@ def run(args: argparse.Namespace) -> None:
     demo, understood = imported.demo, imported.understood
     if demo.recording.gyr is None:
         warn(NO_GYRO)
-    # What can't be a recording (units, clock) is refused before it takes a name; where the hand stops is seen later.
-    with suppress(TrackingError), working("checking it"), _in_its_names(args, understood):
+    # Refuse wrong units or a wrong clock before anything is stored. A TrackingError is left to the tracking command.
+    with suppress(TrackingError), working("checking it"), _errors_in_file_names(args, understood):
         recording, _ = condition(demo.recording)
         rest = find_rest(recording)
         warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)
@@ -72,8 +72,8 @@ def _print_columns(args: argparse.Namespace, understood: Understood) -> None:
 
 
 @contextmanager
-def _in_its_names(args: argparse.Namespace, understood: Understood) -> Iterator[None]:
-    """Give the columns in an error's advice the names that they have in the file, and print what was understood."""
+def _errors_in_file_names(args: argparse.Namespace, understood: Understood) -> Iterator[None]:
+    """In an error's advice, replace pbd's names of columns by those of the file; print the columns before it."""
     try:
         yield
     except RecordingError as error:

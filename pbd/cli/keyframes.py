@@ -1,4 +1,4 @@
-"""pbd keyframes [DEMO]."""
+"""pbd keyframes [DEMO]: where the hand stopped, and with a robot the tool's poses and the joints there."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import argparse
 import math
 from dataclasses import replace
 from os.path import commonprefix
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,21 +16,19 @@ from pbd.calibration.touch_up import touched_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.common import load_demonstration, named_calibration, plan_options, print_result, track_demonstration
 from pbd.cli.console import say
-from pbd.data import Calibration, Demonstration, HandPath, Keyframe, SensorEstimate
+from pbd.cli.keyframes_file import assign_frames
+from pbd.data import Calibration, HandPath, Keyframe, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
-from pbd.data.keyframe import thing_carriers
-from pbd.errors import RecordingError, UsageError, listed
-from pbd.files.keyframes import NAME, write_keyframes
+from pbd.errors import UsageError
 from pbd.planning import load_arm, solve_keyframes
-from pbd.planning.object_frames import refuse_unknown_things, things
-from pbd.planning.options import PlanOptions, dwells
+from pbd.planning.object_frames import things
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
 from pbd.view.terminal_tables import joints_table, keyframes_table, print_table
 
 
 def run(args: argparse.Namespace) -> None:
-    """Track, map where a robot is named, and print."""
+    """Track, map to the robot's base if there is a calibration or a robot, and print."""
     demo = load_demonstration(args.demo)
     if args.save and args.force:
         demo = replace(demo, keyframes=None)
@@ -41,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
         fits = (f"{fit.saying} (off by {100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma)" for fit in path.claims)
         say(f"using: {'; '.join(fits)}")
     if args.save or args.frame:
-        keyframes = _saved(args, demo, keyframes)
+        keyframes = assign_frames(args, demo, keyframes)
     sigmas = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
     rows = [_row(index, keyframe, sigma) for index, (keyframe, sigma) in enumerate(zip(keyframes, sigmas, strict=True))]
     placed = bool(args.calibration) and calibration is not None and calibration.knows_start
@@ -54,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
         solved = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
         for row, pose, q, off in zip(rows, *solved, strict=True):
             row |= _pose(pose) | {"joints": q}
-            row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, about it: arms of five joints
+            row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, then about it: arms of 5 joints
     inside = _success(args, path, keyframes, calibration)
     if inside is not None:
         for row, probability in zip(rows, inside.of_each, strict=True):
@@ -64,7 +61,7 @@ def run(args: argparse.Namespace) -> None:
         "keyframes": rows,
         "sensor_errors": None if path.sensor is None else _sensor_errors(path.sensor),
         "success": None if inside is None else {"probability": inside.of_all, "band": inside.band},
-        "frames": [  # each with the tool at its first keyframe
+        "frames": [  # each with the tool's position at its first keyframe
             {"name": name, "keyframes": list(members), "base_position_m": rows[members[0]].get("base_position_m")}
             for name, members in things(keyframes).items()
         ],
@@ -79,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
     if inside is not None:
         print(f"\nprobability that all keyframes are within the tolerance: {inside.band}")
     if robot is not None:
-        prefix = "".join(commonprefix(robot.joints).rpartition("_")[:2])  # noqa: RUF071  # letter by letter is meant
+        prefix = "".join(commonprefix(robot.joints).rpartition("_")[:2])  # noqa: RUF071  # a prefix of letters, not of path components
         print(f"\nthe joints' names begin with {prefix}" if prefix else "")
         print_table(joints_table([name.removeprefix(prefix) for name in robot.joints], rows, args.units))
 
@@ -87,7 +84,7 @@ def run(args: argparse.Namespace) -> None:
 def _success(
     args: argparse.Namespace, path: HandPath, keyframes: tuple[Keyframe, ...], calibration: Calibration | None
 ) -> Success | None:
-    """How likely the tool is where it belongs: by --tolerance, or by the keyframes' own where any has one."""
+    """How likely the tool is within --tolerance, or within the keyframes' own tolerances; None if there are none."""
     docked = calibration is not None and calibration.knows_start
     if args.tolerance is None and not (docked and any(each.tolerance_m is not None for each in keyframes)):
         return None
@@ -102,62 +99,12 @@ def _success(
     return success_of(placed, within_m, math.radians(within_deg[0]) if within_deg else math.inf)
 
 
-def _saved(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:
-    """Write keyframes.toml where that is asked for or missing, and into it to which things keyframes belong."""
-    from pbd.files.keyframes import set_frames
-
-    known = {names[0] for names, *_ in args.frame}.union(things(keyframes))
-    refuse_unknown_things((name for names, *_ in args.frame for name in names), sorted(known))
-    frames: dict[int, tuple[str, ...]] = {}
-    for names, first, last in args.frame:
-        if last >= len(keyframes):
-            what = f"there is no keyframe {last} for '{names[0]}'; they are 0 to {len(keyframes) - 1}"
-            raise RecordingError(what, value=last)
-        for number in range(first, last + 1):
-            inner, outer = sorted((names, frames.get(number, ())), key=len, reverse=True)
-            if outer and inner[-len(outer) :] != outer:
-                what = f"keyframe {number} can't belong to '{outer[0]}' and to '{inner[0]}'"
-                raise UsageError(f"{what}; where one carries the other, say so: --frame lid=6..7@cup")
-            frames[number] = inner
-    marked = tuple(replace(each, frames=frames.get(k, each.frames)) for k, each in enumerate(keyframes))
-    thing_carriers(marked)
-    if args.save or demo.keyframes is None:
-        save_keyframes(args, demo, keyframes)
-    if frames and demo.folder is not None:
-        set_frames(demo.folder / NAME, frames)
-        say(f"{demo.folder / NAME} says which keyframes belong to {listed({names[0] for names, *_ in args.frame})}")
-        for number, names in frames.items():
-            for before in set(keyframes[number].frames) - set(names):
-                say(f"keyframe {number} belonged to {before} and no longer does")
-    return marked
-
-
-def save_keyframes(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> Path:
-    """Write keyframes.toml for a person to edit, and return its path."""
-    source = demo.folder or args.demo
-    if demo.bundled:
-        what = f"{source} is bundled, so nothing is saved there; copy it under another name, without 'bundled = true'"
-        raise RecordingError(what, path=source)
-    if demo.folder is None:
-        what = f"{source} is no demonstration folder, so nothing is saved there; `pbd import` it first"
-        raise RecordingError(what, path=source)
-    if demo.keyframes is None and not args.force and (demo.folder / NAME).exists():
-        what = f"another command wrote {demo.folder / NAME} meanwhile, so nothing is saved; run this one again"
-        raise RecordingError(what, path=demo.folder / NAME)
-    inner = (keyframes[0], *keyframes, keyframes[-1])  # there is no stay at the ends, but one may be inserted beyond
-    stays = dwells(inner, PlanOptions(time=args.time, dwell_s=args.dwell))[1:-1]
-    magnetic = demo.recording.mag is not None
-    path = write_keyframes(demo.folder, keyframes, magnetic, args.force, stays, demo.touch_ups)
-    say(f"wrote {path}: edit it; from now on the arm follows this file")
-    return path
-
-
 def _pose(pose: Pose) -> dict[str, Any]:
     return {"base_position_m": pose.p, "base_wxyz": pose.wxyz}
 
 
 def _sensor_errors(found: SensorEstimate) -> dict[str, Any]:
-    """What the recording shows of its sensor, with its sigma, in the units of the names."""
+    """The sensor's errors as estimated from the recording, with sigmas; the names say the units."""
     named = {
         "gyro_bias_deg_s": (found.gyr_bias, math.degrees(1.0)),
         "gyro_matrix_percent": (found.gyr_matrix, 100.0),

@@ -1,4 +1,4 @@
-"""The parser: errors of one line, the types of options, and the options that several commands share."""
+"""The parser with errors of one line, the types of options, and the options that several commands share."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 
 _LENGTHS, _ANGLES, _TIMES = "m, cm or mm", "deg or rad", "s or ms"
 CHOICES = {"m": _LENGTHS, "cm": _LENGTHS, "mm": _LENGTHS, "deg": _ANGLES, "rad": _ANGLES, "s": _TIMES, "ms": _TIMES}
-"""What the help says to choose from, by the unit that is usual."""
+"""The units to choose from, as the help lists them, by the default unit."""
 
 
 class Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, and where the help is."""
+    """An argparse parser whose errors are one line that says where the help is."""
 
     def error(self, message: str) -> NoReturn:
         """Leave with exit code 2."""
         self.exit(2, f"{self.prog}: {message}{'' if message.endswith('?') else ';'} see {self.prog} --help\n")
 
     def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
-        """As argparse does, which passes over an output that can't be written."""
+        """Print help and version; an output that can't be written is an error here, and is ignored by argparse."""
         if file is not None and file is sys.stdout:
             file.write(message)
         else:
@@ -48,7 +48,7 @@ class Parser(argparse.ArgumentParser):
 def option(
     to: argparse._ActionsContainer, names: str, metavar: str | tuple[str, ...] | None, text: str, **more: Any
 ) -> None:
-    """Add an option or an argument: its names, metavar, help, and what argparse takes."""
+    """Add an option or an argument; `names` are separated by spaces, and `more` goes to argparse."""
     to.add_argument(*names.split(), metavar=metavar, help=text, **more)
 
 
@@ -63,9 +63,9 @@ def add_commands(
     metavar: str,
     commands: Iterable[Callable[[argparse.ArgumentParser], None]],
 ) -> None:
-    """Add commands, each with the options that its function adds. `run` of the module of that name does it.
+    """Add commands, each from a function that adds its options. `run` in the module of the same name executes it.
 
-    The function's docstring is the help: what the command does, a description, and an example, which is indented.
+    The function's docstring is the help: a summary, a description, and indented examples.
     """
     below = parser.add_subparsers(title=title, metavar=metavar, required=True)
     for add in commands:
@@ -101,7 +101,7 @@ def add_force(parser: argparse.ArgumentParser, what: str = "replace a demonstrat
 
 
 def add_table(parser: argparse.ArgumentParser, units: str | None = None) -> None:
-    """Add what every command that prints a table takes: --json, --csv, and --units, with those that are usual there."""
+    """Add --json, --csv and, with the default `units`, --units: the options of every command that prints a table."""
     form = parser.add_mutually_exclusive_group()
     add_json(form)
     flag(form, "--csv", "print the table as CSV")
@@ -110,7 +110,7 @@ def add_table(parser: argparse.ArgumentParser, units: str | None = None) -> None
 
 
 def add_tracking(parser: argparse.ArgumentParser, calibration: str = "the robot's own dock, else 'default'") -> None:
-    """Add what every command that tracks takes; which `calibration` is used where none is named."""
+    """Add the options of every command that tracks; the help names the default `calibration`."""
     how = "how to track: with pbd's own method, or with the paper's (default)"
     option(parser, "--method", None, how, choices=("default", "paper"), default="default")
     option(parser, "--calibration", "C", f"name (in ./calibration, or bundled) or file; default: {calibration}")
@@ -118,21 +118,22 @@ def add_tracking(parser: argparse.ArgumentParser, calibration: str = "the robot'
 
 
 def add_accept_gap(parser: argparse.ArgumentParser) -> None:
-    """Add --accept-gap: every command that tracks takes it."""
-    flag(parser, "--accept-gap", "the hand stood still where data are missing in a rest")
+    """Add --accept-gap, for commands that track."""
+    flag(parser, "--accept-gap", "accept missing data in a rest: the hand stood still there")
 
 
 def add_planning(
     parser: argparse.ArgumentParser, robot_required: bool = True, units: bool = True, measured: bool = False
 ) -> None:
-    """Add what every command that plans takes; --units too, where `add_table` doesn't.
+    """Add the options of every command that plans; `units` adds --units, which `add_table` adds elsewhere.
 
-    Where the arm's start is `measured`, nobody may name it or leave it out; nor may that arm touch anything.
+    `measured` leaves out the options that do not suit a real arm, whose start is measured: --from, --no-approach and
+    --allow-collision.
     """
     group = parser.add_argument_group("motion")
     option(group, "--robot", "R", "name or file; see `pbd robots`", required=robot_required)
-    option(group, "--scale", "S", "multiply the hand's motion (1)", type=positive, default=1.0)
-    fixed = "'fixed' keeps the tool straight down with its heading at the first keyframe (demo)"
+    option(group, "--scale", "S", "factor by which the hand's motion is scaled (1)", type=positive, default=1.0)
+    fixed = "'demo': as the hand turned; 'fixed': straight down, with the heading of the first keyframe (demo)"
     option(group, "--orientation", None, fixed, choices=("demo", "fixed"), default="demo")
     way = "between keyframes: straight in joint space, the tool on a straight line, or as the hand went (keyframes)"
     option(group, "--path", None, way, choices=("keyframes", "line", "demo"), default="keyframes")
@@ -153,19 +154,21 @@ def add_planning(
         option(start, "--from", "JSON", f"{joints}; default: home", dest="start")
         flag(start, "--no-approach", "start at the first keyframe, not at home")
         if units:
-            _add_units(group, "m,rad", f"units of --from, but for a message: {_LENGTHS}; {_ANGLES}")
+            _add_units(group, "m,rad", f"units of --from, except in a message: {_LENGTHS}; {_ANGLES}")
     flag(group, "--no-retreat", "end at the last keyframe, do not go back home")
-    flag(group, "--no-detour", "refuse a move where nothing but a planner finds a way around what is there")
-    carried = "what the tool carries all the time, and where its centre of mass is in the tool's axes, m (at its point)"
+    flag(group, "--no-detour", "refuse a move for which only a planner finds a way around obstacles")
+    carried = "mass that the tool always carries, and its centre of mass in the tool frame, m (0 0 0)"
     option(group, "--payload", ("KG", "X Y Z"), carried, type=finite, nargs="+", default=[0.0])
-    stands = "a thing stands elsewhere: the tool at its first keyframe, m in base, and its turn about the vertical, deg"
+    stands = (
+        "move a thing: the tool's place at the thing's first keyframe, m in base, and a turn about the vertical, deg"
+    )
     option(group, "--at", "THING=X,Y,Z[,DEG]", stands, type=thing_place, action="append", default=[])
     if not measured:
         flag(group, "--allow-collision", "show a motion that touches something, marked red (never exported)")
 
 
 def add_lines(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Add the options of a device that prints numbers, but for --unit."""
+    """Add the options of a device that prints numbers, except --unit."""
     group = parser.add_argument_group("a device that prints numbers (--sensor lines)")
     option(group, "--columns", "LIST", "names of the numbers in a line, such as t,ax,ay,az,gx,gy,gz; or a .toml file")
     option(group, "--separator", "CHAR", "separator between numbers: a character, space or tab (,)", default=",")
@@ -188,7 +191,7 @@ def _add_units(parser: argparse._ActionsContainer, usual: str, help_text: str) -
 
 
 def number(wanted: str, holds: Callable[[float], bool]) -> Callable[[str], float]:
-    """Make what parses a finite number that `holds`; what is `wanted`, in words."""
+    """Make the parser of a finite number for which `holds` is true; the error says what is `wanted`."""
 
     def parse(text: str) -> float:
         with suppress(ValueError):
@@ -200,12 +203,12 @@ def number(wanted: str, holds: Callable[[float], bool]) -> Callable[[str], float
 
 
 def within(least: float, most: float, unit: str = "") -> Callable[[str], float]:
-    """Make what parses a number from `least` to `most`."""
+    """Make the parser of a number from `least` to `most`."""
     return number(f"from {least:g} to {most:g}{unit}", lambda value: least <= value <= most)
 
 
-def whole(wanted: str, valid: Container[int]) -> Callable[[str], int]:
-    """Make what parses a whole number that is `valid`; what is `wanted`, in words."""
+def integer(wanted: str, valid: Container[int]) -> Callable[[str], int]:
+    """Make the parser of a whole number in `valid`; the error says what is `wanted`."""
 
     def parse(text: str) -> int:
         if not (text.isascii() and text.removeprefix("-").isdigit() and int(text) in valid):

@@ -1,4 +1,4 @@
-"""Report of a plan's moves, for people and for programs."""
+"""Reports a plan's moves, torques and contacts, for people and as JSON."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from pbd.data import Load
 from pbd.planning import Plan, can_plan
 
 STRAY_M = 0.01
-"""Distance of the tool from a straight line, m, from which on it is reported."""
+"""Smallest distance of the tool from a straight line, m, that is reported."""
 
 
 def say_moves(plan: Plan) -> None:
-    """Say where a straight move is barred, or the tool strays from a straight line, and what keeps it there."""
-    for i, way in enumerate(plan.segments):
-        if (hit := way.avoided) is not None and way.kind != "detour":  # planning has told those
-            how = "as the hand went" if way.kind == "demo" else "along a line"
+    """Say which moves are not straight in joint space and why, and how to keep the tool nearer to a straight line."""
+    for i, move in enumerate(plan.segments):
+        if (hit := move.avoided) is not None and move.kind != "detour":  # planning reports detours
+            how = "as the hand went" if move.kind == "demo" else "along a line"
             say(f"the move to keyframe {i} goes {how}: on the straight move {hit.first} would touch {hit.second}")
-        elif way.wide is not None and way.kind == "line":
-            say(f"the move to keyframe {i} is made as a line: straight in joint space the tool would {way.wide}")
+        elif move.wide is not None and move.kind == "line":
+            say(f"the move to keyframe {i} is made as a line: straight in joint space the tool would {move.wide}")
     worst = max(range(len(plan.segments)), key=lambda i: plan.segments[i].off_line_m)
     off_m = plan.segments[worst].off_line_m
     if off_m < STRAY_M or plan.options.tolerance_m is not None or plan.segments[worst].wide is not None:
-        return  # or planning has told it
+        return  # planning reports a wide move
     with working("trying a straight line"):
         straight = can_plan(plan, replace(plan.options, tolerance_m=STRAY_M))
     say(
@@ -34,7 +34,7 @@ def say_moves(plan: Plan) -> None:
 
 
 def say_torque(plan: Plan) -> None:
-    """Say how much of the torque limits the motion takes, and what isn't counted."""
+    """Say how much of the torque limits the motion uses, and with which load."""
     torque, thing = plan.report.torque, plan.grasped
     if torque is None:
         return say(f"torques are not checked: {plan.robot.name} has no `effort` in its [limits]")
@@ -46,17 +46,17 @@ def say_torque(plan: Plan) -> None:
 
 
 def moves_json(plan: Plan) -> list[dict[str, Any]]:
-    """How the arm comes to each keyframe after the first; and to that, and home (null), where by a detour."""
-    ways = enumerate([*plan.segments, plan.back] if plan.back else plan.segments)
+    """How the arm moves to each keyframe after the first; detours to the first keyframe and back home (null) too."""
+    moves = enumerate([*plan.segments, plan.retreat] if plan.retreat else plan.segments)
     return [
-        {"keyframe": i if i < len(plan.segments) else None, "kind": way.kind, "off_line_m": way.off_line_m}
-        for i, way in ways
-        if 0 < i < len(plan.segments) or way.kind == "detour"
+        {"keyframe": i if i < len(plan.segments) else None, "kind": move.kind, "off_line_m": move.off_line_m}
+        for i, move in moves
+        if 0 < i < len(plan.segments) or move.kind == "detour"
     ]
 
 
 def touching_json(plan: Plan) -> dict[str, Any] | None:
-    """What touches, where that was allowed."""
+    """The first contact, if --allow-collision was given and there is one."""
     if plan.touching is None:
         return None
     found = plan.touching.found

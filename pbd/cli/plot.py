@@ -1,4 +1,4 @@
-"""pbd plot [DEMO ...]."""
+"""pbd plot [DEMO ...]: figures of one demonstration, or of several compared."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from pbd.errors import PbdError, TrackingError, UsageError, collected_warnings, 
 from pbd.io.atomic import refuse_folder
 
 LONGEST_NAME = 60
-"""Most characters in the name of a folder that is made of several names."""
+"""Longest folder name that is joined from several demonstrations' names, characters."""
 
 
 def run(args: argparse.Namespace) -> None:
-    """Draw one, or compare several."""
+    """Draw one demonstration, or compare several."""
     if len(args.demos) > 1:
         return _compare(args)
     if args.csv:
@@ -78,21 +78,21 @@ def _compare(args: argparse.Namespace) -> None:
 def _tracked(
     args: argparse.Namespace, demo: Demonstration, calibration: Calibration | None
 ) -> tuple[HandPath, tuple[Keyframe, ...]]:
-    """Track it; where what is known of the stops can't be, without that: a plot shows why."""
+    """Track a demonstration; without its known places if they contradict the samples, so that a plot shows why."""
     try:
         return track_demonstration(demo, args.method, calibration, args.accept_gap)
     except TrackingError as error:
         unaided = replace(demo, closed=False, places=(), contacts=())
         if unaided.known == demo.known:
             raise
-        with collected_warnings():  # they have been given
+        with collected_warnings():  # the first attempt has issued them
             tracked = track_demonstration(unaided, args.method, calibration, args.accept_gap)
         warn(f"{error.message}; drawn without it")
         return tracked
 
 
 def _titles(demos: list[Demonstration]) -> list[str]:
-    """Their names; one that several have is numbered from the second on."""
+    """The demonstrations' names; a repeated name gets a number from the second on."""
     titles: list[str] = []
     for demo in demos:
         name = demo.recording.info.name
@@ -102,7 +102,7 @@ def _titles(demos: list[Demonstration]) -> list[str]:
 
 
 def _folder_name(demo: Demonstration) -> str:
-    """A demonstration's name as that of a folder."""
+    """A demonstration's name, without characters that a folder's name can't have."""
     if demo.folder is not None:
         return demo.folder.resolve().name
     word = "".join(c if c.isalnum() or c in "-_. " else "_" for c in demo.recording.info.name).strip(". ")
@@ -110,7 +110,7 @@ def _folder_name(demo: Demonstration) -> str:
 
 
 def _figures_folder(save: Path | None, name: str) -> Path:
-    """The folder for the files, tried before anything is drawn."""
+    """The folder for the figures; refuse it before anything is drawn if it can't be written."""
     folder = save or Path("plots") / name
     refuse_folder(folder, other="--save")
     return folder

@@ -1,15 +1,13 @@
-"""pbd record [NAME]."""
+"""pbd record [NAME]: record a demonstration from a sensor, or from a simulated hand."""
 
 from __future__ import annotations
 
 import argparse
 import errno
 import os
-import shlex
 import sys
 from contextlib import ExitStack, closing, nullcontext, suppress
 from datetime import datetime
-from pathlib import Path
 
 from pbd.calibration.sensor import refuse_other_sensor
 from pbd.cli.common import decoder_maker, refuse_columns
@@ -18,19 +16,20 @@ from pbd.cli.recording.device import find_sensor
 from pbd.cli.recording.keys import Keys, Person
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
 from pbd.cli.recording.simulated import Show, SimulatedHand, simulated_hand
+from pbd.cli.recording.takes import how_to_hold, next_command
 from pbd.data import SensorErrors
 from pbd.errors import UsageError, warn
 from pbd.files.calibration import load_calibration
-from pbd.files.demo import demo_folder, refuse_demo_folder, shell_word, utc_now
+from pbd.files.demo import demo_folder, refuse_demo_folder, utc_now
 from pbd.record import Outcome, RecordOptions, record
 from pbd.record.loop import SCREEN_EVERY_S, Poll
-from pbd.record.values import FEWEST_STOPS
+from pbd.record.session_types import FEWEST_STOPS
 
 SIMULATED = "sim"
 
 
 def run(args: argparse.Namespace) -> None:
-    """Record, and say how it went."""
+    """Record, and report the result."""
     name = args.name or datetime.now().strftime("demo-%m%d-%H%M%S")
     if args.take is not None:
         if args.name is None:
@@ -38,10 +37,10 @@ def run(args: argparse.Namespace) -> None:
         name = f"{name}{args.take}"
     folder = demo_folder(name)
     if args.sensor is not None and args.sensor.partition(":")[0] != SIMULATED:
-        decoder_maker(args, args.sensor, also=(SIMULATED,))  # spelling errors come first
+        decoder_maker(args, args.sensor, also=(SIMULATED,))  # an unknown sensor is reported before anything else
     refuse_demo_folder(folder, args.force)
     if args.take is not None:
-        say(held(args.take))
+        say(how_to_hold(args.take))
     with ExitStack() as stack:
         view = None
         if args.live:
@@ -77,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
             live = recording_live.LiveScreen(view, screen.show, options.tolerance_m)
             show, every_s = live.show, recording_live.PAGE_EVERY_S
         if hand is not None:
-            poll, show = hand.beside(poll, show, keys.terminal, args.duration)
+            poll, show = hand.combine(poll, show, keys.terminal, args.duration)
         with panel or nullcontext():
             outcome = record(opened, decoder, options, poll, show, every_s)
         if hand is not None:
@@ -89,30 +88,14 @@ def run(args: argparse.Namespace) -> None:
         sys.stdout.flush()
     except BrokenPipeError:
         raise
-    except OSError as reason:  # the terminal was hung up; what counts is done
+    except OSError as reason:  # the terminal was closed; the recording is on disk
         if reason.errno != errno.EIO:
             raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-HELD = (
-    "hold the sensor as you like, and remember how",
-    "turn the sensor by a quarter about the vertical, as it lies at the dock",
-    "turn the sensor by a quarter about a level axis, so that another side of it is up at the dock",
-    "turn the sensor by another quarter about the vertical",
-)
-"""How to hold the sensor in takes 1, 2, 3, 4, and again from 5 on."""
-
-WHY = "its own errors then point elsewhere in each take, and fusing tells them from the motion"
-
-
-def held(take: int) -> str:
-    """Say how to hold the sensor in a take, and why."""
-    how = HELD[(take - 1) % len(HELD)] if take <= len(HELD) else HELD[1 + (take - 2) % (len(HELD) - 1)]
-    return f"take {take}: {how}{'' if take == 1 else f': {WHY}'}; the hand starts and moves as before"
-
-
 def _errors(name: str | None, sensor: str) -> SensorErrors | None:
+    """Load the sensor's errors from the calibration of this name; refuse those of another sensor."""
     errors = None if name is None else load_calibration(name).sensor
     if errors is not None:
         refuse_other_sensor("this recording", sensor, errors)
@@ -122,6 +105,7 @@ def _errors(name: str | None, sensor: str) -> SensorErrors | None:
 
 
 def _simulated(args: argparse.Namespace, stack: ExitStack) -> SimulatedHand | None:
+    """Make the simulated hand of --sensor sim[:TASK]; None for a real sensor."""
     kind, _, task = (args.sensor or "").partition(":")
     if kind != SIMULATED:
         return None
@@ -132,6 +116,7 @@ def _simulated(args: argparse.Namespace, stack: ExitStack) -> SimulatedHand | No
 
 
 def _report(args: argparse.Namespace, outcome: Outcome) -> None:
+    """Print the result, as JSON or in words with the next command."""
     if outcome.before:
         with suppress(OSError):  # the terminal is closed
             print(outcome.before, file=sys.stderr)
@@ -150,15 +135,4 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
         if outcome.stops < FEWEST_STOPS:
             print("fewer than two stops: nothing to replay; hold still for two seconds, then move, stop, move, stop")
         else:
-            print(f"next: {_next(args, outcome.folder)}")
-
-
-def _next(args: argparse.Namespace, folder: Path) -> str:
-    """What to do after a recording: of a take the next one, or fusing."""
-    if args.take is None:
-        return f"pbd keyframes {shell_word(folder)}"
-    more, takes = f"pbd record {args.name} --take {args.take + 1}", range(1, args.take + 1)
-    if args.take < 2:
-        return more
-    words = " ".join(shell_word(folder.with_name(f"{Path(args.name).name}{take}")) for take in takes)
-    return f"{more}; or pbd fuse {words} -o {shlex.quote(args.name)}"
+            print(f"next: {next_command(args, outcome.folder)}")

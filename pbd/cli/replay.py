@@ -1,4 +1,4 @@
-"""pbd replay [DEMO] --robot R."""
+"""pbd replay [DEMO] --robot R: plan the motion, and show it in the browser or as a page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SUFFIXES = (".html", ".htm")
 
 
 def run(args: argparse.Namespace) -> None:
-    """Plan, audit, show."""
+    """Plan the motion, audit it and show it."""
     if args.html is not None:
         refuse_output(args.html, (args.demo, args.robot, args.calibration, args.start))
         if args.html.suffix.lower() not in SUFFIXES:

@@ -1,4 +1,4 @@
-"""pbd segments [DEMO]."""
+"""pbd segments [DEMO]: when the hand moved and when it rested."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pbd.view.terminal_tables import segments_table
 
 
 def run(args: argparse.Namespace) -> None:
-    """Track and print."""
+    """Track the demonstration and print its segments."""
     demo = load_demonstration(args.demo)
     path, _ = track_demonstration(demo, args.method, named_calibration(args), args.accept_gap)
     segments = find_segments(path)

@@ -14,20 +14,21 @@ from pbd.cli.recording.device import probed
 from pbd.errors import SensorError
 from pbd.io.atomic import atomic_file, refuse_output
 from pbd.sensors import port as serial_port
-from pbd.sensors.phyphox.experiment import MOST_CODES, NAME, code_parts, experiment
-from pbd.sensors.probe import Found
+from pbd.sensors.phyphox.experiment import MAX_QR_CODES, NAME, experiment, qr_payloads
+from pbd.sensors.probe import ProbeResult
 from pbd.sensors.protocols import PROTOCOLS
-from pbd.view.terminal import drawing
+from pbd.view.terminal import for_rich
 from pbd.view.terminal_tables import ports_table, print_csv, print_table, words_table
 
 BORDER = 2
-"""Light modules around a code. Four are the standard's; the app's reader takes two, and a terminal has few lines."""
+"""Width of the light border around a QR code, in modules. The standard asks for four; the app reads codes with two,
+and a terminal has few lines."""
 
 PIXELS = 6
-"""Pixels of a module in a picture."""
+"""Pixels per module in a picture of the code."""
 
 WHITE_ON_BLACK, PLAIN = "\033[97;40m", "\033[0m"
-"""The code is drawn in its light modules; the colours of a terminal may be the other way round."""
+"""Terminal colours for a code, whose characters are its light modules. A terminal's own colours may be reversed."""
 
 SCAN = '1. in phyphox: + (below right), "add experiment from QR code", and scan the code'
 SEND = "1. send {file} to the phone, and open it there with phyphox"
@@ -38,7 +39,7 @@ NEXT_STEPS = """\
 
 
 def run(args: argparse.Namespace) -> None:
-    """List, and listen; or prepare a phone."""
+    """List the ports and the supported sensors, with --probe listen to the ports; or prepare a phone."""
     if args.phone:
         return _prepare_phone(args)
     ports = (serial_port.PortInfo(args.port, "", ""),) if args.port else serial_port.list_ports()
@@ -67,7 +68,8 @@ def run(args: argparse.Namespace) -> None:
     return show(words_table(("--sensor", "device", "gives"), (kind.values() for kind in kinds)))
 
 
-def _note(found: Found) -> str:
+def _note(found: ProbeResult) -> str:
+    """Say what was heard on a port if no sensor was recognised; "" if one was."""
     if found.sensor is not None:
         return ""
     if found.line is not None:
@@ -76,7 +78,7 @@ def _note(found: Found) -> str:
 
 
 def _prepare_phone(args: argparse.Namespace) -> None:
-    """Write the experiment or a picture of its code; at a terminal show its codes."""
+    """Write the experiment, or a picture of its QR code; at a terminal also show the codes."""
     file: Path = args.output or Path(NAME)
     kind = file.suffix.lower().lstrip(".")
     if kind not in ("phyphox", "png", "svg"):
@@ -86,7 +88,7 @@ def _prepare_phone(args: argparse.Namespace) -> None:
         if kind == "phyphox":
             there.write_text(experiment(), encoding="utf-8")
         else:
-            (data,) = code_parts(1)
+            (data,) = qr_payloads(1)
             _qr_code(data).save(str(there), kind=kind, scale=PIXELS)
     if args.json:
         return print_json({"file": str(file)})
@@ -94,14 +96,14 @@ def _prepare_phone(args: argparse.Namespace) -> None:
     if shown:
         _show_codes()
     if kind != "phyphox":
-        said = f"{file} is written: show it on a screen or on paper for the phone to scan"
+        message = f"{file} is written: show it on a screen or on paper for the phone to scan"
     elif shown:
-        said = f"{file} is written, for a phone that can't scan: send it there, and open it with phyphox"
+        message = f"{file} is written, for a phone that can't scan: send it there, and open it with phyphox"
     else:
-        said = f"{file} is written; a terminal shows the code to scan, -o code.png makes a picture of it"
+        message = f"{file} is written; a terminal shows the code to scan, -o code.png makes a picture of it"
     print(SCAN if shown or kind != "phyphox" else SEND.format(file=file))
     print(NEXT_STEPS)
-    return say(said)
+    return say(message)
 
 
 def _qr_code(data: bytes) -> Any:
@@ -111,10 +113,10 @@ def _qr_code(data: bytes) -> Any:
 
 
 def _show_codes() -> None:
-    """Show as few codes as fit the terminal, one at a time."""
+    """Show the experiment as QR codes, one at a time: as few as fit the terminal's size."""
     columns, lines = shutil.get_terminal_size()
-    for count in range(1, MOST_CODES + 1):
-        codes = [_qr_code(part) for part in code_parts(count)]
+    for count in range(1, MAX_QR_CODES + 1):
+        codes = [_qr_code(part) for part in qr_payloads(count)]
         width = max(code.symbol_size(border=BORDER)[0] for code in codes)
         if width <= columns and (width + 1) // 2 + 2 <= lines:
             break
@@ -126,7 +128,7 @@ def _show_codes() -> None:
         drawn = io.StringIO()
         code.terminal(drawn, border=BORDER, compact=True)
         rows = (f"{WHITE_ON_BLACK}{line}{PLAIN}" for line in drawn.getvalue().splitlines())
-        print("\n".join(rows), file=drawing(sys.stdout))
+        print("\n".join(rows), file=for_rich(sys.stdout))
         if count > 1:
             print(f"code {k + 1} of {count}: scan it, then press Enter", flush=True)
             sys.stdin.readline()

@@ -1,4 +1,4 @@
-"""pbd simulate TASK NAME."""
+"""pbd simulate TASK NAME: make a synthetic demonstration, with its ground truth."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ NEXT_COMMAND = {
     "pivot": "pbd calibrate mount trial-tip {demo} --pivot",
     "sides": "pbd calibrate sensor trial {demo} --gravity {gravity}",
 }
-"""The command that a calibration task is for. The sensor itself touches the points, so the mount is kept apart."""
+"""The command that uses a calibration task's recording. In "touch" the sensor itself touches the points, so the mount
+goes into another calibration."""
 
 
 def run(args: argparse.Namespace) -> None:
-    """Simulate, store, and say which step of `pbd calibrate` takes it."""
-    if args.rate is not None and not SLOWEST_HZ <= args.rate <= FASTEST_HZ:  # what tracking takes
+    """Simulate the task, store it, and say which step of `pbd calibrate` uses it."""
+    if args.rate is not None and not SLOWEST_HZ <= args.rate <= FASTEST_HZ:  # the rates that tracking accepts
         what = f"--rate must be from {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz, got {args.rate:g}"
         raise UsageError(what, value=args.rate)
     with working("simulating"):

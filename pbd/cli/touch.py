@@ -1,4 +1,4 @@
-"""pbd touch DEMO KEYFRAME: the arm was tried there and was off; the others move with it as far as they err together."""
+"""pbd touch DEMO KEYFRAME: correct a keyframe where the arm was off; keyframes with correlated errors move along."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.touch_up import TouchedUp, touched_up
 from pbd.cli.common import load_demonstration, print_result, track_demonstration
 from pbd.cli.console import say
-from pbd.cli.keyframes import save_keyframes
+from pbd.cli.keyframes_file import save_keyframes
 from pbd.data import TouchUp
 from pbd.errors import RecordingError, UsageError, warn
 from pbd.files.keyframes import LARGEST_NUDGE_M, NAME, add_touch_up, read_touch_ups, undo_touch_up
@@ -21,8 +21,8 @@ from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import Array, quat_inverse, quat_rotate
 from pbd.view.terminal_tables import make_table
 
-HARDLY_M = 0.0005
-"""Where no other keyframe moves farther, m, it is told: their errors have little in common."""
+HARDLY_MOVED_M = 0.0005
+"""If no other keyframe moves farther, m, a message says so: their errors hardly correlate with the touched one."""
 
 
 def run(args: argparse.Namespace) -> None:
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> None:
     if not args.undo:
         by_base = _wanted_shift(args, placed, before)
         by_nav = quat_rotate(quat_inverse(placed.T_base_nav.wxyz), by_base)
-        if not np.abs(by_nav).max() <= LARGEST_NUDGE_M:  # the file could not be read again
+        if not np.abs(by_nav).max() <= LARGEST_NUDGE_M:  # keyframes.toml with it could not be read again
             raise RecordingError(
                 f"that is {np.linalg.norm(by_base):.2f} m away, and a touch-up may be {LARGEST_NUDGE_M} m along each "
                 "of nav's axes; --by and --at are in metres: correct them"
@@ -59,12 +59,12 @@ def run(args: argparse.Namespace) -> None:
         add_touch_up(file, added)
     after = touched_up(placed, read_touch_ups(file) if args.undo else (*demo.touch_ups, added))
     _report(args, placed, before, after)
-    back = "" if args.undo else f"; {_undoing(args)} takes it back"
+    back = "" if args.undo else f"; {_undo_command(args)} takes it back"
     say(f"{'undone' if args.undo else 'added'} in {file}, which the arm follows from now on{back}")
 
 
 def _wanted_shift(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp) -> Array:
-    """How far the tool is to go, (3,) m in base."""
+    """The displacement of the tool that --by or --at asks for, (3,) m in base."""
     count = len(placed.keyframes)
     if not 0 <= args.keyframe < count:
         raise RecordingError(f"there is no keyframe {args.keyframe}; they are 0 to {count - 1}", value=args.keyframe)
@@ -74,12 +74,13 @@ def _wanted_shift(args: argparse.Namespace, placed: KeyframesInBase, before: Tou
     return np.asarray(quat_rotate(pose.wxyz, np.array(args.by)) if args.tool else np.array(args.by))
 
 
-def _undoing(args: argparse.Namespace) -> str:
-    """The command that takes this touch-up back."""
+def _undo_command(args: argparse.Namespace) -> str:
+    """The command that undoes this touch-up."""
     return f"`pbd touch {shlex.quote(args.demo)} --robot {shlex.quote(args.robot)} --undo`"
 
 
 def _report(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp, after: TouchedUp) -> None:
+    """Print where each keyframe was and is now; warn if the touch-up is larger than the keyframe's sigma explains."""
     p = np.array([pose.p for pose in tool_poses(placed)])
     start, end = p + before.shift, p + after.shift
     old, new = (np.sqrt(np.diagonal(each.cov).reshape(-1, 6)[:, :3].max(axis=1)) for each in (before, after))
@@ -97,8 +98,8 @@ def _report(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp
         return
     if moved_m[args.keyframe] > OFF_SIGMAS * old[args.keyframe]:
         off = f"{100.0 * moved_m[args.keyframe]:.1f} cm, {moved_m[args.keyframe] / old[args.keyframe]:.0f} sigma"
-        meant = f"if it alone belongs elsewhere, {_undoing(args)}, and again with --only"
+        meant = f"if it alone belongs elsewhere, {_undo_command(args)}, and again with --only"
         warn(f"keyframe {args.keyframe} was off by {off}, and the others go along; {meant}")
     others = np.delete(moved_m, args.keyframe)
-    if others.max(initial=0.0) < HARDLY_M < moved_m[args.keyframe]:
+    if others.max(initial=0.0) < HARDLY_MOVED_M < moved_m[args.keyframe]:
         say(f"the others hardly move: their errors have little in common with those of keyframe {args.keyframe}")

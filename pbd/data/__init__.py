@@ -1,7 +1,7 @@
-"""The frozen values that pass between the stages, in the order in which they come to be.
+"""The frozen values that pass between the stages.
 
-Arrays are copied in, made read-only and checked for their shape. So every value is well formed.
-SI and radians throughout; frames stand in the names: `sensor`, `nav`, `base`, `tool`, `dock`.
+Arrays are copied in, made read-only, and checked for their shape, so every value is well formed.
+All units are SI and radians. Names contain frames: `sensor`, `nav`, `base`, `tool`, `dock`.
 """
 
 from __future__ import annotations

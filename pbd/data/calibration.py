@@ -1,4 +1,4 @@
-"""Values of calibration: nav in the robot's base, and a sensor's errors."""
+"""Values of calibration: where nav lies in the robot's base, and a sensor's errors."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from types import MappingProxyType
 
 import numpy as np
 
-from pbd.data.freeze import freeze
+from pbd.data.frozen_arrays import freeze_arrays
 from pbd.data.one_line_repr import brief, counted
 from pbd.data.units import GRAVITY
 from pbd.data.world import Obstacle
 from pbd.pose import Array, Pose
 
 TOOL_DOWN = Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
-"""The default T_sensor_tool: a half turn about x, so that a level sensor is a gripper that points down."""
+"""Default T_sensor_tool: a half turn about x, so that a level sensor means a gripper that points down."""
 
 
 DOCK_SIGMA_M, DOCK_SIGMA_RAD = 0.003, np.radians(1.0)
-"""Default sigma of a dock: position per axis (m), heading (rad)."""
+"""Assumed one sigma of a dock whose covariance is not given: position along each axis (m), heading (rad)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """A triad's errors: what is true is matrix @ (what it reads - bias).
+    """Linear errors of three axes: the true vector is matrix @ (reading - bias).
 
     Attributes:
-        bias: (3,) in the triad's unit.
-        matrix: (3, 3), near the unit matrix: scale on the diagonal, misalignment (or soft iron) beside it.
-        bias_sigma: (3,) one sigma; nan: not known.
+        bias: (3,) in the sensor's unit.
+        matrix: (3, 3), near the identity: scale on the diagonal, misalignment (or soft iron) off it.
+        bias_sigma: (3,) one sigma of the bias; NaN: unknown.
     """
 
     bias: Array
@@ -37,30 +37,30 @@ class Linear:
     bias_sigma: Array
 
     def __post_init__(self) -> None:
-        freeze(self, bias=(3,), matrix=(3, 3), bias_sigma=(3,))
+        freeze_arrays(self, bias=(3,), matrix=(3, 3), bias_sigma=(3,))
 
     def __repr__(self) -> str:
         x, y, z = self.bias
         return brief(self, f"bias ({x:.4g}, {y:.4g}, {z:.4g})")
 
-    def true(self, read: Array) -> Array:
-        """What is true where it reads (..., 3)."""
+    def correct(self, read: Array) -> Array:
+        """Correct readings (..., 3)."""
         return np.asarray((read - self.bias) @ self.matrix.T)
 
 
 @dataclass(frozen=True, eq=False)
 class SensorErrors:
-    """The errors of one sensor, and what it reads at rest without them.
+    """The errors of one sensor, and the gravity and field that it should read.
 
     Attributes:
-        sensor: whose they are, as a recording names it.
-        gyr: bias in rad/s; or None.
-        acc: m/s2; or None.
-        mag: uT; or None.
-        gravity: m/s2, what the norm of specific force at rest is.
-        field: uT, strength of the magnetic field where it was calibrated; None without a magnetometer.
-        dip: rad, of the field below the horizon; None as above.
-        temperature_c: if it was noted.
+        sensor: the sensor's name, as recordings have it.
+        gyr: errors of the gyro, rad/s; None: unknown.
+        acc: errors of the accelerometer, m/s2; None: unknown.
+        mag: errors of the magnetometer, uT; None: unknown.
+        gravity: norm of the specific force at rest, m/s2.
+        field: strength of the magnetic field where the sensor was calibrated, uT; None without a magnetometer.
+        dip: angle of that field below the horizon, rad; None without a magnetometer.
+        temperature_c: temperature during calibration, °C; None: not noted.
     """
 
     sensor: str
@@ -80,22 +80,22 @@ class SensorErrors:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """How the hand's frame lies in the robot's: at most one of T_base_dock and T_base_nav is given.
+    """Where the hand's frame lies in the robot's: T_base_dock, or T_base_nav, or neither.
 
-    Without either it can be tracked with, not planned.
+    Without either, tracking works but planning does not.
 
     Attributes:
-        T_base_dock: the sensor's pose in base at its first rest; only its position and yaw are taken.
-        any_attitude: take the dock's yaw alone and say nothing of the tilt.
-        T_base_nav: nav in base, registered from touched points.
-        cov_base: (6, 6) m and rad, of the dock's or nav's pose, position and rotation vector in base; None: not known.
-        T_sensor_tool: how the sensor sits on the tool; by default a level sensor is a gripper that points down.
-        cov_sensor_tool: (6, 6) m and rad, of T_sensor_tool in sensor axes; None: not known.
-        table_height: m, z of the table's top in base, or None.
-        scale: multiplies p_nav_sensor, and nothing else.
-        robots: the robots that it is for; empty: any.
-        obstacles: what stands around, beside the table.
-        sensor: what the sensor reads wrongly; None: nothing is corrected.
+        T_base_dock: the sensor's pose in base at its first rest. Only its position and yaw are used.
+        any_attitude: use only the yaw of the dock's attitude, and do not compare its tilt with the measured one.
+        T_base_nav: pose of nav in base, registered from touched points.
+        cov_base: (6, 6) m and rad, covariance of the dock's or nav's pose: position, rotation vector in base; or None.
+        T_sensor_tool: the tool's pose in sensor. By default a level sensor means a gripper that points down.
+        cov_sensor_tool: (6, 6) m and rad, covariance of T_sensor_tool in sensor axes; None: unknown.
+        table_height: z of the table's top in base, m, or None.
+        scale: factor on p_nav_sensor, and on nothing else.
+        robots: names of the robots that it is for; empty: any.
+        obstacles: obstacles besides the table.
+        sensor: the sensor's errors; None: readings are not corrected.
         residuals: how well each part fitted when it was made, by "part.figure".
     """
 
@@ -116,7 +116,7 @@ class Calibration:
     def __post_init__(self) -> None:
         if self.T_base_dock is not None and self.T_base_nav is not None:
             raise ValueError("a calibration takes at most one of T_base_dock and T_base_nav")
-        freeze(self, cov_base=(6, 6), cov_sensor_tool=(6, 6))
+        freeze_arrays(self, cov_base=(6, 6), cov_sensor_tool=(6, 6))
         object.__setattr__(self, "residuals", MappingProxyType(dict(self.residuals)))
 
     @property
@@ -126,7 +126,7 @@ class Calibration:
 
     @property
     def cov_start(self) -> Array:
-        """(6, 6) m and rad, of the dock's or nav's pose in base; an assumption unless it was measured."""
+        """(6, 6) m and rad, covariance of the dock's or nav's pose in base; assumed if `cov_base` is None."""
         if self.cov_base is not None:
             return self.cov_base
         return np.diag(np.square([*[DOCK_SIGMA_M] * 3, 0.0, 0.0, DOCK_SIGMA_RAD]))

@@ -1,4 +1,4 @@
-"""A person's knowledge of the stops, and how well the data fit it."""
+"""What a person knows about the stops, and how well the data agree."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Place:
-    """The tool stood at one and the same place at each of these instants.
+    """The tool stood at the same place at each of these instants.
 
     Attributes:
-        t: s, one instant in each stop.
-        p_base_tool: m, where that is in the robot's base, or None.
-        sigma_m: m per axis, how well the hand met it; None: pbd.tracking.stop_constraints says.
+        t: one instant in each stop, s.
+        p_base_tool: the place in the robot's base, m, or None.
+        sigma_m: one sigma along each axis of how well the hand met it, m; None: as pbd.tracking.stop_constraints.
 
     Raises:
-        ValueError: fewer than two instants and no position, an instant named twice, a sigma that is not above zero.
+        ValueError: fewer than two instants and no position, an instant named twice, or a sigma not above zero.
     """
 
     t: tuple[float, ...]
@@ -32,16 +32,16 @@ class Place:
 
 @dataclass(frozen=True)
 class Contact:
-    """The tool stood at a known height: on the table, unless one of the two others is given.
+    """The tool stood at a known height: on the table, unless `as_at` or `height` is given.
 
     Attributes:
-        t: s, within the stop.
-        as_at: s, within another stop: as high as there.
-        height: m, above the tool's height at the first rest.
-        sigma_m: m, how well that is so; None: pbd.tracking.stop_constraints says.
+        t: an instant in the stop, s.
+        as_at: an instant in another stop with the same height, s.
+        height: height above the tool's height at the first rest, m.
+        sigma_m: one sigma of the height, m; None: the default of pbd.tracking.stop_constraints.
 
     Raises:
-        ValueError: both are given, as high as at the same instant, a sigma that is not above zero.
+        ValueError: both are given, `as_at` equals `t`, or a sigma not above zero.
     """
 
     t: float
@@ -64,7 +64,7 @@ def _refuse_sigma(sigma_m: float | None) -> None:
 
 @dataclass(frozen=True)
 class Known:
-    """A person's knowledge of a demonstration's stops. `closed`: the last stop is where the first one was."""
+    """What a person knows about a demonstration's stops. `closed`: the last stop is where the first one was."""
 
     closed: bool = False
     places: tuple[Place, ...] = ()
@@ -73,13 +73,14 @@ class Known:
 
 @dataclass(frozen=True)
 class ClaimFit:
-    """How well the data agreed with something known of a stop, before it was used.
+    """How well the data agreed with a claim about a stop before the claim was used.
 
     Attributes:
-        saying: what was claimed, in words.
-        t: s, the middle of the stop.
-        off_m: m, misfit of the data.
-        sigmas: the same in sigmas (over three axes a typical value is 1.5, over one 0.7).
+        saying: the claim, in words.
+        t: the middle of the stop, s.
+
+        off_m: misfit, m.
+        sigmas: misfit in sigmas. A typical value is 1.5 for a position and 0.7 for a height.
     """
 
     saying: str

@@ -1,8 +1,8 @@
-"""Joint covariance of the poses of all keyframes, and sigmas where they are known."""
+"""Joint covariance of the poses of all keyframes, and one sigma of a pose."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -11,57 +11,54 @@ import numpy as np
 from pbd.pose import Array
 
 KEYFRAMES_AT_ONCE = 32
-"""Number of keyframes per batch."""
+"""Number of keyframes whose joint covariance is solved for at once, which bounds memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseCovariance:
     """Covariance (6n, 6n) of n poses: position (m), then rotation vector (rad), in nav.
 
-    A block is solved for when it is read.
+    It is never stored as a whole: blocks are computed when they are read.
 
     Attributes:
         count: n.
-        times: the covariance times columns: (n, 6, c) -> (n, 6, c).
+        multiply: multiplies the covariance by columns: (n, 6, c) -> (n, 6, c).
     """
 
     count: int
-    times: Callable[[Array], Array]
+    multiply: Callable[[Array], Array]
 
     @classmethod
     def chained(cls, blocks: Array) -> PoseCovariance:
-        """Of poses (n, 6, 6): positions err by what each move adds, rotations by what is each one's own."""
+        """Make it from each pose's covariance (n, 6, 6). Position errors add up move by move; rotation errors do
+        not."""
         return cls(len(blocks), partial(_chained, blocks))
 
     def joint(self, poses: Sequence[int] | None = None) -> Array:
-        """Covariance (6m, 6m) of some of the poses, of all where none are named."""
+        """Covariance (6m, 6m) of m of the poses; of all poses by default."""
         poses = range(self.count) if poses is None else poses
         columns = np.zeros((self.count, 6, 6 * len(poses)))
         for i, pose in enumerate(poses):
             columns[pose, :, 6 * i : 6 * i + 6] = np.eye(6)
-        block = self.times(columns)[list(poses)].reshape(6 * len(poses), -1)
+        block = self.multiply(columns)[list(poses)].reshape(6 * len(poses), -1)
         return np.asarray(0.5 * (block + block.T))
 
     @cached_property
     def of_each(self) -> Array:
-        """Covariance (n, 6, 6) of each pose alone."""
-        blocks = np.empty((self.count, 6, 6))
-        for start in range(0, self.count, KEYFRAMES_AT_ONCE):
-            part = range(start, min(start + KEYFRAMES_AT_ONCE, self.count))
-            joint = self.joint(part).reshape(len(part), 6, len(part), 6)
-            blocks[start : part.stop] = joint[np.arange(len(part)), :, np.arange(len(part))]
-        return blocks
+        """Covariance (n, 6, 6) of each single pose."""
+        return np.concatenate([np.empty((0, 6, 6)), *(np.einsum("iaib->iab", joint) for joint in self._batches())])
 
     @cached_property
     def of_moves(self) -> Array:
-        """Covariance (n - 1, 3, 3) of the way, m, from each pose to the next."""
-        blocks = np.empty((max(self.count - 1, 0), 3, 3))
-        for start in range(0, self.count - 1, KEYFRAMES_AT_ONCE):
-            stop = min(start + KEYFRAMES_AT_ONCE + 1, self.count)
-            joint = self.joint(range(start, stop)).reshape(stop - start, 6, stop - start, 6)[:, :3, :, :3]
-            way = np.diff(np.diff(joint, axis=0), axis=2)
-            blocks[start : stop - 1] = np.diagonal(way, axis1=0, axis2=2).transpose(2, 0, 1)
-        return blocks
+        """Covariance (n - 1, 3, 3) of the displacement from each pose to the next, m2."""
+        moves = (np.diff(np.diff(joint[:, :3, :, :3], axis=0), axis=2) for joint in self._batches(overlap=1))
+        return np.concatenate([np.empty((0, 3, 3)), *(np.einsum("iaib->iab", move) for move in moves)])
+
+    def _batches(self, overlap: int = 0) -> Iterator[Array]:
+        """Yield the joint covariance (m, 6, m, 6) of one batch of poses after the other."""
+        for start in range(0, self.count - overlap, KEYFRAMES_AT_ONCE):
+            poses = range(start, min(start + KEYFRAMES_AT_ONCE + overlap, self.count))
+            yield self.joint(poses).reshape(len(poses), 6, len(poses), 6)
 
 
 def _chained(blocks: Array, columns: Array) -> Array:
@@ -72,15 +69,15 @@ def _chained(blocks: Array, columns: Array) -> Array:
 
 
 def one_sigma(cov: Array) -> Array:
-    """One sigma (6,) m and rad of a pose's covariance (6, 6); NaN where it has no variance, as it was not measured."""
+    """One sigma (6,) m and rad of a pose's covariance (6, 6); NaN where the variance is zero, i.e. not measured."""
     variance = np.diagonal(cov)
     return np.sqrt(np.where(variance > 0.0, variance, np.nan))
 
 
 def keyframe_sigmas(covs: Sequence[Array]) -> Array:
-    """One sigma (k, 6) m and rad at keyframes, NaN where it is unknown.
+    """One sigma (k, 6) m and rad at keyframes, NaN where unknown.
 
-    The position of the first is no measurement: nav's origin is there.
+    The position of the first keyframe has sigma zero: it is nav's origin.
     """
     sigma = np.array([one_sigma(cov) for cov in covs]).reshape(-1, 6)
     sigma[:1, :3] = np.nan_to_num(sigma[:1, :3])

@@ -1,33 +1,33 @@
-"""How several takes of one task became one demonstration."""
+"""How several takes of one task were combined into one demonstration."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from pbd.data.constraints import Place
-from pbd.data.freeze import freeze
+from pbd.data.frozen_arrays import freeze_arrays
 from pbd.data.one_line_repr import brief, counted
 from pbd.pose import Array, Pose
 
 TOLERANCE_SIGMAS = 2.0
-"""Learned tolerance of a keyframe, in standard deviations of the hand's scatter: 95 % along each axis."""
+"""A keyframe's learned tolerance in standard deviations of the hand's scatter: 95 % along each axis."""
 
 
 @dataclass(frozen=True, eq=False)
 class FusedTake:
-    """One take.
+    """One take, and how its keyframes match those of the task.
 
     Attributes:
-        name: the demonstration's.
-        own: index of its keyframe for each of the task's, or None.
-        off: (n, 3) m, its keyframes' offset from the task's, in nav; NaN where there is none.
-        outliers: of the task's keyframes those at which it is not believed.
-        extra: keyframes of its own that few takes have: left out.
-        yaw: rad, by which its nav is turned against the first take's.
-        T_hand: how its sensor sits in the hand, against the first take's; None where it is left out.
-        turn_sigma: rad, one sigma of its turn there, about the axis of which least is known.
-        device: its number among the takes' devices.
-        left_out: why none of it is used, or "".
+        name: the demonstration's name.
+        own: for each keyframe of the task the index of the take's keyframe, or None.
+        off: (n, 3) offset of the take's keyframes from the task's in nav, m; NaN where the take has none.
+        outliers: the task's keyframes at which the take is not used.
+        extra: keyframes of the take that few other takes have; they are not used.
+        yaw: rotation of the take's nav about z against the first take's, rad.
+        T_hand: pose of the sensor in the hand against the first take's; None if the take is left out.
+        turn_sigma: one sigma of the rotation in T_hand about its least certain axis, rad.
+        device: number of the take's device among those of all takes.
+        left_out: why the take is not used at all, or "".
     """
 
     name: str
@@ -42,37 +42,36 @@ class FusedTake:
     left_out: str = ""
 
     def __post_init__(self) -> None:
-        freeze(self, off=(len(self.own), 3))
+        freeze_arrays(self, off=(len(self.own), 3))
 
 
 @dataclass(frozen=True)
 class MovedThing:
-    """A thing that stood elsewhere in some takes: its first and last keyframe of the task, which move together.
+    """A thing that stood elsewhere in some takes, so that a run of keyframes moved together.
 
     Attributes:
-        first, last: they and those between.
-        log_likelihood: by how much that is likelier than that all are in one frame, as a logarithm.
-        moved_m: by take, m: how far from where it stood in the first of them.
+        first, last: the first and the last keyframe of the run, both included.
+        moved_m: by take, distance from where the thing stood in the first take, m.
     """
 
     first: int
     last: int
-    log_likelihood: float
     moved_m: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Fusion:
-    """Takes made one, and the hand's scatter from take to take, without what the tracker is unsure of.
+    """The takes of a task, and the hand's scatter from take to take. The tracker's own uncertainty is taken out.
 
     Attributes:
-        takes: as named.
-        scatter: (n, 3) m, standard deviation at each of the task's keyframes along nav's axes.
-        turn: (n,) rad, of the attitude about each axis.
-        unsure: (n, 4) one sigma of the logarithm of those four.
-        overall: m and rad, the same of all keyframes together but the first; overall_unsure of their logarithms.
-        places: where takes know a keyframe to be in base, at the path's time.
-        thing: that stood elsewhere in some takes, or None.
+
+        scatter: (n, 3) standard deviation at each of the task's keyframes along nav's axes, m.
+        turn: (n,) standard deviation of the attitude about each axis, rad.
+        unsure: (n, 4) one sigma of the logarithms of `scatter` and `turn`.
+        overall: standard deviations (m, rad) of all keyframes but the first together.
+        overall_unsure: one sigma of the logarithms of `overall`.
+        places: keyframes whose places in base the takes know, at the path's times.
+        thing: the thing that stood elsewhere in some takes, or None.
     """
 
     takes: tuple[FusedTake, ...]
@@ -86,16 +85,16 @@ class Fusion:
 
     def __post_init__(self) -> None:
         n = len(self.scatter)
-        freeze(self, scatter=(n, 3), turn=(n,), unsure=(n, 4))
+        freeze_arrays(self, scatter=(n, 3), turn=(n,), unsure=(n, 4))
 
     @property
     def tolerance_m(self) -> Array:
-        """(n, 3) m, learned: where the hand scatters much it matters little."""
+        """(n, 3) learned tolerance of the position, m: where the hand scatters much, precision matters little."""
         return TOLERANCE_SIGMAS * self.scatter
 
     @property
     def tolerance_rad(self) -> Array:
-        """(n,) rad, the same of the attitude."""
+        """(n,) learned tolerance of the attitude, rad."""
         return TOLERANCE_SIGMAS * self.turn
 
     def __repr__(self) -> str:

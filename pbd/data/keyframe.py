@@ -9,7 +9,7 @@ from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 
-from pbd.data.freeze import freeze
+from pbd.data.frozen_arrays import freeze_arrays
 from pbd.data.one_line_repr import brief
 from pbd.errors import RecordingError
 from pbd.pose import Array, Pose
@@ -20,18 +20,18 @@ class Keyframe:
     """A pose at which the hand stood still.
 
     Attributes:
-        t: s, the middle of the stop.
-        dwell_s: how long the hand stood.
+        t: the middle of the stop, s.
+        dwell_s: how long the hand stood still.
         T_nav_sensor: the sensor's pose.
-        cov: (6, 6) m and rad: position, then rotation vector, in nav.
-        grip: True where the grip closes at this stop, False where it opens, None where nothing changes.
+        cov: (6, 6) m and rad, covariance of position, then rotation vector, in nav.
+        grip: True if the grip closes at this stop, False if it opens, None if it does not change.
         label: a word for people.
-        tolerance_m: (3,) how far it may be off along nav's axes; tolerance_rad: how far turned. Learned from several
-            takes, or as a person said; None: nobody knows.
-        weight: how sure the tracker is that the hand stood still, 0 to 1.
-        nudge_base_m: (3,) how far the tool goes elsewhere, in base axes.
-        nudge_tool_m: (3,) likewise, in the tool's axes.
-        frames: the things that it belongs to, by name, each carried by the next: ("lid", "cup").
+        tolerance_m: (3,) allowed deviation along nav's axes: learned from several takes, or given; None: unknown.
+        tolerance_rad: allowed deviation of the attitude, likewise.
+        weight: the tracker's confidence that the hand stood still, 0 to 1.
+        nudge_base_m: (3,) a person's correction of the tool's position, in base axes.
+        nudge_tool_m: (3,) likewise, in tool axes.
+        frames: names of the things that the keyframe moves with, each carried by the next: ("lid", "cup").
     """
 
     t: float
@@ -48,7 +48,7 @@ class Keyframe:
     frames: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        freeze(self, cov=(6, 6), tolerance_m=(3,), nudge_base_m=(3,), nudge_tool_m=(3,))
+        freeze_arrays(self, cov=(6, 6), tolerance_m=(3,), nudge_base_m=(3,), nudge_tool_m=(3,))
 
     def __repr__(self) -> str:
         x, y, z = self.T_nav_sensor.p + 0.0
@@ -60,7 +60,7 @@ class Keyframe:
 
 
 def thing_carriers(keyframes: Sequence[Keyframe]) -> dict[str, set[str]]:
-    """All that carry each thing, near or far; what carries others comes first.
+    """For each thing all things that carry it, directly or not. Carriers come before what they carry.
 
     Raises:
         RecordingError: a thing would carry itself.
@@ -81,13 +81,13 @@ def thing_carriers(keyframes: Sequence[Keyframe]) -> dict[str, set[str]]:
 
 @dataclass(frozen=True, eq=False)
 class TouchUp:
-    """A measurement that a person made with the arm: the tool at a keyframe belongs elsewhere.
+    """A correction of a keyframe's position that a person measured with the arm.
 
     Attributes:
-        t: s, of the keyframe.
-        by_nav_m: (3,) how far from where it was then, in nav's axes.
-        only: the other keyframes stay, whatever their errors have in common with this one's.
-        undone: it counts no more.
+        t: time of the keyframe, s.
+        by_nav_m: (3,) displacement from the position at the time of the measurement, in nav axes.
+        only: do not move the other keyframes, although their errors are correlated with this one's.
+        undone: the correction is no longer used.
     """
 
     t: float
@@ -96,4 +96,4 @@ class TouchUp:
     undone: bool = False
 
     def __post_init__(self) -> None:
-        freeze(self, by_nav_m=(3,))
+        freeze_arrays(self, by_nav_m=(3,))

@@ -6,7 +6,7 @@ from pbd.pose import Array
 
 
 def brief(value: object, *said: str, name: str = "") -> str:
-    """Write `<Recording 'tea': 2281 samples, 22.8 s at 100 Hz>`; what is empty is left out."""
+    """Write `<Recording 'tea': 2281 samples, 22.8 s at 100 Hz>`. Empty parts are left out."""
     what = f"{type(value).__name__}{f' {name!r}' if name else ''}"
     return f"<{what}: {', '.join(filter(None, said))}>"
 
@@ -17,7 +17,7 @@ def counted(n: int, what: str) -> str:
 
 
 def span(t: Array) -> str:
-    """Write how many samples there are at these instants (n,) s, how long they take and how they follow each other."""
+    """Write the number of samples at instants (n,) s, their duration and their mean rate."""
     if len(t) < 2:
         return counted(len(t), "sample") or "no samples"
     duration = float(t[-1] - t[0])

@@ -1,4 +1,4 @@
-"""Values of planning: the robot, its motion."""
+"""Values of planning: the robot and its motion."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pbd.data.calibration import Calibration
-from pbd.data.freeze import freeze
+from pbd.data.frozen_arrays import freeze_arrays
 from pbd.data.one_line_repr import brief, counted, span
 from pbd.pose import Array, Pose
 
 
 @dataclass(frozen=True, eq=False)
 class Gripper:
-    """Finger joints, their positions (m or rad) when open and closed, and the seconds that a full stroke takes.
+    """Finger joints, their positions (m or rad) when open and closed, and the duration of a full stroke.
 
-    There may be no joints, where the model shows none: the motion still says when the gripper opens and closes.
+    A model may have no finger joints. The motion still says when the gripper opens and closes.
     """
 
     joints: tuple[str, ...]
@@ -30,15 +31,15 @@ class Gripper:
 
     def __post_init__(self) -> None:
         k = len(self.joints)
-        freeze(self, open=(k,), closed=(k,))
+        freeze_arrays(self, open=(k,), closed=(k,))
 
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Per joint: position rad, velocity rad/s, acceleration rad/s2, jerk rad/s3, effort N m (N where it slides).
+    """Per joint: position rad, velocity rad/s, acceleration rad/s2, jerk rad/s3, effort N m (prismatic joints: m, N).
 
-    `source` names the sources in one line; `sources` has one for each: "position", "velocity", "acceleration", "jerk",
-    "effort". Where no effort is known it is None, and torques are not checked.
+    `source` names the sources in one line. `sources` has one per key: "position", "velocity", "acceleration", "jerk",
+    "effort". Without known efforts, `effort` is None and torques are not checked.
     """
 
     lower: Array
@@ -52,7 +53,7 @@ class JointLimits:
 
     def __post_init__(self) -> None:
         k = len(self.lower)
-        freeze(self, lower=(k,), upper=(k,), velocity=(k,), acceleration=(k,), jerk=(k,), effort=(k,))
+        freeze_arrays(self, lower=(k,), upper=(k,), velocity=(k,), acceleration=(k,), jerk=(k,), effort=(k,))
         object.__setattr__(self, "sources", MappingProxyType(dict(self.sources)))
 
     def __repr__(self) -> str:
@@ -60,22 +61,22 @@ class JointLimits:
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """The names of the limits that no maker gives: their source begins with "assumed"."""
+        """The limits that no maker publishes: their source begins with "assumed"."""
         return tuple(name for name, source in self.sources.items() if source.startswith("assumed"))
 
 
 @dataclass(frozen=True, eq=False)
 class Servos:
-    """How the model's joints stand to what LeRobot reads from an arm's servos: degrees, and 0 to 100 of the gripper.
+    """Converts between the model's joints and LeRobot's readings: degrees, and 0 to 100 for the gripper.
 
     LeRobot's 0 degrees is the middle of the range that its calibration found for a joint.
 
     Attributes:
         robot_type: LeRobot's name of the arm.
-        zero: (k,) rad, the model's joint positions where LeRobot reads 0.
-        sign: (k,) 1, or -1 where LeRobot counts the other way.
-        gripper: (2,) rad, the finger joint's positions where LeRobot reads 0 (closed) and 100 (open).
-        source: who says so.
+        zero: (k,) the model's joint positions where LeRobot reads 0, rad.
+        sign: (k,) 1, or -1 where LeRobot's direction is opposite.
+        gripper: (2,) the finger joint's positions where LeRobot reads 0 (closed) and 100 (open), rad.
+        source: where these figures come from.
     """
 
     robot_type: str
@@ -86,18 +87,18 @@ class Servos:
 
     def __post_init__(self) -> None:
         k = len(self.zero)
-        freeze(self, zero=(k,), sign=(k,), gripper=(2,))
+        freeze_arrays(self, zero=(k,), sign=(k,), gripper=(2,))
 
     def to_degrees(self, q: Array) -> Array:
-        """Give the model's joint positions (..., k) rad as LeRobot's degrees."""
+        """Convert the model's joint positions (..., k) rad to LeRobot's degrees."""
         return np.degrees(self.sign * (np.asarray(q) - self.zero))
 
     def to_radians(self, degrees: Array) -> Array:
-        """Give LeRobot's degrees (..., k) as the model's joint positions, rad."""
+        """Convert LeRobot's degrees (..., k) to the model's joint positions, rad."""
         return self.zero + self.sign * np.radians(degrees)
 
     def to_percent(self, finger: Array) -> Array:
-        """Give the finger joint's positions (...), rad, as LeRobot's 0 (closed) to 100 (open)."""
+        """Convert the finger joint's positions (...) rad to LeRobot's 0 (closed) to 100 (open)."""
         closed, opened = self.gripper
         return np.asarray(100.0 * (np.asarray(finger) - closed) / (opened - closed))
 
@@ -107,19 +108,19 @@ class Robot:
     """An arm as robots/NAME.toml describes it.
 
     Attributes:
-        urdf, srdf: files; `package_dirs` are where package:// addresses in them are looked up.
-        base: the body whose frame is `base`.
-        body: the body that T_body_tool is given in.
-        T_body_tool: z the approach direction, x the way the jaws open, the origin between the fingertips.
+        urdf, srdf: the model's files.
+        package_dirs: folders in which package:// addresses of those files are looked up.
+        base: the link whose frame is `base`.
+        body: the link in which T_body_tool is given.
+        T_body_tool: z is the approach direction, x the direction in which the jaws open, the origin between the
+            fingertips.
         joints: names of the arm's joints, base to tool.
         home: (k,) rad.
-        gripper: or None.
-        limits: of `joints`.
-        dock: the calibration that is used where the user names none, or None.
-        notes: what is assumed, for people.
-        license: of the URDF and its meshes, and whose they are; empty if unknown.
-        servos: how LeRobot counts its joints, or None where it doesn't know this arm.
-        may_touch: links that are not checked against each other: they touch by design.
+        dock: the calibration to use if the user names none, or None.
+        notes: the assumptions, for people.
+        license: license and owner of the URDF and its meshes; empty: unknown.
+        servos: conversion to LeRobot's joints; None if LeRobot does not support this arm.
+        may_touch: pairs of links that touch by design, so they are not checked against each other.
     """
 
     name: str
@@ -141,7 +142,7 @@ class Robot:
     may_touch: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
-        freeze(self, home=(len(self.joints),))
+        freeze_arrays(self, home=(len(self.joints),))
 
     def __repr__(self) -> str:
         gripper = "no gripper" if self.gripper is None else "gripper"
@@ -150,7 +151,7 @@ class Robot:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """A joint trajectory at instants: t (n,) s; q, qd, qdd (n, k); gripper (n,) opening, 1 open, 0 closed."""
+    """A sampled joint trajectory: t (n,) s; q, qd, qdd (n, k) rad, rad/s, rad/s2; gripper (n,) 0 closed to 1 open."""
 
     t: Array
     q: Array
@@ -160,7 +161,7 @@ class Samples:
 
     def __post_init__(self) -> None:
         n, k = self.q.shape
-        freeze(self, t=(n,), q=(n, k), qd=(n, k), qdd=(n, k), gripper=(n,))
+        freeze_arrays(self, t=(n,), q=(n, k), qd=(n, k), qdd=(n, k), gripper=(n,))
 
     def __repr__(self) -> str:
         return brief(self, span(self.t), counted(self.q.shape[1], "joint"))
@@ -168,15 +169,14 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class JointTrajectory:
-    """A motion as cubic pieces, so that position, velocity, acceleration and jerk are known exactly at every instant.
+    """A piecewise cubic motion: position, velocity, acceleration and jerk are exact at every instant.
 
     Attributes:
-        joint_names: k names.
-        knots: (m + 1,) s, from 0, increasing: piece i holds over knots[i] <= t <= knots[i + 1].
+        knots: (m + 1,) increasing from 0, s. Piece i covers knots[i] <= t <= knots[i + 1].
         coefficients: (m, 4, k): q = c0 + c1 s + c2 s^2 + c3 s^3 with s = t - knots[i].
-        gripper_t: (g,) s; gripper_opening: (g,) 1 open, 0 closed; linear between, held outside.
-        keyframe_t: (f,) s, when the arm reaches each keyframe.
-        keyframe_q: (f, k) rad, the joints that were solved for it.
+        gripper_t, gripper_opening: (g,) s, and 0 closed to 1 open; linear between, constant outside.
+        keyframe_t: (f,) when the arm reaches each keyframe, s.
+        keyframe_q: (f, k) the joint positions solved for each keyframe, rad.
     """
 
     joint_names: tuple[str, ...]
@@ -189,8 +189,8 @@ class JointTrajectory:
 
     def __post_init__(self) -> None:
         m, k, g, f = len(self.coefficients), len(self.joint_names), len(self.gripper_t), len(self.keyframe_t)
-        freeze(self, knots=(m + 1,), coefficients=(m, 4, k))
-        freeze(self, gripper_t=(g,), gripper_opening=(g,), keyframe_t=(f,), keyframe_q=(f, k))
+        freeze_arrays(self, knots=(m + 1,), coefficients=(m, 4, k))
+        freeze_arrays(self, gripper_t=(g,), gripper_opening=(g,), keyframe_t=(f,), keyframe_q=(f, k))
 
     def __repr__(self) -> str:
         joints, keyframes = counted(len(self.joint_names), "joint"), counted(len(self.keyframe_t), "keyframe")
@@ -198,17 +198,17 @@ class JointTrajectory:
 
     @property
     def duration(self) -> float:
-        """Seconds."""
+        """Duration, s."""
         return float(self.knots[-1])
 
-    def at(self, t: Array) -> Samples:
-        """Evaluate at instants (n,) in seconds; outside, the ends are held."""
-        t = np.asarray(t, dtype=np.float64)
+    def at(self, t: ArrayLike) -> Samples:
+        """Evaluate at one instant or at instants (n,), s: n rows. Before and after the motion the arm stands still."""
+        t = np.atleast_1d(np.asarray(t, dtype=np.float64))
         inside = np.clip(t, 0.0, self.duration)
         piece = np.clip(np.searchsorted(self.knots, inside, side="right") - 1, 0, len(self.coefficients) - 1)
         s = (inside - self.knots[piece])[:, None]
         c0, c1, c2, c3 = np.moveaxis(self.coefficients[piece], 1, 0)
-        # Held outside, to the last bit: controllers refuse a final velocity.
+        # Velocity is exactly zero at the end and outside: controllers refuse a final velocity.
         moving = ((t >= 0.0) & (t < self.duration))[:, None]
         return Samples(
             t=t,
@@ -219,9 +219,9 @@ class JointTrajectory:
         )
 
     def sample(self, rate_hz: float) -> Samples:
-        """Evaluate at a constant rate from 0 until the end has been reached and is held."""
+        """Evaluate at a constant rate from 0 to the first sample at or after the end."""
         steps = round(self.duration * rate_hz)
-        steps += steps / rate_hz < self.duration  # compared as t is made: a product may round down past the end
+        steps += steps / rate_hz < self.duration  # the quotient, not the product, is the last sample's rounded time
         return self.at(np.arange(steps + 1) / rate_hz)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""The sensor's own errors, as estimated from a recording."""
+"""A sensor's errors as estimated from a recording."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ import numpy as np
 from pbd.pose import Array, readonly
 
 LEARNED_SHARE = 0.25
-"""Share of the prior's variance that must be learned. With less, the error can't be told from others."""
+"""Smallest reduction of the prior's variance, as a share of it, for which an estimate can count as a surprise. With
+less, the recording does not separate this error from others."""
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorEstimate:
-    """Numbers of one shape: the estimate, its sigma, and what was expected before, with its sigma (or one for all)."""
+    """An estimate and its sigma, and the prior's mean (`expected`) and sigma (`prior`). All get the estimate's
+    shape."""
 
     value: Array
     sigma: Array
@@ -27,9 +29,9 @@ class ErrorEstimate:
 
     @property
     def surprise(self) -> Array:
-        """How far the estimate is from what was expected, in sigmas of how far it would be by chance.
+        """Difference between estimate and prior mean, in sigmas of that difference by chance.
 
-        An estimate that knows nothing stays where it was; one that knows all varies as the prior says.
+        The variance of that difference is the prior's variance minus the estimate's.
         """
         learned = 1.0 - (self.sigma / self.prior) ** 2
         chance = self.prior * np.sqrt(np.maximum(learned, LEARNED_SHARE))
@@ -38,14 +40,14 @@ class ErrorEstimate:
 
 @dataclass(frozen=True, eq=False)
 class SensorEstimate:
-    """A sensor's errors, as a recording shows them.
+    """A sensor's errors as estimated from a recording.
 
     Attributes:
-        gyr_bias: (3,) rad/s, at the first stop.
-        gyr_matrix: (3, 3) share by which each axis reads too high (the diagonal), or leans towards another.
-        acc_bias: (3,) m/s2, at the first stop.
-        acc_matrix: (3, 3), lower triangle: as of the gyro.
-        lag: () s, by which the gyro is late behind the accelerometer.
+        gyr_bias: (3,) at the first stop, rad/s.
+        gyr_matrix: (3, 3) relative scale errors on the diagonal, misalignment off it.
+        acc_bias: (3,) at the first stop, m/s2.
+        acc_matrix: (3, 3) as gyr_matrix, lower triangle only.
+        lag: () delay of the gyro behind the accelerometer, s.
     """
 
     gyr_bias: ErrorEstimate

@@ -1,4 +1,4 @@
-"""Sensors of one device that sample at times and rates of their own, joined on one clock; and a clock that pauses."""
+"""Joins a device's sensors, which sample at their own times and rates, on one clock; and undoes a clock's pauses."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from math import inf
 
 import numpy as np
 
-from pbd.data.freeze import freeze
+from pbd.data.frozen_arrays import freeze_arrays
 from pbd.pose import Array
 
 MOST_STEPS = 2.5
-"""Longest step, in usual steps, over which a stream is interpolated: one lost sample is bridged, two are a gap."""
+"""Longest interpolated step in usual steps: one lost sample is bridged, two are a gap."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """What one sensor said: `t` (n,) s, increasing; `values` (n, 3)."""
+    """One sensor's readings: `t` (n,) s, increasing; `values` (n, 3)."""
 
     t: Array
     values: Array
 
     def __post_init__(self) -> None:
-        freeze(self, t=(len(self.t),), values=(len(self.t), 3))
+        freeze_arrays(self, t=(len(self.t),), values=(len(self.t), 3))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -40,11 +40,11 @@ class Stream:
         return float(np.median(np.diff(self.t))) if len(self.t) > 1 else np.inf
 
     def at(self, t: Array, usual_step_s: float | None = None) -> Array:
-        """Interpolate at times (m,) s -> (m, 3). NaN before the first sample, after the last, and within a gap.
+        """Interpolate at times (m,) s -> (m, 3). NaN before the first sample, after the last, and in a gap.
 
         Args:
-            t: s on the stream's clock.
-            usual_step_s: the sensor's interval, where it is known better than from these samples.
+            t: times on the stream's clock, s.
+            usual_step_s: the sensor's usual interval; default: the median interval of these samples.
         """
         if len(self) == 0:
             return np.full((len(t), 3), np.nan)
@@ -59,12 +59,12 @@ class Stream:
 
 
 def joined(acc: Stream, gyr: Stream | None, mag: Stream | None) -> tuple[Array, Array, Array | None, Array | None]:
-    """Join streams on the gyro's clock; on the accelerometer's where there is no gyro.
+    """Join streams at the gyro's times; without a gyro, at the accelerometer's.
 
-    A sample whose acceleration is unknown is left out, so a gap stays a gap.
+    A sample without a known acceleration is left out, so a gap stays a gap.
 
     Returns:
-        t (n,) s, acc (n, 3), gyr (n, 3) or None, mag (n, 3) or None, NaN where the field is unknown.
+        t (n,) s, acc (n, 3), gyr (n, 3) or None, mag (n, 3) or None (NaN where the field is unknown).
     """
     clock = acc if gyr is None else gyr
     at_clock = acc.at(clock.t)
@@ -75,7 +75,7 @@ def joined(acc: Stream, gyr: Stream | None, mag: Stream | None) -> tuple[Array, 
 
 @dataclass(frozen=True)
 class Moment:
-    """The measurement was started (else paused) at `t` s of experiment time, at `system` s of the phone's clock."""
+    """A start (or, if not `started`, a pause) of phyphox' measurement: experiment time, s, and the phone's clock, s."""
 
     started: bool
     t: float
@@ -83,14 +83,14 @@ class Moment:
 
 
 class Moments:
-    """All moments so far. They turn experiment time into time that goes on in pauses and after clearing."""
+    """The starts and pauses so far. They convert experiment time, which stops in pauses, to elapsed time."""
 
     def __init__(self) -> None:
         self.known: tuple[Moment, ...] = ()
         self._begun: float | None = None
 
     def take(self, moments: tuple[Moment, ...]) -> bool:
-        """Take the latest answer; return whether the measurement began anew since, so that its time does, too."""
+        """Take the latest list; return whether the measurement was cleared since, so that experiment time restarted."""
         before, self.known = self.known, moments
         if self._begun is None and moments:
             self._begun = moments[0].system
@@ -98,13 +98,13 @@ class Moments:
 
     @property
     def paused_at(self) -> float:
-        """Experiment time, s, of the pause that lasts; infinite while it measures."""
+        """Experiment time of the present pause, s; infinite while it measures."""
         return self.known[-1].t if self.known and not self.known[-1].started else inf
 
-    def straight(self, t: Array) -> Array:
-        """Experiment time (n,) s -> s since the measurement was first started, pauses counted."""
+    def to_elapsed(self, t: Array) -> Array:
+        """Convert experiment time (n,) s to s since the first start, with pauses counted."""
         starts = [each for each in self.known if each.started]
         if not starts or self._begun is None:
             return t
-        late = np.array([each.system - self._begun - each.t for each in starts])
-        return t + late[np.maximum(np.searchsorted([each.t for each in starts], t) - 1, 0)]  # type: ignore[no-any-return]
+        paused = np.array([each.system - self._begun - each.t for each in starts])
+        return t + paused[np.maximum(np.searchsorted([each.t for each in starts], t) - 1, 0)]  # type: ignore[no-any-return]

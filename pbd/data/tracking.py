@@ -11,7 +11,7 @@ import numpy as np
 from pbd.data.calibration import Calibration
 from pbd.data.constraints import ClaimFit, Contact, Known, Place
 from pbd.data.covariance import PoseCovariance
-from pbd.data.freeze import freeze
+from pbd.data.frozen_arrays import freeze_arrays
 from pbd.data.fusion import Fusion
 from pbd.data.keyframe import Keyframe, TouchUp
 from pbd.data.one_line_repr import brief, counted, span
@@ -20,12 +20,12 @@ from pbd.data.world import GraspedObject
 from pbd.pose import Array
 
 DOUBTED_WEIGHT = 0.8
-"""Weight below which a stop is reported as doubtful; one that is as surely none is left out."""
+"""Weight below which a stop is reported as doubtful. A stop with a weight of at most 1 - this is left out."""
 
 
 @dataclass(frozen=True)
 class GripEvent:
-    """The hand closed (or opened) its grip at `t` seconds from the first sample."""
+    """The hand closed (or opened) its grip `t` seconds after the first sample."""
 
     t: float
     closed: bool
@@ -35,7 +35,7 @@ class GripEvent:
 class RecordingInfo:
     """Where a recording comes from: its name, the sensor, the nominal rate in Hz, the UTC start in ISO 8601.
 
-    `clock` says where its times come from, in words.
+    `clock` says in words where its times come from.
     """
 
     name: str = "recording"
@@ -47,16 +47,14 @@ class RecordingInfo:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a sensor said, in SI units and the housing's axes.
+    """A sensor's readings in SI units and the housing's axes.
 
     Attributes:
         t: (n,) s from the first sample, increasing.
-        acc: (n, 3) m/s2, specific force: +g up at rest. NaN where a sample is missing.
-        gyr: (n, 3) rad/s, or None where the device has no gyro.
-        mag: (n, 3) uT, or None.
-        device_rpy: (n, 3) rad, the device's own roll, pitch, yaw (about x, y, z of ENU, URDF's order), or None.
-        grip: when the grip closed and opened.
-        info: name, sensor, nominal rate, start.
+        acc: (n, 3) specific force, m/s2: +g up at rest. NaN where a sample is missing.
+        gyr: (n, 3) angular rate, rad/s, or None without a gyro.
+        mag: (n, 3) magnetic field, uT, or None.
+        device_rpy: (n, 3) the device's own roll, pitch, yaw, rad (about x, y, z of ENU, URDF's order), or None.
     """
 
     t: Array
@@ -69,7 +67,7 @@ class Recording:
 
     def __post_init__(self) -> None:
         n = len(self.t)
-        freeze(self, t=(n,), acc=(n, 3), gyr=(n, 3), mag=(n, 3), device_rpy=(n, 3))
+        freeze_arrays(self, t=(n,), acc=(n, 3), gyr=(n, 3), mag=(n, 3), device_rpy=(n, 3))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -86,7 +84,7 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The sensor's true pose in nav, where it is known (simulated or optical): t (n,), p (n, 3), wxyz (n, 4)."""
+    """The sensor's true pose in nav (simulated or optical): t (n,) s, p (n, 3) m, wxyz (n, 4)."""
 
     t: Array
     p_nav_sensor: Array
@@ -94,7 +92,7 @@ class Truth:
 
     def __post_init__(self) -> None:
         n = len(self.t)
-        freeze(self, t=(n,), p_nav_sensor=(n, 3), wxyz_nav_sensor=(n, 4))
+        freeze_arrays(self, t=(n,), p_nav_sensor=(n, 3), wxyz_nav_sensor=(n, 4))
 
     def __repr__(self) -> str:
         return brief(self, span(self.t))
@@ -102,11 +100,15 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
-    """A recording and what is known about it beside the sensor's stream.
+    """A recording and everything else that is known about the demonstration.
 
-    `keyframes` are those that a person edited; they win over the automatic ones. `touch_ups` correct either. `closed`:
-    the hand ended at the dock; with `places` and `contacts` it is what tracking may rely on: `known`. `takes`: those
-    that it is made of; its recording is then the first one's.
+    Attributes:
+        recording: of a fused demonstration, the first take's.
+        keyframes: those that a person edited; they replace the automatic ones.
+        touch_ups: corrections of the keyframes.
+        closed: the hand ended at the dock.
+        places, contacts: known places and heights of stops.
+        takes: the takes of a fused demonstration.
     """
 
     recording: Recording
@@ -135,13 +137,13 @@ class Demonstration:
 
     @property
     def known(self) -> Known:
-        """Known places and contacts, as `track` takes them."""
+        """What tracking may rely on: `closed`, `places` and `contacts`."""
         return Known(self.closed, self.places, self.contacts)
 
 
 @dataclass(frozen=True)
 class Stop:
-    """The hand stands still over the samples start <= i < stop, for `dwell_s` seconds; `weight`: how sure that is."""
+    """The hand stands still over the samples start <= i < stop. `weight`: the confidence that it does, 0 to 1."""
 
     start: int
     stop: int
@@ -151,17 +153,16 @@ class Stop:
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
-    """What a path was tracked from, and intermediate results that others use again.
+    """What a path was tracked from, and intermediate results that other stages use.
 
     Attributes:
-        demo: as it was given: with edited keyframes, what is known of the stops, what is grasped.
         method: one of pbd.pipeline.METHODS.
-        calibration: says what the sensor reads wrongly and where known places lie in nav; or None.
-        recording: as repaired and calibrated, at the path's instants.
-        a_nav: (n, 3) m/s2, motion acceleration as integrated: specific force in nav less gravity.
-        gravity: m/s2, the norm of specific force at rest.
-        rest: the samples start <= i < stop that tell the sensor's noise, the gyro's bias and gravity.
-        accept_gap: whether the hand is known to have stood still where data are missing in a rest.
+        calibration: has the sensor's errors, and where known places lie in nav; or None.
+        recording: the repaired and calibrated recording, at the path's instants.
+        a_nav: (n, 3) motion acceleration as integrated, m/s2: specific force in nav minus gravity.
+        gravity: norm of the specific force at rest, m/s2.
+        rest: the samples start <= i < stop from which noise, gyro bias and gravity are estimated.
+        accept_gap: whether a person said that the hand stood still where a rest lacks data.
     """
 
     demo: Demonstration
@@ -174,7 +175,7 @@ class Tracking:
     accept_gap: bool = False
 
     def __post_init__(self) -> None:
-        freeze(self, a_nav=(len(self.recording), 3))
+        freeze_arrays(self, a_nav=(len(self.recording), 3))
 
     def __repr__(self) -> str:
         by = "" if self.calibration is None else f"calibrated by '{self.calibration.name}'"
@@ -191,13 +192,12 @@ class HandPath:
         v_nav_sensor: (n, 3) m/s; exactly zero in stops.
         wxyz_nav_sensor: (n, 4).
         stops: in order; between two of them lies one move.
-        closure: (len(stops) - 1, 3) m/s, the velocity left over at each move's end before it was removed: honest drift.
-        covariance: of the poses at all stops together, relative to the first's place and heading.
-        grip: the recording's grip events.
-        claims: what was known of the stops and has been used.
-        tracking: what it was tracked from; None for a path that no recording was tracked for.
-        sensor: its own errors, as the recording shows them; None where they were not estimated.
-        fusion: of several takes; None for one.
+        closure: (len(stops) - 1, 3) velocity at each move's end before its correction to zero, m/s: the raw drift.
+        covariance: joint covariance of the poses at all stops, relative to the first stop's position and heading.
+        claims: the claims about stops that were used.
+        tracking: what the path was tracked from; None for a path that was not tracked.
+        sensor: the sensor's errors as estimated; None if they were not.
+        fusion: how several takes were combined; None for a single take.
     """
 
     t: Array
@@ -215,14 +215,14 @@ class HandPath:
 
     def __post_init__(self) -> None:
         n, k = len(self.t), len(self.stops)
-        freeze(self, t=(n,), p_nav_sensor=(n, 3), v_nav_sensor=(n, 3), wxyz_nav_sensor=(n, 4))
-        freeze(self, closure=(max(k - 1, 0), 3))
+        freeze_arrays(self, t=(n,), p_nav_sensor=(n, 3), v_nav_sensor=(n, 3), wxyz_nav_sensor=(n, 4))
+        freeze_arrays(self, closure=(max(k - 1, 0), 3))
         if self.covariance.count != k:
             raise ValueError(f"HandPath.covariance must be of {k} poses, got {self.covariance.count}")
 
     @property
     def cov(self) -> Array:
-        """(len(stops), 6, 6) of position (m) and rotation vector (rad) in nav, at each stop."""
+        """(len(stops), 6, 6) covariance of position (m) and rotation vector (rad) in nav, at each stop."""
         return self.covariance.of_each
 
     def __repr__(self) -> str:
@@ -233,7 +233,7 @@ class HandPath:
 
 @dataclass(frozen=True)
 class Segment:
-    """A rest or a move, over the samples start <= i < stop; `ms` from its first to its last sample (Table I)."""
+    """A rest or a move over the samples start <= i < stop. `ms`: from the first to the last sample (Table I), ms."""
 
     start: int
     stop: int

@@ -1,4 +1,4 @@
-"""Units of inertial sensors, each as a factor to ours."""
+"""Units of inertial sensors, as factors to SI units (uT for the magnetic field)."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from math import pi
 from types import MappingProxyType
 
 GRAVITY = 9.80665
-"""Standard gravity, m/s2: what a sensor's unit "g" means. Tracking estimates the local value at rest."""
+"""Standard gravity, m/s2: a sensor's unit "g". Tracking estimates the local gravity at rest."""
 
 MG = 1e-3 * GRAVITY
-"""m/s2."""
+"""A milli-g, m/s2."""
 
 DEG = pi / 180.0
-"""rad."""
+"""A degree, rad."""
 
 UT_PER_GAUSS = 100.0
-"""By definition of the gauss."""
+"""A gauss, uT."""
 
 UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
@@ -28,9 +28,9 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "0.1ms": 1e-4},
     }
 )
-"""Factor to m/s2, rad/s, uT, rad and s by quantity and unit; ours comes first."""
+"""Factor to m/s2, rad/s, uT, rad and s by quantity and unit. The first unit of each quantity has the factor 1."""
 
 
 def unit_factor(quantity: str, unit: str) -> float | None:
-    """Factor from a unit of a quantity to ours, in any case: programs write UT and Mg. None: the unit is unknown."""
+    """Factor of a unit; None: unknown. Case is ignored, because programs write UT and Mg."""
     return next((factor for name, factor in UNITS[quantity].items() if name.lower() == unit.lower()), None)

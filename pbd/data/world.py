@@ -1,4 +1,4 @@
-"""Obstacles around the arm, and the grasped object's motion."""
+"""Obstacles around the arm, loads, and the grasped object's motion."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 
 @dataclass(frozen=True)
 class GraspedObject:
-    """What the hand grips: a box (x, y, z), cylinder (diameter, height) or sphere (diameter); sizes in metres.
+    """The object that the hand grips: a box (x, y, z), cylinder (diameter, height) or sphere (diameter), sizes in m.
 
-    `mass` in kg, evenly spread; None where nobody said.
+    `mass` is in kg, evenly distributed; None: unknown.
     """
 
     shape: str
@@ -24,13 +24,13 @@ class GraspedObject:
 
 @dataclass(frozen=True)
 class Load:
-    """What weighs on the arm besides its own links.
+    """The loads on the arm besides its own links.
 
     Attributes:
-        mass: kg, of what the tool carries all the time.
-        p_tool: m, where that has its centre of mass, in tool axes.
-        grasped: what it also carries while the gripper holds it.
-        table: m, z of the table's top in base, or None.
+        mass: mass that the tool always carries, kg.
+        p_tool: its centre of mass in tool axes, m.
+        grasped: the object that the arm also carries while the gripper holds it, or None.
+        table: z of the table's top in base, m, or None.
     """
 
     mass: float = 0.0
@@ -39,7 +39,7 @@ class Load:
     table: float | None = None
 
     def __str__(self) -> str:
-        """Say what it is, for people; nothing where it has no mass."""
+        """Describe it for people; empty without a mass."""
         thing, named = self.grasped, [f"{self.mass:g} kg"] if self.mass else []
         if thing is not None and thing.mass:
             named.append(f"a {thing.shape} of {thing.mass:g} kg")
@@ -48,11 +48,7 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """Something that the arm must not touch.
-
-    Attributes:
-        shape, size: as of a `GraspedObject`: box (x, y, z), cylinder (diameter, height) or sphere (diameter), in m.
-    """
+    """Something that the arm must not touch. `shape` and `size` are as of a `GraspedObject`, in m."""
 
     name: str
     shape: str
@@ -62,13 +58,13 @@ class Obstacle:
 
 @dataclass(frozen=True, eq=False)
 class Stay:
-    """Where the grasped object is from `start` to `end`: standing in base, or fixed to the tool.
+    """Where the grasped object is from `start` to `end`: fixed in base, or fixed to the tool.
 
     Attributes:
-        start, end: s, or keyframes, as those of `stays`; the first starts at -inf, the last ends at inf.
-        held: fixed to the tool.
-        pose: T_tool_object where held, else T_base_object.
-        rests: T_base_object where it is gripped and where it is let go; empty where it stands.
+        start, end: s, or keyframe indices, as those of `object_stays`. The first starts at -inf, the last ends at inf.
+        held: whether it is fixed to the tool.
+        pose: T_tool_object if held, else T_base_object.
+        rests: T_base_object where it is gripped and where it is let go; empty if it is not held.
     """
 
     start: float
@@ -78,8 +74,13 @@ class Stay:
     rests: tuple[Pose, ...] = ()
 
 
-def holds(t: Array, opening: Array) -> list[tuple[float, float]]:
-    """From when to when a gripper holds, of opening (g,) at t (g,) s, or keyframes: from closed to opening, or inf."""
+def gripped_spans(t: Array, opening: Array) -> list[tuple[float, float]]:
+    """Find when a gripper holds: from the end of each closing to the begin of the next opening (inf: none).
+
+    Args:
+        t: (g,) s, or keyframe indices.
+        opening: (g,) the gripper's opening at those.
+    """
     spans: list[tuple[float, float]] = []
     change = np.sign(np.diff(opening))
     moves = change[change != 0.0]
@@ -95,17 +96,18 @@ def holds(t: Array, opening: Array) -> list[tuple[float, float]]:
     return spans
 
 
-def stays(
+def object_stays(
     thing: GraspedObject, spans: Sequence[tuple[float, float]], tool: Callable[[float], Pose], table: float | None
 ) -> tuple[Stay, ...]:
-    """Follow an object: it stands upright where it is first gripped, goes with the tool, and stays where it is let go.
+    """Follow an object: it stands upright where it is first gripped, moves with the tool, and stays where it is let go.
 
-    A gripper that closes elsewhere leaves it where it is. One that never closes does not say where it is.
+    If the gripper closes elsewhere, the object stays. If it never closes, the result is empty: the place is unknown.
 
     Args:
-        spans: when the gripper holds, see `holds`.
+        thing: the object.
+        spans: when the gripper holds, as from `gripped_spans`.
         tool: T_base_tool at an instant (inf: at the end).
-        table: m, z of the table's top in base: what is gripped within its own height above it stands on it.
+        table: z of the table's top in base, m. An object gripped within its own height above it stands on it.
     """
     if not spans:
         return ()
@@ -129,5 +131,5 @@ def _upright(T_base_tool: Pose, height: float, table: float | None) -> Pose:
     x = quat_rotate(T_base_tool.wxyz, (1.0, 0.0, 0.0))
     p = T_base_tool.p.copy()
     if table is not None and p[2] - table <= height:
-        p[2] = table + 0.5 * height  # it stands, and is gripped somewhere along its height
+        p[2] = table + 0.5 * height  # it stands on the table, gripped somewhere along its height
     return Pose(p, quat_about_z(float(np.arctan2(x[1], x[0]))))

@@ -1,1 +1,1 @@
-"""Driving an arm of Feetech STS3215 servos (so100, so101): its bus, its calibration, the motion and the watch on it."""
+"""Drives an arm with Feetech STS3215 servos (so100, so101): the bus, the calibration, the motion and its watch."""

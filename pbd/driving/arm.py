@@ -1,4 +1,4 @@
-"""The arm on its bus: what its servos are and feel, their goals, their torque."""
+"""The arm's servos on the bus: identity, state, goals, torque."""
 
 from __future__ import annotations
 
@@ -9,44 +9,45 @@ from operator import eq
 import numpy as np
 
 from pbd.driving.bus import Bus, NoAnswerError
-from pbd.driving.counts import Counts
-from pbd.driving.packets import signed, word
+from pbd.driving.encoder_counts import EncoderCounts
+from pbd.driving.packets import decode_word, encode_word
 from pbd.errors import CalibrationError, SensorError, printable
 from pbd.pose import Array
 
 STS3215 = 777
-"""The model number that the servos give."""
+"""The servos' model number."""
 
-# Registers: address, and how many bytes are read from there. Source: Feetech's memory table of the STS series, as in
+# Registers: first address, and number of bytes to read. Source: Feetech's memory table of the STS series, as in
 # lerobot/motors/feetech/tables.py.
 IDENTITY, IDENTITY_LENGTH = 3, 31
-"""Model number 3, position limits 9 and 11, most temperature 13, voltages 14 and 15, homing offset 31, mode 33."""
+"""Addresses: model number 3, position limits 9 and 11, highest temperature 13, highest and lowest voltage 14 and 15,
+homing offset 31, mode 33."""
 TORQUE_ENABLE, GOAL, TORQUE_LIMIT, LOCK = 40, 42, 48, 55
 PRESENT, PRESENT_LENGTH = 56, 8
-"""Position 56, speed 58, load 60, voltage 62, temperature 63."""
+"""Addresses: position 56, speed 58, load 60, voltage 62, temperature 63."""
 
 OFFSET_SIGN, LOAD_SIGN = 11, 10
-"""The bits of the signs of a homing offset and of a load."""
+"""Sign bits of a homing offset and of a load."""
 
 GRIPPER_TORQUE = 500
-"""Torque limit of the gripper while pbd drives, 0 to 1000: it closes on things. LeRobot's so101_follower.py."""
+"""Torque limit of the gripper, which closes on things, while pbd drives, 0 to 1000. Source: so101_follower.py."""
 
-NEAR = 20
-"""Counts, 1.8 degrees: a goal this near makes no servo jump."""
+GOAL_TOLERANCE = 20
+"""Largest distance of a goal from the servo's place when torque is switched on, counts. 1.8 degrees are no jump."""
 
-HOLD_TRIES = 3
-"""How often a goal that must arrive is written, until it reads back."""
+WRITE_TRIES = 3
+"""How often registers are written until they read back as written."""
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """All servos at one instant, base to gripper.
+    """State of all servos at one instant, base to gripper.
 
     Attributes:
-        counts: (n,) where they stand.
-        load: (n,) share of their strength, either way.
+        counts: (n,) positions, encoder counts.
+        load: (n,) signed share of each servo's strength, -1 to 1.
         volts, celsius: (n,).
-        flags: (n,) the servos' own error flags.
+        flags: (n,) the servos' error flags.
     """
 
     counts: Array
@@ -58,7 +59,7 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """What the servos themselves allow: (n,) each."""
+    """The servos' own limits of temperature and supply voltage, (n,) each."""
 
     celsius: Array
     least_volts: Array
@@ -66,19 +67,19 @@ class Bounds:
 
 
 class ServoArm:
-    """An arm whose servos answer, and are those of the calibration.
+    """An arm whose servos answer and agree with the calibration.
 
     Attributes:
-        counts: joints to counts and back.
-        bounds: the servos' own.
+        counts: converts joints to encoder counts and back.
+        bounds: the servos' own limits.
     """
 
-    def __init__(self, bus: Bus, counts: Counts) -> None:
-        """Look at the servos.
+    def __init__(self, bus: Bus, counts: EncoderCounts) -> None:
+        """Identify the servos and compare them with the calibration.
 
         Raises:
-            SensorError: they don't answer, are others, or are not in position mode.
-            CalibrationError: they were calibrated differently.
+            SensorError: they do not answer, are of another model, or are not in position mode.
+            CalibrationError: their stored calibration differs.
         """
         self._bus, self.counts = bus, counts
         found = identify(bus, dict(zip(counts.names, counts.ids, strict=True)))
@@ -88,65 +89,69 @@ class ServoArm:
             most_volts=0.1 * np.array([data[11] for data in found]),
         )
         for (name, servo), data in zip(counts.servos.items(), found, strict=True):
-            has = (signed(word_at(data, 28), OFFSET_SIGN), word_at(data, 6), word_at(data, 8))
-            said = (servo.homing_offset, servo.range_min, servo.range_max)
-            if has != said:
-                what = (
-                    f"the calibration is another arm's, or an old one: of {name} it has homing offset and range {said}"
+            stored = (decode_word(data, 28, OFFSET_SIGN), decode_word(data, 6), decode_word(data, 8))
+            wanted = (servo.homing_offset, servo.range_min, servo.range_max)
+            if stored != wanted:
+                what = f"the calibration is another arm's, or an old one: of {name} it has homing offset and range"
+                raise CalibrationError(
+                    f"{what} {wanted}, the servo has {stored}; name the right --servos, or calibrate anew"
                 )
-                raise CalibrationError(f"{what}, the servo has {has}; name the right --servos, or calibrate anew")
             if data[30]:  # 0 is position mode
                 what = f"servo {servo.id} ({name}) is in mode {data[30]}, not in position mode"
                 raise SensorError(f"{what}; calibrate anew with `pbd run --calibrate`")
 
     def state(self) -> State:
-        """Read where the servos stand and how they feel; raises as `Bus.read` does."""
+        """Read all servos; raises as `Bus.read`."""
         found = self._bus.read(self.counts.ids, PRESENT, PRESENT_LENGTH)
         answers = [found[id_] for id_ in self.counts.ids]
         return State(
-            counts=np.array([signed(word_at(a.data, 0), 15) for a in answers], np.float64),
-            load=np.array([signed(word_at(a.data, 4), LOAD_SIGN) / 1000.0 for a in answers]),
+            counts=np.array([decode_word(a.data) for a in answers], np.float64),
+            load=np.array([decode_word(a.data, 4, LOAD_SIGN) / 1000.0 for a in answers]),
             volts=np.array([a.data[6] / 10.0 for a in answers]),
             celsius=np.array([a.data[7] for a in answers], np.float64),
             flags=tuple(a.error for a in answers),
         )
 
-    def go(self, counts: Array) -> None:
-        """Give every servo its goal."""
+    def send_goals(self, counts: Array) -> None:
+        """Send each servo its goal, unverified."""
         self._bus.write(GOAL, dict(zip(self.counts.ids, _words(counts), strict=True)))
 
     def hold(self, counts: Array) -> None:
-        """Give goals and read them back.
+        """Send goals and verify that they arrived.
 
         Raises:
-            SensorError: they did not arrive; the servos hold their last goals.
+            SensorError: they did not arrive; the servos hold their previous goals.
         """
-        self._write_sure(GOAL, _words(counts))
+        self._write_verified(GOAL, _words(counts))
 
-    def stiffen(self, counts: Array) -> None:
-        """Switch torque on with these goals: the arm's present place, so that nothing jumps.
+    def enable_torque(self, counts: Array) -> None:
+        """Switch torque on with the arm's present position as goals, so that nothing jumps.
 
-        A servo would go to an old goal at full speed: goals go first, and are read back. A servo without torque may
-        change its goal, by firmware, so one near its place is good enough.
+        With torque, a servo goes to its old goal at full speed, so the goals are set and verified first. The firmware
+        of a servo without torque may change its goal, so GOAL_TOLERANCE is allowed.
         """
-        goals = [goal + word(0) + word(0) for goal in _words(counts)]  # time and speed: no limit
-        self._write_sure(GOAL, goals, lambda has, wanted: abs(word_at(has, 0) - word_at(wanted, 0)) <= NEAR)
-        self._bus.write(TORQUE_LIMIT, {self.counts.ids[-1]: word(GRIPPER_TORQUE)})
-        self._write_sure(TORQUE_ENABLE, [b"\x01"] * len(self.counts.ids))
+        goals = [goal + encode_word(0) + encode_word(0) for goal in _words(counts)]  # time and speed: no limit
+        self._write_verified(
+            GOAL, goals, lambda has, wanted: abs(decode_word(has) - decode_word(wanted)) <= GOAL_TOLERANCE
+        )
+        self._bus.write(TORQUE_LIMIT, {self.counts.ids[-1]: encode_word(GRIPPER_TORQUE)})
+        self._write_verified(TORQUE_ENABLE, [b"\x01"] * len(self.counts.ids))
         self.hold(counts)
 
-    def _write_sure(self, address: int, values: list[bytes], alike: Callable[[bytes, bytes], bool] = eq) -> None:
-        write_sure(self._bus, address, dict(zip(self.counts.ids, values, strict=True)), alike)
+    def _write_verified(self, address: int, values: list[bytes], alike: Callable[[bytes, bytes], bool] = eq) -> None:
+        write_verified(self._bus, address, dict(zip(self.counts.ids, values, strict=True)), alike)
 
 
-def write_sure(bus: Bus, address: int, values: dict[int, bytes], alike: Callable[[bytes, bytes], bool] = eq) -> None:
-    """Write registers, and read them back until they are `alike`.
+def write_verified(
+    bus: Bus, address: int, values: dict[int, bytes], alike: Callable[[bytes, bytes], bool] = eq
+) -> None:
+    """Write registers (bytes by servo id) until they read back `alike`.
 
     Raises:
         SensorError: they did not arrive.
     """
     silent: NoAnswerError | None = None
-    for _ in range(HOLD_TRIES):
+    for _ in range(WRITE_TRIES):
         bus.write(address, values)
         try:
             found = bus.read(tuple(values), address, len(next(iter(values.values()))))
@@ -161,42 +166,40 @@ def write_sure(bus: Bus, address: int, values: dict[int, bytes], alike: Callable
 
 def release(bus: Bus, ids: Sequence[int]) -> None:
     """Switch torque off: the arm sinks."""
-    write_sure(bus, TORQUE_ENABLE, dict.fromkeys(ids, b"\x00"))
+    write_verified(bus, TORQUE_ENABLE, dict.fromkeys(ids, b"\x00"))
 
 
 def identify(bus: Bus, ids: Mapping[str, int]) -> list[bytes]:
-    """Read who the servos are (joint: id), and refuse what isn't an STS3215.
+    """Read the identity of the servos, whose ids are given by joint.
 
     Returns:
-        Of each servo its registers from IDENTITY on.
+        For each servo its IDENTITY_LENGTH registers from IDENTITY on.
+
+    Raises:
+        SensorError: a servo does not answer, or is not an STS3215.
     """
     names = {id_: name for name, id_ in ids.items()}
     try:
         found = bus.read(tuple(names), IDENTITY, IDENTITY_LENGTH)
     except NoAnswerError as error:
         if len(error.ids) == len(ids):
-            raise SensorError(_nobody(bus.device, error.heard), path=bus.device) from None
+            raise SensorError(_no_servo(bus.device, error.heard), path=bus.device) from None
         silent = ", ".join(f"{id_} ({names[id_]})" for id_ in error.ids)
         what = f"no answer from servo {silent} on {bus.device}; the others answer: check its cable and its id"
         raise SensorError(what, path=bus.device) from None
     for id_, name in names.items():
-        if (model := word_at(found[id_].data, 0)) != STS3215:
+        if (model := decode_word(found[id_].data)) != STS3215:
             what = f"servo {id_} ({name}) says it is model {model}, not an STS3215 ({STS3215}); pbd run drives no other"
             raise SensorError(what, path=bus.device)
     return [found[id_].data for id_ in names]
 
 
 def _words(counts: Array) -> list[bytes]:
-    return [word(round(value)) for value in counts.tolist()]
+    return [encode_word(round(value)) for value in counts.tolist()]
 
 
-def _nobody(device: str, heard: bytes) -> str:
+def _no_servo(device: str, heard: bytes) -> str:
     if not heard:
         return f"no servo answers on {device}: switch the arm's power supply on, and check that this is its port"
     text = printable(heard.decode("ascii", errors="replace")[:40])
     return f"what answers on {device} is no servo (it sends {text!r}); name the arm's --port, `pbd sensors` lists them"
-
-
-def word_at(data: bytes, at: int) -> int:
-    """Read two registers as one number."""
-    return int.from_bytes(data[at : at + 2], "little")

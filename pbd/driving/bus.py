@@ -1,8 +1,7 @@
-"""The servos' bus: registers read and written over a serial port, each with a deadline.
+"""The servos' bus: registers read and written over a serial port, with deadlines.
 
-Our own hundred lines, not Feetech's SDK (PyPI feetech-servo-sdk 1.0.0): that waits in a busy loop, so it takes a whole
-core and the steadiness of the stream with it; waits at least 34 ms for a servo that is silent, by the wall clock; and
-its sync read drops the servos' error flags. LeRobot replaces its timeout at run time.
+It replaces Feetech's SDK (PyPI feetech-servo-sdk 1.0.0), which waits in a busy loop and so disturbs the stream's
+timing, waits at least 34 ms of wall-clock time for a silent servo, and drops the servos' error flags in its sync read.
 """
 
 from __future__ import annotations
@@ -17,24 +16,25 @@ from pbd.errors import SensorError
 from pbd.sensors.port import Port, open_port
 
 BAUD = 1_000_000
-"""Baud rate of the servos as LeRobot sets them up (and as they leave the factory)."""
+"""Baud rate of the servos: the factory's, and LeRobot's."""
 
 ANSWER_S = 0.008
-"""Longest time, s, for all servos to answer while the arm moves. As they leave the factory they wait 0.5 ms and send
-14 bytes (0.14 ms) each, 4 ms in all; a USB adapter adds 1 ms each way."""
+"""Longest time for all servos to answer while the arm moves, s. With factory settings each waits 0.5 ms and sends 14
+bytes (0.14 ms): 4 ms for six. A USB adapter adds 1 ms each way."""
 
-PATIENT_S = 0.05
-"""The same while nothing moves: an adapter with a latency timer of 16 ms is recognised so."""
+ANSWER_AT_REST_S = 0.05
+"""Longest time for all servos to answer while nothing moves, s. It is long enough to recognise a USB adapter with a
+latency timer of 16 ms."""
 
 TRIES = 2
 """How often a servo is asked before it counts as silent. Two tries and a period of 20 ms stop the arm within 50 ms."""
 
 WAIT_S = 0.001
-"""How long one read of the port waits, s."""
+"""Longest wait of one read of the port, s."""
 
 
 class NoAnswerError(SensorError):
-    """Servos are silent, or what comes isn't theirs."""
+    """Servos did not answer. `ids`: which; `heard`: the last bytes that came."""
 
     def __init__(self, message: str, ids: tuple[int, ...], heard: bytes) -> None:
         super().__init__(message, ids=ids)
@@ -45,8 +45,8 @@ class Bus:
     """An open bus.
 
     Attributes:
-        answer_s: how long servos may take to answer, s.
-        asked_again: how many requests had to be repeated.
+        answer_s: longest time for the servos to answer, s.
+        asked_again: number of repeated requests so far.
     """
 
     def __init__(self, port: Port, answer_s: float) -> None:
@@ -57,18 +57,18 @@ class Bus:
     @classmethod
     @contextmanager
     def open(cls, device: str, answer_s: float | None = None) -> Iterator[Self]:
-        """Open the port, with PATIENT_S to answer unless said else; raises SensorError as `open_port` does.
+        """Open the port. `answer_s` is ANSWER_AT_REST_S by default. Raises SensorError as `open_port`.
 
-        When it is closed again, the servos hold.
+        After it is closed, the servos hold their goals.
         """
         with open_port(device, BAUD, what="arm", wait_s=WAIT_S) as port:
-            yield cls(port, answer_s or PATIENT_S)
+            yield cls(port, answer_s or ANSWER_AT_REST_S)
 
     def read(self, ids: Sequence[int], address: int, length: int) -> dict[int, Answer]:
-        """Read registers of all these servos.
+        """Read `length` registers from `address` on of several servos.
 
         Raises:
-            NoAnswerError: one was silent, or its answer broken, each time it was asked.
+            NoAnswerError: after TRIES requests a servo had not answered correctly.
             SensorError: the port is gone.
         """
         found: dict[int, Answer] = {}
@@ -80,7 +80,7 @@ class Bus:
             until, buffer = time.monotonic() + self.answer_s, bytearray()
             late = False
             while missing and not late:
-                late = time.monotonic() >= until  # read once more: it may have come while this computer was busy
+                late = time.monotonic() >= until  # read once more: the answer may have come while this host was busy
                 came = self._port.read()
                 heard, buffer = (heard + came)[-200:], buffer + came
                 found |= {a.id: a for a in take_answers(buffer) if a.id in missing and len(a.data) == length}
@@ -92,5 +92,5 @@ class Bus:
         raise NoAnswerError(what, missing, heard)
 
     def write(self, address: int, values: Mapping[int, bytes]) -> None:
-        """Write registers of several servos at once; nothing answers, so read what matters again."""
+        """Write registers of several servos at once. No servo answers; use `write_verified` where it matters."""
         self._port.write(sync_write(address, values))

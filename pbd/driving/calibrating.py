@@ -1,4 +1,4 @@
-"""Calibrate the servos as LeRobot does: a person shows the middle of every joint, then its ends.
+"""Calibrate the servos as LeRobot does: a person moves each joint to its middle, then to both ends.
 
 Source: lerobot/robots/so101_follower/so101_follower.py, `calibrate`, and lerobot/motors/motors_bus.py.
 """
@@ -10,24 +10,24 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from pbd.driving.arm import LOCK, OFFSET_SIGN, PRESENT, identify, release, word_at, write_sure
+from pbd.driving.arm import LOCK, OFFSET_SIGN, PRESENT, identify, release, write_verified
 from pbd.driving.bus import Bus
-from pbd.driving.packets import signed, word
+from pbd.driving.packets import decode_word, encode_word
 from pbd.files.servo_calibration import COUNTS, LARGEST_OFFSET, ServoCalibration
 from pbd.pose import Array
 
 RANGE, OFFSET, MODE = 9, 31, 33
-"""Registers of the servo's permanent memory: position limits, homing offset, mode (0: position)."""
+"""Addresses in the servo's permanent memory: position limits, homing offset, mode (0: position)."""
 
 MIDDLE = COUNTS // 2 - 1
-"""What a servo counts in the middle of its joint's range."""
+"""Count of a servo in the middle of its joint's range."""
 
-ENDLESS = "wrist_roll"
-"""The joint that LeRobot lets turn all the way: nobody shows its ends."""
+FULL_TURN_JOINT = "wrist_roll"
+"""The joint that LeRobot lets turn all the way, so its ends are not calibrated."""
 
 
 class Calibrating:
-    """Servos whose memory is open."""
+    """A calibration under way, while the servos' permanent memory is unlocked."""
 
     def __init__(self, bus: Bus, ids: Mapping[str, int]) -> None:
         self._bus, self._ids = bus, dict(ids)
@@ -35,57 +35,58 @@ class Calibrating:
         self._highest = self._lowest.copy()
 
     def set_middles(self) -> None:
-        """Take where the arm stands as the middle of every joint's range."""
-        self._write(RANGE, dict.fromkeys(self._ids.values(), word(0) + word(COUNTS - 1)))
-        self._write(OFFSET, dict.fromkeys(self._ids.values(), word(0)))
-        self._write(MODE, dict.fromkeys(self._ids.values(), b"\x00"))
-        offsets = np.clip(self.counts() - MIDDLE, -LARGEST_OFFSET, LARGEST_OFFSET)
-        values = {i: word(int(offset), OFFSET_SIGN) for i, offset in zip(self._ids.values(), offsets, strict=True)}
-        self._write(OFFSET, values)
+        """Set the homing offsets so that the arm's present position is the middle of every joint's range."""
+        full_range = encode_word(0) + encode_word(COUNTS - 1)
+        for address, data in ((RANGE, full_range), (OFFSET, encode_word(0)), (MODE, b"\x00")):
+            write_verified(self._bus, address, dict.fromkeys(self._ids.values(), data))
+        offsets = np.clip(self.counts() - MIDDLE, -LARGEST_OFFSET, LARGEST_OFFSET).tolist()
+        words = (encode_word(offset, OFFSET_SIGN) for offset in offsets)
+        write_verified(self._bus, OFFSET, dict(zip(self._ids.values(), words, strict=True)))
 
     def counts(self) -> Array:
-        """Read where the servos stand."""
+        """Read the servos' positions (n,), counts."""
         found = self._bus.read(tuple(self._ids.values()), PRESENT, 2)
-        return np.array([signed(word_at(found[id_].data, 0), 15) for id_ in self._ids.values()])
+        return np.array([decode_word(found[id_].data) for id_ in self._ids.values()])
 
     def follow(self) -> tuple[Array, Array]:
-        """Read where the servos stand; return the lowest and the highest so far (n,)."""
-        at = self.counts()
-        self._lowest, self._highest = np.minimum(self._lowest, at), np.maximum(self._highest, at)
+        """Read the servos' positions; return the lowest and the highest so far, (n,) counts each."""
+        counts = self.counts()
+        self._lowest, self._highest = np.minimum(self._lowest, counts), np.maximum(self._highest, counts)
         return self._lowest, self._highest
 
     def result(self) -> dict[str, ServoCalibration]:
-        """Give what was found."""
+        """Return the calibration."""
         found = self._bus.read(tuple(self._ids.values()), OFFSET, 2)
         servos = {}
         for (name, id_), low, high in zip(self._ids.items(), self._lowest, self._highest, strict=True):
-            ends = (0, COUNTS - 1) if name == ENDLESS else (max(0, int(low)), min(COUNTS - 1, int(high)))
-            servos[name] = ServoCalibration(id_, 0, signed(word_at(found[id_].data, 0), OFFSET_SIGN), *ends)
+            ends = (0, COUNTS - 1) if name == FULL_TURN_JOINT else (max(0, int(low)), min(COUNTS - 1, int(high)))
+            offset = decode_word(found[id_].data, sign_bit=OFFSET_SIGN)
+            servos[name] = ServoCalibration(id_, 0, offset, *ends)
         return servos
 
     def store(self, servos: Mapping[str, ServoCalibration]) -> None:
         """Write the ranges into the servos."""
-        self._write(RANGE, {each.id: word(each.range_min) + word(each.range_max) for each in servos.values()})
-
-    def _write(self, address: int, values: dict[int, bytes]) -> None:
-        write_sure(self._bus, address, values)
+        ranges = {each.id: encode_word(each.range_min) + encode_word(each.range_max) for each in servos.values()}
+        write_verified(self._bus, RANGE, ranges)
 
 
 @contextmanager
 def calibrating(bus: Bus, ids: Mapping[str, int]) -> Iterator[Calibrating]:
-    """Let go of the arm and open the servos' memory; an error restores what they held.
+    """Switch torque off and unlock the servos' permanent memory; lock it at the end.
+
+    An error inside restores the old ranges and homing offsets.
 
     Raises:
-        SensorError: the servos don't answer, or are others.
+        SensorError: the servos do not answer, or are of another model.
     """
     before = identify(bus, ids)
     release(bus, tuple(ids.values()))
-    write_sure(bus, LOCK, dict.fromkeys(ids.values(), b"\x00"))
+    write_verified(bus, LOCK, dict.fromkeys(ids.values(), b"\x00"))
     try:
         yield Calibrating(bus, ids)
     except BaseException:
-        write_sure(bus, RANGE, {id_: data[6:10] for id_, data in zip(ids.values(), before, strict=True)})
-        write_sure(bus, OFFSET, {id_: data[28:30] for id_, data in zip(ids.values(), before, strict=True)})
+        write_verified(bus, RANGE, {id_: data[6:10] for id_, data in zip(ids.values(), before, strict=True)})
+        write_verified(bus, OFFSET, {id_: data[28:30] for id_, data in zip(ids.values(), before, strict=True)})
         raise
     finally:
-        write_sure(bus, LOCK, dict.fromkeys(ids.values(), b"\x01"))
+        write_verified(bus, LOCK, dict.fromkeys(ids.values(), b"\x01"))

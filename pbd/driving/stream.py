@@ -1,4 +1,7 @@
-"""Stream a motion, eased in from where the arm stands, at a steady rate, and stop at once when something is wrong."""
+"""Stream a motion to the servos at a constant rate, and stop at once if something is wrong.
+
+The motion is eased in from where the arm stands.
+"""
 
 from __future__ import annotations
 
@@ -10,42 +13,45 @@ import numpy as np
 
 from pbd.data import JointLimits, JointTrajectory
 from pbd.driving.arm import ServoArm, State
-from pbd.driving.counts import Counts
+from pbd.driving.encoder_counts import EncoderCounts
 from pbd.driving.watch import Watch
 from pbd.errors import PlanError, SensorError
 from pbd.pose import Array
 
 SLACK_DEG = 5.0
-"""How far beyond the model's limits an arm may stand, degrees, to be eased back: play, a zero set by eye (assumed)."""
+"""How far beyond the model's limits an arm may stand and still be eased back, degrees (assumed: play, a zero set by
+eye)."""
 
 LEAD_S, SETTLE_S = 0.5, 0.3
-"""s: from where the arm stands into the plan's first joints, at most SLACK_DEG away; and at its last ones."""
+"""Duration of the lead-in from where the arm stands to the plan's first joints, at most SLACK_DEG away, and of the hold
+at its last joints, s."""
 
 STALL_S = 0.1
-"""How late a goal may be, s: more, and the arm has stood still meanwhile."""
+"""How late a goal may be, s. If it is later, the arm has stood still in the meantime, so the motion ends."""
 
 
 class Clock:
-    """Time as the motion takes it, s since some instant. Tests run it faster."""
+    """The motion's time, s since some instant. Tests let it run faster."""
 
     def now(self) -> float:
-        """Say what time it is."""
+        """Return the present time, s."""
         return time.monotonic()
 
     def sleep_until(self, t: float) -> None:
-        """Sleep until `t` of the motion's time; not at all where it is past."""
+        """Sleep until the time `t`, s; return at once if it is past."""
         if (left := t - self.now()) > 0.0:
             time.sleep(left)
 
 
 @dataclass(frozen=True, eq=False)
-class Streamed:
-    """What became of a motion.
+class StreamResult:
+    """How a motion ended.
 
     Attributes:
-        t: s, how far the motion got.
-        periods: (sent - 1,) s between goals.
-        held: whether the arm was seen to take the goal that holds it (True where nothing was stopped).
+        t: how far the motion got, s.
+        periods: (sent - 1,) times between goals, s.
+        stopped: why it stopped early, or None.
+        held: whether the servos took the goal that holds the arm (True if nothing was stopped).
     """
 
     sent: int
@@ -56,13 +62,13 @@ class Streamed:
     held: bool = True
 
 
-def planned_start(counts: Counts, state: State, limits: JointLimits) -> tuple[float, ...]:
-    """Give the joints that a plan starts from, rad: as measured, within the model's limits.
+def planned_start(counts: EncoderCounts, state: State, limits: JointLimits) -> tuple[float, ...]:
+    """Return the joints that a plan starts from, rad: the measured ones, clipped to the model's limits.
 
     Raises:
-        PlanError: the arm stands far outside them.
+        PlanError: the arm stands more than SLACK_DEG outside them.
     """
-    q = counts.joints(state.counts)
+    q = counts.to_joints(state.counts)
     inside = np.clip(q, limits.lower, limits.upper)
     worst = int(np.argmax(np.abs(q - inside)))
     if np.degrees(abs(q - inside)[worst]) > SLACK_DEG:
@@ -73,13 +79,13 @@ def planned_start(counts: Counts, state: State, limits: JointLimits) -> tuple[fl
     return tuple(inside.tolist())
 
 
-def goals_of(
-    counts: Counts, trajectory: JointTrajectory, state: State, rate_hz: float, stroke_s: float
+def sample_goals(
+    counts: EncoderCounts, trajectory: JointTrajectory, state: State, rate_hz: float, stroke_s: float
 ) -> tuple[Array, Array]:
-    """Sample a motion that starts where the arm was measured.
+    """Sample a motion as goals, with a lead-in from where the arm was measured.
 
     Returns:
-        Instants of the plan (n,) s, below 0 in the lead-in, and goals (n, k + 1), counts, not rounded.
+        The plan's times (n,) s, below 0 in the lead-in, and goals (n, k + 1), counts, not rounded.
 
     Raises:
         PlanError: a goal lies outside the calibrated range.
@@ -88,15 +94,16 @@ def goals_of(
     steps = int(np.ceil(trajectory.duration * rate_hz)) + settle
     t = np.arange(-lead, steps + 1) / rate_hz
     samples = trajectory.at(np.maximum(t, 0.0))
-    goals = counts.of(samples.q, samples.gripper)
-    counts.check_reach(t[lead:], goals[lead:])
+    goals = counts.from_joints(samples.q, samples.gripper)
+    counts.check_range(t[lead:], goals[lead:])
     eased = 0.5 * (1.0 - np.cos(np.pi * np.clip(1.0 + t / LEAD_S, 0.0, 1.0)))[:, None]
     goals[:, :-1] = state.counts[:-1] + eased * (goals[:, :-1] - state.counts[:-1])
-    most = (counts.upper[-1] - counts.lower[-1]) / (stroke_s * rate_hz)  # the fingers may stand anywhere at the start
-    at = float(state.counts[-1])
+    # The fingers may stand anywhere at the start, so their speed is limited instead.
+    most = (counts.upper[-1] - counts.lower[-1]) / (stroke_s * rate_hz)
+    fingers = float(state.counts[-1])
     for goal in goals:
-        at += float(np.clip(goal[-1] - at, -most, most))
-        goal[-1] = at
+        fingers += float(np.clip(goal[-1] - fingers, -most, most))
+        goal[-1] = fingers
     return t, goals
 
 
@@ -109,11 +116,11 @@ def stream(
     stop_wanted: Callable[[], bool],
     dry_run: bool = False,
     stall_s: float = STALL_S,
-) -> Streamed:
-    """Give goals (n, k + 1), counts, one each period; with `dry_run` only look.
+) -> StreamResult:
+    """Send goals (n, k + 1), counts, one each period; with `dry_run` only read the servos.
 
-    Each period reads the servos and then gives the next goal. A late goal moves all that follow: goals never jump.
-    A stop gives the servos the place at which they were last seen, and returns.
+    Each period reads the servos and then sends the next goal. A late goal delays all that follow, so goals never jump.
+    A stop sends the servos their last measured position as the goal, and returns.
     """
     period, k = 1.0 / rate_hz, 0
     times: list[float] = []
@@ -129,14 +136,14 @@ def stream(
             if k and now - due > stall_s:
                 raise SensorError(f"this computer was busy for {now - due:.2f} s: close other programs")
             state = arm.state()
-            watch.look(state)
+            watch.check(state)
             if not dry_run:
-                arm.go(goal)
-            watch.goal(goal)
+                arm.send_goals(goal)
+            watch.add_goal(goal)
             times.append(now)
             due = max(due, now - 0.5 * period) + period
         else:
-            return Streamed(len(goals), len(goals) / rate_hz, np.diff(times))
+            return StreamResult(len(goals), len(goals) / rate_hz, np.diff(times))
     except SensorError as error:
         why = error
     held = True
@@ -145,4 +152,4 @@ def stream(
             arm.hold(state.counts)
         except SensorError:
             held = False
-    return Streamed(k, k / rate_hz, np.diff(times), why, by_hand=why is None, held=held)
+    return StreamResult(k, k / rate_hz, np.diff(times), why, by_hand=why is None, held=held)

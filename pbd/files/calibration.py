@@ -14,13 +14,13 @@ from pbd.pose import Array, Pose
 
 FORMAT = 1
 SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
-"""Shapes of an object, and the number of sizes each has."""
+"""Shapes of an object, and the number of sizes of each."""
 
 REACH_M = 10.0
-"""Farthest point or obstacle, and largest obstacle, m: no arm comes near another."""
+"""Largest coordinate of a point or an obstacle, and largest size of an obstacle, m: out of any arm's reach."""
 
 FARTHEST_M = 1000.0
-"""Farthest position in a pose, m: a sensor, a tool or a dock is much nearer to its arm."""
+"""Largest coordinate of a pose, m. A sensor, a tool or a dock is much nearer to its arm."""
 
 FULL_TURN_DEG = 360.0
 """Largest angle of a pose, degrees."""
@@ -30,13 +30,14 @@ def load_calibration(name: str | Path) -> Calibration:
     """Load a calibration by name (./calibration, then the bundled ones) or path.
 
     Raises:
-        CalibrationError: nothing of that name (the valid ones are listed), or a key is missing, unknown or wrong.
+        CalibrationError: there is none of that name (the valid names are listed), or a key is missing, unknown or
+            wrong.
     """
     return read_calibration(find("calibration", name, ".toml", CalibrationError))
 
 
 def read_calibration(path: Path) -> Calibration:
-    """Read a calibration file; a CalibrationError says path, line and key."""
+    """Read a calibration file; a CalibrationError tells path, line and key."""
     top = read_toml(path, CalibrationError)
     top.format(FORMAT)
     if "dock" in top and "nav" in top:
@@ -70,19 +71,22 @@ def read_calibration(path: Path) -> Calibration:
 
 
 def read_pose(section: Section, position: str = "position", within_m: float = FARTHEST_M) -> Pose:
-    """Read a table with a position in m and `rpy_deg` (about x, then fixed y, then fixed z)."""
+    """Read a table with a position, m, and `rpy_deg`, degrees about x, then fixed y, then fixed z."""
     p, rpy_deg = section.numbers(position, 3, within=within_m), section.numbers("rpy_deg", 3, within=FULL_TURN_DEG)
     return Pose.from_rpy(p, np.radians(rpy_deg))
 
 
 def read_shape(section: Section) -> tuple[str, tuple[float, ...]]:
-    """Read an object's `shape` and its `size` in m."""
+    """Read an object's `shape` and its `size`, m."""
     count = section.choice("shape", SHAPES)
     return section.text("shape"), section.numbers("size", count, positive=True)
 
 
 def _covariance(section: Section | None) -> Array | None:
-    """Of a pose, (6, 6) m and rad, position and rotation vector: whole, or as sigmas; None where neither is given."""
+    """Read a pose's covariance (6, 6), position in m and rotation vector in rad: `covariance`, or else the sigmas.
+
+    None if the table has none of these.
+    """
     if section is None:
         return None
     sigma_m, sigma_deg = section.numbers("sigma_m", 3, None), section.numbers("sigma_deg", 3, None)

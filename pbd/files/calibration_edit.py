@@ -1,4 +1,4 @@
-"""Write one part of calibration/NAME.toml and leave the rest, comments and all, as a person wrote it."""
+"""Write one part of calibration/NAME.toml and keep the rest as a person wrote it, with its comments."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ Values = Mapping[str, tuple[Value | None, str]]
 
 
 def calibration_file(name: str) -> Path:
-    """Say where a calibration is written: ./calibration/NAME.toml, or the path that was given.
+    """Return the path of a calibration: ./calibration/NAME.toml, or the given path.
 
-    A path that leads upwards must be spelled as a file's, with .toml. CalibrationError: nothing could have that name.
+    A path with `..` must end in .toml. CalibrationError: this can't be a calibration's name.
     """
     path = Path(name)
     word = path.name.removesuffix(".toml")
@@ -50,23 +50,22 @@ def update_calibration(
     robots: Sequence[str] = (),
     scale: float | None = None,
 ) -> None:
-    """Set keys of some tables; what else stands in the file stays. The file appears whole or not at all.
+    """Set keys of some tables and keep the rest of the file. The file is replaced atomically.
 
-    Where there is no such file yet, it begins as a copy of the bundled one of that name, if there is one.
+    A new file starts as a copy of the bundled calibration of its name, if there is one.
 
     Args:
-        path: of the file; its folder is made.
-        parts: by table ("dock", "sensor.acc"), in order: its keys, each with its value (None takes the key out) and a
-            comment for a key that is new.
-        instead: tables that are renamed first, old to new.
-        robots: for which, of a file that is new.
-        scale: None leaves it.
+        path: the file; its folder is made.
+        parts: table ("dock", "sensor.acc") -> key -> its value (None removes the key) and a comment for a new key.
+        instead: tables to rename first, old name -> new name.
+        robots: the `robots` of a new file.
+        scale: the new scale; None keeps the old one.
 
     Raises:
-        CalibrationError: what is there can't be read, or makes no sense with the new parts.
-        PbdError: the place can't be written.
+        CalibrationError: the file can't be read, or is not valid with the new parts.
+        PbdError: the path can't be written.
     """
-    document = _opened(path, instead, robots)
+    document = _document(path, instead, robots)
     if scale is not None:
         document["scale"] = round(scale, 5)
     for part, values in parts.items():
@@ -75,18 +74,18 @@ def update_calibration(
 
 
 def pose_values(pose: Pose, where: str, cov: Array) -> dict[str, tuple[Value | None, str]]:
-    """A pose and its covariance (6, 6), m and rad: as sigmas where it is diagonal, else whole.
+    """Return the keys of a pose and its covariance (6, 6), m and rad, which is written out unless it is diagonal.
 
-    What has no variance was not measured (a lever alone, or a rotation alone), so no sigma is written of it.
+    A position or rotation without variance was not measured, so its sigma is not written.
     """
     sigma = np.sqrt(np.diagonal(cov))
-    place, turn = sigma[:3], np.degrees(sigma[3:])
+    sigma_m, sigma_deg = sigma[:3], np.degrees(sigma[3:])
     diagonal = not (cov - np.diag(np.diagonal(cov))).any()
     return {
         "position": (_rounded(pose.p, 5), f"m, {where}"),
         "rpy_deg": (_rounded(np.degrees(quat_to_rpy(pose.wxyz)), 4), "about x, then fixed y, then fixed z"),
-        "sigma_m": (_rounded(place, 6) if place.any() else None, "one sigma of the position"),
-        "sigma_deg": (_rounded(turn, 4) if turn.any() else None, "one sigma of the rotation, about x, y and z"),
+        "sigma_m": (_rounded(sigma_m, 6) if sigma_m.any() else None, "one sigma of the position"),
+        "sigma_deg": (_rounded(sigma_deg, 4) if sigma_deg.any() else None, "one sigma of the rotation, about x, y, z"),
         "covariance": (
             None if diagonal else [float(f"{x:.9g}") for x in cov.ravel()],
             "m and rad, 6 x 6: used instead of the sigmas above, which are only for reading",
@@ -95,7 +94,7 @@ def pose_values(pose: Pose, where: str, cov: Array) -> dict[str, tuple[Value | N
 
 
 def existing_calibration(name: str) -> tuple[Path, Calibration]:
-    """A calibration's file, and what is in it; a new one starts as the bundled one of its name, or empty."""
+    """Return a calibration's path and content. A new one has the bundled one's content, or none."""
     path = calibration_file(name)
     source = _source(path)
     return path, Calibration(path.stem) if source is None else read_calibration(source)
@@ -105,9 +104,10 @@ def _source(path: Path) -> Path | None:
     return next((file for file in (path, bundled("calibration") / path.name) if file.is_file()), None)
 
 
-def _opened(path: Path, instead: Mapping[str, str], robots: Sequence[str]) -> tomlkit.TOMLDocument:
+def _document(path: Path, instead: Mapping[str, str], robots: Sequence[str]) -> tomlkit.TOMLDocument:
+    """Parse the file, or its bundled original, or start a new one."""
     if source := _source(path):
-        read_calibration(source)  # reports errors with their line
+        read_calibration(source)  # its errors tell the line
         text = read_text(source, CalibrationError, "give the path of a TOML file")
         for old, new in instead.items():
             text = re.sub(rf"(?m)^(\s*\[\s*){old}(\s*\])", rf"\g<1>{new}\g<2>", text)
@@ -122,22 +122,22 @@ def _opened(path: Path, instead: Mapping[str, str], robots: Sequence[str]) -> to
 
 
 def _table(document: tomlkit.TOMLDocument, part: str) -> Table:
-    """The table of a dotted name, made where it is missing."""
-    inside: Any = document
+    """Return the table of a dotted name; make it if it is missing."""
+    table: Any = document
     for name in part.split("."):
-        if not isinstance(inside.get(name), Table):
-            if inside is document:
+        if not isinstance(table.get(name), Table):
+            if table is document:
                 document.add(tomlkit.nl())
-            inside[name] = tomlkit.table()
-        inside = inside[name]
-    assert isinstance(inside, Table)
-    return inside
+            table[name] = tomlkit.table()
+        table = table[name]
+    assert isinstance(table, Table)
+    return table
 
 
 def _fill(table: Table, values: Values) -> None:
-    body, after = table.value.body, []
+    body, trailing = table.value.body, []
     while body and body[-1][0] is None:
-        after.append(body.pop()[1])  # comments there are about the next table: new keys go before them
+        trailing.append(body.pop()[1])  # comments at the end belong to the next table: new keys go before them
     for key, (value, comment) in values.items():
         if value is None:
             if key in table:
@@ -152,12 +152,13 @@ def _fill(table: Table, values: Values) -> None:
             if comment:
                 item.comment(comment)
             table.add(key, item)
-    for remark in reversed(after):
-        assert isinstance(remark, Comment | Whitespace)
-        table.add(remark)
+    for item in reversed(trailing):
+        assert isinstance(item, Comment | Whitespace)
+        table.add(item)
 
 
 def _item(value: Value) -> Any:
+    """Make the TOML item of a value. A list of nine or more numbers is a square matrix, with one row a line."""
     if isinstance(value, str) or not isinstance(value, Sequence):
         return tomlkit.item(value)
     if len(value) < 9:
@@ -170,4 +171,4 @@ def _item(value: Value) -> Any:
 
 
 def _rounded(values: Array, decimals: int) -> list[float]:
-    return [round(float(x), decimals) + 0.0 for x in values]
+    return [round(float(x), decimals) + 0.0 for x in values]  # + 0.0: no -0.0

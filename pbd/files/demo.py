@@ -1,4 +1,4 @@
-"""A demonstration's folder: demo.toml, imu.csv and, optionally, truth.csv and keyframes.toml."""
+"""Reading and writing a demonstration's folder: demo.toml, imu.csv and, optionally, truth.csv and keyframes.toml."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from pbd.pose import Array
 
 FORMAT = 1
 RATES_HZ = (1e-6, 1e6)
-"""Lowest and highest rate of a recording: a sample in eleven days; faster than any sensor."""
+"""Lowest and highest rate of a recording, Hz: one sample in eleven days, and faster than any sensor."""
 
 TRUTH = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
 
@@ -37,7 +37,7 @@ def load_demo(name: str | Path) -> Demonstration:
     """Load a demonstration: a name (./demos, then the bundled ones), a folder, or a file that an importer knows.
 
     Raises:
-        RecordingError: nothing of that name (the valid ones are listed), or what is there can't be read.
+        RecordingError: there is none of that name (the valid names are listed), or it can't be read.
     """
     path = find("demos", name, "", RecordingError)
     if path.is_dir():
@@ -48,7 +48,7 @@ def load_demo(name: str | Path) -> Demonstration:
 
 
 def newest_demo() -> str:
-    """Name the demonstration meant where none is named: the newest in ./demos, else the bundled `pouring`."""
+    """Return the name of the default demonstration: the newest recorded one in ./demos, else the bundled `pouring`."""
     recorded: list[tuple[str, str]] = []
     for file in Path("demos").glob("*/demo.toml"):
         with suppress(RecordingError):
@@ -59,7 +59,7 @@ def newest_demo() -> str:
 
 
 def read_demo(folder: Path) -> Demonstration:
-    """Read a demonstration's folder; a RecordingError says the file, and line and column where they are known."""
+    """Read a demonstration's folder; a RecordingError tells the file and, if known, line and column."""
     _refuse_without(folder, "demo.toml")
     top = read_toml(folder / "demo.toml", RecordingError)
     top.format(FORMAT)
@@ -71,14 +71,14 @@ def read_demo(folder: Path) -> Demonstration:
         clock=top.text("clock", ""),
     )
     grip = tuple(GripEvent(event.number("t_s"), event.flag("closed")) for event in top.tables("grip"))
-    thing = top.section("object", None)
-    known: dict[str, Any] = {
+    grasped = top.section("object", None)
+    optional: dict[str, Any] = {
         "notes": top.text("notes", ""),
         "bundled": top.flag("bundled", False),
         "closed": top.flag("closed", False),
         "places": tuple(map(_read_place, top.tables("place"))),
         "contacts": tuple(map(_read_contact, top.tables("contact"))),
-        "grasped": thing and GraspedObject(*read_shape(thing), thing.number("mass_kg", None, positive=True)),
+        "grasped": grasped and GraspedObject(*read_shape(grasped), grasped.number("mass_kg", None, positive=True)),
     }
     takes = _read_takes(top.tables("take"), folder)
     top.done()
@@ -87,11 +87,11 @@ def read_demo(folder: Path) -> Demonstration:
     recording = replace(takes[0].recording, info=info) if takes else None
     recording = recording or _read_recording(read_table(folder / "imu.csv"), grip, info)
     if os.path.lexists(truth := folder / "truth.csv"):
-        true = read_table(truth).columns(*TRUTH)
-        known["truth"] = Truth(true[:, 0], true[:, 1:4], true[:, 4:])
+        values = read_table(truth).columns(*TRUTH)
+        optional["truth"] = Truth(values[:, 0], values[:, 1:4], values[:, 4:])
     if os.path.lexists(edited := folder / keyframes.NAME):
-        known |= {"keyframes": keyframes.read_keyframes(edited), "touch_ups": keyframes.read_touch_ups(edited)}
-    return Demonstration(recording, folder=folder, takes=takes, **known)
+        optional |= {"keyframes": keyframes.read_keyframes(edited), "touch_ups": keyframes.read_touch_ups(edited)}
+    return Demonstration(recording, folder=folder, takes=takes, **optional)
 
 
 def _refuse_without(folder: Path, name: str) -> None:
@@ -100,15 +100,15 @@ def _refuse_without(folder: Path, name: str) -> None:
 
 
 def _read_takes(sections: Sequence[Section], folder: Path) -> tuple[Demonstration, ...]:
-    """The demonstrations that one is made of, each a folder by its path from this one."""
+    """Read the takes of a fused demonstration; `demo` is a take's path relative to `folder`."""
     takes: list[Demonstration] = []
     for section in sections:
-        place = folder / section.text("demo")
-        if not (place / "demo.toml").is_file():
-            section.fail("demo", f"names {place}, where there is no demonstration", "correct it, or remove it")
-        if "take" in read_toml(place / "demo.toml", RecordingError):
-            section.fail("demo", f"names {place}, which is made of takes itself", "list its takes here instead")
-        takes.append(read_demo(place))
+        take = folder / section.text("demo")
+        if not (take / "demo.toml").is_file():
+            section.fail("demo", f"names {take}, where there is no demonstration", "correct it, or remove it")
+        if "take" in read_toml(take / "demo.toml", RecordingError):
+            section.fail("demo", f"names {take}, which is made of takes itself", "list its takes here instead")
+        takes.append(read_demo(take))
     if len(takes) == 1:
         sections[0].fail("demo", "is the only [[take]]", "add another, or use that demonstration as it is")
     return tuple(takes)
@@ -117,16 +117,16 @@ def _read_takes(sections: Sequence[Section], folder: Path) -> tuple[Demonstratio
 def write_demo(
     demo: Demonstration, folder: Path, force: bool = False, beside: Mapping[str, str] = MappingProxyType({})
 ) -> None:
-    """Write a demonstration's folder; nothing is there under its name before it is complete.
+    """Write a demonstration's folder atomically.
 
     Args:
-        demo: what is written.
-        folder: where.
+        demo: the demonstration.
+        folder: its path.
         force: replace a demonstration of that name.
-        beside: files of the folder that tracking doesn't read, as text by name.
+        beside: further files, name -> text, that tracking does not read.
 
     Raises:
-        RecordingError: the folder exists (unless `force`), is one of its takes, or can't be written.
+        RecordingError: the folder exists (without `force`), is one of the demonstration's takes, or can't be written.
     """
     refuse_demo_folder(folder, force)
     refuse_own_take(demo, folder)
@@ -141,7 +141,7 @@ def write_demo(
 
 
 def refuse_demo_folder(folder: Path, force: bool) -> None:
-    """Refuse to write over anything, unless `force` and it is a demonstration, and where nothing can be written."""
+    """Refuse a path that can't be written, or that exists, unless it is a demonstration and `force`."""
     if not os.path.lexists(folder):
         return refuse_folder(folder, RecordingError)
     if not force:
@@ -155,14 +155,14 @@ def refuse_demo_folder(folder: Path, force: bool) -> None:
     with suppress(OSError), (folder / "imu.csv").open() as imu:
         try:
             fcntl.flock(imu, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:  # RecordingWriter holds it
+        except BlockingIOError:  # RecordingWriter holds the lock while it records
             what = f"{folder} is being recorded; end that first, or give another name"
             raise RecordingError(what, path=folder) from None
     return refuse_folder(folder.parent, RecordingError)
 
 
 def refuse_own_take(demo: Demonstration, folder: Path) -> None:
-    """Refuse to put a demonstration where one of its takes is, whose recording would be lost."""
+    """Refuse a path that is one of the demonstration's takes: the take's recording would be lost."""
     for take in demo.takes:
         if take.folder is not None and take.folder.resolve() == folder.resolve():
             what = f"{folder} is one of the takes, and its recording would be lost; give another name"
@@ -170,7 +170,7 @@ def refuse_own_take(demo: Demonstration, folder: Path) -> None:
 
 
 def demo_folder(name: str) -> Path:
-    """Say where a new demonstration goes: ./demos/NAME, or the path given; RecordingError: it can't be a name."""
+    """Return the path of a new demonstration: ./demos/NAME, or the given path; RecordingError: it can't be a name."""
     path = Path(name)
     if path.name in ("", "..") or name.startswith("~"):
         raise RecordingError(f"'{name}' can't be a demonstration's name; give a word, or a folder's path", value=name)
@@ -178,23 +178,32 @@ def demo_folder(name: str) -> Path:
 
 
 def shell_word(folder: Path) -> str:
-    """Write a demonstration as a shell takes it: by its name in ./demos, else by its path."""
+    """Return a demonstration's name, or its path outside ./demos, quoted for a shell."""
     word = folder.name if folder.parent == Path("demos") else str(folder)
     return shlex.quote(f"./{folder}" if word[0] in "-~" else word)
 
 
 def utc_now() -> str:
-    """Say when it is, in UTC, as demo.toml has it."""
+    """Return the present time in UTC, in demo.toml's format."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def demo_toml(demo: Demonstration, name: str, folder: Path | None = None) -> str:
-    """Write demo.toml's text; takes as seen from its folder, where each must be a demonstration's (RecordingError)."""
+    """Return the text of demo.toml.
+
+    Args:
+        demo: the demonstration.
+        name: its name.
+        folder: its path, from which the paths of takes count.
+
+    Raises:
+        RecordingError: a take is not a demonstration's folder.
+    """
     import tomlkit
 
     recording, info = demo.recording, demo.recording.info
     rate_hz = info.rate_hz or (recording.rate_hz if len(recording) > 1 else None)
-    thing = demo.grasped
+    grasped = demo.grasped
     values: dict[str, Any] = {
         "format": FORMAT,
         "name": name,
@@ -205,8 +214,8 @@ def demo_toml(demo: Demonstration, name: str, folder: Path | None = None) -> str
         "notes": demo.notes.strip() and demo.notes,
         "bundled": demo.bundled,
         "closed": demo.closed,
-        "object": thing and _without_none(shape=thing.shape, size=thing.size, mass_kg=thing.mass),
-        "take": [{"demo": _from(folder, take)} for take in demo.takes],
+        "object": grasped and _without_none(shape=grasped.shape, size=grasped.size, mass_kg=grasped.mass),
+        "take": [{"demo": _relative_path(folder, take)} for take in demo.takes],
         "grip": [{"t_s": round(event.t, 4), "closed": event.closed} for event in recording.grip if not demo.takes],
         "place": [_without_none(t_s=p.t, position_m=p.p_base_tool, sigma_m=p.sigma_m) for p in demo.places],
         "contact": [
@@ -216,7 +225,7 @@ def demo_toml(demo: Demonstration, name: str, folder: Path | None = None) -> str
     return tomlkit.dumps({key: value for key, value in values.items() if value})
 
 
-def _from(folder: Path | None, take: Demonstration) -> str:
+def _relative_path(folder: Path | None, take: Demonstration) -> str:
     if take.folder is None or folder is None:
         name = take.recording.info.name
         raise RecordingError(f"'{name}' is no demonstration's folder, so it can't be a take; `pbd import` it first")
@@ -224,7 +233,7 @@ def _from(folder: Path | None, take: Demonstration) -> str:
 
 
 def _without_none(**values: Any) -> dict[str, Any]:
-    """Values that there are; TOML has no tuples."""
+    """Remove None, and turn tuples, which TOML doesn't have, into lists."""
     given = {key: value for key, value in values.items() if value is not None}
     return {key: list(value) if isinstance(value, tuple) else value for key, value in given.items()}
 
@@ -249,10 +258,10 @@ def _read_recording(table: Table, grip: tuple[GripEvent, ...], info: RecordingIn
 def _imu_columns(recording: Recording) -> tuple[tuple[str, ...], Array, tuple[int, ...]]:
     device = None if recording.device_rpy is None else compass_angles(recording.device_rpy)
     values = {"gyr": recording.gyr, "acc": recording.acc, "mag": recording.mag, "device": device}
-    there = {name: array for name, array in values.items() if array is not None}
-    header = ("t", *(column for name in there for column in CHANNELS[name][0]))
-    decimals = (6, *(CHANNELS[name][1] for name in there for _ in range(3)))
-    return header, np.hstack((recording.t[:, None], *there.values())), decimals
+    present = {name: array for name, array in values.items() if array is not None}
+    header = ("t", *(column for name in present for column in CHANNELS[name][0]))
+    decimals = (6, *(CHANNELS[name][1] for name in present for _ in range(3)))
+    return header, np.hstack((recording.t[:, None], *present.values())), decimals
 
 
 def _read_place(section: Section) -> Place:

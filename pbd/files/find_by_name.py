@@ -1,4 +1,4 @@
-"""Look up robots, calibrations and demonstrations by name: the user's own folder first, then the bundled ones."""
+"""Find robots, calibrations and demonstrations by name: first in the user's own folder, then among the bundled ones."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from pbd.io.atomic import exists, is_folder
 
 
 def bundled(kind: str) -> Path:
-    """Return the folder that comes with pbd: inside an installed wheel, or at the top of a checkout."""
+    """Return the folder that comes with pbd: inside the package of a wheel, or beside the package in a checkout."""
     package = Path(__file__).parent.parent
     inside = package / "bundled" / kind
     return inside if inside.is_dir() else package.parent / kind
 
 
 def names(kind: str, suffix: str) -> list[str]:
-    """Name everything of a kind ("robots", "calibration": .toml; "demos": folders), the user's and the bundled."""
+    """List all names of a kind ("robots" and "calibration" with the suffix .toml, "demos" with ""), sorted."""
     return sorted(
         {_name(entry, suffix) for folder in (Path(kind), bundled(kind)) for entry in _entries(folder, suffix)}
     )
 
 
 def bundled_names(kind: str, suffix: str) -> list[str]:
-    """Name what comes with pbd."""
+    """List the names that come with pbd."""
     return [_name(entry, suffix) for entry in _entries(bundled(kind), suffix)]
 
 
 def find(kind: str, name: str | Path, suffix: str, error: type[PbdError]) -> Path:
-    """Find `name` of a kind: in ./KIND, else bundled, else a path as it is given; `error` lists the valid names."""
+    """Find a name in ./KIND, then among the bundled ones, then as a path; `error` lists the valid names."""
     name = os.fspath(name)
     for folder in (Path(kind), bundled(kind)):
         for entry in _entries(folder, suffix):
@@ -39,7 +39,7 @@ def find(kind: str, name: str | Path, suffix: str, error: type[PbdError]) -> Pat
     if exists(given) and not (suffix and is_folder(given)):
         return given
     if not suffix and is_folder(Path(kind) / name):
-        return Path(kind) / name  # which is no demonstration: reading it says what it lacks
+        return Path(kind) / name  # not a demonstration: reading it tells what is missing
     valid = names(kind, suffix)
     what = {"demos": "demonstration", "robots": "robot"}.get(kind, kind)
     known = f"known are {', '.join(valid)}{nearest(name, valid)}" if valid else f"none is known; put one into ./{kind}"
@@ -53,5 +53,5 @@ def _name(entry: Path, suffix: str) -> str:
 
 
 def _entries(folder: Path, suffix: str) -> list[Path]:
-    """Files with the suffix, or, without one, folders that hold a demonstration."""
+    """Return the files with the suffix, or, without one, the folders of demonstrations."""
     return sorted(folder.glob(f"*{suffix}") if suffix else (path.parent for path in folder.glob("*/demo.toml")))

@@ -1,4 +1,4 @@
-"""Where the header stands in a table that another program wrote."""
+"""Find the header of a table that another program wrote."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import re
 from collections.abc import Sequence
 
 HEADER_CELLS = 4
-"""Least number of cells in the header line (t, ax, ay, az). Remarks may precede it."""
+"""Least number of cells of a header (t, ax, ay, az). The lines of a preamble have fewer."""
 
 
 def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
-    """The header's line, and how many lines of units are below it (0 or 1); None where no line is wide.
+    """Return the header's index and the number of lines with units below it (0 or 1); None if no line is wide enough.
 
-    The header is the last wide line above the first row of numbers: what stands higher up are remarks.
+    The header is the last wide line above the first row of numbers, or the one before it if the last has the units.
     """
     wide = [k for k, line in enumerate(lines) if max(map(line.count, ",;\t")) >= HEADER_CELLS - 1]
     if not wide:
@@ -25,12 +25,12 @@ def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
     delimiter = max(",;\t", key=lines[header].count)
     cells = [cell.strip() for cell in lines[header].split(delimiter) if cell.strip()]
     if len(above) > 1 and len(set(cells)) < len(cells) and len(lines[above[-2]].split(delimiter)) >= len(cells):
-        return above[-2], header - above[-2]  # units repeat, names don't
+        return above[-2], header - above[-2]  # cells that repeat are units: names don't repeat
     return header, 0
 
 
 def _is_row(line: str) -> bool:
-    # A comma is a decimal mark where other delimiters are there.
+    # Between other delimiters, a comma is a decimal mark.
     delimiter = next((mark for mark in ";\t" if line.count(mark) >= HEADER_CELLS - 1), ",")
     cells = [cell.strip() for cell in line.split(delimiter) if cell.strip()]
     numbers = sum(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?|nan", cell) is not None for cell in cells)
@@ -38,6 +38,6 @@ def _is_row(line: str) -> bool:
 
 
 def with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
-    """Append each unit to its column's name: `acc_x`, `g` -> `acc_x (g)`."""
+    """Append each unit to its column's name: `acc_x` and `g` become `acc_x (g)`."""
     given = [*units, *[""] * (len(header) - len(units))]
     return [f"{name} ({unit})" if unit and name else name for name, unit in zip(header, given, strict=False)]

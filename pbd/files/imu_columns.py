@@ -10,19 +10,19 @@ GYR, ACC, MAG = ("gx", "gy", "gz"), ("ax", "ay", "az"), ("mx", "my", "mz")
 DEVICE = ("heading", "pitch", "roll")
 
 CHANNELS = {"gyr": (GYR, 7), "acc": (ACC, 6), "mag": (MAG, 4), "device": (DEVICE, 6)}
-"""Channel -> its columns and decimals, in their order in the file."""
+"""Channel -> its columns and their number of decimals, in the file's order."""
 
 
 def device_rpy(angles: Array) -> Array:
-    """Roll, pitch, yaw about x, y, z of ENU from a compass' heading, pitch, roll: (n, 3) -> (n, 3) rad.
+    """Convert a compass' heading, pitch, roll (n, 3) to roll, pitch, yaw (n, 3) about x, y, z of ENU, rad.
 
-    A compass counts its heading clockwise from north and its pitch nose up; yaw counts from east, the other way round.
+    A compass counts heading clockwise from north and pitch nose up; yaw counts counterclockwise from east.
     """
     heading, pitch, roll = angles.T
     return np.column_stack((roll, -pitch, 0.5 * np.pi - heading))
 
 
 def compass_angles(rpy: Array) -> Array:
-    """Heading in 0..2 pi, pitch, roll: the inverse of `device_rpy`."""
+    """Convert to heading in 0..2 pi, pitch, roll: the inverse of `device_rpy`."""
     roll, pitch, yaw = rpy.T
     return np.column_stack((np.mod(0.5 * np.pi - yaw, 2.0 * np.pi), -pitch, roll))

@@ -1,7 +1,7 @@
-"""An arm's present joints, from a file that another program wrote.
+"""An arm's present joint positions, from JSON or from `ros2 topic echo /joint_states`.
 
-A list is in the joints' order. An object names joints, and so does a /joint_states message, as JSON or as
-`ros2 topic echo` prints it: joints that are not the arm's, fingers say, are left out.
+JSON is a list in the order of the arm's joints, an object joint -> position, or a /joint_states message. Other joints,
+such as fingers, are ignored.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from pbd.io.numbers import finite
 from pbd.io.read_file import read_text
 
 NAME, POSITION = "name", "position"
-"""The fields of a sensor_msgs/JointState that are read. Its positions are always in rad and m."""
+"""The fields of a sensor_msgs/JointState that are read. Its positions are in rad, or m for sliding joints."""
 
 LARGEST_POSITION = 1e6
-"""Largest joint position, in any unit: beyond every turn of an endless joint."""
+"""Largest joint position, in any unit: an endless joint turns less often."""
 
 
 def read_joints(
     given: str, names: Sequence[str], unit: str = "rad", per_si: Sequence[float] | None = None
 ) -> tuple[float, ...]:
-    """Read joints, return them in rad (m where they slide).
+    """Read joint positions, and return them in rad (m for sliding joints).
 
     Args:
-        given: JSON or a file.
+        given: JSON, or the path of a file.
         names: the arm's joints.
-        unit: of what is not a message, for the error.
-        per_si: how many of these units make a rad, or a m, for each joint; one, where left out.
+        unit: the unit's name, for errors; a message is always in rad and m.
+        per_si: each joint's number of units in a rad, or in a m; None: 1.
 
     Raises:
-        PbdError: the file can't be read, a joint is missing, or one has no number.
+        PbdError: the file can't be read, a joint is missing, or a position is not a number.
     """
     text, what = given, "--from"
     if not given.lstrip().startswith(("[", "{")):
@@ -61,8 +61,8 @@ def read_joints(
 
 
 def _echoed(text: str) -> dict[str, list[object]] | None:
-    """Read names and positions as `ros2 topic echo` prints them, one a line; None where it isn't that."""
-    message = re.split(r"(?m)^---", text)[0]  # what follows is the next message
+    """Parse names and positions as `ros2 topic echo` prints them, one a line; None if the text is something else."""
+    message = re.split(r"(?m)^---", text)[0]  # the rest is the next message
     found: dict[str, list[object]] = {}
     for part in (NAME, POSITION):
         block = re.search(rf"(?m)^{part}:.*\n((?:[- ].*(?:\n|\Z))*)", message)

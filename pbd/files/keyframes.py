@@ -1,4 +1,4 @@
-"""keyframes.toml in a demonstration's folder: edited keyframes, which replace the tracked ones."""
+"""keyframes.toml in a demonstration's folder: keyframes to edit, which replace the tracked ones."""
 
 from __future__ import annotations
 
@@ -27,39 +27,39 @@ FORMAT = 1
 NAME = "keyframes.toml"
 GRIPS = {"closes": True, "opens": False}
 ORIGIN_M = 1e-3
-"""Largest coordinate of the first keyframe, m: it is the origin of nav."""
+"""Largest coordinate of the first keyframe, m. It is the origin of nav; this much is left for rounding."""
 
 LEAST_M, LEAST_DEG = 1e-4, 0.01
-"""Least tolerance that is written, m and degrees: what a hand was taught to meet exactly would be rounded to none."""
+"""Smallest tolerance that is written, m and degrees. A smaller one would be rounded to zero."""
 
 LARGEST_M = 5.0
-"""Farthest keyframe from the dock, m: twice the reach of a large arm. A farther one was likely meant in centimetres."""
+"""Largest distance of a keyframe from the dock along an axis, m: twice the reach of a large arm."""
 
 LARGEST_NUDGE_M = 0.5
-"""Largest nudge along an axis, m: a larger one is another keyframe, or was meant in millimetres."""
+"""Largest nudge along an axis, m. A larger one was probably meant in millimetres."""
 
 LONG_DWELL_S = 60.0
-"""Longest dwell, s, without a warning: milliseconds may have been meant."""
+"""Longest dwell without a warning, s. A longer one was probably meant in milliseconds."""
 
 HEAD = """\
-# The keyframes of '{name}': where the hand stopped. While this file is here, it replaces what tracking finds.
+# The keyframes of '{name}': where the hand stopped. While this file exists, it replaces what tracking finds.
 # Edit it as you like; `pbd keyframes {word}` shows the result, and the line of a mistake.
-#   drop      remove a [[keyframe]] and its lines; the first one is the dock, it stays as it is
+#   drop      remove a [[keyframe]] and its lines; the first one is the dock and must stay as it is
 #   insert    copy a [[keyframe]], with a time between its neighbours'
-#   nudge     position_m is the sensor's, in metres from the dock: {axes}, z up;
-#             rpy_deg is its roll, pitch and yaw in degrees. `pbd keyframes {word} --robot R` tells where the tool is
-#   dwell_s   how long the arm stays, not at the first and the last; beside it, how long the hand stood
-#   grip      "closes" or "opens", by turns; without it nothing changes. It is open at the start
+#   nudge     position_m is the sensor's position, in metres from the dock: {axes}, z up;
+#             rpy_deg is its roll, pitch and yaw in degrees. `pbd keyframes {word} --robot R` shows the tool's pose
+#   dwell_s   how long the arm stays, except at the first and the last; the comment tells how long the hand stood
+#   grip      "closes" or "opens", in turn; without it nothing changes. The grip is open at the start
 #   label     a word for people
-#   tolerance_m, tolerance_deg  how far it may be off along each axis, and turned; learned where takes were fused
+#   tolerance_m, tolerance_deg  largest error along each axis, and of the rotation; learned from fused takes
 #   frames    the things that it belongs to, each carried by the next: `pbd replay --at cup=X,Y,Z,DEG` moves one
-#   nudge_base_m, nudge_tool_m  how far the tool goes elsewhere, in the axes of the robot's base or the tool's own
+#   nudge_base_m, nudge_tool_m  a shift of the tool, along the axes of the robot's base or of the tool
 #   sigma_m, sigma_deg  one sigma along each axis; without them the keyframe is taken as exact
-# Every keyframe needs t_s, dwell_s, position_m and rpy_deg; the rest may be left out.
+# Every keyframe needs t_s, dwell_s, position_m and rpy_deg; the rest is optional.
 # `pbd keyframes {word} --save --force` finds them again; without the file they are found each time.
 format = {format}
 """
-NORTH, AT_DOCK = "x magnetic east, y magnetic north", "x along the sensor's own as it lies at the dock, y left of it"
+NORTH, AT_DOCK = "x magnetic east, y magnetic north", "x along the sensor's x axis at the dock, y to its left"
 
 
 def keyframes_toml(
@@ -69,14 +69,14 @@ def keyframes_toml(
     arm_dwell_s: Sequence[float] | None = None,
     touch_ups: Sequence[TouchUp] = (),
 ) -> str:
-    """Write the file's text.
+    """Return the text of keyframes.toml.
 
     Args:
-        name: the demonstration's.
-        keyframes: what is written.
-        magnetic: a magnetometer turned nav to the north.
-        arm_dwell_s: (n,) s, how long the arm is to stay at each; None: as long as the hand did.
-        touch_ups: what was corrected with the arm.
+        name: the demonstration's name.
+        keyframes: n keyframes.
+        magnetic: whether a magnetometer turns nav to the north.
+        arm_dwell_s: (n,) s, how long the arm stays at each keyframe; None: as long as the hand.
+        touch_ups: corrections by `pbd touch`.
     """
     lines = [HEAD.format(name=name, word=shlex.quote(name), format=FORMAT, axes=NORTH if magnetic else AT_DOCK)]
     dwell_s = [keyframe.dwell_s for keyframe in keyframes] if arm_dwell_s is None else arm_dwell_s
@@ -125,9 +125,10 @@ def write_keyframes(
     arm_dwell_s: Sequence[float] | None = None,
     touch_ups: Sequence[TouchUp] = (),
 ) -> Path:
-    """Write keyframes.toml (of `keyframes_toml`) into a demonstration's folder, and return its path.
+    """Write keyframes.toml (`keyframes_toml`) into a demonstration's folder, and return its path.
 
-    RecordingError: it exists (unless `force`), as a person may have edited it; or a keyframe is too far away.
+    Raises:
+        RecordingError: the file exists (without `force`), and may have been edited; or a keyframe is too far away.
     """
     for index, keyframe in enumerate(keyframes):
         if (away := float(np.abs(keyframe.T_nav_sensor.p).max())) > LARGEST_M:
@@ -141,16 +142,16 @@ def write_keyframes(
 
 
 def read_touch_ups(path: Path) -> tuple[TouchUp, ...]:
-    """Read what was touched up from keyframes.toml; raises as `read_keyframes`."""
+    """Read the touch-ups from keyframes.toml; raises as `read_keyframes`."""
     return tuple(map(_read_touch_up, read_toml(path, RecordingError).tables("touch_up")))
 
 
 def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
-    """Read keyframes.toml; a RecordingError says the file, the line and the key."""
+    """Read keyframes.toml; a RecordingError tells file, line and key."""
     top = read_toml(path, RecordingError)
     top.format(FORMAT)
     tables = top.tables("keyframe")
-    keyframes = tuple(map(_read, tables))
+    keyframes = tuple(map(_read_keyframe, tables))
     for table in top.tables("touch_up"):
         _read_touch_up(table)
     top.done()
@@ -161,7 +162,7 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
             table.fail("t_s", f"must be later than the keyframe before ({before.t:g} s), got {after.t:g}")
     if np.abs(keyframes[0].T_nav_sensor.p).max() > ORIGIN_M:
         tables[0].fail("position_m", "must be [0, 0, 0]: the first keyframe is the dock", "put it back")
-    for index, keyframe in enumerate(keyframes[1:-1], start=1):  # at the ends the arm doesn't stay
+    for index, keyframe in enumerate(keyframes[1:-1], start=1):  # the arm doesn't stay at the first and the last
         if keyframe.dwell_s > LONG_DWELL_S:
             what = f"the arm stays {keyframe.dwell_s:g} s at keyframe {index}; if that is too long, correct dwell_s"
             _warn(tables[index], "dwell_s", f"{what} (in seconds)")
@@ -177,7 +178,7 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
 
 
 def add_touch_up(path: Path, touch_up: TouchUp) -> None:
-    """Append a touch-up to keyframes.toml, which stays as a person wrote it; raises as `read_keyframes`."""
+    """Append a touch-up to keyframes.toml and keep the rest as it is; raises as `read_keyframes`."""
     import tomlkit
 
     table = tomlkit.table()
@@ -194,14 +195,14 @@ def add_touch_up(path: Path, touch_up: TouchUp) -> None:
 
 
 def undo_touch_up(path: Path) -> None:
-    """Mark the last touch-up that counts as undone; raises as `read_keyframes`."""
+    """Mark the last touch-up that is not undone as undone; raises as `read_keyframes`."""
     with _edited(path) as document:
         for table in [each for each in document.get("touch_up", []) if not each.get("undone", False)][-1:]:
             table["undone"] = True
 
 
 def set_frames(path: Path, frames: Mapping[int, Sequence[str]]) -> None:
-    """Say to which things keyframes belong, by their number; raises as `read_keyframes`."""
+    """Set `frames` of some keyframes, by their index; raises as `read_keyframes`."""
     with _edited(path) as document:
         for number, names in frames.items():
             document["keyframe"][number]["frames"] = list(names)
@@ -209,12 +210,13 @@ def set_frames(path: Path, frames: Mapping[int, Sequence[str]]) -> None:
 
 @contextmanager
 def _edited(path: Path) -> Iterator[Any]:
+    """Yield the parsed file to be edited, then write it. A lock on the folder keeps other commands out."""
     import tomlkit
 
     folder = os.open(path.parent, os.O_RDONLY)
     try:
-        with suppress(OSError):  # some network folders know no locks
-            fcntl.flock(folder, fcntl.LOCK_EX)  # another command may be at it
+        with suppress(OSError):  # some network file systems have no locks
+            fcntl.flock(folder, fcntl.LOCK_EX)
         document = tomlkit.parse(read_text(path, RecordingError, "give a text file"))
         yield document
         write_text(path, tomlkit.dumps(document), read=read_keyframes)
@@ -223,12 +225,12 @@ def _edited(path: Path) -> Iterator[Any]:
 
 
 def _check_grips(keyframes: Sequence[Keyframe], tables: Sequence[Section]) -> None:
-    """Refuse two grips in a row that do the same: one between them is lost. Warn of a first one that opens."""
+    """Refuse two grips in a row that do the same: one between them is missing. Warn if the first grip opens."""
     grips = [index for index, keyframe in enumerate(keyframes) if keyframe.grip is not None]
-    for since, index in pairwise(grips):
-        if keyframes[index].grip == keyframes[since].grip:
+    for before, index in pairwise(grips):
+        if keyframes[index].grip == keyframes[before].grip:
             word, state, other = ("closes", "closed", "opens") if keyframes[index].grip else ("opens", "open", "closes")
-            what = f'"{word}" at keyframe {index} changes nothing, it is {state} since keyframe {since}'
+            what = f'"{word}" at keyframe {index} changes nothing, it is {state} since keyframe {before}'
             tables[index].fail("grip", what, f'remove one of the two, or add grip = "{other}" between them')
     if grips and not keyframes[grips[0]].grip:
         what = f"the grip opens at keyframe {grips[0]}, but it is open from the start: nothing changes there; remove"
@@ -239,7 +241,7 @@ def _warn(table: Section, key: str, what: str) -> None:
     warn(f"{table.path}:{table.line(key)}: {what}")
 
 
-def _read(section: Section) -> Keyframe:
+def _read_keyframe(section: Section) -> Keyframe:
     grip, dwell = section.choice("grip", GRIPS, None), section.number("dwell_s")
     if dwell < 0.0:
         section.fail("dwell_s", f"must not be below zero, got {dwell:g}")

@@ -1,4 +1,4 @@
-"""A file of known points in the robot's base."""
+"""CSV files of known points in the robot's base."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data.freeze import freeze
+from pbd.data.frozen_arrays import freeze_arrays
 from pbd.errors import CalibrationError, listed, printable
 from pbd.files.calibration import REACH_M
 from pbd.files.table import open_sheet
@@ -19,24 +19,24 @@ UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Names and positions (m, 3) in m in base."""
+    """Names of points, and their positions in base (n, 3), m."""
 
     names: tuple[str, ...]
     p_base: Array
 
     def __post_init__(self) -> None:
-        freeze(self, p_base=(len(self.names), 3))
+        freeze_arrays(self, p_base=(len(self.names), 3))
 
 
 def read_points(path: Path, unit: str | None = None) -> Points:
-    """Read a CSV with a header: x, y, z with their unit (x_m, x_cm or x_mm, all three alike), and perhaps a name.
+    """Read a CSV file with the columns x_m, y_m, z_m (or _cm, _mm), or x, y, z, and optionally name.
 
     Args:
         path: the file.
-        unit: "m", "cm" or "mm", of columns that don't say.
+        unit: "m", "cm" or "mm", the unit of the columns x, y, z.
 
     Raises:
-        CalibrationError: it can't be read; a column is missing; no unit is known; a cell is no number: with the line.
+        CalibrationError: the file can't be read, a column or a unit is missing, or a cell is not a number.
     """
     sheet = open_sheet(path, error=CalibrationError)
     sheet = replace(sheet, header=tuple(name.lower() for name in sheet.header), complete=True)
@@ -64,6 +64,6 @@ def read_points(path: Path, unit: str | None = None) -> Points:
 
 
 def points_csv(points: Points, remark: str) -> str:
-    """Write a CSV's text that `read_points` reads, to 0.01 mm, with a remark for people above its header."""
+    """Return the text of a CSV file for `read_points`, rounded to six digits, with a comment above its header."""
     rows = (f"{name},{x:g},{y:g},{z:g}" for name, (x, y, z) in zip(points.names, 1e3 * points.p_base, strict=True))
     return "\n".join((f"# {remark}", "name,x_mm,y_mm,z_mm", *rows, ""))

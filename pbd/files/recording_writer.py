@@ -1,4 +1,4 @@
-"""A demonstration's folder while it is recorded: complete and readable at every moment."""
+"""Writing a demonstration while it is recorded: its folder can be read at any moment."""
 
 from __future__ import annotations
 
@@ -21,15 +21,22 @@ from pbd.pose import Array
 
 
 class RecordingWriter:
-    """Appends rows as whole lines, each with one system call: a killed process leaves no half of one.
+    """Appends whole lines to imu.csv by one system call each time, so a killed process leaves no half line.
 
-    demo.toml is there before the first row, and is replaced as a whole when something is added to it.
+    demo.toml is written before the first row, and replaced atomically when it changes.
     """
 
     def __init__(self, folder: Path, info: RecordingInfo, channels: Sequence[str], closed: bool) -> None:
-        """Make the folder; `channels` are those of CHANNELS that will be there.
+        """Make the folder.
 
-        RecordingError: it exists, or can't be written.
+        Args:
+            folder: its path.
+            info: what is known of the recording; the folder's name becomes its name.
+            channels: the names in CHANNELS of the channels that will be recorded.
+            closed: whether the hand returns to its start.
+
+        Raises:
+            RecordingError: the folder exists, or can't be written.
         """
         refuse_demo_folder(folder, force=False)
         self.folder, self.rows = folder, 0
@@ -42,24 +49,29 @@ class RecordingWriter:
             (new / "demo.toml").write_text(self._toml(), encoding="utf-8")
             (new / "imu.csv").write_text(header + "\n", encoding="ascii")
         self._raw: int | None = None
-        with self._saying_what_is_kept():
+        with self._os_errors():
             self._imu = os.open(folder / "imu.csv", os.O_WRONLY | os.O_APPEND)
-        with suppress(OSError):  # some network folders know no locks
-            fcntl.flock(self._imu, fcntl.LOCK_EX | fcntl.LOCK_NB)  # no --force replaces what is being recorded
+        with suppress(OSError):  # some network file systems have no locks
+            fcntl.flock(self._imu, fcntl.LOCK_EX | fcntl.LOCK_NB)  # `refuse_demo_folder` sees the lock
 
     def add(self, t: Sequence[float], values: Iterable[Sequence[float]]) -> None:
-        """Append rows: t in s, and for each the channels' numbers in their order; NaN is an empty cell.
+        """Append rows.
 
-        RecordingError: the disk is full; what was written before is intact.
+        Args:
+            t: (n,) s.
+            values: n rows of the channels' numbers, in the order of CHANNELS; NaN becomes an empty cell.
+
+        Raises:
+            RecordingError: the disk is full; the earlier rows are intact.
         """
         lines = [self._format.format(at, *row).replace("nan", "") + "\n" for at, row in zip(t, values, strict=True)]
-        with self._saying_what_is_kept():
+        with self._os_errors():
             _append(self._imu, "".join(lines).encode())
         self.rows += len(lines)
 
     def add_raw(self, data: bytes) -> None:
-        """Append bytes as they came to raw.bin."""
-        with self._saying_what_is_kept():
+        """Append the sensor's bytes to raw.bin."""
+        with self._os_errors():
             if self._raw is None:
                 self._raw = os.open(self.folder / "raw.bin", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
             _append(self._raw, data)
@@ -70,7 +82,7 @@ class RecordingWriter:
         write_text(self.folder / "demo.toml", self._toml())
 
     def finish(self, rate_hz: float | None, clock: str, t: Array | None = None) -> None:
-        """Close the files; write what is known at the end only: the rate, the clock, and better times."""
+        """Close the files, and write what is known at the end: the rate, the clock, and better times t (n,) s."""
         self.close()
         if t is not None:
             imu = self.folder / "imu.csv"
@@ -81,19 +93,20 @@ class RecordingWriter:
         write_text(self.folder / "demo.toml", self._toml())
 
     def close(self) -> None:
-        """Close the files; closing twice is nothing."""
+        """Close the files, if they are open."""
         for handle in (self._imu, self._raw):
             if handle is not None:
                 with suppress(OSError):
                     os.close(handle)
 
     def discard(self) -> None:
-        """Close and remove everything."""
+        """Close the files and remove the folder."""
         self.close()
         shutil.rmtree(self.folder, ignore_errors=True)
 
     @contextmanager
-    def _saying_what_is_kept(self) -> Iterator[None]:
+    def _os_errors(self) -> Iterator[None]:
+        """Raise an OSError as a RecordingError that tells how many samples are safe."""
         try:
             yield
         except OSError as reason:
@@ -112,12 +125,12 @@ class RecordingWriter:
 
 
 def _append(handle: int, data: bytes) -> None:
-    """Append all of it, or nothing."""
+    """Append all of the data, or nothing."""
     size = os.fstat(handle).st_size
     try:
         while data:
             data = data[os.write(handle, data) :]
     except OSError:
-        with suppress(OSError):  # no half of a line stays
+        with suppress(OSError):  # remove a half line
             os.ftruncate(handle, size)
         raise

@@ -1,6 +1,6 @@
 """robots/NAME.toml -> Robot. Every key is described in robots/panda.toml.
 
-Nothing heavy is imported: limits and names come from the URDF as plain XML.
+No robot library is imported: limits and names come from the URDF's XML.
 """
 
 from __future__ import annotations
@@ -31,21 +31,24 @@ def load_robot(name: str | Path) -> Robot:
     """Load a robot by name (./robots, then the bundled ones) or path.
 
     Raises:
-        RobotError: nothing of that name (the valid ones are listed), or as `read_robot`.
+        RobotError: there is none of that name (the valid names are listed), or as `read_robot`.
     """
     return read_robot(find("robots", name, ".toml", RobotError))
 
 
 def read_robot(path: Path, *, draft: bool = False) -> Robot:
-    """Read a robot's description.
+    """Read a robot's TOML file.
 
-    Relative `urdf` and `srdf` paths are looked up beside the TOML file, then among example-robot-data's robots.
-    Of a `draft`, home and dock may be missing or wrong: home is the middle of the limits, and of the dock only the
-    table's height is read.
+    Relative `urdf` and `srdf` paths are looked up beside the file, then among example-robot-data's robots.
+
+    Args:
+        path: the file.
+        draft: home and dock may be missing or wrong. Home is then the middle of the limits, and of the dock only the
+            table's height is read.
 
     Raises:
-        RobotError: a key is missing, unknown or of the wrong kind; a file, a mesh or a name in it isn't there; a limit
-            is missing, not above zero or above the URDF's; home lies outside the limits.
+        RobotError: a key is missing, unknown or of the wrong type; a file, a mesh, a link or a joint doesn't exist; a
+            limit is missing, not above zero, or above the URDF's; home is outside the limits.
     """
     top = read_toml(path, RobotError)
     top.format(FORMAT)
@@ -94,7 +97,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
 
 
 def _example_robot_data() -> Path | None:
-    """Find the share folder that holds example-robot-data, which is a package without a module to ask."""
+    """Find the share folder that contains example-robot-data, a package without a Python module."""
     shares = (Path(entry) / "cmeel.prefix" / "share" for entry in sys.path)
     return next((share for share in shares if (share / "example-robot-data" / "robots").is_dir()), None)
 
@@ -121,7 +124,7 @@ def _check_meshes(urdf: Urdf, package_dirs: Sequence[Path]) -> None:
 
 
 def _link(model: Section, key: str, urdf: Urdf) -> str:
-    """The name of a link; one that isn't there is refused with those that are most like it."""
+    """Return a link's name; refuse an unknown one, and list the most similar links."""
     name = model.text(key)
     if name not in urdf.links:
         near = get_close_matches(name, urdf.links, n=5) if len(urdf.links) > MOST_LISTED else ()
@@ -131,7 +134,7 @@ def _link(model: Section, key: str, urdf: Urdf) -> str:
 
 
 def _movable(urdf: Urdf, base: str, body: str) -> list[UrdfJoint]:
-    """The joints between base and body that move; all of them must be ones that an arm can have."""
+    """Return the moving joints between base and body; refuse types that an arm can't have."""
     movable = [joint for joint in urdf.chain(base, body) if joint.kind != "fixed"]
     for joint in movable:
         if joint.mimic or joint.kind not in ACTUATED:
@@ -184,7 +187,7 @@ def _gripper(section: Section, urdf: Urdf) -> Gripper:
 
 def _servos(section: Section, k: int, gripper: Gripper | None) -> Servos:
     if gripper is None or len(gripper.joints) != 1:
-        section.fail("gripper", "is of one finger joint, which [gripper] doesn't name", "name it, or remove [servos]")
+        section.fail("gripper", "needs a [gripper] with one joint", "add it, or remove [servos]")
     closed, opened = section.numbers("gripper", 2)
     if closed == opened:
         section.fail("gripper", f"is {closed:g} both closed and open")
@@ -210,7 +213,7 @@ def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointL
     general = section.text("source", "")
     for key in ("velocity", "acceleration", "jerk", "effort"):
         if key == "effort" and key not in section:
-            continue  # not the URDF's, which is often a placeholder
+            continue  # the URDF's effort is often a placeholder
         if key == "velocity" and key not in section:
             if bad := [joint.name for joint in joints if not 0.0 < joint.velocity < np.inf]:
                 section.fail(key, f"is missing and the URDF sets no limit above zero for {listed(bad)}", "add it")
@@ -219,15 +222,15 @@ def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointL
         values[key] = section.numbers(key, len(joints), positive=True)
         sources[key] = section.text(f"{key}_source", general) or section.text("source")
     for joint, velocity in zip(joints, values["velocity"], strict=True):
-        if velocity > joint.velocity > 0.0:  # a URDF's 0 says nothing
+        if velocity > joint.velocity > 0.0:  # 0 in a URDF means unknown
             what = f"gives {joint.name} {velocity:g}, above the URDF's own {joint.velocity:g}"
             section.fail("velocity", what, "lower it, or correct the URDF")
-    said = dict.fromkeys(sources[key] for key in values)
+    distinct = dict.fromkeys(sources[key] for key in values)
     return JointLimits(
         lower=np.array([joint.lower for joint in joints]),
         upper=np.array([joint.upper for joint in joints]),
         **{key: np.array(value) for key, value in values.items()},
-        source=next(iter(said)) if len(said) == 1 else "; ".join(f"{key}: {sources[key]}" for key in values),
+        source=next(iter(distinct)) if len(distinct) == 1 else "; ".join(f"{key}: {sources[key]}" for key in values),
         sources=sources,
     )
 
@@ -257,7 +260,7 @@ def _dock(section: Section, robot: str, draft: bool) -> Calibration:
 
 
 def _middle(limits: JointLimits) -> Array:
-    """Halfway between the limits; 0 of an endless joint, whose limits are infinite."""
+    """Return the middle of each joint's limits; 0 for an endless joint, whose limits are infinite."""
     with np.errstate(invalid="ignore"):
         return np.nan_to_num(0.5 * (limits.lower + limits.upper))
 

@@ -1,7 +1,7 @@
-"""Names, joint chain, limits and named poses from a URDF and SRDF, for a robot's TOML.
+"""Names, joint chain, limits and named poses from a URDF and an SRDF.
 
-Plain XML reading, so that a `Robot` can be loaded where no robot library is installed. Kinematics are pinocchio's
-business (pbd/arm/model.py). Formats: https://wiki.ros.org/urdf/XML, https://wiki.ros.org/srdf.
+Their XML is read directly, so that a `Robot` can be loaded without a robot library. pbd/arm/model.py builds the
+kinematic model. Formats: https://wiki.ros.org/urdf/XML, https://wiki.ros.org/srdf.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ KINDS = (*ACTUATED, "fixed", "floating", "planar")
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint's position is another's times `multiplier` plus `offset`."""
+    """A joint's position is that of another `joint` times `multiplier`, plus `offset`."""
 
     joint: str
     multiplier: float
@@ -34,7 +34,7 @@ class Mimic:
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint: what it joins, its limits (rad or m; rad/s or m/s), infinite where the URDF sets none."""
+    """A joint between two links, with limits in rad and rad/s, or m and m/s; infinite if the URDF has none."""
 
     name: str
     kind: str
@@ -48,7 +48,7 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class Urdf:
-    """A URDF's links, its joints by name, and its meshes: (link, address as it stands there)."""
+    """A URDF's links, its joints by name, and its meshes: (link, address in the URDF)."""
 
     path: Path
     links: tuple[str, ...]
@@ -56,7 +56,7 @@ class Urdf:
     meshes: tuple[tuple[str, str], ...]
 
     def chain(self, base: str, body: str) -> tuple[UrdfJoint, ...]:
-        """The joints from one link down to another, fixed ones included; RobotError: `body` doesn't hang on `base`."""
+        """Return the joints from base to body, fixed ones too; RobotError: `base` is not above `body` in the tree."""
         above = {joint.child: joint for joint in self.joints.values()}
         chain: list[UrdfJoint] = []
         while body != base:
@@ -69,17 +69,17 @@ class Urdf:
 
 
 def read_urdf(path: Path) -> Urdf:
-    """Read the links and joints of a URDF; RobotError: a joint makes no sense, or links and joints are no tree."""
+    """Read the links and joints of a URDF; RobotError: a joint is not valid, or the links and joints are not a tree."""
     root = read_urdf_xml(path)
     joints = [_joint(path, element) for element in root.iterfind("joint")]
     links = {_attribute(path, link, "name"): link for link in root.iterfind("link")}
-    _refuse_no_tree(path, [link.get("name", "") for link in root.iterfind("link")], joints)
+    _check_tree(path, [link.get("name", "") for link in root.iterfind("link")], joints)
     meshes = ((name, _attribute(path, mesh, "filename")) for name, link in links.items() for mesh in link.iter("mesh"))
     return Urdf(path, tuple(links), {joint.name: joint for joint in joints}, tuple(dict.fromkeys(meshes)))
 
 
 def read_poses(path: Path) -> dict[str, dict[str, float]]:
-    """Read the named poses of an SRDF: pose name -> joint name -> rad or m; of two poses of one name the first wins."""
+    """Read an SRDF's named poses: pose -> joint -> rad or m. The first of two poses with one name wins."""
     poses: dict[str, dict[str, float]] = {}
     for state in read_xml(path).iterfind("group_state"):
         joints = {}
@@ -93,8 +93,8 @@ def read_poses(path: Path) -> dict[str, dict[str, float]]:
     return poses
 
 
-def _refuse_no_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -> None:
-    """Pinocchio refuses it too, but prints its reasons past us."""
+def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -> None:
+    """Refuse links and joints that are not a tree. Pinocchio refuses them too, but prints its reasons to stderr."""
     for what, names in (
         ("two links are named {}; rename one of them", links),
         ("two joints are named {}; rename one of them", [joint.name for joint in joints]),
@@ -110,15 +110,15 @@ def _refuse_no_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint
     try:
         TopologicalSorter({joint.child: [joint.parent] for joint in joints}).prepare()
     except CycleError as error:
-        ring = sorted(set(error.args[1]))
-        raise RobotError.at(path, f"links that hang on each other in a ring: {listed(ring)}; cut it open") from None
+        loop = sorted(set(error.args[1]))
+        raise RobotError.at(path, f"the joints form a loop of links: {listed(loop)}; remove one joint") from None
     children = {joint.child for joint in joints}
     if len(roots := [link for link in links if link not in children]) > 1:
         raise RobotError.at(path, f"several root links: {listed(roots)}; connect all but one")
 
 
 def _joint(path: Path, element: ET.Element) -> UrdfJoint:
-    """Make a joint of its element, whose numbers `read_urdf_xml` has checked."""
+    """Read a <joint>, whose numbers `read_urdf_xml` has checked."""
     name, kind = _attribute(path, element, "name"), _attribute(path, element, "type")
     parent, child, axis, limit, mimic = (element.find(tag) for tag in ("parent", "child", "axis", "limit", "mimic"))
     bounded = kind in ("revolute", "prismatic")

@@ -1,4 +1,4 @@
-"""The calibration of an arm's servos, as LeRobot writes it: a JSON object, for each joint one of five integers."""
+"""The calibration of an arm's servos in LeRobot's format: a JSON object with five integers for each joint."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ from pbd.io.atomic import is_file, write_text
 from pbd.io.read_file import read_text
 
 COUNTS = 4096
-"""Counts of a turn of an STS3215."""
+"""Counts per turn of an STS3215."""
 
 LARGEST_OFFSET = 2047
-"""Largest homing offset that the servo can hold, counts either way."""
+"""Largest magnitude of the homing offset that a servo can store, counts."""
 
 SHARED_TYPE = "so_follower"
-"""LeRobot's name for both arms since 0.5."""
+"""LeRobot's name for both the SO-100 and the SO-101 since version 0.5."""
 
 
 @dataclass(frozen=True)
 class ServoCalibration:
-    """One servo: its id on the bus, and counts.
+    """One servo.
 
     Attributes:
-        drive_mode: 1 where the gripper's percent count the other way.
-        homing_offset: what the servo takes off its encoder's count.
-        range_min, range_max: the ends of the joint's range, as the servo then counts.
+        id: on the bus.
+        drive_mode: 1 if the gripper's percentage is reversed.
+        homing_offset: counts that the servo subtracts from its encoder.
+        range_min, range_max: the ends of the joint's range, in counts after the offset.
     """
 
     id: int
@@ -50,7 +51,7 @@ BOUNDS = {
 
 
 def read_servo_calibration(path: Path, joints: Sequence[str]) -> dict[str, ServoCalibration]:
-    """Read the servos of these joints, in that order; CalibrationError: one is missing, or has an impossible number."""
+    """Read the servos of these joints, in their order; CalibrationError: one is missing, or has an invalid number."""
     text = read_text(path, CalibrationError, "make one with `pbd run --calibrate`, or name LeRobot's")
     try:
         values = json.loads(text)
@@ -68,13 +69,13 @@ def read_servo_calibration(path: Path, joints: Sequence[str]) -> dict[str, Servo
 
 
 def write_servo_calibration(servos: Mapping[str, ServoCalibration], path: Path) -> None:
-    """Write it as LeRobot does; raises PbdError where nothing can be written there."""
+    """Write the file in LeRobot's format; PbdError: it can't be written."""
     text = json.dumps({joint: asdict(servo) for joint, servo in servos.items()}, indent=4)
     write_text(path, text + "\n", parents=True)
 
 
 def find_servo_calibration(named: Path | None, robot: str, robot_type: str) -> Path:
-    """The file that was named, ./calibration/ROBOT-servos.json, or LeRobot's only one for this type of arm.
+    """Return the named file, else ./calibration/ROBOT-servos.json, else LeRobot's only file for this type of arm.
 
     Raises:
         CalibrationError: there is none, or LeRobot has several.
@@ -98,12 +99,12 @@ def find_servo_calibration(named: Path | None, robot: str, robot_type: str) -> P
 
 
 def own_servo_calibration(robot: str) -> Path:
-    """Where `pbd run --calibrate` writes it."""
+    """Return the path that `pbd run --calibrate` writes."""
     return Path("calibration") / f"{robot}-servos.json"
 
 
 def _lerobots_folder() -> Path:
-    """As lerobot/utils/constants.py has it."""
+    """Return the folder of LeRobot's calibrations (lerobot/utils/constants.py)."""
     hub = os.environ.get("HF_HOME") or str(Path("~/.cache/huggingface"))
     home = os.environ.get("HF_LEROBOT_HOME") or os.path.join(hub, "lerobot")  # noqa: PTH118 (HF_HOME may be "")
     calibration = os.environ.get("HF_LEROBOT_CALIBRATION") or os.path.join(home, "calibration")  # noqa: PTH118
@@ -117,8 +118,8 @@ def _servo(path: Path, joint: str, value: Any) -> ServoCalibration:
     for each in fields(ServoCalibration):
         number, (least, most) = value.get(each.name), BOUNDS[each.name]
         if type(number) is not int or not least <= number <= most:
-            said = "is missing" if number is None else f"is {printable(json.dumps(number))}"
-            raise _wrong(path, f"{each.name} of {joint} {said}, not a whole number from {least} to {most}")
+            fault = "is missing" if number is None else f"is {printable(json.dumps(number))}"
+            raise _wrong(path, f"{each.name} of {joint} {fault}, not a whole number from {least} to {most}")
         numbers[each.name] = number
     servo = ServoCalibration(**numbers)
     if not servo.range_min < servo.range_max:

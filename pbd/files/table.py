@@ -1,4 +1,4 @@
-"""Tables of numbers in text: a header line, then rows. Errors name line and column."""
+"""Tables of numbers as text: a header line, then rows. Errors tell line and column."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pbd.io.read_file import decoded, read_bytes
 from pbd.pose import Array
 
 FOREIGN_ENCODINGS = ("utf-8-sig", "gb18030", "cp1252")
-"""Encodings of other programs' text files: UTF-8, Chinese Windows, western Windows."""
+"""Encodings of other programs' text files, in the order in which they are tried: UTF-8, Chinese, western Windows."""
 
 NEXT_STEP = "give a CSV file"
 
@@ -28,10 +28,10 @@ LONGEST_PREAMBLE = 100
 """Most lines above the header."""
 
 BLOCK = 1_000_000
-"""Characters that are split into lines at once."""
+"""Characters that are parsed at once. A larger block needs more memory."""
 
 NUMERIC = b"0123456789+-.eE,\n "
-"""All that is in rows of plain numbers."""
+"""The characters of rows of plain numbers."""
 
 ROWS_AT_ONCE = 20_000
 """Rows that are written at once: a few MB of text."""
@@ -48,16 +48,25 @@ class Table:
     values: Array
 
     def columns(self, *names: str) -> Array:
-        """Return the columns of these names, (rows, len(names)); a RecordingError lists those that are there."""
+        """Return columns (rows, len(names)); the RecordingError of a missing one lists those that are there."""
         require(self.path, self.header, names)
         return self.values[:, [self.header.index(name) for name in names]]
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table's text, of which only the header has been read; `line` is that of the first row.
+    """A table whose header has been parsed, but not its rows.
 
-    A cell of a `complete` one must not be empty. What stands above the header is the `preamble`.
+    Attributes:
+        path: the file.
+        header: the names of the columns.
+        body: the text of the rows.
+        delimiter: what separates cells.
+        line: the line number of the first row.
+        foreign: another program wrote it; without commas as delimiters, numbers may have decimal commas.
+        error: the type of errors.
+        complete: no cell may be empty.
+        preamble: the text above the header.
     """
 
     path: Path
@@ -71,14 +80,19 @@ class Sheet:
     preamble: str = ""
 
     def words(self, name: str) -> list[str]:
-        """Return what a column of text says, row by row."""
+        """Return the cells of a column of text."""
         k = self.header.index(name)
         return [row[k].strip() for _, row in self._rows(self.body, self.line) if row[k:]]
 
     def read(self, names: Sequence[str] | None = None, times: Collection[str] = ()) -> Table:
-        """Read the columns of these names (all); those of `times` may hold dates, and are seconds then.
+        """Read columns.
 
-        The error says line and column: a row of another length, or text where a number should be.
+        Args:
+            names: their names; None: all.
+            times: names of columns that may contain dates, which become seconds.
+
+        Raises:
+            error: with line and column: a row of another length, or a cell that is not a number.
         """
         wanted = self.header if names is None else tuple(dict.fromkeys(names))
         require(self.path, self.header, wanted, self.error)
@@ -88,7 +102,7 @@ class Sheet:
         columns = [self.header.index(name) for name in wanted]
         dated = [k for k, name in zip(columns, wanted, strict=True) if name in times]
         parts, line = [], self.line
-        for block in [self.body] if '"' in self.body else _blocks(self.body):  # a quoted cell may hold line ends
+        for block in [self.body] if '"' in self.body else _blocks(self.body):  # a quoted cell may contain line ends
             parts.append(self._read_block(block, line, columns, dated))
             line += block.count("\n") + 1
         return Table(self.path, wanted, np.concatenate(parts))
@@ -98,7 +112,7 @@ class Sheet:
             return rows[:, columns]
         first = block.lstrip().partition("\n")[0].split(self.delimiter)
         plain = all(k < len(first) and re.fullmatch(r"\s*[-+.\deE]+\s*", first[k]) for k in dated)
-        with suppress(ValueError), warnings.catch_warnings():  # a fault: row by row it is found
+        with suppress(ValueError), warnings.catch_warnings():  # `_read_slowly` finds the place of an error
             warnings.simplefilter("ignore")
             rows = np.loadtxt(
                 self._filled(block),
@@ -112,22 +126,22 @@ class Sheet:
         return self._read_slowly(block, line, columns, dated)
 
     def _read_numbers(self, block: str) -> Array | None:
-        """Read rows of plain numbers, twice as fast as loadtxt; None where anything else is in them."""
+        """Read rows of plain numbers as JSON, twice as fast as loadtxt; None if there is anything else."""
         import orjson
 
         data = block.strip("\n").replace(self.delimiter, ",").encode()
-        # JSON's words and quoted texts would pass for numbers, and a decimal comma for a delimiter.
+        # Refuse JSON's words and strings, and decimal commas, which would become delimiters.
         if data.translate(None, NUMERIC) or (self.delimiter != "," and "," in block):
             return None
-        with suppress(ValueError):  # rows of several lengths, too
+        with suppress(ValueError):  # not JSON, or rows of different lengths
             rows = np.array(orjson.loads(b"[[" + data.replace(b"\n", b"],[") + b"]]"), dtype=np.float64)
             return rows if rows.shape[1:] == (len(self.header),) else None
         return None
 
     def _filled(self, block: str) -> Iterator[str]:
-        """Yield each row with nan in its empty cells; ValueError where one has another length."""
+        """Yield each row with nan in its empty cells; ValueError: a row of another length."""
         mark, most = self.delimiter, len(self.header) - 1
-        both, filled = mark + mark, f"{mark}nan{mark}"
+        empty, filled = mark + mark, f"{mark}nan{mark}"
         for row in block.split("\n"):
             count = row.count(mark)
             if count != most or not row:
@@ -136,17 +150,17 @@ class Sheet:
                     continue
                 if count != most + 1 or row[-1] != mark:
                     raise ValueError("a row of another length")
-                row = row[:-1]  # a delimiter ends the line
-            if not self.complete and (both in row or row[0] == mark or row[-1] == mark):
+                row = row[:-1]  # the line ends with a delimiter
+            if not self.complete and (empty in row or row[0] == mark or row[-1] == mark):
                 row = f"{'nan' if row[0] == mark else ''}{row}{'nan' if row[-1] == mark else ''}"
-                row = row.replace(both, filled).replace(both, filled)
+                row = row.replace(empty, filled).replace(empty, filled)  # twice, for neighbouring empty cells
             yield row
 
     def _read_slowly(self, block: str, first: int, columns: list[int], dated: list[int]) -> Array:
         rows, width = [], len(self.header)
         for line, cells in self._rows(block, first):
             if len(cells) == width + 1 and not cells[-1].strip():
-                cells.pop()  # a delimiter ends the line
+                cells.pop()  # the line ends with a delimiter
             if len(cells) != width:
                 what = f"{len(cells)} cell{'s' if len(cells) != 1 else ''} where the header has {width}"
                 raise self._fault(line, what, "correct or remove the line", value=len(cells), bound=width)
@@ -154,7 +168,7 @@ class Sheet:
         return np.array(rows, dtype=np.float64).reshape(-1, len(columns))
 
     def _rows(self, text: str, first: int) -> Iterator[tuple[int, list[str]]]:
-        """Yield each row that is not empty with the number of its last line; `first` is that of the first."""
+        """Yield line number and cells of each row that is not empty; `first` is the text's first line number."""
         rows = csv.reader((line for block in _blocks(text) for line in block.split("\n")), delimiter=self.delimiter)
         try:
             for row in rows:
@@ -183,6 +197,7 @@ class Sheet:
 
 
 def _blocks(text: str) -> Iterator[str]:
+    """Cut a text at line ends into blocks of about BLOCK characters."""
     at = 0
     while at < len(text):
         end = text.find("\n", at + BLOCK) + 1 or len(text) + 1
@@ -191,15 +206,15 @@ def _blocks(text: str) -> Iterator[str]:
 
 
 def require(path: Path, header: Sequence[str], names: Sequence[str], error: type[PbdError] = RecordingError) -> None:
-    """Refuse a table without these columns; the `error` lists those that are there."""
+    """Refuse a table without these columns; the `error` lists its columns."""
     if missing := [name for name in names if name not in header]:
         raise error.at(path, f"no column '{missing[0]}'; the columns are {listed(header)}", value=missing[0])
 
 
 def foreign_text(path: Path, data: bytes | None = None, error: type[PbdError] = RecordingError) -> str:
-    """Read another program's text, in any encoding that such have; `data` is what it holds, where that is known."""
+    """Read a text of another program in any of its usual encodings; `data`: the file's bytes, if already read."""
     data = read_bytes(path, error, NEXT_STEP) if data is None else data
-    # UTF-16 is what spreadsheets call Unicode text.
+    # Spreadsheets write UTF-16 as "Unicode text".
     encodings = ("utf-16",) if data[:2] in (b"\xff\xfe", b"\xfe\xff") else FOREIGN_ENCODINGS
     return decoded(data, path, error, NEXT_STEP, encodings)
 
@@ -207,19 +222,19 @@ def foreign_text(path: Path, data: bytes | None = None, error: type[PbdError] = 
 def open_sheet(
     path: Path, foreign: bool = False, error: type[PbdError] = RecordingError, text: str | None = None
 ) -> Sheet:
-    """Open a table whose cells are separated by commas, semicolons or tabs, and read its header.
+    """Open a table whose delimiter is a comma, a semicolon or a tab, and parse its header.
 
-    Lines that begin with # are remarks.
+    Lines that begin with # are comments.
 
     Args:
         path: the file.
-        foreign: another program wrote it: there may be remarks above the header, text in some columns, another
-            encoding than UTF-8, decimal commas where no comma separates.
-        error: what is raised.
-        text: the file's, where it has been read.
+        foreign: another program wrote it. It may have lines above the header, text in some columns, an encoding other
+            than UTF-8, and decimal commas if the delimiter is not a comma.
+        error: the type of errors.
+        text: the file's text, if already read.
 
     Raises:
-        error: empty, no rows, not text.
+        error: the file can't be read as text, is empty, or has no rows.
     """
     if text is None and foreign:
         text = foreign_text(path, error=error)
@@ -254,12 +269,12 @@ def open_sheet(
 
 
 def read_table(path: Path) -> Table:
-    """Read a table of numbers; a RecordingError says line and column."""
+    """Read a table of numbers; a RecordingError tells line and column."""
     return open_sheet(path).read()
 
 
 def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tuple[int, ...] = ()) -> None:
-    """Write a table, each column rounded to so many decimals, if any are given; NaN becomes an empty cell."""
+    """Write a table; `decimals`: to how many each column is rounded, if given. NaN becomes an empty cell."""
     import orjson
 
     with path.open("wb") as file:

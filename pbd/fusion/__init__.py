@@ -1,1 +1,1 @@
-"""Several takes of one task made one demonstration: aligned, estimated together, with the hand's scatter."""
+"""Fuse several takes of one task: match their keyframes, estimate them jointly, learn the hand's scatter."""

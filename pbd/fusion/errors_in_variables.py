@@ -1,8 +1,8 @@
-"""Take the noise out of what the matrices of gyro and accelerometer are multiplied with.
+"""Remove sensor noise from the rates and forces that the matrices of gyro and accelerometer multiply.
 
-Both multiply *measured* rates and forces, whose noise is in the residuals too: each redundant row pushes a scale up by
-the same small amount, and such rows grow with the number of takes (errors in variables). At an estimate, what a leg
-leaves over is its noise, so that it can be removed.
+Both matrices multiply *measured* rates and forces, and the same noise is in the residuals. So each redundant row biases
+the estimated scales upward by the same small amount, and more takes have more such rows (errors in variables). At an
+estimate, the residual of a leg is its noise, which can be subtracted.
 
 Source: W. A. Fuller, Measurement error models, Wiley 1987, 1.1.
 """
@@ -22,38 +22,43 @@ from pbd.tracking.smoother.state import Fixed, State
 
 
 def without_noise(problem: Problem, x: State, fixed: Fixed) -> Problem:
-    """The same problem, its regressors as at an estimate, where its device's errors are given.
+    """Return the problem with noise-free regressors of the matrices, at an estimate with given sensor errors.
 
-    The noise of a leg counts as constant in the gyro frame, and the hand as turned as in the leg's middle.
+    The noise of a leg counts as constant in the gyro frame, and the hand's attitude as that in the middle of the leg.
     """
     legs, rows = problem.legs, problem.rows
-    left = leg_jacobian(problem, x)[:, :, -1]
-    of_acc = _of_accelerometer(np.tensordot(fixed.components[:3], legs.parts, axes=1), legs.dU, left)
+    residual = leg_jacobian(problem, x)[:, :, -1]
+    acc_noise = _accelerometer_part(np.tensordot(fixed.components[:3], legs.parts, axes=1), legs.dU, residual)
     C = quat_to_matrix(problem.frame.wxyz[(rows[:-1] + rows[1:]) // 2])
-    J, lower, whole = legs.J.copy(), np.transpose(LOWER), np.array(np.divmod(np.arange(9), 3))
-    J[:, VEL, ACC_MATRIX] -= _by_matrix(C, of_acc[:, 0], lower)
-    J[:, POS, ACC_MATRIX] -= _by_matrix(C, of_acc[:, 1], lower)
-    turned = _by_matrix(C, left[:, ROT], whole)
-    swung = -skew(legs.dU) @ turned  # while the turn grows in proportion to time
-    J[:, ROT, GYR_MATRIX] -= turned
-    J[:, VEL, GYR_MATRIX] -= swung / 2.0
-    J[:, POS, GYR_MATRIX] -= swung * legs.T[:, None, None] / 6.0
+    J, lower, full = legs.J.copy(), np.transpose(LOWER), np.array(np.divmod(np.arange(9), 3))
+    J[:, VEL, ACC_MATRIX] -= _matrix_columns(C, acc_noise[:, 0], lower)
+    J[:, POS, ACC_MATRIX] -= _matrix_columns(C, acc_noise[:, 1], lower)
+    rotation = _matrix_columns(C, residual[:, ROT], full)
+    velocity = -skew(legs.dU) @ rotation  # the rotation error grows linearly during the leg
+    J[:, ROT, GYR_MATRIX] -= rotation
+    J[:, VEL, GYR_MATRIX] -= velocity / 2.0
+    J[:, POS, GYR_MATRIX] -= velocity * legs.T[:, None, None] / 6.0
     return replace(problem, legs=replace(legs, J=J))
 
 
-def _of_accelerometer(cov: Array, force: Array, left: Array) -> Array:
-    """What the accelerometer's noise left over of velocity and way, (m, 2, 3); the rest is the gyro's.
+def _accelerometer_part(cov: Array, force: Array, residual: Array) -> Array:
+    """Return the accelerometer's share of the residuals of velocity and position, (m, 2, 3); the rest is the gyro's.
 
-    Along the force a small turn changes neither: the covariance (m, 9, 9) of a leg is the accelerometer's alone there.
+    A small rotation changes neither of them along the force. So along the force the covariance (m, 9, 9) of a leg is
+    the accelerometer's alone.
     """
     along = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), np.finfo(float).tiny)
-    own = np.einsum("ki,kaibj,kj->kab", along, cov[:, 3:, 3:].reshape(-1, 2, 3, 2, 3), along)
-    weighted = np.linalg.solve(cov, left[:, :, None])[:, 3:, 0].reshape(-1, 2, 3)
-    return np.asarray(own @ weighted)
+    acc_cov = np.einsum("ki,kaibj,kj->kab", along, cov[:, 3:, 3:].reshape(-1, 2, 3, 2, 3), along)
+    weighted = np.linalg.solve(cov, residual[:, :, None])[:, 3:, 0].reshape(-1, 2, 3)
+    return np.asarray(acc_cov @ weighted)
 
 
-def _by_matrix(C: Array, noise: Array, entries: NDArray[np.intp]) -> Array:
-    """By how much noise (m, 3) in the gyro frame changes the columns of some entries (2, e) of a matrix, (m, 3, e)."""
+def _matrix_columns(C: Array, noise: Array, entries: NDArray[np.intp]) -> Array:
+    """Return how noise (m, 3) in the gyro frame changes the Jacobian's columns of a matrix's entries (2, e): (m, 3, e).
+
+    Args:
+        C: (m, 3, 3), gyro frame <- sensor.
+    """
     i, j = entries
     in_sensor = np.einsum("kji,kj->ki", C, noise)
     return np.asarray(C[:, :, i] * in_sensor[:, None, j])

@@ -1,4 +1,4 @@
-"""What a person knows of a take's stops (`closed`, places, contacts), told to its marginal."""
+"""Condition a take's marginal on what a person knows of its stops (`closed`, places, contacts)."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from pbd.tracking.apply_constraints import fits_of, measurement_of
 from pbd.tracking.stop_constraints import claims_of
 
 
-def told(
+def condition_on_known_stops(
     take: Take, marginal: Marginal, Q: Array, lever: Array, calibration: Calibration | None, refuse: bool
 ) -> Marginal:
-    """A marginal with what the take's demo.toml knows; points of base are for the fused path (`points_of_base`).
+    """Return a take's marginal, conditioned on what its demo.toml says of its stops.
+
+    Points given in base are not used here but for the fused path (`points_in_base`).
 
     Args:
-        take: as tracked.
-        marginal: of it, without that.
-        Q: (3, 3), lever: (3,) m: how its sensor sits in the hand against the first take's.
-        calibration: whose mount is the first take's.
-        refuse: raise where a claim contradicts the take; not for the first guess of Q and lever.
+        marginal: of the take, not conditioned yet.
+        Q, lever: (3, 3) and (3,) m, the sensor's rotation and shift in the hand relative to the first take.
+        calibration: whose mount is that of the first take.
+        refuse: raise an error where a claim contradicts the take. Not for first guesses of Q and lever.
 
     Raises:
         TrackingError: what is known contradicts the take, or names no stop.
@@ -36,42 +37,47 @@ def told(
     assert tracking is not None
     known = tracking.demo.known
     known = replace(known, places=tuple(place for place in known.places if place.p_base_tool is None))
-    tool = Pose(mount.T_sensor_tool.p - lever, mount.T_sensor_tool.wxyz)
+    T_sensor_tool = Pose(mount.T_sensor_tool.p - lever, mount.T_sensor_tool.wxyz)
     wxyz = quat_multiply(take.path.wxyz_nav_sensor, quat_from_matrix(Q))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PbdWarning)  # of a single contact with the table: it says nothing here
+        # claims_of warns of a single contact with a table of unknown height. Here such a contact just says nothing.
+        warnings.simplefilter("ignore", PbdWarning)
         try:
-            claims = claims_of(replace(take.path, wxyz_nav_sensor=wxyz), known, replace(mount, T_sensor_tool=tool))
+            mounted = replace(mount, T_sensor_tool=T_sensor_tool)
+            claims = claims_of(replace(take.path, wxyz_nav_sensor=wxyz), known, mounted)
             if not claims:
                 return marginal
             G, noise, misfit = measurement_of(claims, marginal.p, mount)
             G = G.reshape(-1, len(misfit))
             if refuse:
-                fits_of(take.path, claims, misfit, G.T @ marginal.of_poses @ G + noise)
+                fits_of(take.path, claims, misfit, G.T @ marginal.cov_poses @ G + noise)
         except TrackingError as error:
             raise TrackingError(f"{take.name}: {error.message}", **error.fields) from None
     return conditioned(marginal, G, noise, misfit)
 
 
-def points_of_base(
+def points_in_base(
     takes: Sequence[Take], own: Sequence[Sequence[int | None]], stops: Sequence[Stop], t: Array
 ) -> tuple[Place, ...]:
-    """Where takes know a keyframe to be in base, at the fused path's time: once each, as the dock errs in all alike.
+    """Return keyframes that takes know to be at points of base, at the times of the fused path.
+
+    Each keyframe counts once, because the dock's error is the same in all takes.
 
     Args:
         takes: those that are used.
-        own: of each its keyframe for each of the task's.
-        stops: of the fused path, at t (n,) s.
+        own: for each take, its own keyframe at each of the task's keyframes, or None.
+        stops: of the fused path.
+        t: (n,) s, of the fused path.
     """
     found: dict[int, Place] = {}
-    for take, mine in zip(takes, own, strict=True):
+    for take, indices in zip(takes, own, strict=True):
         assert take.path.tracking is not None
         middles = np.array([keyframe.t for keyframe in take.keyframes])
         for place in take.path.tracking.demo.places:
             for when in place.t if place.p_base_tool is not None else ():
                 nearest = int(np.argmin(np.abs(middles - when)))
-                if nearest in mine:
-                    j = mine.index(nearest)
+                if nearest in indices:
+                    j = indices.index(nearest)
                     middle = 0.5 * float(t[stops[j].start] + t[stops[j].stop - 1])
                     found.setdefault(j, replace(place, t=(middle,)))
     return tuple(found.values())

@@ -1,4 +1,4 @@
-"""The mean way of several takes from keyframe to keyframe, each move at its own share of time."""
+"""The mean path of several takes: each move is averaged at equal fractions of its own duration."""
 
 from __future__ import annotations
 
@@ -8,25 +8,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pbd.calibration.demonstrated_path import led_between
 from pbd.data import Stop
-from pbd.pose import (
-    Array,
-    quat_canonical,
-    quat_exp,
-    quat_from_matrix,
-    quat_inverse,
-    quat_log,
-    quat_multiply,
-    quat_slerp,
-)
+from pbd.pose import Array, Pose, quat_canonical, quat_from_matrix, quat_slerp
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
-    """One take in the task's nav, of the sensor as in the first take: t (n,) s, p (n, 3) m, wxyz (n, 4).
+class TakePath:
+    """The path of one take in the task's nav, of the first take's sensor pose in the hand.
 
-    `stops` (J, 2) s: from when to when it stands at each of the task's keyframes, NaN where it has none; `weight` (J,):
-    how sure that is.
+    Attributes:
+        t, p, wxyz: (n,) s, (n, 3) m and (n, 4).
+        stops: (J, 2) s, start and end of the stop at each of the task's keyframes; NaN where the take has none.
+        weight: (J,) certainty of each stop.
     """
 
     t: Array
@@ -36,8 +30,11 @@ class Way:
     weight: Array
 
 
-class MeanWay(NamedTuple):
-    """t (n,) s; p, v, a (n, 3) in nav; wxyz (n, 4); the stops; and the first take's instant at each row, (n,) s."""
+class MeanPath(NamedTuple):
+    """The mean path in nav: t (n,) s; p, v, a (n, 3) m, m/s, m/s2; wxyz (n, 4).
+
+    `t_first` (n,) s is the time in the first take that corresponds to each row.
+    """
 
     t: Array
     p: Array
@@ -45,73 +42,67 @@ class MeanWay(NamedTuple):
     a: Array
     wxyz: Array
     stops: tuple[Stop, ...]
-    at_first: Array
+    t_first: Array
 
 
-def mean_way(ways: Sequence[Way], m: Array, A: Array, interval: float) -> MeanWay:
-    """Average takes between keyframes.
+def average_paths(paths: Sequence[TakePath], m: Array, A: Array, interval: float) -> MeanPath:
+    """Average takes between keyframes; dwells and durations are medians.
 
     Args:
-        ways: the takes; a move is the mean of those that have both its ends.
-        m, A: (J, 3) m and (J, 3, 3), the task's keyframes, at which the mean way stands.
+        paths: of the takes. A move is the mean of the takes that have both its ends.
+        m, A: (J, 3) m and (J, 3, 3), the task's keyframes, at which the mean path stops.
         interval: s, between two rows.
     """
-    edges = np.array([way.stops for way in ways])  # (K, J, 2)
+    edges = np.array([path.stops for path in paths])  # (K, J, 2)
     dwell = np.nanmedian(edges[:, :, 1] - edges[:, :, 0], axis=0)
     move = np.nanmedian(edges[:, 1:, 0] - edges[:, :-1, 1], axis=0)
-    still = np.maximum(np.round(dwell / interval), 1.0).astype(int) + 1
-    going = np.maximum(np.round(move / interval), 2.0).astype(int) - 1
-    count = int(still.sum() + going.sum())
-    p, wxyz, at_first = np.empty((count, 3)), np.empty((count, 4)), np.full(count, np.nan)
+    rest_rows = np.maximum(np.round(dwell / interval), 1.0).astype(int) + 1
+    move_rows = np.maximum(np.round(move / interval), 2.0).astype(int) - 1
+    count = int(rest_rows.sum() + move_rows.sum())
+    p, wxyz, t_first = np.empty((count, 3)), np.empty((count, 4)), np.full(count, np.nan)
     v, stops, row = np.zeros((count, 3)), [], 0
-    poses, weight = quat_from_matrix(A), np.max([way.weight for way in ways], axis=0).tolist()
-    for j in range(len(m)):
-        here = slice(row, row + int(still[j]))
-        p[here], wxyz[here] = m[j], poses[j]
-        at_first[here] = np.linspace(edges[0, j, 0], edges[0, j, 1], int(still[j]))
-        stops.append(Stop(here.start, here.stop, float(still[j] - 1) * interval, weight[j]))
+    weight = np.max([path.weight for path in paths], axis=0).tolist()
+    keyframes = list(map(Pose, m, quat_from_matrix(A)))
+    for j, keyframe in enumerate(keyframes):
+        here = slice(row, row + int(rest_rows[j]))
+        p[here], wxyz[here] = keyframe.p, keyframe.wxyz
+        t_first[here] = np.linspace(edges[0, j, 0], edges[0, j, 1], int(rest_rows[j]))
+        stops.append(Stop(here.start, here.stop, float(rest_rows[j] - 1) * interval, weight[j]))
         row = here.stop
         if j + 1 == len(m):
             break
-        between = slice(row, row + int(going[j]))
-        u = np.arange(1, going[j] + 1) / (going[j] + 1.0)
-        mean = _move([way for way in ways if np.isfinite(way.stops[j : j + 2]).all()], j, u, m, poses)
-        p[between], wxyz[between] = mean
-        at_first[between] = edges[0, j, 1] + u * (edges[0, j + 1, 0] - edges[0, j, 1])
-        v[between] = np.gradient(_closed(p, between, m[j + 1]), interval, axis=0)[1:-1]
+        between = slice(row, row + int(move_rows[j]))
+        share = np.arange(move_rows[j] + 2) / (move_rows[j] + 1.0)
+        having = [path for path in paths if np.isfinite(path.stops[j : j + 2]).all()]
+        mean_p, mean_wxyz = _mean_move(having, j, share, keyframe, keyframes[j + 1])
+        p[between], wxyz[between] = mean_p[1:-1], mean_wxyz[1:-1]
+        t_first[between] = (edges[0, j, 1] + share * (edges[0, j + 1, 0] - edges[0, j, 1]))[1:-1]
+        v[between] = np.gradient(mean_p, interval, axis=0)[1:-1]
         row = between.stop
-    known = np.isfinite(at_first)
+    known = np.isfinite(t_first)
     rows = np.arange(count)
-    return MeanWay(
+    return MeanPath(
         np.asarray(interval * rows, dtype=np.float64),
         p,
         v,
         np.asarray(np.gradient(v, interval, axis=0)),
         wxyz,
         tuple(stops),
-        np.interp(rows, rows[known], at_first[known]),
+        np.interp(rows, rows[known], t_first[known]),
     )
 
 
-def _closed(p: Array, between: slice, end: Array) -> Array:
-    """A move with the rows on either side of it."""
-    return np.vstack((p[between.start - 1 : between.stop], end))
-
-
-def _move(ways: Sequence[Way], j: int, u: Array, m: Array, poses: Array) -> tuple[Array, Array]:
-    """The mean of takes from keyframe j to the next, at shares u (n,) of the time, each led from end to end."""
-    places, turns = [], []
-    for way in ways:
-        start, end = way.stops[j, 1], way.stops[j + 1, 0]
-        t = np.concatenate(([start], start + u * (end - start), [end]))
-        p = np.column_stack([np.interp(t, way.t, axis) for axis in way.p.T])
-        after = np.clip(np.searchsorted(way.t, t), 1, len(way.t) - 1)
-        lasts = way.t[after] - way.t[after - 1]
-        wxyz = quat_slerp(way.wxyz[after - 1], way.wxyz[after], (t - way.t[after - 1]) / lasts)
-        s = np.concatenate(([0.0], u, [1.0]))[:, None]
-        led = s**2 * (3.0 - 2.0 * s)  # keeps velocity zero at both ends
-        places.append((p + (1.0 - led) * (m[j] - p[0]) + led * (m[j + 1] - p[-1]))[1:-1])
-        off = [quat_log(quat_multiply(poses[j + i], quat_inverse(wxyz[-i]))) for i in (0, 1)]  # -0 and -1: both ends
-        turns.append(quat_multiply(quat_exp((1.0 - led) * off[0] + led * off[1]), wxyz)[1:-1])
-    aligned = [np.where((turn * turns[0]).sum(axis=1, keepdims=True) < 0.0, -turn, turn) for turn in turns]
-    return np.mean(places, axis=0), quat_canonical(np.mean(aligned, axis=0))
+def _mean_move(paths: Sequence[TakePath], j: int, share: Array, start: Pose, end: Pose) -> tuple[Array, Array]:
+    """Return the mean p and wxyz of takes from keyframe j to the next, at shares (n,) of the move's duration."""
+    places, attitudes = [], []
+    for path in paths:
+        t = path.stops[j, 1] + share * (path.stops[j + 1, 0] - path.stops[j, 1])
+        p = np.column_stack([np.interp(t, path.t, axis) for axis in path.p.T])
+        after = np.clip(np.searchsorted(path.t, t), 1, len(path.t) - 1)
+        fraction = (t - path.t[after - 1]) / (path.t[after] - path.t[after - 1])
+        wxyz = quat_slerp(path.wxyz[after - 1], path.wxyz[after], fraction)
+        p, wxyz = led_between(share, p, wxyz, start, end)
+        places.append(p)
+        attitudes.append(wxyz)
+    same_side = [np.where((each * attitudes[0]).sum(axis=1, keepdims=True) < 0.0, -each, each) for each in attitudes]
+    return np.mean(places, axis=0), quat_canonical(np.mean(same_side, axis=0))

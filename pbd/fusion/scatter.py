@@ -1,7 +1,7 @@
-"""The hand's scatter from take to take, apart from the tracker's own uncertainty: variance components.
+"""The hand's scatter from take to take, separated from the tracker's own uncertainty: variance components.
 
-Marginal likelihood (the unknowns integrated out) with log-normal priors, by Fisher scoring; the factor of the tracker's
-covariance has an inverse chi-square prior about one, and its average information.
+The scatter maximises the marginal likelihood (the unknowns integrated out) with log-normal priors, by Fisher scoring. A
+factor of the tracker's covariance has an inverse chi-square prior about one, and uses the average information.
 
 Sources: D. A. Harville, Maximum likelihood approaches to variance component estimation, JASA 72 (1977); A. R. Gilmour,
 R. Thompson and B. R. Cullis, Average information REML, Biometrics 51 (1995).
@@ -22,10 +22,10 @@ HAND_M, HAND_RAD, HAND_SPREAD = 0.002, np.radians(2.0), 1.4
 DOCK_M, DOCK_RAD, DOCK_SPREAD = 0.0005, np.radians(0.2), 1.0
 """Prior of the scatter at the first keyframe, the dock: m, rad, and the sigma of their logarithms."""
 
-LIKE_OTHERS_SPREAD = 0.5
+KEYFRAME_SPREAD = 0.5
 """Prior sigma of the logarithm of one keyframe's scatter along one axis, about the scatter of all keyframes."""
 
-TRACKER_WORTH = 1.0
+TRACKER_FREEDOM = 1.0
 """Degrees of freedom of the prior that the tracker's covariance is right (factor 1). Chosen from 1, 3 and 10: with 1
 the fused sigmas were honest for two, four and eight takes of simulated WT901, phone and OS5000."""
 
@@ -35,70 +35,65 @@ LARGEST_STEP = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """Standard deviations of the hand.
+    """Standard deviations of the hand at J keyframes, in g groups that share one value.
 
     Attributes:
-        group: (J, 6) which of them holds for a keyframe's position (m) and turn (rad), along nav's axes.
-        log: (g,) their logarithms.
-        mean, spread: (g,) of the prior of those.
-        unsure: (g,) spread of the logarithms as found.
-        tracker: by which the tracker's own covariance is multiplied.
-        worth: degrees of freedom that this is worth; infinite: it is held.
+        group: (J, 6) group of a keyframe's position (m) and rotation (rad), along nav's axes.
+        log: (g,) logarithms of the standard deviations.
+        prior_log, prior_spread: (g,) mean and sigma of their priors.
+        log_sigma: (g,) one sigma of the logarithms as estimated.
+        tracker: factor of the tracker's own covariance.
+        tracker_freedom: degrees of freedom of that factor's prior; infinite holds the factor fixed.
     """
 
     group: NDArray[np.intp]
     log: Array
-    mean: Array
-    spread: Array
-    unsure: Array
+    prior_log: Array
+    prior_spread: Array
+    log_sigma: Array
     tracker: float = 1.0
-    worth: float = np.inf
+    tracker_freedom: float = np.inf
 
     @property
     def sigma(self) -> Array:
-        """(J, 6) m and rad."""
+        """Standard deviations (J, 6), m and rad."""
         return np.asarray(np.exp(self.log)[self.group])
 
-    @property
-    def sigma_log(self) -> Array:
-        """(J, 6) how sure that is: one sigma of its logarithm."""
-        return self.unsure[self.group]
-
-    def improved(self, precision: Array, weighted: Array, rows: NDArray[np.intp], drift: Array) -> Scatter:
-        """A step of Fisher scoring.
+    def improved(self, precision: Array, weighted: Array, rows: NDArray[np.intp], tracking: Array) -> Scatter:
+        """Return the scatter after a step of Fisher scoring.
 
         Args:
-            precision: (N, N) of the residuals, the unknowns integrated out.
+            precision: (N, N) of the residuals, with the unknowns integrated out.
             weighted: (N,) precision times the residuals.
-            rows: (N,) which standard deviation a residual has.
-            drift: (N, N) the tracker's covariance, multiplied already.
+            rows: (N,) group of each residual.
+            tracking: (N, N) the tracker's covariance, times the present factor.
         """
         count, variance = len(self.log), np.exp(2.0 * self.log)
-        of = np.eye(count)[rows]  # (N, g)
-        # Where a variance is too large the likelihood bends more than is expected, by its gradient: Fisher's step alone
-        # would be too far, and go to and fro.
-        by_data = variance * (of.T @ (weighted**2 - np.diagonal(precision)))
-        gradient = by_data - (self.log - self.mean) / self.spread**2
-        information = 2.0 * np.outer(variance, variance) * (of.T @ precision**2 @ of) + np.diag(self.spread**-2.0)
-        covariance = np.linalg.inv(information)
-        bent = information + np.diag(np.maximum(-2.0 * by_data, 0.0))
-        step = np.clip(np.linalg.solve(bent, gradient), -LARGEST_STEP, LARGEST_STEP)
-        found = replace(self, log=self.log + step, unsure=np.sqrt(np.diagonal(covariance)))
-        if np.isinf(self.worth):
+        members = np.eye(count)[rows]  # (N, g)
+        # Where a variance is too large, the likelihood's curvature exceeds Fisher's by its gradient. Then Fisher's step
+        # alone would overshoot and oscillate.
+        slope = variance * (members.T @ (weighted**2 - np.diagonal(precision)))
+        gradient = slope - (self.log - self.prior_log) / self.prior_spread**2
+        expected = 2.0 * np.outer(variance, variance) * (members.T @ precision**2 @ members)
+        information = expected + np.diag(self.prior_spread**-2.0)
+        curvature = information + np.diag(np.maximum(-2.0 * slope, 0.0))
+        step = np.clip(np.linalg.solve(curvature, gradient), -LARGEST_STEP, LARGEST_STEP)
+        found = replace(self, log=self.log + step, log_sigma=np.sqrt(np.diagonal(np.linalg.inv(information))))
+        if np.isinf(self.tracker_freedom):
             return found
-        drifted = drift @ weighted
-        shown, due, prior = weighted @ drifted, (precision * drift).sum(), self.worth / self.tracker
-        bent = drifted @ precision @ drifted + max(due - shown, 0.0) + prior
-        step = np.clip((shown - due + prior - self.worth) / bent, -LARGEST_STEP, LARGEST_STEP)
+        drifted = tracking @ weighted
+        shown, due, prior = weighted @ drifted, (precision * tracking).sum(), self.tracker_freedom / self.tracker
+        average_information = drifted @ precision @ drifted + max(due - shown, 0.0) + prior
+        step = np.clip((shown - due + prior - self.tracker_freedom) / average_information, -LARGEST_STEP, LARGEST_STEP)
         return replace(found, tracker=self.tracker * float(np.exp(step)))
 
     def change(self, before: Scatter) -> float:
-        """Largest change of a logarithm."""
+        """Return the largest change of a logarithm."""
         return float(np.abs([*(self.log - before.log), np.log(self.tracker / before.tracker)]).max())
 
 
-def alike(count: int) -> Scatter:
-    """One scatter for all keyframes; the first, which is the dock, has its own."""
+def common_scatter(count: int) -> Scatter:
+    """Return the prior of one scatter for all keyframes; the first keyframe, which is the dock, has its own."""
     group = np.tile(np.repeat((2, 3), 3), (count, 1))
     group[0] = np.repeat((0, 1), 3)
     mean = np.log((DOCK_M, DOCK_RAD, HAND_M, HAND_RAD))
@@ -106,10 +101,10 @@ def alike(count: int) -> Scatter:
     return Scatter(group, mean, mean, spread, spread)
 
 
-def each(found: Scatter) -> Scatter:
-    """From that of all: each keyframe's own, of its position along each axis, of its turn."""
-    count = len(found.group)
+def keyframe_scatter(common: Scatter) -> Scatter:
+    """Return the prior of a scatter for each keyframe, along each axis and in rotation, from the common scatter."""
+    count = len(common.group)
     group = np.arange(4 * count).reshape(count, 4)[:, (0, 1, 2, 3, 3, 3)]
-    mean = found.log[found.group][:, :4].ravel()
-    spread = np.full(4 * count, LIKE_OTHERS_SPREAD)
-    return Scatter(group, mean, mean, spread, spread, found.tracker)
+    mean = common.log[common.group][:, :4].ravel()
+    spread = np.full(4 * count, KEYFRAME_SPREAD)
+    return Scatter(group, mean, mean, spread, spread, common.tracker)

@@ -1,4 +1,4 @@
-"""How takes were matched and how the hand scatters, as tables and for programs."""
+"""Tables and JSON of a fusion: how takes were matched, and the hand's scatter."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pbd.view.units import Units
 
 
 def takes_table(fusion: Fusion, units: Units) -> Table:
-    """A row a take: what it has of the task, how its sensor sat in the hand, how far it is off."""
+    """Return a table with a row for each take: keyframes, sensor's pose in the hand, offset from the task."""
     fine = units.finer
     several = ("device",) if len({take.device for take in fusion.takes}) > 1 else ()
     columns = (
@@ -36,7 +36,7 @@ def takes_table(fusion: Fusion, units: Units) -> Table:
         table.add_row(
             take.name,
             *(str(take.device + 1) for _ in several),
-            str(_count(take)),
+            str(sum(own is not None for own in take.own)),
             " ".join(map(str, take.extra)),
             " ".join(map(str, take.outliers)),
             *units.angles((_turned(take), take.turn_sigma)),
@@ -47,7 +47,7 @@ def takes_table(fusion: Fusion, units: Units) -> Table:
 
 
 def fusion_table(path: HandPath, units: Units) -> Table:
-    """A row a keyframe: in which takes, where, how sure; how the hand scatters, with the uncertainty of that."""
+    """Return a table with a row for each keyframe: number of takes, position, sigma, scatter and its uncertainty."""
     fusion, fine = path.fusion, units.finer
     assert fusion is not None
     m, mm, deg = units.length, fine.length, units.angle_sign
@@ -69,7 +69,7 @@ def fusion_table(path: HandPath, units: Units) -> Table:
 
 
 def fusion_rows(path: HandPath) -> dict[str, Any]:
-    """The same for `--json`."""
+    """Return both tables' content for `--json`."""
     fusion = path.fusion
     assert fusion is not None
     sigma = np.sqrt(np.diagonal(path.cov, axis1=1, axis2=2))
@@ -110,10 +110,6 @@ def fusion_rows(path: HandPath) -> dict[str, Any]:
     }
 
 
-def _count(take: FusedTake) -> int:
-    return sum(own is not None for own in take.own)
-
-
 def _turned(take: FusedTake) -> float:
     return 0.0 if take.T_hand is None else float(np.linalg.norm(quat_log(take.T_hand.wxyz)))
 
@@ -123,5 +119,6 @@ def _lever(take: FusedTake) -> float:
 
 
 def _rms(off: Array) -> float:
-    there = off[np.isfinite(off).all(axis=1)]
-    return float(np.sqrt((there**2).sum(axis=1).mean())) if len(there) else float("nan")
+    """Return the root mean square of the offsets (n, 3), without those that are NaN."""
+    finite = off[np.isfinite(off).all(axis=1)]
+    return float(np.sqrt((finite**2).sum(axis=1).mean())) if len(finite) else float("nan")

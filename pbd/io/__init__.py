@@ -1,1 +1,4 @@
-"""Opening and writing files: others' are regular and bounded, each failure is a PbdError; ours are written whole."""
+"""Safe file access: only regular files of bounded size are read, and written files appear complete or not at all.
+
+Each failure is a PbdError.
+"""

@@ -1,4 +1,4 @@
-"""Atomic writing: files and folders appear whole or not at all. Errors of the system name the next step."""
+"""Atomic writing: a file or folder appears complete or not at all. Errors say what to do next."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from pbd.errors import PbdError, PbdWarning, RecordingError, in_words, warn
 DELETED = "the folder that you are in has been deleted; go to another"
 
 DEMONSTRATION_FILES = ("demo.toml", "imu.csv", "truth.csv", "keyframes.toml", "points.csv", "raw.bin")
-"""What a demonstration's folder is made of: no result takes such a file's place."""
+"""Files of a demonstration's folder. No command's result may replace one of them."""
 
 _COUNTER = itertools.count()
 
 is_file, is_folder, exists = os.path.isfile, os.path.isdir, os.path.exists
-"""Whether a regular file, a folder, or anything is there. Unlike pathlib's they never raise: a name may be too long."""
+"""Tests for a regular file, a folder, or anything. Unlike pathlib's, they return False for a name that is too long."""
 
 
 @contextmanager
 def atomic_file(path: Path, parents: bool = False) -> Iterator[Path]:
-    """Give a file to write beside `path`; it takes `path`'s place when all went well, and is gone otherwise.
+    """Yield a temporary path beside `path`. On success it replaces `path`, on an error it is removed.
 
-    A link stays a link: what it leads to is replaced. A file keeps its permissions. With `parents` missing folders are
-    made, and removed again where not all went well.
+    A link stays a link: its target is replaced. An existing file keeps its permissions. With `parents`, missing folders
+    are made, and removed again on an error.
 
     Raises:
-        PbdError: the place can't be written.
+        PbdError: the path can't be written.
     """
     refuse_file(path)
-    with _refused_as(PbdError, path):
+    with _os_errors_as(PbdError, path):
         target = Path(os.path.realpath(path))
-        with made(target.parent) if parents else nullcontext(), _temporary(target) as new:
+        with _new_folder(target.parent) if parents else nullcontext(), _temporary(target) as new:
             yield new
             if is_file(target):
                 shutil.copymode(target, new)
@@ -47,16 +47,16 @@ def atomic_file(path: Path, parents: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(folder: Path, replace: bool = True) -> Iterator[Path]:
-    """Give a folder to fill beside `folder`; it takes that name when all went well, and is gone otherwise.
+    """Yield a temporary folder beside `folder`. On success it takes the name `folder`, on an error it is removed.
 
-    What has the name is renamed (`name_aside`) before that and removed after it. Where that is a link the link goes,
-    and what it leads to stays. Without `replace` it is not written over what another program made meanwhile.
+    With `replace`, an existing folder is first renamed (`name_aside`) and then removed; of a link only the link is
+    removed. Without `replace`, a folder that another program makes meanwhile is an error.
 
     Raises:
-        RecordingError: the place can't be written.
+        RecordingError: the folder can't be written.
     """
     refuse_name(folder)
-    with _refused_as(RecordingError, folder), made(folder.parent), _temporary(folder) as new:
+    with _os_errors_as(RecordingError, folder), _new_folder(folder.parent), _temporary(folder) as new:
         new.mkdir()
         yield new
         aside = folder.rename(name_aside(folder, "before")) if replace and os.path.lexists(folder) else None
@@ -71,29 +71,29 @@ def atomic_folder(folder: Path, replace: bool = True) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str, parents: bool = False, read: Callable[[Path], object] | None = None) -> None:
-    """Write a file of text, as `atomic_file`; nothing is written that `read` refuses (with the error of that)."""
+    """Write a text file atomically. If `read` refuses the new file, the old one stays and that error is raised."""
     with atomic_file(path, parents) as unfinished:
         unfinished.write_text(text, encoding="utf-8")
         if read is None:
             return
         try:
-            with warnings.catch_warnings():  # whoever reads it gets them
+            with warnings.catch_warnings():  # they are given again whenever the file is read
                 warnings.simplefilter("ignore", PbdWarning)
                 read(unfinished)
         except PbdError as error:
-            said = error.message.replace(str(unfinished), str(path))
-            raise type(error)(said, **error.fields | {"path": path}) from None
+            message = error.message.replace(str(unfinished), str(path))
+            raise type(error)(message, **error.fields | {"path": path}) from None
 
 
 def refuse_name(path: Path) -> None:
-    """Refuse (PbdError) a name that no text can hold: it is not UTF-8, or has a control character."""
+    """Refuse (PbdError) a name that is not UTF-8 or has a control character."""
     if any(unicodedata.category(character) in ("Cc", "Cs") for character in str(path)):
         what = f"'{path}' can't be a name here (it has control characters, or is not UTF-8); give another"
         raise PbdError(what, path=path)
 
 
 def refuse_file(path: Path) -> None:
-    """Refuse (PbdError) the place of a file where a folder or a device is, or a file that is read-only."""
+    """Refuse (PbdError) a path at which no file can be written: a folder, a device, or a read-only file is there."""
     refuse_name(path)
     if not path.name or is_folder(path):
         raise PbdError(f"{path} is a folder: give a file's name", path=path)
@@ -104,36 +104,32 @@ def refuse_file(path: Path) -> None:
 
 
 def refuse_folder(folder: Path, error: type[PbdError] = PbdError, other: str = "place") -> None:
-    """Refuse a folder in which nothing can be made, or that can't be made; the `error` asks for another `other`."""
+    """Refuse a folder that can't be made or written in; the `error` ends with "give another `other`"."""
     refuse_name(folder)
-    with _refused_as(error, folder, other), made(folder, keep=False), _temporary(folder / "folder") as new:
+    with _os_errors_as(error, folder, other), _new_folder(folder, keep=False), _temporary(folder / "folder") as new:
         new.mkdir()
 
 
 def refuse_output(file: Path, inputs: Iterable[str | None] = ()) -> None:
-    """Refuse the place of a command's result before the command starts to work.
+    """Refuse the path of a command's result before the command starts to work.
 
     Args:
-        file: the result's.
-        inputs: files that the command reads; other words are passed over.
+        file: the path of the result.
+        inputs: the command's inputs; those that are not the paths of files are ignored.
 
     Raises:
-        PbdError: the place can't be written, or what is there is no result: a file of a demonstration, a TOML file (a
-            robot, a calibration), or an input.
+        PbdError: the path can't be written, or it would replace a demonstration's file, a TOML file (a robot, a
+            calibration) or an input.
     """
     refuse_file(file)
-    with _refused_as(PbdError, file):
-        target = Path(os.path.realpath(file))  # what a link leads to would be replaced
+    with _os_errors_as(PbdError, file):
+        target = Path(os.path.realpath(file))  # the file that is replaced if `file` is a link
         folder = target.parent if file.is_symlink() else file.parent
         if not is_folder(folder):
-            why = (
-                f"{folder} is not a folder; give"
-                if exists(folder)
-                else f"there is no folder {folder}; make it, or give"
-            )
-            raise PbdError(f"{file} can't be written: {why} another place", path=file)
+            why = f"{folder} is not a folder;" if exists(folder) else f"there is no folder {folder}; make it, or"
+            raise PbdError(f"{file} can't be written: {why} give another place", path=file)
         with suppress(FileNotFoundError):
-            target.lstat()  # its name may be too long
+            target.lstat()  # raises if the name is too long
         with _temporary(target) as new:
             new.touch()
     if target.name in DEMONSTRATION_FILES and is_file(target.parent / "demo.toml"):
@@ -145,16 +141,16 @@ def refuse_output(file: Path, inputs: Iterable[str | None] = ()) -> None:
 
 
 def name_aside(folder: Path, word: str) -> Path:
-    """NAME.word, or the first of NAME.word-2, NAME.word-3 that is free: no earlier one is overwritten."""
+    """Return the first free name of NAME.word, NAME.word-2, NAME.word-3, ..."""
     names = itertools.chain([word], (f"{word}-{n}" for n in itertools.count(2)))
     return next(free for name in names if not os.path.lexists(free := folder.with_name(f"{folder.name}.{name}")))
 
 
 def remove_folder(aside: Path) -> str:
-    """Remove a folder, or a link to one; return "", or what to say where it can't be removed."""
+    """Remove a folder, or a link to one. Return "", or a message if it can't be removed."""
     try:
         if aside.is_symlink():
-            aside.unlink()  # what a link leads to is not ours to remove
+            aside.unlink()  # the link's target stays
         else:
             shutil.rmtree(aside)
     except OSError as reason:
@@ -163,14 +159,14 @@ def remove_folder(aside: Path) -> str:
 
 
 def unwritable(path: Path, reason: OSError, error: type[PbdError], other: str = "place") -> PbdError:
-    """Make the error that says why nothing can be written there, and what to give instead."""
+    """Make the error for a path that can't be written; it ends with "give another `other`"."""
     if reason.errno == errno.ENOENT and not path.is_absolute() and in_deleted_folder():
         return error(f"{path} can't be written: {DELETED}", path=path)
     return error(f"{path} can't be written ({in_words(reason)}); give another {other}", path=path)
 
 
 def in_deleted_folder() -> bool:
-    """Whether the working folder is gone."""
+    """Whether the working folder has been deleted."""
     try:
         Path.cwd()
     except FileNotFoundError:
@@ -179,13 +175,13 @@ def in_deleted_folder() -> bool:
 
 
 def may_write(path: Path) -> bool:
-    """Whether what is there may be written, by its permissions."""
+    """Whether the permissions allow writing."""
     return os.access(path, os.W_OK, effective_ids=os.access in os.supports_effective_ids)
 
 
 @contextmanager
-def made(folder: Path, keep: bool = True) -> Iterator[None]:
-    """Make a folder and those above it; what was made is removed again after an error, or where it is not to `keep`."""
+def _new_folder(folder: Path, keep: bool = True) -> Iterator[None]:
+    """Make a folder and its missing parents. Remove them again after an error, or without `keep`."""
     missing = list(itertools.takewhile(lambda each: not os.path.lexists(each), (folder, *folder.parents)))
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -195,14 +191,14 @@ def made(folder: Path, keep: bool = True) -> Iterator[None]:
         raise
     finally:
         for each in () if keep else missing:
-            with suppress(OSError):  # not made, or no longer empty
+            with suppress(OSError):  # it was not made, or is no longer empty
                 each.rmdir()
 
 
 @contextmanager
 def _temporary(target: Path) -> Iterator[Path]:
-    """Give a free name beside `target`; whatever has that name at the end is removed."""
-    path = target.parent / f".pbd-{os.getpid()}-{next(_COUNTER)}.tmp"  # short: target's may be the longest there is
+    """Yield a free path beside `target`; remove whatever is there at the end."""
+    path = target.parent / f".pbd-{os.getpid()}-{next(_COUNTER)}.tmp"  # target's name plus a suffix may be too long
     try:
         yield path
     finally:
@@ -214,7 +210,7 @@ def _temporary(target: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _refused_as(error: type[PbdError], path: Path, other: str = "place") -> Iterator[None]:
+def _os_errors_as(error: type[PbdError], path: Path, other: str = "place") -> Iterator[None]:
     try:
         yield
     except OSError as reason:

@@ -1,7 +1,7 @@
-"""Mesh files as coloured triangles, read by trimesh and pycollada, with a cache of what is computed from them.
+"""Mesh files as coloured triangles, read by trimesh and pycollada, with a cache of results computed from them.
 
-Nothing but the file itself is opened: no texture, no material library, no address. DAE files, the only ones whose
-colours are used, go to pycollada directly: a small one can describe a scene without end, which is bounded here.
+Only the file itself is opened: no texture, no material library, no URL. DAE files are read by pycollada directly: their
+colours are used, and a small file can describe a scene without end, so its size is checked here.
 """
 
 from __future__ import annotations
@@ -28,33 +28,33 @@ from pbd.pose import Array
 FORMATS = (".dae", ".stl", ".obj", ".ply", ".glb")
 
 MOST_BYTES = 200_000_000
-"""Largest mesh file: four million triangles of a binary STL."""
+"""Largest mesh file, bytes: four million triangles as a binary STL."""
 
 MOST_TRIANGLES = 4_000_000
-"""Most triangles of a mesh: a small DAE file can show one geometry any number of times."""
+"""Most triangles of a mesh. A small DAE file can repeat one geometry any number of times."""
 
 MOST_NODES = 20_000
-"""Most nodes of a DAE scene, counted each time that one is shown."""
+"""Most nodes of a DAE scene; a node that is shown several times counts as often."""
 
 LARGEST = 1e6
-"""Largest coordinate of a mesh, in its own unit: a kilometre in mm."""
+"""Largest coordinate of a mesh, in the file's unit: a kilometre in mm."""
 
 _VERSION = 6
-"""Part of the cache's keys: raise it when the same file would give other triangles, hulls or drawings."""
+"""Part of the cache's keys. Raise it when the code makes other triangles, hulls or drawings of the same file."""
 
 
 @dataclass(frozen=True, eq=False)
 class Soup:
-    """Loose triangles: corners (m, 3, 3); rgb (m, 3) in 0..1 as displayed, NaN where the file has no colour."""
+    """Triangles: corners (m, 3, 3); sRGB colours (m, 3) in 0..1, NaN where the file has no colour."""
 
     corners: Array
     rgb: Array
 
 
 def mesh_places(address: str, urdf: Path, package_dirs: Sequence[Path]) -> list[Path]:
-    """Say where a URDF's package://, file:// or relative address may lead.
+    """Return the paths that a URDF's package://, file:// or relative address may mean.
 
-    A package may be a folder in one of package_dirs, or such a folder itself.
+    A package is a folder in one of package_dirs, or one of package_dirs itself.
     """
     if not address.startswith("package://"):
         return [urdf.parent / address.removeprefix("file://")]
@@ -64,7 +64,7 @@ def mesh_places(address: str, urdf: Path, package_dirs: Sequence[Path]) -> list[
 
 
 def mesh_file(address: str, urdf: Path, package_dirs: Sequence[Path]) -> Path:
-    """Return the first place that exists, else the first one, so that opening it raises the error."""
+    """Return the first path of `mesh_places` that exists, else the first one: opening it raises the error."""
     places = mesh_places(address, urdf, package_dirs) or [Path(address)]
     return next((place for place in places if is_file(place)), places[0])
 
@@ -72,17 +72,18 @@ def mesh_file(address: str, urdf: Path, package_dirs: Sequence[Path]) -> Path:
 def from_mesh(
     path: Path, what: str, make: Callable[[Soup], Mapping[str, Any]], *options: object
 ) -> dict[str, NDArray[Any]]:
-    """Make something of a mesh file's triangles (in its unit; DAE: metres), or take it from the user's cache.
+    """Return `make(triangles)` for a mesh file, from the user's cache where possible.
 
-    There it is kept by the file's bytes.
+    The triangles are in the file's unit (DAE: metres). The cache's key is a hash of the file's bytes and the options.
 
     Args:
-        what: the name of what is made ("hull"); it stands for how it is made.
-        make: makes it, as named arrays.
-        options: what else the result follows from.
+        path: the mesh file.
+        what: the name of the result ("hulls"): its folder in the cache.
+        make: computes named arrays.
+        options: what else the result depends on.
 
     Raises:
-        RobotError: it can't be read, has no face or too many, or a vertex is no sound number.
+        RobotError: the file can't be read, has no face or too many, or a coordinate is not finite or too large.
     """
     data = read_bytes(path, RobotError, "put it there, or correct its address in the URDF", MOST_BYTES)
     key = hashlib.sha256(repr((_VERSION, path.suffix, *options)).encode() + data).hexdigest()
@@ -93,7 +94,7 @@ def from_mesh(
 
 
 def mesh_triangles(path: Path, scale: Sequence[float]) -> Array:
-    """Read a mesh's triangles (m, 3, 3), scaled; raises as `from_mesh`."""
+    """Read a mesh's triangles (m, 3, 3), scaled along x, y, z; raises as `from_mesh`."""
     triangles: Array = from_mesh(path, "triangles", lambda soup: {"corners": soup.corners})["corners"] * scale
     return triangles
 
@@ -102,9 +103,9 @@ def _parse(path: Path, data: bytes) -> Soup:
     kind = path.suffix.lower()
     try:
         with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # pycollada uses numpy's old matrices
+            warnings.simplefilter("ignore")  # pycollada uses numpy's deprecated matrices
             parts = list(_collada(data) if kind == ".dae" else _trimesh(data, kind))
-    except Exception as reason:  # what the libraries raise has no type of their own
+    except Exception as reason:  # the libraries have no error types of their own
         why = printable(" ".join(str(reason).split()))
         raise RobotError(f"mesh {path} can't be read ({why}); convert it to STL", path=path) from None
     if not sum(len(corners) for corners, _ in parts):
@@ -120,8 +121,8 @@ def _trimesh(data: bytes, kind: str) -> Iterator[tuple[Array, Array]]:
         raise ValueError(f"it is none of {', '.join(FORMATS)}")
     import trimesh
 
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else it prints tracebacks of what it recovers from
-    # A scene, so that the parts of a GLB are placed; without a path, so that it opens no other file.
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else trimesh prints tracebacks of handled errors
+    # A scene applies the poses of a GLB's parts. From bytes, trimesh can't open other files.
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], process=False)
     for mesh in scene.dump():
         corners = np.asarray(getattr(mesh, "triangles", np.empty((0, 3, 3))), dtype=np.float64)
@@ -131,17 +132,17 @@ def _trimesh(data: bytes, kind: str) -> Iterator[tuple[Array, Array]]:
 
 
 def _collada(data: bytes) -> Iterator[tuple[Array, Array]]:
-    """As the tools around URDF do, it ignores up_axis and obeys the unit."""
+    """Yield corners and colours of each part. Like other URDF tools, apply the file's unit and ignore its up_axis."""
     if b"<!DOCTYPE" in data:
         raise ValueError("a DOCTYPE is not allowed")
     import collada
 
     @cache
-    def shown(node: Any) -> int:
-        return 1 + sum(map(shown, getattr(node, "children", ())))
+    def node_count(node: Any) -> int:
+        return 1 + sum(map(node_count, getattr(node, "children", ())))
 
     document = collada.Collada(io.BytesIO(data))
-    if sum(shown(node) for scene in document.scenes for node in scene.nodes) > MOST_NODES:
+    if sum(node_count(node) for scene in document.scenes for node in scene.nodes) > MOST_NODES:
         raise ValueError(f"more than {MOST_NODES} nodes")
     unit = document.assetInfo.unitmeter
     count = 0
@@ -150,7 +151,7 @@ def _collada(data: bytes) -> Iterator[tuple[Array, Array]]:
         for primitive in geometry.primitives():
             triangles = primitive.triangleset() if hasattr(primitive, "triangleset") else primitive
             if not isinstance(triangles, collada.triangleset.BoundTriangleSet) or triangles.vertex is None:
-                continue  # lines
+                continue  # lines are not drawn
             index = triangles.vertex_index[:, ::-1] if inside_out else triangles.vertex_index
             if (count := count + len(index)) > MOST_TRIANGLES:
                 raise ValueError(f"more than {MOST_TRIANGLES} triangles")
@@ -159,7 +160,7 @@ def _collada(data: bytes) -> Iterator[tuple[Array, Array]]:
 
 
 def _diffuse(material: Any) -> Array:
-    """RGB in 0..1, NaN where there is none: pycollada calls that, and a texture that is missing, black."""
+    """RGB in 0..1; NaN where there is none, or a texture, which pycollada would call black."""
     effect = getattr(material, "effect", None)
     if effect is None or effect.xmlnode.find(".//{*}diffuse/{*}color") is None:
         return np.full(3, np.nan)

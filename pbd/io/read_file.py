@@ -1,4 +1,4 @@
-"""Reading a whole file that is regular and within a bound."""
+"""Reading regular files of bounded size."""
 
 from __future__ import annotations
 
@@ -11,44 +11,43 @@ from pathlib import Path
 from pbd.errors import PbdError, in_words
 
 SMALL = 4_000_000
-"""Largest file that a person writes (TOML, JSON, points), bytes: the bundled ones have under 10 kB."""
+"""Largest file that a person writes (TOML, JSON, points), bytes. The bundled ones have less than 10 kB."""
 
 LARGE = 1_000_000_000
-"""Largest file of samples, bytes: ten hours of nine channels at 200 Hz as a table."""
+"""Largest file of samples, bytes: ten hours of nine channels at 200 Hz as CSV."""
 
 
 def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = LARGE, name: str = "") -> bytes:
     """Read a regular file.
 
     Args:
-        next_step: how its message ends.
+        path: the file.
+        error: the type of error.
+        next_step: the end of the error's message.
         most: the largest size, bytes.
-        name: what the message calls it; default: its path.
+        name: the file's name in the message; default: its path.
 
     Raises:
-        error: it isn't there, is no regular file (a folder, a pipe, a device), is too large, or can't be read.
+        error: the file is missing, not regular (a folder, a pipe, a device) or too large, or can't be read.
     """
     try:
-        _size_of(path.stat(), most)  # before it is opened: that alone resets some devices
+        _size_of(path.stat(), most)  # before opening, which resets some devices
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
-            return file.read(_size_of(os.fstat(file.fileno()), most))  # another file may have taken its place
+            return file.read(_size_of(os.fstat(file.fileno()), most))  # another file may have replaced it
     except (OSError, ValueError, MemoryError) as reason:  # ValueError: a path with a zero byte
         why = in_words(reason) or "it needs more memory than there is"
         raise error(f"{name or path}: can't be read ({why}); {next_step}", path=path) from None
 
 
 def read_text(path: Path, error: type[PbdError], next_step: str, most: int = SMALL, name: str = "") -> str:
-    """Read a regular file of text, as `read_bytes`; its lines end with a newline alone."""
+    """Read a text file (`read_bytes`, `decoded`)."""
     return decoded(read_bytes(path, error, next_step, most, name), name or path, error, next_step)
 
 
 def decoded(
     data: bytes, path: str | Path, error: type[PbdError], next_step: str, encodings: Sequence[str] = ("utf-8",)
 ) -> str:
-    """Turn a file's bytes into text, by the first of these encodings that fits.
-
-    It has no byte order mark, and its lines end with a newline alone.
-    """
+    """Decode a file's bytes by the first encoding that fits. Remove a byte order mark, and make line ends "\\n"."""
     for encoding in encodings:
         try:
             text = data.decode(encoding)
@@ -61,7 +60,7 @@ def decoded(
 
 
 def _size_of(status: os.stat_result, most: int) -> int:
-    """Return a regular file's size, bytes."""
+    """Return a regular file's size, bytes; OSError: it is not regular, or larger than `most`."""
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(status.st_mode):

@@ -1,7 +1,7 @@
-"""Strict reading of TOML: a missing or unknown key, or a value of the wrong kind, is an error with file, line and key.
+"""Strict reading of TOML: a missing key, an unknown key or a wrong type is an error with file, line and key.
 
-A reader asks a `Section` for each key that it knows. `done` then refuses every key that was not read, so a misspelt
-key is never ignored.
+A reader asks a `Section` for each key that it knows. `done` then refuses all other keys, so a misspelt key is never
+ignored.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from pbd.errors import PbdError, printable
 from pbd.io.read_file import read_text
 
 MOST_BYTES = 1_000_000
-"""Largest TOML file: 2000 keyframes."""
+"""Largest TOML file, bytes: 2000 keyframes."""
 
 LONGEST_LINE = 20_000
-"""Longest line of a TOML file, characters: tomllib's time grows with the square of a dotted key's length."""
+"""Longest line of a TOML file, characters. tomllib's time grows with the square of a dotted key's length."""
 
 LARGEST_NUMBER = 1e9
-"""Largest magnitude of a number, in any of our units."""
+"""Largest magnitude of a number, in any unit."""
 
 SMALLEST_POSITIVE = 1e-9
-"""Smallest number where one must be above zero."""
+"""Smallest value of a number that must be above zero, in any unit."""
 
 T = TypeVar("T")
 _REQUIRED: Any = object()
 
 
 def read_toml(path: Path, error: type[PbdError]) -> Section:
-    """Parse a file; whatever is wrong with it is raised as `error`."""
+    """Parse a TOML file; `error`: it can't be read or is not valid TOML."""
     return parse_toml(path, read_text(path, error, "give the path of a TOML file", MOST_BYTES), error)
 
 
 def parse_toml(path: Path, text: str, error: type[PbdError]) -> Section:
-    """Parse a file's text; whatever is wrong with it is raised as `error`."""
+    """Parse the text of a TOML file; `error`: it is not valid TOML."""
     source = _Source(path, text, error)
     if long := next((number for number, line in enumerate(text.split("\n"), 1) if len(line) > LONGEST_LINE), None):
         source.refuse(long, f"a line of more than {LONGEST_LINE} characters", "break it")
@@ -56,19 +56,19 @@ def parse_toml(path: Path, text: str, error: type[PbdError]) -> Section:
 
 
 class _Source:
-    """A TOML file's text, and the line of each key: tomllib keeps no lines."""
+    """A TOML file's text, to find the line of a key: tomllib does not tell it."""
 
     def __init__(self, path: Path, text: str, error: type[PbdError]) -> None:
         self.path, self._text, self._error = path, text, error
 
     def refuse(self, line: int | None, what: str, next_step: str, **fields: object) -> NoReturn:
-        """Raise the file's error."""
+        """Raise the error that `read_toml` was given."""
         raise self._error.at(self.path, f"{what}; {next_step}", line, **fields)
 
     def line(self, section: str, key: str, index: int = 0) -> int | None:
-        """Return the line, counted from 1, of `key` in the [section], or of the table around it.
+        """Return the line, counted from 1, of `key` in `section`, or else of the innermost table around it.
 
-        `index` chooses among several [[section]] tables.
+        `index` is the number of the [[section]] table, counted from 0.
         """
         keys, headers = self._lines
         found = [keys.get((section, index, key)), headers.get((_inside(section, key), 0))]
@@ -97,7 +97,7 @@ class _Source:
 class Section:
     """One table of a TOML file. `name` is its dotted name, empty for the top level.
 
-    Each reader raises the file's error where the key is missing, unless a `default` is given.
+    Each method that reads a key raises the file's error if the key is missing and no `default` is given.
     """
 
     def __init__(self, source: _Source, name: str, values: Mapping[str, Any], index: int = 0) -> None:
@@ -119,14 +119,14 @@ class Section:
         return inner
 
     def tables(self, key: str) -> list[Section]:
-        """Return the tables under `[[key]]`; none where there is no such key."""
+        """Return the `[[key]]` tables; an empty list without the key."""
         values = self._get(key, f"must be [[{key}]] tables", _list_of(_is_table), [])
         inner = [Section(self._source, _inside(self.name, key), value, i) for i, value in enumerate(values)]
         self._sections.extend(inner)
         return inner
 
     def text(self, key: str, default: T = _REQUIRED, *, blank: bool = False) -> str | T:
-        """Return a string that is not empty, unless it may be `blank`."""
+        """Return a string. It must not be empty, unless `blank`."""
         kind = f"must be a {'' if blank else 'non-empty '}string, got {{}}"
         text: str | T = self._get(key, kind, lambda v: isinstance(v, str) and (blank or v.strip()), default)
         return text
@@ -137,7 +137,7 @@ class Section:
         return tuple(values)
 
     def pairs(self, key: str) -> tuple[tuple[str, str], ...]:
-        """Return a list of pairs of strings; empty where there is no such key."""
+        """Return a list of pairs of strings; empty without the key."""
         is_pair = lambda v: _list_of(lambda name: isinstance(name, str))(v) and len(v) == 2  # noqa: E731
         values = self._get(key, "must be a list of pairs of strings, got {}", _list_of(is_pair), [])
         return tuple((first, second) for first, second in values)
@@ -149,7 +149,7 @@ class Section:
     def number(
         self, key: str, default: T = _REQUIRED, *, positive: bool = False, within: float = LARGEST_NUMBER
     ) -> float | T:
-        """Return a finite number, of magnitude `within` at most."""
+        """Return a finite number whose magnitude is at most `within`."""
         value = self._get(key, "must be a finite number, got {}", _is_number, default)
         return value if value is default else self._bounded(key, [value], positive, within, "be ", value)[0]
 
@@ -162,7 +162,7 @@ class Section:
         positive: bool = False,
         within: float = LARGEST_NUMBER,
     ) -> tuple[float, ...] | T:
-        """Return a list of `count` finite numbers; None: of any number of them."""
+        """Return a list of `count` finite numbers; any count if it is None."""
         kind = f"must be a list of {'' if count is None else f'{count} '}finite numbers, got {{}}"
         values = self._get(key, kind, _list_of(_is_number), default)
         if values is default:
@@ -172,19 +172,19 @@ class Section:
         return self._bounded(key, values, positive, within, "hold only numbers ", values)
 
     def figures(self, key: str) -> dict[str, float]:
-        """Return a table of finite numbers, whatever their names; empty where there is no such key."""
+        """Return a table of finite numbers under any names; empty without the key."""
         kind = "must be a table of finite numbers, got {}"
         values = self._get(key, kind, lambda v: _is_table(v) and all(map(_is_number, v.values())), {})
         return {name: float(item) for name, item in values.items()}
 
     def format(self, number: int) -> None:
-        """Refuse a file of another format `number`."""
+        """Refuse a file whose `format` is not `number`."""
         if (found := self.number("format")) != number:
             next_step = "it was written by a newer pbd: update pbd" if found > number else "correct it"
             self.fail("format", f"must be {number}, the only format that this version reads", next_step)
 
     def choice(self, key: str, choices: Mapping[str, T], default: T = _REQUIRED) -> T:
-        """Return what the word under `key` stands for."""
+        """Return the value in `choices` of the word under `key`."""
         if key not in self and default is not _REQUIRED:
             return default
         if (word := self.text(key)) not in choices:
@@ -192,31 +192,31 @@ class Section:
         return choices[word]
 
     def done(self) -> None:
-        """Refuse keys that were not read, here and in the tables below."""
-        for key in self._unasked():
+        """Refuse keys that were not read, here and in the tables inside."""
+        for key in self._unread():
             self.fail(key, f"is unknown; the keys here are {', '.join(self._asked)}", "remove or rename it")
         for inner in self._sections:
             inner.done()
 
     def fail(self, key: str, what: str, next_step: str = "correct it") -> NoReturn:
-        """Raise the file's error, at `key`."""
+        """Raise the file's error with the name and line of `key`."""
         where = printable(f"[{self.name}] {key}" if self.name else key)
         self._source.refuse(self.line(key), f"{where} {what}", next_step, key=key)
 
     def line(self, key: str) -> int | None:
-        """Return the line of `key`, counted from 1, or of what is around it."""
+        """Return the line of `key`, counted from 1, or else of the innermost table around it."""
         return self._source.line(self.name, key, self._index)
 
-    def _get(self, key: str, kind: str, is_right: Callable[[Any], object], default: Any = _REQUIRED) -> Any:
+    def _get(self, key: str, rule: str, is_valid: Callable[[Any], object], default: Any = _REQUIRED) -> Any:
         if key not in self:
             if default is not _REQUIRED:
                 return default
-            as_long = [given for given in self._unasked() if abs(len(given) - len(key)) <= 2]
-            misspelt = difflib.get_close_matches(key, as_long, n=1)
+            similar = [given for given in self._unread() if abs(len(given) - len(key)) <= 2]
+            misspelt = difflib.get_close_matches(key, similar, n=1)
             self.fail(key, f"is missing (there is '{misspelt[0]}')" if misspelt else "is missing", next_step="add it")
         value = self._values[key]
-        if not is_right(value):
-            self.fail(key, kind.format(_shown(value)))
+        if not is_valid(value):
+            self.fail(key, rule.format(_shown(value)))
         return value
 
     def _bounded(
@@ -229,12 +229,12 @@ class Section:
             self.fail(key, f"must {must}from {least} to {within:g}, got {_shown(got)}")
         return tuple(map(float, values))
 
-    def _unasked(self) -> list[str]:
+    def _unread(self) -> list[str]:
         return [given for given in self._values if given not in self._asked]
 
 
 def _shown(value: object) -> str:
-    """Write a value for a message."""
+    """Format a value for a message."""
     try:
         return printable(repr(value))
     except ValueError:
@@ -253,5 +253,5 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf
 
 
-def _list_of(is_right: Callable[[Any], object]) -> Callable[[Any], bool]:
-    return lambda values: isinstance(values, list) and all(map(is_right, values))
+def _list_of(is_valid: Callable[[Any], object]) -> Callable[[Any], bool]:
+    return lambda values: isinstance(values, list) and all(map(is_valid, values))

@@ -1,7 +1,7 @@
-"""A URDF's XML as this project uses it: bounded, with checked numbers, and nothing else.
+"""A URDF's XML with its size and its numbers checked. Format: https://wiki.ros.org/urdf/XML.
 
-Libraries get this checked XML, not the file: urdfdom prints its complaints to stderr, and a mesh whose scale is not a
-number crashes the distance computation. Format: https://wiki.ros.org/urdf/XML.
+The libraries get this checked XML instead of the file: urdfdom prints its errors to stderr, and a mesh scale that is
+not a number crashes the distance computation.
 """
 
 from __future__ import annotations
@@ -15,30 +15,30 @@ from pbd.io.numbers import finite_list
 from pbd.io.xml import read_xml
 
 MOST_LINKS = 500
-"""Most links of a robot: the most in example-robot-data are 130."""
+"""Most links, and most joints, of a robot. The largest robot in example-robot-data has 130 links."""
 
 MOST_MOVING = 150
-"""Most joints that move: pairs of links grow with their square. The most in example-robot-data are 101."""
+"""Most moving joints: the pairs of links to check grow with their square. At most 101 in example-robot-data."""
 
 MOST_SHAPES = 2000
 """Most visual and collision shapes of a robot."""
 
 LONGEST_M = 100.0
-"""Farthest that one part of an arm is from the next, and the largest shape, m."""
+"""Largest coordinate of an <origin>, and largest size of a shape, m."""
 
 LARGEST = 1e9
 """Largest angle, mass or scale, in SI units."""
 
 LARGEST_LIMIT = 1e20
-"""Largest limit of a joint: 1e16 is written where there is none."""
+"""Largest limit of a joint, in SI units. Some URDFs write 1e16 for "no limit"."""
 
 SMALLEST_M = 1e-6
-"""Smallest shape, m."""
+"""Smallest size of a shape, m, and smallest scale of a mesh."""
 
 
 @dataclass(frozen=True)
 class _Rule:
-    """What the numbers of an attribute must be."""
+    """How many numbers an attribute must have, and their bounds; `mirrored`: `least` bounds the magnitude."""
 
     count: int
     most: float = LARGEST
@@ -47,7 +47,7 @@ class _Rule:
     needed: bool = False
 
     def fault(self, text: str) -> str | None:
-        """Say what is wrong with a text that must hold this many finite numbers."""
+        """Return what is wrong with the attribute's text, or None."""
         try:
             values = finite_list(text, self.count)
         except ValueError:
@@ -72,7 +72,7 @@ RULES: dict[str, dict[str, _Rule]] = {
     "sphere": {"radius": _LENGTH},
     "mesh": {"scale": _Rule(3, LARGEST, SMALLEST_M, mirrored=True)},
 }
-"""What the attributes of each element must be; a mesh may be mirrored."""
+"""Rules of the attributes of each element. Negative scales mirror a mesh."""
 
 LINK_PARTS = ("inertial", "visual", "collision")
 JOINT_PARTS = ("origin", "parent", "child", "axis", "limit", "mimic")
@@ -80,7 +80,7 @@ SOLIDS = ("box", "cylinder", "sphere", "mesh")
 
 
 def read_urdf_xml(path: Path) -> ET.Element:
-    """Read a URDF and check each number in its links and joints; RobotError: too many parts, or one makes no sense."""
+    """Read a URDF and check each number in its links and joints; RobotError: it has too many parts or a wrong one."""
     root = read_xml(path)
     if root.tag != "robot":
         what = f"{path} is not a URDF: its root is <{printable(root.tag)}>; give a file whose root is <robot>"
@@ -115,7 +115,7 @@ def read_urdf_xml(path: Path) -> ET.Element:
 
 
 def kinematics(path: Path) -> str:
-    """Return the checked XML of links and joints alone, without shapes: what pinocchio builds a model of."""
+    """Return the checked XML of links and joints without shapes, from which pinocchio builds a model."""
     root = read_urdf_xml(path)
     robot = ET.Element("robot", name=root.get("name") or "robot")
     for element in root:
@@ -124,14 +124,14 @@ def kinematics(path: Path) -> str:
             kept = ET.SubElement(robot, element.tag, {key: element.get(key, "") for key in keys})
             parts = JOINT_PARTS if element.tag == "joint" else ("inertial",)
             kept.extend(part for part in element if part.tag in parts)
-            for limit in kept.iterfind("limit"):  # urdfdom wants both
+            for limit in kept.iterfind("limit"):  # urdfdom requires both
                 limit.attrib.setdefault("effort", "0")
                 limit.attrib.setdefault("velocity", "0")
     return ET.tostring(robot, encoding="unicode")
 
 
 def _check_attributes(path: Path, owner: ET.Element, element: ET.Element) -> None:
-    """Check an element's attributes; `owner` is the link or the joint that it is in."""
+    """Check an element's attributes; `owner` is the link or joint that contains it."""
     if element.tag == "mesh" and not element.get("filename"):
         raise _wrong(path, owner, "a <mesh>", "has no filename")
     for key, rule in RULES.get(element.tag, {}).items():

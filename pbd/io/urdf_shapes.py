@@ -1,7 +1,4 @@
-"""The shapes of a robot's links, as its URDF describes them.
-
-Format: https://wiki.ros.org/urdf/XML/link.
-"""
+"""The shapes of a robot's links in its URDF. Format: https://wiki.ros.org/urdf/XML/link."""
 
 from __future__ import annotations
 
@@ -28,7 +25,8 @@ class Shape:
         element: "visual" or "collision".
         kind: "box", "cylinder", "sphere" or "mesh".
         size: m; box: x, y, z; cylinder: diameter, height; sphere: diameter; mesh: empty.
-        rgb: of the URDF's material, 0..1, or None.
+        scale: of the mesh's coordinates, along x, y, z.
+        rgb: the colour of the URDF's material, 0..1, or None.
     """
 
     link: str
@@ -54,10 +52,10 @@ def read_shapes(robot: Robot) -> tuple[Shape, ...]:
 
 
 def collision_shapes(robot: Robot) -> tuple[Shape, ...]:
-    """Read what can be hit: a link's <collision> elements, or where it has none its <visual> ones."""
+    """Read the shapes for collision checks: a link's <collision> elements, or else its <visual> elements."""
     shapes = read_shapes(robot)
-    covered = {shape.link for shape in shapes if shape.element == "collision"}
-    return tuple(shape for shape in shapes if shape.element == "collision" or shape.link not in covered)
+    with_collision = {shape.link for shape in shapes if shape.element == "collision"}
+    return tuple(shape for shape in shapes if shape.element == "collision" or shape.link not in with_collision)
 
 
 def _shape(link: str, element: ET.Element, robot: Robot, named: dict[str | None, Triple]) -> Shape:
@@ -83,7 +81,7 @@ def _triple(text: str) -> Triple:
 
 
 def _rgb(material: ET.Element) -> Triple | None:
-    """None where there is no colour, or it is no three numbers."""
+    """Return a material's colour; None if it has none, or not three numbers."""
     colour = material.find("color")
     try:
         return None if colour is None else _triple(" ".join(colour.get("rgba", "").split()[:3]))

@@ -1,4 +1,4 @@
-"""Reading XML: URDF, SRDF, COLLADA."""
+"""Reading XML (URDF and SRDF)."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from pbd.errors import RobotError
 from pbd.io.read_file import read_bytes
 
 MOST_BYTES = 100_000_000
-"""Largest XML file: the largest COLLADA mesh of example-robot-data has 29."""
+"""Largest XML file, bytes."""
 
 
 def read_xml(path: Path) -> ET.Element:
-    """Parse an XML file and return its root; RobotError: it says the line where the parser knows it."""
+    """Parse an XML file and return its root; RobotError: it can't be read, with the line if the parser knows it."""
     data = read_bytes(path, RobotError, "correct its path, or mend the file", MOST_BYTES)
     try:
         root: ET.Element = ET.fromstring(data, parser=ET.XMLParser(target=_NoDoctype()))
     except ET.ParseError as reason:
         raise RobotError(f"{path}: not valid XML: {reason}; correct it", path=path) from None
-    except (ValueError, LookupError) as reason:  # an encoding that the parser doesn't have
+    except (ValueError, LookupError) as reason:  # the parser does not know the encoding
         raise RobotError(f"{path}: not valid XML: {reason}; save it as UTF-8", path=path) from None
     return root
 
 
 class _NoDoctype(ET.TreeBuilder):
-    """None of our formats has a DOCTYPE, and the entities that one can define can swell a small file to gigabytes."""
+    """Refuses a DOCTYPE: its entities can make gigabytes of a small file, and no URDF or SRDF needs one."""
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
         raise ET.ParseError(f"a DOCTYPE ({name[:40]}) is not allowed")

@@ -1,4 +1,4 @@
-"""From keyframes to a motion that has passed the audit."""
+"""Plan a motion through keyframes, and audit it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints and segments for keyframes, or why there are none."""
+"""Choose joints and segments for keyframes, or say why there are none."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pbd.data import Calibration, HandPath, Keyframe, Robot
 from pbd.errors import PbdError, PlanError
 from pbd.planning.options import PlanOptions
 from pbd.planning.preconditions import start_joints
-from pbd.planning.task import Task, arm_of, place, request_of
+from pbd.planning.task import Task, arm_of, place_keyframes, request_of
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
 
 class Refused(NamedTuple):
-    """Why there is no plan, and other options that may lead to one, with their names."""
+    """Why there is no plan, and other options that may give one, each with its description."""
 
     error: PbdError
-    instead: tuple[tuple[str, PlanOptions], ...] = ()
+    alternatives: tuple[tuple[str, PlanOptions], ...] = ()
 
 
 def choose_joints(
     arm: ArmModel, scene: CollisionScene | None, request: MotionRequest, options: PlanOptions
 ) -> Motion | Refused:
-    """Choose joints and segments; without a scene whatever is in the way."""
+    """Choose joints and segments; without a scene, collisions are ignored."""
     from pbd.arm.choose_motion import choose_motion
     from pbd.arm.collision.motion_check import describe, refuse_home
     from pbd.arm.motion_request import Motion
@@ -46,7 +46,7 @@ def choose_joints(
             what = f"at the arm's start: {describe(hit)}; move the arm, or correct the obstacles in the calibration"
             return Refused(PlanError(what, bodies=(hit.first, hit.second), value=hit.depth, p_base=hit.p_base))
     found = choose_motion(arm, request, scene)
-    return found if isinstance(found, Motion) else Refused(found.error, _instead(found, options))
+    return found if isinstance(found, Motion) else Refused(found.error, _alternatives(found, options))
 
 
 def _without_home(options: PlanOptions) -> tuple[str, PlanOptions]:
@@ -56,7 +56,7 @@ def _without_home(options: PlanOptions) -> tuple[str, PlanOptions]:
     return "do not go back home (--no-retreat)", replace(options, retreat=False)
 
 
-def _instead(refusal: Refusal, options: PlanOptions) -> tuple[tuple[str, PlanOptions], ...]:
+def _alternatives(refusal: Refusal, options: PlanOptions) -> tuple[tuple[str, PlanOptions], ...]:
     from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION
 
     if refusal.why == CANNOT_FOLLOW:
@@ -73,19 +73,19 @@ def solve_keyframes(
     options: PlanOptions,
     hand_path: HandPath | None = None,
 ) -> tuple[tuple[Pose, ...], Array, Array]:
-    """Find joints for keyframes, whatever is in the way between them.
+    """Find joints for keyframes, without collision checks.
 
     Returns:
-        The tool's pose in base at each keyframe, the joints (n, k) that reach them, and how far off (n, 2, rad) an arm
-        with too few joints holds the tool: approach axis, and about it.
+        The tool's pose in base at each keyframe; the joints (n, k) there; and the rotation errors (n, 2), rad, of an
+        arm with too few joints: of the approach axis, and about it.
     """
     from pbd.arm.choose_motion import choose_motion
-    from pbd.arm.ik.partial_pose import hold
+    from pbd.arm.ik.partial_pose import held_poses
     from pbd.arm.motion_request import Motion
 
     arm = arm_of(robot)
-    _, T_base_tool = place(Task(tuple(keyframes), calibration, robot, hand_path, None), options)
+    _, T_base_tool = place_keyframes(Task(tuple(keyframes), calibration, robot, hand_path, None), options)
     found = choose_motion(arm, request_of(arm, T_base_tool, start_joints(arm, options), None, PlanOptions()), None)
     if not isinstance(found, Motion):
         raise found.error
-    return T_base_tool, found.q, hold(arm, T_base_tool, found.q)[1]
+    return T_base_tool, found.q, held_poses(arm, T_base_tool, found.q)[1]

@@ -1,4 +1,4 @@
-"""What a plan was made from, for exports that tell more than joints."""
+"""Collect what a plan was made from, for exports that contain more than joints."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def source_of(plan: Plan) -> Source:
-    """Collect it; PlanError where the plan knows keyframes alone."""
+    """Return the source of an export; PlanError if the plan was made from keyframes alone."""
     from pbd.arm.link_frames import links_in_parents
     from pbd.audit.audit import audit_received
     from pbd.files.exporters.export_request import Source

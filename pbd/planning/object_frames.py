@@ -1,4 +1,4 @@
-"""Keyframes that belong to a thing go with it where it stands elsewhere."""
+"""Move keyframes that belong to a thing to where that thing stands now."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ from pbd.errors import UsageError, listed, nearest
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 
 HALVINGS = 6
-"""How often the way from where a thing was shown to where it is wanted is halved, to find how far the arm can follow:
-to 2 % of it."""
+"""Bisection steps to find how far a thing can be moved from where it was shown: to 2 % of the distance."""
 
 
 class ThingPlace(NamedTuple):
-    """Where a thing stands now: the tool at its first keyframe, p (3) m in base; and its turn since, about z, rad."""
+    """Where a thing stands now: the tool's position in base at its first keyframe, m; rotation about z since, rad."""
 
     name: str
     p_base: tuple[float, float, float]
@@ -30,9 +29,12 @@ class ThingPlace(NamedTuple):
 
 
 def things(keyframes: Sequence[Keyframe]) -> dict[str, tuple[int, ...]]:
-    """The keyframes of each thing by its name; what carries others comes before them.
+    """Return the indices of each thing's keyframes by its name; a carrier comes before what it carries.
 
-    A lid on a cup goes with the tray that carries the cup at other keyframes. RecordingError: a thing carries itself.
+    A lid on a cup also moves with the tray that carries the cup at other keyframes.
+
+    Raises:
+        RecordingError: a thing carries itself.
     """
     carriers = thing_carriers(keyframes)
     members: dict[str, list[int]] = {name: [] for name in carriers}
@@ -46,10 +48,10 @@ def things(keyframes: Sequence[Keyframe]) -> dict[str, tuple[int, ...]]:
 def place_things(
     T_base_tool: Sequence[Pose], keyframes: Sequence[Keyframe], places: Sequence[ThingPlace]
 ) -> tuple[Pose, ...]:
-    """Move the keyframes of each thing to where it stands now, with what it carries.
+    """Move the keyframes of each thing, and of what it carries, to where it stands now.
 
     Raises:
-        UsageError: a place is of a thing that no keyframe belongs to.
+        UsageError: no keyframe belongs to the thing of a place.
     """
     poses, known = list(T_base_tool), things(keyframes)
     by_name = {place.name: place for place in places}
@@ -72,8 +74,11 @@ def refuse_unknown_things(names: Iterable[str], known: Collection[str]) -> None:
             raise UsageError(f"no keyframe belongs to '{name}': {given}; {how}", value=name, valid=list(known))
 
 
-def nearest_place(wanted: ThingPlace, shown: Array, works: Callable[[ThingPlace], bool]) -> ThingPlace | None:
-    """How far a thing can go from where it was shown (3, m in base) toward where it is wanted; None: not even there."""
+def nearest_working_place(wanted: ThingPlace, shown: Array, works: Callable[[ThingPlace], bool]) -> ThingPlace | None:
+    """Return the place nearest to `wanted` that works, on the way from where the thing was shown (3,), m in base.
+
+    None if not even the place where it was shown works.
+    """
     start = np.array([*shown, 0.0])
     way = np.array([*wanted.p_base, wanted.turn_rad]) - start
 

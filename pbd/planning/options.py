@@ -1,4 +1,4 @@
-"""What a user may choose about a motion, and what follows from it for the time it takes."""
+"""The user's options for a motion, and the dwells and durations that follow from them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from pbd.errors import UsageError
 from pbd.planning.object_frames import ThingPlace
 
 PATHS = ("keyframes", "line", "demo")
-"""How to go from keyframe to keyframe: straight in joint space, the tool on a straight line, or as the hand went."""
+"""The path between keyframes: straight in joint space, a straight line of the tool, or the demonstrated path."""
 
 TIMES = ("limits", "demo")
-"""How fast: as the limits allow, or as the hand went where they do."""
+"""The speed: as fast as the limits allow, or the hand's own time where they allow it."""
 
 ORIENTATIONS = ("demo", "fixed")
 
@@ -30,30 +30,30 @@ BOUNDS = {
 """Smallest and largest value of each option that is a number."""
 
 SHORTEST_DWELL_S, LONGEST_DWELL_S = 0.15, 0.5
-"""A keyframe is a stop: the arm stays at least so long, and, unless it is to take the hand's time, at most so long."""
+"""Bounds of the stay at a keyframe, s; the longest does not apply with time "demo" or if `dwell_s` is given."""
 
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """What a user may choose about the motion.
+    """The user's options for the motion.
 
     Attributes:
         path: one of PATHS.
-        tolerance_m: with path "keyframes", a move whose tool leaves the straight line by more is made as a line.
+        tolerance_m: with path "keyframes", a move on which the tool leaves the straight line by more becomes a line.
         time: one of TIMES.
-        scale: multiplies the hand's positions.
-        orientation: "demo", or "fixed": the tool's z straight down throughout.
-        speed: 0.01 to 1: a factor on the velocity, acceleration and jerk limits.
-        margin: 0 to 0.5: the share of those limits that is left for the controller.
-        dwell_s: the longest stay at a keyframe; None: LONGEST_DWELL_S, or with time "demo" as long as the hand's.
-        approach: start at home or `start`, rather than at keyframe 0.
+        scale: factor on the hand's positions.
+        orientation: one of ORIENTATIONS; "fixed" keeps the tool's z straight down.
+        speed: 0.01 to 1, share of the velocity, acceleration and jerk limits.
+        margin: 0 to 0.5, share of those limits that is reserved for the controller.
+        dwell_s: longest stay at a keyframe, s; None: LONGEST_DWELL_S, or with time "demo" the hand's own.
+        approach: start at home or `start`, not at keyframe 0.
         start: the arm's present joints, rad; None: home.
-        retreat: go back home at the end.
-        detour: where all else touches something, go around it.
-        allow_collision: where nothing is free plan all the same; the plan says what touches.
-        payload: kg that the tool carries all the time: a gripper that the model lacks, or what it always holds.
-        p_tool_payload: m, where that has its centre of mass, in tool axes.
-        at: where things stand now to which keyframes belong; the others stand where they were shown.
+        retreat: return home at the end.
+        detour: if nothing else is free, go around obstacles.
+        allow_collision: if nothing is free, plan without collision checks; the plan says what touches.
+        payload: kg that the tool always carries, such as a gripper that the model lacks.
+        p_tool_payload: its centre of mass in the tool frame, m.
+        at: where things stand now; things that are not listed stand where they were shown.
     """
 
     path: str = "keyframes"
@@ -88,15 +88,15 @@ class PlanOptions:
 
 
 def dwells(keyframes: Sequence[Keyframe], options: PlanOptions) -> list[float]:
-    """How long to stay at each keyframe, s; not at the first and the last."""
+    """Return the stay at each keyframe, s; zero at the first and the last."""
     longest = options.dwell_s
     if longest is None:
         longest = LONGEST_DWELL_S if options.time == "limits" else np.inf
     return [0.0, *(min(max(keyframe.dwell_s, SHORTEST_DWELL_S), longest) for keyframe in keyframes[1:-1]), 0.0]
 
 
-def demonstrated(keyframes: Sequence[Keyframe]) -> list[float]:
-    """How long the hand took from each keyframe to the next, s."""
+def hand_durations(keyframes: Sequence[Keyframe]) -> list[float]:
+    """Return the time that the hand took from each keyframe to the next, without the dwells, s."""
     return [
         max(0.0, after.t - 0.5 * after.dwell_s - before.t - 0.5 * before.dwell_s)
         for before, after in pairwise(keyframes)

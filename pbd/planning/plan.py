@@ -1,4 +1,4 @@
-"""The second verb: `plan` turns a hand path into a joint trajectory that has passed the audit."""
+"""Plan: turn a hand path into a joint trajectory that has passed the audit."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple
 from pbd.calibration.demonstrated_path import demonstrated_moves
 from pbd.calibration.tool_poses import with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Load, Robot
-from pbd.errors import PbdError, PlanError
+from pbd.errors import PbdError, PlanError, require_type
 from pbd.pipeline import track
 from pbd.planning.choose_joints import Refused, choose_joints
-from pbd.planning.object_frames import nearest_place, things
+from pbd.planning.object_frames import nearest_working_place, things
 from pbd.planning.options import PlanOptions, dwells
 from pbd.planning.preconditions import (
     check_certainty,
@@ -27,7 +27,7 @@ from pbd.planning.preconditions import (
     warn_of_wide_moves,
 )
 from pbd.planning.result import Plan, find_stretched, find_touching
-from pbd.planning.task import Task, arm_of, moves_of, place, request_of, scene_of
+from pbd.planning.task import Task, arm_of, moves_of, place_keyframes, request_of, scene_of
 from pbd.planning.torque import check_torque
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import keyframes_of
@@ -39,43 +39,50 @@ if TYPE_CHECKING:
     from pbd.planning.task import Hand
 
 
-NEAR = 1.0, 0.1
-"""How far averages leave a curve, as a share of the usual: less, where that touches something beside it."""
+DEVIATION_SHARES = 1.0, 0.1
+"""Shares of the usual deviation from a curve: the second is tried if the motion touches something beside the curve."""
 
 
 def plan(
     hand_path: HandPath, calibration: Calibration, robot: Robot, options: PlanOptions | None = None
 ) -> JointTrajectory:
-    """Plan the motion of a robot through the keyframes of a hand path, audited; see `plan_path`."""
+    """Plan an audited motion of a robot through the keyframes of a hand path; see `plan_path`."""
     made = plan_path(hand_path, calibration, robot, options)
     if made.touching is not None:
-        raise made.touching.error  # a trajectory can't say that it touches something
+        raise made.touching.error  # a JointTrajectory has no field for contacts
     return made.trajectory
 
 
 def plan_path(hand_path: HandPath, calibration: Calibration, robot: Robot, options: PlanOptions | None = None) -> Plan:
-    """Plan as the commands do: edited keyframes with their dwells, the grasped object, known places in base.
+    """Plan as the commands do: with edited keyframes and their dwells, the grasped object, and known places in base.
 
-    A path that was tracked without a calibration is tracked again with this one where that tells tracking more: what
-    the sensor reads wrongly, or where known places and the table are. (So what a program changed in a path with
-    `dataclasses.replace` counts if its `tracking` is None.)
+    A path that was tracked without a calibration is tracked again with this one, if the calibration corrects the
+    sensor's errors, or locates known places or the table. A program that changes a path with `dataclasses.replace`
+    must also set its `tracking` to None, so that its changes are kept.
 
     Raises:
         TrackingError: fewer than two stops, or all at one place.
         CalibrationError: the calibration is for other robots.
         PlanError: a keyframe is out of reach, something is in the way, or the motion breaks a limit.
+        WrongTypeError: an argument has the wrong type, for example a robot's name.
     """
+    require_type("plan", hand_path, "pbd.track", HandPath)
+    require_type("plan", calibration, "pbd.load_calibration", Calibration)
+    require_type("plan", robot, "pbd.load_robot", Robot)
     options = options or PlanOptions()
     hand_path = _tracked_with(hand_path, calibration, robot)
     demo = None if hand_path.tracking is None else hand_path.tracking.demo
     if demo is not None and demo.keyframes is not None and options.dwell_s is None:
-        options = replace(options, dwell_s=math.inf)  # a person has said how long
+        options = replace(options, dwell_s=math.inf)  # keyframes.toml gives the dwells
     grasped = None if demo is None else demo.grasped
     return plan_keyframes(keyframes_of(hand_path), calibration, robot, options, hand_path, grasped)
 
 
 def _tracked_with(path: HandPath, calibration: Calibration, robot: Robot) -> HandPath:
-    """The path as tracked with this calibration and the robot's table, unless another was named when it was tracked."""
+    """Track the path again with this calibration and the robot's table, if these may change the result.
+
+    A path that was tracked with another calibration is kept.
+    """
     made, own = path.tracking, with_table(calibration, robot)
     if made is None or made.calibration is own or made.calibration not in (None, calibration):
         return path
@@ -94,53 +101,53 @@ def plan_keyframes(
     hand_path: HandPath | None = None,
     grasped: GraspedObject | None = None,
 ) -> Plan:
-    """Plan the motion of a robot through keyframes, whatever they are of; raises as `plan_path` does.
+    """Plan the motion of a robot through keyframes from any source; raises as `plan_path` does.
 
-    A refusal names other options where they were tried and work.
+    The message of a refusal suggests other options that were tried and work.
 
     Args:
-        calibration: where it lies in the robot's base, and what stands there.
-        hand_path: how the hand went between the keyframes; without it that is never followed.
+        calibration: where the demonstration lies in the robot's base, and the table and obstacles.
+        hand_path: the hand's path between the keyframes; None: unknown.
     """
     task = Task(tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped)
     found = _attempt(task, options or PlanOptions())
     if isinstance(found, Plan):
         return found
-    others = [said for said, instead in found.instead if _works(task, instead)]
-    others += _where_things_work(task, options or PlanOptions(), found.error)
+    others = [said for said, alternatives in found.alternatives if _works(task, alternatives)]
+    others += _suggest_place(task, options or PlanOptions(), found.error)
     raise type(found.error)(", or ".join((found.error.message, *others)), **found.error.fields)
 
 
 def can_plan(plan: Plan, options: PlanOptions) -> bool:
-    """Whether what was planned goes with other options too: joints and segments are found for it, but not timed."""
+    """Whether joints and segments for the same keyframes exist with other options; nothing is timed or audited."""
     return _works(Task(plan.keyframes, plan.calibration, plan.robot, plan.hand_path, plan.grasped), options, _prepare)
 
 
 def _works(task: Task, options: PlanOptions, attempt: Callable[[Task, PlanOptions], object] | None = None) -> bool:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what is told on the way is of no plan that anyone sees
+        warnings.simplefilter("ignore")  # they concern a plan that nobody sees
         try:
             return not isinstance((attempt or _attempt)(task, options), Refused)
         except PbdError:
             return False
 
 
-def _where_things_work(task: Task, options: PlanOptions, error: PbdError) -> list[str]:
-    """Name a place that works for the thing that the keyframe in question belongs to."""
+def _suggest_place(task: Task, options: PlanOptions, error: PbdError) -> list[str]:
+    """Suggest a place that works for the thing to which the keyframe of the error belongs."""
     number = error.fields.get("keyframe")
     of = task.keyframes[number].frames if isinstance(number, int) else ()
     wanted = next((each for each in options.at if each.name in of), None)
     if wanted is None:
         return []
     others = tuple(each for each in options.at if each is not wanted)
-    _, as_shown = place(task, replace(options, at=others))
+    _, as_shown = place_keyframes(task, replace(options, at=others))
     p_shown = as_shown[things(task.keyframes)[wanted.name][0]].p
-    found = nearest_place(wanted, p_shown, lambda at: _works(task, replace(options, at=(*others, at))))
+    found = nearest_working_place(wanted, p_shown, lambda at: _works(task, replace(options, at=(*others, at))))
     return [] if found is None else [f"put the {wanted.name} nearer to where it was shown (--at {found} works)"]
 
 
 class _Prepared(NamedTuple):
-    """Joints and segments, and what they were chosen for."""
+    """Joints and segments, and the data from which they were chosen."""
 
     arm: ArmModel
     scene: CollisionScene
@@ -152,14 +159,14 @@ class _Prepared(NamedTuple):
 
 
 def _prepare(task: Task, options: PlanOptions) -> _Prepared | Refused:
-    """Choose joints and segments; these are not timed yet."""
+    """Choose joints and segments, without timing."""
     keyframes, calibration, robot, hand_path, grasped = task
     if options.path == "demo" and hand_path is None:
         raise PlanError("only the keyframes are known, not the hand's path; choose another --path")
     check_count(keyframes)
     check_certainty(keyframes, options.scale * calibration.scale)
     arm = arm_of(robot)
-    T_base_nav, T_base_tool = place(task, options)
+    T_base_nav, T_base_tool = place_keyframes(task, options)
     if options.path != "demo" and (error := check_spread(T_base_tool)) is not None:
         demo = replace(options, path="demo", tolerance_m=None)
         return Refused(error, (("follow the hand with --path demo", demo),))
@@ -169,7 +176,7 @@ def _prepare(task: Task, options: PlanOptions) -> _Prepared | Refused:
     warn_of_table(scene)
     fixed = options.orientation == "fixed"
     between = keyframes, T_base_nav, T_base_tool, calibration, options.scale, fixed
-    # It is worked out where somebody asks.
+    # The hand's path is computed only if it is needed.
     hand = None if hand_path is None else cache(partial(demonstrated_moves, hand_path, *between))
     request = request_of(arm, T_base_tool, q_start, hand, options, [keyframe.grip for keyframe in keyframes])
     chosen = choose_joints(arm, scene, request, options)
@@ -181,7 +188,7 @@ def _prepare(task: Task, options: PlanOptions) -> _Prepared | Refused:
 
 
 def _attempt(task: Task, options: PlanOptions) -> Plan | Refused:
-    from pbd.arm.ik.partial_pose import hold
+    from pbd.arm.ik.partial_pose import held_poses
     from pbd.arm.timing.time_moves import time_moves
     from pbd.audit.audit import TouchError, audit, torque_of
 
@@ -191,35 +198,35 @@ def _attempt(task: Task, options: PlanOptions) -> Plan | Refused:
     keyframes, calibration, robot, _, grasped = task
     arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen = prepared
     warn_of_wide_moves(arm, chosen)
-    held, off_rad = hold(arm, T_base_tool, chosen.q)
-    moves, back = moves_of(chosen, keyframes, hand, options)
+    held, off_rad = held_poses(arm, T_base_tool, chosen.q)
+    moves, retreat = moves_of(chosen, keyframes, hand, options)
 
-    def timed_at(speed: float, near: float) -> tuple[JointTrajectory, Array]:
+    def timed_at(speed: float, deviation_share: float) -> tuple[JointTrajectory, Array]:
         return time_moves(
             arm,
             q_start if options.approach else chosen.q[0],
-            [replace(move, near=near) for move in moves],
+            [replace(move, deviation_share=deviation_share) for move in moves],
             dwells(keyframes, options),
             [keyframe.grip for keyframe in keyframes],
-            retreat=back and replace(back, near=near),
+            retreat=retreat and replace(retreat, deviation_share=deviation_share),
             speed=speed * (1.0 - options.margin),
         )
 
     load = Load(options.payload, options.p_tool_payload, grasped, calibration.table_height)
 
     def share_at(speed: float) -> float:
-        another, pace = (timed_at(speed, near)[0], 1.0) if speed else (trajectory, 0.0)
+        another, pace = (timed_at(speed, deviation_share)[0], 1.0) if speed else (trajectory, 0.0)
         torque = torque_of(another, robot.limits, robot, load, pace)
         return torque.share if torque else 0.0
 
     world = None if options.allow_collision else (calibration, grasped)
-    for near in NEAR:
-        trajectory, took = timed_at(options.speed, near)
+    for deviation_share in DEVIATION_SHARES:
+        trajectory, took = timed_at(options.speed, deviation_share)
         try:
             report = audit(trajectory, robot.limits, robot, held, world, load)
             break
         except TouchError:
-            if near == NEAR[-1]:
+            if deviation_share == DEVIATION_SHARES[-1]:
                 raise
     if (heavy := check_torque(report.torque, robot.limits, load, options, share_at)) is not None:
         return heavy
@@ -234,5 +241,5 @@ def _attempt(task: Task, options: PlanOptions) -> Plan | Refused:
         report,
         find_stretched(took, keyframes) if options.time == "demo" else (),
         find_touching(scene.closer(), trajectory) if options.allow_collision else None,
-        chosen.back,
+        chosen.retreat,
     )

@@ -1,4 +1,4 @@
-"""What is refused before a motion is planned, and what is told of it."""
+"""Checks before a motion is planned: they refuse, or warn."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from pbd.data import Keyframe
 from pbd.errors import PlanError, TrackingError, warn
-from pbd.planning.options import PlanOptions, demonstrated
+from pbd.planning.options import PlanOptions, hand_durations
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from pbd.arm.motion_request import Motion
 
 UNSURE_M = 0.05
-"""Standard deviation of a keyframe's position above which it is told."""
+"""Standard deviation of a keyframe's position above which a warning is given, m."""
 
 NEAR_M, NEAR_RAD = 1e-3, np.radians(1.0)
-"""A motion whose keyframes are all closer together than this is none."""
+"""Keyframes that are all within this distance and rotation of the first make no motion."""
 
 
 def check_count(keyframes: Sequence[Keyframe]) -> None:
-    """A motion needs two keyframes."""
+    """Refuse fewer than two keyframes (TrackingError)."""
     if len(keyframes) < 2:
         raise TrackingError(
             f"the demonstration has {len(keyframes)} stop, a motion needs two; hold still, move, and hold still again",
@@ -35,7 +35,7 @@ def check_count(keyframes: Sequence[Keyframe]) -> None:
 
 
 def check_spread(T_base_tool: Sequence[Pose]) -> TrackingError | None:
-    """Return what is wrong where all keyframes are one."""
+    """Return the error if all keyframes lie in one place."""
     away = [T_base_tool[0].distance(pose) for pose in T_base_tool]
     if any(distance >= NEAR_M or angle >= NEAR_RAD for distance, angle in away):
         return None
@@ -48,10 +48,10 @@ def check_spread(T_base_tool: Sequence[Pose]) -> TrackingError | None:
 
 
 def check_certainty(keyframes: Sequence[Keyframe], scale: float) -> None:
-    """Warn of the least certain keyframe, and of what makes it so; `scale` multiplies positions.
+    """Warn of the least certain keyframe, and of the cause; `scale` multiplies positions.
 
     Raises:
-        TrackingError: its standard deviation is larger than the whole path.
+        TrackingError: its standard deviation exceeds the extent of the path.
     """
     variances = [scale**2 * float(np.linalg.eigvalsh(keyframe.cov[:3, :3]).max()) for keyframe in keyframes]
     least_sure, added = int(np.argmax(variances)), np.diff(variances, prepend=0.0)
@@ -59,7 +59,7 @@ def check_certainty(keyframes: Sequence[Keyframe], scale: float) -> None:
         return
     worst = int(np.argmax(added))
     if worst > 0 and added[worst] > 0.5 * variances[least_sure]:
-        duration = demonstrated(keyframes)[worst - 1]
+        duration = hand_durations(keyframes)[worst - 1]
         why = f"most of it from the {duration:.1f} s move to keyframe {worst}: pause half a second during that move"
     else:
         why = "from the drift of many moves: end where you began (pbd record --closed), or use known places"
@@ -79,28 +79,28 @@ def check_certainty(keyframes: Sequence[Keyframe], scale: float) -> None:
 
 
 def warn_of_shapes(arm: ArmModel) -> None:
-    """Tell which links have no collision shape, or one far too small: what they touch isn't seen."""
-    from pbd.arm.collision.shape_coverage import doubts
+    """Warn of links without a collision shape, or with one far too small: their contacts may be missed."""
+    from pbd.arm.collision.shape_coverage import doubtful_shapes
 
-    if found := doubts(arm):
+    if found := doubtful_shapes(arm):
         told = "; ".join(f"{link} {why}" for link, why in found.items())
         warn(f"contacts may be missed: {told}; correct the shapes in {arm.robot.urdf}")
 
 
 def warn_of_table(scene: CollisionScene) -> None:
-    """Tell which links are on the table, or in it, whatever the arm does."""
+    """Warn of links that touch the table in nearly every configuration, so that they are not checked against it."""
     from pbd.arm.collision.scene import TABLE
 
     sunk = [pair.first for pair in scene.unchecked if pair.second == TABLE]
     if sunk:
         warn(
-            f"always touches the table, so not checked against it: {', '.join(sunk)}; if that is wrong, correct "
-            "table_height in the calibration"
+            f"not checked against the table, since it nearly always touches it: {', '.join(sunk)}; if that is wrong, "
+            "correct table_height in the calibration"
         )
 
 
 def warn_of_wide_moves(arm: ArmModel, motion: Motion) -> None:
-    """Tell where the tool turns, or strays, much more than it has to."""
+    """Warn of wide moves: the tool turns, or leaves the straight line, much more than needed."""
     from pbd.arm.motion_request import STRAIGHT
 
     wide = [(i, way.wide) for i, way in enumerate(motion.segments) if way.wide is not None and way.kind == STRAIGHT]
@@ -116,7 +116,7 @@ def warn_of_wide_moves(arm: ArmModel, motion: Motion) -> None:
 
 
 def _turns_back(arm: ArmModel, motion: Motion, i: int) -> str:
-    """Say which joint turns back by more than half a turn on the way to keyframe i since its range ends there."""
+    """Name a joint that turns back by more than half a turn to keyframe i because its range is below a whole turn."""
     way, ranges = np.abs(motion.q[i] - motion.q[i - 1]), arm.limits.upper - arm.limits.lower
     joint = int(way.argmax())
     if not arm.turns[joint] or way[joint] <= np.pi or ranges[joint] >= 2.0 * np.pi:
@@ -126,7 +126,7 @@ def _turns_back(arm: ArmModel, motion: Motion, i: int) -> str:
 
 
 def start_joints(arm: ArmModel, options: PlanOptions) -> Array:
-    """Where the arm comes from: (k,) rad, within its limits."""
+    """Return the joints (k,) at which the arm starts, rad; PlanError if they are not within its limits."""
     if options.start is None:
         return arm.robot.home
     q, names, limits = np.array(options.start), arm.robot.joints, arm.limits

@@ -1,4 +1,4 @@
-"""What planning gives, and what is told of it."""
+"""The result of planning, and warnings about it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from pbd.data import Calibration, Demonstration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
 from pbd.data.one_line_repr import brief
 from pbd.errors import PlanError, warn
-from pbd.planning.options import PlanOptions, demonstrated
+from pbd.planning.options import PlanOptions, hand_durations
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -19,13 +19,14 @@ if TYPE_CHECKING:
     from pbd.audit.audit import AuditReport
 
 STRETCHED = 1.02
-"""A move that takes so many times as long as the hand did, and STRETCHED_S longer, is told."""
+"""Ratio to the hand's time above which a move counts as stretched."""
 STRETCHED_S = 0.02
+"""Excess over the hand's time, s, that a stretched move must also have."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """A move to a keyframe that takes longer than the hand's did, s."""
+    """A move to a keyframe that takes longer than the hand did, s."""
 
     keyframe: int
     demonstrated_s: float
@@ -34,7 +35,7 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Touching:
-    """The first hit of a motion, the error that tells it, and all hits by when they begin."""
+    """The first hit of a motion, the error that describes it, and all hits sorted by their beginning."""
 
     found: MotionHit
     error: PlanError
@@ -43,18 +44,16 @@ class Touching:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A motion that has passed the audit, and what it was made from.
+    """A motion that has passed the audit, and the data from which it was made.
 
     Attributes:
-        calibration: its scale and its world.
-        hand_path: how the hand went between the keyframes; None: nobody knows.
-        T_base_nav: where nav lies.
-        T_base_tool: the tool's poses that the demonstration asks for.
-        off_rad: (n, 2) how far off the arm holds the tool where it has too few joints: approach axis, and about it.
-        segments: how the arm comes to each keyframe.
-        stretched: with time "demo", moves that take longer than the hand's.
-        touching: what touches, where that was allowed.
-        back: how it goes back after the last.
+        hand_path: the hand's path between the keyframes; None: unknown.
+        T_base_tool: the tool's demonstrated pose at each keyframe.
+        off_rad: (n, 2) rotation errors of an arm with too few joints: of the approach axis, and about it.
+        segments: the moves to the keyframes.
+        stretched: with time "demo", moves that take longer than the hand did.
+        touching: the contacts of the motion, if they were allowed; None: there are none.
+        retreat: the retreat, or None.
     """
 
     keyframes: tuple[Keyframe, ...]
@@ -71,18 +70,18 @@ class Plan:
     report: AuditReport
     stretched: tuple[Stretch, ...] = ()
     touching: Touching | None = None
-    back: Segment | None = None
+    retreat: Segment | None = None
 
     @property
     def tracked(self) -> tuple[HandPath, Demonstration]:
-        """The hand's path and what it was tracked from; PlanError where only keyframes are known."""
+        """The hand's path and the demonstration; PlanError if only keyframes are known."""
         if self.hand_path is None or self.hand_path.tracking is None:
             raise PlanError("keyframes alone don't tell the demonstration that they are of; track one with pbd.track")
         return self.hand_path, self.hand_path.tracking.demo
 
     @property
     def name(self) -> str:
-        """The demonstration's; "motion" where that isn't known."""
+        """The demonstration's name; "motion" if it is unknown."""
         tracking = self.hand_path and self.hand_path.tracking
         return tracking.demo.recording.info.name if tracking else "motion"
 
@@ -92,7 +91,7 @@ class Plan:
 
 
 def find_touching(scene: CollisionScene, trajectory: JointTrajectory) -> Touching | None:
-    """Say what a motion touches."""
+    """Return what a motion touches; None if it is free."""
     from pbd.arm.collision.motion_check import all_hits, check_motion, collision_error
 
     found = check_motion(scene, trajectory)
@@ -102,8 +101,8 @@ def find_touching(scene: CollisionScene, trajectory: JointTrajectory) -> Touchin
 
 
 def find_stretched(took_s: Array, keyframes: Sequence[Keyframe]) -> tuple[Stretch, ...]:
-    """Find moves (n,) s that take longer than the hand's, and warn of them."""
-    both = zip(demonstrated(keyframes), took_s[1:].tolist(), strict=True)
+    """Find the moves that take longer than the hand did, and warn of them; `took_s` (n,): the moves' durations."""
+    both = zip(hand_durations(keyframes), took_s[1:].tolist(), strict=True)
     found = [
         Stretch(i, hand_s, arm_s)
         for i, (hand_s, arm_s) in enumerate(both, start=1)

@@ -1,4 +1,4 @@
-"""Home and dock for an arm whose TOML lacks them: sampled, weighed, and tried by planning a demonstration."""
+"""Suggest home and dock for an arm whose TOML lacks them: docks are sampled, ranked, and tried by planning."""
 
 from __future__ import annotations
 
@@ -24,26 +24,28 @@ if TYPE_CHECKING:
 
 SAMPLES = 20_000
 DOWN = float(np.cos(np.radians(20.0)))
-"""A tool whose approach is within this of straight down counts as pointing down: cosine."""
+"""Cosine of the largest angle, 20 degrees, between straight down and the approach of a tool that points down."""
 SCALES = (1.0, 0.7, 0.5, 0.35, 0.25)
-"""Of the demonstration, tried from the largest on."""
+"""Scales of the demonstration, in the order in which they are tried."""
 GRIP_M = 0.15
-"""Height over the table of the lowest keyframe, m: the bundled bottle is 0.2 m high."""
+"""Height of the lowest keyframe over the table, m: the bundled bottle is 0.2 m high."""
 PLACES, MORE_PLACES, TRIED, HOMES = 40, 160, 3, 2
-"""Docks that are weighed at each scale, and in a second round; the best that are tried; branches tried for home."""
+"""Docks that are ranked at each scale, in the first and in the second round; of these, the best that are planned; homes
+that are planned for each dock."""
 NEAR_M = 0.1
-"""A sampled height this near to the one over the table is moved to it, m."""
+"""Largest distance of a sampled height from the wanted height over the table, m; the dock is then moved to that."""
 YAWS_DEG = (0.0, -90.0, 90.0, 180.0)
-AHEAD = 0.2
-"""What a dock beside or behind the base's x axis costs, rad of joint travel per rad."""
-OFTEN = 0.5
-"""Share of random configurations in which two links touch by design only: they would bar most homes."""
+AHEAD_COST = 0.2
+"""Cost of a dock beside or behind the base's x axis, rad of joint travel per rad."""
+OFTEN_SHARE = 0.5
+"""Share of random configurations above which two touching links are taken to touch by design: such a contact would bar
+most homes."""
 HOME_OVER_M = 0.05
-"""Home is this far over the dock, m, times the scale."""
-WIDELY = 81
-"""Descents made for home's branches."""
+"""Height of home over the dock, m, times the scale."""
+HOME_DESCENTS = 81
+"""Number of descents for the configurations of home."""
 APPROACH_OFF_RAD = float(np.radians(5.0))
-"""How far an arm with too few joints may hold its tool off a keyframe's approach."""
+"""Largest error of the approach axis at a keyframe for an arm with too few joints, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +53,13 @@ class Suggestion:
     """A home and a dock with which a demonstration was planned.
 
     Attributes:
-        robot: with home and dock.
+        robot: the robot with this home and dock.
         plan: of the demonstration.
-        at: the joints of home nearest to a limit: name and distance, rad (m).
-        dexterity: manipulability at home, as a share of the arm's 25th percentile.
-        weighed, within_reach: docks that were weighed at this scale, and those of them that hold all keyframes.
-        own_table: the table's height was the user's.
-        touching: links that `robot` lets touch, of how many random configurations they do so in.
+        at: the joint that is nearest to a limit at home: its name and the distance, rad or m.
+        dexterity: manipulability at home, relative to the arm's 25th percentile.
+        weighed, within_reach: number of docks ranked at this scale, and of those with all keyframes within reach.
+        own_table: the user gave the table's height.
+        touching: pairs of links added to `may_touch`, with the number of random configurations in which they touch.
     """
 
     robot: Robot
@@ -76,70 +78,70 @@ def suggest(
     grasped: GraspedObject | None,
     tell: Callable[[str], None] = lambda message: None,
 ) -> Suggestion:
-    """Find a home and a dock; the same question gets the same answer each time.
+    """Find a home and a dock; deterministic.
 
     Args:
-        robot: as `read_robot` reads a draft: its dock holds no more than the table's height.
-        keyframes: of the demonstration that must be possible.
-        grasped: what the gripper takes in it.
-        tell: takes a line after each stage of the search.
+        robot: as `read_robot` reads a draft; its dock has only the table's height, or there is none.
+        keyframes: of the demonstration that the arm must be able to do.
+        grasped: the object that it grasps.
+        tell: called with a line of progress after each stage of the search.
 
     Raises:
-        RobotError: none was found; its message says what stopped the best.
+        RobotError: none was found; the message says why the best one failed.
     """
     from pbd.arm.ik.branches import margins
     from pbd.arm.ik.starts import manipulability, starts_of
 
     arm = arm_of(robot)
-    p, R = _sampled(arm)
+    p, R = _sampled_tool_poses(arm)
     table = None if robot.dock is None else robot.dock.table_height
     lowest = -min(keyframe.T_nav_sensor.p[2] for keyframe in keyframes)
     touching: dict[tuple[str, str], int] = {}
     why = f"no dock has all keyframes within reach, even at {SCALES[-1]} of the size; correct base or T_body_tool"
     why += "" if table is None else ", or table_height"
-    for table_known, scale, places in _stages(table, p[R[:, 2, 2] < -DOWN, 2], lowest):
-        docks = list(islice(_docks(arm, (p, R), keyframes, table_known, scale), places))
-        held = _weigh(arm, docks, keyframes)
+    for table_known, scale, places in _search_order(table, p[R[:, 2, 2] < -DOWN, 2], lowest):
+        docks = list(islice(_possible_docks(arm, (p, R), keyframes, table_known, scale), places))
+        held = _rank(arm, docks, keyframes)
         tell(f"{len(held)} of {len(docks)} docks have all keyframes within reach at {scale:g} of the size")
-        planned, stopped = _try_all(robot, held, keyframes, grasped)
+        planned, stopped = _plan_at_best(robot, held, keyframes, grasped)
         if stopped and not planned and not touching and (touching := _often_touching(arm)):
             robot = replace(robot, may_touch=(*robot.may_touch, *touching))
             pairs = ", ".join(f"{first} and {second}" for first, second in touching)
             tell(f"links that overlap in most configurations are taken to do so by design: {pairs}")
-            planned, stopped = _try_all(robot, held, keyframes, grasped)
+            planned, stopped = _plan_at_best(robot, held, keyframes, grasped)
         if planned:
             own, plan = min(planned, key=lambda each: each[1].trajectory.duration)
             room = margins(arm, own.home)
             nearest = robot.joints[int(room.argmin())], float(room.min())
-            dexterity = float(manipulability(arm.jacobian(own.home)[None])[0]) / starts_of(arm).clumsy
+            dexterity = float(manipulability(arm.jacobian(own.home)[None])[0]) / starts_of(arm).low_manipulability
             return Suggestion(own, plan, nearest, dexterity, len(docks), len(held), table is not None, touching)
         why = next(iter(stopped), why)
     raise RobotError(f"{robot.name}: no home and dock found: {why}", robot=robot.name)
 
 
 def _often_touching(arm: ArmModel) -> dict[tuple[str, str], int]:
-    """Links whose shapes overlap in most of SAMPLES random configurations, as by design only, and in how many."""
+    """Return the pairs of links that touch in most random configurations, and in how many they do."""
     from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
     from pbd.arm.collision.allowed_collisions import samples
     from pbd.arm.collision.scene import CollisionScene
 
     clearance, often = CollisionScene(arm).always, dict[tuple[str, str], int]()
-    for row, count in clearance.always_touching(samples(arm, CONFIGURATIONS), OFTEN).items():
+    for row, count in clearance.always_touching(samples(arm, CONFIGURATIONS), OFTEN_SHARE).items():
         first, second = (clearance.bodies[i].name for i in clearance.pairs[row])
         often[first, second] = max(count, often.get((first, second), 0))
     return often
 
 
-def _try_all(
+def _plan_at_best(
     robot: Robot, docks: Sequence[Calibration], keyframes: Sequence[Keyframe], grasped: GraspedObject | None
 ) -> tuple[list[tuple[Robot, Plan]], list[str]]:
-    """Plans at the best docks, and what stopped the others."""
-    tried = [_try(robot, dock, keyframes, grasped) for dock in docks[:TRIED]]
+    """Plan at the best docks; return the robots and plans that worked, and why the others failed."""
+    tried = [_plan_at(robot, dock, keyframes, grasped) for dock in docks[:TRIED]]
     return [each for each in tried if isinstance(each, tuple)], [each for each in tried if isinstance(each, str)]
 
 
-def _sampled(arm: ArmModel) -> tuple[Array, Array]:
-    """Positions (n, 3), m, and rotations (n, 3, 3) of the tool in base, of random configurations."""
+def _sampled_tool_poses(arm: ArmModel) -> tuple[Array, Array]:
+    """Return positions (n, 3), m, and rotations (n, 3, 3) of the tool in base for random configurations."""
     from pbd.arm.reach import sample
 
     p, R = arm.forward_many(sample(arm, SAMPLES))
@@ -154,13 +156,13 @@ def _sampled(arm: ArmModel) -> tuple[Array, Array]:
     return p.astype(np.float64), R.astype(np.float64)
 
 
-def _stages(table: float | None, z_down: Array, lowest: float) -> Iterator[tuple[float | None, float, int]]:
-    """The table's height (None: any), the scale, and how many docks, in the order in which they are tried."""
+def _search_order(table: float | None, z_down: Array, lowest: float) -> Iterator[tuple[float | None, float, int]]:
+    """Yield the table's height, m (None: any), the scale, and the number of docks, in the order of trial."""
     if table is not None:
         yield from ((table, scale, PLACES) for scale in SCALES)
         yield from ((table, scale, MORE_PLACES) for scale in SCALES[2:])
         return
-    # An arm whose tool, pointing down, is as high as what lies on a table stands on that table.
+    # If the tool, pointing down, usually reaches the height of things on a table at z = 0, try that table first.
     low, high = np.quantile(z_down, (0.1, 0.9))
     if low <= GRIP_M + lowest <= high:
         yield from ((0.0, scale, PLACES) for scale in SCALES[:3])
@@ -168,10 +170,10 @@ def _stages(table: float | None, z_down: Array, lowest: float) -> Iterator[tuple
     yield from ((height, scale, MORE_PLACES) for height in (0.0, None) for scale in SCALES[2:])
 
 
-def _docks(
+def _possible_docks(
     arm: ArmModel, sampled: tuple[Array, Array], keyframes: Sequence[Keyframe], table: float | None, scale: float
 ) -> Iterator[Calibration]:
-    """Docks that put the tool, where the demonstration tips it most, to where a sampled configuration has it."""
+    """Yield docks that bring the most tilted keyframe to a sampled tool pose with a similar tilt."""
     from pbd.arm.ik.partial_pose import is_partial
 
     def dock(yaw: float, p: Array, table_height: float) -> Calibration:
@@ -179,7 +181,7 @@ def _docks(
         place = Pose(p, quat_about_z(yaw))
         return Calibration(f"{name}'s own dock", place, table_height=table_height + 0.0, scale=scale, robots=(name,))
 
-    at_origin = _tool(dock(0.0, np.zeros(3), 0.0), keyframes)
+    at_origin = _tool_poses_at(dock(0.0, np.zeros(3), 0.0), keyframes)
     approach = [quat_rotate(pose.wxyz, (0.0, 0.0, 1.0)) for pose in at_origin]
     tipped = int(np.argmax([z for _, _, z in approach]))
     over = GRIP_M - min(pose.p[2] for pose in at_origin)
@@ -187,7 +189,7 @@ def _docks(
     alike = np.abs(sampled[1][:, 2, 2] - z) < 1.0 - DOWN
     for i, (p, R) in enumerate(zip(sampled[0][alike], sampled[1][alike], strict=True)):
         yaw_deg = YAWS_DEG[i % len(YAWS_DEG)]
-        if is_partial(arm):  # it can tip its tool one way only
+        if is_partial(arm):  # it can tilt its tool about one axis only
             yaw_deg = round(float(np.degrees(np.arctan2(R[1, 2], R[0, 2]) - np.arctan2(y, x))))
         yaw = float(np.radians(yaw_deg))
         at = np.round(p - quat_rotate(quat_about_z(yaw), at_origin[tipped].p), 2)
@@ -198,23 +200,24 @@ def _docks(
         yield dock(yaw, at, round(float(at[2]) - over, 3))
 
 
-def _weigh(arm: ArmModel, docks: Sequence[Calibration], keyframes: Sequence[Keyframe]) -> list[Calibration]:
-    """Those docks at which every keyframe is within reach, least cost first."""
+def _rank(arm: ArmModel, docks: Sequence[Calibration], keyframes: Sequence[Keyframe]) -> list[Calibration]:
+    """Return the docks at which every keyframe is within reach, least cost first."""
     from pbd.arm.ik.branches import configuration_cost
 
     found = []
     for dock in docks:
-        poses = _tool(dock, keyframes)
-        q = _hold_all(arm, poses)
+        poses = _tool_poses_at(dock, keyframes)
+        q = _solve_all(arm, poses)
         if q is not None:
             x, y, _ = np.mean([pose.p for pose in poses], axis=0)
-            cost = float(configuration_cost(arm, q).mean()) + AHEAD * abs(float(np.arctan2(y, x)))
+            cost = float(configuration_cost(arm, q).mean()) + AHEAD_COST * abs(float(np.arctan2(y, x)))
             found.append((cost, dock))
     return [dock for _, dock in sorted(found, key=lambda each: each[0])]
 
 
-def _hold_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
-    """Joints (m, k) of m different poses; None where one is out of reach. What is least like the first comes first."""
+def _solve_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
+    """Return joints (m, k) for the m different poses, those farthest from the first one first; None if one is out of
+    reach."""
     from pbd.arm.ik.partial_pose import is_partial, measure
     from pbd.arm.ik.solver import solve
     from pbd.arm.model import to_se3
@@ -232,15 +235,15 @@ def _hold_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
     return np.array(found)
 
 
-def _try(
+def _plan_at(
     robot: Robot, dock: Calibration, keyframes: Sequence[Keyframe], grasped: GraspedObject | None
 ) -> tuple[Robot, Plan] | str:
-    """Plan the demonstration at a dock, from the first home that it can be planned from; or why it can't."""
+    """Plan the demonstration at a dock, from the first home that works; or return why it can't be planned."""
     why = "the place over the dock is out of reach; correct base or T_body_tool"
     for home in _homes(arm_of(robot), dock, keyframes, grasped):
         own = replace(robot, home=home, dock=dock)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PbdWarning)  # of a plan that nobody sees
+            warnings.simplefilter("ignore", PbdWarning)  # they concern a plan that nobody sees
             try:
                 return own, plan_keyframes(keyframes, dock, own, grasped=grasped)
             except PbdError as error:
@@ -251,19 +254,19 @@ def _try(
 def _homes(
     arm: ArmModel, dock: Calibration, keyframes: Sequence[Keyframe], grasped: GraspedObject | None
 ) -> list[Array]:
-    """Joints (k,) that hold the tool over the first keyframe, free of everything if possible, least cost first."""
+    """Return joints (k,) with the tool over the first keyframe, least cost first; free ones if there are any."""
     from pbd.arm.ik.branches import configuration_cost, find_branches, turn_toward
 
-    first = _tool(dock, keyframes)[0]
+    first = _tool_poses_at(dock, keyframes)[0]
     over = Pose(first.p + np.array([0.0, 0.0, HOME_OVER_M * dock.scale]), first.wxyz)
-    found = turn_toward(arm, find_branches(arm, over, arm.robot.home[None], WIDELY), arm.robot.home)
+    found = turn_toward(arm, find_branches(arm, over, arm.robot.home[None], HOME_DESCENTS), arm.robot.home)
     if not len(found):
         return []
     scene = scene_of(arm, dock, grasped)
     least_first = np.round(found[configuration_cost(arm, found).argsort()], 4)
-    # Where none is free planning says why.
+    # If none is free, planning explains why.
     return [q for q in least_first if scene.hit(q) is None][:HOMES] or [least_first[0]]
 
 
-def _tool(dock: Calibration, keyframes: Sequence[Keyframe]) -> tuple[Pose, ...]:
+def _tool_poses_at(dock: Calibration, keyframes: Sequence[Keyframe]) -> tuple[Pose, ...]:
     return tool_poses(in_base(keyframes, dock))

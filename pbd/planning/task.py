@@ -1,4 +1,4 @@
-"""The steps of planning, each from values of the one before; what is heavy is loaded where it is used."""
+"""The steps of planning, each from the values of the step before; slow imports are made where they are used."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pbd.calibration.touch_up import touched_poses
 from pbd.data import Calibration, GraspedObject, HandPath, Keyframe, Robot
 from pbd.errors import CalibrationError
 from pbd.planning.object_frames import place_things
-from pbd.planning.options import PlanOptions, demonstrated
+from pbd.planning.options import PlanOptions, hand_durations
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def load_arm(robot: str, calibration: str | None = None) -> tuple[Robot, Calibration]:
-    """Load a robot, and the calibration that is named, the robot's own, or the default one.
+    """Load a robot, and its calibration: the one named, else the robot's own dock, else the default.
 
     Raises:
         RobotError, CalibrationError: one can't be loaded.
@@ -48,7 +48,7 @@ def request_of(
     options: PlanOptions,
     grips: Sequence[bool | None] = (),
 ) -> MotionRequest:
-    """Say what the motion is to be."""
+    """Make the request for a motion from the options."""
     from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, MotionRequest
 
     return MotionRequest(
@@ -67,21 +67,21 @@ def request_of(
 def moves_of(
     chosen: Motion, keyframes: Sequence[Keyframe], hand: Hand | None, options: PlanOptions
 ) -> tuple[list[Move], Move | None]:
-    """Say how each segment is to be timed, and the way back home."""
+    """Make the moves to time from the segments, and the retreat or None."""
     from pbd.arm.motion_request import DEMO
     from pbd.arm.timing.time_moves import APPROACH_SPEED, Move
 
-    first, back = chosen.segments[0], chosen.back
+    first, retreat = chosen.segments[0], chosen.retreat
     moves = [Move(first.q, first.curved, share=APPROACH_SPEED)]
-    for i, (segment, demonstrated_s) in enumerate(zip(chosen.segments[1:], demonstrated(keyframes), strict=True)):
+    for i, (segment, demonstrated_s) in enumerate(zip(chosen.segments[1:], hand_durations(keyframes), strict=True)):
         least_s = demonstrated_s if options.time == "demo" else 0.0
         t = hand()[i].t if options.time == "demo" and segment.kind == DEMO and hand else None
         moves.append(Move(segment.q, curved=segment.curved, t=t, least_s=least_s))
-    return moves, None if back is None else Move(back.q, back.curved, share=APPROACH_SPEED)
+    return moves, None if retreat is None else Move(retreat.q, retreat.curved, share=APPROACH_SPEED)
 
 
 class Task(NamedTuple):
-    """What is to be planned."""
+    """What is planned: the arguments of `plan_keyframes` without the options."""
 
     keyframes: tuple[Keyframe, ...]
     calibration: Calibration
@@ -90,8 +90,8 @@ class Task(NamedTuple):
     grasped: GraspedObject | None
 
 
-def place(task: Task, options: PlanOptions) -> tuple[Pose, tuple[Pose, ...]]:
-    """Return T_base_nav and the tool's pose in base at each keyframe: nudged, touched up, with the things as placed."""
+def place_keyframes(task: Task, options: PlanOptions) -> tuple[Pose, tuple[Pose, ...]]:
+    """Return T_base_nav and the tool's pose in base at each keyframe, with nudges, touch-ups and places of things."""
     keyframes, calibration, robot, path, _ = task
     if calibration.robots and robot.name not in calibration.robots:
         raise CalibrationError(
@@ -105,7 +105,7 @@ def place(task: Task, options: PlanOptions) -> tuple[Pose, tuple[Pose, ...]]:
 
 @lru_cache(maxsize=8)
 def arm_of(robot: Robot) -> ArmModel:
-    """Load a robot's model, once."""
+    """Load a robot's model; cached."""
     from pbd.arm.model import load_model
 
     return load_model(robot)
@@ -113,7 +113,7 @@ def arm_of(robot: Robot) -> ArmModel:
 
 @lru_cache(maxsize=8)
 def scene_of(arm: ArmModel, calibration: Calibration, grasped: GraspedObject | None) -> CollisionScene:
-    """Build a collision scene, once."""
+    """Build a collision scene; cached."""
     from pbd.arm.collision.scene import CollisionScene
 
     return CollisionScene(arm, calibration.table_height, calibration.obstacles, grasped)

@@ -1,4 +1,4 @@
-"""What follows from the torques of a finished motion: a warning, or a refusal with the speed at which it fits."""
+"""Check the torques of a planned motion: warn, or refuse and suggest a speed at which they are within the limits."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from pbd.planning.options import PlanOptions
 if TYPE_CHECKING:
     from pbd.audit.torque import Torque
 
-HIGH = 0.8
-"""Share of a torque limit above which it is warned: friction and the motors' own inertia are not in the model."""
+HIGH_SHARE = 0.8
+"""Share of a torque limit above which a warning is given: the model lacks friction and the motors' inertia."""
 
-FAR_OFF = 5.0
-"""No assumed limit is wrong by such a factor: what is above that is refused all the same."""
+ASSUMED_FACTOR = 5.0
+"""Share of an assumed torque limit above which a motion is refused: no assumption is wrong by such a factor."""
 
 
 def check_torque(
     torque: Torque | None, limits: JointLimits, load: Load, options: PlanOptions, share_at: Callable[[float], float]
 ) -> Refused | None:
-    """Warn of torques near the limit, or above one that is assumed; return the refusal of others.
+    """Warn of torques near the limit, or above an assumed one; return the refusal of larger ones.
 
-    `share_at`: the largest share of a torque limit at another speed; at 0 standing still.
+    `share_at`: returns the largest share of a torque limit at another speed; at speed 0, of the arm at rest.
     """
     if torque is None:
         if str(load):
@@ -38,15 +38,15 @@ def check_torque(
     bound = f"its {'assumed ' if assumed else ''}torque limit of {torque.bound:.3g} {torque.unit}"
     carrying = f", carrying {load}" if str(load) else ""
     needs = f"{torque.joint} needs {_shown(torque.value)} {torque.unit} at {torque.t:.2f} s{carrying}"
-    if torque.share > (FAR_OFF if assumed else 1.0):
+    if torque.share > (ASSUMED_FACTOR if assumed else 1.0):
         slower = _fitting_speed(options.speed, share_at)
         lighter = "carry less" if carrying else "move the dock nearer to the base"
         share = f"{100.0 * torque.share:.1f} % of" if torque.share < 10.0 else f"{torque.share:.0f} times"
-        what = f"{needs}: {share} {bound}; {'' if slower else 'slower is no help: '}{lighter}"
+        what = f"{needs}: {share} {bound}; {'' if slower else 'a lower speed does not help: '}{lighter}"
         fields = {"joint": torque.joint, "t": torque.t, "value": torque.value, "bound": torque.bound}
-        instead = ((f"use --speed {slower:g}", replace(options, speed=slower)),) if slower else ()
-        return Refused(PlanError(what, **fields), instead)
-    if torque.share > HIGH:
+        alternatives = ((f"use --speed {slower:g}", replace(options, speed=slower)),) if slower else ()
+        return Refused(PlanError(what, **fields), alternatives)
+    if torque.share > HIGH_SHARE:
         warn(f"{needs}: {100.0 * torque.share:.0f} % of {bound}")
     return None
 

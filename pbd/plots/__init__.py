@@ -1,1 +1,1 @@
-"""Plots: their values (values, findings, compare) and the drawing (the others, with matplotlib)."""
+"""Plots: their values (demo_values, findings, compare), and how matplotlib draws them (all other files)."""

@@ -1,4 +1,4 @@
-"""Plot of a calibration: where the tool stands in base, its sigma, and where that comes from."""
+"""Plot of a calibration: the tool's positions in base at the keyframes, their sigma, and its sources."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from matplotlib.ticker import MaxNLocator
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.uncertainty import PARTS, tool_covariances
 from pbd.plots.space import ellipse
-from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, ORANGE, PURPLE, plain, sheet, style
+from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, ORANGE, PURPLE, new_figure, plain_text, style
 from pbd.pose import Array, Pose
 
 PART_COLOURS = {"start": ORANGE, "mount": PURPLE, "tracking": BLUE}
 
 
 def draw_calibration(demo: str, placed: KeyframesInBase) -> Figure:
-    """Draw the tool's places from above with their 2 sigma ellipses, and the shares of the variance at each."""
+    """Draw the tool's positions from above with ellipses of 2 sigma, and the sources' shares of each variance."""
     p, by_part = np.array([pose.p for pose in tool_poses(placed)]), tool_covariances(placed)
     with style():
-        figure = sheet(f"calibration '{plain(placed.calibration.name, 60)}'", 10.0, 4.8)
+        figure = new_figure(f"calibration '{plain_text(placed.calibration.name, 60)}'", 10.0, 4.8)
         above, shares = figure.subplots(1, 2)
-        title = f"the tool in base at the keyframes of {plain(demo, 30)}, with 2 sigma"
+        title = f"the tool in base at the keyframes of {plain_text(demo, 30)}, with 2 sigma"
         above.set(title=title, xlabel="x in base (m)", ylabel="y in base (m)")
         _from_above(above, placed.T_base_nav, p, np.sum(list(by_part.values()), axis=0))
         shares.set(title="what it comes from (share of the variance)", xlabel="keyframe")
@@ -45,12 +45,12 @@ def _from_above(ax: Axes, T_base_nav: Pose, p: Array, cov: Array) -> None:
 
 
 def _shares(ax: Axes, parts: Mapping[str, Array]) -> None:
-    """Each bar is as high as the sigma of the position (rms over the axes), its colours are shares of the variance."""
+    """Draw bars: the height is the position's sigma (rms over the axes), the colours are shares of the variance."""
     variance = {name: np.trace(cov[:, :3, :3], axis1=1, axis2=2) / 3.0 for name, cov in parts.items()}
     total = np.sum(list(variance.values()), axis=0)
     sigma_mm, below = 1e3 * np.sqrt(total), np.zeros(len(total))
-    for name, of_part in variance.items():
-        height = sigma_mm * of_part / np.maximum(total, 1e-18)
+    for name, share in variance.items():
+        height = sigma_mm * share / np.maximum(total, 1e-18)
         ax.bar(range(len(total)), height, bottom=below, color=PART_COLOURS[name], width=0.7, label=PARTS[name])
         below = below + height
     ax.legend(loc="upper left")

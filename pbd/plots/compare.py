@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from pbd.data import HandPath, Keyframe
-from pbd.fusion.matching import Keyframes, by_moves
+from pbd.fusion.matching import Keyframes, match_by_moves
 from pbd.pose import Array, Pose, level_onto, quat_inverse, quat_log, quat_multiply, quat_to_matrix
 from pbd.tracking.smoother.attitude import mean_quaternion
 from pbd.view.terminal_tables import make_table
@@ -23,11 +23,11 @@ Tracked = tuple[str, HandPath, Sequence[Keyframe]]
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One of several demonstrations of a task, aligned with the first at its first stop.
+    """One of several demonstrations of a task, aligned with the first demonstration at the first stop.
 
     Attributes:
         p: (n, 3) m, its path from the first to the last stop, in the first demonstration's nav.
-        progress: (n,) keyframes of the task: 1.5 is half-way in time from keyframe 1 to keyframe 2.
+        progress: (n,) in keyframes of the task: 1.5 is half-way in time from keyframe 1 to keyframe 2.
     """
 
     name: str
@@ -37,16 +37,16 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class SpreadKeyframe:
-    """One keyframe of a task, as several demonstrations have it.
+    """One keyframe of a task in several demonstrations.
 
     Attributes:
-        poses: of each demonstration, aligned; None where it has none.
-        own: its number in each demonstration; None likewise.
-        p: (3,) m, the mean.
-        spread: (3,) m, standard deviation over the demonstrations along nav's axes; NaN for a single one.
-        furthest: index of the demonstration that is furthest from the mean.
-        turn: rad, standard deviation of the attitude (root mean square angle from the mean one); NaN for a single one.
-        sigma: (3,) m, root mean square of the trackers' own, relative to the first stop; NaN where all were typed.
+        poses: of each demonstration, aligned; None where this keyframe is missing.
+        own: its number in each demonstration; None where it is missing.
+        p: (3,) m, mean position.
+        spread: (3,) m, standard deviation of the position along nav's axes; NaN for a single demonstration.
+        furthest, furthest_m: index of the demonstration that is furthest from the mean, and its distance, m.
+        turn: rad, standard deviation of the attitude (rms angle from the mean); NaN for a single demonstration.
+        sigma: (3,) m, rms of the trackers' sigmas relative to the first stop; NaN if a person typed all keyframes.
     """
 
     poses: tuple[Pose | None, ...]
@@ -60,7 +60,7 @@ class SpreadKeyframe:
 
     @property
     def count(self) -> int:
-        """How many demonstrations have it."""
+        """Number of demonstrations that have it."""
         return sum(pose is not None for pose in self.poses)
 
 
@@ -69,8 +69,8 @@ class ComparePlot:
     """Several demonstrations of one task.
 
     Attributes:
-        by_order: whether keyframes were matched by their order alone; else by their moves and the grip.
-        remarks: which keyframes are missing where, or are there in one alone, in words.
+        by_order: whether keyframes were matched by their order only; else by the moves between them and the grip.
+        remarks: which keyframes are missing in a demonstration, or are only in one, in words.
     """
 
     runs: tuple[Run, ...]
@@ -79,7 +79,7 @@ class ComparePlot:
     remarks: tuple[str, ...] = ()
 
     def positions(self, run: int) -> Array:
-        """Where a run has the task's keyframes, (k, 3) m; NaN where it has none."""
+        """Positions of a run's keyframes, (k, 3) m; NaN where one is missing."""
         poses = (keyframe.poses[run] for keyframe in self.keyframes)
         return np.array([np.full(3, np.nan) if pose is None else pose.p for pose in poses])
 
@@ -87,8 +87,9 @@ class ComparePlot:
 def compare_plot(demos: Sequence[Tracked]) -> ComparePlot:
     """Align demonstrations at their first stop (position and heading, as the dock does it) and match their keyframes.
 
-    nav is the first demonstration's. Where all have as many keyframes they are matched by order, else as
-    `pbd fuse` does (what the moves and the grips are like) against the first of those with the most usual number.
+    The common nav is the first demonstration's. If all have the same number of keyframes, these are matched by order.
+    Else they are matched by moves and grips, as in `pbd fuse`, with the first demonstration that has the most frequent
+    number of keyframes.
 
     Args:
         demos: two or more, each with one keyframe at least.
@@ -103,23 +104,23 @@ def compare_plot(demos: Sequence[Tracked]) -> ComparePlot:
     counts = [len(own) for own in poses]
     usual = Counter(counts)
     reference = counts.index(max(counts, key=lambda count: (usual[count], count)))
-    to_match = [_matched(keyframes) for _, _, keyframes in demos]
-    partners = [_partners(to_match[reference], own) for own in to_match]
+    comparable = [_comparable(keyframes) for _, _, keyframes in demos]
+    partners = [_partners(comparable[reference], own) for own in comparable]
     runs = [_run(*demo, T, partner) for demo, T, partner in zip(demos, aligned, partners, strict=True)]
     spreads = [_spread([partner[k] for partner in partners], poses, covs) for k in range(counts[reference])]
     return ComparePlot(tuple(runs), tuple(spreads), len(usual) == 1, tuple(_remarks(demos, partners, reference)))
 
 
 def _partners(reference: Keyframes, other: Keyframes) -> tuple[int | None, ...]:
-    """For each keyframe of the reference its partner's index in the other demonstration, or None."""
+    """Index of the matching keyframe in the other demonstration, or None, for each keyframe of the reference."""
     if len(reference) == len(other):
         return tuple(range(len(other)))
-    partner = dict(by_moves(reference, other))
+    partner = dict(match_by_moves(reference, other))
     return tuple(map(partner.get, range(len(reference))))
 
 
-def _matched(keyframes: Sequence[Keyframe]) -> Keyframes:
-    """What is matched of a demonstration."""
+def _comparable(keyframes: Sequence[Keyframe]) -> Keyframes:
+    """The values of keyframes that are compared in matching."""
     return Keyframes(
         np.array([one.T_nav_sensor.p for one in keyframes]),
         quat_to_matrix(np.array([one.T_nav_sensor.wxyz for one in keyframes])),
@@ -165,18 +166,18 @@ def _spread(
 
 
 def _remarks(demos: Sequence[Tracked], partners: Sequence[Sequence[int | None]], reference: int) -> list[str]:
-    """Which keyframes are missing where, or are there in one demonstration alone."""
+    """Say which keyframes are missing in a demonstration, or are only in one."""
     usual, _, others = demos[reference]
-    said = []
+    remarks = []
     for (name, _, keyframes), partner in zip(demos, partners, strict=True):
         missing = [f"{k} ({others[k].t:.1f} s in {usual})" for k, own in enumerate(partner) if own is None]
         more = [f"{i} ({keyframe.t:.1f} s)" for i, keyframe in enumerate(keyframes) if i not in partner]
         if missing:
-            said.append(f"{name} has no keyframe{_s(missing)} {', '.join(missing)}")
+            remarks.append(f"{name} has no keyframe{_s(missing)} {', '.join(missing)}")
         if more:
             many = "one more stop" if len(more) == 1 else f"{len(more)} more stops"
-            said.append(f"{name} has {many}, its keyframe{_s(more)} {', '.join(more)}: left out")
-    return said
+            remarks.append(f"{name} has {many}, its keyframe{_s(more)} {', '.join(more)}: left out")
+    return remarks
 
 
 def _s(several: Sequence[str]) -> str:
@@ -187,7 +188,7 @@ def _s(several: Sequence[str]) -> str:
 
 
 def spread_table(plot: ComparePlot, units: Units) -> Table:
-    """Mean position, standard deviations, and who is furthest off, at each keyframe; what is not known is blank."""
+    """At each keyframe: mean position, standard deviations, furthest demonstration. Unknown values are blank."""
     m, deg = units.length, units.angle_sign
     positions, spreads = ([f"{what}{axis} ({m})" for axis in "xyz"] for what in ("", "spread "))
     ends = (f"spread ({deg})", f"σ ({m})", f"furthest ({m})", "which")
@@ -203,7 +204,7 @@ def spread_table(plot: ComparePlot, units: Units) -> Table:
 
 
 def spread_rows(plot: ComparePlot) -> list[dict[str, Any]]:
-    """The same for `--json`; what is not known is NaN."""
+    """The same for `--json`; unknown values are NaN."""
     return [
         {
             "index": number,

@@ -1,9 +1,8 @@
-"""Figures of several demonstrations of one task, and their spread at each keyframe."""
+"""Figures of several demonstrations of one task, and of their spread at each keyframe."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,14 +16,14 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from pbd.data.one_line_repr import counted
 from pbd.plots.compare import ComparePlot
 from pbd.plots.panels import XYZ
-from pbd.plots.space import YX, YZ, ellipse, number, number_3d, perspective, view
-from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, length_unit, plain, sheet, style
+from pbd.plots.space import YX, YZ, ellipse, fit_3d, label_keyframes, label_keyframes_3d, view
+from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, length_unit, new_figure, plain_text, style
 from pbd.pose import Array
 
 DASHES = ("-", "--", ":", "-.")
-"""Line styles: when all colours are used, they are repeated dashed."""
+"""Line styles. With more demonstrations than colours, the colours are repeated in the next style."""
 MOST_NAMED, LONGEST_NAME = 16, 18
-"""Most demonstrations in a legend; most characters of a name."""
+"""Most demonstrations in a legend, and most characters of a name."""
 
 
 def draw_comparison(name: str, plot: ComparePlot) -> Figure:
@@ -34,23 +33,23 @@ def draw_comparison(name: str, plot: ComparePlot) -> Figure:
 
 
 def paths(plot: ComparePlot) -> Figure:
-    """All paths in space, the mean keyframes numbered."""
-    figure = sheet("Paths, aligned at the first stop", 8.6, 6.6)
+    """All paths in 3-D, with numbers at the mean keyframes."""
+    figure = new_figure("Paths, aligned at the first stop", 8.6, 6.6)
     ax = figure.add_subplot(projection="3d", computed_zorder=False, title=_subtitle(plot))
     assert isinstance(ax, Axes3D)
     shown = [run.p for run in plot.runs]
-    scale = perspective(ax, shown)
+    scale = fit_3d(ax, shown)
     for k, run in enumerate(plot.runs):
         ax.plot(*(scale * run.p).T, **_line(k))
         ax.plot(*(scale * plot.positions(k)).T, **_dots(k))
     legend(figure, [], _runs(plot))
-    number_3d(ax, scale * np.array([keyframe.p for keyframe in plot.keyframes]), scale * np.vstack(shown))
+    label_keyframes_3d(ax, scale * np.array([keyframe.p for keyframe in plot.keyframes]), scale * np.vstack(shown))
     return figure
 
 
 def views(plot: ComparePlot) -> Figure:
-    """From above and along x, with the keyframes' spread."""
-    figure = sheet("Paths from above (yx) and along x (yz)", 13.0, 6.0)
+    """All paths from above and along x, with ellipses of the keyframes' spread."""
+    figure = new_figure("Paths from above (yx) and along x (yz)", 13.0, 6.0)
     both = figure.subplots(1, 2)
     both[0].set_title(_subtitle(plot))
     shown, numbered = [run.p for run in plot.runs], []
@@ -69,13 +68,13 @@ def views(plot: ComparePlot) -> Figure:
     more: Artist = Line2D([], [], color=INK, linewidth=0.8, label="2 standard\ndeviations")
     legend(figure, [], [*_runs(plot), more])
     for ax, at, covered in numbered:
-        number(ax, at, np.vstack(covered))
+        label_keyframes(ax, at, np.vstack(covered))
     return figure
 
 
 def positions(plot: ComparePlot) -> Figure:
-    """x, y and z from keyframe to keyframe."""
-    figure = sheet("Position from keyframe to keyframe", 10.0, 6.6)
+    """x, y and z over the progress from keyframe to keyframe."""
+    figure = new_figure("Position from keyframe to keyframe", 10.0, 6.6)
     axes = figure.subplots(3, sharex=True)
     axes[0].set_title(_subtitle(plot))
     scale, unit = length_unit(*(run.p for run in plot.runs))
@@ -91,7 +90,7 @@ def positions(plot: ComparePlot) -> Figure:
 
 
 def spread(plot: ComparePlot) -> Figure:
-    """Spread of the keyframes, and that expected by the trackers' sigmas."""
+    """Spread of the keyframes, and the trackers' own sigmas."""
     spreads = np.array([keyframe.spread for keyframe in plot.keyframes])
     turns = np.array([keyframe.turn for keyframe in plot.keyframes])
     sigmas = np.array([keyframe.sigma for keyframe in plot.keyframes]).max(axis=1)
@@ -102,13 +101,13 @@ def spread(plot: ComparePlot) -> Figure:
 def standard_deviations(
     title: str, subtitle: str, spreads: Array, turns: Array, log_sigma: Array | None = None, sigmas: Array | None = None
 ) -> Figure:
-    """Bars at each keyframe: standard deviations of position (k, 3) m and of attitude (k,) rad.
+    """Draw bars at each keyframe: standard deviations of position (k, 3) m and of attitude (k,) rad.
 
     Args:
-        log_sigma: (k, 4) one sigma of the logarithm of each, drawn at its end.
-        sigmas: (k,) m, the trackers' own, drawn beside those of position.
+        log_sigma: (k, 4) one sigma of each bar's logarithm, drawn as an error bar.
+        sigmas: (k,) m, the trackers' own sigmas, drawn across the bars of position.
     """
-    figure = sheet(title, 10.0, 5.4)
+    figure = new_figure(title, 10.0, 5.4)
     upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 2))
     upper.set_title(subtitle)
     k = np.arange(len(spreads))
@@ -152,16 +151,20 @@ def _dots(run: int) -> dict[str, Any]:
 
 
 def _runs(plot: ComparePlot) -> list[Artist]:
-    """The demonstrations, for a legend."""
+    """The legend's entries for the demonstrations."""
     named: list[Artist] = [
-        Line2D([], [], **_line(k), label=plain(run.name, LONGEST_NAME)) for k, run in enumerate(plot.runs[:MOST_NAMED])
+        Line2D([], [], **_line(k), label=plain_text(run.name, LONGEST_NAME))
+        for k, run in enumerate(plot.runs[:MOST_NAMED])
     ]
     if len(plot.runs) > MOST_NAMED:
         named.append(Line2D([], [], linestyle="", label=f"and {len(plot.runs) - MOST_NAMED} more"))
     return named
 
 
-COMPARISONS: Mapping[str, Callable[[ComparePlot], Figure]] = MappingProxyType(
-    {"paths": paths, "views": views, "positions": positions, "spread": spread}
-)
-"""By the name of its file."""
+COMPARISONS: Mapping[str, Callable[[ComparePlot], Figure]] = {
+    "paths": paths,
+    "views": views,
+    "positions": positions,
+    "spread": spread,
+}
+"""File name -> how the figure is drawn."""

@@ -11,31 +11,31 @@ import numpy as np
 
 from pbd.data import HandPath, Keyframe, Recording, Stop, Truth
 from pbd.data.tracking import DOUBTED_WEIGHT, Tracking
-from pbd.plots.findings import Finding, at_stop, find, length, stop_names
+from pbd.plots.findings import Finding, at_stop, find_problems, length_text, stop_names
 from pbd.pose import Array, Pose, level_onto, quat_multiply, quat_rotate, quat_to_rpy
 from pbd.tracking.keyframes import keyframes_of
 from pbd.tracking.paper import paper_stops, resulting_variance
 
 TRUTH_NEAR_S = 0.5
-"""Longest time, s, from the middle of the first stop to the sample of the truth by which it is aligned."""
+"""Longest time, s, from the middle of the first stop to the sample by which the truth is aligned."""
 
 TRUTH_SPEED_S = 0.02
-"""Half the time, s, over which the true velocity is a difference. Two adjacent optical samples only show noise."""
+"""Half the interval, s, of the differences that give the true velocity. Adjacent optical samples differ by noise."""
 
 LATE_RATIO = 1.5
-"""Ratio to the median interval above which a sample is late or lost."""
+"""A sample is late or lost if its interval exceeds the median interval by this factor."""
 
 
 @dataclass(frozen=True, eq=False)
 class TruthPlot:
-    """The true motion, aligned with the path at its first stop (position and heading), as the dock does it.
+    """The true motion, aligned with the path at the first stop (position and heading, as the dock does it).
 
     Attributes:
         t: (m,) s.
-        p_nav_sensor: (m, 3) m; NaN where the truth has a gap, as in the two below.
-        v_nav_sensor: (m, 3) m/s, differences of the position.
-        rpy_nav_sensor: (m, 3) rad, without jumps of a whole turn.
-        error: (n, 3) m, path less truth at the path's instants; NaN outside the truth.
+        p_nav_sensor: (m, 3) m; NaN in a gap of the truth, as are velocity and attitude.
+        v_nav_sensor: (m, 3) m/s, finite differences of the position.
+        rpy_nav_sensor: (m, 3) rad, unwrapped.
+        error: (n, 3) m, path minus truth at the path's instants; NaN where there is no truth.
     """
 
     t: Array
@@ -51,8 +51,8 @@ class FieldPlot:
 
     Attributes:
         strength: (n,) uT.
-        dip: (n,) rad, downwards.
-        rest_strength, rest_dip: the same at the first rest.
+        dip: (n,) rad, positive downwards.
+        rest_strength, rest_dip: of the mean field in the first rest.
     """
 
     strength: Array
@@ -63,12 +63,12 @@ class FieldPlot:
 
 @dataclass(frozen=True, eq=False)
 class DemoPlot:
-    """One demonstration, tracked.
+    """What the figures of one tracked demonstration show.
 
     Attributes:
-        keyframes: with their covariances.
-        field: with a magnetometer.
-        facts: (what, how much) in words, for the summary.
+        truth: None if it is unknown.
+        field: None without a magnetometer.
+        facts: names and values, in words, for the summary.
     """
 
     path: HandPath
@@ -81,46 +81,46 @@ class DemoPlot:
 
     @property
     def name(self) -> str:
-        """The demonstration's."""
+        """The demonstration's name."""
         return self.tracking.demo.recording.info.name
 
     @property
     def tracked(self) -> slice:
-        """The samples from the first stop to the last: before and after, only one end of the path is known."""
+        """The samples from the first stop to the last. Outside them the path is not bounded by stops on both sides."""
         return slice(self.path.stops[0].start, self.path.stops[-1].stop)
 
     @cached_property
     def resulting(self) -> Array:
-        """(n,) m/s2, the paper's equation 7: the norm of the motion acceleration."""
+        """(n,) m/s2, the resulting acceleration: norm of the motion acceleration (the paper's equation 7)."""
         return np.asarray(np.linalg.norm(self.tracking.a_nav, axis=1))
 
     @cached_property
     def variance(self) -> Array:
-        """(n,) (m/s2)^2, the paper's equations 8 and 9."""
+        """(n,) (m/s2)^2, variance of the resulting acceleration (the paper's equations 8 and 9)."""
         return resulting_variance(self.tracking.a_nav)
 
     @cached_property
     def paper_stops(self) -> tuple[Stop, ...]:
-        """Where the paper's Algorithm 1 sees the hand stand still."""
+        """The stops that the paper's Algorithm 1 finds."""
         if self.tracking.method == "paper":
             return self.path.stops
         return paper_stops(self.tracking.recording.t, self.tracking.a_nav)
 
     @cached_property
     def rpy_nav_sensor(self) -> Array:
-        """(n, 3) rad, without jumps of a whole turn."""
+        """(n, 3) rad, unwrapped."""
         return np.unwrap(quat_to_rpy(self.path.wxyz_nav_sensor), axis=0)
 
     @cached_property
     def sigma(self) -> Array:
-        """(n, 6) m and rad, along and about nav's axes: the variance at the stops, interpolated; NaN outside them."""
+        """(n, 6) m and rad, along and about nav's axes. The variance is interpolated between stops; NaN outside."""
         ends = self.path.t[[row for stop in self.path.stops for row in (stop.start, stop.stop - 1)]]
         variances = np.repeat(np.diagonal(self.path.cov, axis1=1, axis2=2), 2, axis=0)
         along = [np.interp(self.path.t, ends, v, left=np.nan, right=np.nan) for v in variances.T]
         return np.asarray(np.sqrt(np.column_stack(along)))
 
     def is_known(self, keyframe: Keyframe) -> bool:
-        """Whether something was known of its stop, and used."""
+        """Whether a claim about its stop (a known place or height) was used."""
         return any(self._is_at(keyframe, self.path.stops[claim.stop]) for claim in self.path.claims)
 
     def is_doubted(self, keyframe: Keyframe) -> bool:
@@ -132,10 +132,11 @@ class DemoPlot:
 
 
 def demo_plot(path: HandPath, remarks: Sequence[str] = ()) -> DemoPlot:
-    """Collect what the plots of a demonstration show.
+    """Collect what the figures of a demonstration show.
 
     Args:
-        path: as tracked; the demonstration with its truth and edited keyframes comes with it.
+        path: with its `tracking`, which has the demonstration, its truth and its edited keyframes.
+        remarks: warnings given while it was tracked; they become findings.
 
     Raises:
         ValueError: the path was not tracked.
@@ -149,36 +150,38 @@ def demo_plot(path: HandPath, remarks: Sequence[str] = ()) -> DemoPlot:
     names = stop_names(path, keyframes)
     error = None if truth is None else truth.error
     facts = tuple(_facts(demo.recording, path, names, error, field))
-    return DemoPlot(path, tracking, keyframes, truth, field, facts, find(path, names, tracking.a_nav, error, remarks))
+    return DemoPlot(
+        path, tracking, keyframes, truth, field, facts, find_problems(path, names, tracking.a_nav, error, remarks)
+    )
 
 
 def _truth(truth: Truth, path: HandPath) -> TruthPlot | None:
-    """Align the truth with the first stop; None where the truth has no sample near it."""
+    """Align the truth with the path at the first stop; None if the truth has no sample near it."""
     rows = np.concatenate(([True], np.diff(truth.t) > 0.0))
     t, p, wxyz = truth.t[rows], truth.p_nav_sensor[rows], truth.wxyz_nav_sensor[rows]
-    seen = np.isfinite(p).all(axis=1) & np.isfinite(wxyz).all(axis=1)
+    known = np.isfinite(p).all(axis=1) & np.isfinite(wxyz).all(axis=1)
     first = (path.stops[0].start + path.stops[0].stop - 1) // 2
-    away = np.where(seen, np.abs(t - path.t[first]), np.inf)
+    away = np.where(known, np.abs(t - path.t[first]), np.inf)
     if len(t) < 2 or away.min() > TRUTH_NEAR_S:
         return None
     row = int(np.argmin(away))
     T = level_onto(Pose(p[row], wxyz[row]), Pose(path.p_nav_sensor[first], path.wxyz_nav_sensor[first]))
     p = T.act(p)
     rpy = np.full_like(p, np.nan)
-    rpy[seen] = np.unwrap(quat_to_rpy(quat_multiply(T.wxyz, wxyz[seen])), axis=0)
+    rpy[known] = np.unwrap(quat_to_rpy(quat_multiply(T.wxyz, wxyz[known])), axis=0)
     ours = np.unwrap(quat_to_rpy(path.wxyz_nav_sensor), axis=0)[first]
     rpy += 2.0 * np.pi * np.round((ours - rpy[row]) / (2.0 * np.pi))
     at = np.column_stack([np.interp(path.t, t, axis, left=np.nan, right=np.nan) for axis in p.T])
-    return TruthPlot(t, p, _slope(t, p), rpy, path.p_nav_sensor - at)
+    return TruthPlot(t, p, _velocity(t, p), rpy, path.p_nav_sensor - at)
 
 
-def _slope(t: Array, p: Array) -> Array:
-    """Velocity (m, 3) m/s of positions (m, 3) m; NaN where the truth has a gap."""
+def _velocity(t: Array, p: Array) -> Array:
+    """Velocity (m, 3) m/s of positions (m, 3) m; NaN in a gap of the truth."""
     before, after = np.maximum(t - TRUTH_SPEED_S, t[0]), np.minimum(t + TRUTH_SPEED_S, t[-1])
     moved = [np.interp(after, t, axis) - np.interp(before, t, axis) for axis in p.T]
-    slope: Array = np.column_stack(moved) / (after - before)[:, None]
-    slope[~np.isfinite(p).all(axis=1)] = np.nan
-    return slope
+    v: Array = np.column_stack(moved) / (after - before)[:, None]
+    v[~np.isfinite(p).all(axis=1)] = np.nan
+    return v
 
 
 def _field(mag: Array, path: HandPath, first_rest: slice) -> FieldPlot:
@@ -190,6 +193,7 @@ def _field(mag: Array, path: HandPath, first_rest: slice) -> FieldPlot:
 
 
 def _dip(field_nav: Array) -> Array:
+    """Angle (n,) rad of the field (n, 3) below the horizontal."""
     x, y, z = field_nav.T
     return np.asarray(np.arctan2(-z, np.hypot(x, y)))
 
@@ -197,11 +201,11 @@ def _dip(field_nav: Array) -> Array:
 def _facts(
     recording: Recording, path: HandPath, names: Sequence[str], error: Array | None, field: FieldPlot | None
 ) -> list[tuple[str, str]]:
-    """What a person asks first, in words."""
+    """Names and values for the summary, in words."""
     t, stops = recording.t, path.stops
     interval = np.diff(t)
     late = int((interval > LATE_RATIO * np.median(interval)).sum())
-    shortest, dwell = _most([-stop.dwell_s for stop in stops])
+    shortest, dwell = _largest([-stop.dwell_s for stop in stops])
     facts = [
         ("sensor", recording.info.sensor),
         ("recorded", f"{t[-1] - t[0]:.1f} s at {recording.rate_hz:.4g} Hz, {len(t)} samples"),
@@ -210,20 +214,20 @@ def _facts(
     ]
     if len(stops) > 1:
         inside = path.p_nav_sensor[stops[0].start : stops[-1].stop]
-        longest, lasts = _most([float(path.t[b.start] - path.t[a.stop - 1]) for a, b in pairwise(stops)])
-        worst, left_over = _most(np.linalg.norm(path.closure, axis=1))
-        unsure, variance = _most(path.cov[:, range(3), range(3)].max(axis=1))
+        longest, lasts = _largest([float(path.t[b.start] - path.t[a.stop - 1]) for a, b in pairwise(stops)])
+        worst, left_over = _largest(np.linalg.norm(path.closure, axis=1))
+        unsure, variance = _largest(path.cov[:, range(3), range(3)].max(axis=1))
         facts += [
             ("longest move", f"{lasts:.2f} s, {names[longest]} to {names[longest + 1]}"),
-            ("length of the path", length(float(np.linalg.norm(np.diff(inside, axis=0), axis=1).sum()))),
-            ("largest closure", f"{length(left_over)}/s, at {at_stop(names[worst + 1])}"),
-            ("largest sigma", f"{length(variance**0.5)}, at {at_stop(names[unsure])}"),
+            ("length of the path", length_text(float(np.linalg.norm(np.diff(inside, axis=0), axis=1).sum()))),
+            ("largest closure", f"{length_text(left_over)}/s, at {at_stop(names[worst + 1])}"),
+            ("largest sigma", f"{length_text(variance**0.5)}, at {at_stop(names[unsure])}"),
         ]
     if error is not None:
         off = np.linalg.norm(error[[(stop.start + stop.stop - 1) // 2 for stop in stops]], axis=1)
         if np.isfinite(off).any():
-            worst, most = _most(off)
-            facts.append(("largest error", f"{length(most)}, at {at_stop(names[worst])}"))
+            worst, most = _largest(off)
+            facts.append(("largest error", f"{length_text(most)}, at {at_stop(names[worst])}"))
     if field is not None:
         change = np.abs(field.strength / field.rest_strength - 1.0).max() if field.rest_strength > 0.0 else np.nan
         turned = np.degrees(np.abs(field.dip - field.rest_dip).max())
@@ -233,7 +237,7 @@ def _facts(
     return facts
 
 
-def _most(values: Sequence[float] | Array) -> tuple[int, float]:
-    """Where the largest is, NaN aside, and how large it is."""
+def _largest(values: Sequence[float] | Array) -> tuple[int, float]:
+    """Index and value of the largest, NaN ignored."""
     index = int(np.nanargmax(values))
     return index, float(values[index])

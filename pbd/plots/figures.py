@@ -1,4 +1,4 @@
-"""The plots of one demonstration: the paper's figures 5 to 10 for it, ours, and a summary."""
+"""The figures of one demonstration: the paper's figures 5 to 10, our own, and a summary."""
 
 from __future__ import annotations
 
@@ -17,8 +17,22 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from pbd.plots import panels
 from pbd.plots.demo_values import DemoPlot
-from pbd.plots.space import YX, YZ, number, number_3d, path_3d, path_view
-from pbd.plots.style import AXES_RGB, CHECK, GREY, INK, PALE, SIGMA, VERMILION, legend, mark, marks, plain, sheet, style
+from pbd.plots.space import YX, YZ, label_keyframes, label_keyframes_3d, path_3d, path_view
+from pbd.plots.style import (
+    AXES_RGB,
+    CHECK,
+    GREY,
+    INK,
+    PALE,
+    SIGMA,
+    VERMILION,
+    event_legend,
+    legend,
+    mark_events,
+    new_figure,
+    plain_text,
+    style,
+)
 
 Panel = Callable[[Axes, DemoPlot], None]
 
@@ -29,11 +43,11 @@ VIEW_SIZE = (8.4, 6.4)
 A4 = (11.69, 8.27)
 """Landscape, inches."""
 FINDING_WIDTH, FINDING_LINES, LINES = 46, 5, 14
-"""Summary: characters in a line and lines of one finding; lines of all findings."""
+"""Of the summary: characters in a line, lines of one finding, and lines of all findings."""
 
 
 def names(plot: DemoPlot) -> tuple[str, ...]:
-    """The figures that there are of a demonstration: without a magnetometer none of the field."""
+    """Names of a demonstration's figures; there is no "field" without a magnetometer."""
     return tuple(name for name in FIGURES if name != "field" or plot.field is not None)
 
 
@@ -44,26 +58,26 @@ def draw(name: str, plot: DemoPlot) -> Figure:
 
 
 def _over_time(title: str, *rows: tuple[float, Panel]) -> Callable[[DemoPlot], Figure]:
-    """A figure of panels over one time axis, each with its height in inches."""
+    """A figure of panels with a common time axis, each with its height in inches."""
 
     def drawn(plot: DemoPlot) -> Figure:
         heights = [height for height, _ in rows]
-        figure = sheet(title, TIME_WIDTH, 1.3 + sum(heights))
+        figure = new_figure(title, TIME_WIDTH, 1.3 + sum(heights))
         axes = figure.subplots(len(rows), sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         axes[0].set_title(_subtitle(plot))
         for ax, (_, panel) in zip(axes, rows, strict=True):
             panel(ax, plot)
-            mark(ax, plot, numbers=ax is axes[0])
+            mark_events(ax, plot, numbers=ax is axes[0])
         axes[-1].set_xlabel("time (s)")
         figure.align_ylabels(axes)
-        legend(figure, axes, marks(plot))
+        legend(figure, axes, event_legend(plot))
         return figure
 
     return drawn
 
 
 def _subtitle(plot: DemoPlot) -> str:
-    return f"{plain(plot.name, 40)}, {plain(plot.tracking.recording.info.sensor, 24)}, {_tracked_by(plot)}"
+    return f"{plain_text(plot.name, 40)}, {plain_text(plot.tracking.recording.info.sensor, 24)}, {_tracked_by(plot)}"
 
 
 def _tracked_by(plot: DemoPlot) -> str:
@@ -72,42 +86,42 @@ def _tracked_by(plot: DemoPlot) -> str:
 
 
 def _path(plot: DemoPlot) -> Figure:
-    figure = sheet("Path, with the sensor's axes at the keyframes (as the paper's figure 8)", *VIEW_SIZE)
+    figure = new_figure("Path, with the sensor's axes at the keyframes (as the paper's figure 8)", *VIEW_SIZE)
     ax = figure.add_subplot(projection="3d", computed_zorder=False, title=_subtitle(plot))
     assert isinstance(ax, Axes3D)
     numbered = path_3d(ax, plot)
     legend(figure, [ax])
-    number_3d(ax, *numbered)
+    label_keyframes_3d(ax, *numbered)
     return figure
 
 
 def _view(title: str, axes: tuple[int, int]) -> Callable[[DemoPlot], Figure]:
     def drawn(plot: DemoPlot) -> Figure:
-        figure = sheet(title, *VIEW_SIZE)
+        figure = new_figure(title, *VIEW_SIZE)
         ax = figure.add_subplot(title=_subtitle(plot))
         numbered = path_view(ax, plot, axes)
         legend(figure, [ax])
-        number(ax, *numbered)
+        label_keyframes(ax, *numbered)
         return figure
 
     return drawn
 
 
 def _sampling(plot: DemoPlot) -> Figure:
-    figure = sheet("Sampling intervals, as recorded", TIME_WIDTH, 5.5)
+    figure = new_figure("Sampling intervals, as recorded", TIME_WIDTH, 5.5)
     upper, lower = figure.subplots(2)
     upper.set(title=_subtitle(plot), xlabel="time (s)")
     panels.intervals(upper, plot)
-    mark(upper, plot, numbers=True)
+    mark_events(upper, plot, numbers=True)
     panels.histogram(lower, plot)
-    legend(figure, [upper], marks(plot))
+    legend(figure, [upper], event_legend(plot))
     return figure
 
 
 def _summary(plot: DemoPlot) -> Figure:
-    """One sheet: the path, the motion over time, and the findings in words."""
+    """One page: the path, the motion over time, and the findings in words."""
     with matplotlib.rc_context({"font.size": 8.0, "lines.linewidth": 0.9}):
-        figure = sheet(plain(plot.name, 60), *A4)
+        figure = new_figure(plain_text(plot.name, 60), *A4)
         upper, lower = cast(list[SubFigure], figure.subfigures(2, height_ratios=(3.1, 5.0)))
         left, right = cast(list[SubFigure], upper.subfigures(1, 2, width_ratios=(4.4, 7.2)))
         space = left.add_subplot(projection="3d", computed_zorder=False)
@@ -125,39 +139,39 @@ def _summary(plot: DemoPlot) -> Figure:
         for k, row in enumerate(rows):
             for ax, panel in zip(axes[k], row, strict=True):
                 panel(ax, plot)
-                mark(ax, plot, numbers=k == 0)
+                mark_events(ax, plot, numbers=k == 0)
                 ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
         for ax in axes[-1]:
             ax.set_xlabel("time (s)")
         for column in axes.T:
             lower.align_ylabels(column)
         right.legend(handles=_summary_legend(plot), loc="lower left", ncols=6, columnspacing=1.2, labelspacing=0.35)
-        number_3d(space, *numbered)
+        label_keyframes_3d(space, *numbered)
         return figure
 
 
 def _summary_legend(plot: DemoPlot) -> list[Artist]:
-    """One for all axes of the sheet."""
+    """The legend's entries for all axes of the summary."""
     names = zip(("x, roll", "y, pitch", "z, yaw"), AXES_RGB, strict=True)
     handles: list[Artist] = [Line2D([], [], color=colour, label=name) for name, colour in names]
     handles.append(Line2D([], [], color=SIGMA, linewidth=1.6, label="σ"))
     if plot.truth is not None:
         handles += [Line2D([], [], color=GREY, label="truth", **PALE), Line2D([], [], color=INK, label="error")]
     colour, label = (GREY, "g, at rest") if plot.field is None else (VERMILION, "disturbed beyond")
-    return [*handles, Line2D([], [], color=colour, linestyle="--", label=label), *marks(plot)]
+    return [*handles, Line2D([], [], color=colour, linestyle="--", label=label), *event_legend(plot)]
 
 
 def _words(figure: SubFigure, plot: DemoPlot) -> None:
-    """Facts and findings, beside the path."""
+    """Write facts and findings beside the path."""
     facts = [("tracked", _tracked_by(plot).removeprefix("tracked ")), *plot.facts]
-    for k, (what, how_much) in enumerate(facts):
-        figure.text(0.0, 0.97 - 0.058 * k, what, va="top", color=GREY)
-        figure.text(0.2, 0.97 - 0.058 * k, plain(how_much, 44), va="top", color=INK)
+    for k, (name, value) in enumerate(facts):
+        figure.text(0.0, 0.97 - 0.058 * k, name, va="top", color=GREY)
+        figure.text(0.2, 0.97 - 0.058 * k, plain_text(value, 44), va="top", color=INK)
     look = {"bbox": CHECK | {"linewidth": 1.0}} if plot.findings else {}
     figure.text(0.59, 0.97, "check" if plot.findings else "no problems found", va="top", color=INK, **look)
     line = 0.0
     for k, finding in enumerate(plot.findings):
-        words = plain(finding.words, FINDING_WIDTH * FINDING_LINES)
+        words = plain_text(finding.words, FINDING_WIDTH * FINDING_LINES)
         wrapped = textwrap.wrap(words, FINDING_WIDTH, max_lines=FINDING_LINES, placeholder=" …")
         full = line + len(wrapped) > LINES
         text = f"and {len(plot.findings) - k} more" if full else "\n".join(wrapped)
@@ -194,4 +208,4 @@ FIGURES: Mapping[str, Callable[[DemoPlot], Figure]] = {
     ),
     "sampling": _sampling,
 }
-"""By the names of their files: the paper's in its order, then ours."""
+"""File name -> how the figure is drawn: the summary, the paper's figures in its order, then ours."""

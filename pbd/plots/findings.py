@@ -1,4 +1,4 @@
-"""Findings: what a person should look at in a demonstration, in words and with its time."""
+"""Findings: problems of a demonstration that a person should look at, in words and with their times."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import Array, quat_to_matrix
 
 FIRST_REST_S = 1.0
-"""Shortest first rest, s, without a remark. Two seconds are asked for, as all else is measured from it."""
+"""Shortest first rest, s, without a finding. Users are asked for two seconds, as everything is measured from it."""
 
 SHORT_STOP_S = 0.3
-"""Shortest stop, s, of a hand that shows a place. A steadily moving hand looks still for a moment too."""
+"""Shortest stop, s, without a finding. A hand that moves steadily looks still for a moment too."""
 
 UNSURE_MOVE_M = 0.01
-"""Largest sigma, m, that a move adds without a remark. (`pbd record` says "pause now" above it.)"""
+"""Largest sigma, m, that a move adds without a finding. (`pbd record` says "pause now" above it.)"""
 
 DRIFT_ACC = 0.2
 """Largest bias of a cheap accelerometer, m/s2 (20 mg). A larger residual velocity has another cause."""
 
 TREMBLE_S, TREMBLE_WITHIN_M, TREMBLE_WITHIN_RAD = 0.5, 0.015, 0.3
-"""A hand is held still if it stays this long within this distance and angle of one pose (s, m, rad)."""
+"""A hand is held still if during TREMBLE_S seconds its pose varies by less than this distance, m, and angle, rad."""
 TREMBLE_RMS = 0.3
-"""m/s2 rms: a hand held still that accelerates more trembles. A short and slow move reaches at most 0.25."""
+"""Least acceleration, m/s2 rms, of a trembling hand. A short and slow move reaches at most 0.25."""
 TREMBLE_MEAN = 0.25
-"""Largest ratio of the squared mean acceleration to the mean square in trembling, as it goes to and fro."""
+"""Largest ratio of squared mean to mean square of a trembling hand's acceleration, whose direction alternates."""
 
 OFF_SIGMAS = 4.0
-"""Sigmas of a keyframe's error above which there is a remark: a chance of one in a thousand."""
+"""Largest error of a keyframe, in sigmas, without a finding. The probability of a larger one is one in a thousand."""
 
 MOST_REMARKS, MOST_HIGHLIGHTED = 3, 10
-"""Most findings of one kind that each have a remark; most that are highlighted if they share one."""
+"""Most findings of one kind that are listed one by one. If they are summed up, most that are highlighted."""
 
 Span = tuple[float, float]
-"""From when to when, s."""
+"""Start and end, s."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What a person should look at: in words, and when, where it has a place in time."""
+    """A problem in words, and its times if it has any."""
 
     words: str
     spans: tuple[Span, ...] = ()
@@ -54,18 +54,17 @@ Weighed = tuple[float, Finding]
 """Severity, and the finding."""
 
 
-def find(
+def find_problems(
     path: HandPath, names: Sequence[str], a_nav: Array, error: Array | None, remarks: Sequence[str]
 ) -> tuple[Finding, ...]:
-    """Collect what a person should look at.
+    """Collect the findings of a demonstration.
 
     Args:
-        names: of its stops, from `stop_names`.
+        names: of the path's stops, from `stop_names`.
         a_nav: (n, 3) m/s2, motion acceleration at the path's instants.
-        error: (n, 3) m, path less truth, where that is known.
-        remarks: the warnings that were given on the way.
+        error: (n, 3) m, path minus truth; None where the truth is unknown.
+        remarks: warnings given while it was tracked.
     """
-    # A hand that goes on at a steady speed looks as still as one that stops.
     doubted = [k for k, stop in enumerate(path.stops) if stop.weight < DOUBTED_WEIGHT]
     return (
         *map(Finding, remarks),
@@ -93,7 +92,7 @@ def find(
 
 
 def stop_names(path: HandPath, keyframes: Sequence[Keyframe]) -> tuple[str, ...]:
-    """Name of each stop in plots: its keyframe's number, or its time where that keyframe was removed."""
+    """Name of each stop in plots: its keyframe's number, or its time if that keyframe was removed."""
     t = np.array([keyframe.t for keyframe in keyframes])
     names = []
     for stop in path.stops:
@@ -108,7 +107,7 @@ def at_stop(name: str) -> str:
     return f"keyframe {name}" if name.isdecimal() else name
 
 
-def length(metres: float) -> str:
+def length_text(metres: float) -> str:
     """Write a length for people."""
     if metres < 0.01:
         return f"{1e3 * metres:.1f} mm"
@@ -116,7 +115,7 @@ def length(metres: float) -> str:
 
 
 def _grouped(found: Iterator[Weighed], together: str) -> list[Finding]:
-    """The worst first; more than a few in one remark."""
+    """The findings, worst first; more than MOST_REMARKS are summed up in one."""
     worst = [finding for _, finding in sorted(found, key=lambda each: -each[0])]
     if len(worst) > MOST_REMARKS:
         return [
@@ -149,7 +148,7 @@ def _doubted(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> It
 
 def _short_stops(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
     for k, stop in enumerate(path.stops[1:], start=1):
-        if k not in doubted and round(stop.dwell_s, 2) < SHORT_STOP_S:  # as it is written
+        if k not in doubted and round(stop.dwell_s, 2) < SHORT_STOP_S:  # rounded as in the text
             words = (
                 f"{at_stop(names[k])} lasts only {stop.dwell_s:.2f} s, from {path.t[stop.start]:.1f} s on, so the hand "
                 "may not have stopped: stop for half a second"
@@ -158,7 +157,7 @@ def _short_stops(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -
 
 
 def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[Weighed]:
-    """Find places where the hand is held still, but no stop is found."""
+    """Find times at which the hand is held still but trembles, so that no stop is found."""
     n = max(2, round(TREMBLE_S * (len(path.t) - 1) / float(path.t[-1] - path.t[0])))
     trembles = _trembles(path, a_nav, n)
     for k, (before, after) in enumerate(pairwise(path.stops)):
@@ -167,7 +166,7 @@ def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[W
             continue
         longest = max(np.split(begins, np.flatnonzero(np.diff(begins) > 1) + 1), key=len)
         span = (float(path.t[longest[0]]), float(path.t[longest[-1] + n]))
-        if not any(_shows(path, stop, span) for stop in (before, after)):
+        if not any(_is_near(path, stop, span) for stop in (before, after)):
             words = (
                 f"between {names[k]} and {names[k + 1]} the hand is held still from {span[0]:.1f} to {span[1]:.1f} s, "
                 "but trembles, so no stop is found: rest the hand on something"
@@ -175,14 +174,14 @@ def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[W
             yield span[1] - span[0], Finding(words, (span,))
 
 
-def _shows(path: HandPath, stop: Stop, span: Span) -> bool:
-    """Whether a stop shows the same place as the trembling: a long enough stop right before or after it."""
+def _is_near(path: HandPath, stop: Stop, span: Span) -> bool:
+    """Whether a long enough stop, right before or after the trembling, marks the same place."""
     begin, end = _stop_span(path, stop)
     return stop.dwell_s >= SHORT_STOP_S and begin - SHORT_STOP_S < span[1] and span[0] < end + SHORT_STOP_S
 
 
 def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
-    """For each sample, whether the hand trembles around one place during this and the next n - 1 samples."""
+    """For each sample, whether the hand trembles about one pose during this and the next n - 1 samples."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
     if len(path.t) <= n:
@@ -193,24 +192,26 @@ def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
     reach = maximum_filter1d(values, n, axis=0, origin=ahead) - minimum_filter1d(values, n, axis=0, origin=ahead)
     squares = (a_nav**2).sum(axis=1)
     steady = (uniform_filter1d(a_nav, n, axis=0, origin=ahead) ** 2).sum(axis=1)
-    to_and_fro = steady < TREMBLE_MEAN * uniform_filter1d(squares, n, origin=ahead)
-    # All the time: being set down is one bump.
+    alternates = steady < TREMBLE_MEAN * uniform_filter1d(squares, n, origin=ahead)
+    # The hand must tremble all the time: setting it down is a single bump.
     least = minimum_filter1d(uniform_filter1d(squares, max(n // 2, 1)), n, origin=ahead)
-    return np.asarray((reach <= 1.0).all(axis=1) & (least > TREMBLE_RMS**2) & to_and_fro)
+    return np.asarray((reach <= 1.0).all(axis=1) & (least > TREMBLE_RMS**2) & alternates)
 
 
 def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
     """Find moves that add much uncertainty."""
     added = _added_sigma_m(path)
     unsure = sorted(np.flatnonzero(added > UNSURE_MOVE_M).tolist(), key=lambda k: -added[k])
-    moves = [(f"from {names[k]} to {names[k + 1]} ({_move_s(path, k):.1f} s)", length(float(added[k]))) for k in unsure]
+    moves = [
+        (f"from {names[k]} to {names[k + 1]} ({_move_s(path, k):.1f} s)", length_text(float(added[k]))) for k in unsure
+    ]
     spans = [_move_span(path, k) for k in unsure]
     advice = "stop on the way, or move more calmly"
     if len(moves) > MOST_REMARKS:
         worst, sigma = moves[0]
         words = (
-            f"{len(moves)} moves add an uncertainty of more than {length(UNSURE_MOVE_M)} each (one sigma), the worst, "
-            f"{worst}, {sigma}: {advice}"
+            f"{len(moves)} moves add an uncertainty of more than {length_text(UNSURE_MOVE_M)} each (one sigma), the "
+            f"worst, {worst}, {sigma}: {advice}"
         )
         return [Finding(words, tuple(spans[:MOST_HIGHLIGHTED]))]
     return [
@@ -220,27 +221,28 @@ def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
 
 
 def _added_sigma_m(path: HandPath) -> Array:
-    """What each move adds to sigma, m, along the worst axis."""
+    """Sigma, m, that each move adds along its worst axis."""
     variance = np.diagonal(path.covariance.of_moves, axis1=1, axis2=2)
     return np.asarray(np.sqrt(variance.max(axis=1, initial=0.0)))
 
 
 def _residual_velocities(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
-    """Find moves that end with more velocity than drift explains, unless they have a remark already."""
+    """Find moves that end with more velocity than drift explains, and that have no other finding."""
     added = _added_sigma_m(path)
     for k, left_over in enumerate(np.linalg.norm(path.closure, axis=1).tolist()):
         lasts = _move_s(path, k)
         remarked = added[k] > UNSURE_MOVE_M or k in doubted or k + 1 in doubted
         if left_over > DRIFT_ACC * lasts and not remarked:
             words = (
-                f"a residual velocity of {length(left_over)}/s at {at_stop(names[k + 1])}, after a move of {lasts:.1f} "
-                f"s, is more than drift: hold still at {names[k]} and {names[k + 1]}, and turn more slowly in between"
+                f"a residual velocity of {length_text(left_over)}/s at {at_stop(names[k + 1])}, after a move of "
+                f"{lasts:.1f} s, is more than drift: hold still at {names[k]} and {names[k + 1]}, and turn more "
+                "slowly in between"
             )
             yield left_over / lasts, Finding(words, (_move_span(path, k),))
 
 
 def _off_the_truth(path: HandPath, names: Sequence[str], error: Array | None) -> Iterator[Finding]:
-    """The keyframe that is the most sigmas away from the truth, if that is too many."""
+    """Find the keyframe whose error is the most sigmas, if these exceed OFF_SIGMAS."""
     if error is None:
         return
     off = np.linalg.norm(error[[(stop.start + stop.stop - 1) // 2 for stop in path.stops]], axis=1)
@@ -249,7 +251,7 @@ def _off_the_truth(path: HandPath, names: Sequence[str], error: Array | None) ->
     if far := int((sigmas > OFF_SIGMAS).sum()):
         k = int(np.argmax(sigmas))
         more = f" ({far} keyframes are more than {OFF_SIGMAS:g} off)" if far > 1 else ""
-        words = f"{at_stop(names[k])} is {length(float(off[k]))} from the truth, {sigmas[k]:.0f} sigma{more}"
+        words = f"{at_stop(names[k])} is {length_text(float(off[k]))} from the truth, {sigmas[k]:.0f} sigma{more}"
         yield Finding(words, (_stop_span(path, path.stops[k]),))
 
 
@@ -258,7 +260,7 @@ def _stop_span(path: HandPath, stop: Stop) -> Span:
 
 
 def _move_span(path: HandPath, k: int) -> Span:
-    """From keyframe k to the one after it."""
+    """From the end of stop k to the start of the next one."""
     return float(path.t[path.stops[k].stop - 1]), float(path.t[path.stops[k + 1].start])
 
 

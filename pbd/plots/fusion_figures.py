@@ -1,9 +1,8 @@
-"""Figures of takes that were made one: how each keyframe of each take lies to the task's, and the hand's scatter."""
+"""Figures of fused takes: each take's keyframes relative to the fused ones, and the hand's scatter."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,7 +11,7 @@ from pbd.data import Fusion, HandPath
 from pbd.data.one_line_repr import counted
 from pbd.plots.compare_figures import LONGEST_NAME, MOST_NAMED, standard_deviations
 from pbd.plots.panels import XYZ
-from pbd.plots.style import GREY, RUNS_RGB, legend, plain, sheet, style
+from pbd.plots.style import GREY, RUNS_RGB, legend, new_figure, plain_text, style
 
 
 def draw_fusion(name: str, path: HandPath) -> Figure:
@@ -23,8 +22,8 @@ def draw_fusion(name: str, path: HandPath) -> Figure:
 
 
 def match(fusion: Fusion) -> Figure:
-    """Each take's keyframes against the task's, along each axis; what is not believed is a cross."""
-    figure = sheet("Keyframes of each take, less the task's", 10.0, 6.6)
+    """Each take's keyframes minus the fused ones, along each axis. A cross is an outlier, which the fusion ignores."""
+    figure = new_figure("Keyframes of each take, less the task's", 10.0, 6.6)
     axes = figure.subplots(3, sharex=True, sharey=True)
     axes[0].set_title(_subtitle(fusion))
     k, used = np.arange(len(fusion.scatter)), [take for take in fusion.takes if not take.left_out]
@@ -33,7 +32,7 @@ def match(fusion: Fusion) -> Figure:
         for i, take in enumerate(used):
             look = {"color": RUNS_RGB[i % len(RUNS_RGB)], "linestyle": "", "markersize": 4.5}
             shift = 0.5 * (i + 0.5) / len(used) - 0.25
-            label = plain(take.name, LONGEST_NAME) if i < MOST_NAMED else None
+            label = plain_text(take.name, LONGEST_NAME) if i < MOST_NAMED else None
             out = np.isin(k, take.outliers)
             ax.plot(k[~out] + shift, 1e3 * take.off[~out, axis], marker="o", label=label, **look)
             ax.plot(k[out] + shift, 1e3 * take.off[out, axis], marker="x", **look)
@@ -45,7 +44,7 @@ def match(fusion: Fusion) -> Figure:
 
 
 def scatter(fusion: Fusion) -> Figure:
-    """The hand's scatter at each keyframe, with one sigma of it."""
+    """The hand's scatter at each keyframe, and the sigma of that estimate."""
     title = "How the hand scatters from take to take, without the tracker's uncertainty"
     return standard_deviations(title, _subtitle(fusion), fusion.scatter, fusion.turn, fusion.unsure)
 
@@ -55,5 +54,5 @@ def _subtitle(fusion: Fusion) -> str:
     return f"{used} of {len(fusion.takes)} takes, {counted(len(fusion.scatter), 'keyframe')}"
 
 
-FUSION_FIGURES: Mapping[str, Callable[[Fusion], Figure]] = MappingProxyType({"match": match, "scatter": scatter})
-"""By the name of its file."""
+FUSION_FIGURES: Mapping[str, Callable[[Fusion], Figure]] = {"match": match, "scatter": scatter}
+"""File name -> how the figure is drawn."""

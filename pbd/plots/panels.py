@@ -1,4 +1,4 @@
-"""Panels: one quantity over time each, drawn into axes of the figures and the summary."""
+"""Panels: each draws one quantity over time into axes of a figure or of the summary."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from pbd.tracking.smoother.knots import STOP_KNOT_S
 
 XYZ = ("x", "y", "z")
 SMALLEST_VARIANCE = 1e-7
-"""(m/s2)^2: smaller than any sensor's."""
+"""Least variance, (m/s2)^2, that is drawn; smaller than any sensor's."""
 MOST_VECTOR_POINTS = 5000
-"""Most points that are drawn as vectors. More become an image, or are thinned out."""
+"""Most points that are drawn as vector graphics. More are rasterized or thinned out."""
 
 
 def _lines(ax: Axes, t: Array, values: Array, names: tuple[str, ...] = XYZ) -> None:
@@ -33,17 +33,17 @@ def _truth_lines(ax: Axes, t: Array, values: Array) -> None:
 
 
 def position(ax: Axes, plot: DemoPlot) -> None:
-    """Position of the hand, with the truth."""
-    ax.set_ylabel(f"position ({_of_hand(ax, plot, 'p_nav_sensor')})")
+    """Position of the hand, and the true one."""
+    ax.set_ylabel(f"position ({_beside_truth(ax, plot, 'p_nav_sensor')})")
 
 
 def velocity(ax: Axes, plot: DemoPlot) -> None:
-    """Velocity, beside the truth's."""
-    ax.set_ylabel(f"velocity ({_of_hand(ax, plot, 'v_nav_sensor')}/s)")
+    """Velocity of the hand, and the true one."""
+    ax.set_ylabel(f"velocity ({_beside_truth(ax, plot, 'v_nav_sensor')}/s)")
 
 
-def _of_hand(ax: Axes, plot: DemoPlot, name: str) -> str:
-    """Draw values of the path while the hand is tracked, and the truth's; return the unit, without "/s"."""
+def _beside_truth(ax: Axes, plot: DemoPlot, name: str) -> str:
+    """Draw an attribute of the path, from the first to the last stop, and of the truth; return the unit of length."""
     values = getattr(plot.path, name)[plot.tracked]
     scale, unit = length_unit(values)
     if plot.truth is not None:
@@ -53,7 +53,7 @@ def _of_hand(ax: Axes, plot: DemoPlot, name: str) -> str:
 
 
 def closure(ax: Axes, plot: DemoPlot) -> None:
-    """The velocity that was left over when the hand stopped, at each stop."""
+    """The residual velocity at the end of each move, before it is corrected."""
     path = plot.path
     scale, unit = length_unit(path.closure)
     ax.set_ylabel(f"closure ({unit}/s)")
@@ -70,7 +70,7 @@ def closure(ax: Axes, plot: DemoPlot) -> None:
 
 
 def speed(ax: Axes, plot: DemoPlot) -> None:
-    """Speed of the hand."""
+    """Speed of the hand, and the true one."""
     rows, path = plot.tracked, plot.path
     scale, unit = length_unit(path.v_nav_sensor[rows])
     if plot.truth is not None:
@@ -81,7 +81,7 @@ def speed(ax: Axes, plot: DemoPlot) -> None:
 
 
 def moves(ax: Axes, plot: DemoPlot) -> None:
-    """When the hand moves, by the method that tracked and by the paper's Algorithm 1."""
+    """Moves found by the method that tracked the hand, and by the paper's Algorithm 1."""
     method = plot.tracking.method
     rows = {method: (plot.path.stops, BLUE), "paper": (plot.paper_stops, SKY)}
     for row, (stops, colour) in enumerate(rows.values()):
@@ -96,13 +96,13 @@ def moves(ax: Axes, plot: DemoPlot) -> None:
 
 
 def _between(stops: tuple[Stop, ...], t: Array) -> list[tuple[float, float]]:
-    """Beginning and length, s, of what is no stop."""
+    """Start and duration, s, of the moves between stops."""
     edges = [float(t[0]), *(float(t[row]) for stop in stops for row in (stop.start, stop.stop - 1)), float(t[-1])]
     return [(begin, end - begin) for begin, end in zip(edges[::2], edges[1::2], strict=True) if end > begin]
 
 
 def attitude(ax: Axes, plot: DemoPlot) -> None:
-    """Roll, pitch and yaw."""
+    """Roll, pitch and yaw, and the true ones."""
     if plot.truth is not None:
         _truth_lines(ax, plot.truth.t, np.degrees(plot.truth.rpy_nav_sensor))
     _lines(ax, plot.path.t, np.degrees(plot.rpy_nav_sensor), ("roll", "pitch", "yaw"))
@@ -117,37 +117,36 @@ def specific_force(ax: Axes, plot: DemoPlot) -> None:
 
 
 def motion_acceleration(ax: Axes, plot: DemoPlot) -> None:
-    """Specific force less gravity, in nav."""
+    """Specific force without gravity, in nav."""
     _lines(ax, plot.path.t, plot.tracking.a_nav)
     ax.set_ylabel("acceleration\nin nav (m/s²)")
 
 
 def resulting(ax: Axes, plot: DemoPlot) -> None:
-    """The paper's equation 7."""
+    """Resulting acceleration (the paper's equation 7)."""
     ax.plot(plot.path.t, plot.resulting, color=INK, label="resulting\nacceleration")
     ax.set_ylim(bottom=0.0)
     ax.set_ylabel("acceleration (m/s²)")
 
 
 def variance(ax: Axes, plot: DemoPlot) -> None:
-    """The paper's equations 8 and 9, with its threshold."""
+    """Variance of the resulting acceleration (the paper's equations 8 and 9), and the paper's threshold."""
     values = np.maximum(plot.variance, SMALLEST_VARIANCE)
     ax.plot(plot.path.t, values, color=INK, linewidth=0.8, label="variance of\ntwo samples")
     ax.axhline(LAMBDA_V, color=VERMILION, linewidth=1.2, linestyle="--", label=f"λᵥ = {LAMBDA_V:g}")
     ax.set_yscale("log")
-    # Two samples may agree by chance to any digit: the lowest twentieth says nothing.
+    # Two samples may be equal by chance: the lowest 5 % do not set the scale.
     ax.set_ylim(0.5 * np.percentile(values, 5.0), 3.0 * max(largest(values), LAMBDA_V))
     ax.yaxis.set_minor_locator(NullLocator())
     ax.set_ylabel("variance ((m/s²)²)")
 
 
 def sigma(ax: Axes, plot: DemoPlot, axis: int) -> None:
-    """Sigma of position along one axis, and the error where the truth is known; all axes have one scale."""
+    """Sigma of the position along one axis, and the error where the truth is known. All axes have the same scale."""
     scale, unit, most = _sigma_unit(plot)
     begin, end = plot.tracked.start, plot.tracked.stop
-    rows = slice(
-        begin, end, -(-(end - begin) // MOST_VECTOR_POINTS)
-    )  # vector graphics keep every point of a filled area
+    # Vector graphics keep every point of a filled area.
+    rows = slice(begin, end, -(-(end - begin) // MOST_VECTOR_POINTS))
     one = scale * plot.sigma[rows, axis]
     for factor, alpha in ((2.0, 0.12), (1.0, 0.22)):
         area = ax.fill_between(plot.path.t[rows], -factor * one, factor * one, label=f"± {factor:g} σ")
@@ -160,13 +159,13 @@ def sigma(ax: Axes, plot: DemoPlot, axis: int) -> None:
 
 
 def _sigma_unit(plot: DemoPlot) -> tuple[float, str, float]:
-    """One unit for all axes of sigma, and the most that is shown, m."""
+    """Scale and unit for sigma along all axes, and the largest value shown, m."""
     shown = [2.0 * plot.sigma[:, :3]] + ([] if plot.truth is None else [plot.truth.error[plot.tracked]])
     return *length_unit(*shown), max(largest(*shown), 1e-4)
 
 
 def sigma_turn(ax: Axes, plot: DemoPlot) -> None:
-    """Sigma of the attitude: tilt (the larger of the two) and heading."""
+    """Sigma of the attitude: tilt (about the worse horizontal axis) and heading."""
     t, turn = plot.path.t[plot.tracked], np.degrees(plot.sigma[plot.tracked, 3:])
     ax.plot(t, turn[:, :2].max(axis=1), color=SIGMA, label="tilt")
     ax.plot(t, turn[:, 2], color=BLUE, label="heading")
@@ -175,7 +174,7 @@ def sigma_turn(ax: Axes, plot: DemoPlot) -> None:
 
 
 def overall_sigma(ax: Axes, plot: DemoPlot) -> None:
-    """Sigma of position, the largest over the axes, beside the error's length."""
+    """Sigma of the position, the largest over the axes, and the norm of the error."""
     scale, unit, _ = _sigma_unit(plot)
     t = plot.path.t[plot.tracked]
     ax.plot(t, scale * plot.sigma[plot.tracked, :3].max(axis=1), color=SIGMA, linewidth=1.6, label="σ")
@@ -186,7 +185,7 @@ def overall_sigma(ax: Axes, plot: DemoPlot) -> None:
 
 
 def field_strength(ax: Axes, plot: DemoPlot) -> None:
-    """Strength of the magnetic field, and the range that the tracker takes for undisturbed."""
+    """Strength of the magnetic field, and the range in which the tracker uses it."""
     assert plot.field is not None
     rest = plot.field.rest_strength
     _field(ax, plot.path.t, plot.field.strength, rest, FIELD_CHANGE * rest)
@@ -194,7 +193,7 @@ def field_strength(ax: Axes, plot: DemoPlot) -> None:
 
 
 def field_dip(ax: Axes, plot: DemoPlot) -> None:
-    """Dip of the magnetic field."""
+    """Dip of the magnetic field, and the range in which the tracker uses it."""
     assert plot.field is not None
     rest, bound = np.degrees([plot.field.rest_dip, FIELD_CHANGE]).tolist()
     _field(ax, plot.path.t, np.degrees(plot.field.dip), rest, bound)
@@ -202,7 +201,7 @@ def field_dip(ax: Axes, plot: DemoPlot) -> None:
 
 
 def _field(ax: Axes, t: Array, values: Array, rest: float, bound: float) -> None:
-    block_s = 2.0 * STOP_KNOT_S  # over which the tracker averages the field
+    block_s = 2.0 * STOP_KNOT_S  # the tracker averages the field over this time
     for edge in (rest - bound, rest + bound):
         ax.axhline(edge, color=VERMILION, linewidth=1.0, linestyle="--", label="disturbed\nbeyond")
     ax.axhline(rest, color=GREY, linewidth=0.8, label="first rest")
@@ -216,19 +215,19 @@ def _field(ax: Axes, t: Array, values: Array, rest: float, bound: float) -> None
 
 
 def intervals(ax: Axes, plot: DemoPlot) -> None:
-    """Interval between each sample and the one before it."""
+    """Interval between each sample and the previous one."""
     ms, median = _intervals_ms(plot)
     (dots,) = ax.plot(plot.tracking.demo.recording.t[1:], ms, ".", color=BLUE, markersize=3.0, label="interval")
     dots.set_rasterized(len(ms) > MOST_VECTOR_POINTS)
     ax.axhline(median, color=VERMILION, linestyle="--", linewidth=1.0, label="median")
-    ax.set_ylim(*_around(ms, median))
+    ax.set_ylim(*_limits(ms, median))
     ax.set_ylabel("interval (ms)")
 
 
 def histogram(ax: Axes, plot: DemoPlot) -> None:
     """Histogram of the intervals."""
     ms, median = _intervals_ms(plot)
-    low, high = _around(ms, median)
+    low, high = _limits(ms, median)
     ax.hist(ms, bins=np.linspace(low, high, 82).tolist(), color=BLUE, log=True)
     ax.axvline(median, color=VERMILION, linestyle="--", linewidth=1.0)
     ax.set(xlabel="interval (ms)", ylabel="samples", xlim=(low, high), ylim=(0.7, 2.0 * len(ms)))
@@ -236,12 +235,12 @@ def histogram(ax: Axes, plot: DemoPlot) -> None:
 
 
 def _intervals_ms(plot: DemoPlot) -> tuple[Array, float]:
-    """All intervals as recorded, and their median."""
+    """All recorded intervals, and their median, ms."""
     ms = 1e3 * np.diff(plot.tracking.demo.recording.t)
     return ms, float(np.median(ms))
 
 
-def _around(ms: Array, median: float) -> tuple[float, float]:
-    """All of them, and a tenth of the median on either side at least."""
+def _limits(ms: Array, median: float) -> tuple[float, float]:
+    """Limits of an axis, ms, that shows all intervals and at least 10 % on both sides of the median."""
     low, high = min(float(ms.min()), 0.9 * median), max(float(ms.max()), 1.1 * median)
     return low - 0.05 * (high - low), high + 0.05 * (high - low)

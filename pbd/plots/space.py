@@ -1,4 +1,4 @@
-"""Paths in space: in perspective, and seen along an axis. All axes of a picture have one scale."""
+"""Paths in 3-D, and seen along an axis. All axes of a picture have the same scale."""
 
 from __future__ import annotations
 
@@ -18,22 +18,23 @@ from pbd.plots.style import AXES_RGB, GREY, INK, KNOWN, PALE, SIGMA, SKY, lay_ou
 from pbd.pose import Array, quat_to_matrix
 
 YX, YZ = (1, 0), (1, 2)
-"""Across and up, as indices of nav's axes. y grows to the left: seen from above, and along x from behind the sensor."""
+"""Horizontal and vertical axis of a view, as indices of nav's axes. y grows to the left: YX is seen from above, YZ from
+behind the sensor, along x."""
 
 SMALLEST_BOX_M = 0.01
-"""m: smallest box that a path is drawn into."""
+"""Least side, m, of the box into which a path is drawn."""
 LEAST_ASPECT = 0.3
-"""Least height and depth of the box, as a share of its longest side."""
+"""Least side of the box, as a share of its longest side."""
 TRIAD_SHARE = 0.1
 """Length of a triad's axes, as a share of the path's extent."""
 MOST_NUMBERED = 100
-"""Most keyframes that are all numbered. Of more, every second, third, ... has its number, triad and ellipse."""
+"""Most keyframes that are all numbered. Of more, only every second (third, ...) has a number, triad and ellipse."""
 ELEVATION, AZIMUTH = 26.0, -164.0
-"""Degrees: seen from behind, from above and a little from the right, so that x leads away and y to the left."""
+"""Direction of view, degrees: from behind, above and slightly right, so that x points away and y to the left."""
 
 
-def perspective(ax: Axes3D, shown: Sequence[Array]) -> float:
-    """Set 3-D axes to one scale with room for paths (m, 3) in m; return how many of their units make a metre."""
+def fit_3d(ax: Axes3D, shown: Sequence[Array]) -> float:
+    """Set 3-D axes to one scale that fits paths (m, 3) in m; return how many of their units make a metre."""
     points = np.vstack(shown)
     scale, unit = length_unit(points)
     middle, extent = _middle_and_extent(scale * points, scale * SMALLEST_BOX_M)
@@ -53,9 +54,9 @@ def perspective(ax: Axes3D, shown: Sequence[Array]) -> float:
 
 
 def path_3d(ax: Axes3D, plot: DemoPlot) -> tuple[Array, Array]:
-    """The path with its shadow, and at each keyframe a triad: the sensor's axes; return what `number_3d` takes."""
+    """Draw the path, its shadow, and the sensor's axes at keyframes; return the arguments of `label_keyframes_3d`."""
     inside, truth = _paths(plot)
-    scale = perspective(ax, [inside, *truth])
+    scale = fit_3d(ax, [inside, *truth])
     p, floor = scale * inside, ax.get_zlim()[0]
     ax.plot(p[:, 0], p[:, 1], floor, color="#c8c8c8", linewidth=1.0, zorder=1.0)
     for each in truth:
@@ -77,12 +78,12 @@ def path_3d(ax: Axes3D, plot: DemoPlot) -> tuple[Array, Array]:
 
 
 def _strokes(begins: Array, ends: Array) -> Array:
-    """One line (3 k, 3) that draws k strokes, without what lies between them."""
+    """One line (3 k, 3) of k separate strokes: NaN separates them."""
     return np.stack((begins, ends, np.full_like(begins, np.nan)), axis=1).reshape(-1, 3)
 
 
 def _paths(plot: DemoPlot) -> tuple[Array, list[Array]]:
-    """The path from the first to the last stop, (m, 3) m, and the truth meanwhile, where it is known."""
+    """The path from the first to the last stop, (m, 3) m, and the truth during that time, if it is known."""
     path, truth = plot.path, plot.truth
     if truth is None:
         return path.p_nav_sensor[plot.tracked], []
@@ -95,7 +96,7 @@ def _step(plot: DemoPlot) -> int:
 
 
 def view(ax: Axes, shown: Sequence[Array], axes: tuple[int, int], aspect: float = 0.85) -> float:
-    """Set axes to one scale with room for paths (m, 3) in m, seen with axes[0] across, to the left, and axes[1] up.
+    """Set axes to one scale that fits paths (m, 3) in m, with axes[0] to the left and axes[1] up.
 
     `aspect` is the axes' height over their width.
 
@@ -113,7 +114,7 @@ def view(ax: Axes, shown: Sequence[Array], axes: tuple[int, int], aspect: float 
 
 
 def path_view(ax: Axes, plot: DemoPlot, axes: tuple[int, int]) -> tuple[Array, Array]:
-    """The path along one axis, keyframes with ellipses of two sigma; return what `number` takes."""
+    """Draw the path in a view, and keyframes with ellipses of two sigma; return the arguments of `label_keyframes`."""
     columns, every = list(axes), _step(plot)
     inside, truth = _paths(plot)
     low, high = _room(np.vstack([inside, *truth]))
@@ -138,49 +139,49 @@ def path_view(ax: Axes, plot: DemoPlot, axes: tuple[int, int]) -> tuple[Array, A
 
 
 def _room(points: Array) -> tuple[Array, Array]:
-    """Lowest and highest corner, m, of what a view may show: the path, and half its extent around it."""
+    """Lowest and highest corner, m, of the largest box that a view shows: the path, and half its extent around it."""
     middle, extent = _middle_and_extent(points, SMALLEST_BOX_M)
     reach = 0.5 * extent + 0.5 * float(extent.max())
     return middle - reach, middle + reach
 
 
 def _middle_and_extent(points: Array, smallest: float) -> tuple[Array, Array]:
-    """Middle (k,) and extent (k,) of points (m, k), NaN aside."""
+    """Middle (k,) and extent (k,) of points (m, k); NaN is ignored."""
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     return 0.5 * (low + high), np.maximum(high - low, smallest)
 
 
 def ellipse(centre: Array, cov: Array) -> Array:
-    """Points (m, 2) at two sigma of a covariance (2, 2) about a centre (2,)."""
+    """Points (m, 2) of the two sigma ellipse of a covariance (2, 2) about a centre (2,)."""
     values, vectors = np.linalg.eigh(cov)
     angle = np.linspace(0.0, 2.0 * np.pi, 61)
     circle = np.stack((np.cos(angle), np.sin(angle)))
     return np.asarray(centre + (2.0 * vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * circle)).T)
 
 
-# --- numbers beside places ---
+# --- numbers beside keyframes ---
 
 SAME_LABEL_PT = 4.0
-"""Distance in points below which two places share a label."""
+"""Distance, points, below which two keyframes share a label."""
 _ANGLES = np.tile(np.radians([45, 135, 315, 225, 90, 0, 180, 270]), 4)
 DIRECTIONS = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
 RADII = np.repeat((8.0, 14.0, 22.0, 32.0), 8)[:, None]
-"""Where a label's box may stand, from its place; radii in points."""
+"""Candidate positions of a label's box, relative to its keyframe; radii in points."""
 MOST_NUMBERS = 3
 """Most numbers, or ranges of numbers, in one label."""
 
 
-def number_3d(ax: Axes3D, at: Array, lines: Array) -> None:
-    """Number places (k, 3) in 3-D axes, beside what lines (m, 3) cover."""
+def label_keyframes_3d(ax: Axes3D, at: Array, lines: Array) -> None:
+    """Number points (k, 3) in 3-D axes, beside the points (m, 3) of lines."""
     at, lines = (np.column_stack(proj3d.proj_transform(*xyz.T, ax.get_proj())[:2]) for xyz in (at, lines))
-    number(ax, at, lines)
+    label_keyframes(ax, at, lines)
 
 
-def number(ax: Axes, at: Array, lines: Array) -> None:
-    """Number places (k, 2), beside what lines (m, 2) cover, both in data coordinates.
+def label_keyframes(ax: Axes, at: Array, lines: Array) -> None:
+    """Number points (k, 2), beside the points (m, 2) of lines, both in data coordinates.
 
-    Places that coincide share a label. A label stands where it covers no other label and as little else as can be; it
-    is left out where there is no room. Nothing else may be added to the figure afterwards.
+    Points that coincide share a label. A label covers no other label and as little of the lines as possible; it is left
+    out where there is no room. The figure must be complete before: a change of its layout would move the labels.
     """
     figure = ax.get_figure(root=True)
     assert figure is not None
@@ -212,6 +213,7 @@ def number(ax: Axes, at: Array, lines: Array) -> None:
 
 
 def _groups(spots: Array) -> list[list[int]]:
+    """Indices of spots (k, 2), in points, that share a label."""
     groups: list[list[int]] = []
     for k, spot in enumerate(spots):
         near = next((group for group in groups if np.linalg.norm(spots[group[0]] - spot) < SAME_LABEL_PT), None)
@@ -223,12 +225,12 @@ def _groups(spots: Array) -> list[list[int]]:
 
 
 def _ranges(numbers: Sequence[int]) -> str:
-    """Write increasing numbers: 0, 4–6, 9."""
+    """Write increasing numbers as ranges: 0, 4–6, 9."""
     runs = [[each for _, each in run] for _, run in groupby(enumerate(numbers), lambda pair: pair[1] - pair[0])]
     words = [str(run[0]) if len(run) == 1 else f"{run[0]}{', ' if len(run) == 2 else '–'}{run[-1]}" for run in runs]
     return ", ".join(words if len(words) <= MOST_NUMBERS else [*words[: MOST_NUMBERS - 1], "…"])
 
 
 def _inside(places: Array, low: Array, high: Array) -> Array:
-    """How many places (m, 2) lie in each box (b, 2)."""
+    """Number of points (m, 2) in each box, whose corners are low and high (b, 2)."""
     return np.asarray(((places > low[:, None]) & (places < high[:, None])).all(axis=2).sum(axis=1).astype(np.float64))

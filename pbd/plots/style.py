@@ -1,7 +1,7 @@
-"""How plots look: colours that everyone can tell apart, titles, legends, marks on a time axis.
+"""How plots look: colours that the colour-blind can distinguish, titles, legends, marks on a time axis.
 
-Figures are made without pyplot, so no window opens and there is nothing to close. matplotlib's constrained layout
-gives each part its room; legends stand outside the axes.
+Figures are made without pyplot, so no window opens and no figure needs to be closed. matplotlib's constrained layout
+places all parts; legends are outside the axes.
 """
 
 from __future__ import annotations
@@ -23,25 +23,26 @@ from pbd.plots.demo_values import DemoPlot
 from pbd.pose import Array
 
 DPI = 110
+"""Pixels per inch of a PNG."""
 
 ORANGE, SKY, GREEN = "#e69f00", "#56b4e9", "#009e73"
 BLUE, VERMILION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
-"""Okabe and Ito's palette, which the colour-blind can tell apart."""
+"""Okabe and Ito's palette, which the colour-blind can distinguish."""
 AXES_RGB = (VERMILION, GREEN, BLUE)
-"""x, y, z; roll, pitch, yaw."""
+"""Colours of x, y, z, and of roll, pitch, yaw."""
 RUNS_RGB = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
-"""Of several demonstrations."""
+"""Colours of several demonstrations."""
 SIGMA = PURPLE
 INK, GREY, REST = "#222222", "#6e6e6e", "#e9e9e9"
 KNOWN: dict[str, Any] = {"marker": "s", "markersize": 7.0, "markerfacecolor": "none", "markeredgecolor": PURPLE}
 KNOWN |= {"linestyle": "", "label": "known place"}
 CHECK: dict[str, Any] = {"facecolor": "#f4ec8c", "edgecolor": "#f4ec8c", "linewidth": 2.0}
-"""A finding, as by a highlighter; the edge keeps the shortest one visible."""
+"""A finding looks highlighted. The edge keeps a very short one visible."""
 PALE: dict[str, Any] = {"alpha": 0.35, "linewidth": 4.0, "solid_capstyle": "butt"}
-"""The truth is a broad, pale line under the thin one that was tracked."""
+"""The truth is a broad, pale line below the thin line of the tracked value."""
 
 FAMILY = "DejaVu Sans"
-"""Comes with matplotlib, so a plot looks the same everywhere."""
+"""A font that comes with matplotlib, so that a plot looks the same everywhere."""
 
 _STYLE: dict[str, Any] = {
     "font.family": FAMILY,
@@ -81,12 +82,12 @@ _STYLE: dict[str, Any] = {
 
 
 def style() -> AbstractContextManager[None]:
-    """Draw and save within this: it replaces the user's own matplotlibrc for a while."""
+    """Context in which figures are drawn and saved. It replaces the user's matplotlibrc meanwhile."""
     return matplotlib.style.context(["default", _STYLE])
 
 
 def write(figure: Figure, file: BinaryIO, format_name: str) -> None:
-    """Write a figure as png, svg or pdf; the same figure gives the same bytes."""
+    """Write a figure as png, svg or pdf. The same figure gives the same bytes."""
     stamps: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
     with style():
         lay_out(figure)
@@ -94,36 +95,36 @@ def write(figure: Figure, file: BinaryIO, format_name: str) -> None:
 
 
 def lay_out(figure: Figure) -> None:
-    """Give each part of a figure its place, once: saving would do it three times."""
+    """Compute a figure's layout once, and then freeze it; saving would compute it three times."""
     if engine := figure.get_layout_engine():
         figure.set_dpi(DPI)
         engine.execute(figure)
         figure.set_layout_engine("none")
 
 
-def plain(words: str, most: int) -> str:
-    """A person's words, cut to `most` characters, with a ? for what the font lacks; a $ begins no formula."""
+def plain_text(words: str, most: int) -> str:
+    """A user's text, cut to `most` characters, with a ? for characters that the font lacks, and $ escaped."""
     font = get_font(findfont(FAMILY))
     words = "".join(c if c.isprintable() and font.get_char_index(ord(c)) else "?" for c in words)
     return (words if len(words) <= most else f"{words[: most - 1].rstrip()}…").replace("$", r"\$")
 
 
-def sheet(title: str, width: float, height: float) -> Figure:
-    """Make a figure of a size in inches, with a title at its top left."""
+def new_figure(title: str, width: float, height: float) -> Figure:
+    """Make a figure, width and height in inches, with a title at its top left."""
     figure = Figure(figsize=(width, height), layout="constrained")
     figure.suptitle(title, x=0.015, ha="left", color=INK)
     return figure
 
 
 def legend(figure: Figure, axes: Iterable[Axes], more: Sequence[Artist] = ()) -> None:
-    """Name beside the axes what is drawn in them; what several axes share is named once."""
+    """Add a legend beside the axes, with one entry for each label in them."""
     found = [handle for ax in axes for handle in ax.get_legend_handles_labels()[0]] + list(more)
     named = {str(handle.get_label()): handle for handle in reversed(found)}
     figure.legend(handles=list(reversed(named.values())), loc="outside right upper")
 
 
 def length_unit(*metres: Array) -> tuple[float, str]:
-    """The unit for lengths of this size (m, NaN aside): how many make a metre, and its name."""
+    """The unit for lengths of this size (m, NaN ignored): how many of it make a metre, and its name."""
     most = largest(*metres)
     if most < 0.02:
         return 1e3, "mm"
@@ -131,15 +132,15 @@ def length_unit(*metres: Array) -> tuple[float, str]:
 
 
 def largest(*values: Array) -> float:
-    """The largest magnitude, NaN aside; 0 where there is none."""
+    """The largest magnitude, NaN ignored; 0 for no values."""
     every = np.concatenate([np.abs(np.ravel(each)) for each in values])
     return float(np.nanmax(every)) if np.isfinite(every).any() else 0.0
 
 
-def mark(ax: Axes, plot: DemoPlot, numbers: bool = False) -> None:
-    """Shade the rests, highlight the findings, mark the grip and set the time axis.
+def mark_events(ax: Axes, plot: DemoPlot, numbers: bool = False) -> None:
+    """Shade the rests, highlight the findings, mark the grip events and set the limits of the time axis.
 
-    With `numbers`, those of the keyframes stand on top: known places in a box, a doubted stop with a question mark.
+    With `numbers`, the keyframes are numbered above the axes: a box marks a known place, a ? a doubted stop.
     """
     t, low_to_high = plot.path.t, ax.get_xaxis_transform()
     rests = [(t[stop.start], t[stop.stop - 1] - t[stop.start]) for stop in plot.path.stops]
@@ -162,7 +163,7 @@ def _grip(closed: bool) -> dict[str, Any]:
 
 
 def _number(ax: Axes, plot: DemoPlot) -> None:
-    """Number the keyframes along the top, as many as there is room for."""
+    """Number the keyframes above the axes; numbers that would overlap are left out."""
     begin, end = ax.get_xlim()
     shown, free = [], -np.inf
     for number, keyframe in enumerate(plot.keyframes):
@@ -183,8 +184,8 @@ def _number(ax: Axes, plot: DemoPlot) -> None:
             label.set_bbox(frame | CHECK)
 
 
-def marks(plot: DemoPlot) -> list[Artist]:
-    """What is marked on a time axis, for a legend."""
+def event_legend(plot: DemoPlot) -> list[Artist]:
+    """The legend's entries for the marks on a time axis."""
     handles: list[Artist] = [Patch(facecolor=REST, edgecolor="#cccccc", label="at rest")]
     for closed, what in ((True, "closes"), (False, "opens")):
         if any(event.closed == closed for event in plot.path.grip):

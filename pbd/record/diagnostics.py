@@ -1,7 +1,7 @@
 """Check a sensor while it records, when a fault can still be corrected.
 
-A saturated axis, a dead one, a gyro or magnetometer that says nothing, a sensor that repeats itself. What is looked for
-is what `pbd.tracking` finds in a finished recording (saturation.py, channel_faults.py), here in its last seconds.
+It finds a saturated or stuck axis, a gyro or magnetometer that does not change, and a sensor that repeats its samples.
+`pbd.tracking` finds the same faults in a finished recording (saturation.py, channel_faults.py).
 """
 
 from __future__ import annotations
@@ -12,56 +12,57 @@ import numpy as np
 
 from pbd.data import GRAVITY, Recording
 from pbd.pose import Array
-from pbd.record.values import recording_of
+from pbd.record.session_types import recording_from_samples
 from pbd.sensors.decoding import Sample
 from pbd.tracking.repair.channel_faults import LIVE_SHARE, SENSOR_NAMES, STUCK_S, stuck_axes
 from pbd.tracking.repair.saturation import TOP_TOLERANCE, clips_of
 
 CHECK_EVERY_S = 0.25
-"""s between two checks of the latest samples."""
+"""Time between two checks, s."""
 
-CHECKED_S = STUCK_S + 2.0 * CHECK_EVERY_S
+WINDOW_S = STUCK_S + 2.0 * CHECK_EVERY_S
+"""Duration of the latest samples that are checked, s."""
 
 REPEAT_WARNING_S = 5.0
-"""s after which a warning is repeated, if the fault persists."""
+"""Time after which a warning is repeated if the fault persists, s."""
 
-MOVING_ACC = 0.5
-"""m/s2: standard deviation of an axis above which the hand moves for certain. A gyro at rest may repeat itself."""
+MOVING_STD = 0.5
+"""Standard deviation of an acceleration axis above which the hand certainly moves, m/s2. At rest a sound gyro may
+repeat itself."""
 
-FEWEST_SAMPLES = 8
-"""Least number of samples that are judged."""
+MIN_SAMPLES = 8
+"""Smallest number of samples in the window for a check."""
 
 
 class Diagnostics:
-    """Takes samples and reports faults in them."""
+    """Takes samples and reports the sensor's faults."""
 
     def __init__(self) -> None:
         self._recent: deque[tuple[float, Sample]] = deque()
-        self._looked = 0.0
-        self._said_at: dict[str, float] = {}
-        self._lived = False
-        # Whether it has shown noise. A sensor that never did is coarse, and repeats itself at every rest.
-        self._largest: dict[tuple[str, int, float], float] = {}
+        self._checked_t = 0.0
+        self._warned_at: dict[str, float] = {}
+        self._has_shown_noise = False  # a sensor without noise is coarse, and repeats itself at every rest
+        self._largest: dict[tuple[str, int, float], float] = {}  # reading so far, by sensor, axis and sign
 
     def feed(self, t: float, sample: Sample) -> list[str]:
-        """Take the next sample, at t s; return new faults, a line each."""
+        """Take the next sample, at t s; return a message for each new fault."""
         self._recent.append((t, sample))
-        if t - self._looked < CHECK_EVERY_S:
+        if t - self._checked_t < CHECK_EVERY_S:
             return []
-        while self._recent[0][0] < t - CHECKED_S:
+        while self._recent[0][0] < t - WINDOW_S:
             self._recent.popleft()
-        looked, self._looked = self._looked, t
+        looked, self._checked_t = self._checked_t, t
         window = _window(self._recent)
-        if len(window) < FEWEST_SAMPLES:
+        if len(window) < MIN_SAMPLES:
             return []
-        flaws = self._clipped(window, looked) | self._dead(window)
-        new = [what for what in flaws if t - self._said_at.get(what, -np.inf) >= REPEAT_WARNING_S]
-        self._said_at |= dict.fromkeys(new, t)
-        return [flaws[what] for what in new]
+        faults = self._saturated_axes(window, looked) | self._stuck_channels(window)
+        new = [what for what in faults if t - self._warned_at.get(what, -np.inf) >= REPEAT_WARNING_S]
+        self._warned_at |= dict.fromkeys(new, t)
+        return [faults[what] for what in new]
 
-    def _clipped(self, window: Recording, since: float) -> dict[str, str]:
-        """Axes that reached the end of their range since then. A peak below an earlier one is not clipped."""
-        flaws: dict[str, str] = {}
+    def _saturated_axes(self, window: Recording, since: float) -> dict[str, str]:
+        """Find axes that reached the end of their range after `since` s. A peak below an earlier one is not clipped."""
+        faults: dict[str, str] = {}
         for clip in clips_of(window):
             side = clip.sensor, clip.axis, clip.sign
             reading = abs(float(getattr(window, clip.sensor)[clip.start, clip.axis]))
@@ -69,49 +70,50 @@ class Diagnostics:
                 shown = f"{reading / GRAVITY:.3g} g" if clip.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
                 axis = f"{'xyz'[clip.axis]} axis of the {SENSOR_NAMES[clip.sensor]}"
                 what = f"the {axis} is at the end of its range ({shown}): move slower, or set a larger one"
-                flaws[f"{axis} clipped"] = what
-        for name, values in _motion(window):
+                faults[f"{axis} clipped"] = what
+        for name, values in _triads(window):
             for k in range(3):
                 for sign in (1.0, -1.0):
                     largest = float((sign * values[:, k]).max())
                     self._largest[name, k, sign] = max(self._largest.get((name, k, sign), 0.0), largest)
-        return flaws
+        return faults
 
-    def _dead(self, window: Recording) -> dict[str, str]:
-        """Axes and sensors that are constant while others change."""
-        given = dict(_motion(window))
-        whole = window.t[-1] - window.t[0] >= STUCK_S
+    def _stuck_channels(self, window: Recording) -> dict[str, str]:
+        """Find axes and sensors that are constant while others change."""
+        given = dict(_triads(window))
+        long_enough = window.t[-1] - window.t[0] >= STUCK_S
         changing = np.any([np.diff(values, axis=0).any(axis=1) for values in given.values()], axis=0).mean()
-        self._lived |= bool(changing > LIVE_SHARE)
-        if whole and changing == 0.0:
-            if self._lived:
+        self._has_shown_noise |= bool(changing > LIVE_SHARE)
+        if long_enough and changing == 0.0:
+            if self._has_shown_noise:
                 return {"stuck": f"for {STUCK_S:g} s all samples are the same: the sensor is stuck; plug it in again"}
             return {"still": "all samples are the same so far: if that stays so while you move, the sensor is stuck"}
-        flaws: dict[str, str] = {}
+        faults: dict[str, str] = {}
         for name, axis, start, _ in stuck_axes(window):
             what, value = f"{'xyz'[axis]} axis of the {SENSOR_NAMES[name]}", float(given[name][start, axis])
             stuck = f"the {what} is stuck at {value:.4g}, while others change: repair or replace the sensor"
-            flaws[f"{what} stuck"] = stuck
-        if whole and np.std(window.acc, axis=0).max() > MOVING_ACC:
+            faults[f"{what} stuck"] = stuck
+        if long_enough and np.std(window.acc, axis=0).max() > MOVING_STD:
             if window.gyr is not None and not _changes(window.gyr):
-                flaws["gyro dead"] = (
+                faults["gyro dead"] = (
                     "the gyro reads the same while the hand moves, so it is dead: repair or replace the sensor"
                 )
             if window.mag is not None and not _changes(window.mag[np.isfinite(window.mag[:, 0])]):
-                flaws["magnetometer dead"] = "the magnetometer reads the same while the hand moves: it will be left out"
-        return flaws
+                what = "the magnetometer reads the same while the hand moves: it will be left out"
+                faults["magnetometer dead"] = what
+        return faults
 
 
 def _window(recent: deque[tuple[float, Sample]]) -> Recording:
-    """The samples as a recording; those that lack a gyro's reading, where others have one, are left out."""
+    """Make a recording of the samples. If some have a gyro reading, those without one are left out."""
     has_gyr = any(sample.gyr for _, sample in recent)
-    whole = [(t, sample) for t, sample in recent if sample.acc and (sample.gyr or not has_gyr)]
-    return recording_of(np.array([t for t, _ in whole]), [sample for _, sample in whole])
+    complete = [(t, sample) for t, sample in recent if sample.acc and (sample.gyr or not has_gyr)]
+    return recording_from_samples(np.array([t for t, _ in complete]), [sample for _, sample in complete])
 
 
 def _changes(values: Array) -> bool:
     return bool(np.diff(values, axis=0).any())
 
 
-def _motion(window: Recording) -> list[tuple[str, Array]]:
+def _triads(window: Recording) -> list[tuple[str, Array]]:
     return [(name, values) for name in SENSOR_NAMES if (values := getattr(window, name)) is not None]

@@ -1,4 +1,4 @@
-"""Record until a person ends it, the time is over, or the sensor is gone."""
+"""The recording loop: it runs until a person ends it, the time is over, or the sensor is gone."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from contextlib import suppress
 
 from pbd.errors import PbdError, SensorError
 from pbd.record.session import Session
-from pbd.record.values import Command, Outcome, RecordOptions, Status
+from pbd.record.session_types import Command, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder
-from pbd.sensors.probe import recognise, what_it_is
+from pbd.sensors.probe import describe_bytes, identify_protocol
 from pbd.sensors.reader import Reader, Source
 
 SILENT_S = 3.0
-"""s without a byte after which the device counts as silent: unplugged, or switched off. A phone has more patience."""
+"""Time without a byte after which a serial device counts as unplugged or switched off, s. A phone gets longer."""
 
 SUSPENDED_S = 1.0
-"""s of idle time in one round of the loop that show that this program was suspended (Ctrl-Z, a sleeping machine)."""
+"""Idle time in one round of the loop which shows that this program was suspended (Ctrl-Z, a sleeping machine), s."""
 
-LATEST_S = 2.0
-"""Longest time, s, that samples may wait before they are taken. Longer means that they come too fast."""
+MAX_BACKLOG_S = 2.0
+"""Longest time that samples may wait to be taken, s. Above it they come faster than this machine takes them."""
 
-FEWEST_SAMPLES = 2
-"""Least number of samples with which a recording begins."""
+MIN_SAMPLES = 2
+"""Smallest number of samples with which a recording begins."""
 
 SCREEN_EVERY_S = 0.1
-"""s between two updates of the screen."""
+"""Time between two updates of the screen, s."""
 
 REOPEN_EVERY_S = 0.2
-"""s between two attempts to open a port that is gone."""
+"""Time between two attempts to reopen a lost port, s."""
 
 Poll = Callable[[], Command | None]
 
@@ -42,24 +42,23 @@ def record(
     show: Callable[[Status], None],
     every_s: float = SCREEN_EVERY_S,
 ) -> Outcome:
-    """Record a demonstration. Whatever ends it, its folder is complete.
+    """Record a demonstration. However it ends, its folder is complete.
 
-    With `options.force` a demonstration of that name is renamed to NAME.before, or a free name like it, when the first
-    samples are there. It is removed when the new one has ended well, with two stops or more; it takes its name back
-    where the new one is discarded or has no rest in it (then that is kept as NAME.new); it stays there, whole, where
-    the new one has fewer than two stops, and after a crash or an error.
+    With `options.force`, an old demonstration of that name is renamed to NAME.before, or a free name like it, when the
+    first samples have come. What becomes of it depends on the new one:
+    - two stops or more: the old one is removed;
+    - discarded: the old one gets its name back;
+    - no rest in it: the same, and the new one is kept as NAME.new;
+    - fewer than two stops, a crash or an error: the old one stays in NAME.before.
 
     Args:
         open_port: opens the sensor's port; called again to reconnect.
-        decoder: of the sensor's protocol.
-        options: what and how.
-        poll: what the person wants, without waiting.
-        show: draws the screen.
-        every_s: s between two updates.
+        poll: returns the person's latest command, without waiting.
+        show: draws the screen, every `every_s` s.
 
     Raises:
-        SensorError: no port, no bytes, or bytes that are no packets: then there is no folder.
-        RecordingError: the folder exists or can't be written, the disk is full.
+        SensorError: no port, no bytes, or no packets among them; no folder is made.
+        RecordingError: the folder exists or can't be written, or the disk is full.
     """
     session = Session(decoder, options)
     try:
@@ -71,7 +70,7 @@ def record(
                 raise SensorError("ended before the first sample came: nothing is recorded; record again")
         except PbdError:
             raise
-        except BaseException:  # a bug of ours costs no sample
+        except BaseException:  # even a bug must not lose samples
             with suppress(PbdError):
                 session.begin()
             raise
@@ -79,49 +78,49 @@ def record(
             reader.close()
             session.close()
     except PbdError as error:
-        note = session.failed()
+        note = session.backup_message()
         if not note:
             raise
         raise type(error)(f"{error.message}; {note}", **error.fields) from None
-    session.settle()
+    session.settle_backup()
     if not session.discarded:
         show(session.status())
     return session.outcome(ended_by)
 
 
 def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None], every_s: float) -> str:
-    options, shown, away, behind, watch = session.options, 0.0, False, False, _Watch()
+    options, shown, disconnected, behind, watch = session.options, 0.0, False, False, _SuspendDetector()
     while True:
         pieces, gone = reader.take()
-        stopped_s = watch.look()
+        stopped_s = watch.suspended_s()
         now = watch.now
         if stopped_s:
-            session.warn(f"this program stood still for {stopped_s:.1f} s: what the sensor sent meanwhile may be lost")
-        elif pieces and now - pieces[0][1] > LATEST_S and not behind:
+            session.warn(f"this program was suspended for {stopped_s:.1f} s: samples of that time may be lost")
+        elif pieces and now - pieces[0][1] > MAX_BACKLOG_S and not behind:
             behind = True
             session.warn("samples come faster than this machine takes them: lower the sensor's rate")
-        silent_s = now - max(reader.latest, watch.woke)
-        if pieces and away:
-            away = False
+        silent_s = now - max(reader.latest, watch.resumed)
+        if pieces and disconnected:
+            disconnected = False
             session.warn("the sensor is back")
-        elif silent_s > SILENT_S and reader.port.trouble and not away and session.demo is not None:
-            away = True
+        elif silent_s > SILENT_S and reader.port.trouble and not disconnected and session.demo is not None:
+            disconnected = True
             session.warn(f"{reader.port.trouble} (waiting)")
         for data, arrival in pieces:
             session.take(data, arrival)
-        if session.demo is None and (gone or now - max(reader.opened, watch.woke) > SILENT_S):
-            if not session.believed or (session.samples < FEWEST_SAMPLES and not gone):
-                raise gone or _nothing(session, reader)
+        if session.demo is None and (gone or now - max(reader.opened, watch.resumed) > SILENT_S):
+            if not session.decodable or (session.samples < MIN_SAMPLES and not gone):
+                raise gone or _no_samples_error(session, reader)
             session.begin()
         session.flush()
-        session.follow()
+        session.track()
         if gone or (not pieces and silent_s > (reader.port.patience_s or SILENT_S)):
             why = f"sensor silent for {SILENT_S:g} s" if not gone else reader.port.trouble or "sensor unplugged"
             if not options.reconnect:
                 return why
-            if not away:
+            if not disconnected:
                 session.warn(f"{why}; waiting for it")
-            command, away, watch = _wait(session, reader, poll, show), True, _Watch()
+            command, disconnected, watch = _wait_for_port(session, reader, poll, show), True, _SuspendDetector()
         else:
             command = poll()
         if command is Command.DISCARD:
@@ -137,32 +136,32 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
             shown = now
 
 
-class _Watch:
-    """Detects that this program was suspended: silence meanwhile is not the sensor's fault.
+class _SuspendDetector:
+    """Detects that this program was suspended, in which case a silence is not the sensor's fault.
 
     Attributes:
-        now: s of the host's monotonic clock, at the latest look.
-        woke: the same, when it last went on after a stop; 0 where it never stopped.
+        now: the host's monotonic clock at the last call, s.
+        resumed: when the program last resumed, s; 0: it was never suspended.
     """
 
     def __init__(self) -> None:
-        self.now, self.woke = time.monotonic(), 0.0
+        self.now, self.resumed = time.monotonic(), 0.0
         self._worked = time.process_time()
 
-    def look(self) -> float:
-        """Return for how many s the program was suspended since the last call; usually 0."""
+    def suspended_s(self) -> float:
+        """Return how long the program was suspended since the last call, s; usually 0."""
         before, self.now = self.now, time.monotonic()
         worked, self._worked = self._worked, time.process_time()
         idle = self.now - before - (self._worked - worked)
         if idle < SUSPENDED_S:
             return 0.0
-        self.woke = self.now
+        self.resumed = self.now
         return idle
 
 
-def _wait(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None]) -> Command | None:
+def _wait_for_port(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None]) -> Command | None:
     reader.close()
-    while not reader.reopened():
+    while not reader.reopen():
         show(session.status())
         command = poll()
         if command in (Command.END, Command.DISCARD):
@@ -171,9 +170,9 @@ def _wait(session: Session, reader: Reader, poll: Poll, show: Callable[[Status],
     return None
 
 
-def _nothing(session: Session, reader: Reader) -> SensorError:
+def _no_samples_error(session: Session, reader: Reader) -> SensorError:
     port, sensor, tally = reader.port, session.options.sensor, session.decoder.tally
-    whole = tally.packets > tally.bad_packets and recognise(session.heard) in (None, sensor)
+    whole = tally.packets > tally.bad_packets and identify_protocol(session.first_bytes) in (None, sensor)
     at = f" at {port.baud} baud" if port.baud else ""
     if not reader.bytes_seen and port.trouble:
         message = f"nothing came from {port.device} in {SILENT_S:g} s: {port.trouble}"
@@ -193,6 +192,6 @@ def _nothing(session: Session, reader: Reader) -> SensorError:
         count = f"{tally.packets or 'no'} whole packet{'s' if tally.packets > 1 else ''}"
         message = (
             f"{reader.bytes_seen} bytes came from {port.device}{at}, but {count} of {sensor}: "
-            f"{what_it_is(session.heard, port.baud, sensor)}"
+            f"{describe_bytes(session.first_bytes, port.baud, sensor)}"
         )
     return SensorError(message, path=port.device, baud=port.baud)

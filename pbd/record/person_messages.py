@@ -1,4 +1,4 @@
-"""Feedback to the person while the hand moves: the live tracker's findings in words."""
+"""Messages to the person while the hand moves: the live tracker's findings in words."""
 
 from __future__ import annotations
 
@@ -10,17 +10,16 @@ from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Keyframe, Linear, SensorErrors
 from pbd.errors import PbdError
 from pbd.pose import Array
-from pbd.record.values import Say
+from pbd.record.session_types import Say
 from pbd.sensors.decoding import Sample
 from pbd.tracking.estimate import GRIP_S
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 
-TRACKED_HZ = 250.0
-"""Highest rate at which the tracker is fed. Faster samples are averaged, which loses nothing that it could use."""
+MAX_TRACKED_HZ = 250.0
+"""Highest rate of the live tracker, Hz. Faster samples are averaged to it, which loses nothing that it uses."""
 
 REMIND_AFTER_S = 1.5
-"""s after which a person is reminded to hold still (a second would do), or told that the sensor reads wrongly at
-rest."""
+"""Time without a first rest after which the person gets a reminder, s. One second of rest is enough."""
 
 
 class Feedback:
@@ -34,23 +33,23 @@ class Feedback:
         self._grips: list[float] = []
         self._tolerance_m = tolerance_m
         self._errors = errors
-        self._field: deque[tuple[float, Array]] = deque()  # of the last second
+        self._field: deque[tuple[float, Array]] = deque()  # magnetometer readings of the last second
         self._block: list[tuple[float, Sample]] = []
         self._said: list[Say] = []
         self._reminded = False
-        self._warned = False  # of the move under way
+        self._warned = False  # that the present move needs a pause
         self._last_error = ""
         self._t = -1.0
 
     @property
     def stops(self) -> int:
-        """Number of stops so far. One that taps or fingers on the sensor interrupted counts once, as in `pbd.track`."""
+        """Number of stops so far. A stop that taps interrupted counts once, as in `pbd.track`."""
         return self._announced - sum(
             arrived - left < GRIP_S and any(left - GRIP_S < at <= arrived for at in self._grips)
             for left, arrived in self._gaps.values()
         )
 
-    def mark(self, t: float) -> None:
+    def mark_grip(self, t: float) -> None:
         """Note that the grip changed at t s."""
         self._grips.append(t)
 
@@ -58,7 +57,7 @@ class Feedback:
         """Take the next sample, at t s."""
         interval, self._t = t - self._t, t
         self._block.append((t, sample))
-        if t + interval - self._block[0][0] < 1.0 / TRACKED_HZ:
+        if t + interval - self._block[0][0] < 1.0 / MAX_TRACKED_HZ:
             return
         block, self._block = self._block, []
 
@@ -68,24 +67,24 @@ class Feedback:
                 return None
             linear: Linear | None = getattr(self._errors, name, None)
             read = np.mean(values, axis=0)
-            return read if linear is None else linear.true(read)
+            return read if linear is None else linear.correct(read)
 
         at, acc = float(np.mean([at for at, _ in block])), mean("acc")
         assert acc is not None
         mag = mean("mag")
-        if mag is not None and self._errors is not None:  # until the first rest is compared with the calibration
+        if mag is not None and self._errors is not None:  # kept to compare the first rest with the calibration
             self._field.append((at, mag))
             while self._field[0][0] < at - 1.0:
                 self._field.popleft()
         try:
             events = self.tracker.feed(at, acc, mean("gyr"), mag, mean("rpy"))
-        except PbdError as error:  # recording goes on; what can't be tracked now may be mended later
+        except PbdError as error:  # recording goes on: the data may be repaired later
             if error.message != self._last_error:
                 self.say(t, error.message)
             self._last_error = error.message
             return
         for event in events:
-            self._tell(event)
+            self._report(event)
         if self.tracker.waiting and not self._reminded and t >= REMIND_AFTER_S:
             self._reminded = True
             self.say(t, self.tracker.waiting, bell=True)
@@ -95,15 +94,15 @@ class Feedback:
             self.say(t, f"pause now: {in_cm(sigma)}", bell=True)
 
     def say(self, t: float, text: str, bell: bool = False) -> None:
-        """Add a line."""
+        """Add a message."""
         self._said.append(Say(t, text, bell))
 
-    def said(self) -> tuple[Say, ...]:
-        """Return the news since the last call."""
-        said, self._said = tuple(self._said), []
-        return said
+    def take_messages(self) -> tuple[Say, ...]:
+        """Return the messages since the last call."""
+        messages, self._said = tuple(self._said), []
+        return messages
 
-    def _tell(self, event: LiveEvent) -> None:
+    def _report(self, event: LiveEvent) -> None:
         if isinstance(event, RestFound):
             self.say(event.t, "the rest at the start is found: you may move", bell=True)
             mag, rest = np.mean([mag for _, mag in self._field], axis=0) if self._field else None, event.rest
@@ -116,8 +115,8 @@ class Feedback:
                 self._gaps[event.index] = self._left_s, event.t
             self._gaps = {index: gap for index, gap in self._gaps.items() if index <= event.index}
             if event.index:
-                text = f"stop {event.index} at {placed(event.keyframe)}"
-                # What was announced before was the beginning of this same stop: the person knows, the place is better.
+                text = f"stop {event.index} at {describe_stop(event.keyframe)}"
+                # A known index is the same stop with a better position, so it rings no second bell.
                 self.say(event.announced_t, text if known else f"{text}: you may move on", bell=not known)
         elif isinstance(event, StopEnded):
             self._left_s = event.t
@@ -125,13 +124,13 @@ class Feedback:
             self.say(event.t, event.message)
 
 
-def placed(keyframe: Keyframe) -> str:
-    """Where a stop is, in nav, and how sure that is along its least sure axis."""
+def describe_stop(keyframe: Keyframe) -> str:
+    """Write a stop's position in nav, and one sigma along its least certain axis, in cm."""
     x, y, z = 100.0 * keyframe.T_nav_sensor.p
     sigma = float(np.sqrt(np.diagonal(keyframe.cov)[:3].max()))
     return f"({x:.1f}, {y:.1f}, {z:.1f}) cm, sigma {100.0 * sigma:.1f} cm"
 
 
 def in_cm(length: float) -> str:
-    """Write a length in m as people do: 2 cm, 0.4 cm."""
+    """Write a length, given in m, as 2 cm or 0.4 cm."""
     return f"{100.0 * length:.0f} cm" if length >= 0.01 else f"{100.0 * length:.1f} cm"

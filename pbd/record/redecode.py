@@ -12,25 +12,25 @@ from pbd.files.demo import read_demo
 from pbd.io.read_file import read_bytes
 from pbd.pose import Array
 from pbd.record.session import DEVICE_CLOCK
-from pbd.record.values import recording_of
+from pbd.record.session_types import recording_from_samples
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.timestamps import SampleClock
 
 
 def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None = None) -> Demonstration:
-    """Read raw.bin.
+    """Decode a raw.bin.
 
-    Bytes carry no arrival times. The times are those of the demonstration that raw.bin lies in, if it has as many
-    samples; else the device's own; where it has no clock, evenly spaced.
+    The file has no arrival times. The samples get the times of the demonstration in the same folder if the number of
+    samples agrees, else the device's own times, or, without a device clock, evenly spaced times.
 
     Args:
         path: the file.
-        decoder: of the sensor's protocol, at its start.
+        decoder: a new decoder of the sensor's protocol.
         sensor: the protocol's name.
-        rate_hz: for evenly spaced times; default: the demonstration's beside it.
+        rate_hz: rate of evenly spaced times; default: that of the demonstration in the same folder.
 
     Raises:
-        RecordingError: it can't be read, holds no sample, or nothing tells the rate.
+        RecordingError: the file can't be read or has no samples, or the rate is unknown.
     """
     data = read_bytes(path, RecordingError, "name a raw.bin")
     samples = [sample for sample in decoder.feed(data) if sample.acc is not None]
@@ -38,17 +38,18 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
         what = f"no samples of {sensor} in its {len(data)} bytes; name the sensor that it came from"
         raise RecordingError.at(path, what)
     beside = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
-    samples, t, clock = _timed(path, samples, None if beside is None else beside.recording, rate_hz)
+    samples, t, clock = _sample_times(path, samples, None if beside is None else beside.recording, rate_hz)
     created = None if beside is None else beside.recording.info.created
     info = RecordingInfo(sensor=sensor, rate_hz=rate_hz, created=created, clock=clock)
     grip = () if beside is None else beside.recording.grip
-    return Demonstration(recording_of(t, samples, grip=grip, info=info), closed=beside is not None and beside.closed)
+    recording = recording_from_samples(t, samples, grip=grip, info=info)
+    return Demonstration(recording, closed=beside is not None and beside.closed)
 
 
-def _timed(
+def _sample_times(
     path: Path, samples: list[Sample], beside: Recording | None, rate_hz: float | None
 ) -> tuple[list[Sample], Array, str]:
-    """Return the samples that have a time, their times (n,) s, and where those come from."""
+    """Return the samples that have a time, their times (n,) s, and the clock's description."""
     steps = np.diff([np.nan if sample.t_device is None else sample.t_device for sample in samples])
     if has_clock := bool((steps > 0.0).any()):
         clock = SampleClock[Sample](float(np.median(steps[steps > 0.0])))

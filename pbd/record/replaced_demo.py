@@ -1,4 +1,4 @@
-"""The demonstration that `--force` replaces. It keeps another name until the new one has ended well."""
+"""The demonstration that `--force` replaces. It gets another name until the new one has ended well."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from pbd.io.atomic import name_aside, remove_folder
 
 @dataclass(frozen=True)
 class Backup:
-    """A demonstration that was renamed to make room.
+    """A demonstration that was renamed to make room for a new one.
 
     Attributes:
-        folder: where it was, and the new one is.
-        aside: where it is, under a name of its own: whatever happens to the recording, a person finds it there.
-        edited: whether there is a keyframes.toml in it.
+        folder: its old folder, where the new one is.
+        aside: its present folder, where a person finds it whatever happens to the recording.
+        edited: whether it has a keyframes.toml.
     """
 
     folder: Path
@@ -28,18 +28,18 @@ class Backup:
 
     @property
     def notice(self) -> str:
-        """Where it is while the new one is recorded."""
+        """Say where it is while the new one is recorded."""
         goes = "; its edited keyframes.toml goes with it" if self.edited else ""
         return f"the old one is in {self.aside} until this one has ended well{goes}"
 
     def remove(self) -> str:
-        """Remove it, as the new one has ended well; return a line for the person."""
+        """Remove it, because the new one has ended well; return a message for the person."""
         if left := remove_folder(self.aside):
             return left
         return f"the old {self.folder} is replaced{', its edited keyframes.toml too' if self.edited else ''}"
 
     def keep(self) -> str:
-        """Leave it where it is, as the new one is too short to replay; return a line for the person."""
+        """Leave it where it is, because the new one is too short to replay; return a message for the person."""
         edited = ", its edited keyframes.toml too" if self.edited else ""
         return (
             f"fewer than two stops in the new one, so the old one is kept in {self.aside}{edited}; to have it back, "
@@ -47,15 +47,19 @@ class Backup:
         )
 
     def put_back(self) -> str:
-        """Give it its name back, as the new one was discarded; return a line for the person."""
+        """Give it its old name back; return a message for the person."""
         try:
             self.aside.rename(self.folder)
         except OSError as reason:
             return f"the old one is in {self.aside}: it can't be put back ({in_words(reason)})"
         return f"the old {self.folder} is back"
 
-    def change_places(self) -> tuple[Path, str]:
-        """Give it its name back, as the new one is of no use; return where that is kept, and a line for the person."""
+    def swap_back(self) -> tuple[Path, str]:
+        """Give it its old name back and the new one another name, because that has no rest.
+
+        Returns:
+            The new one's folder, and a message for the person.
+        """
         why, kept = "no rest was found in it", name_aside(self.folder, "new")
         try:
             self.folder.rename(kept)
@@ -65,10 +69,10 @@ class Backup:
 
 
 def set_aside(folder: Path) -> Backup | None:
-    """Rename a demonstration to NAME.before, or a name like it that is free; None where there is none.
+    """Rename a demonstration to NAME.before, or a free name like it; return None if there is none.
 
     Raises:
-        RecordingError: what is there is no demonstration, or can't be renamed.
+        RecordingError: the folder is not a demonstration, or can't be renamed.
     """
     if not os.path.lexists(folder):
         return None

@@ -1,4 +1,4 @@
-"""A recording session: samples in, rows on disk, status out."""
+"""A recording session: it takes bytes, writes rows to disk, and gives the status for the screen."""
 
 from __future__ import annotations
 
@@ -15,34 +15,41 @@ from pbd.files.recording_writer import RecordingWriter
 from pbd.record.diagnostics import Diagnostics
 from pbd.record.person_messages import Feedback
 from pbd.record.replaced_demo import Backup, set_aside
-from pbd.record.values import FEWEST_STOPS, NOTHING, Outcome, RecordOptions, Status
+from pbd.record.session_types import FEWEST_STOPS, MISSING, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.timestamps import SampleClock
 from pbd.tracking.taps import TapDetector
 
 CHANNELS_AFTER_S = 0.2
-"""s of samples that show which channels there are. Nothing is written before."""
+"""Duration of the first samples, which show the sensor's channels, s. Nothing is written before."""
 
 FIRST_BYTES = 4096
-"""Number of first bytes that are kept, to guess the sensor from them if its packets can't be decoded."""
+"""Number of first bytes that are kept to identify the sensor if they can't be decoded."""
 
 DEVICE_CLOCK, HOST_CLOCK = "device", "host: arrival times, straightened by a line"
 
 
 class Session:
-    """Decodes, stamps and stores samples. Nothing is on disk before the first samples."""
+    """Decodes, stamps, stores and tracks samples. It writes nothing to disk before the first samples.
+
+    Attributes:
+        demo: writes the demonstration; None before the first samples.
+        t: time of the latest sample, s.
+        closed: whether the grip is closed.
+        backup: the demonstration that this one replaces, or None.
+    """
 
     def __init__(self, decoder: Decoder, options: RecordOptions) -> None:
         self.decoder, self.options = decoder, options
-        self.coach = Feedback(options.tolerance_m, options.errors, options.sensor)
+        self.feedback = Feedback(options.tolerance_m, options.errors, options.sensor)
         self.demo: RecordingWriter | None = None
         self.t = 0.0
         self.samples = 0
         self.closed = False
         self.discarded = False
-        self.heard = b""
+        self.first_bytes = b""
         self.backup: Backup | None = None
-        self._kept_in, self._backup_note = options.folder, ""
+        self._folder, self._backup_note = options.folder, ""
         self._diagnostics = Diagnostics()
         self._taps = TapDetector() if options.taps else None
         self._presses = 0
@@ -50,12 +57,12 @@ class Session:
         self._first: list[tuple[float, Sample]] = []
         self._channels: tuple[str, ...] = ()
         self._rows: list[tuple[float, tuple[float, ...]]] = []
-        self._unfollowed: list[tuple[float, Sample]] = []
+        self._untracked: list[tuple[float, Sample]] = []
         self._recent: deque[tuple[float, float]] = deque()
         self._clock: SampleClock[Sample] = SampleClock()
 
     def take(self, data: bytes, arrival: float) -> None:
-        """Decode bytes that arrived at `arrival` s; stamp and keep their samples."""
+        """Decode bytes that arrived at `arrival` s; stamp and store their samples."""
         for decoded in self.decoder.feed(data):
             if decoded.acc is None:
                 continue
@@ -65,24 +72,24 @@ class Session:
                 if self.demo is None:
                     self._first.append((t, sample))
                 else:
-                    self._keep(t, sample)
+                    self._store(t, sample)
         while self._presses < self.decoder.tally.presses:
             self._presses += 1
             self.grip()
-        if len(self.heard) < FIRST_BYTES:
-            self.heard += data
-        if self.demo is None and self.believed and self.t >= CHANNELS_AFTER_S:
-            self._begin()
+        if len(self.first_bytes) < FIRST_BYTES:
+            self.first_bytes += data
+        if self.t >= CHANNELS_AFTER_S:
+            self.begin()
         if self.options.raw:
             self._raw += data
 
     @property
-    def believed(self) -> bool:
-        """Whether more samples have come than chance makes of another sensor's bytes or a wrong baud rate."""
+    def decodable(self) -> bool:
+        """Whether the bytes are certainly of this protocol: a few samples also come by chance, among bad packets."""
         return self.samples > 0 and self.decoder.tally.packets > self.decoder.tally.bad_packets
 
     def flush(self) -> None:
-        """Write what has come."""
+        """Write the new rows and raw bytes to disk."""
         if self.demo is not None and self._raw:
             self.demo.add_raw(bytes(self._raw))
             self._raw.clear()
@@ -90,61 +97,80 @@ class Session:
             self.demo.add([t for t, _ in self._rows], [values for _, values in self._rows])
             self._rows.clear()
 
-    def follow(self) -> None:
-        """Track and check what is written. This may take a moment, so it comes last."""
-        for t, sample in self._unfollowed:
-            self.coach.feed(t, sample)
+    def track(self) -> None:
+        """Track and check the new samples, after they were written because this may take long."""
+        for t, sample in self._untracked:
+            self.feedback.feed(t, sample)
             for line in self._diagnostics.feed(t, sample):
-                self.coach.say(t, line, bell=True)
-        self._unfollowed.clear()
+                self.feedback.say(t, line, bell=True)
+        self._untracked.clear()
 
     def grip(self, tapped_t: float | None = None) -> None:
-        """Change the grip: now, or when it was tapped, s."""
+        """Toggle the grip: now, or at the time of the taps, s."""
         if self.demo is not None:
             self.closed = not self.closed
             at = self.t if tapped_t is None else tapped_t
             self.demo.mark(GripEvent(at, self.closed))
-            self.coach.mark(at)
+            self.feedback.mark_grip(at)
             by = "" if tapped_t is None else "two taps: "
-            self.coach.say(self.t, f"{by}grip {'closed' if self.closed else 'open'}", bell=tapped_t is not None)
+            self.feedback.say(self.t, f"{by}grip {'closed' if self.closed else 'open'}", bell=tapped_t is not None)
 
     def warn(self, what: str) -> None:
-        """Tell the person, with a bell."""
-        self.coach.say(self.t, what, bell=True)
+        """Add a message with a bell."""
+        self.feedback.say(self.t, what, bell=True)
 
     def discard(self) -> None:
-        """Remove everything."""
+        """Remove the recording from disk."""
         self.discarded = True
         if self.demo is not None:
             self.demo.discard()
 
-    def settle(self) -> None:
-        """Once all is written: remove or restore the demonstration that had the name before."""
+    def settle_backup(self) -> None:
+        """After all is written, remove or restore the demonstration that this one replaces."""
         if self.backup is None:
             return
         if self.discarded:
             self._backup_note = self.backup.put_back()
-        elif self.coach.tracker.waiting:
-            self._kept_in, self._backup_note = self.backup.change_places()
-        elif self.coach.stops < FEWEST_STOPS:
+        elif self.feedback.tracker.waiting:
+            self._folder, self._backup_note = self.backup.swap_back()
+        elif self.feedback.stops < FEWEST_STOPS:
             self._backup_note = self.backup.keep()
         else:
             self._backup_note = self.backup.remove()
 
-    def failed(self) -> str:
-        """Say where the demonstration is that had the name before, once the new one can't be written; "" for none."""
+    def backup_message(self) -> str:
+        """Say after an error where the demonstration is that this one replaces; "" for none."""
         if self.backup is None:
             return self._backup_note
         return f"the demonstration before it is in {self.backup.aside}"
 
     def begin(self) -> None:
-        """Begin, if it hasn't begun, with what has come so far: no sample is thrown away."""
-        if self.demo is None and self.believed and not self.discarded:
-            self._begin()
-            self.follow()
+        """Begin with the samples so far, unless it has begun, was discarded, or nothing can be decoded."""
+        if self.demo is not None or self.discarded or not self.decodable:
+            return
+        seen = [sample for _, sample in self._first]
+        given = {"gyr": any(s.gyr for s in seen), "acc": True, "mag": any(s.mag for s in seen)}
+        given["device"] = any(s.rpy for s in seen)
+        self._channels = tuple(name for name, there in given.items() if there)
+        options = self.options
+        info = RecordingInfo(sensor=options.sensor, created=options.created, clock=self._clock_name)
+        if options.force:
+            self.backup = set_aside(options.folder)
+        try:
+            self.demo = RecordingWriter(options.folder, info, self._channels, options.closed)
+        except PbdError:
+            self._put_back()
+            raise
+        if self.backup is not None:
+            self.feedback.say(self.t, self.backup.notice)
+        for t, sample in self._first:
+            self._store(t, sample)
+        self._first.clear()
+        self.flush()
+        self.track()
 
     def close(self) -> None:
-        """Write the rest, and what is only known at the end: the rate, and times straightened over all of it."""
+        """Write the rest, and what is known at the end only: the rate, and times fitted to the whole recording."""
         self._clock.count()
         if self.demo is None or self.discarded:
             return
@@ -171,13 +197,13 @@ class Session:
         demo.finish(float(f"{(rows - 1) / duration:.5g}") if duration > 0.0 else None, self._clock_name, times)
 
     def status(self) -> Status:
-        """Return the status; each message is in one status only."""
+        """Return the status, with the messages since the last one."""
         self._clock.count(now_and_then=True)
         while self._recent and self._recent[0][0] < self.t - 1.0:
             self._recent.popleft()
         span = self.t - self._recent[0][0] if self._recent else 0.0
         norms = [norm for t, norm in self._recent if t > self.t - 0.5]
-        tracker = self.coach.tracker
+        tracker = self.feedback.tracker
         return Status(
             t=self.t,
             rate_hz=(len(self._recent) - 1) / span if span > 0.0 else 0.0,
@@ -186,7 +212,7 @@ class Session:
             bad_packets=self.bad_packets,
             waiting=tracker.waiting,
             moving=tracker.moving,
-            stops=self.coach.stops,
+            stops=self.feedback.stops,
             keyframes=tracker.keyframes,
             p_nav_sensor=tracker.p_nav_sensor,
             v_nav_sensor=tracker.v_nav_sensor,
@@ -195,59 +221,38 @@ class Session:
             sigma_of_move_m=tracker.sigma_of_move,
             tremble=float(np.std(norms)) if norms else 0.0,
             closed=self.closed,
-            said=self.coach.said(),
+            said=self.feedback.take_messages(),
         )
 
     def outcome(self, ended_by: str) -> Outcome:
-        """How it ended."""
+        """Return how the recording ended."""
         return Outcome(
-            folder=None if self.discarded or self.demo is None else self._kept_in,
+            folder=None if self.discarded or self.demo is None else self._folder,
             samples=self.samples,
             duration_s=self.t,
             lost=self._clock.lost,
             bad_packets=self.bad_packets,
-            stops=self.coach.stops,
+            stops=self.feedback.stops,
             ended_by=ended_by,
             before=self._backup_note,
         )
 
     @property
     def bad_packets(self) -> int:
-        """Number of packets and samples that were rejected, the latter for their time."""
+        """Number of packets that were broken, and of samples that were rejected for their times."""
         return self.decoder.tally.bad_packets + self._clock.doubted
 
     @property
     def _clock_name(self) -> str:
         return DEVICE_CLOCK if self._clock.is_device else HOST_CLOCK
 
-    def _begin(self) -> None:
-        seen = [sample for _, sample in self._first]
-        given = {"gyr": any(s.gyr for s in seen), "acc": True, "mag": any(s.mag for s in seen)}
-        given["device"] = any(s.rpy for s in seen)
-        self._channels = tuple(name for name, there in given.items() if there)
-        options = self.options
-        info = RecordingInfo(sensor=options.sensor, created=options.created, clock=self._clock_name)
-        if options.force:
-            self.backup = set_aside(options.folder)
-        try:
-            self.demo = RecordingWriter(options.folder, info, self._channels, options.closed)
-        except PbdError:
-            self._put_back()
-            raise
-        if self.backup is not None:
-            self.coach.say(self.t, self.backup.notice)
-        for t, sample in self._first:
-            self._keep(t, sample)
-        self._first.clear()
-        self.flush()
-
-    def _keep(self, t: float, sample: Sample) -> None:
+    def _store(self, t: float, sample: Sample) -> None:
         assert sample.acc is not None
         device = None if sample.rpy is None else compass_angles(np.array([sample.rpy]))[0]
         of = {"gyr": sample.gyr, "acc": sample.acc, "mag": sample.mag, "device": device}
         given = (of[name] for name in self._channels)
-        self._rows.append((t, tuple(float(x) for each in given for x in (NOTHING if each is None else each))))
+        self._rows.append((t, tuple(float(x) for each in given for x in (MISSING if each is None else each))))
         self._recent.append((t, hypot(*sample.acc)))
-        self._unfollowed.append((t, sample))
+        self._untracked.append((t, sample))
         if self._taps is not None and (tapped_t := self._taps.feed(t, sample.acc)) is not None:
             self.grip(tapped_t)

@@ -1,4 +1,4 @@
-"""What every decoder of a wire protocol is: bytes go in, in any pieces, and samples come out."""
+"""The interface of all decoders: bytes of a wire protocol go in, in pieces of any size, and samples come out."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ Triple = tuple[float, float, float]
 
 
 class Sample(NamedTuple):
-    """One reading, in the project's units and the sensor's own axes made right-handed with +g up at rest.
+    """One reading in SI units, in right-handed sensor axes; at rest the specific force is +g along the axis that is up.
 
-    A tuple, because making one takes a third of what a frozen dataclass does.
+    It is a tuple because a frozen dataclass takes three times as long to make.
 
     Attributes:
-        acc: m/s2, specific force.
-        gyr: rad/s.
-        mag: uT, or whatever the device calls its field where it gives no unit.
-        rpy: rad, the device's own roll, pitch and yaw (`quat_from_rpy`, yaw from east to north).
-        t_device: s on the device's own clock, wrap-around taken out; None where it has none.
+        acc: specific force, m/s2.
+        gyr: angular rate, rad/s.
+        mag: magnetic field, uT; in the device's own unit where its protocol names none.
+        rpy: the device's own roll, pitch and yaw, rad (as `quat_from_rpy` takes them; yaw from east to north).
+        t_device: time on the device's own clock without wrap-around, s; None without a clock.
     """
 
     acc: Triple | None = None
@@ -31,7 +31,7 @@ class Sample(NamedTuple):
 
 @dataclass
 class Tally:
-    """Number of whole packets, of broken or impossible ones, and of presses of the device's own grip buttons."""
+    """Counts of good packets, of broken or impossible ones, and of presses of the device's own grip buttons."""
 
     packets: int = 0
     bad_packets: int = 0
@@ -39,15 +39,15 @@ class Tally:
 
 
 class WrappingClock:
-    """A clock that starts anew at `wrap`, in any unit; 0 never. Each step is the one of less than half a turn."""
+    """A clock that restarts from zero at `wrap` (any unit; 0: never). Each step counts as less than half of `wrap`."""
 
     def __init__(self, wrap: float) -> None:
         self._wrap = wrap
         self._last: float | None = None
         self._turns = 0
 
-    def straight(self, t: float) -> float:
-        """Return the time without its wrap-around."""
+    def unwrap(self, t: float) -> float:
+        """Return the time without wrap-around."""
         if self._last is not None and self._wrap:
             self._turns -= round((t - self._last) / self._wrap)
         self._last = t
@@ -55,19 +55,19 @@ class WrappingClock:
 
 
 class Decoder(Protocol):
-    """The state between two pieces of the stream. Nothing here reads, waits or knows the time."""
+    """Turns bytes into samples. It does no I/O, does not wait, and knows no host time."""
 
     tally: Tally
 
     def feed(self, data: bytes) -> list[Sample]:
-        """Take the next bytes; return the samples that they complete. Any chunking gives the same samples."""
+        """Take the next bytes; return the samples that they complete. How the stream is cut changes nothing."""
 
 
 class PacketDecoder:
-    """Finds packets in a stream: what looks like a beginning is tried, and where no packet is, the next byte on."""
+    """Finds packets in a stream: it tries each possible start, and goes on one byte later where no packet begins."""
 
-    BEGIN: ClassVar[re.Pattern[bytes]]
-    """How a packet begins, cut off by the end of the data or not."""
+    START: ClassVar[re.Pattern[bytes]]
+    """Matches the start of a packet, also one that the end of the data cuts off."""
 
     def __init__(self) -> None:
         self.tally = Tally()
@@ -76,9 +76,9 @@ class PacketDecoder:
     def feed(self, data: bytes) -> list[Sample]:
         """See `Decoder`."""
         data, at, samples = self._rest + data, 0, list[Sample]()
-        while begin := self.BEGIN.search(data, at):
+        while begin := self.START.search(data, at):
             at = begin.start()
-            length = self._packet(data, at, samples)
+            length = self._read_packet(data, at, samples)
             if length == 0:
                 break
             if length > 0:
@@ -92,16 +92,16 @@ class PacketDecoder:
         self._rest = data[at:]
         return samples
 
-    def _packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
-        """Read the packet that begins there and add its sample.
+    def _read_packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
+        """Read the packet that begins at index `at` and append its sample.
 
         Returns:
-            its length; 0 if its end has not come yet; -1 if none begins there. A whole one may begin within.
+            The packet's length; 0 if its end has not come yet; -1 if no packet begins here.
         """
         raise NotImplementedError
 
 
 def scaled(vector: tuple[float, ...], factor: float) -> Triple:
-    """Three numbers, each times a factor."""
+    """Multiply three numbers by a factor."""
     x, y, z = vector
     return x * factor, y * factor, z * factor

@@ -1,10 +1,10 @@
-"""Motion sensors of a PlayStation's or Switch's pad, as Linux' input events: struct input_event of linux/input.h.
+"""Motion sensors of a PlayStation or Switch gamepad, as Linux input events (struct input_event of linux/input.h).
 
-The kernel scales them by the pad's own calibration. Sources: hid-playstation.c (DS_ACC_RES_PER_G,
+The kernel has already applied the pad's own calibration. Sources: hid-playstation.c (DS_ACC_RES_PER_G,
 DS_GYRO_RES_PER_DEG_S) and SDL_sensor.h for its axes; hid-nintendo.c (JC_IMU_ACCEL_RES_PER_G, JC_IMU_GYRO_RES_PER_DPS,
-joycon_parse_imu_report). Ours are, of a pad on the table: x to the right, y away from the player, z up.
+joycon_parse_imu_report). A sample's axes, for a pad that lies on a table: x right, y away from the player, z up.
 
-An axis that didn't change is not sent. Events carry no checksum: an impossible one is skipped byte by byte.
+The kernel sends only the axes that changed. Events have no checksum: an impossible one is skipped byte by byte.
 """
 
 from __future__ import annotations
@@ -16,25 +16,27 @@ from pbd.data.units import DEG, GRAVITY
 from pbd.sensors.decoding import Sample, Tally, WrappingClock
 
 EVENT = Struct("@qqHHi")
-"""Seconds and microseconds of the host's clock, type, code, value: 24 bytes on every 64-bit Linux."""
+"""Seconds and microseconds of the host's clock, type, code, value: 24 bytes on 64-bit Linux."""
 
 EV_SYN, EV_KEY, EV_ABS, EV_MSC = 0, 1, 3, 4
 SYN_REPORT, SYN_DROPPED, MSC_TIMESTAMP = 0, 3, 5
 AXES = (0, 1, 2, 3, 4, 5)
-"""ABS_X, ABS_Y, ABS_Z, of the accelerometer; ABS_RX, ABS_RY, ABS_RZ, of the gyro (linux/input-event-codes.h)."""
+"""Codes of the accelerometer's ABS_X, ABS_Y, ABS_Z and the gyro's ABS_RX, ABS_RY, ABS_RZ (input-event-codes.h)."""
 
 GRIP_KEYS = (*range(0x130, 0x13A), *range(0x220, 0x224))
-"""BTN_SOUTH to BTN_TR2, BTN_DPAD_UP to BTN_DPAD_RIGHT: a pad's face and shoulder buttons."""
+"""Codes of the buttons that mark the grip: BTN_SOUTH to BTN_TR2 (face, shoulder) and BTN_DPAD_UP to BTN_DPAD_RIGHT."""
 
 WRAP_US = 2**32
+"""Value at which the pad's own time stamp wraps to zero, us."""
 
 
 class Pad(NamedTuple):
-    """How the kernel shows a maker's pads.
+    """How the kernel reports one family of gamepads.
 
     Attributes:
-        axes: of each of our axes, the pad's and its sign.
-        has_clock: whether its stamps are in us of the pad's own time.
+        gyro_per_deg_s: the gyro's counts for 1 deg/s.
+        axes: for each axis of a sample, the index of the pad's axis and its sign.
+        has_clock: whether the time stamps come from the pad's own clock.
     """
 
     gyro_per_deg_s: int
@@ -46,21 +48,22 @@ PADS = {
     8192: Pad(1024, ((0, 1), (2, -1), (1, 1)), True),
     4096: Pad(14247, ((1, -1), (0, 1), (2, 1)), False),
 }
-"""Counts for 1 g -> DualSense, DualShock 4: x right, y up, z toward the player; Joy-Con, Pro Controller: x toward the
-triggers, y left, z up. hid-nintendo makes its stamps of the reports' arrival, and counts each report's time twice."""
+"""Pads by their accelerometer's counts for 1 g. First DualSense and DualShock 4: x right, y up, z toward the player.
+Then Joy-Con and Pro Controller: x toward the triggers, y left, z up. Their stamps are unusable: hid-nintendo makes them
+from the reports' arrival, and counts each report's time twice."""
 
 MSC_RAW = 3
-"""An event that no motion sensor sends: `GamepadPort` adds it to say which pad it is, by its counts for 1 g."""
+"""Code of an event that no motion sensor sends. `GamepadPort` adds it: its value, the counts for 1 g, names the pad."""
 
-_KNOWN = {EV_SYN: 16, EV_KEY: 0x300, EV_ABS: 0x40, EV_MSC: 8}
-"""Types of events, and the number of codes that each has."""
+_CODES = {EV_SYN: 16, EV_KEY: 0x300, EV_ABS: 0x40, EV_MSC: 8}
+"""Number of codes that each type of event has."""
 
-_LATEST_S = 2**33
-"""Bound on a host's clock."""
+_MAX_TIME_S = 2**33
+"""Upper bound of a plausible host time, s since 1970."""
 
 
 class GamepadDecoder:
-    """Axes are kept until they change; a report gives a sample."""
+    """Keeps each axis until it changes; each report (EV_SYN) gives a sample."""
 
     def __init__(self) -> None:
         self.tally = Tally()
@@ -77,7 +80,7 @@ class GamepadDecoder:
         while at + EVENT.size <= len(data):
             end = len(data) - (len(data) - at) % EVENT.size
             for seconds, micros, kind, code, value in EVENT.iter_unpack(memoryview(data)[at:end]):
-                if code >= _KNOWN.get(kind, 0) or not (0 <= micros < 1_000_000 and 0 <= seconds < _LATEST_S):
+                if code >= _CODES.get(kind, 0) or not (0 <= micros < 1_000_000 and 0 <= seconds < _MAX_TIME_S):
                     self.tally.bad_packets += not self._junk
                     self._junk = True
                     at += 1
@@ -93,12 +96,12 @@ class GamepadDecoder:
                 elif kind == EV_KEY:
                     self.tally.presses += value == 1 and code in GRIP_KEYS
                 elif kind == EV_SYN:
-                    self._end(code, samples)
+                    self._end_report(code, samples)
         self._rest = data[at:]
         return samples
 
-    def _end(self, code: int, samples: list[Sample]) -> None:
-        """End a report; one after a loss is half a report."""
+    def _end_report(self, code: int, samples: list[Sample]) -> None:
+        """End a report. The first report after SYN_DROPPED is incomplete and gives no sample."""
         if code == SYN_DROPPED:
             self._dropped = True
             self.tally.bad_packets += 1
@@ -115,10 +118,10 @@ class GamepadDecoder:
         return Sample(
             acc=(sx * counts[x] * g, sy * counts[y] * g, sz * counts[z] * g),
             gyr=(sx * counts[3 + x] * turn, sy * counts[3 + y] * turn, sz * counts[3 + z] * turn),
-            t_device=1e-6 * self._clock.straight(stamp) if self._pad.has_clock else None,
+            t_device=1e-6 * self._clock.unwrap(stamp) if self._pad.has_clock else None,
         )
 
 
-def event(kind: int, code: int, value: int) -> bytes:
-    """Make an event, at no time."""
+def make_event(kind: int, code: int, value: int) -> bytes:
+    """Encode an event with time zero."""
     return EVENT.pack(0, 0, kind, code, value)

@@ -1,4 +1,4 @@
-"""A gamepad's input devices as a port: its motion sensors, and the buttons of the same pad, in one stream of events."""
+"""A gamepad as a port: reads its motion sensors' device and its buttons' device as one stream of events."""
 
 from __future__ import annotations
 
@@ -11,42 +11,43 @@ from contextlib import suppress
 from pathlib import Path
 
 from pbd.errors import SensorError, in_words
-from pbd.sensors.gamepad import AXES, EV_ABS, EV_KEY, EV_MSC, EV_SYN, EVENT, MSC_RAW, PADS, SYN_DROPPED, event
+from pbd.sensors.gamepad import AXES, EV_ABS, EV_KEY, EV_MSC, EV_SYN, EVENT, MSC_RAW, PADS, SYN_DROPPED, make_event
 from pbd.sensors.reader import READ_TIMEOUT_S, Source
 
-SENSORS = re.compile(r"(.+) (?:Motion Sensors|IMU|\(IMU\))")
-"""How hid-playstation and hid-nintendo call a pad's motion sensors; what stands first is the name of its buttons."""
+MOTION_SENSORS_NAME = re.compile(r"(.+) (?:Motion Sensors|IMU|\(IMU\))")
+"""Device name that hid-playstation and hid-nintendo give the motion sensors. Group 1 is the buttons' device name."""
 
-CLASS = Path("/sys/class/input")
+SYSFS_INPUT = Path("/sys/class/input")
 
 ABSINFO = struct.Struct("@6i")
-"""struct input_absinfo of linux/input.h: value, least, most, fuzz, flat, resolution."""
+"""struct input_absinfo of linux/input.h: value, minimum, maximum, fuzz, flat, resolution."""
 
-MOST_AT_ONCE = 256 * EVENT.size
+READ_BYTES = 256 * EVENT.size
+"""Largest read of a device, bytes."""
 
 
-def _request(write: bool, number: int) -> int:
-    """An ioctl's number: direction, size, the letter E, number (asm-generic/ioctl.h)."""
+def _ioctl_request(write: bool, number: int) -> int:
+    """Build an ioctl request: direction, size, the letter E, number (asm-generic/ioctl.h)."""
     return ((1 if write else 2) << 30) | (ABSINFO.size << 16) | (ord("E") << 8) | number
 
 
 def find_gamepads() -> dict[str, tuple[str, str | None]]:
-    """The motion sensors that are there: device -> the pad's name, and the device of its buttons."""
+    """Find connected pads: motion sensors' device -> the pad's name, and its buttons' device or None."""
     names = {}
-    for file in sorted(CLASS.glob("event*/device/name")):
+    for file in sorted(SYSFS_INPUT.glob("event*/device/name")):
         with suppress(OSError):
-            pad = (file.parent / "device").resolve()  # the same for all input devices of a pad, and for no other's
+            pad = (file.parent / "device").resolve()  # shared by the input devices of one pad, and by no others
             names[f"/dev/input/{file.parts[-3]}"] = file.read_text(encoding="utf-8").strip(), pad
     found = {}
     for device, (name, pad) in names.items():
-        if match := SENSORS.fullmatch(name):
+        if match := MOTION_SENSORS_NAME.fullmatch(name):
             buttons = (other for other, its in names.items() if its == (match[1], pad))
             found[device] = match[1], next(buttons, None)
     return found
 
 
 def only_gamepad() -> str:
-    """The motion sensors of the only pad; SensorError: there is none, or there are several."""
+    """Return the motion sensors' device of the only connected pad; SensorError: there is none, or several."""
     found = find_gamepads()
     if len(found) == 1:
         return next(iter(found))
@@ -61,37 +62,37 @@ def only_gamepad() -> str:
 
 
 class GamepadPort(Source):
-    """Reads both devices of a pad."""
+    """Reads the motion sensors and the buttons of a pad."""
 
     def __init__(self, device: str, buttons: str | None = None) -> None:
-        """Open the pad; SensorError: no such device, no permission, or it is no pad that is known."""
+        """Open both devices; SensorError: no such device, no permission, or an unknown kind of pad."""
         self.device = device
         self._fuzz: dict[int, bytes] = {}
-        self._motion = _opened(device)
+        self._motion = _open_device(device)
         self._fds = [self._motion]
         try:
-            self._pending = self._prepared()
+            self._pending = self._set_up()
             if buttons is not None:
-                self._fds.append(_opened(buttons))
+                self._fds.append(_open_device(buttons))
         except BaseException:
             self.close()
             raise
 
     def read(self) -> bytes:
-        """Return the events that have come, after READ_TIMEOUT_S at the latest; SensorError: the pad is gone."""
+        """Return new events; wait READ_TIMEOUT_S at most. SensorError: the pad is gone."""
         data, self._pending = self._pending, b""
         try:
             for fd in select.select(self._fds, (), (), 0.0 if data else READ_TIMEOUT_S)[0]:
-                if not (read := os.read(fd, MOST_AT_ONCE)):
+                if not (read := os.read(fd, READ_BYTES)):
                     raise OSError("end of file")
                 events = list(EVENT.iter_unpack(read[: len(read) // EVENT.size * EVENT.size]))
-                if fd != self._motion:  # the sticks have the same axes
-                    data += b"".join(event(*each[2:]) for each in events if each[2] == EV_KEY)
+                if fd != self._motion:  # keys only: the sticks use the axis codes of the accelerometer
+                    data += b"".join(make_event(*each[2:]) for each in events if each[2] == EV_KEY)
                     continue
                 data += read
                 if any(each[2:4] == (EV_SYN, SYN_DROPPED) for each in events):
-                    data += self._axes()  # what changed meanwhile is not sent again
-        except (OSError, ValueError) as reason:  # ENODEV; ValueError: closed meanwhile
+                    data += self._axis_events()  # the kernel does not send the dropped changes again
+        except (OSError, ValueError) as reason:  # OSError: ENODEV; ValueError: another thread closed the device
             if data:
                 return data
             raise SensorError(
@@ -102,27 +103,28 @@ class GamepadPort(Source):
         return data
 
     def close(self) -> None:
-        """Close it, with the kernel's filter as it was; closing twice is nothing."""
+        """Restore the kernel's filter and close the devices. A second call has no effect."""
         for axis, info in self._fuzz.items():
             with suppress(OSError):
-                fcntl.ioctl(self._motion, _request(True, 0xC0 + axis), info)
+                fcntl.ioctl(self._motion, _ioctl_request(True, 0xC0 + axis), info)
         self._fuzz = {}
         fds, self._fds = self._fds, []
         for fd in fds:
             with suppress(OSError):
                 os.close(fd)
 
-    def _prepared(self) -> bytes:
-        """Switch the kernel's filter off and return the axes as they are.
+    def _set_up(self) -> bytes:
+        """Switch the kernel's filter off; return the kind of pad and the present axes as events.
 
-        It holds an axis back until it changes by more than half its fuzz of 16 counts, 2 mg (Joy-Con 10): a hysteresis.
+        The filter is a hysteresis: an axis is not sent until it changes by more than half its fuzz of 16 counts, 2 mg
+        (Joy-Con: 10 counts).
         """
         acc_per_g = 0
         for axis in AXES:
             try:
-                info = self._info(axis)
+                info = self._absinfo(axis)
             except OSError:
-                return b""  # no input device: a pipe
+                return b""  # a pipe, not an input device
             *values, fuzz, flat, resolution = ABSINFO.unpack(info)
             acc_per_g = acc_per_g or resolution
             pad = PADS.get(acc_per_g)
@@ -135,21 +137,21 @@ class GamepadPort(Source):
                 )
             if fuzz:
                 self._fuzz[axis] = info
-                fcntl.ioctl(self._motion, _request(True, 0xC0 + axis), ABSINFO.pack(*values, 0, flat, resolution))
-        return event(EV_MSC, MSC_RAW, acc_per_g) + self._axes()
+                fcntl.ioctl(self._motion, _ioctl_request(True, 0xC0 + axis), ABSINFO.pack(*values, 0, flat, resolution))
+        return make_event(EV_MSC, MSC_RAW, acc_per_g) + self._axis_events()
 
-    def _axes(self) -> bytes:
+    def _axis_events(self) -> bytes:
         events = b""
         for axis in AXES:
             with suppress(OSError):
-                events += event(EV_ABS, axis, ABSINFO.unpack(self._info(axis))[0])
+                events += make_event(EV_ABS, axis, ABSINFO.unpack(self._absinfo(axis))[0])
         return events
 
-    def _info(self, axis: int) -> bytes:
-        return fcntl.ioctl(self._motion, _request(False, 0x40 + axis), bytes(ABSINFO.size))
+    def _absinfo(self, axis: int) -> bytes:
+        return fcntl.ioctl(self._motion, _ioctl_request(False, 0x40 + axis), bytes(ABSINFO.size))
 
 
-def _opened(device: str) -> int:
+def _open_device(device: str) -> int:
     try:
         return os.open(device, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except PermissionError:

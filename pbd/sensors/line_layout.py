@@ -1,20 +1,20 @@
-"""Layout of a line of numbers: the names, order, units and separator of its columns, as the user gives them.
+"""Layout of a line of numbers, as the user gives it: the columns' names, order and units, and the separator.
 
-Columns: ax ay az (specific force, +g up at rest), gx gy gz, mx my mz; roll, pitch, yaw (turns about x, y, z; yaw from
-east to north) or roll, pitch, heading (a compass': pitch nose up, heading clockwise from north); t (the device's own
-clock); _ for a column to skip. A minus before a name flips its sign: `-ax`. The axes must be right-handed.
+Columns: ax ay az (specific force, +g up at rest); gx gy gz; mx my mz; roll, pitch, yaw (turns about x, y, z; yaw from
+east to north) or roll, pitch, heading (as a compass: pitch nose up, heading clockwise from north); t (the device's own
+clock); _ for a column to skip. A minus before a name flips the sign: `-ax`. The axes must be right-handed.
 
 In TOML:
 
     separator = ","              # "space": any white space; "tab"
     columns = "t,ax,ay,az,gx,gy,gz"
     prefix = ""                  # what each line begins with
-    wrap = 4294967296            # t wraps to 0 here, in its own unit; 0: never
+    wrap = 4294967296            # t wraps to 0 here, in t's unit; 0: never
     [units]                      # acc, gyr, mag, angle, t; a number before a unit multiplies it
     acc = "0.001 g"
 
-or, in place of columns and prefix, where several lines make one sample, a [[line]] with both for each. The first one
-begins a sample.
+Where several lines make one sample, each gets a [[line]] with its columns and prefix, in place of those above. The
+first [[line]] begins a sample.
 """
 
 from __future__ import annotations
@@ -41,17 +41,17 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 
 ARDUINO_WRAP = 2.0**32
-"""millis() and micros() wrap there: the default wrap of a t in ms or us."""
+"""Default wrap of a t in ms or us: the value at which an Arduino's millis() and micros() restart from zero."""
 
-WIDEST_WRAP = 2.0**64
-"""Largest wrap that a file may give: no counter has more bits."""
+MAX_WRAP = 2.0**64
+"""Largest wrap that a TOML file may give: no counter has more bits."""
 
 SEPARATORS = {"space": " ", "tab": "\t"}
 
 
 @dataclass(frozen=True)
 class Line:
-    """One kind of line: what it begins with and the names of its columns, in their order."""
+    """One kind of line: the names of its columns in order, and the text that it begins with."""
 
     columns: tuple[str, ...]
     prefix: str = ""
@@ -59,16 +59,16 @@ class Line:
 
 @dataclass(frozen=True)
 class LineLayout:
-    """What each kind of line holds. The first kind begins a sample; the others complete it.
+    """The kinds of lines that make a sample, and their units.
 
     Attributes:
-        lines: the kinds, each with a prefix of its own where there are several.
+        lines: the first begins a sample, the others complete it. If there are several, each needs its own prefix.
         units: by quantity (acc, gyr, mag, angle, t), as "g" or "0.001 g".
         separator: one character; a space stands for any white space.
-        wrap: where t starts anew, in t's unit; 0 never; None as an Arduino's clock.
+        wrap: value at which t restarts from zero, in t's unit; 0: never; None: as an Arduino's clock.
 
     Raises:
-        SensorError: a name, unit, separator or wrap is not known or does not fit the others.
+        SensorError: a name, unit, separator or wrap is unknown or contradicts the others.
     """
 
     lines: tuple[Line, ...]
@@ -96,9 +96,9 @@ class LineLayout:
         _check_prefixes([line.prefix for line in self.lines])
 
     def factor(self, quantity: str) -> float:
-        """Factor from this quantity's unit to the project's."""
+        """Factor that converts this quantity from its unit to the SI unit (uT for the field)."""
         if quantity not in UNITS:
-            raise SensorError(f"units are of {', '.join(UNITS)}; {quantity!r} is none of them", value=quantity)
+            raise SensorError(f"no unit can be given for {quantity!r}; give it for {', '.join(UNITS)}", value=quantity)
         text = self.units.get(quantity, next(iter(UNITS[quantity])))
         match = re.fullmatch(r"\s*([-+\d.eE]*?)\s*([A-Za-z]\S*)\s*", text)
         try:
@@ -115,7 +115,7 @@ class LineLayout:
 
     @property
     def wrap_s(self) -> float:
-        """After how many seconds t starts anew; 0 where it never does."""
+        """Time after which t restarts from zero, s; 0: never."""
         ticks = self.wrap
         if ticks is None:
             ticks = ARDUINO_WRAP if self.units.get("t") in ("ms", "us") else 0.0
@@ -166,20 +166,20 @@ def layout_from_options(
     prefix: str = "",
     wrap: float | None = None,
 ) -> LineLayout:
-    """Make a layout of what stands on a command line: `--columns "ax,ay,az,gx,gy,gz" --unit acc=g`."""
-    return LineLayout((Line(_names(columns), prefix),), units, SEPARATORS.get(separator, separator), wrap)
+    """Make a layout from command-line options: `--columns "ax,ay,az,gx,gy,gz" --unit acc=g`."""
+    return LineLayout((Line(_split_columns(columns), prefix),), units, SEPARATORS.get(separator, separator), wrap)
 
 
 def layout_from_toml(text: str, name: str = "layout") -> LineLayout:
-    """Make a layout of a TOML file's text; `name` is the file's, for messages."""
+    """Make a layout from the text of a TOML file; messages call the file `name`."""
     top = parse_toml(Path(name), text, SensorError)
     if "columns" in top and "line" in top:
         top.fail("columns", "and [[line]] can't both be given", "remove one")
     lines = tuple(
-        Line(_names(table.text("columns")), table.text("prefix", "", blank=True))
+        Line(_split_columns(table.text("columns")), table.text("prefix", "", blank=True))
         for table in top.tables("line") or [top]
     )
-    units, wrap = top.section("units", None), top.number("wrap", None, within=WIDEST_WRAP)
+    units, wrap = top.section("units", None), top.number("wrap", None, within=MAX_WRAP)
     separator = top.text("separator", ",", blank=True)
     given = {quantity: unit for quantity in UNITS if units and (unit := units.text(quantity, None))}
     top.done()
@@ -189,5 +189,5 @@ def layout_from_toml(text: str, name: str = "layout") -> LineLayout:
         raise SensorError.at(name, error.message, **error.fields) from None
 
 
-def _names(columns: str) -> tuple[str, ...]:
+def _split_columns(columns: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in columns.split(","))

@@ -1,15 +1,16 @@
-"""OceanServer OS5000, OS500 and OS4000 compasses: `$C` by its tags and `$OHPR` by its commas.
+"""OceanServer OS5000, OS500 and OS4000 compasses: sentences `$C` with tagged values and `$OHPR` with bare ones.
 
 Source: OceanServer, Digital Compass Users Guide, OS5000 Series (format types 0x01 and 0x02). `$...*HH CR LF`, HH the
 XOR of the bytes between $ and *. Units on the wire: degrees, g, milligauss (only after the user's field calibration).
 
-Axes. The manual's own sentence and one from the field (tests) read Az = +1 level, pitch = asin(Ax), roll = atan2(Ay,
-Az): x forward, y to the left, z up, specific force. That the magnetometer shares these axes is assumed.
+Axes. The manual's example and a recorded sentence (see the tests) read Az = +1 when level, pitch = asin(Ax), roll =
+atan2(Ay, Az). So x is forward, y left, z up, and the acceleration is a specific force. The magnetometer is assumed to
+share these axes.
 
-`$OHPR` gives no names, and leaves out what was not asked for (ESC X): of 18 fields all are known; of 6, and with a
-vector that can be one of g, it is heading, pitch, roll, Ax, Ay, Az; else the first three are heading, pitch, roll and
-the rest is passed over. Ask for `$C` (ESC *1) where there is a choice. Its two gyro axes (no z, no unit in the manual)
-are not used.
+`$OHPR` names no values and leaves out those that the user did not select (ESC X). With 18 fields all are known. With 6,
+of which the last three are small enough for g, they are heading, pitch, roll, Ax, Ay, Az. Otherwise the first three are
+heading, pitch, roll and the rest is ignored. Set the device to `$C` (ESC *1) if you can. Its two gyro axes are not
+used: there is no z, and the manual gives no unit.
 """
 
 from __future__ import annotations
@@ -24,29 +25,29 @@ from pbd.sensors.attitude import from_north_east_down
 from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
 
 LARGEST_G = 20.0
-"""Longest acceleration vector, g. No OceanServer compass measures more than 8 g."""
+"""Largest plausible acceleration along an axis, g. No OceanServer compass measures more than 8 g."""
 
 LARGEST_DEG = (180.0, 90.0, 360.0)
-"""Largest roll, pitch and heading."""
+"""Largest roll, pitch and heading, degrees."""
 
 _SENTENCE = re.compile(rb"\$([^$*\r\n]{1,250})\*([0-9A-Fa-f]{2})")
-_CUT_OFF = re.compile(rb"\$[^$*\r\n]{0,250}(\*[0-9A-Fa-f]?)?")
+_INCOMPLETE = re.compile(rb"\$[^$*\r\n]{0,250}(\*[0-9A-Fa-f]?)?")
 _NUMBER = rb"[-+]?(?:\d+(?:\.\d*)?|\.\d+)"
-_C = re.compile(rb"C(?:%b)?(?:[A-Z][a-z]?%b)*" % (_NUMBER, _NUMBER))
+_TAGGED = re.compile(rb"C(?:%b)?(?:[A-Z][a-z]?%b)*" % (_NUMBER, _NUMBER))
 _FIELD = re.compile(rb"([A-Z][a-z]?)(%b)" % _NUMBER)
 _OHPR = re.compile(rb"OHPR(?:,(?:%b)?)*" % _NUMBER)
 _OHPR_NAMES = tuple(b"C P R T D M Mx My Mz A Ax Ay Az - Gx Gy - -".split())
 
 
 class OS5000Decoder(PacketDecoder):
-    """Each sentence that carries acceleration, field or attitude gives a sample; there is no device time."""
+    """Makes a sample from each sentence with acceleration, field or attitude. The device sends no time."""
 
-    BEGIN = re.compile(rb"\$")
+    START = re.compile(rb"\$")
 
-    def _packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
+    def _read_packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
         match = _SENTENCE.match(data, at)
         if match is None:
-            return 0 if _CUT_OFF.fullmatch(data, at) else -1
+            return 0 if _INCOMPLETE.fullmatch(data, at) else -1
         body, checksum = match.groups()
         if reduce(xor, body) != int(checksum, 16):
             return -1
@@ -60,18 +61,18 @@ class OS5000Decoder(PacketDecoder):
 
 
 def _sample(body: bytes) -> Sample | None:
-    """Read what stands between $ and *; None where it has nothing for us, ValueError where it is not as described."""
+    """Read the text between $ and *. None: it has no data of ours; ValueError: it is malformed or implausible."""
     if body.startswith(b"OHPR,"):
-        values = _by_commas(body)
-    elif _C.fullmatch(body):
-        values = _by_tags(body)
+        values = _comma_values(body)
+    elif _TAGGED.fullmatch(body):
+        values = _tagged_values(body)
     elif body.startswith(b"C") and not body[1:2].isalpha():
         raise ValueError("not tags and numbers")
     else:
         return None  # another sentence, such as $HCHDT
-    acc = _all_of(values, (b"Ax", b"Ay", b"Az"))
-    mag = _all_of(values, (b"Mx", b"My", b"Mz"))
-    angles = _all_of(values, (b"R", b"P", b"C"))
+    acc = _vector(values, b"Ax", b"Ay", b"Az")
+    mag = _vector(values, b"Mx", b"My", b"Mz")
+    angles = _vector(values, b"R", b"P", b"C")
     if acc is not None and max(map(abs, acc)) > LARGEST_G:
         raise ValueError("an acceleration out of range")
     if angles is not None and not all(map(le, map(abs, angles), LARGEST_DEG)):
@@ -85,7 +86,7 @@ def _sample(body: bytes) -> Sample | None:
     )
 
 
-def _by_tags(body: bytes) -> dict[bytes, float]:
+def _tagged_values(body: bytes) -> dict[bytes, float]:
     fields = _FIELD.findall(body)
     values = {tag: float(text) for tag, text in fields}
     if len(values) < len(fields):
@@ -93,7 +94,7 @@ def _by_tags(body: bytes) -> dict[bytes, float]:
     return values
 
 
-def _by_commas(body: bytes) -> dict[bytes, float]:
+def _comma_values(body: bytes) -> dict[bytes, float]:
     if not _OHPR.fullmatch(body):
         raise ValueError("not commas and numbers")
     texts = body.split(b",")[1:]
@@ -105,6 +106,6 @@ def _by_commas(body: bytes) -> dict[bytes, float]:
     return {name: float(text) for name, text in zip(names, texts, strict=False) if text}
 
 
-def _all_of(values: Mapping[bytes, float], names: tuple[bytes, bytes, bytes]) -> Triple | None:
-    x, y, z = (values.get(name) for name in names)
+def _vector(values: Mapping[bytes, float], *names: bytes) -> Triple | None:
+    x, y, z = map(values.get, names)
     return None if x is None or y is None or z is None else (x, y, z)

@@ -1,4 +1,4 @@
-"""Serial ports: the only place that imports pyserial."""
+"""Serial ports. No other module imports pyserial."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pbd.sensors.reader import READ_TIMEOUT_S, Source
 
 
 class PortInfo(NamedTuple):
-    """A serial port: its device file, what its maker calls it, and its USB ids (vendor:product) or ""."""
+    """A serial port: its device file, its maker's name for it, and its USB ids (vendor:product) or ""."""
 
     device: str
     title: str
@@ -23,7 +23,7 @@ class PortInfo(NamedTuple):
 
 
 def list_ports() -> tuple[PortInfo, ...]:
-    """List the serial ports of this machine that something is plugged into, USB first."""
+    """List the serial ports of this machine, USB ports first."""
     from serial.tools.list_ports import comports
 
     found = []
@@ -41,15 +41,15 @@ class Port(Source):
         self._serial, self.device, self.baud, self._what = serial, device, baud, what
 
     def read(self) -> bytes:
-        """Return the bytes that came, after READ_TIMEOUT_S (or as opened) at the latest; SensorError: it is gone."""
+        """Return new bytes; wait as long as the port was opened for. SensorError: the device is gone."""
         try:
             first = self._serial.read(1)
             waiting = self._serial.in_waiting if first else 0
             return bytes(first + self._serial.read(waiting)) if waiting else bytes(first)
-        except (OSError, TypeError) as reason:  # SerialException too is an OSError; TypeError: closed meanwhile
-            raise self._gone() from reason
+        except (OSError, TypeError) as reason:  # SerialException is an OSError; TypeError: another thread closed it
+            raise self._unplugged() from reason
 
-    def _gone(self) -> SensorError:
+    def _unplugged(self) -> SensorError:
         what = f"{self.device} is gone: the {self._what} was unplugged; plug it in again"
         return SensorError(what, path=self.device, lost=True)
 
@@ -65,46 +65,52 @@ class Port(Source):
             ) from reason
 
     def clear(self) -> None:
-        """Drop what has come and was not read; SensorError: the sensor was unplugged."""
+        """Drop the bytes that have come but were not read; SensorError: the device was unplugged."""
         try:
             self._serial.reset_input_buffer()
         except (OSError, ValueError, TypeError, termios.error) as reason:
-            raise self._gone() from reason
+            raise self._unplugged() from reason
 
     def set_baud(self, baud: int) -> None:
-        """Change the rate of the open port (SensorError: there is none): to open it again would reset an Arduino."""
+        """Change the baud rate without reopening, which would reset an Arduino; SensorError: no such rate."""
         try:
             self._serial.baudrate = baud
             self._serial.reset_input_buffer()
         except (OSError, ValueError) as reason:
-            raise SensorError(_why(self.device, baud, reason, self._what), path=self.device, baud=baud) from None
+            raise SensorError(
+                _cannot_open(self.device, baud, reason, self._what), path=self.device, baud=baud
+            ) from None
         self.baud = baud
 
     def close(self) -> None:
-        """Close it; closing twice is nothing."""
+        """Close the port. A second call has no effect."""
         with suppress(Exception):
             self._serial.close()
 
 
 def open_port(device: str, baud: int, what: str = "sensor", wait_s: float = READ_TIMEOUT_S) -> Port:
-    """Open a port for us alone, 8N1: for `what`, whose reads wait `wait_s` at most; a SensorError says why it can't."""
+    """Open a port exclusively, 8N1. Messages call the device `what`; a read waits `wait_s` at most.
+
+    Raises:
+        SensorError: why it can't be opened, and what to do.
+    """
     from serial import Serial
 
     try:
         if baud <= 0:
-            raise ValueError("0 would hang up")
+            raise ValueError("a rate of 0 would close the line")
         return Port(Serial(device, baud, timeout=wait_s, write_timeout=1.0, exclusive=True), device, baud, what)
     except (OSError, ValueError) as reason:
-        raise SensorError(_why(device, baud, reason, what), path=device, baud=baud) from None
+        raise SensorError(_cannot_open(device, baud, reason, what), path=device, baud=baud) from None
 
 
-def _why(device: str, baud: int, reason: Exception, what: str) -> str:
+def _cannot_open(device: str, baud: int, reason: Exception, what: str) -> str:
     number = getattr(reason, "errno", None)
     if number == errno.ENOENT or not Path(device).exists():
         here = ", ".join(port.device for port in list_ports()) or "none"
         return f"there is no port {device} (plugged in are: {here}); plug the {what} in, or name another"
     if number == errno.EACCES:
-        return f"no permission for {device}: {_permission(device)}"
+        return f"no permission for {device}: {_permission_advice(device)}"
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(reason):
         return f"{device} is in use by another program; close that one (a terminal, another recording)"
     if isinstance(reason, ValueError):
@@ -114,8 +120,8 @@ def _why(device: str, baud: int, reason: Exception, what: str) -> str:
     return f"{device} can't be opened ({reason}); unplug the {what} and plug it in again"
 
 
-def _permission(device: str) -> str:
-    """Who may use it, and how to become one of them."""
+def _permission_advice(device: str) -> str:
+    """Say who may use the device, and how to get permission."""
     status, user = Path(device).stat(), os.environ.get("USER", "$USER")
     try:
         group = Path(device).group()

@@ -1,4 +1,4 @@
-"""Identify a sensor by listening: try baud rates, and the decoders on the bytes."""
+"""Identify a sensor by listening: try each baud rate, and each decoder on the bytes."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from pbd.sensors.port import Port
 from pbd.sensors.protocols import PROTOCOLS
 
 LISTEN_S = 0.7
-"""s to listen at each baud rate: the slowest devices send several packets meanwhile."""
+"""Time to listen at each baud rate, s. The slowest devices send several packets in it."""
 
 BOOT_S = 3.0
-"""s that an Arduino is silent after its port is opened, as it restarts."""
+"""Time that an Arduino is silent after its port is opened, because it restarts, s."""
 
 ENOUGH_PACKETS = 3
-"""Number of whole packets that identify a protocol."""
+"""Number of good packets that identify a protocol."""
 
 GUESSED_PROTOCOLS = tuple(name for name, known in PROTOCOLS.items() if known.bauds and name != "lines")
 """Protocols that can be identified from a serial port's bytes alone."""
@@ -26,11 +26,11 @@ GUESSED_PROTOCOLS = tuple(name for name, known in PROTOCOLS.items() if known.bau
 BAUDS = tuple(dict.fromkeys(baud for name in GUESSED_PROTOCOLS for baud in PROTOCOLS[name].bauds))
 FIRST_BAUD = BAUDS[0]
 LONGEST_PROBE_S = BOOT_S + LISTEN_S * len(BAUDS)
-"""Longest time, s, that `probe` takes."""
+"""Longest time that `probe` takes, s."""
 
 
-class Found(NamedTuple):
-    """A port's protocol and baud rate, how many bytes came, and a line of them if they are text."""
+class ProbeResult(NamedTuple):
+    """A port's protocol (None: unknown) and baud rate, the number of bytes that came, and one line if they are text."""
 
     sensor: str | None
     baud: int
@@ -39,32 +39,32 @@ class Found(NamedTuple):
 
 
 class Listener:
-    """A decoder at its start, and how many samples it has made."""
+    """A new decoder, and the number of samples that it has made."""
 
     def __init__(self, make: Callable[[], Decoder]) -> None:
         self._decoder = make()
         self._samples = 0
 
     def feed(self, data: bytes) -> None:
-        """Listen to the next bytes."""
+        """Decode the next bytes."""
         self._samples += len(self._decoder.feed(data))
 
     @property
     def hears_packets(self) -> bool:
-        """Whether whole packets come, and few broken ones."""
+        """Whether good packets come, and few broken ones."""
         tally = self._decoder.tally
         return tally.packets >= ENOUGH_PACKETS and tally.packets > 2 * tally.bad_packets
 
     @property
     def hears_samples(self) -> bool:
-        """Whether the packets are certainly this device's. A whole sentence of another device may carry no data."""
+        """Whether the packets are certainly of this protocol: good packets without data may be another device's."""
         return self._samples >= ENOUGH_PACKETS and self.hears_packets
 
 
 def listen(port: Port, listeners: Collection[Listener], seconds: float, patience: float = 0.0) -> bytes:
-    """Let all listeners hear what comes; return it. Ends once one of them hears samples.
+    """Pass the port's bytes to all listeners, and return them. It ends early once a listener hears samples.
 
-    It lasts `seconds` from the first byte on, and waits for that for `patience` s, if longer.
+    It waits for the first byte for `seconds` or `patience`, whichever is longer, and then listens for `seconds`.
     """
     heard, end = b"", time.monotonic() + max(seconds, patience)
     while time.monotonic() < end and not any(each.hears_samples for each in listeners):
@@ -77,8 +77,8 @@ def listen(port: Port, listeners: Collection[Listener], seconds: float, patience
     return heard
 
 
-def recognise(data: bytes) -> str | None:
-    """Identify the protocol of some bytes; None if no decoder can read them."""
+def identify_protocol(data: bytes) -> str | None:
+    """Identify the protocol of some bytes; None if no decoder reads them."""
     for name in GUESSED_PROTOCOLS:
         listener = Listener(PROTOCOLS[name].decoder)
         listener.feed(data)
@@ -88,7 +88,7 @@ def recognise(data: bytes) -> str | None:
 
 
 def printed_line(data: bytes) -> str | None:
-    """Return one whole line if the bytes are plain text with numbers; else None."""
+    """Return one complete line if the bytes are plain text with numbers; else None."""
     lines = data.split(b"\n")[1:-1]
     plain = [line.strip() for line in lines if line.strip() and line.strip().isascii()]
     if len(plain) < ENOUGH_PACKETS or len(plain) < 0.9 * len(lines):
@@ -97,9 +97,9 @@ def printed_line(data: bytes) -> str | None:
     return text if text.isprintable() and any(letter.isdigit() for letter in text) else None
 
 
-def what_it_is(data: bytes, baud: int | None, sensor: str | None = None) -> str:
-    """Describe, for a message, bytes that are no packets of `sensor`, and what to do about it."""
-    known, line = recognise(data), printed_line(data)
+def describe_bytes(data: bytes, baud: int | None, sensor: str | None = None) -> str:
+    """Describe for a message bytes that are no packets of `sensor`, and say what to do."""
+    known, line = identify_protocol(data), printed_line(data)
     if known is not None and known != sensor:
         return f"they are {known}'s: give --sensor {known}"
     if line is not None:
@@ -112,9 +112,10 @@ def what_it_is(data: bytes, baud: int | None, sensor: str | None = None) -> str:
 
 
 def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
-    """Return the first of the sensor's baud rates at which whole packets of its decoder come; the port stays open.
+    """Return the first of the sensor's baud rates at which good packets come. The port stays open at that rate.
 
-    A SensorError says whether bytes came, and of which sensor if they can be identified.
+    Raises:
+        SensorError: no packets came. It says whether bytes came, and of which sensor if they can be identified.
     """
     heard: dict[int, bytes] = {}
     for baud in PROTOCOLS[sensor].bauds:
@@ -129,24 +130,24 @@ def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
             f"{port.device} is silent (tried {tried} baud); check that the sensor is on and sends by itself",
             path=port.device,
         )
-    identified = next((data for data in heard.values() if recognise(data) or printed_line(data)), b"")
+    identified = next((data for data in heard.values() if identify_protocol(data) or printed_line(data)), b"")
     raise SensorError(
         f"{count} bytes came from {port.device}, but no whole packet of {sensor} (tried {tried} baud): "
-        f"{what_it_is(identified, None, sensor)}",
+        f"{describe_bytes(identified, None, sensor)}",
         path=port.device,
     )
 
 
-def probe(port: Port) -> Found:
-    """Listen at each baud rate that any device has, until one of the decoders is sure."""
-    best = Found(None, 0, 0)
+def probe(port: Port) -> ProbeResult:
+    """Listen at each known baud rate until a decoder identifies the sensor."""
+    best = ProbeResult(None, 0, 0)
     for baud in BAUDS:
         port.set_baud(baud)
-        # Decoders of all devices, whatever their rates: a USB device may not care about the port's.
+        # All decoders at every rate: a USB device may ignore the port's baud rate.
         listeners = {name: Listener(PROTOCOLS[name].decoder) for name in GUESSED_PROTOCOLS}
         heard = listen(port, listeners.values(), LISTEN_S, BOOT_S if baud == FIRST_BAUD else 0.0)
         name = next((name for name, each in listeners.items() if each.hears_samples), None)
-        found = Found(name, baud, len(heard), None if name else printed_line(heard))
+        found = ProbeResult(name, baud, len(heard), None if name else printed_line(heard))
         if found.sensor or found.line:
             return found
         best = max(best, found, key=lambda each: each.bytes_seen)

@@ -1,6 +1,6 @@
-"""The registry: what speaks which protocol, and how to ask it for another rate.
+"""The registry of sensors: their protocols, baud rates, and the commands that set their sampling rates.
 
-Nothing heavy is loaded until a decoder is made. Baud rates are in the order in which to try them.
+Nothing heavy is imported until a decoder is made.
 """
 
 from __future__ import annotations
@@ -14,35 +14,36 @@ from pbd.errors import SensorError, UsageError, nearest
 from pbd.sensors.decoding import Decoder
 
 COMMAND_PAUSE_S = 0.25
-"""s to wait after each command, as ACFR's driver of the OS5000 does. WitMotion's own code waits 1 to 100 ms."""
+"""Time to wait after each command, s, as in ACFR's driver of the OS5000. WitMotion's own code waits 1 to 100 ms."""
 
 
 @dataclass(frozen=True)
 class WireProtocol:
-    """What a kind of device speaks.
+    """A kind of device and its protocol.
 
     Attributes:
-        made_by: the decoder's file in this folder and its name there; "" where it can't be made without more.
-        bauds: to try, in this order; the first is the maker's default. None for a device without a serial port.
-        rate_commands: by rate in Hz, the bytes that set it, to be sent in this order with COMMAND_PAUSE_S after each.
+        decoder_path: "module:name" of the decoder in this package; "" if it can't be made without options.
+        bauds: baud rates in the order to try them, the maker's default first; empty for a device without a serial port.
+        gives: the quantities that it sends, for people.
+        rate_commands: for each rate in Hz, the commands to send in this order, with COMMAND_PAUSE_S after each.
     """
 
     title: str
-    made_by: str
+    decoder_path: str
     bauds: tuple[int, ...]
     gives: str
     rate_commands: Mapping[int, tuple[bytes, ...]] = field(default_factory=dict)
 
     def decoder(self) -> Decoder:
-        """Make a decoder at its start."""
-        if not self.made_by:
+        """Make a new decoder."""
+        if not self.decoder_path:
             what = 'sensor "lines" needs the names of its columns'
             raise SensorError(f'{what}; add --columns "ax,ay,az,gx,gy,gz" or a TOML file')
-        decoder: Decoder = resolve_name(f"pbd.sensors.{self.made_by}")()
+        decoder: Decoder = resolve_name(f"pbd.sensors.{self.decoder_path}")()
         return decoder
 
     def commands_for(self, rate_hz: float) -> tuple[bytes, ...]:
-        """Return the bytes that set this rate; SensorError: the device has none such, or it can't be set from here."""
+        """Return the commands that set this rate; SensorError: the device has no such rate, or pbd can't set it."""
         if not self.rate_commands:
             raise SensorError(f"the rate of {self.title} can't be set from here; set it with the maker's program")
         if rate_hz not in self.rate_commands:
@@ -53,72 +54,72 @@ class WireProtocol:
 
 
 OS5000_RATES = {hz: (b"\x1bR%d " % hz,) for hz in range(1, 41)}
-"""ESC R n, ended by a space (Users Guide, command summary: 1 to 40 samples a second)."""
+"""ESC R n and a space (Users Guide, command summary: 1 to 40 samples a second)."""
 
 _WITMOTION_CODES = {1: 0x03, 2: 0x04, 5: 0x05, 10: 0x06, 20: 0x07, 50: 0x08, 100: 0x09, 200: 0x0B}
-"""Register RRATE by Hz, where the maker's sheets agree (one has 0x0A for 125 Hz)."""
+"""Values of register RRATE by rate in Hz, where the maker's data sheets agree. (One has 0x0A for 125 Hz.)"""
 
 WITMOTION_RATES = {
     hz: (b"\xff\xaa\x69\x88\xb5", bytes((0xFF, 0xAA, 0x03, code, 0x00)), b"\xff\xaa\x00\x00\x00")
     for hz, code in _WITMOTION_CODES.items()
 }
-"""Unlock, write register 3, save (WIT Standard Communication Protocol: FF AA register low high)."""
+"""Unlock, write register 3, save (WIT Standard Communication Protocol: FF AA, register, low byte, high byte)."""
 
 PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
     {
         "os5000": WireProtocol(
             title="OceanServer OS5000, OS500, OS4000",
-            made_by="os5000:OS5000Decoder",
+            decoder_path="os5000:OS5000Decoder",
             bauds=(19200, 38400, 115200, 57600, 9600, 4800),
             gives="acceleration, field, heading, pitch, roll",
             rate_commands=OS5000_RATES,
         ),
         "witmotion": WireProtocol(
             title="WitMotion WT901, JY901, HWT905, WT61",
-            made_by="witmotion:WitMotionDecoder",
+            decoder_path="witmotion:WitMotionDecoder",
             bauds=(9600, 115200, 230400, 921600, 57600, 38400, 19200),
             gives="acceleration, gyro, attitude; field but for WT61",
             rate_commands=WITMOTION_RATES,
         ),
         "ximu3": WireProtocol(
             title="x-io x-IMU3",
-            made_by="ximu3:XImu3Decoder",
+            decoder_path="ximu3:XImu3Decoder",
             bauds=(115200, 921600, 460800, 230400),
             gives="acceleration, gyro, field, attitude, clock",
         ),
         "vectornav": WireProtocol(
             title="VectorNav VN-100",
-            made_by="vectornav:VectorNavDecoder",
+            decoder_path="vectornav:VectorNavDecoder",
             bauds=(115200, 921600, 460800, 230400, 57600, 9600),
             gives="acceleration, gyro, field, attitude; in binary its clock",
         ),
         "xsens": WireProtocol(
             title="Xsens MTi (MTData2)",
-            made_by="xsens:XsensDecoder",
+            decoder_path="xsens:XsensDecoder",
             bauds=(115200, 921600, 2000000, 460800, 230400, 57600),
             gives="acceleration, gyro, field, attitude, clock",
         ),
         "lines": WireProtocol(
             title="any device that prints numbers (Arduino)",
-            made_by="",
+            decoder_path="",
             bauds=(115200, 9600, 57600, 230400, 250000, 500000, 1000000, 38400, 19200),
             gives="what its columns are said to be",
         ),
         "razor": WireProtocol(
             title="SparkFun Razor, 9DOF Sensor Stick (Razor AHRS)",
-            made_by="razor:razor_decoder",
+            decoder_path="razor:razor_decoder",
             bauds=(57600, 115200),
             gives="acceleration, gyro, field",
         ),
         "phyphox": WireProtocol(
             title="a phone with the app phyphox",
-            made_by="phyphox.answers:PhyphoxDecoder",
+            decoder_path="phyphox.answers:PhyphoxDecoder",
             bauds=(),
             gives="acceleration, gyro, field where it has one, clock",
         ),
         "gamepad": WireProtocol(
             title="DualSense, DualShock 4, Joy-Con, Switch Pro Controller (Linux)",
-            made_by="gamepad:GamepadDecoder",
+            decoder_path="gamepad:GamepadDecoder",
             bauds=(),
             gives="acceleration, gyro, clock; its buttons mark the grip",
         ),
@@ -127,7 +128,7 @@ PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
 
 
 def protocol(name: str, also: Iterable[str] = ()) -> WireProtocol:
-    """The protocol of `pbd record --sensor`'s name; UsageError: none, nor one of what the caller takes `also`."""
+    """Look up a sensor's protocol. UsageError: unknown; its message lists the names, with those of `also` first."""
     if name not in PROTOCOLS:
         known = (*also, *PROTOCOLS)
         raise UsageError(

@@ -1,4 +1,4 @@
-"""A thread that empties a port, so that a slow screen or disk loses nothing."""
+"""A thread that reads a port, so that no bytes are lost while the screen or the disk is slow."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ from typing import Protocol, Self
 from pbd.errors import SensorError
 
 READ_TIMEOUT_S = 0.02
-"""Longest time, s, that a read of a port and `take` wait."""
+"""Longest time that a read of a port, or `Reader.take`, waits for bytes, s."""
 
-MOST_BYTES = 32768
-"""Most bytes that `take` returns, 0.1 s of the fastest sensor. So a slow consumer can still do its other work."""
+TAKE_BYTES = 32768
+"""`Reader.take` returns once it has this many bytes, about 0.1 s of the fastest sensor, so that its caller can do other
+work between two calls."""
 
 CLOSE_S = 5.0
-"""Longest time, s, that `close` waits for a read that hangs."""
+"""Longest time that `Reader.close` waits for a read that hangs, s."""
 
 
 class Source(Protocol):
-    """What gives a sensor's bytes: a serial port (with its `baud`), a phone, a gamepad.
+    """A source of a sensor's bytes: a serial port, a phone, a gamepad.
 
     Attributes:
-        patience_s: s without a byte after which it counts as gone; None: as a serial port.
-        trouble: why no bytes come just now, if it knows; else "".
+        device: the device file, or the phone's address.
+        patience_s: time without a byte after which the device counts as gone, s; None: as for a serial port.
+        trouble: why no bytes come now, if the source knows; else "".
     """
 
     device: str
@@ -34,10 +36,10 @@ class Source(Protocol):
     trouble: str = ""
 
     def read(self) -> bytes:
-        """Return what has come, soon. Raises SensorError once the device is gone."""
+        """Return the bytes that have come, without a long wait. Raises SensorError once the device is gone."""
 
     def close(self) -> None:
-        """Close it; closing twice is nothing."""
+        """Close it. A second call has no effect."""
 
     def __enter__(self) -> Self:
         return self
@@ -47,7 +49,12 @@ class Source(Protocol):
 
 
 class Reader:
-    """Reads bytes, with their time of arrival (host's monotonic clock, s)."""
+    """Reads a source in a thread and notes each piece's time of arrival (host's monotonic clock, s).
+
+    Attributes:
+        opened: when the source was opened, s.
+        latest: arrival of the latest piece taken, or `opened`, s.
+    """
 
     def __init__(self, open_port: Callable[[], Source]) -> None:
         self._open = open_port
@@ -56,9 +63,9 @@ class Reader:
         self._start()
 
     def take(self) -> tuple[list[tuple[bytes, float]], SensorError | None]:
-        """Return what has come, and the error that ended the reading, if any. Waits READ_TIMEOUT_S at most."""
+        """Return the new pieces with their arrival times, and the error that ended reading, if any."""
         pieces: list[tuple[bytes, float]] = []
-        end = self.bytes_seen + MOST_BYTES
+        end = self.bytes_seen + TAKE_BYTES
         while self.bytes_seen < end:
             try:
                 piece = self._pieces.get_nowait() if pieces else self._pieces.get(timeout=READ_TIMEOUT_S)
@@ -71,8 +78,8 @@ class Reader:
             self.bytes_seen += len(piece[0])
         return pieces, None
 
-    def reopened(self) -> bool:
-        """Try to open the port again, once it was closed; False where it can't be."""
+    def reopen(self) -> bool:
+        """Try to open the source again after `close`; return whether it is open."""
         try:
             self._start()
         except SensorError:

@@ -3,14 +3,14 @@
 Source: VN-100 User Manual, "Asynchronous output" and "User configurable binary output packets"; sizes of the binary
 fields: VectorNav's programming library 1.2 (`Packet::BinaryGroupLengths`, packet.cpp).
 
-ASCII: `$VN<header>,fields*HH` CR LF with the XOR of the bytes between $ and *, or four digits of CRC16: VNYMR (yaw,
-pitch, roll in deg, then as VNMAR), VNMAR (magnetic field in gauss, acceleration in m/s2, angular rate in rad/s), VNIMU
-(the same, uncompensated), and the answers to reading registers 27, 20, 54, 18, 19.
-Binary: 0xFA, a byte of groups, a 16-bit mask of fields for each, the fields (little-endian), CRC16.
+ASCII: `$VN<header>,fields*HH` CR LF, where HH is the XOR of the bytes between $ and *, or four digits of their CRC16.
+Headers: VNYMR (yaw, pitch, roll in deg, then as VNMAR), VNMAR (magnetic field in gauss, acceleration in m/s2, angular
+rate in rad/s), VNIMU (as VNMAR, uncompensated), and the answers to reading registers 27, 20, 54, 18, 19.
+Binary: 0xFA, a byte that names the groups, a 16-bit mask of fields for each group, the fields (little-endian), CRC16.
 
-The device's axes are forward, right and down, its attitude is yaw, pitch and roll in north-east-down. **All are turned
-by half a turn about x**: a sample's axes are forward, left and up, y and z change their signs, and at rest the
-acceleration, which is a specific force, is +g up. Only binary packets can tell the time (`TimeStartup`).
+The device's axes are forward, right and down; its attitude is yaw, pitch and roll in north-east-down. **Samples are
+turned by half a turn about x**: their axes are forward, left and up, so y and z change sign. Acceleration is a specific
+force, +g up at rest. Only binary packets have a time (`TimeStartup`).
 """
 
 from __future__ import annotations
@@ -27,10 +27,13 @@ from pbd.sensors.attitude import from_north_east_down, rpy_from_quaternion
 from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
 
 LONGEST_LINE = 256
-YPR_LIMITS = 180.01, 90.01, 180.01  # deg
+"""Longest sentence, bytes."""
 
-# How many numbers a sentence has, and where among them yaw-pitch-roll, mag, acc and gyr begin. Where the device is set
-# to add its status, that stands behind them and begins with a letter.
+YPR_LIMITS = 180.01, 90.01, 180.01
+"""Largest yaw, pitch and roll, degrees."""
+
+# Number of values of a sentence, and the index at which yaw-pitch-roll, mag, acc and gyr begin. If the device is set to
+# add its status, that comes after the values and begins with a letter.
 SENTENCES: dict[bytes, tuple[int, dict[str, int]]] = {
     b"YMR": (12, {"ypr": 0, "mag": 3, "acc": 6, "gyr": 9}),
     b"MAR": (9, {"mag": 0, "acc": 3, "gyr": 6}),
@@ -50,8 +53,8 @@ FIELD_BYTES = (
     (2, 24, 24, 12, 12, 12, 12, 12, 12, 4, 4, 68, 64),
     (8, 8, 2, 1, 1, 24, 24, 12, 12, 12, 4, 4, 2, 28),
 )
-# Fields that are read, by group and bit. The rest of a field is skipped.
-READ = {
+# Quantities that are read, by group and bit. The rest of a field is skipped.
+FIELDS_READ = {
     (0, 0): ("time",),
     (0, 3): ("ypr",),
     (0, 4): ("quat",),
@@ -70,21 +73,21 @@ READ = {
     (4, 2): ("quat",),
 }
 FORMATS = {"time": ("Q", 1), "quat": ("4f", 4)}
-"""Format and count of a quantity's numbers; the others are three floats."""
+"""Struct format and number of values of a quantity; the others are three floats."""
 
-# Bytes of the byte of groups and the masks that it announces.
 GROUPS_LENGTH = tuple(1 + 2 * groups.bit_count() for groups in range(256))
+"""Length of the byte of groups together with the masks that follow it, by the value of that byte."""
 
 _SENTENCE = re.compile(rb"\$(VN(RRG,\d\d|[A-Z]{3})([ -#%-)+-~]*))\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2})\r?\n")
 _FIELDS = re.compile(rb"((?:,[+-]?\d{1,9}(?:\.\d{1,12})?)*)(?:,[A-Z].*)?")
 
 
 class VectorNavDecoder(PacketDecoder):
-    """Bytes of a VectorNav to samples: m/s2, rad/s, uT and rad, forward-left-up; s since start-up where it is sent."""
+    """Decodes a VectorNav. Samples are in forward-left-up axes; `t_device` is s since start-up, where it is sent."""
 
-    BEGIN = re.compile(rb"[$\xfa]")
+    START = re.compile(rb"[$\xfa]")
 
-    def _packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
+    def _read_packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
         return (self._sentence if data[at] == 0x24 else self._binary)(data, at, samples)
 
     def _sentence(self, data: bytes, at: int, samples: list[Sample]) -> int:
@@ -99,69 +102,69 @@ class VectorNavDecoder(PacketDecoder):
         if int(check, 16) != (reduce(xor, body) if len(check) == 2 else crc_hqx(body, 0)):
             return -1
         if header in SENTENCES:
-            count, places = SENTENCES[header]
+            count, offsets = SENTENCES[header]
             texts = _FIELDS.fullmatch(fields)
             numbers = tuple(map(float, texts[1].split(b",")[1:])) if texts else ()
-            # XOR does not see a run of bytes that came twice, so look at the numbers as well
-            if len(numbers) != count or ("ypr" in places and not all(map(le, map(abs, numbers), YPR_LIMITS))):
+            # An XOR does not notice bytes that came twice, so the values are checked as well.
+            if len(numbers) != count or ("ypr" in offsets and not all(map(le, map(abs, numbers), YPR_LIMITS))):
                 self.tally.bad_packets += 1
             else:
-                samples.append(_sample(numbers, places))
+                samples.append(_sample(numbers, offsets))
         return end + 1 - at
 
     def _binary(self, data: bytes, at: int, samples: list[Sample]) -> int:
         fields_at = at + 1 + GROUPS_LENGTH[data[at + 1]] if len(data) > at + 1 else len(data) + 1
         if fields_at > len(data):
             return 0
-        layout = _layout_of(data[at + 1 : fields_at])
+        layout = _packet_layout(data[at + 1 : fields_at])
         if layout is None:
             return -1
-        fields, places = layout
+        fields, offsets = layout
         end = fields_at + fields.size + 2
         if end > len(data):
             return 0
-        if crc_hqx(data[at + 1 : end], 0):  # over the whole packet with its own CRC it is zero
+        if crc_hqx(data[at + 1 : end], 0):  # the CRC over a packet and its own CRC is zero
             return -1
         numbers = fields.unpack_from(data, fields_at)
         if not isfinite(sum(numbers)):
             self.tally.bad_packets += 1
-        elif places:
-            samples.append(_sample(numbers, places))
+        elif offsets:
+            samples.append(_sample(numbers, offsets))
         return end - at
 
 
-def _sample(numbers: tuple[float, ...], places: dict[str, int]) -> Sample:
+def _sample(numbers: tuple[float, ...], offsets: dict[str, int]) -> Sample:
     rpy: Triple | None = None
-    if (i := places.get("ypr")) is not None:
+    if (i := offsets.get("ypr")) is not None:
         rpy = from_north_east_down(scaled(numbers[i : i + 3][::-1], DEG))
-    elif (i := places.get("quat")) is not None:
+    elif (i := offsets.get("quat")) is not None:
         x, y, z, w = numbers[i : i + 4]
         rpy = from_north_east_down(rpy_from_quaternion(w, x, y, z)) if x or y or z or w else None
-    time = places.get("time")
+    time = offsets.get("time")
     return Sample(
-        _turned(numbers, places.get("acc"), 1.0),
-        _turned(numbers, places.get("gyr"), 1.0),
-        _turned(numbers, places.get("mag"), UT_PER_GAUSS),
+        _forward_left_up(numbers, offsets.get("acc"), 1.0),
+        _forward_left_up(numbers, offsets.get("gyr"), 1.0),
+        _forward_left_up(numbers, offsets.get("mag"), UT_PER_GAUSS),
         rpy,
         None if time is None else numbers[time] * 1e-9,
     )
 
 
-def _turned(numbers: tuple[float, ...], at: int | None, unit: float) -> Triple | None:
-    """Half a turn about x: from forward-right-down to forward-left-up."""
+def _forward_left_up(numbers: tuple[float, ...], at: int | None, unit: float) -> Triple | None:
+    """Turn the vector at index `at` from forward-right-down to forward-left-up axes, and multiply it by `unit`."""
     return None if at is None else (numbers[at] * unit, -numbers[at + 1] * unit, -numbers[at + 2] * unit)
 
 
-@lru_cache(maxsize=64)  # a device sends three kinds of packets at most; noise must not fill the memory
-def _layout_of(header: bytes) -> tuple[Struct, dict[str, int]] | None:
-    """A packet's fields by its byte of groups and masks, and where what is wanted begins among the numbers.
+@lru_cache(maxsize=64)  # bounded, because noise has any header; a device sends three kinds of packets at most
+def _packet_layout(header: bytes) -> tuple[Struct, dict[str, int]] | None:
+    """Return the struct of a packet's fields and each quantity's index among its values, from its groups and masks.
 
-    None where a group or a field is not known, because the packet's length is unknown then.
+    None if a group or field is unknown: then the packet's length is unknown too.
     """
     groups = [group for group in range(8) if header[0] >> group & 1]
     if not groups or groups[-1] >= len(FIELD_BYTES):
         return None
-    formats, places, numbers = "<", dict[str, int](), 0
+    formats, offsets, numbers = "<", dict[str, int](), 0
     for index, group in enumerate(groups):
         mask = int.from_bytes(header[1 + 2 * index : 3 + 2 * index], "little")
         if mask >> len(FIELD_BYTES[group]):
@@ -169,12 +172,12 @@ def _layout_of(header: bytes) -> tuple[Struct, dict[str, int]] | None:
         for bit, size in enumerate(FIELD_BYTES[group]):
             if mask >> bit & 1:
                 field = ""
-                for what in READ.get((group, bit), ()):
+                for what in FIELDS_READ.get((group, bit), ()):
                     code, count = FORMATS.get(what, ("3f", 3))
-                    places[what], numbers, field = numbers, numbers + count, field + code
+                    offsets[what], numbers, field = numbers, numbers + count, field + code
                 formats += f"{field}{size - calcsize('<' + field)}x"
-    for what in ("mag", "acc", "gyr"):  # the uncompensated ones serve where the compensated ones are not sent
-        raw = places.pop(f"raw {what}", None)
+    for what in ("mag", "acc", "gyr"):  # uncompensated values count only where compensated ones are not sent
+        raw = offsets.pop(f"raw {what}", None)
         if raw is not None:
-            places.setdefault(what, raw)
-    return Struct(formats), places if places.keys() - {"time"} else {}
+            offsets.setdefault(what, raw)
+    return Struct(formats), offsets if offsets.keys() - {"time"} else {}

@@ -1,14 +1,15 @@
-"""WitMotion WT901, JY901, HWT905, WT61 and their kin: packets of 11 bytes, a few of which make a sample.
+"""WitMotion WT901, JY901, HWT905, WT61 and similar: packets of 11 bytes, several of which make a sample.
 
-Source: WIT Standard Communication Protocol. 0x55, type, four little-endian int16, the low byte of the sum of the first
-ten. 0x51 acceleration (full scale 16 g), 0x52 turn rate (2000 deg/s), 0x53 roll, pitch, yaw (180 deg), 0x54 magnetic
-field in raw counts (whose unit differs between models), 0x59 quaternion w, x, y, z (1).
+Source: WIT Standard Communication Protocol. A packet is 0x55, a type, four little-endian int16, and the low byte of the
+sum of the first ten bytes. Types and their full scales: 0x51 acceleration (16 g), 0x52 angular rate (2000 deg/s), 0x53
+roll, pitch, yaw (180 deg), 0x54 magnetic field (raw counts, whose unit differs between models), 0x59 quaternion w, x,
+y, z (1).
 
-Axes: z up, right-handed, +1 g at rest; attitude as z, y, x turns in an east-north-up frame: as the project's.
+Axes are right-handed with z up, +1 g at rest. Attitude is turns about z, y, x in east-north-up, as in this project.
 
-The packets of one instant follow each other in the order of their types, without a time. So a group ends where the
-type falls; once a first group has ended, the highest type seen ends each at once. Where its last packet is lost, the
-group is given with what it has when the next begins.
+The packets of one instant have no time. They come in the order of their types, so a lower type begins the next group.
+After the first such change, the highest type seen so far completes a group at once. If that packet is lost, the group
+is completed when the next one begins.
 """
 
 from __future__ import annotations
@@ -24,9 +25,10 @@ from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
 ACC = 16.0 * GRAVITY / 32768.0
 GYR = 2000.0 / 32768.0 * DEG
 ANGLE = pi / 32768.0
+"""m/s2, rad/s and rad for one count."""
 
 NORM_TOLERANCE = 0.02
-"""Largest deviation of a quaternion's length from one. The device sends zeros before its filter runs."""
+"""Largest deviation of a quaternion's norm from 1. The device sends zeros before its filter runs."""
 
 UNITS = {0x51: ACC, 0x52: GYR, 0x53: ANGLE, 0x54: 1.0}
 QUATERNION = 0x59
@@ -35,18 +37,18 @@ _WORDS = Struct("<2x4hx")
 
 
 class WitMotionDecoder(PacketDecoder):
-    """Decoder that learns from the stream which types a group holds; there is no device time."""
+    """Learns from the stream which types a group has. The device sends no time."""
 
-    BEGIN = re.compile(rb"\x55(?:[\x50-\x5a\x5f]|\Z)")
+    START = re.compile(rb"\x55(?:[\x50-\x5a\x5f]|\Z)")
 
     def __init__(self) -> None:
         super().__init__()
-        self._parts: dict[int, Triple] = {}  # of the group under way, by type
-        self._type = 0  # of the group's latest packet
-        self._highest = 0  # of all types seen
-        self._in_step = False  # the start of a group has been seen
+        self._parts: dict[int, Triple] = {}  # values of the present group, by type
+        self._type = 0  # type of the group's latest packet
+        self._highest = 0  # highest type seen so far
+        self._in_step = False  # whether the start of a group has been seen
 
-    def _packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
+    def _read_packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
         packet = data[at : at + 11]
         if len(packet) < 11:
             return 0
@@ -54,25 +56,25 @@ class WitMotionDecoder(PacketDecoder):
             return -1
         kind, numbers = packet[1], _WORDS.unpack(packet)
         if kind in UNITS:
-            self._take(kind, scaled(numbers[:3], UNITS[kind]), samples)
+            self._add_part(kind, scaled(numbers[:3], UNITS[kind]), samples)
         elif kind == QUATERNION:
             if abs(sum(n * n for n in numbers) / 32768.0**2 - 1.0) > 2.0 * NORM_TOLERANCE:
                 self.tally.bad_packets += 1
             else:
-                self._take(kind, rpy_from_quaternion(*numbers), samples)
+                self._add_part(kind, rpy_from_quaternion(*numbers), samples)
         return 11
 
-    def _take(self, kind: int, part: Triple, samples: list[Sample]) -> None:
-        if kind <= self._type:  # the next group
-            self._give(samples)
+    def _add_part(self, kind: int, part: Triple, samples: list[Sample]) -> None:
+        if kind <= self._type:  # the next group begins
+            self._emit(samples)
             self._in_step = True
         self._type = kind
         self._highest = max(self._highest, kind)
         self._parts[kind] = part
         if self._in_step and kind == self._highest:
-            self._give(samples)
+            self._emit(samples)
 
-    def _give(self, samples: list[Sample]) -> None:
+    def _emit(self, samples: list[Sample]) -> None:
         parts = self._parts
         if parts:
             rpy = parts.get(0x53, parts.get(QUATERNION))

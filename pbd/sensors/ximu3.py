@@ -1,16 +1,17 @@
 """x-io Technologies x-IMU3: ASCII and binary messages, both in one stream.
 
 Source: x-IMU3 User Manual, "Communication protocol" (github.com/xioTechnologies/x-IMU3-User-Manual). A message is a
-letter, the device's time in microseconds and numbers, ended by LF: `I,<us>,gx,gy,gz,ax,ay,az` (deg/s, g),
-`M,<us>,x,y,z` (its own unit, kept), `Q,<us>,w,x,y,z`, `A,<us>,roll,pitch,yaw` (deg). Binary ones begin with the letter
-+ 0x80, then uint64 and float32, little-endian; LF inside is stuffed (0x0A -> DB DC, 0xDB -> DB DD), so LF always ends.
+letter, the device's time in microseconds and numbers, and ends with LF: `I,<us>,gx,gy,gz,ax,ay,az` (deg/s, g),
+`M,<us>,x,y,z` (in the device's own unit), `Q,<us>,w,x,y,z`, `A,<us>,roll,pitch,yaw` (deg). A binary message begins with
+the letter + 0x80, then uint64 and float32, little-endian. An LF inside is stuffed (0x0A -> DB DC, 0xDB -> DB DD), so
+each LF ends a message.
 
-A sample is an I. It is given the M and the attitude (Q or A) that were taken last before it by the device's clock, if
-not more than 0.2 s before: a magnetometer at 20 Hz repeats, and the device's attitude is one message late where it is
-sent after its I. Attitude is taken as north-west-up, the device's default `ahrs_axes_convention`.
+Each I gives a sample. It gets the latest M and attitude (Q or A) by the device's clock that are not later than it and
+at most 0.2 s older. So a magnetometer at 20 Hz repeats, and an attitude that the device sends after its I is one
+message late. The attitude is taken as north-west-up, the device's default `ahrs_axes_convention`.
 
-There is no checksum. A message is believed if its form is right and its numbers are finite and within 1.5 times what
-the device can measure.
+Messages have no checksum. One counts if its form is right and its numbers are finite and within 1.5 times the device's
+measuring ranges.
 """
 
 from __future__ import annotations
@@ -24,18 +25,25 @@ from pbd.data.units import DEG, GRAVITY
 from pbd.sensors.attitude import from_north_west_up, rpy_from_quaternion
 from pbd.sensors.decoding import Sample, Tally, Triple, scaled
 
-LONGEST_LINE = 1024  # bytes of a line that are looked at; notes and answers to commands are below 300
-JOIN_US = 200_000
-LIMITS = {  # of what can be meant: 1.5 times the ranges of 2000 deg/s and 16 g; a field of 1 is about the earth's; deg
+LONGEST_LINE = 1024
+"""Number of a line's last bytes that are read. Notes and answers to commands are shorter than 300 bytes."""
+
+MAX_AGE_US = 200_000
+"""Largest age of the field and the attitude that a sample gets, us."""
+
+LIMITS = {
     "I": (3000.0, 3000.0, 3000.0, 24.0, 24.0, 24.0),
     "M": (100.0, 100.0, 100.0),
     "Q": (1.01, 1.01, 1.01, 1.01),
     "A": (180.01, 90.01, 180.01),
 }
+"""Largest plausible numbers of each message: 1.5 times 2000 deg/s and 16 g; 100 times about the earth's field; 1 and
+some rounding; degrees and some rounding."""
+
 STUFFED_LF, STUFFED_ESC = b"\xdb\xdc", b"\xdb\xdd"
 
 _TEXT = re.compile(rb"([IMQA]),(\d{1,20})((?:,[+-]?\d{1,9}(?:\.\d{1,9})?){3,6})\r?")
-_OTHER = re.compile(  # R, L, E, H, T, B, W, U: numbers; N, F, S: text; answers to commands
+_OTHER_MESSAGE = re.compile(  # R, L, E, H, T, B, W, U: numbers; N, F, S: text; answers to commands
     rb"[RLEHTBWU],\d{1,20}(?:,[+-]?\d+(?:\.\d+)?){1,9}\r?|[NFS],\d{1,20},[ -~]*\r?|\{[ -~]*\}\r?"
     rb"|[\xce\xc6].{8}[ -~]*|\xd3.{8,}",
     re.DOTALL,
@@ -46,12 +54,12 @@ _BEGIN = re.compile(b"[IMQA" + bytes(_BINARY) + b"]")
 
 
 class XImu3Decoder:
-    """Bytes of an x-IMU3 to samples: m/s2, rad/s, the device's own unit of the field, rad, s since its start."""
+    """Decodes an x-IMU3. The field is in the device's own unit; `t_device` is s since its start."""
 
     def __init__(self) -> None:
         self.tally = Tally()
         self._rest = b""
-        self._mag: deque[tuple[int, Triple]] = deque(maxlen=2)  # two: M and Q may come before an I that was taken first
+        self._mag: deque[tuple[int, Triple]] = deque(maxlen=2)  # two: M and Q may come before an I with an earlier time
         self._rpy: deque[tuple[int, Triple]] = deque(maxlen=2)
 
     def feed(self, data: bytes) -> list[Sample]:
@@ -61,24 +69,24 @@ class XImu3Decoder:
         samples: list[Sample] = []
         for message in messages:
             line = message[-LONGEST_LINE:]
-            # A message whose end was lost stands in front of a whole one in the same line, and so does noise.
+            # A message whose end was lost, or noise, may come before a whole message in the same line.
             starts = (0, *(begin.start() for begin in _BEGIN.finditer(line, 1)))
-            first_whole = next((start for start in starts if self._take(line[start:], samples)), None)
+            first_whole = next((start for start in starts if self._read_message(line[start:], samples)), None)
             self.tally.bad_packets += first_whole != 0 and _BEGIN.match(line) is not None
         return samples
 
-    def _take(self, message: bytes, samples: list[Sample]) -> bool:
-        """Take a message, without its LF; False where it is none."""
-        read = _read(message)
+    def _read_message(self, message: bytes, samples: list[Sample]) -> bool:
+        """Read a message, without its LF; return whether it is one."""
+        read = _parse(message)
         if read is None:
-            other = _is_other(message)
+            other = _is_other_message(message)
             self.tally.packets += other
             return other
         letter, us, n = read
         self.tally.packets += 1
         if letter == "I":
             acc, gyr = scaled(n[3:], GRAVITY), scaled(n[:3], DEG)
-            samples.append(Sample(acc, gyr, _before(self._mag, us), _before(self._rpy, us), us / 1e6))
+            samples.append(Sample(acc, gyr, _recent(self._mag, us), _recent(self._rpy, us), us / 1e6))
         elif letter == "M":
             self._mag.append((us, scaled(n, 1.0)))
         elif letter == "Q":
@@ -88,8 +96,8 @@ class XImu3Decoder:
         return True
 
 
-def _read(message: bytes) -> tuple[str, int, tuple[float, ...]] | None:
-    """Letter, time and numbers of an I, M, Q or A that can be true; None for everything else."""
+def _parse(message: bytes) -> tuple[str, int, tuple[float, ...]] | None:
+    """Return letter, time in us and numbers of a plausible I, M, Q or A; None for anything else."""
     if not message:
         return None
     if message[0] & 0x80:
@@ -113,22 +121,22 @@ def _read(message: bytes) -> tuple[str, int, tuple[float, ...]] | None:
         numbers = tuple(map(float, text[3][1:].split(b",")))
         if len(numbers) != len(LIMITS[letter]):
             return None
-    if not all(map(le, map(abs, numbers), LIMITS[letter])):  # nor is NaN less or equal
+    if not all(map(le, map(abs, numbers), LIMITS[letter])):  # NaN fails too
         return None
     if letter == "Q" and not 0.98 <= sum(x * x for x in numbers) <= 1.02:
         return None
     return letter, us, numbers
 
 
-def _is_other(message: bytes) -> bool:
-    """Whether it is a whole message of which a sample takes nothing: temperature, battery, an answer to a command."""
+def _is_other_message(message: bytes) -> bool:
+    """Whether it is a whole message that no sample needs: temperature, battery, an answer to a command."""
     sizes = _OTHER_SIZES.get(message[0]) if message else None
     if sizes is None:
-        return _OTHER.fullmatch(message) is not None
+        return _OTHER_MESSAGE.fullmatch(message) is not None
     return len(message) - message.count(b"\xdb") in [9 + 4 * count for count in sizes]
 
 
-def _before(taken: deque[tuple[int, Triple]], us: int) -> Triple | None:
-    """The newest value that was taken at that time or up to 0.2 s before."""
-    fit = [(age, value) for at, value in taken if 0 <= (age := us - at) <= JOIN_US]
-    return min(fit)[1] if fit else None
+def _recent(values: deque[tuple[int, Triple]], us: int) -> Triple | None:
+    """Return the newest value that is not later than `us` and at most MAX_AGE_US older."""
+    recent = [(age, value) for at, value in values if 0 <= (age := us - at) <= MAX_AGE_US]
+    return min(recent)[1] if recent else None

@@ -1,9 +1,9 @@
 """Xsens MTi: MTData2 messages.
 
-Source: MT Low Level Communication Protocol, "MTData2" (MT0101P). FA FF 36, length (255: two more bytes of it), items,
-and a byte that makes the sum of all after FA zero modulo 256. An item is a 16-bit identifier, a byte of size and the
-data, big-endian. Identifiers end in a digit whose lower two bits tell the precision (float32, fixed 12.20, fixed 16.32,
-float64) and, for attitude, whose upper two tell the frame (east-north-up, north-east-down, north-west-up):
+Source: MT Low Level Communication Protocol, "MTData2" (MT0101P). A message is FA FF 36, the length (255: two more bytes
+hold it), items, and a byte that makes the sum of all bytes after FA zero modulo 256. An item is a 16-bit identifier, a
+byte of size and the data, big-endian. The lower two bits of an identifier are the precision (float32, fixed 12.20,
+fixed 16.32, float64). For attitude the next two bits are the frame (east-north-up, north-east-down, north-west-up):
 
     1020 packet counter                        2010 quaternion w, x, y, z
     1060 sample time, 10 kHz                   2030 roll, pitch, yaw, deg
@@ -11,13 +11,13 @@ float64) and, for attitude, whose upper two tell the frame (east-north-up, north
     4020 acceleration, m/s2                    8030 turn since the last sample, quaternion
                                                C020 magnetic field
 
-Any other item is stepped over.
+Other items are skipped.
 
-Acceleration is a specific force and the axes are right-handed with z up already; the field keeps its own unit (1 is
-about the earth's). Velocity and turn since the last sample serve where acceleration or rate of turn are not sent,
-divided by the interval that they were summed over: the sample time's step, shared out over the packets that the counter
-says were lost. The first packet gives none. Field and attitude may come more rarely than the rest: each sample has the
-last ones, if not older than 0.2 s. The sample time's wrap-around (every five days) is taken out.
+Acceleration is a specific force, and the axes are right-handed with z up. The field keeps the device's unit (1 is about
+the earth's field). If acceleration or rate of turn is not sent, velocity or turn since the last sample is divided by
+the sampling interval: the step of the sample time over the number of packets in it, lost ones included. The first
+packet has no interval, so it gives no such sample. Field and attitude may come less often than the rest: each sample
+has the latest ones, if they are at most 0.2 s old. The sample time wraps every five days, which is undone.
 """
 
 from __future__ import annotations
@@ -28,19 +28,25 @@ from math import atan2, hypot, isfinite, nan, pi, radians
 from struct import Struct
 from typing import TypedDict
 
-from pbd.sensors.attitude import from_north_east_down, from_north_west_up, rpy_from_quaternion, wrapped
+from pbd.sensors.attitude import from_north_east_down, from_north_west_up, rpy_from_quaternion, wrap_angle
 from pbd.sensors.decoding import PacketDecoder, Sample, Triple, WrappingClock, scaled
 
 MAX_PAYLOAD = 2048
-HZ = 10_000  # of the sample time
-JOIN = HZ // 5  # 0.2 s
+"""Largest payload, bytes."""
+
+TICKS_HZ = 10_000
+"""Unit of the sample time, Hz."""
+
+MAX_AGE_TICKS = TICKS_HZ // 5
+"""Largest age of the field and the attitude that a sample gets: 0.2 s."""
+
 ENU, NED, NWU = 0x0, 0x4, 0x8
 _HEAD = Struct(">HB").unpack_from
 Read = Callable[[bytes, int], tuple[float, ...]]
 
 
 class Items(TypedDict, total=False):
-    """Content of a message, as sent; but `rpy` is in rad, east-north-up."""
+    """Values of a message as sent, but `rpy` in rad, east-north-up."""
 
     counter: tuple[int]
     ticks: tuple[int]
@@ -58,7 +64,7 @@ def _fixed_12_20(count: int) -> Read:
 
 
 def _fixed_16_32(count: int) -> Read:
-    """The fraction comes first: uint32 of 2^-32, then the int16 of whole ones."""
+    """Read uint32 fractions of 2^-32, each followed by the int16 of the integer part."""
     layout = Struct(">" + "Ih" * count)
 
     def read(data: bytes, at: int) -> tuple[float, ...]:
@@ -69,7 +75,7 @@ def _fixed_16_32(count: int) -> Read:
 
 
 def _attitude(read: Read, count: int, frame: int) -> Read:
-    """Roll, pitch and yaw in east-north-up of a quaternion or of angles in deg, in any of the three frames."""
+    """Read a quaternion, or angles in deg, in any of the three frames as roll, pitch and yaw in east-north-up, rad."""
 
     def read_attitude(data: bytes, at: int) -> tuple[float, ...]:
         numbers = read(data, at)
@@ -79,17 +85,17 @@ def _attitude(read: Read, count: int, frame: int) -> Read:
             w, x, y, z = numbers
             rpy = rpy_from_quaternion(w, x, y, z)
         else:
-            return (nan,)  # no rotation
-        if frame == NED:  # the earth's axes are turned over, the sensor's are not: turn them back
+            return (nan,)  # a zero quaternion is no rotation
+        if frame == NED:  # only the earth's frame is turned over, not the sensor's: undo half a turn of roll
             roll, pitch, yaw = from_north_east_down(rpy)
-            return wrapped(roll + pi), pitch, yaw
+            return wrap_angle(roll + pi), pitch, yaw
         return from_north_west_up(rpy) if frame == NWU else rpy
 
     return read_attitude
 
 
 def _items() -> dict[int, tuple[str, int, Read]]:
-    """By identifier: what it is, how many bytes of data, and how to read them."""
+    """For each identifier: the quantity, the number of data bytes, and the function that reads them."""
     items: dict[int, tuple[str, int, Read]] = {
         0x1020: ("counter", 2, Struct(">H").unpack_from),
         0x1060: ("ticks", 4, Struct(">I").unpack_from),
@@ -114,20 +120,20 @@ ITEMS = _items()
 
 
 class XsensDecoder(PacketDecoder):
-    """Bytes of an MTi to samples: m/s2, rad/s, the device's own unit of the field, rad, s of its sample time."""
+    """Decodes an MTi. The field is in the device's own unit; `t_device` is s of its sample time."""
 
-    BEGIN = re.compile(rb"\xfa(?:\xff(?:\x36|\Z)|\Z)")
+    START = re.compile(rb"\xfa(?:\xff(?:\x36|\Z)|\Z)")
 
     def __init__(self) -> None:
         super().__init__()
         self._clock = WrappingClock(2**32)
-        self._ticks: float | None = None  # sample time of the last packet, wrap-around taken out
+        self._ticks: float | None = None  # sample time of the last packet, without wrap-around
         self._counter: int | None = None
-        self._interval: float | None = None  # s
-        self._last: dict[str, tuple[float, Triple]] = {}  # field and attitude with their time
-        self._moves = False  # whether packets with acceleration or rate have come
+        self._interval: float | None = None  # between samples, s
+        self._last: dict[str, tuple[float, Triple]] = {}  # latest field and attitude with their ticks
+        self._has_inertial = False  # whether a packet with acceleration or angular rate has come
 
-    def _packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
+    def _read_packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
         head = data[at : at + 6]
         if len(head) < 4 or (head[3] == 255 and len(head) < 6):
             return 0
@@ -145,57 +151,58 @@ class XsensDecoder(PacketDecoder):
         return end - at
 
     def _sample(self, payload: bytes) -> Sample | None:
-        """What a whole packet gives; None where that is nothing, or only field or attitude for the next samples."""
+        """Make the sample of a packet; None if it has no data, or only field or attitude for later samples."""
         found = _read_items(payload)
         if found is None:
             self.tally.bad_packets += 1
             return None
-        self._take_time(found)
+        t = self._time(found)
         acc, gyr, mag, rpy = found.get("acc"), found.get("gyr"), found.get("mag"), found.get("rpy")
         if self._interval is not None:
             acc = scaled(found["dv"], 1.0 / self._interval) if acc is None and "dv" in found else acc
             gyr = _rate_of_turn(found["dq"], self._interval) if gyr is None and "dq" in found else gyr
-        mag, rpy = self._held("mag", mag), self._held("rpy", rpy)
+        mag, rpy = self._recent("mag", mag), self._recent("rpy", rpy)
         if acc is not None or gyr is not None:
-            self._moves = True
-        elif self._moves or found.keys() & {"dv", "dq"} or not found.keys() & {"mag", "rpy"}:
+            self._has_inertial = True
+        elif self._has_inertial or found.keys() & {"dv", "dq"} or not found.keys() & {"mag", "rpy"}:
             return None
-        return Sample(acc, gyr, mag, rpy, self._ticks / HZ if "ticks" in found and self._ticks is not None else None)
+        return Sample(acc, gyr, mag, rpy, t)
 
-    def _take_time(self, found: Items) -> None:
-        """Follow the sample time through its wrap-around, and the interval between samples."""
+    def _time(self, found: Items) -> float | None:
+        """Update the sample time and the interval between samples; return the packet's time, s."""
         if "ticks" not in found:
-            return
-        ticks = self._clock.straight(found["ticks"][0])
+            return None
+        ticks = self._clock.unwrap(found["ticks"][0])
         counter = found["counter"][0] if "counter" in found else None
         if self._ticks is not None:
             packets = 1 if counter is None or self._counter is None else (counter - self._counter) % 2**16
-            if ticks > self._ticks and packets > 0:  # a device that begins anew steps back
-                self._interval = (ticks - self._ticks) / HZ / packets
+            if ticks > self._ticks and packets > 0:  # not after a restart of the device, which steps back
+                self._interval = (ticks - self._ticks) / TICKS_HZ / packets
         self._ticks, self._counter = ticks, counter
+        return ticks / TICKS_HZ
 
-    def _held(self, what: str, value: Triple | None) -> Triple | None:
-        """The value, or where there is none the last one of up to 0.2 s before."""
+    def _recent(self, what: str, value: Triple | None) -> Triple | None:
+        """Return the value, or without one the latest value if it is at most MAX_AGE_TICKS old."""
         if self._ticks is None:
             return value
         if value is not None:
             self._last[what] = (self._ticks, value)
         elif what in self._last:
             at, last = self._last[what]
-            return last if 0 <= self._ticks - at <= JOIN else None
+            return last if 0 <= self._ticks - at <= MAX_AGE_TICKS else None
         return value
 
 
 def _rate_of_turn(dq: tuple[float, float, float, float], interval: float) -> Triple:
     w, x, y, z = dq
     sine = hypot(x, y, z)
-    # the shorter way round: w < 0 is the same turn as -w, -x, -y, -z
+    # The shorter way round: a quaternion with w < 0 is the same turn as its negative.
     scale = 2.0 * (atan2(sine, w) if w >= 0.0 else -atan2(sine, -w)) / sine / interval if sine else 0.0
     return x * scale, y * scale, z * scale
 
 
 def _read_items(payload: bytes) -> Items | None:
-    """The payload's items; None where its sizes or its numbers are impossible."""
+    """Read the payload's items; None if a size or a number is impossible."""
     found: dict[str, tuple[float, ...]] = {}
     at, end, total = 0, len(payload), 0.0
     while at + 3 <= end:

@@ -1,1 +1,1 @@
-"""A hand with a sensor in it, simulated: motion, sensor errors, the truth, and a sensor on a pseudo-terminal."""
+"""Simulates a hand with a sensor: motion, sensor errors, the true path, and a sensor on a pseudo-terminal."""

@@ -1,7 +1,7 @@
 """Tasks for `pbd calibrate`: touch known points, turn about the tip, put the sensor down on its sides.
 
-All start at rest, the sensor level. Like all tasks they are done with one device per sensor model and seed, so that
-what is found from one recording holds for the others.
+All start at rest with a level sensor. One sensor model and seed is one device, so what is calibrated from one task's
+recording holds for the others.
 """
 
 from __future__ import annotations
@@ -27,32 +27,32 @@ TOUCHED: Mapping[str, tuple[float, float, float]] = MappingProxyType(
         "F": (0.65, -0.05, 0.15),
     }
 )
-"""m in the robot's base: the points of `touch`, in its order. It starts from DOCK."""
+"""Points that `touch` touches, in this order, starting from DOCK: m in the robot's base."""
 
 DOCK = (0.45, -0.15, 0.25)
-"""m in the robot's base: where the tasks start. The sensor lies there with HEADING as its yaw."""
+"""Where `touch` starts, m in the robot's base. The sensor lies there with HEADING as its yaw."""
 
 YAW_WORLD_BASE = radians(40.0)
-"""Yaw of the robot's base in the simulated world. It is not zero, so that code that forgets it fails."""
+"""Yaw of the robot's base in the simulated world, rad. It is not zero, so that code that forgets it fails."""
 
 PIVOT_TIP = (0.03, -0.02, 0.093)
-"""m in sensor axes: the tip that stays on its point in `pivot`, 10 cm away."""
+"""The tip that stays on one point in `pivot`, 10 cm from the sensor: m in sensor axes."""
 
 _SIDES = ((0, 0, 1), (1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, -1))
 _EDGES = ((1, 1, 0), (0, 1, 1), (1, 0, 1), (-1, -1, 0), (0, -1, -1), (-1, 0, -1))
 SIDES = np.array((*_SIDES, *_EDGES), dtype=np.float64) / np.repeat((1.0, np.sqrt(2.0)), 6)[:, None]
-"""(12, 3): which way is up in sensor axes, each side and six edges."""
+"""(12, 3): the up direction in sensor axes, for each side and six edges."""
 SIDES.setflags(write=False)
 
 
 def sides(seed: int, up_sensor: Array = SIDES, rest_s: float = 2.0) -> Task:
-    """Put the sensor down with each of (k, 3) up, roughly, turning it about that on the way."""
+    """Put the sensor down with each direction (k, 3) roughly up, and turn it about that direction on the way."""
     rng = np.random.default_rng(seed)
     wxyz, waypoints = np.array([1.0, 0.0, 0.0, 0.0]), [Waypoint(rest_s=rest_s + 1.0)]
     for wanted in up_sensor[1:]:
         wanted = wanted + rng.normal(scale=0.05, size=3)
         wanted /= np.linalg.norm(wanted)
-        turn = _between(wanted, quat_rotate(quat_inverse(wxyz), (0.0, 0.0, 1.0)))
+        turn = _turn_between(wanted, quat_rotate(quat_inverse(wxyz), (0.0, 0.0, 1.0)))
         spin = wanted * rng.choice((-1.0, 1.0)) * rng.uniform(0.5, 1.5)
         waypoints.append(Waypoint(turn=_triple(turn), move_s=1.5, rest_s=0.3))
         waypoints.append(Waypoint(turn=_triple(spin), move_s=1.5, rest_s=rest_s))
@@ -61,20 +61,20 @@ def sides(seed: int, up_sensor: Array = SIDES, rest_s: float = 2.0) -> Task:
     return Task("sides", tuple(waypoints), description)
 
 
-def pivoting(seed: int, p_sensor_tip: tuple[float, float, float] = PIVOT_TIP, tilts: int = 9) -> Task:
-    """Tilt the hand to all sides with its tip, (3,) m in sensor axes, on one point."""
+def pivoting(seed: int, p_sensor_tip: tuple[float, float, float] = PIVOT_TIP) -> Task:
+    """Tilt the hand to all sides while its tip, (3,) m in sensor axes, stays on one point."""
     rng = np.random.default_rng(seed)
     attitudes = []
-    for k in range(tilts):
+    for k in range(9):
         to, tilt = 2.4 * k + rng.normal(scale=0.2), np.radians(rng.uniform(25.0, 45.0))
         tilted = quat_exp((tilt * np.cos(to), tilt * np.sin(to), 0.0))
         attitudes.append(quat_multiply(tilted, quat_exp((0.0, 0.0, rng.uniform(-0.5, 0.5)))))
-    description = f"Tilt the hand to {tilts} sides with its tip on one point"
-    return replace(through(attitudes, rng), name="pivot", description=description, p_sensor_point=p_sensor_tip)
+    description = "Tilt the hand to 9 sides with its tip on one point"
+    return replace(turning_through(attitudes, rng), name="pivot", description=description, p_sensor_point=p_sensor_tip)
 
 
-def through(attitudes: Sequence[Array], rng: np.random.Generator) -> Task:
-    """Turn on the spot, from level, from attitude to attitude (4,), with a rest at each."""
+def turning_through(attitudes: Sequence[Array], rng: np.random.Generator) -> Task:
+    """Turn on the spot from level through attitudes (4,), with a rest at each."""
     wxyz, waypoints = np.array([1.0, 0.0, 0.0, 0.0]), [Waypoint(rest_s=2.0)]
     for attitude in attitudes:
         turn = quat_log(quat_multiply(quat_inverse(wxyz), attitude))
@@ -84,7 +84,7 @@ def through(attitudes: Sequence[Array], rng: np.random.Generator) -> Task:
 
 
 def _touch() -> Task:
-    """Each second touch is level, as the rests at the dock are; before it the hand leans or is turned by a little."""
+    """Every second touch is level, as at the dock; at the others the hand is tilted or turned a little."""
     lean = radians(12.0)
     turns = ((lean, 0.0, 0.0), (-lean, 0.0, 0.0), (0.0, lean, 0.0), (0.0, -lean, 0.0), (0.0, 0.0, lean))
     touches = [
@@ -99,8 +99,8 @@ def _touch() -> Task:
     ).turned(YAW_WORLD_BASE)
 
 
-def _between(wanted: Array, now: Array) -> Array:
-    """The turn in sensor axes that makes `wanted` point where `now` does."""
+def _turn_between(wanted: Array, now: Array) -> Array:
+    """Return the rotation vector in sensor axes that makes `wanted` point where `now` does."""
     axis = np.cross(wanted, now)
     sine = float(np.linalg.norm(axis))
     if sine < 1e-6:
@@ -117,4 +117,4 @@ def _triple(values: Array) -> tuple[float, float, float]:
 CALIBRATION_TASKS: Mapping[str, Task] = MappingProxyType(
     {task.name: task for task in (_touch(), pivoting(1), sides(1))}
 )
-"""The tasks by name; nothing is gripped, and no robot is to replay them."""
+"""The tasks by name. They grip nothing, and no robot replays them."""

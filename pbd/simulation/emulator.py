@@ -1,4 +1,4 @@
-"""A sensor emulator: a pseudo-terminal that speaks x-IMU3's binary protocol in real time."""
+"""A sensor emulator: it sends x-IMU3's binary protocol through a pseudo-terminal in real time."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from pbd.data import GRAVITY, Recording
 
 INERTIAL, MAGNETOMETER = 0x80 | ord("I"), 0x80 | ord("M")
 TICK_S = 0.01
-"""s between two writes, as of a USB device."""
+"""Time between two writes, s, as of a USB device."""
 
 
 class Emulator:
-    """Plays a recording into a pseudo-terminal; then the hand rests, at its last samples in random order.
+    """Plays a recording into a pseudo-terminal. After its end the hand rests: the last samples come in random order.
 
-    In their own order they would be blocks that came twice, which tracking refuses (`refuse_doubled`).
+    In their own order they would be a repeated block, which tracking refuses (`refuse_doubled`).
 
     Attributes:
         device: the pseudo-terminal's name.
-        sent: how many samples were sent.
+        sent: number of samples sent so far.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -49,21 +49,21 @@ class Emulator:
 
     @property
     def t(self) -> float:
-        """How much of the recording has been sent, s; more than its length once the hand only rests."""
+        """Time sent so far, s. It exceeds the recording's duration once the hand only rests."""
         return self.sent / self._recording.rate_hz
 
     @property
     def over(self) -> bool:
-        """Whether all of the recording has been sent: from then on the hand rests."""
+        """Whether the whole recording has been sent, after which the hand rests."""
         return self.sent >= len(self._recording)
 
     def play(self) -> None:
-        """Begin to send. No effect if it plays already, or was unplugged."""
+        """Begin to send. It has no effect if it plays already or was unplugged."""
         if self._thread.ident is None and not self._ended.is_set():
             self._thread.start()
 
     def unplug(self) -> None:
-        """End it, as pulling the plug would. May be called twice."""
+        """Close the pseudo-terminal, as if the plug were pulled. A second call has no effect."""
         if not self._ended.is_set():
             self._ended.set()
             if self._thread.is_alive():
@@ -81,7 +81,7 @@ class Emulator:
             due = int((time.monotonic() - begun) / interval)
             messages = []
             for k in range(self.sent, due):
-                if k >= len(recording):  # never the same one twice in a row
+                if k >= len(recording):  # never the same sample twice in a row
                     last = (last + int(rng.integers(1, max(2, rest)))) % rest
                 row = min(k, len(recording) - rest + last)
                 messages.append(encode(recording, row, round(1e6 * k * interval)))
@@ -91,7 +91,7 @@ class Emulator:
 
 
 def encode(recording: Recording, row: int, microseconds: int) -> bytes:
-    """One sample as messages: x-IMU3's `M`, where there is a magnetometer, then `I`.
+    """Encode one sample as x-IMU3 messages: `M` if there is a magnetometer, then `I`.
 
     Source: x-IMU3 user manual, binary messages: id | 0x80, uint64 microseconds, float32 values, 0x0A; 0x0A and 0xDB
     inside are stuffed as 0xDB 0xDC and 0xDB 0xDD. Units: degrees/s, g, arbitrary (here uT).

@@ -1,7 +1,7 @@
-"""Models of a sensor's errors, drawn anew for each device, and the presets.
+"""Models of a sensor's errors, drawn for each device, and presets.
 
-Noise, bias, range and rate of the presets are assumptions typical of such parts; a bias or scale is the spread over
-devices after the maker's own calibration. What is marked as assumed stands on less: no figure was at hand.
+Noise, bias, range and rate of the presets are assumptions, typical of such parts. Biases and scales are the spread over
+devices after the maker's calibration. Figures marked as assumed are guesses: no source was at hand.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ class Triad:
     """The errors of three axes that measure one vector, in the unit U of that vector (m/s2, rad/s or uT).
 
     Attributes:
-        noise: U/sqrt(Hz); the mean over an interval of T seconds scatters by noise / sqrt(T).
-        bias: U, one sigma over devices, per axis, constant in a recording.
-        bias_walk: U/sqrt(s), bias instability as a random walk: one sigma after T seconds is bias_walk * sqrt(T).
-        scale: one sigma over devices of each axis' relative error.
-        misalignment: rad, one sigma over devices of each of the six angles by which an axis leans to another.
-        limit: U, the largest value of either sign; beyond it the output stays there.
-        step: U, the output's resolution; 0 where it is continuous.
+        noise: white noise density, U/sqrt(Hz): the mean over T seconds has a standard deviation of noise / sqrt(T).
+        bias: constant bias of an axis, one sigma over devices, U.
+        bias_walk: random walk of the bias, U/sqrt(s): one sigma after T seconds is bias_walk * sqrt(T).
+        scale: relative scale error of an axis, one sigma over devices.
+        misalignment: each of the six angles by which an axis leans to another, one sigma over devices, rad.
+        limit: largest absolute output, U. Larger values saturate.
+        step: resolution of the output, U; 0: continuous.
     """
 
     noise: float = 0.0
@@ -41,8 +41,8 @@ class Triad:
     step: float = 0.0
 
     def measure(self, true: Array, interval_s: Array, rng: np.random.Generator) -> Array:
-        """Return what one device, drawn from `rng`, reads: true means (n, 3) over intervals (n,) in s -> (n, 3)."""
-        # Everything is drawn, used or not, so that models that differ in one figure differ in its effect alone.
+        """Draw a device from `rng` and return its readings (n, 3) of true means (n, 3) over intervals (n,) s."""
+        # All random numbers are drawn in any case, so that models that differ in one figure differ in its effect only.
         gain = np.eye(3) + np.diag(self.scale * rng.normal(size=3))
         gain += self.misalignment * rng.normal(size=(3, 3)) * (1.0 - np.eye(3))
         bias = self.bias * rng.normal(size=3)
@@ -55,15 +55,15 @@ class Triad:
 
 @dataclass(frozen=True)
 class AttitudeOutput:
-    """The roll, pitch and yaw that a device computes itself: the true attitude, late and coarse.
+    """A device's own roll, pitch and yaw: the true attitude, delayed and rounded.
 
-    Acceleration of the hand does not disturb it, as though a gyro aided it. A bare tilt compass would be off by more
-    than ten degrees in the paper's moves, and the paper's method, which rests on this attitude, would hardly pour.
+    Acceleration of the hand does not disturb it, as if a gyro aided it. A tilt compass without a gyro would be off by
+    more than ten degrees in the paper's moves, too much for the paper's method, which relies on this attitude.
 
     Attributes:
-        time_constant_s: of its low-pass, first order.
-        noise: rad, one sigma per sample about each axis.
-        step: rad, the resolution of each angle; 0 where it is continuous.
+        time_constant_s: time constant of its first-order low-pass.
+        noise: one sigma per sample about each axis, rad.
+        step: resolution of each angle, rad; 0: continuous.
     """
 
     time_constant_s: float = 0.0
@@ -71,11 +71,11 @@ class AttitudeOutput:
     step: float = 0.0
 
     def measure(self, wxyz: Array, rate_hz: float, rng: np.random.Generator) -> Array:
-        """Return roll, pitch, yaw (n, 3) in rad for true attitudes (n, 4), continuous from sample to sample."""
-        # The low-pass acts on quaternion components: unlike the angles they neither wrap nor lock.
-        seen = _low_pass(wxyz, self.time_constant_s * rate_hz)
-        seen /= np.linalg.norm(seen, axis=-1, keepdims=True)
-        rpy = quat_to_rpy(quat_multiply(seen, quat_exp(self.noise * rng.normal(size=(len(wxyz), 3)))))
+        """Return roll, pitch, yaw (n, 3) rad for true attitudes (n, 4), which are continuous from sample to sample."""
+        # The low-pass acts on the quaternion: unlike angles it has neither wrap-around nor gimbal lock.
+        smooth = _low_pass(wxyz, self.time_constant_s * rate_hz)
+        smooth /= np.linalg.norm(smooth, axis=-1, keepdims=True)
+        rpy = quat_to_rpy(quat_multiply(smooth, quat_exp(self.noise * rng.normal(size=(len(wxyz), 3)))))
         return _rounded(rpy, self.step)
 
 
@@ -85,7 +85,7 @@ def _rounded(values: Array, step: float) -> Array:
 
 
 def _low_pass(x: Array, samples: float) -> Array:
-    """First-order low-pass of (n, k) with a time constant in samples, settled on the first row at the start."""
+    """First-order low-pass of (n, k) with a time constant in samples, in steady state at the start."""
     if samples == 0.0:
         return x.copy()
     keep = np.exp(-1.0 / samples)
@@ -99,13 +99,11 @@ class SensorModel:
     """A kind of sensor.
 
     Attributes:
-        rate_hz: samples a second.
-        acc: m/s2.
-        gyr: rad/s, or None where it has no gyro.
-        mag: uT, or None where it has no magnetometer.
+        acc, gyr, mag: errors in m/s2, rad/s and uT; None: it has no such sensor.
         attitude: its own roll, pitch, yaw, or None.
-        jitter_s: one sigma by which the border between two intervals misses the even beat (cut off at 0.45 intervals).
-        has_clock: True: `t` tells when the intervals had their middle; False: `t` is the even beat in spite of jitter.
+        jitter_s: one sigma of how far a border between two sampling intervals is off an even beat, at most 0.45
+            intervals.
+        has_clock: whether `t` is the true middle of each interval; if not, `t` is the even beat in spite of the jitter.
 
     Raises:
         SensorError: the rate is not above 0.
@@ -140,7 +138,7 @@ def _triad(
     limit: float,
     step: float = 0.0,
 ) -> Triad:
-    """Noise, bias, bias walk, limit and step in a unit of m/s2 or rad/s. Walk and lean are assumed throughout."""
+    """Make a triad from figures in `unit` (in m/s2 or rad/s) and degrees. All figures of walk and lean are assumed."""
     return Triad(noise * unit, bias * unit, walk * unit, scale, lean_deg * DEG, limit * unit, step * unit)
 
 
@@ -193,5 +191,5 @@ _PRESETS = (
 )
 
 SENSOR_MODELS: Mapping[str, SensorModel] = MappingProxyType({model.name: model for model in _PRESETS})
-"""The presets by name: os5000 is the paper's device with a three-axis gyro beside it, modern is of the MTi's class,
-phone one with 8 g and its maker's calibration, ideal errs in nothing."""
+"""The presets by name. os5000: the paper's device plus a three-axis gyro. modern: the class of an MTi. phone: 8 g and
+its maker's calibration. ideal: no errors."""

@@ -1,12 +1,12 @@
-"""The simulator: a hand does a task with a sensor in it. The truth is kept beside the readings.
+"""The simulator: a hand with a sensor does a task. The result has the sensor's readings and the true path.
 
-The truth is a formula (hand_motion.py). From it follow specific force, angular rate and magnetic field in the
-sensor's axes, exactly; the sensor (sensor_model.py) averages each over its sampling intervals and errs.
+The true path is a formula (hand_motion.py), which gives exact specific force, angular rate and magnetic field in sensor
+axes. The sensor (sensor_model.py) averages each over its sampling intervals and adds its errors.
 
-Time. Sample k is the mean over an interval whose MIDDLE is t[k], as an integrating sensor delivers it; the intervals
-join without gaps. Truth row k is the pose at t[k]. So acc[k] is what was felt around t[k], and the turn from truth row
-k-1 to row k is the second half of gyr[k-1]'s interval and the first half of gyr[k]'s. (A real device hands the sample
-out half an interval later, which shifts the whole recording and nothing in it.)
+Time. Sample k is the mean over an interval whose middle is t[k], as from an integrating sensor. The intervals have no
+gaps between them. Truth row k is the pose at t[k]. So the rotation from truth row k-1 to row k is in the second half of
+gyr[k-1]'s interval and the first half of gyr[k]'s. (A real device sends a sample half an interval later, which delays
+the whole recording by the same time.)
 
 World is x east, y magnetic north, z up. Truth is in the recording's own nav frame (docs/tracking.md#frames): the origin
 at the first rest and z up; x east and y magnetic north where the sensor has a magnetometer; else x along the sensor's x
@@ -33,7 +33,7 @@ from pbd.pose import (
     quat_to_matrix,
 )
 from pbd.simulation.calibration_tasks import CALIBRATION_TASKS
-from pbd.simulation.hand_motion import HandMotion, Sway
+from pbd.simulation.hand_motion import HandMotion
 from pbd.simulation.sensor_model import SENSOR_MODELS, SensorModel
 from pbd.simulation.tasks import TASKS, Task, random_task
 
@@ -44,9 +44,9 @@ __all__ = ["CALIBRATION_TASKS", "EARTH", "SENSOR_MODELS", "TASKS", "World", "ran
 
 @dataclass(frozen=True)
 class World:
-    """The place: gravity in m/s2, the magnetic field in uT in world (x, y, z up).
+    """The environment: gravity, m/s2, and the magnetic field in world (x, y, z up), uT.
 
-    The field of the default is about that of mid-Europe: some 48 uT, dipping by 66 degrees.
+    The default field is about that of central Europe: 48 uT, 66 degrees below the horizon.
     """
 
     gravity: float = 9.81
@@ -63,35 +63,33 @@ def simulate(
     *,
     rate_hz: float | None = None,
     world: World = EARTH,
-    sway_speed: float = 0.0,
 ) -> Demonstration:
     """Simulate a hand that does `task` with `sensor` in it.
 
     Args:
-        task: a name of TASKS or CALIBRATION_TASKS, or a task of your own.
-        sensor: a name of SENSOR_MODELS, or a model of your own (`dataclasses.replace` changes one).
-        seed: draws the device's errors and its noise. The same seed gives the same bytes.
-        rate_hz: instead of the model's own rate.
-        sway_speed: m/s, rms along each axis, at which the hand wanders, stops included; 0: it stands still.
+        task: a name of TASKS or CALIBRATION_TASKS, or a task.
+        sensor: a name of SENSOR_MODELS, or a model (`dataclasses.replace` changes one).
+        seed: seed of the device's errors and noise. The same seed gives the same bytes.
+        rate_hz: replaces the model's rate.
+
 
     Returns:
-        The demonstration: recording, truth at each sample, what is grasped. Its notes say that it is simulated.
+        The demonstration: recording, truth at each sample, grasped object. Its notes say that it is simulated.
 
     Raises:
-        UsageError: a task or sensor of this name is not known.
-        SensorError: the rate is not above 0; the seed is negative.
+        UsageError: no task or sensor has this name.
+        SensorError: the rate is not above 0, or the seed is negative.
     """
     if seed < 0:
         raise SensorError(f"the seed {seed} is negative; give 0 or more", value=seed)
-    task = _named({**TASKS, **CALIBRATION_TASKS}, task, "task") if isinstance(task, str) else task
-    model = _named(SENSOR_MODELS, sensor, "sensor model") if isinstance(sensor, str) else sensor
+    task = _look_up({**TASKS, **CALIBRATION_TASKS}, task, "task") if isinstance(task, str) else task
+    model = _look_up(SENSOR_MODELS, sensor, "sensor model") if isinstance(sensor, str) else sensor
     if rate_hz is not None:
         model = replace(model, rate_hz=rate_hz)
-    # One random stream per part, so that leaving out a part does not change the others.
-    clock_rng, acc_rng, gyr_rng, mag_rng, attitude_rng, sway_rng = np.random.default_rng(seed).spawn(6)
+    # One random stream per part, so that a model without a part has the same errors in the others.
+    clock_rng, acc_rng, gyr_rng, mag_rng, attitude_rng = np.random.default_rng(seed).spawn(5)
 
-    sway = Sway(sway_speed, sway_rng) if sway_speed else None
-    motion = HandMotion(task.waypoints, task.start_rpy, task.p_sensor_point, sway)
+    motion = task.motion
     beat = np.arange(int(task.duration_s * model.rate_hz + 1e-6) + 1) / model.rate_hz
     between = np.append(beat, len(beat) / model.rate_hz) - 0.5 / model.rate_hz
     late = model.jitter_s * clock_rng.normal(size=len(between))
@@ -100,7 +98,9 @@ def simulate(
     t = middles - middles[0] if model.has_clock else beat
 
     interval_s = np.diff(edges)
-    acc, gyr, mag = np.split(_interval_means(lambda at: _felt(motion, world, at), edges, motion.knots), 3, axis=-1)
+    acc, gyr, mag = np.split(
+        _interval_means(lambda at: _true_readings(motion, world, at), edges, motion.knots), 3, axis=-1
+    )
 
     hand = motion.at(middles)
     wxyz_nav_world = quat_about_z(_yaw_nav_world(hand.wxyz[0], model, world))
@@ -123,7 +123,7 @@ def simulate(
     )
 
 
-def _named(known: Mapping[str, _T], name: str, kind: str) -> _T:
+def _look_up(known: Mapping[str, _T], name: str, kind: str) -> _T:
     if name not in known:
         raise UsageError(
             f"no {kind} is called {name!r}; choose one of {', '.join(known)}{nearest(name, known)}", value=name
@@ -131,8 +131,8 @@ def _named(known: Mapping[str, _T], name: str, kind: str) -> _T:
     return known[name]
 
 
-def _felt(motion: HandMotion, world: World, t: Array) -> Array:
-    """Specific force, angular rate and magnetic field in the sensor's axes at instants (n,) -> (n, 9)."""
+def _true_readings(motion: HandMotion, world: World, t: Array) -> Array:
+    """Specific force, angular rate and magnetic field (n, 9) in sensor axes at instants (n,) s."""
     hand = motion.at(t)
     R_sensor_world = quat_to_matrix(quat_inverse(hand.wxyz))
     acc = R_sensor_world @ (hand.a + np.array((0.0, 0.0, world.gravity)))[..., None]
@@ -140,10 +140,10 @@ def _felt(motion: HandMotion, world: World, t: Array) -> Array:
 
 
 def _interval_means(signal: Callable[[Array], Array], edges: Array, knots: Array) -> Array:
-    """Mean of a signal (m,) -> (m, k) over each interval between edges (n + 1,) -> (n, k).
+    """Mean (n, k) of a signal (m,) -> (m, k) over each interval between edges (n + 1,) s.
 
-    Gauss-Legendre on each stretch between edges and knots: between knots the signal is smooth, so this is exact to
-    rounding, for all that jerk jumps where a move begins.
+    Gauss-Legendre quadrature between neighbouring edges and knots (n,) s. Jerk jumps at the knots only, so the result
+    is exact to rounding.
     """
     breaks = np.union1d(edges, knots[(knots > edges[0]) & (knots < edges[-1])])
     nodes, weights = np.polynomial.legendre.leggauss(6)
@@ -154,7 +154,7 @@ def _interval_means(signal: Callable[[Array], Array], edges: Array, knots: Array
 
 
 def _yaw_nav_world(wxyz_world_sensor: Array, model: SensorModel, world: World) -> float:
-    """Angle about z, in rad, from world to the recording's own nav frame, for the attitude (4,) at the first rest."""
+    """Yaw from world to the recording's own nav frame, rad, for the attitude (4,) at the first rest."""
     if model.mag is not None:
         return float(np.arctan2(world.field[0], world.field[1]))
     x_axis, y_axis, _ = quat_to_matrix(wxyz_world_sensor).T

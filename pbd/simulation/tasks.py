@@ -1,7 +1,7 @@
 """Tasks of the simulated hand: the paper's two tests, pouring, and random tasks.
 
-World is x east, y magnetic north, z up. The paper gives its times (Table I) but no distances; those are ours: a lift of
-0.10 m, 0.15 m along x, 0.15 m along y and a roll of 60 degrees.
+World is x east, y magnetic north, z up. The paper gives its times (Table I) but no distances. These are assumed: a lift
+of 0.10 m, 0.15 m along x, 0.15 m along y and a roll of 60 degrees.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from pbd.errors import SensorError
 from pbd.simulation.hand_motion import HandMotion, Waypoint
 
 BOTTLE = GraspedObject("cylinder", (0.06, 0.20))
-"""What the hand grips: diameter and height, m."""
+"""The object that the hand grips: diameter and height, m."""
 
 HEADING = radians(30.0)
-"""Yaw of the level sensor at the first rest. It is not zero, so that code that forgets it fails."""
+"""Yaw of the level sensor at the first rest, rad. It is not zero, so that code that forgets it fails."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """A motion of the hand through waypoints, with its description.
+    """A motion of the hand through waypoints.
 
     Attributes:
+        waypoints: at least one; at the first the hand rests at the start.
         description: one sentence for people.
-        waypoints: at least one; the first is where the hand rests at the start.
-        start_rpy: rad, the attitude of the sensor in world at the first rest: roll, pitch, yaw in URDF's order.
-        grasped: what the hand grips, or None.
-        p_sensor_point: m in sensor axes, the point of the hand that the waypoints' `p` are of: the sensor, or a tip.
+        start_rpy: attitude of the sensor in world at the first rest: roll, pitch, yaw in URDF's order, rad.
+        grasped: the object that the hand grips, or None.
+        p_sensor_point: the point of the hand that follows the waypoints' `p` (the sensor, or a tip), m in sensor axes.
 
     Raises:
-        SensorError: no waypoint, a move without a duration, a negative rest, a number that is not finite.
+        SensorError: no waypoint, a move without a duration, a negative rest, or a number that is not finite.
     """
 
     name: str
@@ -62,18 +62,23 @@ class Task:
 
     @property
     def duration_s(self) -> float:
-        """Seconds from the begin of the first rest to the end of the last."""
+        """Time from the start of the first rest to the end of the last, s."""
         return sum(w.move_s + w.rest_s for w in self.waypoints)
 
     @property
+    def motion(self) -> HandMotion:
+        """The sensor's motion."""
+        return HandMotion(self.waypoints, self.start_rpy, self.p_sensor_point)
+
+    @property
     def closed(self) -> bool:
-        """Whether the sensor ends where it began: a hand that was tilted about its tip has the tip alone there."""
-        start, end = HandMotion(self.waypoints, self.start_rpy, self.p_sensor_point).at((0.0, self.duration_s)).p
+        """Whether the sensor, not only `p_sensor_point`, ends where it began."""
+        start, end = self.motion.at((0.0, self.duration_s)).p
         return bool(np.allclose(start, end, rtol=0.0, atol=1e-9))
 
     @property
     def grip(self) -> tuple[GripEvent, ...]:
-        """The grip events, each in the middle of its rest."""
+        """Grip events, each in the middle of its rest."""
         events, end = [], 0.0
         for w in self.waypoints:
             end += w.move_s + w.rest_s
@@ -82,7 +87,7 @@ class Task:
         return tuple(events)
 
     def turned(self, yaw: float) -> Task:
-        """The same task with hand and way turned about z by `yaw` rad."""
+        """Return the same task turned about z by `yaw` rad, hand and path."""
         c, s = cos(yaw), sin(yaw)
         waypoints = (replace(w, p=(c * w.p[0] - s * w.p[1], s * w.p[0] + c * w.p[1], w.p[2])) for w in self.waypoints)
         roll, pitch, heading = self.start_rpy
@@ -99,14 +104,14 @@ def random_task(
     rest_s: tuple[float, float] = (0.5, 1.2),
     first_rest_s: float = 2.0,
 ) -> Task:
-    """Make a task whose stops lie anywhere in a cube and whose moves turn about any axis.
+    """Make a task with random stops in a cube and moves that turn about random axes.
 
     Args:
         seed: the same seed makes the same task.
-        reach_m: the edge of the cube around the first rest.
-        max_turn: rad; each move turns by up to this.
-        move_s: shortest and longest move.
-        rest_s: shortest and longest rest.
+        reach_m: edge of the cube around the first rest.
+        max_turn: largest rotation of a move, rad.
+        move_s: duration of the shortest and the longest move.
+        rest_s: duration of the shortest and the longest rest.
     """
     rng = np.random.default_rng(seed)
     waypoints = [Waypoint(rest_s=first_rest_s)]
@@ -119,20 +124,23 @@ def random_task(
 
 
 def _table_1(first: int, last: int) -> float:
-    """Seconds that the samples first..last of the paper's Table I take at its 40 Hz."""
+    """Duration of the samples first..last of the paper's Table I, at its 40 Hz, s."""
     return (last - first + 1) / 40.0
 
 
 _FIRST_REST_S = _table_1(0, 86) - 0.5 / 40.0
-"""Sample 0 has its middle at t = 0: half of its interval lies before."""
+"""Duration of the first rest, s. The middle of sample 0 is at t = 0, so half of its interval lies before."""
 
 _ROLL_60 = (radians(60.0), 0.0, 0.0)
 _PAPER_END = (0.15, 0.15, 0.10)
 
 
 def _pick_and_place_stops() -> Task:
-    """The bottle is gripped in the first rest and not let go. The roll peaks at 640 deg/s: three samples of it clip a
-    gyro that ends at 500, and a tracker has to find the lost five degrees in the rest that follows."""
+    """Make the paper's Test 1. The bottle is gripped in the first rest and never let go.
+
+    The roll peaks at 640 deg/s. It saturates a gyro of 500 deg/s for three samples, so a tracker has to find the five
+    lost degrees in the rest that follows.
+    """
     return Task(
         "pick-and-place-stops",
         (
@@ -160,7 +168,7 @@ def _pick_and_place_direct() -> Task:
 
 
 def _pour() -> Task:
-    """Laid out along the sensor's axes at the dock, x ahead and y to the left: the roll tips the bottle to the left."""
+    """Make the pouring task. Axes are the sensor's at the dock, x ahead and y left; the roll tips the bottle left."""
     dock, above, at_bottle = (0.0, 0.0, 0.0), (0.12, 0.05, 0.06), (0.12, 0.05, -0.10)
     lifted, at_cup, tip = (0.12, 0.05, 0.10), (0.12, 0.30, 0.10), radians(80.0)
     return Task(

@@ -52,7 +52,7 @@ def apply_constraints(
         return path
     p_stop = path.p_nav_sensor[[stop.start for stop in path.stops]]
     G, R, misfit = measurement_of(claims, p_stop, calibration)
-    PG = path.covariance.times(G)
+    PG = path.covariance.multiply(G)
     S = np.einsum("kam,kan->mn", G, PG) + R
     fits = fits_of(path, claims, misfit, S)
 
@@ -64,7 +64,7 @@ def apply_constraints(
 def _joseph_times(prior: PoseCovariance, gain: Array, G: Array, R: Array, columns: Array) -> Array:
     """The covariance in Joseph's form, (1 - K G^T) P (1 - G K^T) + K R K^T, times columns (k, 6, c)."""
     by_claim = np.einsum("kam,kac->mc", gain, columns)
-    left = prior.times(columns - G @ by_claim)
+    left = prior.multiply(columns - G @ by_claim)
     conditioned: Array = left + gain @ (R @ by_claim - np.einsum("kam,kac->mc", G, left))
     return conditioned
 

@@ -18,7 +18,12 @@ from pbd.view.terminal_tables import make_table, words_table
 def points_table(
     names: Sequence[str], stops: Sequence[int], residuals: Array, left_out: Array, sigma: Array, used: Sequence[bool]
 ) -> Table:
-    """Each point: its residual in base, and its distance from the others' fit."""
+    """One row a point: its residual in base, its distance from a fit without it, and its sigma.
+
+    Args:
+        residuals, left_out, sigma: (n, 3) m; `left_out` is from a fit to the other points.
+        used: whether the point belongs to the fit.
+    """
     sizes = np.linalg.norm((residuals, left_out, sigma), axis=2).T
     mm = [[f"{1e3 * x:.1f}" for x in row] for row in np.hstack((residuals, sizes))]
     notes = ("" if good else "wrong, left out" for good in used)
@@ -28,7 +33,7 @@ def points_table(
 
 
 def calibration_table(calibration: Calibration) -> Table:
-    """Everything that a calibration says."""
+    """All values of a calibration."""
     rows: list[tuple[str, str, str, str]] = []
     if calibration.T_base_dock is not None:
         rows += _pose("dock", "the sensor in base", calibration.T_base_dock, calibration.cov_base)
@@ -59,24 +64,19 @@ def calibration_table(calibration: Calibration) -> Table:
 
 
 def base_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """One sigma of the tool in base at each keyframe (of `base_sigmas`), whole and by parts (rms over the axes).
+    """One sigma of the tool in base at each keyframe (from `base_sigmas`): in total, and by source (rms over the axes).
 
-    A dash stands for a part that was not measured.
+    A dash stands for a source that was not measured.
     """
     parts = list(rows[0]["base_sigma_parts_m"]) if rows else []
     columns = ("#", "σ x (mm)", "y (mm)", "z (mm)", "σ (°)", *(f"{part} (mm)" for part in parts))
     cells = []
     for k, row in enumerate(rows):
         sigmas = row["base_sigma_parts_m"].values()
-        by_parts = ("–" if x is None else f"{1e3 * np.sqrt(np.mean(np.square(x))):.1f}" for x in sigmas)
-        whole = (*(f"{1e3 * x:.1f}" for x in row["base_sigma_m"]), f"{max(row['base_sigma_deg']):.1f}")
-        cells.append((str(k), *whole, *by_parts))
+        by_source = ("–" if x is None else f"{1e3 * np.sqrt(np.mean(np.square(x))):.1f}" for x in sigmas)
+        total = (*(f"{1e3 * x:.1f}" for x in row["base_sigma_m"]), f"{max(row['base_sigma_deg']):.1f}")
+        cells.append((str(k), *total, *by_source))
     return make_table(*columns, rows=cells)
-
-
-def figures_table(rows: Sequence[tuple[str, str, str]]) -> Table:
-    """What was found, its value, and what is to be said of it."""
-    return words_table(("what", "value", ""), rows)
 
 
 def _pose(part: str, what: str, pose: Pose, cov: Array | None) -> list[tuple[str, str, str, str]]:
@@ -84,13 +84,13 @@ def _pose(part: str, what: str, pose: Pose, cov: Array | None) -> list[tuple[str
     position = ", ".join(f"{x + 0.0:.4f}" for x in np.round(pose.p, 4))
     rpy = ", ".join(f"{x + 0.0:.2f}" for x in np.round(np.degrees(quat_to_rpy(pose.wxyz)), 2))
     return [
-        (part, what, f"({position}) m", _stated(1e3 * sigma[:3], 1, " mm")),
-        ("", "roll, pitch, yaw", f"({rpy})°", _stated(np.degrees(sigma[3:]), 2, "°")),
+        (part, what, f"({position}) m", _sigma_text(1e3 * sigma[:3], 1, " mm")),
+        ("", "roll, pitch, yaw", f"({rpy})°", _sigma_text(np.degrees(sigma[3:]), 2, "°")),
     ]
 
 
-def _stated(sigma: Array, decimals: int, unit: str) -> str:
-    """One sigma along each axis; a dash where it is unknown."""
+def _sigma_text(sigma: Array, decimals: int, unit: str) -> str:
+    """One sigma along each axis, as text; a dash where it is unknown."""
     if np.isnan(sigma).all():
         return "not stated"
     return f"{', '.join('–' if np.isnan(x) else f'{x:.{decimals}f}' for x in sigma)}{unit}"

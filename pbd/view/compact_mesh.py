@@ -1,7 +1,7 @@
-"""Compact triangle meshes: what a file holds, welded, creased and put on a grid of 16 bits.
+"""Compact triangle meshes for the page: equal vertices are merged and rounded to a grid of 16 bits.
 
-Vertices are split where the surface has an edge, so that the page can compute smooth normals itself and they need not
-be sent. A panda takes 1.3 MB this way.
+Vertices are split where the surface has a sharp edge. The page then computes smooth normals itself, so normals are not
+sent. A panda takes 1.3 MB this way.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from pbd.io.meshes import Soup
 from pbd.pose import Array
 
 CREASE_RAD = np.radians(35.0)
-"""Faces that meet at less than this angle are shaded as one surface."""
+"""Largest angle, rad, between two faces that are shaded as one smooth surface."""
 
 MOSTLY_CLOSED = 0.95
-"""The share of matched edges from which a mesh counts as closed: CAD exports have gaps (panda's link6: 0.97)."""
+"""Least share of edges with a face on both sides in a mesh that counts as closed. CAD exports have gaps (link6 of the
+panda: 0.97)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +34,7 @@ class Mesh:
         step: m.
         faces: (m, 3) uint32, counter-clockwise seen from outside.
         rgb: (n, 3) uint8, as displayed (sRGB).
-        closed: no inside can be seen, so that faces need to be drawn from one side only.
+        closed: the inside can't be seen, so faces are drawn from one side only.
     """
 
     grid: NDArray[np.int16]
@@ -44,13 +45,13 @@ class Mesh:
     closed: bool = True
 
     def painted(self, rgb: ArrayLike) -> Mesh:
-        """The same in one colour (3,), 0..1."""
+        """The same mesh in one colour (3,), 0..1."""
         colour = np.rint(255.0 * np.asarray(rgb, dtype=np.float64)).astype(np.uint8)
         return replace(self, rgb=np.tile(colour, (len(self.rgb), 1)))
 
     @staticmethod
     def of(vertices: ArrayLike, faces: ArrayLike, rgb: ArrayLike) -> Mesh:
-        """From vertices (n, 3) in metres, faces (m, 3) and rgb (n, 3) or (3,) in 0..1."""
+        """Make a mesh of vertices (n, 3) in m, faces (m, 3) and rgb (n, 3) or (3,) in 0..1."""
         vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
         grid, centre, step = _on_grid(vertices)
         colours = np.broadcast_to(np.rint(255.0 * np.clip(np.asarray(rgb), 0.0, 1.0)), vertices.shape)
@@ -62,20 +63,24 @@ class Mesh:
         return self.centre + self.step * self.grid
 
     def bounds(self) -> Array:
-        """The eight corners (8, 3) m of the box around it."""
+        """The eight corners (8, 3) m of the box around the mesh, along its axes."""
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         return np.array([np.where(mask, high, low) for mask in np.ndindex(2, 2, 2)])
 
 
 def compact(soup: Soup, default_rgb: ArrayLike) -> Mesh:
-    """Weld equal corners, split them again along creases and colour borders, and drop degenerate faces.
+    """Merge equal vertices, split them along sharp edges and colour borders, and drop faces without an area.
+
+    Args:
+        soup: triangles; their colour is NaN where the file has none.
+        default_rgb: (3,) in 0..1, colour of these.
 
     Raises:
-        ValueError: nothing is left.
+        ValueError: no face is left.
     """
     rgb = np.where(np.isnan(soup.rgb), np.asarray(default_rgb), soup.rgb)
     grid, centre, step = _on_grid(soup.corners.reshape(-1, 3))
-    # Three numbers of 16 bits make one of 48: welding is then a sort of integers.
+    # Three numbers of 16 bits make one of 48 bits, so that merging is a sort of integers.
     key = (grid.astype(np.int64) + 2**15) @ np.array([2**32, 2**16, 1])
     faces = np.unique(key, return_inverse=True)[1].reshape(-1, 3)
     p, q, r = np.moveaxis(soup.corners, 1, 0)
@@ -88,7 +93,7 @@ def compact(soup: Soup, default_rgb: ArrayLike) -> Mesh:
     faces, rgb, normals = faces[sound], rgb[sound], normals[sound] / size[sound, None]
     corner = _split(faces, normals, rgb)
     labels, first, new_faces = np.unique(corner, return_index=True, return_inverse=True)
-    # Vertices in the order of their first use: neighbours in the file then compress well.
+    # Vertices in the order of their first use: neighbours in the file are then alike and compress well.
     rank = np.empty(len(labels), dtype=np.int64)
     order = np.argsort(first)
     rank[order] = np.arange(len(labels))
@@ -99,7 +104,7 @@ def compact(soup: Soup, default_rgb: ArrayLike) -> Mesh:
 
 
 def _is_closed(faces: NDArray[np.int64], corners: Array) -> bool:
-    """Whether nearly each edge is walked both ways, and the volume is positive: faces look outwards."""
+    """Whether nearly all edges have a face on both sides, and the volume is positive, so that faces look outwards."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     there, back = edges @ np.array([2**32, 1]), edges @ np.array([1, 2**32])
     volume = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
@@ -107,6 +112,7 @@ def _is_closed(faces: NDArray[np.int64], corners: Array) -> bool:
 
 
 def _on_grid(points: Array) -> tuple[NDArray[np.int16], Array, float]:
+    """Round points (n, 3) m to the grid of 16 bits that spans them; return grid, centre and step of a `Mesh`."""
     if not len(points):
         return np.empty((0, 3), dtype=np.int16), np.zeros(3), 1.0
     low, high = points.min(axis=0), points.max(axis=0)
@@ -116,7 +122,7 @@ def _on_grid(points: Array) -> tuple[NDArray[np.int16], Array, float]:
 
 
 def _split(faces: NDArray[np.int64], normals: Array, rgb: Array) -> NDArray[np.int64]:
-    """Label the corners (3 m,): those around one vertex are the same where only smooth edges lie between them."""
+    """Label the corners (3 m,) of faces. Corners at one vertex share a label if only smooth edges lie between them."""
     m = len(faces)
     corners = np.arange(3 * m).reshape(m, 3)
     sides = ((0, 1), (1, 2), (2, 0))

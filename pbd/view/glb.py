@@ -1,7 +1,7 @@
-"""The replay's scene as a GLB file (glTF 2.0, binary), for Blender and whatever else shows 3D models.
+"""The replay's scene as a GLB file (glTF 2.0, binary), for Blender and other programs that show 3D models.
 
-glTF has y up, so a node above all others turns what has z up. Players go evenly from one frame to the next: each joint
-turns at a constant rate between two frames, as a joint does.
+glTF has y up and our scene z up, so the root node turns the scene. Players interpolate each joint's own rotation
+between two frames (slerp), so links keep their shape and stay connected.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from pbd.view.replay_scene import ReplayScene
 from pbd.view.scene import build
 
 Z_UP = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
-"""Quaternion xyzw of the turn from z up to y up."""
+"""Quaternion xyzw of the rotation from z up to y up."""
 
 FEW_COLOURS = 8
-"""Parts of so few colours have a material for each; those of more have colours at their vertices, which fewer show."""
+"""Most colours of a part that get a material each. A part with more has vertex colours, which fewer programs show."""
 
 STILL = 1e-9
-"""What moves by less over the whole motion, m or of a unit quaternion, is not animated."""
+"""Least change over the motion, m or in a quaternion's components, that is animated."""
 
 ARRAY, INDEX = 34962, 34963
 FLOAT, UINT16, UINT32, UINT8 = 5126, 5123, 5125, 5121
-"""The standard's numbers."""
+"""Numbers of the glTF standard for buffer targets and component types."""
 
 
 def write_glb(scene: ReplayScene, path: Path) -> None:
-    """Write the arm and its motion, the paths, the keyframes and what stands around.
+    """Write the arm and its motion, the paths, the keyframes and the obstacles.
 
     Raises:
         RobotError: the robot's meshes can't be read.
@@ -47,7 +47,7 @@ def write_glb(scene: ReplayScene, path: Path) -> None:
 
 
 class _Window:
-    """Stands in for meshcat's window: makes glTF of the commands."""
+    """A substitute for meshcat's window that translates its commands to glTF."""
 
     def __init__(self, title: str) -> None:
         self.data = bytearray()
@@ -62,7 +62,7 @@ class _Window:
         self._known: dict[tuple[object, ...], int] = {}
 
     def send(self, command: Any) -> None:
-        """Take one of meshcat's commands; what looks and sounds otherwise is the page's business."""
+        """Take one of meshcat's commands. Those that only concern the page, such as properties, are ignored."""
         if isinstance(command, SetTracks):
             for track in command.tracks:
                 self._animate(track)
@@ -74,8 +74,8 @@ class _Window:
             self.nodes[self._node(command.path.entries)]["matrix"] = np.asarray(command.matrix).T.ravel().tolist()
 
     def glb(self) -> bytes:
-        """The file: a header, the JSON, the binary data, each padded to four bytes."""
-        whole = {
+        """The file's bytes: a header, the JSON, the binary data, each padded to four bytes."""
+        content = {
             "asset": {"version": "2.0", "generator": "pbd"},
             "scene": 0,
             "scenes": [{"nodes": [0]}],
@@ -87,7 +87,7 @@ class _Window:
             "buffers": [{"byteLength": len(self.data)}],
             "animations": [{"name": "motion", "channels": self.channels, "samplers": self.samplers}],
         }
-        text = json.dumps(whole, separators=(",", ":")).encode()
+        text = json.dumps(content, separators=(",", ":")).encode()
         text += b" " * (-len(text) % 4)
         chunks = (
             struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(self.data), b"BIN\0") + self.data
@@ -95,7 +95,7 @@ class _Window:
         return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
     def _node(self, entries: tuple[str, ...]) -> int:
-        """The node of a path, made with those above it where it is new."""
+        """Index of the node at a path. A new node is made, with its parents."""
         if entries not in self._paths:
             above = self.nodes[self._node(entries[:-1])]
             name = f"{entries[-2]} {entries[-1]}" if entries[-1].isdigit() else entries[-1]
@@ -105,11 +105,11 @@ class _Window:
         return self._paths[entries]
 
     def _animate(self, track: PoseTrack) -> None:
-        """Give a node its first pose, and what of it moves."""
+        """Give a node its first pose, and animate its position and rotation if they change."""
         i = self._node(track.path.entries)
         turns = quat_to_xyzw(track.wxyz)
         flips = np.cumprod(np.append(1.0, np.where((turns[1:] * turns[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)))
-        self.nodes[i].pop("matrix", None)  # the standard allows either, and animates only this
+        self.nodes[i].pop("matrix", None)  # the standard allows a matrix or these two, and animates only these
         for name, values in (("translation", track.p), ("rotation", flips[:, None] * turns)):
             self.nodes[i][name] = values[0].tolist()
             if np.ptp(values, axis=0).max() < STILL:
@@ -120,15 +120,16 @@ class _Window:
             self.samplers.append({**sampler, "interpolation": "LINEAR"})
 
     def _mesh(self, mesh: Mesh, opacity: float) -> int:
-        """The mesh of this form and these colours, which nodes share."""
+        """Index of a mesh with this shape and these colours; nodes with equal meshes share it."""
         position = self._accessor(mesh.vertices, FLOAT, ARRAY, bounds=True)
         attributes = {"POSITION": position, "NORMAL": self._accessor(_normals(mesh), FLOAT, ARRAY)}
-        colours, of = np.unique(mesh.rgb, axis=0, return_inverse=True)
+        colours, colour_of = np.unique(mesh.rgb, axis=0, return_inverse=True)
         few = len(colours) <= FEW_COLOURS
         if not few:
             vertices = np.column_stack((linear_light(mesh.rgb), np.full(len(mesh.rgb), 255)))
             attributes["COLOR_0"] = self._accessor(vertices, UINT8, ARRAY)
-        groups = [mesh.faces[of.ravel()[mesh.faces[:, 0]] == i] for i in range(len(colours))] if few else [mesh.faces]
+        colour_of_face = colour_of.ravel()[mesh.faces[:, 0]]
+        groups = [mesh.faces[colour_of_face == i] for i in range(len(colours))] if few else [mesh.faces]
         index = UINT32 if len(mesh.grid) > 65535 else UINT16
         primitives = [
             {
@@ -139,7 +140,7 @@ class _Window:
             for faces, colour in zip(groups, colours, strict=False)
             if len(faces)
         ]
-        return _position({"primitives": primitives}, self.meshes)
+        return _index({"primitives": primitives}, self.meshes)
 
     def _material(self, rgb: NDArray[np.uint8] | None, opacity: float, closed: bool) -> int:
         light = [1.0] * 3 if rgb is None else (linear_light(rgb) / 255.0).tolist()
@@ -147,10 +148,10 @@ class _Window:
         material: dict[str, Any] = {"pbrMetallicRoughness": surface, "doubleSided": not closed}
         if opacity < 1.0:
             material["alphaMode"] = "BLEND"
-        return _position(material, self.materials)
+        return _index(material, self.materials)
 
     def _accessor(self, values: NDArray[Any], kind: int, target: int | None = None, bounds: bool = False) -> int:
-        """The numbers (n, k) in the data, added where they are new."""
+        """Index of the accessor of an array (n, k); a new array is appended to the data."""
         dtype = {FLOAT: "<f4", UINT16: "<u2", UINT32: "<u4", UINT8: "u1"}[kind]
         stored = np.ascontiguousarray(values, dtype=dtype)
         key = (stored.tobytes(), stored.shape, kind, target, bounds)
@@ -168,19 +169,17 @@ class _Window:
         return self._known[key]
 
 
-def _position(item: dict[str, Any], items: list[dict[str, Any]]) -> int:
-    """Where an item is in a list, at whose end it is added if it is new."""
+def _index(item: dict[str, Any], items: list[dict[str, Any]]) -> int:
+    """Index of an item in a list; a new item is appended."""
     if item not in items:
         items.append(item)
     return items.index(item)
 
 
 def _normals(mesh: Mesh) -> Array:
-    """Unit normals (n, 3) at the vertices, which are split where there are edges: the sum of the faces around."""
+    """Unit normals (n, 3) at the vertices: the mean of the adjacent faces' normals, weighted by their areas."""
     p, q, r = (mesh.vertices[corner] for corner in mesh.faces.T)
-    across, normals = np.cross(q - p, r - p), np.zeros(mesh.grid.shape)
-    for corner in mesh.faces.T:
-        for axis in range(3):
-            normals[:, axis] += np.bincount(corner, across[:, axis], len(normals))
+    normals = np.zeros(mesh.grid.shape)
+    np.add.at(normals, mesh.faces, np.cross(q - p, r - p)[:, None])
     size = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.where(size > 0.0, normals / np.maximum(size, 1e-300), (0.0, 0.0, 1.0))

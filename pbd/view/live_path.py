@@ -1,4 +1,4 @@
-"""The live path: a curve through the tracked positions, in pieces of bounded size."""
+"""The path of the live view: a smooth curve through the tracked positions, in pieces of bounded size."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from numpy.typing import ArrayLike
 from pbd.pose import Array
 
 SPACING_M = 0.004
-"""m between two points of the path."""
+"""Distance, m, between two points of the path."""
 PIECE_POINTS = 32
-"""Number of points per piece. Only the last piece grows, so a new point costs no more than that."""
+"""Points of one piece. Only the last piece grows, so a new point costs at most one piece to send."""
 MOST_NEW_POINTS = 24
-"""Most points added at once, so that a track that runs away costs no more than a move."""
+"""Most points added at once, so that dead reckoning that diverges costs no more than a move."""
 CAMERA_REACH_M = 1.5
-"""m from the stops: farthest that the camera follows a move. Farther away dead reckoning has diverged."""
+"""Largest distance, m, from the stops at which the camera follows the hand. Beyond it dead reckoning has diverged."""
 
 
 class LivePath:
-    """The path so far, move by move. `take` gives the pieces that are new or have changed."""
+    """The path, move by move. `take` returns the pieces that are new or have changed."""
 
     def __init__(self) -> None:
         self._move = -1
         self._rows: list[Array] = []
-        self._settled = np.empty((0, 3))  # the corners of what no stop will move any more
+        self._settled = np.empty((0, 3))  # the corners of all moves that have ended
         self._changed: dict[str, Array] = {}
 
     def begin(self, t: float, p_nav_sensor: ArrayLike) -> None:
@@ -34,14 +34,14 @@ class LivePath:
         self._going = np.tile(self._p, (2, 1))
 
     def grow(self, t: float, p_nav_sensor: Array, v_nav_sensor: Array) -> None:
-        """Go on to a point: by a cubic with the velocities at both its ends, once it is SPACING_M away."""
+        """Extend the path to a point, once it is SPACING_M away, by a cubic with the given velocities at its ends."""
         step = p_nav_sensor - self._p
         chord = float(np.linalg.norm(step))
         if chord < SPACING_M:
             if len(self._rows) == 1:  # still at the stop: the move begins later
                 self._rows[0][0] = self._t = t
             return
-        # After a rest the time between says nothing of the curve: no tangent is longer than a cubic from rest needs.
+        # A rest before the move makes the time too long for the chord, so tangents are limited to three chords.
         before, after = (_shortened((t - self._t) * v, 3.0 * chord) for v in (self._v, v_nav_sensor))
         first = len(self._rows)
         share = np.linspace(0.0, 1.0, min(int(np.ceil(chord / SPACING_M)), MOST_NEW_POINTS) + 1)[1:]
@@ -56,7 +56,7 @@ class LivePath:
     def correct(self, t: float, p_nav_sensor: ArrayLike) -> None:
         """End the move at a stop that began at t s, and begin the next one there.
 
-        Dead reckoning came out elsewhere. What it was off by is spread as a velocity error that grows linearly in time.
+        Dead reckoning ended elsewhere. The error is removed as that of a velocity error that grows linearly in time.
         """
         rows = np.array(self._rows)
         last = int(np.searchsorted(rows[:, 0], t, side="right")) - 1
@@ -69,21 +69,21 @@ class LivePath:
         self.begin(t, p_nav_sensor)
 
     def take(self, most: int) -> list[tuple[str, Array, Array]]:
-        """Return some changed pieces, oldest first: name, points (n, 3) m, speed (n,) m/s."""
+        """Return at most `most` changed pieces, oldest first: name, points (n, 3) m, speed (n,) m/s."""
         names = list(self._changed)[:most]
         return [(name, rows[:, 1:4], rows[:, 4]) for name in names for rows in [self._changed.pop(name)]]
 
     def corners(self) -> Array:
-        """Return the corners (2, 3) m of a box around the path, without what has likely diverged."""
+        """Return the corners (2, 3) m of a box around the path, at most CAMERA_REACH_M around the stops."""
         return _corners(np.vstack((self._settled, _near(self._going, self._rows[0][None, 1:4]))))
 
     @property
     def more(self) -> bool:
-        """Whether there are changed pieces."""
+        """Whether there are changed pieces left to take."""
         return bool(self._changed)
 
     def _mark(self, row: int) -> None:
-        """Note that all pieces from the one with a row on have changed; neighbours share a point."""
+        """Mark the piece with this row, and all pieces after it, as changed. Neighbours share a point."""
         for k in range(row // PIECE_POINTS, -(-(len(self._rows) - 1) // PIECE_POINTS)):
             self._changed[f"{self._move}/{k}"] = np.array(self._rows[k * PIECE_POINTS : (k + 1) * PIECE_POINTS + 1])
 

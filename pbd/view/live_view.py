@@ -15,39 +15,41 @@ from pbd.view.meshcat_encoding import solid, two_sigma
 from pbd.view.server import LiveViewer, invite
 
 FAST_M_S = 0.6
-"""Speed, m/s, from which on the path has the last of its colours."""
+"""Speed, m/s, from which the path has the colour of the fastest motion."""
 
 BOX_M, BOX_RGB = (0.040, 0.028, 0.012), (0.96, 0.62, 0.16)
+"""Size (m) and colour of the box that stands for the sensor."""
 NAV_M, NAV_RADIUS_M = 0.12, 0.0022
-"""An ellipsoid without a size can't be turned."""
+"""Length and radius, m, of nav's axes."""
 
 PIECES_AT_ONCE = 2
-"""Most pieces of the path that are sent at once. The rest follows."""
+"""Most pieces of the path that are sent with one picture. The rest follows with the next."""
 
 SMALLEST_M, SMALLEST_RAD = 2e-4, 2e-3
-"""m and rad: smaller motion is not drawn."""
+"""Least motion, m and rad, that is drawn."""
 
 ROOM_M, MARGIN_M = 0.1, 0.03
-"""m: the camera's view grows by steps, before the hand comes this near to its edge."""
+"""The camera's view grows by steps of ROOM_M, when the hand is nearer than MARGIN_M to its edge, m."""
 FIRST_ROOM_M = np.array([[-0.1, -0.1, 0.0], [0.2, 0.2, 0.2]])
+"""Lowest and highest corner, m in nav, of the view at the start."""
 
 State = Literal["waits", "still", "moves", "pause", "ended"]
 
 
 @dataclass(frozen=True, eq=False)
 class LivePicture:
-    """A moment of a recording.
+    """The state of a recording at one instant.
 
     Attributes:
         t: s.
         p_nav_sensor: (3,) m.
         v_nav_sensor: (3,) m/s.
         wxyz_nav_sensor: (4,).
-        keyframes: one a stop, so far; the first is the rest at the start.
-        state: what the hand does.
-        badge: the same in a word or two.
-        line: what was said last.
-        figures: how the recording does, a few words each.
+        keyframes: one for each stop so far; the first is the rest at the start.
+        state: what the hand does; it chooses the colour.
+        badge: the same in one or two words.
+        line: the recorder's last message.
+        figures: numbers about the recording, a few words each.
     """
 
     t: float
@@ -62,9 +64,9 @@ class LivePicture:
 
 
 class LiveView:
-    """A page on this machine that shows a recording under way.
+    """A page on this machine that shows a recording while it runs.
 
-    It can be opened at any time, and stays as it is when the view is closed.
+    It can be opened at any time. It keeps the last picture when the view is closed.
 
     Raises:
         PbdError: the viewer's server can't be started.
@@ -87,26 +89,30 @@ class LiveView:
         self._scene["hand/triad"].set_object(self._triad)
 
     def open(self, title: str, subtitle: str, open_browser: bool = True) -> None:
-        """Tell the page's address on stderr, open it where that is wanted, and say what is recorded from what."""
+        """Print the page's address on stderr, and open it if wanted.
+
+        Args:
+            title, subtitle: what is recorded, and with which sensor.
+        """
         self._about |= {"title": title, "subtitle": subtitle}
         wxyz = self._T_nav_hand.wxyz
         self._draw(LivePicture(0.0, np.zeros(3), np.zeros(3), wxyz, (), "waits", "waits", "for the sensor"))
         invite(f"live view at {self._viewer.url}", self._viewer.url, open_browser)
 
     def show(self, picture: LivePicture) -> None:
-        """Draw the news, in a few milliseconds; nothing if the server is still busy with the last picture."""
+        """Draw what has changed, in a few milliseconds; nothing while the server is busy with the last picture."""
         if np.isfinite((*picture.p_nav_sensor, *picture.v_nav_sensor, *picture.wxyz_nav_sensor)).all():
             self._follow(picture)
             if not self._viewer.behind():
                 self._draw(picture)
 
     def end(self, picture: LivePicture) -> None:
-        """Draw all that is left and a last picture, as the recording is over."""
+        """Draw all that is left, and the last picture of the recording."""
         while self._draw(picture):
             pass
 
     def close(self) -> None:
-        """End the server; more than once is fine."""
+        """End the server; a second call does nothing."""
         self._viewer.close()
 
     def _follow(self, picture: LivePicture) -> None:
@@ -121,14 +127,14 @@ class LiveView:
         if self._known:
             self._path.grow(picture.t, picture.p_nav_sensor, picture.v_nav_sensor)
             low, high = self._path.corners()
-            # Downwards, the hand may be a little lower than where it began, and still be on the table.
+            # A hand on the table may seem to be a little below its start, which must not lower the ground.
             low = ROOM_M * np.floor((low - (MARGIN_M, MARGIN_M, -MARGIN_M)) / ROOM_M)
             high = ROOM_M * np.ceil((high + MARGIN_M) / ROOM_M)
             self._room = np.array((np.minimum(FIRST_ROOM_M[0], low), np.maximum(FIRST_ROOM_M[1], high)))
 
     def _draw(self, picture: LivePicture) -> bool:
         """Send what has changed; return whether more is left than one picture takes."""
-        # Of older stops nothing changes any more.
+        # Older stops do not change any more.
         for i, keyframe in enumerate(self._known[max(len(self._drawn) - 2, 0) :], max(len(self._drawn) - 2, 0)):
             self._draw_stop(i, keyframe)
         for name, points, speed in self._path.take(PIECES_AT_ONCE):

@@ -1,7 +1,7 @@
 """Our values as meshcat's commands: compact meshes, and animations whose keys are typed arrays.
 
-Meshcat's own Python classes send float32 corners and one dictionary per animation key; its viewer understands these
-smaller forms as well (three.js r129: BufferGeometryLoader, AnimationClip.parse).
+Meshcat's own Python classes send float32 vertices and one dictionary per animation key. Its viewer also reads these
+smaller forms (three.js r129: BufferGeometryLoader, AnimationClip.parse).
 """
 
 from __future__ import annotations
@@ -34,36 +34,36 @@ EXTENSION_CODES = {
     "Uint32Array": 0x16,
     "Float32Array": 0x17,
 }
-"""How msgpack-lite, which meshcat's page uses, marks typed arrays."""
+"""Extension types of typed arrays in msgpack-lite, which meshcat's page uses."""
 
 FRONT_SIDE, DOUBLE_SIDE = 0, 2
 """three.js' constants."""
 
 LEAST_SIGMA_M = 5e-5
-"""Ellipsoids are drawn at least so thick: the page can't read a turn from the matrix of a flat one."""
+"""Least sigma, m, of a drawn ellipsoid: the page can't read a rotation from the matrix of a flat one."""
 
 
 def typed(values: NDArray[Any], kind: str) -> umsgpack.Ext:
-    """An array as the page's typed array `kind`, flattened by rows."""
+    """Encode an array, flattened by rows, as a JavaScript typed array `kind`."""
     dtype = kind.removesuffix("Array").lower()
     return umsgpack.Ext(EXTENSION_CODES[kind], np.ascontiguousarray(values, dtype=dtype).tobytes())
 
 
 class MeshGeometry(Geometry):  # type: ignore[misc]  # meshcat has no types
-    """A `Mesh` as meshcat's geometry; its colours become linear light, as the page's renderer takes them."""
+    """A `Mesh` as meshcat's geometry; its colours become linear light, which the page's renderer expects."""
 
     def __init__(self, mesh: Mesh) -> None:
         super().__init__()
         self.mesh = mesh
 
     def intrinsic_transform(self) -> Array:
-        """From the grid to metres. Transposed: meshcat flattens by rows what three.js reads by columns."""
+        """From the grid to metres. It is transposed, as meshcat flattens by rows what three.js reads by columns."""
         T = np.diag([self.mesh.step] * 3 + [1.0])
         T[:3, 3] = self.mesh.centre
         return T.T
 
     def lower(self, object_data: object) -> dict[str, Any]:
-        """As three.js' JSON."""
+        """Return three.js' JSON."""
         index = "Uint16Array" if len(self.mesh.grid) < 2**16 else "Uint32Array"
         return {
             "uuid": self.uuid,
@@ -83,31 +83,31 @@ def _attribute(values: NDArray[Any], kind: str, normalized: bool) -> dict[str, A
 
 
 def linear_light(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """From sRGB to linear light (IEC 61966-2-1), 8 bits each."""
+    """Convert sRGB to linear light (IEC 61966-2-1), 8 bits each."""
     c = rgb / 255.0
     light = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
     return np.rint(255.0 * light).astype(np.uint8)
 
 
 def solid(mesh: Mesh, opacity: float = 1.0) -> MeshcatMesh:
-    """A mesh with its own colours, as an object that `Visualizer.set_object` takes."""
+    """Make an object for `Visualizer.set_object` of a mesh with its own colours."""
     side = FRONT_SIDE if mesh.closed else DOUBLE_SIDE
     material = MeshPhongMaterial(vertexColors=True, opacity=opacity, side=side, shininess=30, specular=0x1C1C1C)
     thing = MeshcatMesh(MeshGeometry(mesh), material)
-    # They need only differ within one object; fixed ones make the same scene the same bytes.
+    # These names need only differ within one object. Fixed ones give the same bytes for the same scene.
     thing.geometry.uuid, thing.material.uuid, thing.uuid = "geometry", "material", "mesh"
     return thing
 
 
 def two_sigma(p: Array, cov: Array) -> Array:
-    """Return the matrix (4, 4) that makes the unit ball the ellipsoid of two sigma.
+    """Return the matrix (4, 4) that maps the unit ball to the ellipsoid of two sigma.
 
     Args:
-        p: (3,) m, its middle.
-        cov: (3, 3) m2, in the same axes.
+        p: (3,) m, its centre.
+        cov: (3, 3) m2, in the axes of p.
     """
     variance, axes = np.linalg.eigh(cov)
-    axes[:, 0] *= np.sign(np.linalg.det(axes))  # turned, not mirrored
+    axes[:, 0] *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
     T = np.eye(4)
     T[:3, :3] = 2.0 * axes * np.sqrt(np.maximum(variance, LEAST_SIGMA_M**2))
     T[:3, 3] = p
@@ -116,7 +116,7 @@ def two_sigma(p: Array, cov: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PoseTrack:
-    """Where a node of the scene is, in its parent, at times t (n,) s: p (n, 3) m, wxyz (n, 4)."""
+    """Poses of a node of the scene in its parent, at times t (n,) s: p (n, 3) m, wxyz (n, 4)."""
 
     path: ScenePath
     t: Array
@@ -124,7 +124,7 @@ class PoseTrack:
     wxyz: Array
 
     def lower(self) -> dict[str, Any]:
-        """As meshcat's animation of one node; what stays the same has one key."""
+        """Return meshcat's animation of one node; a constant position or rotation has one key."""
         tracks = [
             self._keys("position", "vector3", self.p),
             self._keys("quaternion", "quaternion", quat_to_xyzw(self.wxyz)),
@@ -144,12 +144,12 @@ class PoseTrack:
 
 @dataclass(frozen=True)
 class SetTracks:
-    """The command that loads an animation; the page itself moves the time."""
+    """The command that loads an animation. The page itself advances the time."""
 
     tracks: Sequence[PoseTrack]
 
     def lower(self) -> Mapping[str, Any]:
-        """As meshcat's command."""
+        """Return meshcat's command."""
         animations = [track.lower() for track in self.tracks]
         return {
             "type": "set_animation",

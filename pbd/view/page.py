@@ -1,7 +1,7 @@
 """The replay as one HTML file. It plays without a server or a network.
 
-The page carries meshcat's own viewer and the scene's commands, both gzipped. Its content security policy names the
-hashes of its scripts and forbids everything else: no connection, no script that a label or a title might smuggle in.
+The page contains meshcat's own viewer and the scene's commands, both gzipped. Its content security policy lists the
+hashes of its scripts and forbids everything else: connections, and scripts hidden in a label or a title.
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ import umsgpack
 from pbd.io.atomic import write_text
 from pbd.view.meshcat_encoding import ScenePath, Visualizer
 
-if TYPE_CHECKING:  # the server of the live viewer makes a page too, and needs no robot library
+if TYPE_CHECKING:  # the live view makes a page too, and must not import a robot library
     from pbd.view.replay_scene import ReplayScene
 
 SCRIPTS = (
     *("dom.js", "player.js", "render_quality.js", "ground_and_light.js", "scene_view.js", "keyframe_table.js"),
     *("timeline.js", "joints.js", "legend.js", "keys.js", "page.js", "live.js", "boot.js"),
 )
-"""In this order they make one script."""
+"""Parts of the page's script, in their order."""
 SCENE_ROOT = "pbd"
+"""The node below which the scene is."""
 POLICY = (
     "default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; connect-src {connect}; "
     "base-uri 'none'; form-action 'none'"
@@ -37,7 +38,7 @@ POLICY = (
 
 
 def write_page(scene: ReplayScene, path: Path) -> None:
-    """Write the replay to an HTML file, all or nothing; the same scene gives the same bytes.
+    """Write the replay to an HTML file, whole or not at all. The same scene gives the same bytes.
 
     Raises:
         RobotError: the robot's files can't be read.
@@ -51,12 +52,12 @@ def write_page(scene: ReplayScene, path: Path) -> None:
 
 
 def page_html(title: str, commands: bytes, connect: str = "'none'") -> str:
-    """The page's text.
+    """Return the page's HTML.
 
     Args:
-        title: of the window, until the scene says more.
-        commands: meshcat's, each led by its length (uint32, little-endian); empty: the page asks its server for them.
-        connect: what the page may connect to, in the words of a content security policy.
+        title: the window's title until the scene is loaded.
+        commands: meshcat's, each after its length (uint32, little-endian). If empty, the page asks its server for them.
+        connect: the addresses that the page may connect to, as in a content security policy.
     """
     script = "\n".join(_web(name) for name in SCRIPTS)
     hashes = " ".join(
@@ -75,7 +76,7 @@ def page_html(title: str, commands: bytes, connect: str = "'none'") -> str:
 
 @cache
 def viewer_code() -> str:
-    """Meshcat's page script, with the licences of what is in it."""
+    """Meshcat's page script, with its licence and those of the libraries in it."""
     folder = importlib.resources.files("meshcat") / "viewer"
     names = ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js.THIRD_PARTY_LICENSES.json")
     licences = "\n".join((folder / name).read_text(encoding="utf-8") for name in names).replace("*/", "* /")
@@ -84,7 +85,7 @@ def viewer_code() -> str:
 
 
 class _Collector:
-    """Stands in for meshcat's window: keeps the commands instead of sending them."""
+    """A substitute for meshcat's window that keeps the commands."""
 
     def __init__(self) -> None:
         self.commands: list[bytes] = []

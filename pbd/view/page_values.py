@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,75 +11,80 @@ from numpy.typing import NDArray
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import Array
 from pbd.view.meshcat_encoding import typed
-from pbd.view.replay_scene import ReplayKeyframe, ReplayScene
+from pbd.view.replay_scene import ReplayScene
+from pbd.view.robot_motion import FRAME_RATE_HZ
 
 PLOT_RATE_HZ = 25.0
+"""Samples per second of the joints' curves."""
 SPAN_RATE_HZ = 100.0
+"""Samples per second of the trajectory in which moves and grips are looked for."""
 MOVING_RAD_S = 1e-6
+"""Joint speed, rad/s, above which the arm moves."""
 OPEN_SHARE = 0.98
 """Share of the gripper's widest opening in the motion above which it counts as open."""
 
 
-def describe(scene: ReplayScene, bounds: Array, rate_hz: float) -> Mapping[str, Any]:
+def describe(scene: ReplayScene, bounds: Array) -> Mapping[str, Any]:
     """Describe a replay to the page.
 
     Args:
         bounds: (k, 3) m in base, points that the camera should show.
-        rate_hz: of the motion's frames.
     """
-    trajectory, limits = scene.trajectory, scene.robot.limits
-    samples = trajectory.sample(PLOT_RATE_HZ)
-    often = trajectory.sample(SPAN_RATE_HZ)
-    moves = _spans(often.t, np.abs(often.qd).max(axis=1) > MOVING_RAD_S)
-    around = [(max(start, first), min(end, last)) for start, end in moves for first, last in scene.detours]
-    messages = [each.message for each in scene.touching]
+    trajectory, limits, calibration = scene.trajectory, scene.robot.limits, scene.calibration
+    curves = trajectory.sample(PLOT_RATE_HZ)
+    samples = trajectory.sample(SPAN_RATE_HZ)
+    moves = _spans(samples.t, np.abs(samples.qd).max(axis=1) > MOVING_RAD_S)
+    detours = [(max(start, first), min(end, last)) for start, end in moves for first, last in scene.detours]
+    messages = [contact.message for contact in scene.contacts]
     return {
         "title": scene.title,
         "robot": scene.robot.description or scene.robot.name,
         "license": scene.robot.license,
         "duration": trajectory.duration,
-        "rate": rate_hz,
-        "keyframes": [_keyframe(keyframe, scene.detours) for keyframe in scene.keyframes],
+        "rate": FRAME_RATE_HZ,
+        "keyframes": [_keyframe(scene, k) for k in range(len(scene.keyframes))],
         "moves": moves,
-        "detours": [(start, end) for start, end in around if start < end],
-        "closed": _spans(often.t, often.gripper < OPEN_SHARE * often.gripper.max()),
+        "detours": [(start, end) for start, end in detours if start < end],
+        "closed": _spans(samples.t, samples.gripper < OPEN_SHARE * samples.gripper.max()),
         "joints": {
             "names": list(trajectory.joint_names),
-            "t": typed(samples.t, "Float32Array"),
-            "q": typed(samples.q.T, "Float32Array"),
+            "t": typed(curves.t, "Float32Array"),
+            "q": typed(curves.q.T, "Float32Array"),
             "lower": limits.lower.tolist(),
             "upper": limits.upper.tolist(),
         },
-        "speed": None if scene.hand_speed is None else float(scene.hand_speed.max()),
+        "speed": float(scene.hand_speed.max()),
         "torque": scene.torque,
-        "table": scene.table_height,
-        "obstacles": [obstacle.name for obstacle in scene.obstacles],
+        "table": calibration.table_height,
+        "obstacles": [obstacle.name for obstacle in calibration.obstacles],
         "bounds": bounds.tolist(),
         "notes": [note for note in scene.notes if not any(message in note for message in messages)],
-        "touching": [asdict(each) for each in scene.touching],
+        "touching": [contact._asdict() for contact in scene.contacts],
     }
 
 
 def _spans(t: Array, wanted: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """From when to when something is wanted, s."""
+    """Start and end, s, of each run of samples that are wanted."""
     edges = np.diff(np.concatenate(([False], wanted, [False])).astype(int))
     first, after = (np.flatnonzero(edges > 0) - 1).clip(0), np.flatnonzero(edges < 0).clip(max=len(t) - 1)
     return list(zip(t[first].tolist(), t[after].tolist(), strict=True))
 
 
-def _keyframe(keyframe: ReplayKeyframe, around: Sequence[tuple[float, float]]) -> dict[str, Any]:
+def _keyframe(scene: ReplayScene, k: int) -> dict[str, Any]:
+    keyframe, t, cov = scene.keyframes[k], float(scene.trajectory.keyframe_t[k]), scene.cov[k]
+    typed_by_hand = not keyframe.cov.any()
     return {
         "label": keyframe.label,
-        "t": float(keyframe.t),
-        "p": keyframe.T_base_tool.p.tolist(),
-        "sigma": None if keyframe.cov is None else [_largest(keyframe.cov[:3, :3]), _largest(keyframe.cov[3:, 3:])],
+        "t": t,
+        "p": scene.T_base_tool[k].p.tolist(),
+        "sigma": None if typed_by_hand else [_largest_sigma(cov[:3, :3]), _largest_sigma(cov[3:, 3:])],
         "grip": keyframe.grip,
-        "detour": any(end == keyframe.t for _, end in around),
-        "inside": keyframe.inside,
+        "detour": any(end == t for _, end in scene.detours),
+        "inside": None if keyframe.tolerance_m is None else float(scene.inside[k]),
         "sure": None if keyframe.weight >= DOUBTED_WEIGHT else keyframe.weight,
     }
 
 
-def _largest(cov: Array) -> float:
+def _largest_sigma(cov: Array) -> float:
     """One sigma along the least certain direction."""
     return float(np.sqrt(np.linalg.eigvalsh(cov).max().clip(0.0)))

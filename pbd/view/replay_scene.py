@@ -1,50 +1,23 @@
-"""Values that `pbd.view.scene.build` draws."""
+"""Values that `pbd.view.scene.build` draws: a plan's own, and what follows from them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from pbd.data import GraspedObject, JointTrajectory, Obstacle, Robot
-from pbd.data.freeze import freeze
+from pbd.data import Calibration, GraspedObject, JointTrajectory, Keyframe, Robot
+from pbd.data.frozen_arrays import freeze_arrays
 from pbd.data.world import Stay
 from pbd.pose import Array, Pose
 from pbd.view.robot_motion import RobotMotion
 
 
-@dataclass(frozen=True, eq=False)
-class ReplayKeyframe:
-    """A keyframe as the replay shows it.
+class Rod(NamedTuple):
+    """The capsule that collision checks use where the robot's model has no gripper.
 
     Attributes:
-        label: a word for people; may be empty.
-        t: s, when the arm reaches it.
-        cov: (6, 6) m and rad, of the tool's position and rotation vector in base; None where it is unknown.
-        grip: True where the gripper closes here, False where it opens.
-        weight: how sure the tracker is that the hand stood still, 0 to 1.
-        tolerance: (3, 3) m2 in base, the square of what it may be off by; None where nobody has said.
-        inside: the probability that the tool is within that; None without one.
-    """
-
-    label: str
-    t: float
-    T_base_tool: Pose
-    cov: Array | None = None
-    grip: bool | None = None
-    weight: float = 1.0
-    tolerance: Array | None = None
-    inside: float | None = None
-
-    def __post_init__(self) -> None:
-        freeze(self, cov=(6, 6), tolerance=(3, 3))
-
-
-@dataclass(frozen=True, eq=False)
-class Rod:
-    """What is checked for collisions in place of a gripper that the model lacks: a capsule, "the tool".
-
-    Attributes:
-        T_tool_rod: its middle; it lies along z.
-        diameter, length: m, of its cylinder; half a sphere closes each end.
+        T_tool_rod: pose of its middle in the tool frame; the rod lies along z.
+        diameter, length: m, of its cylinder; a hemisphere closes each end.
     """
 
     T_tool_rod: Pose
@@ -52,13 +25,12 @@ class Rod:
     length: float
 
 
-@dataclass(frozen=True)
-class Touching:
-    """Two bodies that touch in the motion.
+class Contact(NamedTuple):
+    """Two bodies that touch during the motion.
 
     Attributes:
-        bodies: links, or other things, by name; they are painted red. "the tool" is the rod.
-        start, end: s, from when to when.
+        bodies: names of links, of obstacles, of the table, of the grasped object, or THE_TOOL.
+        start, end: s, first and last instant of contact.
     """
 
     bodies: tuple[str, str]
@@ -69,38 +41,45 @@ class Touching:
 
 @dataclass(frozen=True, eq=False)
 class ReplayScene:
-    """Everything that a replay shows.
+    """What a replay shows: a plan's own values, and what follows from them.
 
     Attributes:
-        motion: the same, of the whole robot.
-        hand_path_base: (n, 3) m, where the demonstrated tool went in base.
-        hand_speed: (n,) m/s, colours the path; or None.
-        table_height: m, z of the table's top in base; None: the ground at z = 0.
-        rod: what stands for a gripper that the model lacks, or None.
-        torque: the largest share of a torque limit, or None.
-        phases: where what is grasped is, by time; empty where nothing is.
-        notes: what the viewer should know: warnings, "simulated data".
-        touching: what touches, where that was allowed, by when it begins.
-        detours: s, from when to when the arm goes around something on its way to the next keyframe, or back.
+        motion: of all links, fingers included, during the trajectory.
+        keyframes: k, as demonstrated; the arm reaches them at `trajectory.keyframe_t`.
+        T_base_tool: (k) the tool's poses there.
+        cov: (k, 6, 6) m and rad, of these positions and rotation vectors in base, from tracking alone.
+        tolerance: (k, 3, 3) m2 in base, the square of the keyframes' `tolerance_m`; NaN where there is none.
+        inside: (k,) probability that the tool is within the keyframe's tolerance.
+        hand_path_base: (n, 3) m, where the hand would have carried the tool.
+        hand_speed: (n,) m/s, there.
+        stays: where the grasped object is, by time; empty where nothing is grasped.
+        rod: None where the model has a gripper.
+        torque: largest share of a joint's torque limit; None where no limit is known.
+        detours: from when to when, s, the arm avoids an obstacle on its way to the next keyframe, or home.
+        contacts: by the time at which they begin; empty unless collisions were allowed.
+        notes: warnings, and what the demonstration says of itself.
     """
 
     title: str
     robot: Robot
     trajectory: JointTrajectory
     motion: RobotMotion
+    calibration: Calibration
+    keyframes: tuple[Keyframe, ...]
+    T_base_tool: tuple[Pose, ...]
+    cov: Array
+    tolerance: Array
+    inside: Array
     hand_path_base: Array
-    keyframes: tuple[ReplayKeyframe, ...]
-    hand_speed: Array | None = None
-    table_height: float | None = None
+    hand_speed: Array
     grasped: GraspedObject | None = None
-    phases: tuple[Stay, ...] = ()
-    notes: tuple[str, ...] = ()
-    touching: tuple[Touching, ...] = ()
-    obstacles: tuple[Obstacle, ...] = ()
+    stays: tuple[Stay, ...] = ()
     rod: Rod | None = None
     torque: float | None = None
     detours: tuple[tuple[float, float], ...] = ()
+    contacts: tuple[Contact, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        n = len(self.hand_path_base)
-        freeze(self, hand_path_base=(n, 3), hand_speed=(n,))
+        k, n = len(self.keyframes), len(self.hand_path_base)
+        freeze_arrays(self, cov=(k, 6, 6), tolerance=(k, 3, 3), inside=(k,), hand_path_base=(n, 3), hand_speed=(n,))

@@ -1,4 +1,4 @@
-"""Poses of a robot's parts over time: forward kinematics of arm and fingers."""
+"""Poses of a robot's joints and links over time: forward kinematics of arm and fingers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FRAME_RATE_HZ = 50.0
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Poses of one frame in another at instants: p (n, 3) m and wxyz (n, 4)."""
+    """Poses of one frame in another at n instants: p (n, 3) m and wxyz (n, 4)."""
 
     p: Array
     wxyz: Array
@@ -28,7 +28,7 @@ class Poses:
         return Poses(self.p + quat_rotate(self.wxyz, after.p), quat_multiply(self.wxyz, after.wxyz))
 
     def act(self, points: Array) -> Array:
-        """Points (k, 3) fixed in the moving frame, at each instant: (n, k, 3)."""
+        """Transform points (k, 3) that are fixed in the moving frame: (n, k, 3), at each instant."""
         return self.p[:, None] + quat_rotate(self.wxyz[:, None], points[None])
 
     def __getitem__(self, i: int) -> Pose:
@@ -37,11 +37,11 @@ class Poses:
 
 @dataclass(frozen=True, eq=False)
 class RobotMotion:
-    """A whole robot that goes through configurations.
+    """Configurations of a whole robot over time.
 
     Attributes:
-        model: pinocchio's, of the whole URDF; its world is base.
-        t: (n,) s, FRAME_RATE_HZ.
+        model: pinocchio's model of the whole URDF; its world is base.
+        t: (n,) s.
         q: (n, nq) pinocchio's configurations.
     """
 
@@ -50,7 +50,7 @@ class RobotMotion:
     q: Array
 
     def joints(self) -> Iterator[tuple[int, int, str, Poses]]:
-        """Each joint's index, that of the joint it hangs on (0: the world), its name, and its pose in that one."""
+        """Each joint's index, its parent joint's index (0: the world), its name, and its pose in the parent."""
         for joint in range(1, self.model.njoints):
             local = self._placements[0][:, joint]
             yield joint, int(self.model.parents[joint]), str(self.model.names[joint]), _poses(local)
@@ -60,7 +60,7 @@ class RobotMotion:
         return _poses(self._placements[1][:, index])
 
     def link(self, name: str) -> tuple[int, Pose]:
-        """The joint that a link moves with, and T_joint_link."""
+        """Index of the joint that moves a link, and T_joint_link."""
         frame = self.model.frames[self.model.getFrameId(name, pin.FrameType.BODY)]
         return int(frame.parentJoint), Pose.from_matrix(frame.placement.homogeneous)
 
@@ -71,7 +71,7 @@ class RobotMotion:
 
     @cached_property
     def _placements(self) -> Array:
-        """(2, n, joints, 4, 4): of each joint in the one before it, and in the world."""
+        """(2, n, joints, 4, 4): each joint's pose in its parent joint, and in the world."""
         data, placements = self.model.createData(), np.empty((2, len(self.q), self.model.njoints, 4, 4))
         for i, q in enumerate(self.q):
             pin.forwardKinematics(self.model, data, q)

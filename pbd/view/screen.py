@@ -1,4 +1,4 @@
-"""rich's console as we use it: names and labels are shown as they are, whatever stands in them."""
+"""rich's console as we use it: names and labels are shown literally, control characters as escapes."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.text import Text
 
-from pbd.view.terminal import drawing, visible
+from pbd.view.terminal import for_rich, visible
 
 
 class Screen(Console):
-    """A console without markup, emoji and highlights, in which control characters are visible."""
+    """A console without markup, emoji and highlights, which shows control characters as escapes."""
 
     def __init__(self, stream: TextIO, **options: Any) -> None:
-        super().__init__(file=drawing(stream), highlight=False, markup=False, emoji=False, **options)
+        super().__init__(file=for_rich(stream), highlight=False, markup=False, emoji=False, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """As rich does: measured as it will be shown."""
+        """Make control characters visible before rich measures the text."""
         return super().render_str(visible(text), **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """As rich does."""
+        """Make control characters visible in what rich prints, except in rich's own control sequences."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else Segment(visible(segment.text), segment.style)

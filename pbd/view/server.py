@@ -1,6 +1,6 @@
-"""The live viewer: a server of the replay's page, for this machine alone, and the scene that it sends to each page.
+"""The live viewer: a server for this machine only, which serves the page and sends the scene to each open page.
 
-The server runs in a thread of its own and ends with the program. Drawing never waits for it.
+The server runs in its own thread and ends with the program. Drawing never waits for it.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from pbd.errors import PbdError
 from pbd.view.meshcat_encoding import ScenePath, Visualizer
 from pbd.view.page import SCENE_ROOT, page_html
 
-if TYPE_CHECKING:  # the recording's view needs no robot library
+if TYPE_CHECKING:  # the live view of a recording must not import a robot library
     from pbd.view.replay_scene import ReplayScene
 
 LOOPBACK = "127.0.0.1"
 HOSTS = r"(127\.0\.0\.1|localhost)"
-"""Host names that are served. A foreign page whose name points to 127.0.0.1 gets nothing."""
+"""Host names that are served. A foreign page whose host name resolves to 127.0.0.1 gets nothing (DNS rebinding)."""
 CLOSING_S = 2.0
-"""s that closing waits for pages to receive what was sent last."""
+"""Longest time, s, that closing waits until pages have received the last commands."""
 
 
 class LiveViewer:
-    """A running viewer: its page's `url`, and the `visualizer` that draws into every page that is open.
+    """A running viewer: its page's `url`, and the `visualizer` that draws into every open page.
 
     Args:
-        otherwise: what to do where the server can't be started.
+        otherwise: advice for the error message if the server can't be started.
 
     Raises:
         PbdError: the server can't be started.
@@ -49,7 +49,7 @@ class LiveViewer:
             raise PbdError(f"the live viewer did not start ({error.strerror}); {otherwise}") from None
         self.url = f"http://{LOOPBACK}:{sockets[0].getsockname()[1]}/pbd"
         self.visualizer = Visualizer.view_into(self, ScenePath((SCENE_ROOT,)))
-        self._scene: dict[tuple[str, str, str], bytes] = {}  # what a page that is opened now must be sent, in order
+        self._scene: dict[tuple[str, str, str], bytes] = {}  # the commands that a new page needs, in order
         self._pages: set[_Socket] = set()
         self._sent = self._taken = 0
         self._loop = asyncio.new_event_loop()
@@ -57,7 +57,7 @@ class LiveViewer:
         self._thread.start()
 
     def send(self, command: Any) -> None:
-        """Pass on one of meshcat's commands; so this has the interface of meshcat's window."""
+        """Pass on one of meshcat's commands: this is the interface of meshcat's window."""
         lowered = command.lower()
         key = (lowered["type"], lowered["path"], lowered.get("property", ""))
         self._sent += 1
@@ -65,11 +65,11 @@ class LiveViewer:
             self._loop.call_soon_threadsafe(self._take, key, umsgpack.packb(lowered))
 
     def behind(self) -> bool:
-        """Whether the server has still to take a command."""
+        """Whether the server has not yet taken all commands."""
         return self._taken < self._sent
 
     def close(self) -> None:
-        """End the server, once every page has what was sent; more than once is fine."""
+        """End the server once every page has received all commands; a second call does nothing."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(lambda: self._loop.create_task(self._end()))
             self._thread.join()
@@ -101,13 +101,13 @@ class LiveViewer:
         self._taken += 1
 
     def join(self, page: _Socket) -> None:
-        """Send a page what there is, and what comes from now on."""
+        """Send a page the scene, and all commands from now on."""
         for command in self._scene.values():
             page.pass_on(command)
         self._pages.add(page)
 
     def leave(self, page: _Socket) -> None:
-        """Send a page no more."""
+        """Stop sending commands to a page."""
         self._pages.discard(page)
 
     async def _end(self) -> None:
@@ -121,10 +121,10 @@ class LiveViewer:
 
 
 class _Socket(WebSocketHandler):  # type: ignore[misc]  # tornado is not followed
-    """Sends the scene to our own page.
+    """Sends the scene to our own page only.
 
-    A browser always tells the Origin of the page that asks, and tornado compares it with the Host; what tells none is
-    no browser.
+    A browser always sends the Origin of the page that asks, and tornado compares it with the Host. A client without an
+    Origin is not a browser and is refused.
     """
 
     def initialize(self, viewer: LiveViewer) -> None:
@@ -141,17 +141,17 @@ class _Socket(WebSocketHandler):  # type: ignore[misc]  # tornado is not followe
     def pass_on(self, command: bytes) -> None:
         with suppress(WebSocketClosedError):
             self.last = asyncio.ensure_future(self.write_message(command, binary=True))
-            self.last.add_done_callback(lambda written: written.exception())  # a page may close meanwhile
+            self.last.add_done_callback(lambda written: written.exception())  # a page may have closed meanwhile
 
     def on_message(self, message: str | bytes) -> None:
-        """Our page says nothing."""
+        """Our page sends no messages."""
 
     def on_close(self) -> None:
         self.viewer.leave(self)
 
 
 class _Page(RequestHandler):  # type: ignore[misc]
-    """Serves the page; no other page may show it in a frame."""
+    """Serves the page. Its headers forbid other pages to show it in a frame."""
 
     def initialize(self, page: str) -> None:
         self.page = page
@@ -179,7 +179,7 @@ def show_replay(scene: ReplayScene, open_browser: bool = True) -> None:
 
 
 def invite(words: str, url: str, open_browser: bool) -> None:
-    """Tell a page's address on stderr, and open it in the user's browser where that is wanted."""
+    """Print a page's address on stderr, and open it in the user's browser if wanted."""
     print(words, file=sys.stderr, flush=True)
     if open_browser and not webbrowser.open(url, new=2):
         print("no browser found; open the address yourself", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""Standard streams: control characters are made visible, failures of the streams are handled."""
+"""Standard streams: control characters are shown as escapes, failures of the streams are handled."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ _VISIBLE = (
     | {code: f"\\u{code:04x}" for code in (*_BIDI, *range(0xD800, 0xE000))}
     | {0xDC00 + byte: f"\\x{byte:02x}" for byte in range(0x80, 0x100)}
 )
-"""How a control character, and a byte of a name that is not UTF-8, is shown. The bell is the recorder's own."""
+"""Escapes of control characters, and of bytes of a file name that are not UTF-8. The recorder needs the bell (\\a)."""
 
 
 def visible(text: str) -> str:
-    """Show control characters, which may move a terminal's cursor or clear it, as a programmer would write them."""
+    """Replace control characters, which may move the cursor or clear the terminal, by escapes such as \\x1b."""
     return text.translate(_VISIBLE)
 
 
 class Stream:
-    """A standard stream that makes control characters visible.
+    """A standard stream that shows control characters as escapes.
 
     Args:
-        needed: what is written is the result, so that a failure is an error; otherwise it is passed over.
-        drawn: what is written is drawn by rich, control characters and all.
+        needed: the output is the command's result, so a failure to write is an error; else it is ignored.
+        drawn: rich writes here, whose control sequences are passed on.
     """
 
     def __init__(self, stream: TextIO, needed: bool, drawn: bool = False) -> None:
@@ -39,12 +39,12 @@ class Stream:
         return getattr(self.stream, name)
 
     def write(self, text: str) -> int:
-        """Write; return how many characters were taken."""
+        """Write, and return the number of characters."""
         self._try(lambda: self.stream.write(text if self.drawn else visible(text)))
         return len(text)
 
     def flush(self) -> None:
-        """Write what is kept back."""
+        """Write what is buffered."""
         self._try(self.stream.flush)
 
     def _try(self, action: Callable[[], object]) -> None:
@@ -53,29 +53,29 @@ class Stream:
         except OSError:
             if self.needed:
                 raise
-            drop(self.stream)
+            discard_rest(self.stream)
 
 
-def drop(stream: TextIO) -> None:
-    """Send what is left of a stream nowhere, so that the interpreter doesn't complain at its end."""
+def discard_rest(stream: TextIO) -> None:
+    """Send the rest of a stream to the null device, so that the interpreter doesn't complain at its end."""
     with suppress(OSError), open(os.devnull, "wb") as nowhere:  # noqa: PTH123
         os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def is_closed(stream: TextIO) -> bool:
-    """Whether a standard stream was closed by who started us, so that nothing written to it arrives."""
-    return getattr(stream, "name", None) == os.devnull  # ours: one that was sent there is '<stdout>'
+    """Whether the parent process closed a standard stream, so that nothing written to it arrives."""
+    return getattr(stream, "name", None) == os.devnull  # by `standard_streams`; `discard_rest` keeps the name
 
 
-def drawing(stream: TextIO) -> TextIO:
-    """A standard stream for what rich draws."""
+def for_rich(stream: TextIO) -> TextIO:
+    """The same standard stream for rich, whose control sequences are passed on."""
     return cast(TextIO, Stream(stream.stream, stream.needed, drawn=True)) if isinstance(stream, Stream) else stream
 
 
 @contextmanager
 def standard_streams() -> Iterator[None]:
-    """Wrap stdout and stderr; one that was closed at the start leads to nowhere."""
-    _occupy()
+    """Wrap stdout and stderr. A standard stream that was closed at the start becomes the null device."""
+    _reserve_standard_descriptors()
     before = sys.stdin, sys.stdout, sys.stderr
     with ExitStack() as stack:
 
@@ -85,7 +85,7 @@ def standard_streams() -> Iterator[None]:
         sys.stdin = sys.stdin or nowhere("r")
         stdout, stderr = sys.stdout or nowhere("w"), sys.stderr or nowhere("w")
         if isinstance(stdout, io.TextIOWrapper):
-            stdout.reconfigure(errors="replace")  # a terminal that has no sigma gets a question mark
+            stdout.reconfigure(errors="replace")  # a terminal without a sigma shows a question mark
         sys.stdout = cast(TextIO, Stream(stdout, needed=True))
         sys.stderr = cast(TextIO, Stream(stderr, needed=False))
         try:
@@ -94,8 +94,8 @@ def standard_streams() -> Iterator[None]:
             sys.stdin, sys.stdout, sys.stderr = before
 
 
-def _occupy() -> None:
-    """Keep the numbers 0 to 2 from files that are opened later: libraries print to 2, whatever it is by then."""
+def _reserve_standard_descriptors() -> None:
+    """Open descriptors 0 to 2 if they are closed: libraries print to 2, which else might be a file opened later."""
     while True:
         number = os.open(os.devnull, os.O_RDWR)
         if number > 2:

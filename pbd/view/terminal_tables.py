@@ -23,14 +23,14 @@ from pbd.view.screen import Screen
 from pbd.view.units import Units
 
 PIPE_WIDTH = 200
-"""Width of the output, in columns, where it is no terminal. So rows are not broken for programs that read them."""
+"""Width of the output, in characters, if it is no terminal. Rows then stay on one line for programs that read them."""
 
 COLUMN_GAP = 3
-"""Spaces between two columns of a table."""
+"""Characters between two columns of a table."""
 
 
 def print_csv(*tables: Table) -> None:
-    """Print tables of the same rows as one, side by side, without what the first has already (the row's number)."""
+    """Print tables of the same rows side by side, as one; the row's number, their first column, is printed once."""
     columns = [column for k, table in enumerate(tables) for column in table.columns[1 if k else 0 :]]
     rows = csv.writer(sys.stdout, lineterminator="\n")
     rows.writerow([str(column.header) for column in columns])
@@ -38,7 +38,7 @@ def print_csv(*tables: Table) -> None:
 
 
 def print_table(table: Table, stream: TextIO | None = None) -> None:
-    """Print to stdout (or `stream`), in colour only at a terminal. A table too wide for it continues below."""
+    """Print to stdout (or `stream`), in colour only at a terminal. A table wider than the terminal continues below."""
     stream = stream or sys.stdout
     if stream.isatty():
         console = Screen(stream)
@@ -51,7 +51,7 @@ def print_table(table: Table, stream: TextIO | None = None) -> None:
 
 
 def _fitting(table: Table, width: int) -> list[Table]:
-    """Cut a table between columns into parts that fit; each begins with the first column."""
+    """Split a table between columns into parts that fit; each begins with the first column."""
     first, *others = table.columns
     parts = [[first]]
     for column in others:
@@ -60,10 +60,10 @@ def _fitting(table: Table, width: int) -> list[Table]:
             parts[-1] = wider
         else:
             parts.append([first, column])
-    return [_table_of(part) for part in parts]
+    return [_rebuilt(part) for part in parts]
 
 
-def _table_of(columns: Sequence[Column]) -> Table:
+def _rebuilt(columns: Sequence[Column]) -> Table:
     left = [str(column.header) for column in columns if not column.no_wrap]
     cells: list[list[Any]] = [list(column.cells) for column in columns]
     return make_table(*(str(column.header) for column in columns), left=left, rows=zip(*cells, strict=True))
@@ -75,7 +75,7 @@ def _narrowest(column: Column) -> int:
 
 
 def make_table(*columns: str, left: Sequence[str] = (), rows: Iterable[Iterable[str | Text]] = ()) -> Table:
-    """A table in our style; columns are aligned to the right, and not wrapped, except those `left`."""
+    """A table in our style. Columns are right-aligned and not wrapped; those in `left` are left-aligned and wrapped."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for column in columns:
         table.add_column(column, justify="left" if column in left else "right", no_wrap=column not in left)
@@ -85,21 +85,24 @@ def make_table(*columns: str, left: Sequence[str] = (), rows: Iterable[Iterable[
 
 
 def words_table(columns: Sequence[str], rows: Iterable[Iterable[str | Text]]) -> Table:
-    """A table of words: all columns are aligned to the left."""
+    """A table of words: all columns are left-aligned."""
     return make_table(*columns, left=columns, rows=rows)
 
 
 def segments_table(segments: Sequence[Segment], units: Units) -> Table:
-    """The paper's Table I: samples first to last, what happens, how long from the first to the last."""
+    """The paper's Table I: first and last sample, kind of motion, and duration of each segment."""
     rows = ((f"{each.start}-{each.stop - 1}", each.description, *units.times(1e-3 * each.ms)) for each in segments)
     return make_table("samples", "what happens", f"time ({units.time})", left=("what happens",), rows=rows)
 
 
 def keyframes_table(keyframes: Sequence[Keyframe], units: Units, inside: Array | None) -> Table:
-    """The sensor's pose in nav at each stop; sigma is the largest over the axes, blank where unknown.
+    """The sensor's pose in nav at each stop. Sigma is the largest over the axes, blank where it is unknown.
 
-    Where the tracker doubts that the hand stood still, a column says how sure it is; another one, with `inside` (k,),
-    how likely the tool is within its tolerance; and one names the things that keyframes belong to.
+    Columns that apply to no keyframe are left out: the probability of a stop where the tracker doubts it, the label,
+    and the objects that keyframes belong to.
+
+    Args:
+        inside: (k,) probability that the tool is within its tolerance; None: no such column.
     """
     deg, fine = units.angle_sign, units.finer
     sigma = keyframe_sigmas([each.cov for each in keyframes])
@@ -138,7 +141,7 @@ def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]], 
 
 
 def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units) -> Table:
-    """Table of robots: name, joints, reach, gripper, assumed limits, description."""
+    """Robots: name, number of joints, reach, gripper, assumed limits, description."""
     words = ("gripper", "assumed limits", "what it is")
     rows = []
     for robot, reach in zip(robots, reach_m, strict=True):
@@ -150,14 +153,14 @@ def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units
 
 
 def columns_table(read: Sequence[Mapping[str, str]], unread: Mapping[str, str]) -> Table:
-    """What an import made of each column, and the columns that it left out."""
+    """How an import read each column, and which columns it did not read."""
     rows = [(printable(row["column"]), row["read_as"], row["quantity"], row["unit"], row["decided_by"]) for row in read]
     rows += [(printable(name), "not read", "", "", why) for name, why in unread.items()]
     return words_table(("column", "read as", "quantity", "unit", "decided by"), (map(Text, row) for row in rows))
 
 
 def ports_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Serial ports, and what was heard there."""
+    """Serial ports, and the sensors that were found there."""
     shown = {"port": "port", "device": "title", "USB id": "usb"}
     if any("sensor" in row for row in rows):
         shown |= {"speaks": "sensor", "baud": "baud", "": "note"}

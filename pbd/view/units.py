@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 LENGTHS = {"m": (1.0, 3), "cm": (100.0, 1), "mm": (1000.0, 0)}
 ANGLES = {"deg": (180.0 / np.pi, 1), "rad": (1.0, 3)}
 TIMES = {"s": (1.0, 2), "ms": (1000.0, 0)}
-"""Unit -> how many make a metre, a radian or a second, and how many decimals mean something to a hand or an arm."""
+"""Unit -> how many of it make a metre, radian or second; how many decimals are significant for a hand or an arm."""
 
 KINDS = {"length": LENGTHS, "angle": ANGLES, "time": TIMES}
 
@@ -30,28 +30,28 @@ class Units:
 
     @property
     def finer(self) -> Units:
-        """Units for what is small beside a place: millimetres of it say nothing in metres."""
+        """Units for uncertainties: millimetres where positions are in metres."""
         return replace(self, length="mm" if self.length == "m" else self.length)
 
     @property
     def angle_sign(self) -> str:
-        """As it stands in a header."""
+        """The angle's unit in a table's header."""
         return {"deg": "°"}.get(self.angle, self.angle)
 
     def lengths(self, metres: ArrayLike, finer: int = 0) -> list[str]:
-        """Write lengths, with more decimals than usual."""
-        return self._written(metres, *LENGTHS[self.length], finer)
+        """Write lengths; `finer` adds decimals."""
+        return self._format(metres, *LENGTHS[self.length], finer)
 
     def times(self, seconds: ArrayLike) -> list[str]:
         """Write times."""
-        return self._written(seconds, *TIMES[self.time])
+        return self._format(seconds, *TIMES[self.time])
 
     def angles(self, radians: ArrayLike) -> list[str]:
         """Write angles."""
-        return self._written(radians, *ANGLES[self.angle])
+        return self._format(radians, *ANGLES[self.angle])
 
-    def _written(self, values: ArrayLike, factor: float, decimals: int, finer: int = 0) -> list[str]:
-        """Write numbers with so many decimals, and spare the reader a -0.000; what is not known (NaN) is blank."""
+    def _format(self, values: ArrayLike, factor: float, decimals: int, finer: int = 0) -> list[str]:
+        """Write numbers with `decimals` + `finer` decimals and without -0.000; NaN, which is unknown, is blank."""
         given = factor * np.atleast_1d(np.asarray(values, dtype=np.float64))
         if self.exact:
             return [repr(x) if np.isfinite(x) else "" for x in (given + 0.0).tolist()]
@@ -60,10 +60,10 @@ class Units:
 
 
 def parse_units(text: str, usual: Units = Units()) -> Units:
-    """Parse "cm,deg", "mm", "rad" or "ms"; what is not named is as usual.
+    """Parse "cm,deg", "mm", "rad" or "ms"; kinds that are not named are as in `usual`.
 
     Raises:
-        ValueError: with the valid ones.
+        ValueError: a unit is unknown, or two are of one kind; the message lists the valid ones.
     """
     given: dict[str, str] = {}
     for word in text.split(","):

@@ -19,12 +19,12 @@ from pbd.view import shapes
 from pbd.view.compact_mesh import Mesh, compact
 
 GREY: Triple = (0.75, 0.76, 0.78)
-"""Colour of what has none in its file."""
+"""Colour of shapes whose file names none."""
 
 
 @dataclass(frozen=True, eq=False)
 class Visual:
-    """A mesh and how it lies on a link."""
+    """A mesh, and its pose on a link."""
 
     link: str
     T_link_visual: Pose
@@ -32,7 +32,7 @@ class Visual:
 
 
 def read_visuals(robot: Robot) -> tuple[Visual, ...]:
-    """Read all visual elements of the robot's URDF, in the file's order.
+    """Read all visual elements of the robot's URDF, in the order of the file.
 
     Raises:
         RobotError: the URDF or a mesh can't be read.
@@ -48,19 +48,20 @@ def read_visuals(robot: Robot) -> tuple[Visual, ...]:
 
 
 def load_mesh(path: Path, scale: Triple, default_rgb: Triple) -> Mesh:
-    """Read a mesh file and make it compact.
+    """Read a mesh file and compact it; the result is cached.
 
     Raises:
         RobotError: the file can't be read as a mesh, or no triangle of it has an area.
     """
 
-    def made(soup: Soup) -> dict[str, object]:
+    def compacted(soup: Soup) -> dict[str, object]:
         corners = soup.corners * np.array(scale)
-        outside_out = corners[:, ::-1] if np.prod(scale) < 0.0 else corners
+        if np.prod(scale) < 0.0:  # a mirrored mesh
+            corners = corners[:, ::-1]
         try:
-            return vars(compact(Soup(outside_out, soup.rgb), default_rgb))
+            return vars(compact(Soup(corners, soup.rgb), default_rgb))
         except ValueError as reason:
             raise RobotError(f"mesh {path} can't be drawn ({reason}); export it anew", path=path) from None
 
-    kept = from_mesh(path, "meshes", made, scale, default_rgb)
+    kept = from_mesh(path, "meshes", compacted, scale, default_rgb)
     return Mesh(kept["grid"], kept["centre"], float(kept["step"]), kept["faces"], kept["rgb"], bool(kept["closed"]))

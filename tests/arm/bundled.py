@@ -1,4 +1,4 @@
-"""The bundled arms and demonstrations, loaded once."""
+"""The bundled arms and demonstrations, each loaded once."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def arm_of(name: str) -> ArmModel:
 def path_of(name: str) -> HandPath:
     demo = load_demo(name)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what tracking tells is not the robot's
+        warnings.simplefilter("ignore")  # warnings of tracking do not concern the robot
         return track(demo.recording, "default", demo.known)
 
 

@@ -1,9 +1,8 @@
-"""What collision tests share: robots, raw meshes, exact distances."""
+"""Shared by collision tests: random coordinates, raw meshes, exact distances."""
 
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 
 import coal
 import numpy as np
@@ -13,25 +12,18 @@ from scipy.optimize import nnls
 from pbd.arm.collision.allowed_collisions import samples
 from pbd.arm.collision.clearance import Clearance
 from pbd.arm.collision.geometry import Body
-from pbd.arm.model import ArmModel, load_model
-from pbd.files.robot import read_robot
+from pbd.arm.model import ArmModel
 from pbd.pose import Array, Pose, quat_from_xyzw
-
-ROBOTS = sorted(path.stem for path in (Path(__file__).parents[2] / "robots").glob("*.toml"))
-
-
-@lru_cache
-def arm_of(name: str) -> ArmModel:
-    return load_model(read_robot(Path(__file__).parents[2] / "robots" / f"{name}.toml"))
+from tests.arm.bundled import arm_of
 
 
 def coordinates(arm: ArmModel, count: int, seed: int = 1) -> Array:
-    """Random coordinates (count, k + 1), other ones than those that pairs are dropped by."""
+    """Draw random coordinates (count, k + 1), in another order than the samples that decide which pairs are checked."""
     return np.random.default_rng(seed).permuted(samples(arm, count), axis=0)
 
 
 def placements(arm: ArmModel, x: Array) -> list[Pose]:
-    """T_universe_joint of all joints at coordinates (k + 1,)."""
+    """Return T_universe_joint of all joints at coordinates (k + 1,)."""
     data = arm.full.createData()
     pin.forwardKinematics(arm.full, data, arm.configurations(x))
     poses = [pin.SE3ToXYZQUAT(placement) for placement in data.oMi]
@@ -39,7 +31,7 @@ def placements(arm: ArmModel, x: Array) -> list[Pose]:
 
 
 def points_of(body: Body, joints: list[Pose]) -> Array:
-    """The corners (n, 3) of a hull or a box, the ends of a capsule's axis, in pinocchio's world."""
+    """Return the corners (n, 3) of a hull or a box, or the ends of a capsule's axis, in pinocchio's world."""
     points = body.points
     if body.shape == "box":
         points = 0.5 * np.array(body.size) * np.array([np.where(mask, 1.0, -1.0) for mask in np.ndindex(2, 2, 2)])
@@ -49,12 +41,12 @@ def points_of(body: Body, joints: list[Pose]) -> Array:
 
 
 def rounding_of(body: Body) -> float:
-    """How far a body reaches beyond those points, m."""
+    """Return how far a body extends beyond the hull of those points, m."""
     return body.pad + (0.5 * body.size[0] if body.shape == "capsule" else 0.0)
 
 
 def hull_distance(a: Array, b: Array) -> float:
-    """Distance of the hulls of points (n, 3) and (m, 3), m: nearest combinations of corners by least squares."""
+    """Return the distance of the hulls of points (n, 3) and (m, 3), m, by least squares over convex combinations."""
     heavy = 1e3  # makes the weights of either hull add up to one
     A = np.vstack((np.hstack((a.T, -b.T)), np.repeat([[heavy, 0.0], [0.0, heavy]], [len(a), len(b)], axis=1)))
     weights, _ = nnls(A, np.array([0.0, 0.0, 0.0, heavy, heavy]))
@@ -62,7 +54,7 @@ def hull_distance(a: Array, b: Array) -> float:
 
 
 class RawMeshes:
-    """The collision meshes as the URDF has them, by pinocchio's own reading and coal's collision of triangles."""
+    """The collision meshes of the URDF, as pinocchio reads them, checked by coal triangle by triangle."""
 
     def __init__(self, arm: ArmModel) -> None:
         self.arm, robot = arm, arm.robot
@@ -74,7 +66,7 @@ class RawMeshes:
         self.data = arm.full.createData()
 
     def watch(self, links: set[frozenset[str]]) -> None:
-        """Look at these pairs of links only."""
+        """Check only these pairs of links."""
         self.geometry.removeAllCollisionPairs()
         for i, first in enumerate(self.links):
             for j, second in enumerate(self.links[:i]):
@@ -83,14 +75,14 @@ class RawMeshes:
         self.placed = self.geometry.createData()
 
     def touching(self, x: Array) -> set[frozenset[str]]:
-        """Pairs of links whose meshes touch at coordinates (k + 1,)."""
+        """Return the pairs of links whose meshes touch at coordinates (k + 1,)."""
         q = self.arm.configurations(x)
         pin.computeCollisions(self.arm.full, self.data, self.geometry, self.placed, q, False)
         pairs = zip(self.geometry.collisionPairs, self.placed.collisionResults, strict=True)
         return {frozenset((self.links[pair.first], self.links[pair.second])) for pair, r in pairs if r.isCollision()}
 
     def vertices(self, i: int) -> Array:
-        """Corners (n, 3) of a mesh, or the middle (1, 3) of another shape, on its joint."""
+        """Return the corners (n, 3) of a mesh, or the centre (1, 3) of another shape, in the frame of its joint."""
         thing = self.geometry.geometryObjects[i]
         points = (
             np.array(thing.geometry.vertices()) if isinstance(thing.geometry, coal.BVHModelBase) else np.zeros((1, 3))

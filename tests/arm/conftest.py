@@ -2,7 +2,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,25 +10,23 @@ import pytest
 
 from pbd.arm.model import ArmModel, load_model
 from pbd.data import JointLimits, Robot
-from pbd.files.robot import read_robot
 from pbd.pose import Array, Pose
-
-PANDA = Path(__file__).parents[2] / "robots" / "panda.toml"
+from tests.arm.bundled import arm_of
 
 
 @pytest.fixture(scope="session")
 def panda() -> Robot:
-    return read_robot(PANDA)
+    return arm_of("panda").robot
 
 
 @pytest.fixture(scope="session")
-def arm(panda: Robot) -> ArmModel:
-    return load_model(panda)
+def arm() -> ArmModel:
+    return arm_of("panda")
 
 
 @pytest.fixture(scope="session")
 def oracle(panda: Robot) -> Callable[[Array], Any]:
-    """T_base_tool as pinocchio's SE3, from the whole URDF with its fingers, by the body's name."""
+    """Return T_base_tool as pinocchio's SE3, computed from the full URDF with its fingers."""
     model = pin.buildModelFromUrdf(str(panda.urdf))
     data = model.createData()
     body = model.getFrameId("panda_hand_tcp", pin.FrameType.BODY)
@@ -44,7 +41,7 @@ def oracle(panda: Robot) -> Callable[[Array], Any]:
 
 @pytest.fixture(scope="session")
 def odd_robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
-    """An arm of every kind of joint, about axes of every kind, on a base that isn't the root."""
+    """An arm with every kind of joint, oblique axes, and a base that is not the root."""
     path = tmp_path_factory.mktemp("odd") / "odd.urdf"
     path.write_text(ODD_URDF, encoding="utf-8")
     joints = ("pan", "lift", "wrist", "swing")
@@ -77,7 +74,7 @@ def odd_arm(odd_robot: Robot) -> ArmModel:
 
 
 def random_joints(robot: Robot, count: int, seed: int, margin: float = 0.0) -> Array:
-    """(count, k) rad, uniform between limits (an endless joint: within 10 rad)."""
+    """Draw joints (count, k), rad, uniformly within limits; continuous joints within 10 rad of zero."""
     lower, upper = np.clip(robot.limits.lower, -10.0, None), np.clip(robot.limits.upper, None, 10.0)
     return np.random.default_rng(seed).uniform(lower + margin, upper - margin, (count, len(robot.joints)))
 

@@ -1,4 +1,4 @@
-"""joint_trajectory_controller written anew from its rules: what it accepts, and where it puts the joints in between.
+"""A reimplementation of ROS 2's joint_trajectory_controller: what it accepts, and how it interpolates.
 
 https://control.ros.org/master/doc/ros2_controllers/joint_trajectory_controller/doc/trajectory.html
 """
@@ -18,7 +18,7 @@ def seconds(duration: Mapping[str, int]) -> float:
 
 
 def refuse(goal: Mapping[str, Any], joints: Sequence[str]) -> None:
-    """Raise what the controller would answer to a trajectory_msgs/msg/JointTrajectory."""
+    """Fail if the controller would reject a trajectory_msgs/msg/JointTrajectory."""
     assert {"header", "joint_names", "points"} <= set(goal)
     assert goal["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}, "it begins now"
     assert len(goal["joint_names"]) == len(joints), "it commands all joints"
@@ -41,7 +41,7 @@ def refuse(goal: Mapping[str, Any], joints: Sequence[str]) -> None:
 
 
 class Controller:
-    """A goal as the controller follows it; without accelerations by cubics, without velocities by lines."""
+    """A goal as the controller interpolates it: by quintics, or cubics (no accelerations), or lines (no velocities)."""
 
     def __init__(self, goal: Mapping[str, Any], *, accelerations: bool = True) -> None:
         points = goal["points"]
@@ -70,7 +70,7 @@ class Controller:
         ]
 
     def at(self, t: Array, order: int = 0) -> Array:
-        """Return a derivative (n, k) of the joints at instants (n,); after the last point it stays."""
+        """Return a derivative (n, k) of the joints at instants (n,); after the last point the joints stay."""
         t = np.minimum(t, self.t[-1])
         point = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
         s = (t - self.t[point])[:, None]
@@ -80,7 +80,7 @@ class Controller:
         return value
 
     def peaks(self, order: int, steps: int = 12) -> Array:
-        """Return each joint's largest absolute derivative (k,), looked at so many times between two points."""
+        """Return each joint's largest absolute derivative (k,), sampled `steps` times between two points."""
         shares = np.linspace(0.0, 1.0 - 1e-9, steps)
         t = (self.t[:-1, None] + shares * np.diff(self.t)[:, None]).ravel()
         return np.asarray(np.abs(self.at(t, order)).max(axis=0))

@@ -1,4 +1,4 @@
-"""A dense check of a motion by pinocchio and coal alone, on the original meshes: the oracle of the audit."""
+"""The oracle of the audit: a densely sampled check of a motion by pinocchio and coal, on the original meshes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pbd.pose import quat_to_matrix
 
 
 class Dense:
-    """The meshes of a URDF and obstacles, looked at every `every_s`."""
+    """The meshes of a URDF, and obstacles, checked every `every_s` seconds."""
 
     def __init__(self, robot: Robot, obstacles: Sequence[Obstacle], every_s: float = 1e-3) -> None:
         self.robot, self.every_s = robot, every_s
@@ -31,7 +31,7 @@ class Dense:
             self.names.append(obstacle.name)
 
     def touch(self, trajectory: JointTrajectory, pairs: Collection[frozenset[str]], margin_m: float) -> bool:
-        """Whether any of the pairs of names comes within a margin."""
+        """Whether any of the pairs of names comes within a margin, m."""
         self.geometry.removeAllCollisionPairs()
         for i, first in enumerate(self.names):
             for j, second in enumerate(self.names[:i]):
@@ -55,7 +55,7 @@ class Dense:
 
 
 def joint_values(robot: Robot, q: Any, opening: float) -> dict[str, float]:
-    """Of the arm's joints, and of the gripper's, by name."""
+    """Return the value of each joint of arm and gripper, by name."""
     values = dict(zip(robot.joints, q, strict=True))
     if (gripper := robot.gripper) is not None:
         values |= dict(zip(gripper.joints, gripper.closed + opening * (gripper.open - gripper.closed), strict=True))

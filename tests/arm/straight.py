@@ -1,4 +1,4 @@
-"""Motions of straight moves, for tests that need one."""
+"""Motions of straight moves, for tests."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def time_keyframes(
     speed: float = 1.0,
     approach: bool = True,
 ) -> JointTrajectory:
-    """Time straight moves through keyframes (n, k): see `time_moves`; from `q_start` (k,) with an approach."""
+    """Time straight moves through keyframes (n, k), with an approach from `q_start` (k,): see `time_moves`."""
     moves = [Move(q[None]) for q in q_keyframes]
     if approach:
         moves[0] = Move(q_keyframes[:1], share=APPROACH_SPEED)

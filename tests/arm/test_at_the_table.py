@@ -1,4 +1,4 @@
-"""Lines along the table to what is grasped there: on the way it stands on the table, and isn't yet in the hand."""
+"""Lines along the table to an object that is grasped there: on the way it stands on the table, not in the hand."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CUP = GraspedObject("cylinder", (0.05, 0.12))
 
 
 def along_the_table(robot: Robot, seed: int) -> list[Keyframe]:
-    """From the dock down to the table, along it to the cup, and up with it; the hand turns by as much as it likes."""
+    """Move from the dock down to the table, along it to the cup, and up with the cup, with random rotations."""
     dock = robot.dock
     assert dock is not None
     assert dock.T_base_dock is not None
@@ -44,7 +44,7 @@ def along_the_table(robot: Robot, seed: int) -> list[Keyframe]:
     ("name", "seed"), [("panda", 16), ("ur5", 7), ("ur5", 19), ("ur5", 28), ("xarm7", 7), ("xarm7", 19)]
 )
 def test_a_line_along_the_table_leads_to_a_grasp(name: str, seed: int) -> None:
-    """Of 120 random ones these were refused while the cup was taken to be in the hand on the way to it."""
+    """Of 120 random motions, these fail if the cup counts as held on the way to it."""
     robot = pbd.load_robot(name)
     assert robot.dock is not None
     alone = PlanOptions(path="line", approach=False, retreat=False)
@@ -52,8 +52,8 @@ def test_a_line_along_the_table_leads_to_a_grasp(name: str, seed: int) -> None:
     assert {way.kind for way in plan.segments[1:]} == {LINE}
 
 
-def test_what_is_grasped_is_in_the_hand_from_its_keyframe_on() -> None:
-    """A hand that held the cup 10 cm beside where it stands would push it along the table."""
+def test_the_object_is_held_from_its_keyframe_on() -> None:
+    """A cup held 10 cm beside the grasp would slide along the table, which is a contact."""
     arm = arm_of("panda")
     grasp = Pose(np.array([0.5, 0.0, 0.5 * CUP.size[-1]]), np.array([0.0, 1.0, 0.0, 0.0]))
     beside = Pose(grasp.p + np.array([0.1, 0.0, 0.0]), grasp.wxyz)
@@ -67,7 +67,7 @@ def test_what_is_grasped_is_in_the_hand_from_its_keyframe_on() -> None:
 
 
 def carried(*obstacles: Obstacle, y: float) -> Plan:
-    """The cup is taken at y m, set down beside that and never let go; then the arm goes home with it."""
+    """Plan: the cup is grasped at y, m, moved aside and never released; the arm retreats with it."""
     robot = pbd.load_robot("panda")
     dock = robot.dock
     assert dock is not None
@@ -83,16 +83,16 @@ def carried(*obstacles: Obstacle, y: float) -> Plan:
     return plan_keyframes(keyframes, dock, robot, alone, grasped=CUP)
 
 
-def test_what_is_held_may_stand_at_the_last_keyframe_before_the_arm_goes_home_with_it() -> None:
-    back = carried(y=0.1).back
+def test_a_held_object_may_touch_its_support_at_the_last_keyframe() -> None:
+    back = carried(y=0.1).retreat
     assert back is not None
     assert back.kind == STRAIGHT
 
 
-def test_a_detour_back_takes_along_what_is_held() -> None:
+def test_a_detour_of_the_retreat_carries_the_object() -> None:
     wall = Obstacle("the wall", "box", (0.8, 0.02, 1.1), Pose.from_rpy((0.55, 0.22, 0.35), (0.0, 0.0, 0.0)))
     with pytest.warns(PbdWarning, match="^on its way back the arm goes around the wall"):
         plan = carried(wall, y=0.5)
-    assert plan.back is not None
-    assert plan.back.kind == DETOUR
+    assert plan.retreat is not None
+    assert plan.retreat.kind == DETOUR
     assert detours(plan) == ((plan.trajectory.keyframe_t[-1], plan.trajectory.duration),)

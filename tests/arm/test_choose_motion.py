@@ -1,4 +1,4 @@
-"""Which way the arm takes: straight, otherwise held, as the hand went; and what is said where none is free."""
+"""The choice of a motion: straight, with other configurations, by line, by the hand's path, by detour; refusals."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def moved(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:
-    """The tool as at home, shifted in base."""
+    """Return home's tool pose, shifted in base, m."""
     return Pose(T_HOME.p + np.array([x, y, z]), T_HOME.wxyz)
 
 
@@ -47,7 +47,7 @@ def box(name: str, size: tuple[float, ...], x: float, y: float, z: float) -> Obs
 
 
 def over(*corners: Pose) -> Sequence[Pose]:
-    """A hand that went from corner to corner."""
+    """Return the path of a hand from corner to corner."""
     poses: list[Pose] = [corners[0]]
     for a, b in pairwise(corners):
         poses += line(a, b)[1:]
@@ -62,11 +62,11 @@ def asked(
 
 
 def chosen(poses: Sequence[Pose], obstacles: Sequence[Obstacle] = (), **request: object) -> Motion:
-    """A motion, and the whole of it is free as the collision checks of motions in time see it."""
+    """Return a motion; assert that all of it, once timed, is free, and that it reaches the poses."""
     found, scene = asked(poses, obstacles, **request)
     assert isinstance(found, Motion)
     moves = [Move(segment.q, segment.curved) for segment in found.segments]
-    back = None if found.back is None else Move(found.back.q, found.back.curved)
+    back = None if found.retreat is None else Move(found.retreat.q, found.retreat.curved)
     start = HOME if request.get("approach", True) else found.q[0]
     trajectory, _ = time_moves(ARM, start, moves, [0.2] * len(moves), [None] * len(moves), retreat=back)
     assert check_motion(scene, trajectory) is None
@@ -93,24 +93,24 @@ def places(q: Array) -> Array:
 
 LEFT, RIGHT = moved(y=-0.2, z=-0.1), moved(y=0.2, z=-0.1)
 WALL = [box("the wall", (1.2, 0.01, 0.7), 0.41, 0.0, -0.25)]
-"""Between left and right, from the arm's base outward: the hand can go over it."""
+"""A wall between left and right, from the arm's base outward; the hand can pass over it."""
 PLATE = [box("the plate", (1.2, 0.01, 1.8), 0.41, 0.0, 0.3)]
-"""From the arm's base outward and higher than it reaches: nothing passes."""
+"""A wall from the arm's base outward, higher than the arm reaches."""
 OVER = over(LEFT, moved(y=-0.2, z=0.2), moved(y=0.2, z=0.2), RIGHT)
 LOWER = over(LEFT, moved(y=-0.2, z=-0.12), moved(y=0.2, z=-0.12), RIGHT)
 
 
-def test_where_nothing_is_in_the_way_all_is_straight() -> None:
-    motion = chosen((LEFT, RIGHT), q_back=HOME)
+def test_without_obstacles_all_moves_are_straight() -> None:
+    motion = chosen((LEFT, RIGHT), q_retreat=HOME)
     assert kinds(motion) == [STRAIGHT, STRAIGHT]
     np.testing.assert_array_equal(motion.segments[1].q, motion.q[1:])
     assert motion.segments[1].off_line_m > 0.001
-    assert motion.back is not None
-    np.testing.assert_array_equal(motion.back.q[-1], HOME)
+    assert motion.retreat is not None
+    np.testing.assert_array_equal(motion.retreat.q[-1], HOME)
 
 
-def test_a_link_that_is_barred_is_gone_round_by_holding_the_arm_otherwise() -> None:
-    """A ball where the elbow would pass in the middle of the move: the hand's path isn't needed."""
+def test_a_barred_move_is_avoided_by_another_configuration() -> None:
+    """A ball is where the elbow would pass in the middle of the move; the hand's path is not needed."""
     free = chosen((LEFT, RIGHT), approach=False)
     ARM.forward(0.5 * (free.q[0] + free.q[1]))
     elbow = ARM.data.oMi[4].translation - T_HOME.p
@@ -121,7 +121,7 @@ def test_a_link_that_is_barred_is_gone_round_by_holding_the_arm_otherwise() -> N
     assert np.abs(motion.q - free.q).max() > 0.05
 
 
-def test_over_a_wall_as_the_hand_went() -> None:
+def test_the_hands_path_leads_over_a_wall() -> None:
     motion = chosen((LEFT, RIGHT), WALL, approach=False, hand=lambda: [OVER])
     assert kinds(motion) == [STRAIGHT, DEMO]
     avoided = motion.segments[1].avoided
@@ -130,8 +130,8 @@ def test_over_a_wall_as_the_hand_went() -> None:
     assert places(motion.segments[1].q)[:, 2].max() > 0.19
 
 
-def test_what_is_barred_is_mended_where_it_is() -> None:
-    """Three crossings of the wall among moves beside it: each is made as the hand went, the others stay straight."""
+def test_only_barred_moves_are_mended() -> None:
+    """Three of the moves cross the wall: only these follow the hand's path, the others stay straight."""
     beside = [moved(x=0.02, y=-0.2, z=-0.1), moved(x=0.02, y=0.2, z=-0.1)]
     poses = (LEFT, beside[0], RIGHT, beside[1], LEFT, beside[0], RIGHT)
     paths = [over(a, moved(y=a.p[1] - T_HOME.p[1], z=0.2), moved(y=b.p[1] - T_HOME.p[1], z=0.2), b)
@@ -140,8 +140,8 @@ def test_what_is_barred_is_mended_where_it_is() -> None:
     assert kinds(motion) == [STRAIGHT, STRAIGHT, DEMO, STRAIGHT, DEMO, STRAIGHT, DEMO]
 
 
-def test_many_keyframes_cost_as_much_each_as_few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """More than one window of them; what is checked is counted."""
+def test_the_checks_for_each_keyframe_do_not_grow_with_their_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With more than one window of the ladder; collision checks are counted."""
     counted, is_free = list[Leg](), CollisionScene.is_free
 
     def count(self: CollisionScene, q: Array, leg: Leg) -> bool:
@@ -160,7 +160,7 @@ def test_many_keyframes_cost_as_much_each_as_few(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_path_on_which_the_tool_touches_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the tool carries is told by its poses alone: no joints are sought along the line."""
+    """The tool's hit follows from its poses alone, so no joints are solved along the line."""
     followed = list[object]()
     monkeypatch.setattr(ladder_checks, "follow", lambda *args: followed.append(args))
     with pytest.warns(PbdWarning, match="goes around the plate"):
@@ -174,7 +174,7 @@ def test_a_path_on_which_the_tool_touches_is_not_followed(monkeypatch: pytest.Mo
     assert scene.tool_hit(line_of_tool[:5], Leg()) is None
 
 
-def test_where_the_hand_itself_went_through_it_is_refused_with_all_that_was_tried() -> None:
+def test_a_refusal_names_all_paths_that_were_tried() -> None:
     refusal = refused((LEFT, RIGHT), PLATE, approach=False, hand=lambda: [LOWER], detour=False)
     message, fields = refusal.error.message, refusal.error.fields
     assert refusal.why == COLLISION
@@ -198,8 +198,8 @@ def test_without_a_hands_path_a_line_is_tried() -> None:
     assert ". Straight line of the tool" in message
 
 
-def test_a_detour_is_the_same_each_time_and_is_told() -> None:
-    """Neither another way to hold the arm nor a line gets around the plate; what was planned before changes nothing."""
+def test_a_detour_is_the_same_each_time_and_is_warned_of() -> None:
+    """Neither other configurations nor a line avoid the plate; earlier plans do not change the result."""
     found = []
     for _ in range(2):
         with pytest.warns(PbdWarning, match="^from 0 to 1 the arm goes around the plate: --no-detour refuses that$"):
@@ -208,7 +208,7 @@ def test_a_detour_is_the_same_each_time_and_is_told() -> None:
     assert found[0].segments[1].q.tobytes() == found[1].segments[1].q.tobytes()
 
 
-def test_a_known_detour_is_bent_to_joints_nearby_and_is_no_longer_for_that() -> None:
+def test_a_known_detour_is_bent_to_joints_nearby_without_getting_longer() -> None:
     with pytest.warns(PbdWarning, match="the arm goes around the plate"):
         found = chosen((LEFT, RIGHT), PLATE, approach=False)
     way = np.vstack((found.q[0], found.segments[1].q))
@@ -222,7 +222,7 @@ def test_a_known_detour_is_bent_to_joints_nearby_and_is_no_longer_for_that() -> 
     assert np.abs(np.diff(back, axis=0)).sum() < 1.1 * np.abs(np.diff(way, axis=0)).sum()
 
 
-def test_what_was_tried_is_told_where_there_is_no_way_around(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refusal_gives_the_number_of_checks_of_detours(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ladder_checks, "CHECKS", 50)
     monkeypatch.setattr(ladder_checks, "CHECKS_EACH", 0)
     message = refused((LEFT, RIGHT), PLATE, approach=False).error.message
@@ -230,19 +230,19 @@ def test_what_was_tried_is_told_where_there_is_no_way_around(monkeypatch: pytest
     assert 50 <= checks < 60
 
 
-def test_a_detour_may_turn_a_joint_the_longer_way() -> None:
-    """The nearer turn of the base leads nowhere: no pair of ways to hold the arm that is nearest has a detour."""
+def test_a_detour_may_turn_a_joint_by_the_larger_angle() -> None:
+    """The shorter turn of the base leads nowhere: the nearest configurations have no detour."""
     arm, obstacles, poses = made("ur5", "bin", 4)
     scene = CollisionScene(arm, None, obstacles)
-    motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), scene)
+    motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_retreat=arm.robot.home), scene)
     assert isinstance(motion, Motion)
-    assert motion.back is not None
+    assert motion.retreat is not None
     assert motion.q[1, 0] - motion.q[0, 0] < np.pi
 
 
-@pytest.mark.filterwarnings("ignore:.*(goes around|comes nearer to something)")
+@pytest.mark.filterwarnings("ignore:.*(goes around|keeps a clearance of)")
 def test_a_narrow_part_of_the_null_space_is_found_where_nothing_else_is_free() -> None:
-    """Panda's last joint has 7 mrad in which the arm is 1 mm from the beam."""
+    """The arm is free, 1 mm from the beam, only within 7 mrad of panda's last joint."""
     arm, obstacles, poses = made("panda", "portal", 11)
     scene = CollisionScene(arm, None, obstacles)
     motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, approach=False), scene)
@@ -251,8 +251,8 @@ def test_a_narrow_part_of_the_null_space_is_found_where_nothing_else_is_free() -
 
 
 @pytest.mark.parametrize("higher_m", [1e-3, 3e-3])
-def test_a_motion_close_to_things_is_made_where_no_other_is_free_and_told(higher_m: float) -> None:
-    """Just below the fingers, however the arm is held: nearer than is kept elsewhere, then nearer than at all."""
+def test_the_smaller_margin_is_used_with_a_warning_if_nothing_else_is_free(higher_m: float) -> None:
+    """A plate just below the fingers: closer than MARGIN_M, then closer than CLOSE_M."""
     q, (low, high) = chosen((LEFT, RIGHT), approach=False).q[0], (-0.1, 0.0)
 
     def plate(z: float) -> list[Obstacle]:
@@ -266,45 +266,45 @@ def test_a_motion_close_to_things_is_made_where_no_other_is_free_and_told(higher
         refused((LEFT, RIGHT), plate(low + higher_m), approach=False)
         return
     with pytest.warns(
-        PbdWarning, match=r"^a motion was only found that comes nearer to something than 2.5 mm \(no less "
+        PbdWarning, match=r"^the only motion found keeps a clearance of 0.5 mm instead of 2.5 mm, for example between "
     ):
         found, _ = asked((LEFT, RIGHT), plate(low + higher_m), approach=False)
     assert isinstance(found, Motion)
 
 
-def test_a_detour_is_looked_for_before_the_arm_is_held_quite_otherwise() -> None:
-    """A straight move is free among the first 36, but it is twice as long as the detour."""
+def test_a_detour_is_searched_for_before_distant_configurations() -> None:
+    """Among the first 36 straight moves one is free, but it is twice as long as the detour."""
     arm, obstacles, poses = made("ur5", "shelf", 7000)
     scene = CollisionScene(arm, None, obstacles)
     with pytest.warns(PbdWarning, match="goes around"):
-        found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), scene)
+        found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_retreat=arm.robot.home), scene)
     assert isinstance(found, Motion)
     assert travel(found) < 8.0
 
 
 @pytest.mark.parametrize("end", ["approach", "back"])
 def test_a_detour_from_home_and_back(end: str) -> None:
-    """A wall between home and all keyframes, and too high to be gone over straight."""
+    """A wall stands between home and all keyframes, too high for straight moves."""
     poses = (moved(y=0.45, z=-0.2), moved(y=0.5, z=-0.2))
     wall = box("the wall", (0.8, 0.02, 1.1), 0.15, 0.22, -0.1)
-    request = {"q_back": HOME, "approach": False} if end == "back" else {}
+    request = {"q_retreat": HOME, "approach": False} if end == "back" else {}
     with pytest.warns(PbdWarning, match="the arm goes around the wall"):
         found = chosen(poses, [wall], **request)
-    detour = found.segments[0] if end == "approach" else found.back
+    detour = found.segments[0] if end == "approach" else found.retreat
     assert detour is not None
     assert detour.kind == DETOUR
 
 
 @pytest.mark.parametrize("kind", [LINE, DEMO])
-def test_a_path_that_was_asked_for_isnt_replaced(kind: str) -> None:
+def test_a_requested_path_is_not_replaced(kind: str) -> None:
     message = refused((LEFT, RIGHT), PLATE, approach=False, kind=kind, hand=lambda: [LOWER]).error.message
     assert "motion from keyframe 0 to keyframe 1 among " in message
     assert " would touch the plate" in message
     assert "Straight in joint space" not in message
 
 
-def test_what_is_in_the_way_is_named_where_no_joints_lead_on_because_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No path was followed from end to end while something could be in the way: alone it can be, and touches it."""
+def test_the_hit_of_a_path_that_was_not_followed_is_found_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The path can be followed only without the scene; its hit is then found afterwards."""
     follow = cartesian.follow
 
     def broken(arm: object, poses: Sequence[Pose], *ends: Array) -> Array | None:
@@ -338,7 +338,7 @@ def test_a_keyframe_out_of_reach() -> None:
     assert (refusal.why, refusal.error.fields["keyframe"]) == (UNREACHABLE, 1)
 
 
-def test_lines_where_a_straight_move_leaves_them_too_far() -> None:
+def test_moves_beyond_the_tolerance_become_lines() -> None:
     poses = (LEFT, RIGHT, moved(y=0.21, z=-0.1))
     off = [segment.off_line_m for segment in chosen(poses).segments]
     assert off[1] > 0.01 > off[2]
@@ -347,27 +347,27 @@ def test_lines_where_a_straight_move_leaves_them_too_far() -> None:
     np.testing.assert_allclose(np.ptp(places(motion.segments[1].q)[:, [0, 2]], axis=0), 0.0, atol=1e-7)
 
 
-def test_where_the_last_keyframe_has_no_free_way_back_the_motion_ends_there() -> None:
-    """Something stands at home: that bars the way back and nothing else."""
+def test_without_a_free_retreat_the_motion_ends_at_the_last_keyframe() -> None:
+    """An obstacle at home bars only the retreat."""
     poses = (moved(y=0.3, z=-0.1), moved(y=0.35, z=-0.1))
     with pytest.warns(PbdWarning, match=r"no collision-free way back from the last keyframe was found .*the ball"):
-        motion = chosen(poses, [ball(0.0, 0.0, 0.0, 0.12)], q_back=HOME, approach=False)
-    assert motion.back is None
+        motion = chosen(poses, [ball(0.0, 0.0, 0.0, 0.12)], q_retreat=HOME, approach=False)
+    assert motion.retreat is None
     assert kinds(motion) == [STRAIGHT, STRAIGHT]
 
 
 @pytest.mark.parametrize("end", ["approach", "back"])
-def test_an_end_is_come_to_along_the_tools_axis_where_it_can_not_be_come_to_straight(end: str) -> None:
-    """A ball where the fingertips would pass shortly before they are there."""
+def test_approach_and_retreat_may_use_the_tools_axis(end: str) -> None:
+    """A ball is where the fingertips would pass shortly before they arrive."""
     low, apart = moved(y=-0.3, z=-0.3), moved(y=-0.35, z=-0.3)
     poses = (low, apart) if end == "approach" else (apart, low)
-    free = chosen(poses, q_back=HOME)
+    free = chosen(poses, q_retreat=HOME)
     q = free.q[poses.index(low)]
     there = places((HOME + 0.8 * (q - HOME))[None])[0]
-    found = chosen(poses, [ball(*there)], q_back=HOME)
-    assert found.back is not None
-    np.testing.assert_array_equal(found.back.q[-1], HOME)
-    q = found.segments[0].q if end == "approach" else found.back.q
+    found = chosen(poses, [ball(*there)], q_retreat=HOME)
+    assert found.retreat is not None
+    np.testing.assert_array_equal(found.retreat.q[-1], HOME)
+    q = found.segments[0].q if end == "approach" else found.retreat.q
     assert len(q) == 2
     away = places(q[:1])[0] - places(found.q)[poses.index(low)]
     np.testing.assert_allclose(away[:2], 0.0, atol=1e-4)  # home's tool points down but for a hair
@@ -379,8 +379,8 @@ def test_an_approach_that_is_barred_is_refused() -> None:
     assert refusal.error.fields["keyframe"] == 0
 
 
-def test_a_path_that_the_arm_can_not_follow_is_told() -> None:
-    """Through the arm's own base, where no tool can be."""
+def test_a_path_that_the_arm_can_not_follow_is_refused() -> None:
+    """The line goes through the arm's own base."""
     ur5 = arm_of("ur5")
     home = ur5.forward(ur5.robot.home)
     there = Pose(home.p * (-1.0, -1.0, 1.0), home.wxyz)
@@ -390,8 +390,8 @@ def test_a_path_that_the_arm_can_not_follow_is_told() -> None:
     assert refusal.error.message.startswith("the arm can't follow the straight line from keyframe 0 to keyframe 1: ")
 
 
-def test_joints_are_sought_along_a_path_whose_ends_do_not_lead_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No pair of branches is followed from end to end; those of every few poses lead on."""
+def test_a_path_is_split_if_no_pair_of_configurations_at_its_ends_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No pair of configurations is connected along the entire path; those of every few poses are."""
     follow, ends = cartesian.follow, list[int]()
 
     def short(arm: object, poses: Sequence[Pose], *q: Array) -> Array | None:

@@ -1,4 +1,4 @@
-"""The closed form finds every way that its arms can be held, and says nothing of other arms."""
+"""The closed forms find all solutions of the arms for which they are made, and none for other arms."""
 
 from __future__ import annotations
 
@@ -7,16 +7,19 @@ import pytest
 
 from pbd.arm.ik.branches import find_branches
 from pbd.arm.ik.closed_form import closed_form, flipped_elbow
-from pbd.arm.ik.seven_joints import APART_RAD, seven_joints
-from pbd.arm.model import to_se3
+from pbd.arm.ik.seven_joints import seven_joints
+from pbd.arm.ik.subproblems import limit_excess
+from pbd.arm.model import load_model, to_se3
+from pbd.pose import Pose
 from tests.arm.bundled import arm_of
 from tests.arm.conftest import random_joints
 from tests.benchmarks.branches import measure
 
 
 @pytest.mark.parametrize(("name", "ways"), [("ur3", 6.0), ("ur5", 6.0), ("ur10", 6.0), ("kinova", 7.0), ("z1", 1.0)])
-def test_every_way_reaches_the_pose_and_the_known_one_is_among_them(name: str, ways: float) -> None:
-    arm, count = arm_of(name), 0
+def test_every_solution_reaches_the_pose_and_the_known_one_is_among_them(name: str, ways: float) -> None:
+    """So are ways up to 0.05 rad beyond a limit, from where a descent leads back."""
+    arm, count, beyond = arm_of(name), 0, -np.inf
     joints = random_joints(arm.robot, 50, seed=11)
     for truth in joints:
         pose = arm.forward(truth)
@@ -25,25 +28,59 @@ def test_every_way_reaches_the_pose_and_the_known_one_is_among_them(name: str, w
         off = found - truth
         assert np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi))).max(axis=1).min() < 1e-6
         count += len(found)
+        beyond = max(beyond, float(limit_excess(arm, found).max()))
     assert count >= ways * len(joints)
+    assert beyond < 0.05
+    assert beyond > 0.03 or name.startswith("ur")
+
+
+@pytest.mark.parametrize("name", ["ur5", "kinova", "panda"])
+def test_a_base_may_stand_beside_the_first_axis(name: str) -> None:
+    """One arm of each kind; the same arm and poses moved together have the same solutions."""
+    arm, moved, shift = arm_of(name), load_model(arm_of(name).robot), np.array([0.1, -0.2, 0.3])
+    moved.model.jointPlacements[1].translation += shift
+    for truth in random_joints(arm.robot, 10, seed=12):
+        pose = arm.forward(truth)
+        there = Pose(pose.p + shift, pose.wxyz)
+        np.testing.assert_allclose(closed_form(moved, to_se3(there)), closed_form(arm, to_se3(pose)), atol=1e-6)
+        branches = [branch for branch in seven_joints(moved, to_se3(there)) if len(branch) > 1]
+        assert all(max(there.distance(moved.forward(branch[0]))) < 1e-5 for branch in branches)
+        assert bool(branches) == (name == "panda")
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
-def test_every_branch_of_seven_joints_holds_the_pose_and_one_leads_past_the_known_way(name: str) -> None:
-    arm = arm_of(name)
+def test_every_branch_of_seven_joints_reaches_the_pose_and_one_passes_the_known_solution(name: str) -> None:
+    """A branch is divided where a joint moves by more than 1 rad from one solution to the next, and nowhere else.
+
+    Where a joint moves fast, the angles of the last one are nine times as dense.
+    """
+    arm, largest, nearly, dense = arm_of(name), 0.0, 0.0, 0
     for truth in random_joints(arm.robot, 50, seed=11):
         pose = arm.forward(truth)
-        found = [branch for branch in seven_joints(arm, to_se3(pose)) if len(branch) > 1]
+        branches = seven_joints(arm, to_se3(pose))
+        found = [branch for branch in branches if len(branch) > 1]
+        nearly = max([nearly, *(float(limit_excess(arm, branch[0])) for branch in branches if len(branch) == 1)])
         assert all(max(pose.distance(arm.forward(branch[len(branch) // 2]))) < 1e-5 for branch in found)
         off = np.vstack(found) - truth
         assert np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi))).max(axis=1).min() < 0.3
+        gaps = np.diff(np.unique(np.concatenate([branch[:, 6] for branch in found]).round(9)))
+        dense += np.isclose(gaps, gaps.max() / 9.0, rtol=0.01).sum()
         steps = np.vstack([np.diff(branch, axis=0) for branch in found])
-        assert np.abs(steps - 2.0 * np.pi * np.round(steps / (2.0 * np.pi))).max() <= APART_RAD
+        largest = max(largest, float(np.abs(steps - 2.0 * np.pi * np.round(steps / (2.0 * np.pi))).max()))
+    assert 0.6 < largest <= 1.0
+    assert 0.15 < nearly < 0.2  # rad beyond a limit, where a short branch may lie
+    assert dense > 200
 
 
 @pytest.mark.parametrize("name", ["so100", "so101"])
 def test_the_elbow_of_an_arm_of_five_joints_is_tried_on_both_sides(name: str) -> None:
     arm, flips = arm_of(name), 0
+    beyond = [
+        limit_excess(arm, q)
+        for q in (flipped_elbow(arm, q) for q in random_joints(arm.robot, 200, 11))
+        if q is not None
+    ]
+    assert 0.03 < max(beyond) < 0.05
     for truth in random_joints(arm.robot, 40, seed=11):
         flipped = flipped_elbow(arm, truth)
         if flipped is not None and (flipped > arm.limits.lower).all() and (flipped < arm.limits.upper).all():
@@ -61,7 +98,7 @@ def test_planning_finds_what_a_search_a_hundred_times_longer_finds(name: str) ->
 
 
 @pytest.mark.parametrize("name", ["panda", "so101"])
-def test_other_arms_are_left_to_descents(name: str) -> None:
+def test_other_arms_have_no_closed_form(name: str) -> None:
     arm = arm_of(name)
     assert not len(closed_form(arm, to_se3(arm.forward(arm.robot.home))))
     assert not seven_joints(arm_of("ur5"), to_se3(arm_of("ur5").forward(arm_of("ur5").robot.home)))

@@ -1,25 +1,19 @@
-"""The rod that stands for a gripper where the model has none."""
+"""The rod that stands for a gripper if the model has none."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pbd.arm.collision.clearance import MARGIN_M
-from pbd.arm.collision.geometry import Body
-from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.collision.scene import TABLE, CollisionScene, Leg
 from pbd.arm.gripper import ROD_RADIUS_M, ROD_SHORT_M, THE_TOOL, arm_bodies, gripper_links, tool_rod
 from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel
 from pbd.data import GraspedObject, Obstacle
 from pbd.data.world import Stay
-from pbd.errors import PlanError
-from pbd.planning import plan_keyframes
 from pbd.pose import Array, Pose, quat_from_rpy
-from tests.arm.bundled import NAMES, arm_of, keyframes_of, path_of
+from tests.arm.bundled import NAMES, arm_of
 from tests.arm.collision_oracles import coordinates, placements
 
 WITHOUT = ("ur3", "ur5", "ur10", "xarm7")
@@ -27,7 +21,7 @@ DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
 
 
 def at(arm: ArmModel, z: float, roll: float = 0.0) -> Array:
-    """Joints at which the tool points down, or tilted, over the dock, at a height in base."""
+    """Return joints with the tool over the dock at a height in base, m, pointing down or tilted."""
     dock = arm.robot.dock
     assert dock is not None
     assert dock.T_base_dock is not None
@@ -43,7 +37,7 @@ def test_arms_without_a_gripper_in_the_model_have_one() -> None:
 
 
 @pytest.mark.parametrize("name", WITHOUT)
-def test_it_leads_from_the_flange_to_just_before_the_tool(name: str) -> None:
+def test_the_rod_ends_just_before_the_tools_origin(name: str) -> None:
     arm = arm_of(name)
     rod = arm_bodies(arm)[-1]
     assert rod.name == THE_TOOL
@@ -69,7 +63,7 @@ def test_the_tool_may_come_down_to_the_table_and_no_farther(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", WITHOUT)
-def test_it_meets_obstacles_but_not_what_is_grasped(name: str) -> None:
+def test_the_rod_may_touch_the_object_but_no_obstacle(name: str) -> None:
     arm = arm_of(name)
     q = at(arm, 0.2)
     for side, free in ((ROD_RADIUS_M + 0.01, False), (ROD_RADIUS_M + 0.01 + 2.0 * MARGIN_M, True)):
@@ -81,26 +75,3 @@ def test_it_meets_obstacles_but_not_what_is_grasped(name: str) -> None:
             assert (hit.first, hit.second) == (THE_TOOL, "ball")
     scene = CollisionScene(arm, 0.0, grasped=GraspedObject("cylinder", (0.06, 0.1)))
     assert scene.hit(q, Leg(0.0, Stay(0.0, 1.0, True, Pose.identity()))) is None
-
-
-def test_its_levers_bound_how_far_it_moves() -> None:
-    arm = arm_of("ur5")
-    rod = arm_bodies(arm)[-1]
-    rate = rates(arm, [Body("foot", 0, Pose.identity(), "floor"), rod], np.array([[0, 1]]))[0]
-    tip = np.array([0.0, 0.0, 0.5 * rod.size[1] + ROD_RADIUS_M])
-    rng = np.random.default_rng(0)
-    for x in coordinates(arm, 20):
-        moved = x + np.append(rng.normal(0.0, 0.3, len(x) - 1), 0.0)
-        a, b = ((placements(arm, each)[rod.joint] @ rod.T_joint_body).act(tip) for each in (x, moved))
-        assert np.linalg.norm(a - b) <= rate @ np.abs(moved - x) + 1e-9
-
-
-def test_a_keyframe_under_the_table_is_refused() -> None:
-    robot, keyframes = arm_of("ur5").robot, list(keyframes_of("pouring"))
-    assert robot.dock is not None
-    assert robot.dock.T_base_dock is not None
-    T = keyframes[2].T_nav_sensor
-    low = Pose(np.array([*T.p[:2], -0.15 - robot.dock.T_base_dock.p[2]]), T.wxyz)
-    keyframes[2] = replace(keyframes[2], T_nav_sensor=low)
-    with pytest.raises(PlanError, match=r"^no collision-free arm pose at keyframe 2 among .* would touch the table, "):
-        plan_keyframes(keyframes, robot.dock, robot, None, path_of("pouring"))

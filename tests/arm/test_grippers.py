@@ -1,4 +1,4 @@
-"""Every bundled arm's tool against the geometry of its own gripper.
+"""Every bundled arm's tool frame compared with the geometry of its own gripper.
 
 The gripper is measured here by pinocchio and coal, from the URDF's meshes and the positions of the finger joints.
 """
@@ -20,7 +20,7 @@ from tests.arm.bundled import NAMES, arm_of
 
 
 class Jaws(NamedTuple):
-    """Links of the jaw that x leads from, and of the one that it leads to."""
+    """The links of the two jaws; the tool's x axis points from the near one to the far one."""
 
     near: str
     far: str
@@ -39,7 +39,7 @@ WITHOUT = tuple(name for name in NAMES if name not in JAWS)
 
 @cache
 def tip_in_link(name: str, link: str) -> Array:
-    """Where a jaw ends, in its link: the mean of the points of its meshes within 8 mm of the last one."""
+    """Return the tip of a jaw in its link: the mean of its mesh points within 8 mm of the last one."""
     arm = arm_of(name)
     p_link = np.vstack([_points(arm.robot, element) for element in _link(arm.robot, link).iterfind("visual")])
     # The last one is the one farthest from where the wrist's last joint is.
@@ -70,7 +70,7 @@ def _points(robot: Robot, visual: ET.Element) -> Array:
 
 
 def tips_in_tool(name: str, opening: float) -> tuple[Array, Array]:
-    """The ends of both jaws in the tool's frame, the gripper open by its share."""
+    """Return the tips of both jaws in the tool frame, at an opening from 0 to 1."""
     arm, data = arm_of(name), arm_of(name).full.createData()
     pin.framesForwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, opening)))
     base = data.oMf[arm.full.getFrameId(arm.robot.base, pin.FrameType.BODY)]

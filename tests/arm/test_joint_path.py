@@ -21,7 +21,7 @@ def travel(path: Array) -> float:
 
 
 def wander(robot: Robot, keyframes: int, seed: int) -> Array:
-    """(keyframes + 1, k) a joint path within limits, about a rad a step."""
+    """Return a random joint path (keyframes + 1, k) within limits, with steps of about 1 rad."""
     rng = np.random.default_rng(seed)
     path = [random_joints(robot, 1, seed, margin=0.1)[0]]
     while len(path) <= keyframes:
@@ -32,7 +32,7 @@ def wander(robot: Robot, keyframes: int, seed: int) -> Array:
 
 
 def travel_ratios(arm: ArmModel) -> list[float]:
-    """Joint travel through the poses of 20 paths, as a share of those paths' own."""
+    """Return the joint travel found for the poses of 20 paths, relative to the travel of those paths."""
     ratios = []
     for seed in range(20):
         truth = wander(arm.robot, 9, seed)
@@ -56,7 +56,7 @@ def test_other_arms_travel_little_too(name: str) -> None:
         poses = [arm.forward(q) for q in truth[1:]]
         path = solve_path(arm, poses, truth[0])
         assert travel(np.vstack((truth[0], path))) < 1.05 * travel(truth)
-        # Five joints can hold these too, for that is how they were made.
+        # Five joints reach these poses too, since they were made from joints.
         off = [pose.distance(arm.forward(q)) for pose, q in zip(poses, path, strict=True)]
         assert np.max(off, axis=0)[0] < 1e-5
         assert np.max(off, axis=0)[1] < (1e-5 if name != "so101" else 1e-3)
@@ -68,7 +68,7 @@ def test_a_still_hand_keeps_the_arm_still(arm: ArmModel) -> None:
     np.testing.assert_array_equal(path, np.tile(home, (4, 1)))
 
 
-def test_the_freedom_that_is_left_shortens_the_path(arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_null_space_shortens_the_path(arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
     truth = wander(arm.robot, 6, seed=40)
     poses = [arm.forward(q) for q in truth[1:]]
     slid = solve_path(arm, poses, truth[0])
@@ -77,18 +77,12 @@ def test_the_freedom_that_is_left_shortens_the_path(arm: ArmModel, monkeypatch: 
     assert travel(np.vstack((truth[0], slid))) < travel(np.vstack((truth[0], unslid)))
 
 
-def test_the_same_poses_give_the_same_path(arm: ArmModel) -> None:
-    truth = wander(arm.robot, 5, seed=41)
-    poses = [arm.forward(q) for q in truth[1:]]
-    np.testing.assert_array_equal(solve_path(arm, poses, truth[0]), solve_path(arm, poses, truth[0]))
-
-
 def test_no_keyframes_no_path(arm: ArmModel) -> None:
     assert solve_path(arm, [], arm.robot.home).shape == (0, 7)
 
 
 def test_a_joint_of_many_turns_takes_the_nearest(odd_arm: ArmModel) -> None:
-    """The endless joint may stand at any turn, the wrist at one of two: it must not be sent round."""
+    """The continuous joint may be at any turn, the wrist at one of two: neither may make a whole turn."""
     start = np.array([20.0, 0.2, 6.2, 0.1])
     path = solve_path(odd_arm, [odd_arm.forward(start + step) for step in (0.05, 0.1, 0.15)], start)
     np.testing.assert_allclose(path, start + np.array([[0.05], [0.1], [0.15]]), atol=1e-3)
@@ -141,7 +135,7 @@ def test_the_first_keyframe_out_of_reach_is_named(arm: ArmModel) -> None:
     assert error.fields["joints"] == ()
 
 
-def test_five_joints_are_stopped_by_the_place_alone() -> None:
+def test_five_joints_fail_only_at_the_position() -> None:
     arm = arm_of("so101")
     with pytest.raises(PlanError) as caught:
         solve_path(arm, [Pose.from_rpy((0.7, 0.0, 0.2), (np.pi, 0.0, 0.0))], arm.robot.home)
@@ -153,7 +147,7 @@ def test_five_joints_are_stopped_by_the_place_alone() -> None:
 
 
 def test_it_stays_away_from_limits_and_singularities() -> None:
-    """What is near them counts as if it were farther off."""
+    """Configurations near them cost extra."""
     arm = arm_of("ur5")
     roomy = np.array([0.0, -1.2, 1.6, -1.0, -1.4, 0.0])
     assert configuration_cost(arm, roomy[None])[0] == 0.0
@@ -167,8 +161,8 @@ def test_it_stays_away_from_limits_and_singularities() -> None:
     np.testing.assert_allclose(costs[-1], (SINGULAR, AT_LIMIT), atol=1e-6)
 
 
-def test_the_freedom_that_is_left_leads_away_from_limits(arm: ArmModel) -> None:
-    """A seventh joint lets the arm leave a limit at which nothing but its start put it."""
+def test_the_null_space_leads_away_from_limits(arm: ArmModel) -> None:
+    """A seventh joint lets the arm leave the limit at which it starts."""
     start = arm.robot.home.copy()
     start[0] = arm.limits.upper[0] - 0.005
     path = solve_path(arm, [arm.forward(start)] * 3, start)
@@ -176,8 +170,8 @@ def test_the_freedom_that_is_left_leads_away_from_limits(arm: ArmModel) -> None:
 
 
 @pytest.mark.parametrize("roll_deg", [-90, -45, 0, 45, 90])
-def test_the_docks_surroundings_are_within_reach(arm: ArmModel, roll_deg: float) -> None:
-    """What robots/panda.toml's dock is chosen for: a level sensor in the whole box, rolling it in the box's middle."""
+def test_the_surroundings_of_the_dock_are_within_reach(arm: ArmModel, roll_deg: float) -> None:
+    """As robots/panda.toml claims: a level sensor in the entire box, a rolled one in the middle of it."""
     dock = arm.robot.dock
     assert dock is not None
     assert dock.T_base_dock is not None

@@ -1,4 +1,4 @@
-"""The shortest free path through a ladder graph, against every path there is."""
+"""The shortest free path through a ladder graph, compared with all paths."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pbd.arm.ik.solver import check
 from pbd.arm.joint_path import STARTS, build_ladder, widen
-from pbd.arm.ladder_graph import UNSEEN, Barred, Ladder, Layer
+from pbd.arm.ladder_graph import UNCHECKED_COST, Barred, Ladder, Layer
 from pbd.pose import Array
 from tests.arm.bundled import arm_of
 
@@ -19,15 +19,15 @@ MANY = 10**6
 
 
 def random_layers(
-    rng: np.random.Generator, sizes: list[int], most_refused: int = MANY, unseen: float = 0.0
+    rng: np.random.Generator, sizes: list[int], most_barred: int = MANY, unchecked_cost: float = 0.0
 ) -> list[Layer]:
-    start = Layer(rng.normal(size=(1, 2)), np.zeros(1), most_refused)
+    start = Layer(rng.normal(size=(1, 2)), np.zeros(1), most_barred)
     drawn = ((rng.normal(size=(size, 2)), rng.uniform(0.0, 0.3, size)) for size in sizes)
-    return [start] + [Layer(q, cost, most_refused, unseen=unseen) for q, cost in drawn]
+    return [start] + [Layer(q, cost, most_barred, unchecked_cost=unchecked_cost) for q, cost in drawn]
 
 
 class World:
-    """States and moves that are barred at random, and what was asked about."""
+    """States and moves that are barred at random, and a record of what was checked."""
 
     def __init__(self, rng: np.random.Generator, layers: list[Layer], states: float, moves: float) -> None:
         self.q, self.cost = [layer.q.copy() for layer in layers], [layer.cost.copy() for layer in layers]
@@ -46,7 +46,7 @@ class World:
     def free_move(self, place: int, q: Array, q_next: Array) -> float:
         move = (place, self.state(place - 1, q), self.state(place, q_next))
         self.asked.append(move)
-        assert (place - 1, move[1]) not in self.bad  # it is asked only of states that are free
+        assert (place - 1, move[1]) not in self.bad  # only moves between free states are checked
         assert (place, move[2]) not in self.bad
         return np.inf if move in self.bad_moves else 0.0
 
@@ -83,39 +83,39 @@ def test_it_is_the_shortest_of_all_that_are_free(seed: int, sizes: list[int], st
     assert len(world.asked) == len(set(world.asked))
 
 
-def test_what_is_known_is_left_for_a_path_that_is_shorter_by_more_than_unseen() -> None:
-    """So fewer moves are asked about in all, and a path is longer by no more than that a move."""
-    asked = {0.0: 0, UNSEEN: 0}
-    for seed, unseen in product(range(20), asked):
+def test_a_known_path_is_left_only_for_one_that_is_shorter_by_the_extra_cost() -> None:
+    """Fewer moves are checked, and a path is longer by at most the extra cost for each move."""
+    asked = {0.0: 0, UNCHECKED_COST: 0}
+    for seed, unchecked_cost in product(range(20), asked):
         rng = np.random.default_rng(seed)
-        layers = random_layers(rng, [4] * 5, unseen=unseen)
+        layers = random_layers(rng, [4] * 5, unchecked_cost=unchecked_cost)
         world = World(rng, layers, 0.1, 0.4)
         found = Ladder(layers).search(world.stands, world.free_move)
         best = min(filter(world.free, world.every()), key=world.length, default=None)
         assert isinstance(found, Barred) == (best is None)
         if best is not None and not isinstance(found, Barred):
-            assert world.length(tuple(found)) <= world.length(best) + 5 * unseen + 1e-9
-        asked[unseen] += len(world.asked)
-    assert asked[UNSEEN] < asked[0.0]
+            assert world.length(tuple(found)) <= world.length(best) + 5 * unchecked_cost + 1e-9
+        asked[unchecked_cost] += len(world.asked)
+    assert asked[UNCHECKED_COST] < asked[0.0]
 
 
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 10_000), st.integers(1, 4))
-def test_a_mended_ladder_is_as_one_built_whole(seed: int, place: int) -> None:
-    """States added, a layer put in, moves made anew: what was known besides is kept, and never asked again."""
+def test_a_mended_ladder_gives_the_same_path_as_one_built_at_once(seed: int, place: int) -> None:
+    """States are added, a layer is inserted, moves are reset: all other results are kept, and not checked again."""
     rng = np.random.default_rng(seed)
     layers = random_layers(rng, [4, 4, 5, 4])
     world = World(rng, layers, 0.1, 0.2)
     world.bad = {each for each in world.bad if each[0] != 4}
     third, part = layers.pop(3), layers[2]
     later_q, later_cost = part.q[2:], part.cost[2:].copy()
-    ladder = Ladder([*layers[:2], Layer(part.q[:2], part.cost[:2].copy(), MANY, unseen=0.0), layers[3]])
+    ladder = Ladder([*layers[:2], Layer(part.q[:2], part.cost[:2].copy(), MANY, unchecked_cost=0.0), layers[3]])
     ladder.search(
         lambda at, q: at > 2 or world.stands(at, q), lambda at, *q: 0.0 if at > 2 else world.free_move(at, *q)
     )
     ladder.add(2, later_q, later_cost)
     ladder.insert(3, [third])
-    ladder.reopen(place, MANY, costly=place % 2 == 0, unseen=0.0)
+    ladder.reset_moves(place, MANY, costly=place % 2 == 0, unchecked_cost=0.0)
     world.asked = [each for each in world.asked if each[0] != place or len(each) == 2]
     found = ladder.search(lambda at, q: at > 3 or world.stands(at, q), world.free_move)
     best = min(filter(world.free, world.every()), key=world.length, default=None)
@@ -126,7 +126,7 @@ def test_a_mended_ladder_is_as_one_built_whole(seed: int, place: int) -> None:
     assert isinstance(shorter, Barred) or len(shorter) == 4
 
 
-def test_what_isnt_on_the_path_isnt_asked_about_and_what_is_costly_last() -> None:
+def test_only_the_path_is_checked_and_costly_moves_last() -> None:
     layers = random_layers(np.random.default_rng(0), [4, 4, 4])
     layers[1].costly = True
     world = World(np.random.default_rng(0), layers, 0.0, 0.0)
@@ -134,9 +134,9 @@ def test_what_isnt_on_the_path_isnt_asked_about_and_what_is_costly_last() -> Non
     assert [place[0] for place in world.asked] == [1, 2, 3, 2, 3, 1]
 
 
-def test_a_layer_that_refuses_too_often_is_handed_back() -> None:
-    """All such layers at once, before the others are searched through."""
-    layers = random_layers(np.random.default_rng(0), [4, 4, 4, 4], most_refused=2)
+def test_layers_with_too_many_barred_moves_are_returned() -> None:
+    """All such layers are returned at once."""
+    layers = random_layers(np.random.default_rng(0), [4, 4, 4, 4], most_barred=2)
     asked = []
 
     def free(place: int, q: Array, q_next: Array) -> float:
@@ -154,8 +154,8 @@ def test_a_step_that_is_too_long_is_no_move() -> None:
     assert Ladder(layers).search(lambda *_: True, lambda *_: 0.0) == [0, 2]
 
 
-def test_an_elbow_is_held_as_it_must_be() -> None:
-    """Up at the first keyframe and down at the others: other branches of the same poses."""
+def test_the_elbow_is_on_the_side_that_is_free() -> None:
+    """The elbow must be up at the first keyframe and down at the others."""
     arm = arm_of("ur5")
     start = np.array([0.3, -1.3, 1.6, -1.9, -1.57, 0.0])
     poses = [arm.forward(start + shift) for shift in (0.0, 0.1, 0.2)]
@@ -180,7 +180,7 @@ def test_no_layers_but_the_start(count: int) -> None:
 
 
 class Totalled(Ladder):
-    """Counts the layers whose shortest paths are worked out."""
+    """Counts the layers for which path costs are computed."""
 
     count = 0
 
@@ -200,8 +200,8 @@ def by_windows(layers: list[Layer], world: World, window: int) -> tuple[list[int
         ladder.advance(path, ladder.end - window // 2, ladder.end + window // 2)
 
 
-def test_what_a_long_ladder_costs_grows_with_its_layers() -> None:
-    """So do the moves that are asked about; and the path is hardly longer than that of a search of all at once."""
+def test_the_cost_of_a_long_ladder_is_linear_in_its_layers() -> None:
+    """The checked moves too; and the path is hardly longer than that of a search without windows."""
     asked, counts = [], []
     for length in (60, 120):
         layers = random_layers(np.random.default_rng(3), [4] * length)
@@ -218,8 +218,8 @@ def test_what_a_long_ladder_costs_grows_with_its_layers() -> None:
     assert asked[1] < 2.4 * asked[0]
 
 
-def test_what_was_decided_is_sought_anew_once_it_is_released() -> None:
-    """The way that is decided leads nowhere: the one beside it does."""
+def test_a_final_path_is_searched_again_once_released() -> None:
+    """The path that is final leads nowhere; the one beside it does."""
     q = np.array([[0.0, 0.0], [1.0, 0.0]])
     layers = [Layer(q[:1], np.zeros(1), MANY), *(Layer(q, np.zeros(2), MANY) for _ in range(3))]
     ladder = Ladder(layers)
@@ -236,7 +236,7 @@ def test_what_was_decided_is_sought_anew_once_it_is_released() -> None:
     assert ladder.search(lambda *_: True, free) == [0, 1, 1, 1]
 
 
-def test_what_is_weighed_is_only_asked_about_while_it_is_on_the_shortest_path() -> None:
+def test_moves_with_an_additional_cost_are_checked_only_on_the_shortest_path() -> None:
     layers = [Layer(np.zeros((1, 2)), np.zeros(1), 1), Layer(np.array([[0.1, 0.0], [0.2, 0.0]]), np.zeros(2), 1)]
     asked = []
 

@@ -1,4 +1,4 @@
-"""A robot of the user's own: a URDF and a TOML file beside it, and it replays like the bundled ones."""
+"""A user's own robot: with a URDF and a TOML file it replays as the bundled ones do."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from pbd.data import Robot
 from tests.arm.conftest import changed, random_joints
 
 
-def test_samples_keep_the_limits_and_are_the_same_each_time(arm: ArmModel) -> None:
+def test_samples_are_uniform_within_limits_and_the_same_each_time(arm: ArmModel) -> None:
     count = 20_000
     q = sample(arm, count)
     assert q.shape == (count, 7)

@@ -1,4 +1,4 @@
-"""Every bundled arm: its home, its limits, what it can follow, and how it is listed."""
+"""Every bundled arm: its home, its limits, its calibration, and how it is listed."""
 
 from __future__ import annotations
 
@@ -110,9 +110,6 @@ def test_makers_figures() -> None:
     assert ((3e-3 * panda.acceleration + 1e-3) / panda.velocity).max() < 0.024 < PlanOptions().margin
     for name in FIVE_JOINTS:  # 42 rpm at the lowest supply
         assert (arm_of(name).limits.velocity < 0.51 * 42 * 2 * np.pi / 60).all()
-
-
-# --- what they can follow ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,4 +1,4 @@
-"""What ROS 2 gets, as its controller would follow it."""
+"""The export for ROS 2, interpolated as its controller does."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pbd.data import JointTrajectory, Robot
-from pbd.data.controller_interpolation import shares
 from pbd.errors import PbdWarning, PlanError
 from pbd.files.demo import load_demo
 from pbd.files.exporters import export
-from pbd.planning import PlanOptions, plan_keyframes
+from pbd.files.exporters.controller_interpolation import limit_shares
+from pbd.planning import PlanOptions
 from tests.arm.bundled import DEMOS, arm_of, keyframes_of, path_of
 from tests.arm.controller import Controller, refuse, seconds
 from tests.arm.straight import time_keyframes
+from tests.remembered import remembering
 
 ARMS = ("panda", "ur5", "so101", "xarm7")
 IMPOSSIBLE = (("so101", "pouring", "line"), ("so101", "pouring", "demo"))  # five joints can't follow the turn
@@ -36,9 +37,10 @@ MOTIONS = [
 def planned(arm: str, demo: str, path: Any) -> tuple[Robot, JointTrajectory]:
     robot = arm_of(arm).robot
     assert robot.dock is not None
+    plan_once = remembering("pbd.planning.plan", "plan_keyframes")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        plan = plan_keyframes(
+        plan = plan_once(
             keyframes_of(demo), robot.dock, robot, PlanOptions(path=path), path_of(demo), load_demo(demo).grasped
         )
     return robot, plan.trajectory
@@ -83,7 +85,7 @@ def test_samples_at_a_rate_add_points_and_change_no_motion(tmp_path: Path, rate_
 
 @pytest.mark.parametrize("arm", ["panda", "kinova"])
 def test_any_move_is_exported_within_the_limits(tmp_path: Path, arm: str) -> None:
-    """Also one of 1e-10 rad, and one whose phases are cut short."""
+    """Also a move of 1e-10 rad, and one without some of its phases."""
     model, rng = arm_of(arm), np.random.default_rng(5)
     for length in (1e-10, 1e-7, 1e-4, 1e-2, 0.3, 0.3, 0.3):
         steps = length * rng.uniform(-1.0, 1.0, (3, len(model.robot.joints)))
@@ -117,7 +119,7 @@ def test_without_fingers_in_the_model_it_says_when_to_grip(tmp_path: Path) -> No
 
 
 def test_the_check_of_the_gaps_agrees_with_the_controller(tmp_path: Path) -> None:
-    """Of samples alone, which break limits between them."""
+    """For samples at a rate, which exceed limits between them."""
     robot, trajectory = planned("panda", "paper-test2", "keyframes")
     samples = trajectory.sample(100.0)
     points = [
@@ -127,7 +129,9 @@ def test_the_check_of_the_gaps_agrees_with_the_controller(tmp_path: Path) -> Non
     bounds, found = (robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk), []
     for rule in ("cubic", "quintic"):
         controller = Controller({"points": points}, accelerations=rule == "quintic")
-        for order, (bound, share) in enumerate(zip(bounds, shares(samples, rule, robot.limits), strict=True), start=1):
+        for order, (bound, share) in enumerate(
+            zip(bounds, limit_shares(samples, rule, robot.limits), strict=True), start=1
+        ):
             peaks = controller.peaks(order, steps=200) / bound
             assert share.value == pytest.approx(peaks.max(), rel=1e-3)
             assert share.joint == np.argmax(peaks)
@@ -135,7 +139,7 @@ def test_the_check_of_the_gaps_agrees_with_the_controller(tmp_path: Path) -> Non
     assert max(found) > 1.1
 
 
-def test_what_breaks_a_limit_between_points_is_refused(tmp_path: Path) -> None:
+def test_an_export_that_exceeds_a_limit_between_points_is_refused(tmp_path: Path) -> None:
     robot, trajectory = planned("panda", "paper-test2", "keyframes")
     slower = replace(robot, limits=replace(robot.limits, jerk=0.9 * robot.limits.jerk))
     for rate_hz in (None, 100.0):
@@ -146,7 +150,7 @@ def test_what_breaks_a_limit_between_points_is_refused(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_samples_alone_would_break_is_told(tmp_path: Path) -> None:
+def test_samples_that_exceed_a_limit_between_them_are_warned_of(tmp_path: Path) -> None:
     robot, trajectory = planned("panda", "paper-test2", "keyframes")
     with pytest.warns(PbdWarning, match=r"by cubics would reach 1\.\d+ times panda_joint\d's acceleration limit"):
         export(trajectory, robot, "csv", tmp_path / "motion.csv", 100.0)

@@ -1,4 +1,4 @@
-"""What a straight move in joint space does with the tool."""
+"""The tool's deviation on a straight move in joint space."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_the_last_joint_turns_the_tool_by_itself(angle: float, direct: float) ->
 
 
 def test_the_first_joint_takes_the_tool_along_an_arc() -> None:
-    """By so much that it is farther from the chord than is let pass, or by a little less."""
+    """Large angles bring it farther from the chord than a wide move's bound, small ones do not."""
     radius = float(np.linalg.norm(UR5.forward(HOME).p[:2]))
     for angle in (0.3, 2.0, 2.3, 3.0):
         (deviation,) = tool_deviations(UR5, HOME[None], HOME + angle * np.eye(6)[[0]])

@@ -1,4 +1,4 @@
-"""The acceleration-only optimum along a path by toppra, which nothing of ours goes into."""
+"""The optimum along a path within velocity and acceleration limits, by toppra: an independent oracle."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pbd.pose import Array
 
 
 def toppra_duration(s: Array, q: Array, limits: JointLimits, points: int = 4001) -> float:
-    """Seconds from rest to rest along the cubic spline through joints q (n, k) at s (n,)."""
+    """Return the shortest duration, s, from rest to rest along the cubic spline through joints q (n, k) at s (n,)."""
     import toppra
 
     toppra.setup_logging("ERROR")

@@ -1,4 +1,4 @@
-"""The arms of tests/arm."""
+"""The fixtures of tests/arm that the audit uses too."""
 
 from tests.arm.conftest import arm, odd_robot, panda
 

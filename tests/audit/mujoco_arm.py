@@ -1,4 +1,4 @@
-"""An arm in MuJoCo: the URDF without its meshes, and what the tool carries as a link of its own."""
+"""An arm in MuJoCo: the URDF without its meshes, with the load as a link of its own."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pbd.pose import quat_to_matrix
 
 
 class MujocoArm:
-    """MuJoCo's model and data; where the arm's joints stand in qpos (`at`) and in qvel (`driven`).
+    """MuJoCo's model and data, with the addresses of the arm's joints in qpos (`at`) and in qvel (`driven`).
 
-    Nothing touches, and joints have neither friction nor armature: URDFs say nothing of them that could be relied on.
+    Contacts, friction and armature are off, as in the audit.
     """
 
     def __init__(self, robot: Robot, load: Load) -> None:
@@ -42,7 +42,7 @@ class MujocoArm:
         self.driven = [self.model.joint(name).dofadr[0] for name in robot.joints]
 
     def open_gripper(self, opening: float) -> None:
-        """Put the fingers where an opening has them, 1 open to 0 closed."""
+        """Move the fingers to an opening from 1 (open) to 0 (closed)."""
         if gripper := self.robot.gripper:
             fingers = [self.model.joint(name).qposadr[0] for name in gripper.joints]
             self.data.qpos[fingers] = gripper.closed + opening * (gripper.open - gripper.closed)

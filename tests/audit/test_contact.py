@@ -1,4 +1,4 @@
-"""The audit's own look at collisions: it agrees with a dense check of meshes, whatever is wrong with the planner."""
+"""The audit's own collision check agrees with a dense check of meshes, and catches faults of the planner."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pbd.audit.arm import AuditArm
 from pbd.audit.collision_pairs import AuditScene
 from pbd.audit.contact import Pair, coordinates, find_touch
 from pbd.audit.grasp import THE_TOOL
-from pbd.audit.solids import NEARER_M, Solid, floor, link_solids, simple_solid
+from pbd.audit.solids import MESH_DISTANCES_M, Solid, half_space, link_solids, simple_solid
 from pbd.data import Calibration, JointTrajectory, Obstacle, Robot
 from pbd.errors import PlanError
 from pbd.files.demo import load_demo
@@ -44,17 +44,17 @@ def touched(robot: Robot, trajectory: JointTrajectory, world: Calibration) -> tu
     return None if touch is None else touch.bodies
 
 
-# --- what is wrong with the planner doesn't pass ---------------------------------------------------------------------
+# --- faults of the planner -------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def ball_on_the_way() -> Obstacle:
-    """A ball of 3 cm where a finger passes on its way home."""
+    """A ball of 3 cm diameter on the way of a finger as the arm returns home."""
     plan = plan_keyframes(keyframes_of("pouring"), dock(), PANDA, None, path_of("pouring"), BOTTLE)
     arm, trajectory = AuditArm(PANDA), plan.trajectory
     t = float(0.4 * trajectory.keyframe_t[-1] + 0.6 * trajectory.duration)
-    joint, T_joint_finger = arm.link("panda_leftfinger")
-    placed = arm.place(coordinates(trajectory, np.array([t]))[0])
+    joint, T_joint_finger = arm.link_on_joint("panda_leftfinger")
+    placed = arm.joint_poses(coordinates(trajectory, np.array([t]))[0])
     tip = (placed[joint] * T_joint_finger).act(np.array([0.0, 0.01, 0.045]))
     return Obstacle("the ball", "sphere", (0.03,), Pose(tip, LEVEL))
 
@@ -96,7 +96,7 @@ def moved_keyframe(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "with_ball", "told"),
+    ("fault", "with_ball", "message"),
     [
         (slow_bodies, True, "would touch the ball"),
         (small_hulls, True, "would touch the ball"),
@@ -106,22 +106,22 @@ def moved_keyframe(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_a_fault_of_the_planner_is_caught(
-    fault: Any, with_ball: bool, told: str, ball_on_the_way: Obstacle, monkeypatch: pytest.MonkeyPatch
+    fault: Any, with_ball: bool, message: str, ball_on_the_way: Obstacle, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     world = replace(dock(), obstacles=(ball_on_the_way,) if with_ball else ())
     fault(monkeypatch)
-    with pytest.raises(PlanError, match=f"^audit: .*{told}"):
+    with pytest.raises(PlanError, match=f"^audit: .*{message}"):
         plan_keyframes(keyframes_of("pouring"), world, PANDA, None, path_of("pouring"), BOTTLE)
-    # Nothing else sees it.
+    # Without the audit nothing catches the fault.
     monkeypatch.setattr("pbd.audit.audit.audit", lambda *_: SimpleNamespace(torque=None))
     plan_keyframes(keyframes_of("pouring"), replace(world), PANDA, None, path_of("pouring"), BOTTLE)
 
 
-# --- the verdict is that of the meshes -------------------------------------------------------------------------------
+# --- the verdict agrees with the meshes ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "xarm7"])
-def test_the_verdict_is_that_of_a_dense_check_of_the_meshes(name: str) -> None:
+def test_the_verdict_agrees_with_a_dense_check_of_the_meshes(name: str) -> None:
     arm, rng, verdicts = arm_of(name), np.random.default_rng(4), set()
     own = AuditArm(arm.robot)
     for _ in range(8):
@@ -129,9 +129,9 @@ def test_the_verdict_is_that_of_a_dense_check_of_the_meshes(name: str) -> None:
         x = coordinates(trajectory, rng.uniform(0.0, trajectory.duration, 1))[0]
         shape, sizes = (("sphere", 1), ("box", 3), ("cylinder", 2))[rng.integers(3)]
         size = tuple(float(each) for each in rng.uniform(0.02, 0.15, sizes))
-        there = Pose.from_rpy(own.tool(x).translation + rng.normal(0.0, 0.1, 3), rng.uniform(-3.0, 3.0, 3))
+        there = Pose.from_rpy(own.tool_pose(x).p + rng.normal(0.0, 0.1, 3), rng.uniform(-3.0, 3.0, 3))
         thing = Obstacle("thing", shape, size, there)
-        # The rod is no mesh of the URDF.
+        # The rod is not in the URDF, so the dense check doesn't know it.
         pairs = [
             pair
             for pair in AuditScene(own, calibration(thing), None).pairs(trajectory)
@@ -154,8 +154,8 @@ def around_home(robot: Robot, rng: np.random.Generator) -> JointTrajectory:
 
 
 @pytest.mark.parametrize(("gap_m", "free"), [(3e-4, True), (-3e-4, False)])
-def test_a_hairs_breadth_decides(gap_m: float, free: bool) -> None:
-    """A box under panda's fingers, which are boxes, while they pass sideways."""
+def test_a_gap_of_0_3_mm_is_told_from_an_overlap_of_0_3_mm(gap_m: float, free: bool) -> None:
+    """panda's fingers, which are boxes, pass sideways over a box."""
     arm = AuditArm(PANDA)
     q = np.tile(PANDA.home, (2, 1))
     q[:, 0] = -0.3, 0.3
@@ -163,11 +163,11 @@ def test_a_hairs_breadth_decides(gap_m: float, free: bool) -> None:
     fingers = [link for link in link_solids(arm) if "finger" in link.name]
     lowest = min(
         float((placed[link.joint] * link.T_joint_solid).act(side * link.hull.halfSide)[2])
-        for placed in map(arm.place, coordinates(trajectory, np.linspace(0.0, trajectory.duration, 200)))
+        for placed in map(arm.joint_poses, coordinates(trajectory, np.linspace(0.0, trajectory.duration, 200)))
         for link in fingers
         for side in SIDES
     )
-    x, y, _ = arm.tool(np.append(PANDA.home, 1.0)).translation
+    x, y, _ = arm.tool_pose(np.append(PANDA.home, 1.0)).p
     middle = np.array([x, y, lowest - gap_m - 0.05])
     box = Obstacle("the box", "box", (0.2, 0.04, 0.1), Pose(middle, LEVEL))
     assert (touched(PANDA, trajectory, calibration(box)) is None) == free
@@ -178,35 +178,39 @@ BALL = simple_solid("the ball", PALM.tool_joint, PALM.T_joint_tool, "sphere", (0
 
 
 def centers(trajectory: JointTrajectory, t: Array) -> Array:
-    """Where the ball at the tool is (n, 3), m."""
-    return np.array([PALM.place(x)[PALM.tool_joint].act(BALL.ball[0]) for x in coordinates(trajectory, t)])
+    """Return the center of the ball at the tool (n, 3), m."""
+    return np.array(
+        [PALM.joint_poses(x)[PALM.tool_joint].act(BALL.bounding_sphere[0]) for x in coordinates(trajectory, t)]
+    )
 
 
-def beside(trajectory: JointTrajectory, t: float, apart_m: float) -> Solid:
-    """A second ball, 4 cm across, which the one at the tool passes at this distance at t (s)."""
-    before, there, after = centers(trajectory, np.array([t - 1e-4, t, t + 1e-4]))
+def passed_ball(trajectory: JointTrajectory, t: float, apart_m: float) -> Solid:
+    """Return a ball, 4 cm in diameter, that the ball at the tool passes at this distance at t (s)."""
+    before, center, after = centers(trajectory, np.array([t - 1e-4, t, t + 1e-4]))
     across = np.cross(after - before, (0.0, 0.0, 1.0))
-    there = there + (0.03 + apart_m) * across / np.linalg.norm(across)
-    return simple_solid(f"what is passed at {t} s", 0, pin.SE3(np.eye(3), there), "sphere", (0.04,))
+    center = center + (0.03 + apart_m) * across / np.linalg.norm(across)
+    return simple_solid(f"passed at {t} s", 0, pin.SE3(np.eye(3), center), "sphere", (0.04,))
 
 
-def test_a_touch_of_two_milliseconds_is_found_at_its_instant() -> None:
+def test_a_contact_of_two_milliseconds_is_found_at_its_time() -> None:
     """Oracle: the distance of two balls' centers, every 0.02 ms. Nearer than 0.1 mm counts as contact.
 
-    Another ball, which is hit later and well, changes nothing, whichever is asked for first.
+    A second ball, which is hit later and deeply, changes nothing, in either order of the pairs.
     """
     q = np.tile(PANDA.home, (2, 1))
     q[:, 0] = -0.8, 0.8
     trajectory = time_keyframes(arm_of("panda"), q, [0.0] * 2, [None] * 2, q[0], approach=False)
-    later = Pair(BALL, beside(trajectory, 0.9 * trajectory.duration, -0.01))
+    later = Pair(BALL, passed_ball(trajectory, 0.9 * trajectory.duration, -0.01))
     for passed in np.random.default_rng(1).uniform(0.2, 0.7, 20) * trajectory.duration:
         t = passed + np.arange(-2e-3, 2e-3, 2e-5)
-        grazed, missed = (beside(trajectory, passed, NEARER_M[-1] + more) for more in (-1e-6, 1e-6))
-        touching = t[np.linalg.norm(centers(trajectory, t) - grazed.ball[0], axis=1) <= 0.03 + NEARER_M[-1]]
+        grazed, missed = (passed_ball(trajectory, passed, MESH_DISTANCES_M[-1] + more) for more in (-1e-6, 1e-6))
+        touching = t[
+            np.linalg.norm(centers(trajectory, t) - grazed.bounding_sphere[0], axis=1) <= 0.03 + MESH_DISTANCES_M[-1]
+        ]
         assert 0.0 < np.ptp(touching) < 2e-3
         pairs = [Pair(BALL, grazed), later]
-        for asked in (pairs, pairs[::-1]):
-            found = find_touch(PALM, trajectory, asked)
+        for ordered in (pairs, pairs[::-1]):
+            found = find_touch(PALM, trajectory, ordered)
             assert found is not None
             assert found.pair is pairs[0]
             assert found.t == pytest.approx(touching[0], abs=1e-4)
@@ -214,18 +218,18 @@ def test_a_touch_of_two_milliseconds_is_found_at_its_instant() -> None:
 
 
 @pytest.mark.parametrize(("into_m", "touches"), [(0.001, True), (-0.001, False)])
-def test_a_table_is_touched_at_the_height_where_it_is(into_m: float, touches: bool) -> None:
-    """A ball at the tool goes down to a millimetre above it, or into it."""
+def test_a_table_is_touched_at_its_height(into_m: float, touches: bool) -> None:
+    """A ball at the tool descends to 1 mm above the table, or 1 mm into it."""
     q = np.tile(PANDA.home, (2, 1))
     q[:, 1] += -0.2, 0.2
     trajectory = time_keyframes(arm_of("panda"), q, [0.0] * 2, [None] * 2, q[0], approach=False)
     lowest = float(centers(trajectory, np.linspace(0.0, trajectory.duration, 2000))[:, 2].min()) - 0.01
-    lifted = pin.SE3(np.eye(3), np.array([0.0, 0.0, lowest + into_m]))
-    assert (find_touch(PALM, trajectory, [Pair(floor("the table", lifted), BALL)]) is not None) == touches
+    top = pin.SE3(np.eye(3), np.array([0.0, 0.0, lowest + into_m]))
+    assert (find_touch(PALM, trajectory, [Pair(half_space("the table", top), BALL)]) is not None) == touches
 
 
-def test_what_is_wholly_inside_a_link_touches_it() -> None:
-    """A pea on the axis of panda's first joint: its mesh turns round it and never meets it."""
+def test_an_object_inside_a_link_touches_it() -> None:
+    """A pea on the axis of panda's first joint: the link's mesh turns around it and never meets its surface."""
     q = np.tile(PANDA.home, (2, 1))
     q[:, 0] = -0.3, 0.3
     trajectory = time_keyframes(arm_of("panda"), q, [0.0] * 2, [None] * 2, PANDA.home)
@@ -235,8 +239,8 @@ def test_what_is_wholly_inside_a_link_touches_it() -> None:
     assert not Dense(PANDA, [pea]).touch(trajectory, {frozenset(found)}, 0.0)
 
 
-def test_what_the_srdf_calls_disabled_is_looked_at() -> None:
-    """ur5's SRDF drops the forearm against the wrist's last links; folded, they meet."""
+def test_pairs_that_the_srdf_excludes_without_a_trusted_reason_are_checked() -> None:
+    """ur5's SRDF excludes the forearm against the wrist's last links; when the wrist is folded, they meet."""
     robot = arm_of("ur5").robot
     for q in random_joints(robot, 400, seed=2, margin=0.1):
         trajectory = time_keyframes(arm_of("ur5"), np.stack((q, q + 0.01)), [0.0] * 2, [None] * 2, q)
@@ -244,7 +248,7 @@ def test_what_the_srdf_calls_disabled_is_looked_at() -> None:
         if found is not None and "forearm_link" in found and "wrist_2_link" in found:
             break
     else:
-        pytest.fail("none of 400 folds the wrist")
+        pytest.fail("in none of 400 configurations the forearm touches the wrist")
     assert Dense(robot, []).touch(trajectory, {frozenset(found)}, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""What the audit works out anew: how far joints move a solid, hulls, the gripper's rod, the object, the pairs."""
+"""What the audit computes anew: bounds of motion, hulls, the gripper's rod, the object, the pairs to check."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
 from pbd.audit.collision_pairs import AuditScene
-from pbd.audit.contact import SHARED, Motion, Pair, coordinates, find_touch
-from pbd.audit.grasp import may_rest, tool_rod
+from pbd.audit.contact import SPAN, Motion, Pair, Placement, coordinates, find_touch
+from pbd.audit.grasp import resting_contact, tool_rod
 from pbd.audit.solids import hull_distance, link_solids, simple_solid
-from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, Obstacle, Robot
+from pbd.data import Calibration, GraspedObject, Gripper, JointLimits, JointTrajectory, Obstacle, Robot
 from pbd.data.world import Stay
 from pbd.pose import Pose
 from tests.arm.bundled import NAMES, arm_of
@@ -37,54 +37,54 @@ def swing(robot: Robot, seed: int = 0) -> JointTrajectory:
 
 
 @pytest.mark.parametrize("name", ["odd", "panda", "so101", "kinova"])
-def test_no_point_moves_farther_than_is_bounded(name: str, odd_robot: Robot) -> None:
-    """The way of a point of each solid against base, summed up over 20 us, between instants of the grid."""
+def test_no_point_moves_farther_than_its_bound(name: str, odd_robot: Robot) -> None:
+    """Path length of a point on each joint, relative to the base, in steps of 20 us between instants of the grid."""
     robot = odd_robot if name == "odd" else arm_of(name).robot
     arm, trajectory = AuditArm(robot), swing(robot)
     motion, rng = Motion(arm, trajectory), np.random.default_rng(0)
     still = simple_solid("still", 0, pin.SE3.Identity(), "sphere", (0.1,))
-    for joint in filter(arm.driven, range(1, arm.model.njoints)):
+    for joint in filter(arm.driven_carriers, range(1, arm.model.njoints)):
         p = rng.normal(0.0, 0.1, 3)
         thing = simple_solid("thing", joint, pin.SE3(np.eye(3), p), "sphere", (1e-6,))
         travel = motion.travel(Pair(thing, still))
         for row in rng.integers(0, len(motion.t) - 1, 10):
             fine = coordinates(trajectory, np.linspace(motion.t[row], motion.t[row + 1], 200))
-            way = np.diff([arm.place(x)[joint].act(p) for x in fine], axis=0)
-            assert np.linalg.norm(way, axis=1).sum() <= travel[row + 1] - travel[row] + 1e-9
+            steps = np.diff([arm.joint_poses(x)[joint].act(p) for x in fine], axis=0)
+            assert np.linalg.norm(steps, axis=1).sum() <= travel[row + 1] - travel[row] + 1e-9
 
 
 @pytest.mark.parametrize("name", ["odd", "panda", "so101", "kinova"])
-def test_nothing_touches_where_balls_are_too_far_apart(name: str, odd_robot: Robot) -> None:
-    """All pairs, the table, a ball and a carried bottle among them, at instants of spans in which nobody looks."""
+def test_nothing_touches_in_spans_that_bounding_spheres_rule_out(name: str, odd_robot: Robot) -> None:
+    """All pairs, with a table, a ball and a carried bottle, at a random instant of each such span."""
     robot = odd_robot if name == "odd" else arm_of(name).robot
     arm, rng = AuditArm(robot), np.random.default_rng(0)
     trajectory = swing(robot)
     ball = Obstacle("the ball", "sphere", (0.1,), Pose.from_rpy((0.3, 0.2, 0.3), DOWN))
     scene = AuditScene(arm, replace(BENCH, table_height=-0.1, obstacles=(ball,)), BOTTLE)
-    motion, skipped = Motion(arm, trajectory), 0
+    motion, ruled_out = Motion(arm, trajectory), 0
+    starts = np.arange(0, len(motion.t), SPAN)
+    rows = rng.integers(starts, np.minimum(starts + SPAN, len(motion.t) - 1) + 1)
     for pair in scene.pairs(trajectory):
-        spans = (len(motion.t) - 1) // SHARED + 1
-        for span in np.setdiff1d(np.arange(spans), motion.near(pair, motion.travel(pair))):
-            row = int(rng.integers(span * SHARED, min((span + 1) * SHARED, len(motion.t) - 1) + 1))
-            assert hull_distance(*pair.at(motion.at(row))) > 0.0
-            skipped += 1
-    assert skipped > 1000
+        for row in np.delete(rows, motion.close_spans(pair, motion.travel(pair))).tolist():
+            assert hull_distance(*pair.placed(motion.placement(row))) > 0.0
+            ruled_out += 1
+    assert ruled_out > 1000
 
 
-def test_the_last_instant_is_in_a_span_however_many_there_are() -> None:
+def test_the_last_instant_is_in_a_span_whatever_their_number() -> None:
     robot, counts = arm_of("panda").robot, set()
     arm = AuditArm(robot)
     still, thing = (simple_solid("ball", j, pin.SE3.Identity(), "sphere", (9.0,)) for j in (0, arm.tool_joint))
-    for dwell in 0.1 + 0.004 * np.arange(SHARED):
+    for dwell in 0.1 + 0.004 * np.arange(SPAN):
         motion = Motion(arm, time_keyframes(arm_of("panda"), robot.home[None], [dwell], [None], robot.home))
         pair, last = Pair(thing, still), len(motion.t) - 1
-        assert motion.near(pair, motion.travel(pair))[-1] == last // SHARED
-        counts.add(last % SHARED)
-    assert len(counts) == SHARED
+        assert motion.close_spans(pair, motion.travel(pair))[-1] == last // SPAN
+        counts.add(last % SPAN)
+    assert len(counts) == SPAN
 
 
 @pytest.mark.parametrize("name", ["panda", "ur3", "so101", "z1"])
-def test_a_hull_holds_all_of_its_mesh_and_little_more(name: str) -> None:
+def test_a_hull_encloses_its_mesh_closely(name: str) -> None:
     directions = np.random.default_rng(0).normal(size=(100, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     for solid in link_solids(AuditArm(arm_of(name).robot)):
@@ -96,7 +96,7 @@ def test_a_hull_holds_all_of_its_mesh_and_little_more(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_rod_is_the_planners(name: str) -> None:
+def test_the_rod_is_the_same_as_the_planners(name: str) -> None:
     arm, planned = AuditArm(arm_of(name).robot), planned_rod(arm_of(name))
     rod = tool_rod(arm, link_solids(arm))
     assert (rod is None) == (planned is None)
@@ -107,8 +107,8 @@ def test_the_rod_is_the_planners(name: str) -> None:
         assert rod.hull.radius == 0.5 * planned.size[0]
 
 
-def test_what_is_carried_is_looked_at() -> None:
-    """A bottle in the hand meets a post that the hand itself stays clear of; where it stands it may touch the table."""
+def test_a_carried_object_is_checked() -> None:
+    """A carried bottle meets a post that the gripper itself misses; where the bottle stands it may touch the table."""
     robot = arm_of("panda").robot
     arm, own = arm_of("panda"), AuditArm(robot)
     places = [Pose.from_rpy((0.5, y, z), DOWN) for y, z in ((-0.2, 0.1), (-0.2, 0.25), (0.2, 0.25), (0.2, 0.1))]
@@ -127,46 +127,100 @@ def test_what_is_carried_is_looked_at() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_pairs_are_left_out_for_a_reason_only(name: str) -> None:
+def test_no_pair_of_a_bundled_arm_is_left_out_because_it_always_touches(name: str) -> None:
     robot = arm_of(name).robot
     assert robot.dock is not None
-    scene = AuditScene(AuditArm(robot), robot.dock, None)
-    for why in scene.left_out.values():
-        assert why in ("both belong to the gripper", "next to each other", "SRDF: Adjacent", "SRDF: Never")
+    assert not robot.may_touch
+    assert not AuditScene(AuditArm(robot), robot.dock, None).always_touching
 
 
-@pytest.mark.parametrize("wholly", [False, True])
-def test_what_touches_in_nearly_every_configuration_is_left_out(wholly: bool, tmp_path: Path, odd_robot: Robot) -> None:
-    """A tall block on the second link always sticks in a plate of the base, or is wholly inside its mesh; one that is
-    far out never does.
-    """
-    path, urdf = tmp_path / "stack.urdf", STACK
-    if wholly:
-        trimesh.creation.box((0.4, 0.4, 0.2)).export(tmp_path / "plate.stl")
-        urdf = STACK.replace('<box size="0.4 0.4 0.2"/>', '<mesh filename="plate.stl"/>').replace("-0.1", "-0.15")
-    path.write_text(urdf.replace('length="0.2"', 'length="0.1"') if wholly else urdf, encoding="utf-8")
+def two_joints(urdf: Path, odd_robot: Robot, body: str, most_rad: float, gripper: Gripper | None = None) -> Robot:
+    """An arm of two joints called first and second, each with limits of -`most_rad` and `most_rad`."""
     limits = {name: getattr(odd_robot.limits, name)[:2] for name in ("velocity", "acceleration", "jerk")}
-    lower, upper = np.full(2, -1.0), np.full(2, 1.0)
-    stack = replace(
+    return replace(
         odd_robot,
-        name="stack",
-        urdf=path,
+        name="two joints",
+        urdf=urdf,
         base="base",
-        body="upper",
+        body=body,
         joints=("first", "second"),
         home=np.zeros(2),
-        limits=JointLimits(lower, upper, **limits, source="a test"),
+        gripper=gripper,
+        limits=JointLimits(np.full(2, -most_rad), np.full(2, most_rad), **limits, source="a test"),
     )
+
+
+@pytest.mark.parametrize("enclosed", [False, True])
+def test_solids_that_touch_in_nearly_every_configuration_are_left_out(
+    enclosed: bool, tmp_path: Path, odd_robot: Robot
+) -> None:
+    """A tall cylinder on the second link always cuts the base's plate, or is inside its mesh; a ball never does."""
+    path, urdf = tmp_path / "stack.urdf", STACK
+    if enclosed:
+        trimesh.creation.box((0.4, 0.4, 0.2)).export(tmp_path / "plate.stl")
+        urdf = STACK.replace('<box size="0.4 0.4 0.2"/>', '<mesh filename="plate.stl"/>').replace("-0.1", "-0.15")
+    path.write_text(urdf.replace('length="0.2"', 'length="0.1"') if enclosed else urdf, encoding="utf-8")
+    stack = two_joints(path, odd_robot, "upper", 1.0)
     scene = AuditScene(AuditArm(stack), BENCH, None)
-    assert scene.left_out["base", "upper"] == "touch in nearly every configuration"
-    own = [pair for pair in scene.pairs(time_of(stack)) if pair.first.name == "base" and pair.second.name == "upper"]
+    (pair,) = scene.always_touching
+    assert (pair.first.name, pair.second.name) == ("base", "upper")
+    trajectory = time_keyframes(load_model(stack), np.full((1, 2), 0.1), [0.0], [None], stack.home)
+    own = [pair for pair in scene.pairs(trajectory) if pair.first.name == "base" and pair.second.name == "upper"]
     assert len(own) == 1
 
 
-def time_of(robot: Robot) -> JointTrajectory:
-    return time_keyframes(load_model(robot), np.full((1, 2), 0.1), [0.0], [None], robot.home)
+def test_samples_cover_endless_joints_and_the_gripper_and_no_more(tmp_path: Path, odd_robot: Robot) -> None:
+    """Three solids touch the base's half plate in about half of the configurations each, so all are checked: a ball on
+    the hand while it points to one side, a finger while the gripper is closed, another finger while it is open. A third
+    finger always touches the plate, but would not if it moved beyond open or closed; it is left out.
+    """
+    path = tmp_path / "half_plate.urdf"
+    path.write_text(HALF_PLATE, encoding="utf-8")
+    gripper = Gripper(("left", "right", "middle"), np.array([0.1, 0.0, 0.045]), np.array([0.0, 0.1, -0.025]), 1.0)
+    arm = AuditArm(two_joints(path, odd_robot, "hand", np.inf, gripper))
+    scene = AuditScene(arm, BENCH, None)
+    rng, plate, left_out = (
+        np.random.default_rng(0),
+        scene.links[0],
+        {pair.second.name for pair in scene.always_touching},
+    )
+    x = np.column_stack((rng.uniform(-np.pi, np.pi, (200, 2)), rng.uniform(0.0, 1.0, 200)))
+    placements = [Placement(arm.joint_poses(each)) for each in x]
+    for solid in (each for each in scene.links if each.name in ("hand", "left finger", "right finger")):
+        touching = np.mean([hull_distance(*Pair(plate, solid).placed(placement)) < 0.0 for placement in placements])
+        assert 0.3 < touching < 0.7
+        assert solid.name not in left_out
+    assert "middle finger" in left_out
 
 
+HALF_PLATE = """<?xml version="1.0"?>
+<robot name="half plate">
+  <link name="base">
+    <collision><origin xyz="0.17 0 0.18"/><geometry><box size="0.4 0.8 0.04"/></geometry></collision>
+  </link>
+  <link name="lower"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>
+  <link name="hand">
+    <collision><origin xyz="0.15 0 0.2"/><geometry><sphere radius="0.05"/></geometry></collision>
+  </link>
+  <link name="left finger"><collision><geometry><sphere radius="0.02"/></geometry></collision></link>
+  <link name="right finger"><collision><geometry><sphere radius="0.02"/></geometry></collision></link>
+  <joint name="first" type="continuous"><parent link="base"/> <child link="lower"/> <axis xyz="0 0 1"/></joint>
+  <joint name="second" type="continuous"><parent link="lower"/> <child link="hand"/> <axis xyz="0 0 1"/></joint>
+  <link name="middle finger"><collision><geometry><sphere radius="0.02"/></geometry></collision></link>
+  <joint name="left" type="prismatic">
+    <parent link="hand"/> <child link="left finger"/> <origin xyz="0 0 0.17"/> <axis xyz="0 0 1"/>
+    <limit effort="1" lower="0" upper="0.1" velocity="1"/>
+  </joint>
+  <joint name="right" type="prismatic">
+    <parent link="hand"/> <child link="right finger"/> <origin xyz="0 0 0.17"/> <axis xyz="0 0 1"/>
+    <limit effort="1" lower="0" upper="0.1" velocity="1"/>
+  </joint>
+  <joint name="middle" type="prismatic">
+    <parent link="hand"/> <child link="middle finger"/> <origin xyz="0 0 0.17"/> <axis xyz="0 0 1"/>
+    <limit effort="1" lower="-0.025" upper="0.045" velocity="1"/>
+  </joint>
+</robot>
+"""
 STACK = """<?xml version="1.0"?>
 <robot name="stack">
   <link name="base">
@@ -191,16 +245,18 @@ STACK = """<?xml version="1.0"?>
 """
 
 
-def ball_on_a_slope(degrees: float, gap_m: float, aside_m: float) -> bool:
-    """Whether a held ball of 10 cm may touch a slope: let go so far above it, now so far aside."""
+def ball_may_touch_slope(degrees: float, gap_m: float, aside_m: float) -> bool:
+    """Say whether a held ball of 10 cm may touch a slope, if it is let go `gap_m` above it and is `aside_m` from
+    there now.
+    """
     own, turn = AuditArm(arm_of("panda").robot), pin.exp3(np.array([np.radians(degrees), 0.0, 0.0]))
     slope = simple_solid("slope", 0, pin.SE3(turn, np.zeros(3)), "box", (2.0, 2.0, 0.2))
     ball = simple_solid("ball", own.tool_joint, pin.SE3.Identity(), "sphere", (0.1,))
     rest = turn @ np.array([0.0, 0.0, 0.15 + gap_m])
     T_base_rest = Pose(own.T_universe_base.inverse().act(rest), Pose.identity().wxyz)
-    allowed = may_rest(own, Stay(0.0, 1.0, True, Pose.identity(), (T_base_rest,)), ball, slope)
-    now = pin.SE3(np.eye(3), rest + np.array([aside_m, 0.0, 0.0]))
-    return allowed is not None and allowed({own.tool_joint: now})
+    allowed = resting_contact(own, Stay(0.0, 1.0, True, Pose.identity(), (T_base_rest,)), ball, slope)
+    T_universe_ball = pin.SE3(np.eye(3), rest + np.array([aside_m, 0.0, 0.0]))
+    return allowed is not None and allowed({own.tool_joint: T_universe_ball})
 
 
 @pytest.mark.parametrize(
@@ -208,14 +264,14 @@ def ball_on_a_slope(degrees: float, gap_m: float, aside_m: float) -> bool:
     [(0.0, 0.028, 0.0, True), (0.0, 0.032, 0.0, False), (0.0, 0.0, 0.028, True), (0.0, 0.0, 0.032, False),
      (44.0, 0.0, 0.0, True), (46.0, 0.0, 0.0, False)],
 )  # fmt: skip
-def test_a_held_thing_may_touch_what_faces_up_within_three_centimetres(
+def test_a_held_object_may_touch_an_upward_surface_within_3_cm_of_its_rest(
     degrees: float, gap_m: float, aside_m: float, free: bool
 ) -> None:
-    assert ball_on_a_slope(degrees, gap_m, aside_m) == free
+    assert ball_may_touch_slope(degrees, gap_m, aside_m) == free
 
 
 def test_a_speed_that_peaks_between_two_instants_is_bounded() -> None:
-    """It is zero at the instants of the grid, 2 ms apart, and 7.5 mrad/s between."""
+    """The speed is zero at the instants of the grid, 2 ms apart, and 7.5 mrad/s between them."""
     robot = arm_of("panda").robot
     coefficients = np.zeros((1, 4, len(robot.joints)))
     coefficients[0, 1:, 3] = 0.0, 7.5, -2500.0  # qd = 7500 s (2 ms - s)
@@ -230,4 +286,4 @@ def test_a_speed_that_peaks_between_two_instants_is_bounded() -> None:
     )
     motion = Motion(AuditArm(robot), trajectory)
     assert motion.t.tolist() == [0.0, 0.002]
-    assert motion.moved[-1, 3] >= trajectory.at(motion.t).q[-1, 3] > 9e-6
+    assert motion.travelled[-1, 3] >= trajectory.at(motion.t).q[-1, 3] > 9e-6

@@ -1,4 +1,4 @@
-"""Torques by a pendulum on paper, by MuJoCo, and what planning makes of them."""
+"""Torques against a pendulum's equation and against MuJoCo; warnings and refusals of the planner."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pbd.audit.arm import AuditArm
 from pbd.audit.torque import _inertia, find_torque, torques
 from pbd.cli import main
 from pbd.data import GraspedObject, JointLimits, JointTrajectory, Load, Robot
-from pbd.data.world import holds
+from pbd.data.world import gripped_spans
 from pbd.errors import PbdWarning, PlanError
 from pbd.planning import Plan, PlanOptions, plan_keyframes
 from pbd.pose import Array, Pose
@@ -31,7 +31,7 @@ INERTIAL = """<inertial><origin xyz="0 0 -0.4"/><mass value="2"/>
 
 
 def pendulum(folder: Path, inertial: str) -> AuditArm:
-    """A rod that hangs along -z of a base which is tilted in the URDF, and swings about y."""
+    """A rod that hangs along -z of its base and swings about y. The base is tilted in the URDF's world."""
     urdf, one = folder / "pendulum.urdf", np.ones(1)
     urdf.write_text(PENDULUM.format(inertial=inertial))
     limits = JointLimits(-9.0 * one, 9.0 * one, one, one, one, "a test")
@@ -41,15 +41,15 @@ def pendulum(folder: Path, inertial: str) -> AuditArm:
 
 
 def swing() -> JointTrajectory:
-    """From 0.2 rad with 0.7 rad/s."""
+    """A cubic motion from 0.2 rad, at 0.7 rad/s."""
     cubic, none = np.array([0.2, 0.7, -1.5, 0.9]).reshape(1, 4, 1), np.zeros(0)
     return JointTrajectory(("hinge",), np.array([0.0, 2.0]), cubic, np.zeros(1), np.ones(1), none, np.zeros((0, 1)))
 
 
-def test_a_pendulum(tmp_path: Path) -> None:
+def test_torques_of_a_pendulum(tmp_path: Path) -> None:
     t, load = np.linspace(0.0, 1.9, 20), Load(3.0, (0.3, 0.0, -0.4))
     q, qdd = 0.2 + t * (0.7 + t * (-1.5 + t * 0.9)), -3.0 + 5.4 * t
-    rod, ball = 0.4 * np.sin(q), 0.4 * np.sin(q) - 0.3 * np.cos(q)  # how far out; the ball is at radius 0.5
+    rod, ball = 0.4 * np.sin(q), 0.4 * np.sin(q) - 0.3 * np.cos(q)  # horizontal levers, m; the ball is at radius 0.5
     by_hand = (0.05 + 2.0 * 0.16 + 3.0 * 0.25) * qdd + 9.81 * (2.0 * rod + 3.0 * ball)
     arm = pendulum(tmp_path, INERTIAL)
     np.testing.assert_allclose(torques(arm, swing(), t, load)[:, 0], by_hand, atol=1e-12)
@@ -60,8 +60,8 @@ def test_a_pendulum(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("shape", "size", "about_z"), [("sphere", (0.1,), 2e-3), ("cylinder", (0.1, 0.3), 2.5e-3)])
-def test_what_is_held_is_as_inert_as_it_is_wide(shape: str, size: tuple[float, ...], about_z: float) -> None:
-    """2 kg, 10 cm wide: 2/5 m r^2 and 1/2 m r^2."""
+def test_inertia_of_a_grasped_object(shape: str, size: tuple[float, ...], about_z: float) -> None:
+    """2 kg, 10 cm diameter: 2/5 m r^2 for a sphere, 1/2 m r^2 for a cylinder."""
     assert _inertia(GraspedObject(shape, size, 2.0)).inertia[2, 2] == pytest.approx(about_z)
 
 
@@ -78,7 +78,7 @@ def planned(name: str, **options: float) -> Plan:
 
 
 def mujoco_torques(robot: Robot, trajectory: JointTrajectory, t: Array, load: Load) -> Array:
-    """What mj_inverse says; the load is a link of the URDF."""
+    """Torques by mj_inverse, with the load as a link of the URDF."""
     import mujoco
 
     arm, samples, said = MujocoArm(robot, load), trajectory.at(t), []
@@ -91,18 +91,18 @@ def mujoco_torques(robot: Robot, trajectory: JointTrajectory, t: Array, load: Lo
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_mujoco_says_the_same(name: str) -> None:
-    """On the model of the URDF itself, with a load off the tool's point."""
+def test_torques_agree_with_mujoco(name: str) -> None:
+    """For each bundled arm, with a load beside the tool's point."""
     robot, trajectory, load = arm_of(name).robot, planned(name).trajectory, Load(0.5, (0.03, -0.02, 0.05))
     t = np.linspace(0.0, trajectory.duration, 200)[:-1]
     ours, theirs = torques(AuditArm(robot), trajectory, t, load), mujoco_torques(robot, trajectory, t, load)
     np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-9)
 
 
-def test_the_object_weighs_while_it_is_held_and_then_only() -> None:
-    """One that has no size is a payload where the tool is."""
+def test_an_object_weighs_only_while_it_is_held() -> None:
+    """An object without size weighs the same as a payload at the tool's point."""
     arm, trajectory = AuditArm(arm_of("panda").robot), planned("panda").trajectory
-    ((start, end),) = holds(trajectory.gripper_t, trajectory.gripper_opening)
+    ((start, end),) = gripped_spans(trajectory.gripper_t, trajectory.gripper_opening)
     t = np.linspace(0.0, trajectory.duration, 300)
     held = (start <= t) & (t <= end)
     said = torques(arm, trajectory, t, Load(grasped=GraspedObject("sphere", (1e-9,), 1.5)))
@@ -123,7 +123,7 @@ def test_near_the_limit_is_warned() -> None:
 def test_above_an_assumed_limit_is_warned_and_far_above_refused() -> None:
     with pytest.warns(PbdWarning, match=r"carrying 3.5 kg: 147 % of its assumed torque limit"):
         planned("xarm7", payload=3.5)
-    with pytest.raises(PlanError, match=r"carrying 1000 kg: \d+ times its assumed torque limit .*; slower is no help"):
+    with pytest.raises(PlanError, match=r"1000 kg: \d+ times its assumed torque limit .*; a lower speed does not help"):
         planned("xarm7", payload=1000.0)
 
 
@@ -142,14 +142,14 @@ def test_above_a_makers_limit_is_refused_with_the_speed_that_fits() -> None:
         planned("panda", payload=3.5, speed=speed + 0.02)
 
 
-def test_what_no_speed_helps_is_refused() -> None:
+def test_a_load_too_heavy_at_any_speed_is_refused() -> None:
     with pytest.raises(
-        PlanError, match=r"shoulder_lift .* 19\d\.\d % of its torque limit .*; slower is no help: carry less$"
+        PlanError, match=r"shoulder_lift .* 19\d\.\d % of its torque limit .*; a lower speed does not help: carry less$"
     ):
         planned("so101", payload=1.0)
 
 
-def test_without_limits_nothing_is_checked_and_a_payload_is_told() -> None:
+def test_without_torque_limits_a_payload_gives_a_warning() -> None:
     robot = arm_of("panda").robot
     robot = replace(robot, limits=replace(robot.limits, effort=None))
     assert robot.dock is not None

@@ -28,7 +28,7 @@ import numpy as np
 
 from pbd.arm.ik.branches import find_branches
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
-from pbd.arm.ik.partial_pose import SLACK_RAD, finish, is_partial
+from pbd.arm.ik.partial_pose import SLACK_RAD, is_partial, refine_partial
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.joint_path import STARTS, STARTS_WIDE
 from pbd.arm.model import ArmModel, load_model, to_se3
@@ -106,9 +106,9 @@ def _all(arm: ArmModel, goal: Any, seeds: Array) -> Iterable[Array]:
 
 
 def _partly(arm: ArmModel, goal: Any, seeds: Array) -> Iterable[Array]:
-    ways = [way for seed in seeds if (way := finish(arm, goal, seed)).reached]
-    least = min(way.off for way in ways)
-    return [way.q for way in ways if way.off <= least + SLACK_RAD]
+    ways = [way for seed in seeds if (way := refine_partial(arm, goal, seed)).reached]
+    least = min(way.weighted_rad for way in ways)
+    return [way.q for way in ways if way.weighted_rad <= least + SLACK_RAD]
 
 
 def traced(arm: ArmModel, goal: Any, q: Array) -> Array:

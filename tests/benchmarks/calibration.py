@@ -234,7 +234,7 @@ def heading_error(fit: SensorFit, true: dict[str, tuple[Array, Array]], turned: 
     for _ in range(50):
         wxyz = quat_inverse(quat_from_rpy(rng.uniform((-1.0, -1.0, -np.pi), (1.0, 1.0, np.pi))))
         field, up = quat_rotate(wxyz, EARTH.field), quat_rotate(wxyz, (0.0, 0.0, 1.0))
-        found = heading(fit.errors.mag.true(gain @ field + bias), turned @ up, turned[:, 0])
+        found = heading(fit.errors.mag.correct(gain @ field + bias), turned @ up, turned[:, 0])
         off.append(wrapped(found - heading(field, up, np.array((1.0, 0.0, 0.0)))))
     return float(np.degrees(np.sqrt(np.mean(np.square(off)))))
 

@@ -38,11 +38,11 @@ from pbd.data import Demonstration, HandPath
 from pbd.errors import PbdError, PbdWarning
 from pbd.fusion.fuse import estimated
 from pbd.fusion.joint_estimate import estimate_jointly
-from pbd.fusion.marginals import marginal_of, pinned
-from pbd.fusion.matching import Keyframes, align, by_moves, by_pose, register
+from pbd.fusion.marginals import estimate_with_device, marginal_of
+from pbd.fusion.matching import Keyframes, align, match_by_moves, match_by_pose, register
 from pbd.fusion.result import hand_path
-from pbd.fusion.scatter import alike
-from pbd.fusion.takes import Take, keyframes_of_take, start, tracked_take
+from pbd.fusion.scatter import common_scatter
+from pbd.fusion.takes import Take, initial_estimate, matched_keyframes, tracked_take
 from pbd.pipeline import fuse, fused_demo
 from pbd.pose import (
     Array,
@@ -281,12 +281,12 @@ def told_device(takes: Sequence[Take], device: SensorModel) -> Keyframes:
     errors, case = errors_of(device)
     told = []
     for take in takes:
-        marginal = marginal_of(take.solution, take.knots, pinned(take.solution, errors))
+        marginal = marginal_of(take.solution, take.knots, estimate_with_device(take.solution, errors))
         marginal = replace(marginal, prior=1e4 * np.diag(np.diagonal(marginal.prior)), mean=errors)
         told.append(replace(take, marginal=marginal))
-    found = align([keyframes_of_take(take) for take in told])
-    parts, x = start(told, sorted(found.registered), found, None)
-    x = estimate_jointly(parts, x, alike(len(x.m))).state
+    found = align([matched_keyframes(take) for take in told])
+    parts, x = initial_estimate(told, sorted(found.registered), found, None)
+    x = estimate_jointly(parts, x, common_scatter(len(x.m))).state
     return Keyframes(x.m, x.A @ case, (None,) * len(x.m), np.zeros(len(x.m)))
 
 
@@ -299,8 +299,8 @@ def plain_average(paths: Sequence[HandPath]) -> Array:
         takes.append(Keyframes(np.array([p.p for p in poses]), R, (None,) * len(R), np.full(len(R), 1.0 * MM)))
     first, places = takes[0], [takes[0].p]
     for take in takes[1:]:
-        there = register(first, take, by_moves(first, take)).of(take)
-        pairs = dict(by_pose(first, there))
+        there = register(first, take, match_by_moves(first, take)).apply(take)
+        pairs = dict(match_by_pose(first, there))
         places.append(np.array([there.p[pairs[i]] if i in pairs else np.full(3, np.nan) for i in range(len(first))]))
     mean: Array = np.nanmean(places, axis=0)
     relative: Array = mean - mean[0]

@@ -159,7 +159,7 @@ def tell(name: str, kind: str, seed: int) -> Told:
     arm, obstacles, poses = made(name, kind, seed)
     scene = CollisionScene(arm, None, obstacles)
     start = time.process_time()
-    found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), scene)
+    found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_retreat=arm.robot.home), scene)
     took = time.process_time() - start
     if not isinstance(found, Motion):
         return Told(name, kind, seed, took, None, False, False)
@@ -228,7 +228,7 @@ def scene_of(arm: ArmModel, kind: str, rng: np.random.Generator) -> tuple[list[O
 def wrong(arm: ArmModel, motion: Motion, dense: DenseScene) -> bool:
     """Whether original meshes overlap anywhere on the timed motion."""
     moves = [Move(way.q, way.curved) for way in motion.segments]
-    back = None if motion.back is None else Move(motion.back.q, motion.back.curved)
+    back = None if motion.retreat is None else Move(motion.retreat.q, motion.retreat.curved)
     trajectory, _ = time_moves(arm, arm.robot.home, moves, [0.2] * len(moves), [None] * len(moves), retreat=back)
     return dense.touches(trajectory)
 
@@ -236,13 +236,13 @@ def wrong(arm: ArmModel, motion: Motion, dense: DenseScene) -> bool:
 def travel(motion: Motion) -> float:
     """Joint travel, rad, from home to home."""
     parts = np.vstack([way.q for way in ways(motion)])
-    home = parts[-1] if motion.back else motion.q[0]
+    home = parts[-1] if motion.retreat else motion.q[0]
     return float(np.linalg.norm(np.diff(np.vstack((home, parts)), axis=0), axis=1).sum())
 
 
 def ways(motion: Motion) -> list[Segment]:
     """All moves of a motion."""
-    return [*motion.segments, *([motion.back] if motion.back else [])]
+    return [*motion.segments, *([motion.retreat] if motion.retreat else [])]
 
 
 if __name__ == "__main__":

@@ -31,6 +31,7 @@ from pbd.simulation.tasks import random_task
 from pbd.tracking.keyframes import find_keyframes
 from tests.benchmarks.report import add_sway, arguments, finish
 from tests.scenarios import truth_at
+from tests.simulation.sway import with_sway
 
 TOLERANCES_M = (0.003, 0.005, 0.0075, 0.01, 0.015, 0.02)
 SENSORS = ("os5000", "wt901", "modern")
@@ -40,7 +41,7 @@ EDGES = (0, 25, 50, 75, 90, 101)
 
 def one(seed: int, sensor: str, sway_speed: float) -> list[tuple[float, bool]]:
     """What is said of a take and what happens, for each tolerance."""
-    demo = simulate(random_task(seed), sensor, seed, sway_speed=sway_speed)
+    demo = simulate(with_sway(random_task(seed), sway_speed, seed), sensor, seed)
     assert demo.truth is not None
     path = track(replace(demo, truth=None))
     truth = [_true_pose(demo.truth, keyframe.t) for keyframe in find_keyframes(path)]

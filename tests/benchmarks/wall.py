@@ -64,7 +64,7 @@ def chosen(arm: ArmModel, count: int) -> object:
     placed = Pose.from_rpy(at(reach + 0.1, 0.0, 0.5 * top), (0.0, 0.0, ahead))
     wall = Obstacle("the wall", "box", (0.9 * reach, 0.02, top), placed)
     scene = CollisionScene(arm, None, [wall])
-    return choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), scene)
+    return choose_motion(arm, MotionRequest(poses, arm.robot.home, q_retreat=arm.robot.home), scene)
 
 
 if __name__ == "__main__":

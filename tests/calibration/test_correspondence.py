@@ -1,4 +1,4 @@
-"""Which stop touched which point."""
+"""Stops are matched to the points that they touched."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SQUARE = np.array([[0.3, 0.0, 0.0], [0.6, 0.0, 0.0], [0.6, 0.3, 0.0], [0.3, 0.3,
 
 
 def stops_at(places: Array, seed: int = 0, noise: float = 0.002) -> tuple[Array, Array]:
-    """Stops at places of the base, in a nav of its own, with noise; and their sigmas."""
+    """Return noisy stops at places of the base, in a random nav, and their sigmas."""
     rng = np.random.default_rng(seed)
     T_base_nav = Pose(rng.normal(size=3), quat_about_z(rng.uniform(-np.pi, np.pi)))
     p = T_base_nav.inverse().act(places) + noise * rng.normal(size=places.shape)
@@ -32,7 +32,7 @@ def test_any_order_is_found(seed: int, order: list[int]) -> None:
 
 @settings(max_examples=30)
 @given(st.integers(0, 10_000), st.integers(0, 5), st.integers(0, 5))
-def test_stops_beside_the_points_are_passed_over(seed: int, one: int, two: int) -> None:
+def test_stops_that_touch_no_point_are_ignored(seed: int, one: int, two: int) -> None:
     rng = np.random.default_rng(seed)
     places = np.insert(POINTS, sorted((one, two)), rng.uniform(-0.4, -0.1, (2, 3)), axis=0)
     p, sigma = stops_at(places, seed)
@@ -48,7 +48,7 @@ def test_a_wrong_point_does_not_hide_the_others() -> None:
     assert match_points(p, sigma, wrong, in_order=False) == (2, 1, 4, 0, 3)
 
 
-def test_a_square_is_the_same_from_four_sides() -> None:
+def test_a_square_is_ambiguous() -> None:
     p, sigma = stops_at(SQUARE)
     assert match_points(p, sigma, SQUARE, in_order=True) == (0, 1, 2, 3)
     with pytest.raises(CalibrationError, match=r"more than one way .*turned by (90|180) degrees.* --stops, touch the"):
@@ -62,7 +62,7 @@ def test_a_point_above_a_corner_breaks_the_symmetry() -> None:
 
 
 @pytest.mark.parametrize("in_order", [True, False])
-def test_what_can_not_match_is_refused(in_order: bool) -> None:
+def test_stops_that_can_not_match_are_refused(in_order: bool) -> None:
     p, sigma = stops_at(POINTS[:3])
     with pytest.raises(CalibrationError, match="has 3 stops, but there are 5 points; hold still"):
         match_points(p, sigma, POINTS, in_order)

@@ -1,4 +1,4 @@
-"""The hand's path between keyframes: smoothed within its uncertainty, from keyframe to keyframe."""
+"""The demonstrated path: smoothed within its uncertainty, from keyframe to keyframe."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DOCK = Calibration(name="bench", T_base_dock=Pose.from_rpy((0.4, -0.1, 0.3), (0,
 
 
 def arc(noise_m: float = 0.0, sigma_m: float = 0.003, turns: float = 0.5) -> HandPath:
-    """A hand that rests, goes along a quarter of a circle of 20 cm while it turns, and rests."""
+    """Return the path of a hand that rests, turns on a quarter of a circle of 20 cm radius, and rests."""
     t = np.arange(0.0, 3.0, 0.01)
     share = np.clip((t - 1.0) / 1.0, 0.0, 1.0)
     angle = 0.5 * np.pi * (10 * share**3 - 15 * share**4 + 6 * share**5)
@@ -42,8 +42,8 @@ def moves_of(path: HandPath, keyframes: tuple[Keyframe, ...] | None = None, scal
     return move.t, p, np.array([pose.wxyz for pose in move.T_base_tool])
 
 
-def test_it_follows_the_hand() -> None:
-    """On the circle of 20 cm about (0, 0, 0.2), at the hand's own time, as densely as it should."""
+def test_the_path_follows_the_hand() -> None:
+    """On the circle of 20 cm about (0, 0, 0.2), at the hand's own times, with the required spacing."""
     t, p, _ = moves_of(arc())
     np.testing.assert_allclose(np.linalg.norm(p - (0.0, 0.0, 0.2), axis=1), 0.2, atol=0.003 + 1e-9)
     np.testing.assert_allclose(t[[0, -1]], [1.0, 2.0], atol=1e-9)
@@ -53,7 +53,7 @@ def test_it_follows_the_hand() -> None:
     np.testing.assert_allclose(half, 0.2 * np.array([np.sin(np.pi / 4), 0.0, 1 - np.cos(np.pi / 4)]), atol=0.01)
 
 
-def test_it_begins_and_ends_at_the_keyframes_also_where_they_were_moved() -> None:
+def test_the_path_starts_and_ends_at_the_keyframes_even_if_they_were_moved() -> None:
     path = arc()
     first, last = find_keyframes(path)
     moved = replace(
@@ -71,12 +71,12 @@ def test_it_begins_and_ends_at_the_keyframes_also_where_they_were_moved() -> Non
         ):
             np.testing.assert_allclose(pose.distance(wanted), 0.0, atol=1e-7)
     steps = np.linalg.norm(np.diff([pose.p for pose in move.T_base_tool], axis=0), axis=1)
-    assert steps.max() < 1.1 * SPACING_M  # no jump to it at the end
+    assert steps.max() < 1.1 * SPACING_M  # no jump at the end
 
 
 @pytest.mark.parametrize("sigma_m", [0.001, 0.004, 0.1])
-def test_it_is_smoothed_within_its_uncertainty(sigma_m: float) -> None:
-    """Noise of 1 mm, white, is what no hand does: less than a third of it is left, and nothing is moved by more."""
+def test_the_path_is_smoothed_within_its_uncertainty(sigma_m: float) -> None:
+    """White noise of 0.5 mm per axis, which no hand makes, is reduced; no sample moves by more than the bound."""
     noisy, clean = arc(noise_m=5e-4, sigma_m=sigma_m), arc()
     inside = slice(100, 201)
     fit = smoothed(np.linspace(0.0, 1.0, 101), noisy.p_nav_sensor[inside], min(sigma_m, SMOOTH_M))
@@ -92,10 +92,10 @@ def test_turns_are_as_dense_as_shifts() -> None:
     _, _, wxyz = moves_of(arc(turns=3.0))
     turn = 2.0 * np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", wxyz[1:], wxyz[:-1])), 0.0, 1.0))
     assert turn.max() < 1.1 * SPACING_RAD
-    assert turn.sum() == pytest.approx(1.5 * np.pi, rel=0.02)  # more than half a turn, and not the other way round
+    assert turn.sum() == pytest.approx(1.5 * np.pi, rel=0.02)  # more than half a turn, in the right direction
 
 
-def test_scale_and_a_fixed_tool() -> None:
+def test_scale_and_fixed_orientation() -> None:
     _, p, _ = moves_of(arc(), scale=0.5)
     np.testing.assert_allclose(np.linalg.norm(p - (0.0, 0.0, 0.1), axis=1), 0.1, atol=0.003)
     path = arc()
@@ -109,7 +109,7 @@ def test_scale_and_a_fixed_tool() -> None:
 
 @pytest.mark.parametrize("samples", [0, 1, 2, 4])
 def test_a_move_of_few_samples(samples: int) -> None:
-    """At 10 Hz a quick move may lie between two samples."""
+    """At 10 Hz a quick move may have no samples of its own."""
     path = arc()
     kept = np.unique(
         np.concatenate((np.arange(0, 101, 10), np.linspace(100, 200, samples + 2).astype(int), np.arange(200, 300, 10)))

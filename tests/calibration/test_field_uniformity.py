@@ -1,4 +1,4 @@
-"""How well a magnetic heading repeats."""
+"""Repeatability of a magnetic heading."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_an_even_field_has_no_spread_however_the_sensor_lies(seed: int, heading:
     assert not spread.disturbed
 
 
-def test_the_spread_is_the_rms_of_what_the_places_differ_by() -> None:
+def test_the_spread_is_the_rms_of_the_differences_between_places() -> None:
     wxyz = quat_exp(np.random.default_rng(0).normal(size=(4, 3)))
     turns = np.radians([5.0, -5.0, 5.0, -5.0])
     fields = np.array([quat_rotate(quat_about_z(turn), FIELD) for turn in turns])
@@ -38,7 +38,7 @@ def test_the_spread_is_the_rms_of_what_the_places_differ_by() -> None:
     assert spread.disturbed
 
 
-def test_headings_are_compared_across_half_a_turn() -> None:
+def test_headings_are_compared_across_180_degrees() -> None:
     first = quat_multiply(quat_about_z(np.radians(179.0)), quat_exp((0.1, 0.2, 0.0)))
     again = [quat_multiply(quat_about_z(np.radians(turn)), first) for turn in (2.0, -3.0, 0.0)]
     assert np.degrees(heading_changes(first, again)) == pytest.approx([2.0, -3.0, 0.0])

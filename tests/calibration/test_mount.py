@@ -1,4 +1,4 @@
-"""The tool on the sensor: by pivoting its tip (simulated), and by turns about named axes."""
+"""The sensor's mount on the tool: the lever by pivoting the tip, the rotation by turns about named axes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ vectors = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
 
 
 def pivoted(attitudes: list[Array], tip: Array, point: Array) -> list[Keyframe]:
-    """Keyframes of a tip that stands on a point, tracked perfectly."""
+    """Return perfectly tracked keyframes of a tip that stands on a point."""
     sigma = [1e-6 * k for k in range(len(attitudes))]
     return [
         Keyframe(float(k), 1.0, Pose(point - quat_rotate(wxyz, tip), wxyz), np.diag([sigma[k]] * 3 + [1e-5] * 3))
@@ -33,7 +33,7 @@ def pivoted(attitudes: list[Array], tip: Array, point: Array) -> list[Keyframe]:
 
 
 def fitted(keyframes: list[Keyframe]) -> PivotFit:
-    """With errors that add up from move to move."""
+    """Fit, with errors that accumulate from move to move."""
     return fit_pivot(keyframes, PoseCovariance.chained(np.array([keyframe.cov for keyframe in keyframes])))
 
 
@@ -49,8 +49,8 @@ def test_without_noise_the_tip_is_found_exactly(seed: int, tip: Array, point: Ar
 
 @uncalibrated
 @pytest.mark.parametrize(("sensor", "close_m"), [("wt901", 0.003), ("modern", 0.001)])
-def test_ten_centimetres_are_found_to_millimetres(sensor: str, close_m: float) -> None:
-    """Medians over many seeds are the benchmark's; here none may be far off, nor beyond what it says itself."""
+def test_a_lever_of_10_cm_is_found_to_millimetres(sensor: str, close_m: float) -> None:
+    """The benchmark has medians over many seeds. Here no error may be large, or beyond four of its own sigmas."""
     for seed in range(3):
         hand = track(simulate(pivoting(seed, TIP), sensor, seed).recording)
         fit = fit_pivot(find_keyframes(hand), hand.covariance)
@@ -58,7 +58,7 @@ def test_ten_centimetres_are_found_to_millimetres(sensor: str, close_m: float) -
         assert off < min(close_m, 4.0 * float(np.sqrt(np.trace(fit.cov))))
 
 
-def test_turns_about_one_axis_leave_the_lever_along_it_open() -> None:
+def test_turns_about_one_axis_do_not_determine_the_lever_along_it() -> None:
     attitudes = [quat_exp((angle, 0.0, 0.0)) for angle in (0.0, 0.6, -0.6, 0.3, -0.3)]
     with pytest.raises(
         CalibrationError, match=r"lever along \(1, 0, 0\) in the sensor's axes is unknown: .* tilt the tool"
@@ -69,7 +69,7 @@ def test_turns_about_one_axis_leave_the_lever_along_it_open() -> None:
         fitted(pivoted(nearly, np.array(TIP), np.zeros(3)))
 
 
-def test_a_tip_that_slipped_is_told() -> None:
+def test_a_tip_that_slipped_is_refused() -> None:
     rng = np.random.default_rng(0)
     keyframes = pivoted([quat_exp(rng.normal(scale=0.6, size=3)) for _ in range(8)], np.array(TIP), np.zeros(3))
     moved = keyframes[4]
@@ -103,7 +103,7 @@ def turned(wxyz_sensor_tool: Array, named: tuple[str, ...], angle: float = 0.8) 
 
 @settings(max_examples=20)
 @given(vectors, st.permutations(NAMED))
-def test_named_turns_tell_the_rotation_exactly(turn: Array, named: list[str]) -> None:
+def test_named_turns_determine_the_rotation_exactly(turn: Array, named: list[str]) -> None:
     wxyz_sensor_tool = quat_exp(3.0 * turn)
     fit = fit_turns(turned(wxyz_sensor_tool, tuple(named)), named)
     off = quat_log(quat_multiply(quat_inverse(fit.wxyz_sensor_tool), wxyz_sensor_tool))
@@ -111,7 +111,7 @@ def test_named_turns_tell_the_rotation_exactly(turn: Array, named: list[str]) ->
     assert_allclose(fit.off, 0.0, atol=1e-7)
 
 
-def test_a_hand_that_leans_is_within_what_is_told() -> None:
+def test_errors_of_a_hand_are_within_their_sigmas() -> None:
     inside = []
     for seed in range(60):
         rng = np.random.default_rng(seed)
@@ -127,7 +127,7 @@ def test_a_hand_that_leans_is_within_what_is_told() -> None:
     assert 0.88 < np.mean(inside) < 0.995
 
 
-def test_small_moves_between_are_no_turns() -> None:
+def test_small_rotations_between_turns_are_ignored() -> None:
     true = quat_exp((0.3, 0.2, 0.1))
     keyframes = turned(true, ("x", "z"))
     shaken = Pose(np.zeros(3), quat_multiply(keyframes[-1].T_nav_sensor.wxyz, quat_exp((0.1, 0.1, 0.0))))
@@ -135,7 +135,7 @@ def test_small_moves_between_are_no_turns() -> None:
     assert fit.moves == (0, 1)
 
 
-def test_a_turn_the_other_way_round_is_refused() -> None:
+def test_a_turn_in_the_wrong_direction_is_refused() -> None:
     with pytest.raises(
         CalibrationError, match=r"the turns contradict --turns: the one about x \(move .*off; correct its axis"
     ):
@@ -152,6 +152,6 @@ def test_a_turn_the_other_way_round_is_refused() -> None:
         (("x", "-x"), "all turns are about -x, x, so the rotation about that axis stays unknown"),
     ],
 )
-def test_names_that_do_not_fit_are_refused(named: tuple[str, ...], message: str) -> None:
+def test_names_that_do_not_match_the_turns_are_refused(named: tuple[str, ...], message: str) -> None:
     with pytest.raises(CalibrationError, match=message):
         fit_turns(turned(quat_exp((0.0, 0.0, 0.0)), ("x", "y")), named)

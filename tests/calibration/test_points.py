@@ -1,4 +1,4 @@
-"""Nav from touched points: exact without noise, honest about its sigma with noise; a wrong point is named."""
+"""Nav from touched points: exact without noise, with honest sigmas with noise; a wrong point is found."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ vectors = st.tuples(small, small, small).map(np.array)
 
 
 def walk(seed: int, m: int) -> Array:
-    """The covariance (3 m, 3 m) of positions that drift by independent moves."""
+    """Return the covariance (3 m, 3 m) of positions with errors that accumulate over independent moves."""
     rng = np.random.default_rng(seed)
     moves = np.repeat(rng.uniform(0.002, 0.006, m) ** 2, 3)
     total = np.kron(np.tril(np.ones((m, m))), np.eye(3))
@@ -33,7 +33,7 @@ def walk(seed: int, m: int) -> Array:
 def touched(
     T_base_nav: Pose, points: Array = POINTS, scale: float = 1.0, lever: Array | None = None
 ) -> PointObservations:
-    """What a perfect tracker says."""
+    """Return the observations of a perfect tracker."""
     m = len(points)
     lever = np.zeros((m, 3)) if lever is None else lever
     p = (T_base_nav.inverse().act(points) - lever) / scale
@@ -79,8 +79,8 @@ def test_a_turned_base_turns_the_answer(p: Array, yaw: float) -> None:
 
 
 @pytest.mark.parametrize("tracker", [1.0, 0.2, 3.0])
-def test_errors_lie_within_the_sigmas_that_are_told(tracker: float) -> None:
-    """Two sigma hold 95 %, with what all touches share; and no less where the tracker's sigmas are off threefold."""
+def test_errors_are_within_their_sigmas(tracker: float) -> None:
+    """Two sigmas hold 95 %, also if all touches share an error, and no less if the tracker's sigmas are too small."""
     T_base_nav = Pose(np.array([0.1, -0.4, 0.2]), quat_about_z(-2.0))
     perfect = touched(T_base_nav, POINTS[:4])
     stretched = 0.01 * perfect.p_nav_sensor.ravel()  # an accelerometer's scale
@@ -114,7 +114,7 @@ def test_the_jacobian_agrees_with_finite_differences() -> None:
 
 
 def test_weights_follow_the_growing_sigma() -> None:
-    """A late touch that is far less sure hardly moves the answer; the same misfit of an early one does."""
+    """The misfit of a late, uncertain touch hardly changes the pose; the same misfit of an early one does."""
     true = Pose.identity()
     base = touched(true)
     cov: Array = np.diag(np.repeat([1e-6, 1e-6, 1e-6, 1e-6, 1e-2], 3))
@@ -141,7 +141,7 @@ def test_a_wrong_point_is_named_and_left_out(wrong: int, free: bool) -> None:
     assert_allclose(fit.left_out[wrong], (0.06, -0.05, 0.06), atol=1e-6)
 
 
-def test_leaving_a_point_out_means_that_it_has_no_say() -> None:
+def test_a_point_that_is_left_out_has_no_influence() -> None:
     base = touched(Pose.identity())
     moved = POINTS.copy()
     moved[2] += (0.004, -0.003, 0.002)
@@ -168,7 +168,7 @@ def test_three_points_that_contradict_each_other_are_refused() -> None:
         ([[0.3, 0.0, 0.0], [0.5, 0.0, 0.0], [0.3, 0.0, 0.0]], False, "points 1 and 3 are the same place"),
     ],
 )
-def test_points_that_tell_too_little_are_refused(points: Array, free: bool, message: str) -> None:
+def test_points_that_do_not_determine_a_pose_are_refused(points: Array, free: bool, message: str) -> None:
     points = np.array(points)
     with pytest.raises(CalibrationError, match=message):
         fit_points(touched(Pose.identity(), points), points, free=free)
@@ -180,8 +180,8 @@ def test_a_level_line_of_points_is_enough_with_gravity() -> None:
     assert fit_points(touched(T_base_nav, points), points).T_base_nav.distance(T_base_nav)[1] < 1e-7
 
 
-def test_tips_have_in_common_what_the_poses_have() -> None:
-    """The oracle: poses and a tip drawn from their covariance, the tips worked out from them."""
+def test_the_joint_covariance_of_tips_follows_from_that_of_the_poses() -> None:
+    """Oracle: tips computed from poses and a lever that are drawn from their covariances."""
     rng = np.random.default_rng(0)
     root = 0.003 * rng.normal(size=(24, 24))
     joint = (root @ root.T).reshape(4, 6, 4, 6)

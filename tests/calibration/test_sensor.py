@@ -1,4 +1,4 @@
-"""A sensor's errors from rests in several orientations (simulated), against those that the device was drawn with."""
+"""Estimated sensor errors against those that the simulated device was drawn with."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from pbd.calibration.accelerometer import NAMES, fit_accelerometer
 from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.magnetometer import fit_ellipsoid, fit_magnetometer
-from pbd.calibration.rests import Rests, find_rests, orientations
+from pbd.calibration.rests import Rests, count_orientations, find_rests
 from pbd.calibration.sensor import SensorFit, calibrate_sensor, corrected
 from pbd.calibration.sensor_changed import disagreements, gravity_at
 from pbd.data import GRAVITY, Recording, RecordingInfo, SensorErrors
@@ -40,12 +40,12 @@ def rests(recording: Recording) -> Rests:
 
 
 @pytest.fixture(scope="module")
-def whole(recording: Recording) -> SensorFit:
+def calibrated(recording: Recording) -> SensorFit:
     return calibrate_sensor(recording, gravity=EARTH.gravity, temperature_c=21.0)
 
 
-def of(acc: Array, noise: float = 0.0) -> Rests:
-    """Rests of which only the accelerometer is known."""
+def accelerometer_rests(acc: Array, noise: float = 0.0) -> Rests:
+    """Return rests of a sensor that has only an accelerometer."""
     k = len(acc)
     start = np.arange(k) * 200
     return Rests(start, start + 100, np.ones(k), acc, None, None, noise, 0.0, 0.0)
@@ -68,8 +68,8 @@ def test_the_rests_are_those_of_the_task(recording: Recording, rests: Rests) -> 
 
 
 @pytest.mark.parametrize(("degrees_s", "until"), [(2.0, 600), (0.6, 610)])
-def test_a_slow_even_turn_is_no_rest(degrees_s: float, until: int) -> None:
-    """It shakes as little as a rest; only its rate gives it away."""
+def test_a_slow_turn_at_constant_rate_is_no_rest(degrees_s: float, until: int) -> None:
+    """It shakes as little as a rest does; only the mean rate differs."""
     n, rate = 1000, 100.0
     rng = np.random.default_rng(0)
     gyr = 1e-3 * rng.normal(size=(n, 3)) + np.array([0.001, 0.002, 0.003])
@@ -102,15 +102,15 @@ def test_rests_that_are_too_short() -> None:
 
 
 def test_orientations_are_counted_once() -> None:
-    assert orientations(SIDES) == 12
-    assert orientations(np.vstack((SIDES[:3], SIDES[:3] + 0.01))) == 3
+    assert count_orientations(SIDES) == 12
+    assert count_orientations(np.vstack((SIDES[:3], SIDES[:3] + 0.01))) == 3
     leaning = np.radians([0.0, 14.0, 16.0])
     up = np.column_stack((np.sin(leaning), np.zeros(3), np.cos(leaning)))
-    assert [orientations(up[:2]), orientations(up[::2])] == [1, 2]
+    assert [count_orientations(up[:2]), count_orientations(up[::2])] == [1, 2]
 
 
 def test_a_gyro_that_shows_one_turn_much_too_large_is_refused(recording: Recording, rests: Rests) -> None:
-    """Otherwise it would be laid to its scale and axes."""
+    """Otherwise the fit would attribute it to scale and axes."""
     assert recording.gyr is not None
     gyr, up = recording.gyr.copy(), rests.acc / np.linalg.norm(rests.acc, axis=1, keepdims=True)
     gyr[rests.stop[3] : rests.start[4]] *= 1.6
@@ -124,20 +124,19 @@ def test_a_gyro_that_shows_one_turn_much_too_large_is_refused(recording: Recordi
 @settings(max_examples=20)
 @given(st.integers(0, 10_000))
 def test_without_noise_the_errors_are_found_exactly(seed: int) -> None:
-    """Up to what the priors hold back: nothing to speak of."""
+    """The priors leave only a negligible error."""
     rng = np.random.default_rng(seed)
     gain = np.eye(3) + 0.02 * rng.normal(size=(3, 3))
     bias = 0.5 * rng.normal(size=3)
-    fit = fit_accelerometer(of(9.81 * SIDES @ gain.T + bias), 9.81)
+    fit = fit_accelerometer(accelerometer_rests(9.81 * SIDES @ gain.T + bias), 9.81)
     assert_allclose(fit.linear.bias, bias, atol=2e-3)
     assert_allclose(fit.linear.matrix, symmetric(gain), atol=3e-4)
     assert fit.determined == NAMES
     assert fit.after < 1e-3
 
 
-@pytest.mark.parametrize("kind", ["acc"])
-def test_a_bad_accelerometer_is_found(rests: Rests, kind: str) -> None:
-    gain, bias = device(BAD, SEED)[kind]
+def test_a_bad_accelerometer_is_found(rests: Rests) -> None:
+    gain, bias = device(BAD, SEED)["acc"]
     fit = fit_accelerometer(rests, EARTH.gravity)
     assert_allclose(fit.linear.bias, bias, atol=1.0 * MG)
     off = fit.linear.matrix - symmetric(gain)
@@ -147,19 +146,19 @@ def test_a_bad_accelerometer_is_found(rests: Rests, kind: str) -> None:
     assert fit.after < 0.02 * fit.before
 
 
-def test_six_sides_tell_bias_and_scale_but_no_lean() -> None:
-    fit = fit_accelerometer(of(9.81 * SIDES[:6]), 9.81)
+def test_six_sides_determine_bias_and_scale_but_no_misalignment() -> None:
+    fit = fit_accelerometer(accelerometer_rests(9.81 * SIDES[:6]), 9.81)
     assert fit.undetermined == ("misalignment yz", "misalignment xz", "misalignment xy")
 
 
-def test_one_side_of_an_axis_tells_neither_its_bias_nor_its_scale() -> None:
-    """x is seen pointing up, never down: a bias and a scale of x look the same."""
+def test_an_axis_that_only_points_up_has_undetermined_bias_and_scale() -> None:
+    """x never points down, so its bias and its scale have the same effect."""
     up = SIDES[[0, 1, 2, 4, 5]]
-    fit = fit_accelerometer(of(9.81 * up + (0.2, 0.1, 0.0)), 9.81)
+    fit = fit_accelerometer(accelerometer_rests(9.81 * up + (0.2, 0.1, 0.0)), 9.81)
     assert {"bias x", "scale x"} <= set(fit.undetermined)
     assert {"bias y", "scale y", "bias z", "scale z"} <= set(fit.determined)
     assert fit.linear.bias[1] == pytest.approx(0.1, abs=2e-3)
-    assert 0.0 < fit.linear.bias[0] < 0.2  # shared out
+    assert 0.0 < fit.linear.bias[0] < 0.2  # shared between bias and scale
 
 
 @pytest.mark.parametrize("count", [1, 3])
@@ -167,13 +166,13 @@ def test_orientations_that_are_too_few_or_alike_are_refused(count: int) -> None:
     with pytest.raises(
         CalibrationError, match=r"(3 rests show only 3 orientations|was put down once).* needs 4 orientations, best 12"
     ):
-        fit_accelerometer(of(9.81 * SIDES[:count]))
+        fit_accelerometer(accelerometer_rests(9.81 * SIDES[:count]))
     alike = SIDES[[0] * 6] + 0.05 * np.random.default_rng(0).normal(size=(6, 3))
     with pytest.raises(CalibrationError, match="6 rests show only 1 orientation 15 degrees"):
-        fit_accelerometer(of(9.81 * alike))
+        fit_accelerometer(accelerometer_rests(9.81 * alike))
 
 
-def test_other_gravity_is_other_scale(rests: Rests) -> None:
+def test_another_gravity_gives_another_scale(rests: Rests) -> None:
     first, second = (np.diagonal(fit_accelerometer(rests, gravity).linear.matrix) for gravity in (9.81, 9.80))
     assert_allclose(second / first, 9.80 / 9.81, atol=1e-4)
 
@@ -192,7 +191,7 @@ def test_gravity_follows_latitude() -> None:
 def test_a_gyro_is_found_in_the_accelerometers_axes(recording: Recording, rests: Rests) -> None:
     (gain_acc, _), (gain, bias) = (device(BAD, SEED)[kind] for kind in ("acc", "gyr"))
     acc = fit_accelerometer(rests, EARTH.gravity)
-    force = acc.linear.true(rests.acc)
+    force = acc.linear.correct(rests.acc)
     up = force / np.linalg.norm(force, axis=1, keepdims=True)
     fit = fit_gyro(recording, rests, up, acc.up_sigma)
     assert_allclose(fit.bias, bias, atol=np.radians(0.02))
@@ -218,7 +217,7 @@ def test_a_gyro_in_another_unit_or_other_axes_is_refused(recording: Recording, r
         fit_gyro(replace(recording, gyr=wrong * recording.gyr), few, rests.up_sensor[:4])
 
 
-def test_five_seconds_of_rest_tell_the_bias() -> None:
+def test_five_seconds_of_rest_determine_the_bias() -> None:
     for seed in range(10):
         still = simulate(Task("still", (Waypoint(rest_s=5.0),)), "wt901", seed).recording
         _, bias = device(replace(BAD, gyr=BAD.gyr), seed)["gyr"]
@@ -241,10 +240,10 @@ def test_an_ellipsoid_is_found_exactly(seed: int) -> None:
 
 
 def test_hard_and_soft_iron_are_found(recording: Recording, rests: Rests) -> None:
-    """What matters is the heading of any attitude: the field as corrected, with the vertical as corrected."""
+    """The heading in random attitudes, by the corrected field and the corrected vertical, is right."""
     gains = device(BAD, SEED)
     acc = fit_accelerometer(rests, EARTH.gravity)
-    force = acc.linear.true(rests.acc)
+    force = acc.linear.correct(rests.acc)
     assert recording.mag is not None
     fit = fit_magnetometer(recording.mag, rests, force / np.linalg.norm(force, axis=1, keepdims=True), acc.up_sigma)
     turned = symmetric(gains["acc"][0]) @ gains["acc"][0]
@@ -254,7 +253,7 @@ def test_hard_and_soft_iron_are_found(recording: Recording, rests: Rests) -> Non
         wxyz = quat_inverse(quat_from_rpy(rng.uniform((-1.0, -1.0, -np.pi), (1.0, 1.0, np.pi))))
         field, up = quat_rotate(wxyz, EARTH.field), quat_rotate(wxyz, (0.0, 0.0, 1.0))
         as_read = gain @ field + bias
-        assert abs(_heading(fit.linear.true(as_read), turned @ up, turned) - _heading(field, up, np.eye(3))) % (
+        assert abs(_heading(fit.linear.correct(as_read), turned @ up, turned) - _heading(field, up, np.eye(3))) % (
             2.0 * np.pi
         ) < np.radians(0.5)
     assert fit.dip == pytest.approx(np.arctan2(44.0, 19.5), abs=np.radians(0.3))
@@ -262,7 +261,7 @@ def test_hard_and_soft_iron_are_found(recording: Recording, rests: Rests) -> Non
 
 
 def _heading(field: Array, up: Array, axes: Array) -> float:
-    """Of the sensor's x axis, from east."""
+    """Return the heading of the sensor's x axis, rad from east."""
     east = np.cross(field, up)
     return float(np.arctan2(axes[:, 0] @ np.cross(up, east), axes[:, 0] @ east))
 
@@ -273,13 +272,13 @@ def test_a_magnetometer_that_lay_flat_is_refused() -> None:
     mag = np.column_stack((20.0 * np.cos(angle), 20.0 * np.sin(angle), np.full(n, -44.0)))
     mag += 0.1 * np.random.default_rng(0).normal(size=mag.shape)
     with pytest.raises(CalibrationError, match="the magnetometer was not turned far enough"):
-        fit_magnetometer(mag, replace(of(9.81 * SIDES), mag=mag[:12], mag_noise=0.1), SIDES)
+        fit_magnetometer(mag, replace(accelerometer_rests(9.81 * SIDES), mag=mag[:12], mag_noise=0.1), SIDES)
 
 
 def test_a_magnetometer_that_was_not_turned_is_refused() -> None:
-    """Its noise lies all around too, but that is no ellipsoid of a field."""
+    """Its noise lies on all sides too, but is not the ellipsoid of a field."""
     mag = np.array([0.0, 19.5, -44.0]) + 0.2 * np.random.default_rng(0).normal(size=(500, 3))
-    once = replace(of(9.81 * SIDES[:1]), mag=mag[:1], mag_noise=0.2)
+    once = replace(accelerometer_rests(9.81 * SIDES[:1]), mag=mag[:1], mag_noise=0.2)
     with pytest.raises(
         CalibrationError, match=r"not turned far enough: along one axis its readings vary by only 0\.2 uT"
     ):
@@ -289,8 +288,8 @@ def test_a_magnetometer_that_was_not_turned_is_refused() -> None:
 # --- all together -----------------------------------------------------------------------------------------------------
 
 
-def test_a_corrected_recording_reads_gravity_nothing_and_one_field(recording: Recording, whole: SensorFit) -> None:
-    fit = whole
+def test_a_corrected_recording_reads_gravity_no_rate_and_one_field(recording: Recording, calibrated: SensorFit) -> None:
+    fit = calibrated
     assert fit.remarks == ()
     assert fit.errors.temperature_c == 21.0
     true = find_rests(corrected(recording, fit.errors))
@@ -303,8 +302,8 @@ def test_a_corrected_recording_reads_gravity_nothing_and_one_field(recording: Re
     assert corrected(recording, None) is recording
 
 
-def test_only_some_keeps_the_others(recording: Recording, whole: SensorFit) -> None:
-    known = whole.errors
+def test_errors_that_are_not_fitted_are_kept(recording: Recording, calibrated: SensorFit) -> None:
+    known = calibrated.errors
     again = calibrate_sensor(recording, only=("gyr",), known=known).errors
     assert again.acc is known.acc
     assert again.mag is known.mag
@@ -315,7 +314,7 @@ def test_only_some_keeps_the_others(recording: Recording, whole: SensorFit) -> N
     assert_allclose(again.gyr.bias, known.gyr.bias)
 
 
-def test_what_the_sensor_lacks_is_left_out_or_refused(recording: Recording) -> None:
+def test_a_missing_sensor_is_left_out_or_refused(recording: Recording) -> None:
     bare = replace(recording, gyr=None, mag=None)
     errors = calibrate_sensor(bare).errors
     assert (errors.gyr, errors.mag) == (None, None)
@@ -335,14 +334,14 @@ def test_another_sensors_errors_are_refused(recording: Recording) -> None:
     assert len(corrected(unnamed, errors)) == len(recording)
 
 
-def test_a_rest_that_contradicts_its_calibration_is_told(whole: SensorFit, rests: Rests) -> None:
-    errors = whole.errors
+def test_a_rest_that_contradicts_its_calibration_is_reported(calibrated: SensorFit, rests: Rests) -> None:
+    errors = calibrated.errors
     assert errors.acc is not None
     assert errors.gyr is not None
     assert errors.mag is not None
     assert rests.gyr is not None
     assert rests.mag is not None
-    acc, gyr, mag = errors.acc.true(rests.acc[3]), errors.gyr.true(rests.gyr[3]), errors.mag.true(rests.mag[3])
+    acc, gyr, mag = errors.acc.correct(rests.acc[3]), errors.gyr.correct(rests.gyr[3]), errors.mag.correct(rests.mag[3])
     assert disagreements(errors, acc, gyr, mag) == ()
     assert disagreements(errors, acc) == ()
     (line,) = disagreements(errors, 1.02 * acc, gyr, mag)
@@ -356,7 +355,7 @@ def test_a_rest_that_contradicts_its_calibration_is_told(whole: SensorFit, rests
 
 
 def _dipped(mag: Array, acc: Array) -> Array:
-    """As strong, 10 degrees steeper."""
+    """Return a field of the same strength, 10 degrees steeper."""
     up = acc / np.linalg.norm(acc)
     level = mag - (mag @ up) * up
     size = np.linalg.norm(mag)

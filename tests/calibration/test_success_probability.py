@@ -1,4 +1,4 @@
-"""The probability of being inside the tolerance, against closed forms."""
+"""The probability of being within tolerance, against closed forms."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def test_one_keyframe_is_chi_with_three_degrees_of_freedom(sigmas: float) -> Non
     assert both.of_all == pytest.approx(chi(3).cdf(sigmas) ** 2, abs=0.01)
 
 
-def test_what_errs_together_is_inside_together() -> None:
-    """The product would be right only for keyframes whose errors have nothing in common."""
+def test_correlated_errors_are_within_tolerance_together() -> None:
+    """The product of the probabilities holds only for independent errors."""
     one: Array = np.diag([0.002**2] * 3 + [0.0] * 3)
     within = balls(0.004, 0.004), np.repeat(ANY, 2)
     apart = success(np.kron(np.eye(2), one).astype(np.float64), *within)
@@ -38,5 +38,5 @@ def test_what_errs_together_is_inside_together() -> None:
 
 
 @pytest.mark.parametrize(("within_m", "band"), [(0.001, "under 50 %"), (0.004, "50 to 90 %"), (0.01, "over 90 %")])
-def test_it_is_told_in_bands(within_m: float, band: str) -> None:
+def test_the_probability_is_reported_in_bands(within_m: float, band: str) -> None:
     assert success(np.diag([0.002**2] * 3 + [0.0] * 3), balls(within_m), ANY).band == band

@@ -1,4 +1,4 @@
-"""Nav into base: frames that touch cancel, the dock gives yaw and place, and tilt is told, not mended."""
+"""Nav and tool in base: touching frames cancel; the dock gives yaw and position; a tilt gives a warning only."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def dock(p: Array, wxyz: Array, any_attitude: bool = False) -> Calibration:
 # --- nav_in_base ------------------------------------------------------------------------------------------------------
 
 
-def test_a_registration_is_taken_as_it_is() -> None:
+def test_a_registration_is_used_unchanged() -> None:
     T_base_nav = Pose.from_rpy((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))
     assert nav_in_base(Calibration("x", T_base_nav=T_base_nav), quat_exp((1.0, 0.0, 0.0))) is T_base_nav
 
@@ -46,7 +46,7 @@ def test_a_registration_is_taken_as_it_is() -> None:
 def test_the_declared_heading_becomes_the_measured_one(
     p: Array, declared: float, measured: float, pitch: float, roll: float
 ) -> None:
-    """Whatever the sensor's attitude at the dock: where only the heading differs, the dock's pose is met exactly."""
+    """In any attitude: if only the heading differs from the declared one, the dock's pose is met exactly."""
     calibration = dock(p, quat_from_rpy((roll, pitch, declared)))
     wxyz_nav_sensor = quat_from_rpy((roll, pitch, measured))
     T_base_nav = nav_in_base(calibration, wxyz_nav_sensor)
@@ -58,8 +58,8 @@ def test_the_declared_heading_becomes_the_measured_one(
 
 
 @pytest.mark.parametrize("rpy_deg", [(30.0, 0.0, 0.0), (0.0, -20.0, 0.0), (10.0, 10.0, 70.0), (140.0, 0.0, 0.0)])
-def test_tilt_is_told_and_never_mended(rpy_deg: tuple[float, float, float]) -> None:
-    """However the sensor lay at the dock, up stays up: a level path in nav is level in base."""
+def test_tilt_gives_a_warning_and_is_never_corrected(rpy_deg: tuple[float, float, float]) -> None:
+    """Whatever the sensor's tilt at the dock, a level path in nav is level in base."""
     calibration = dock(np.array([0.4, 0.1, 0.3]), quat_about_z(0.5))
     wxyz_nav_sensor = quat_from_rpy(np.radians(rpy_deg))
     with pytest.warns(PbdWarning, match="tilted by .* degrees from the dock of 'mine'; put it down as the dock"):
@@ -69,23 +69,23 @@ def test_tilt_is_told_and_never_mended(rpy_deg: tuple[float, float, float]) -> N
     assert_allclose(level[:, 2], 0.3, atol=1e-15)
 
 
-@pytest.mark.parametrize(("tilt_deg", "is_told"), [(0.0, False), (4.9, False), (5.1, True), (90.0, True)])
-def test_tilt_is_told_above_5_degrees(tilt_deg: float, is_told: bool) -> None:
-    """And the number that is told is the tilt, whatever the heading."""
+@pytest.mark.parametrize(("tilt_deg", "warned"), [(0.0, False), (4.9, False), (5.1, True), (90.0, True)])
+def test_tilt_above_5_degrees_gives_a_warning(tilt_deg: float, warned: bool) -> None:
+    """The warning has the tilt, whatever the heading."""
     calibration = dock(np.zeros(3), quat_from_rpy((0.1, 0.2, 0.3)))
     tilted = quat_multiply(quat_exp((np.radians(tilt_deg), 0.0, 0.0)), quat_from_rpy((0.1, 0.2, 0.3)))
     wxyz_nav_sensor = quat_multiply(quat_about_z(2.0), tilted)
     assert calibration.T_base_dock is not None
     assert np.degrees(dock_tilt(calibration.T_base_dock, wxyz_nav_sensor)) == pytest.approx(tilt_deg, abs=1e-9)
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         nav_in_base(calibration, wxyz_nav_sensor)
-    assert [f"tilted by {tilt_deg:.0f} degrees" in str(warning.message) for warning in told] == [True] * is_told
+    assert [f"tilted by {tilt_deg:.0f} degrees" in str(warning.message) for warning in caught] == [True] * warned
 
 
 @given(yaws, yaws)
-def test_any_attitude_says_nothing_of_tilt(declared: float, measured: float) -> None:
-    """Every warning is an error here."""
+def test_any_attitude_gives_no_warning_of_tilt(declared: float, measured: float) -> None:
+    """In the tests every warning is an error."""
     wxyz_nav_sensor = quat_multiply(quat_about_z(measured), quat_exp((0.7, 0.0, 0.0)))
     T_base_nav = nav_in_base(dock(np.zeros(3), quat_about_z(declared), any_attitude=True), wxyz_nav_sensor)
     metres, rad = T_base_nav.distance(Pose(np.zeros(3), quat_about_z(declared - measured)))
@@ -108,7 +108,7 @@ def test_touching_frames_cancel(path: list[Pose], T_base_nav: Pose, T_sensor_too
 
 
 def test_a_level_sensor_makes_a_gripper_that_points_down() -> None:
-    """By default; its jaws open along the sensor's x, and rolling the hand pours."""
+    """By default. Its jaws open along the sensor's x axis, and rolling the hand pours."""
     calibration = Calibration("x", T_base_nav=Pose.identity())
     shown = keyframes([Pose.identity(), Pose.from_rpy((0, 0, 0), (np.pi / 2, 0, 0))])
     level, rolled = tool_poses(KeyframesInBase(shown, Pose.identity(), calibration))
@@ -118,10 +118,10 @@ def test_a_level_sensor_makes_a_gripper_that_points_down() -> None:
 
 @pytest.mark.parametrize("orientation", ["demo", "fixed"])
 @given(path=paths, T_base_nav=poses, T_sensor_tool=poses)
-def test_scale_multiplies_the_hands_path_alone(
+def test_scale_multiplies_only_the_hands_path(
     orientation: str, path: list[Pose], T_base_nav: Pose, T_sensor_tool: Pose
 ) -> None:
-    """Not the dock, not the lever arm from sensor to tool, not the turns; the calibration's own counts too."""
+    """Not the dock, the lever from sensor to tool or the rotations. The calibration's own scale counts too."""
     path = [Pose(np.zeros(3), path[0].wxyz), *path[1:]]  # the first rest is nav's origin
     calibration = Calibration("x", T_base_nav=T_base_nav, T_sensor_tool=T_sensor_tool)
     once = tool_poses(KeyframesInBase(keyframes(path), T_base_nav, calibration), orientation)
@@ -134,7 +134,7 @@ def test_scale_multiplies_the_hands_path_alone(
 
 @given(paths, yaws, vectors)
 def test_orientation_fixed(path: list[Pose], yaw: float, lever: Array) -> None:
-    """The tool begins where the demonstration puts it, is carried along the hand's path and never turns."""
+    """The tool starts as in the demonstration, follows the hand's path and never turns."""
     T_base_nav = Pose(np.array([0.4, 0.0, 0.2]), quat_about_z(yaw))
     calibration = Calibration("x", T_base_nav=T_base_nav, T_sensor_tool=Pose(lever, quat_exp((np.pi, 0, 0))))
     demo = tool_poses(KeyframesInBase(keyframes(path), T_base_nav, calibration))
@@ -149,7 +149,7 @@ def test_orientation_fixed(path: list[Pose], yaw: float, lever: Array) -> None:
 
 @settings(max_examples=10)
 @given(poses)
-def test_pointing_down_is_the_nearest_that_does(tool: Pose) -> None:
+def test_pointing_down_is_the_nearest_such_rotation(tool: Pose) -> None:
     def left_over(wxyz: Array) -> float:
         return tool.distance(Pose(tool.p, wxyz))[1]
 
@@ -160,7 +160,7 @@ def test_pointing_down_is_the_nearest_that_does(tool: Pose) -> None:
     assert left_over(nearest) <= min(grid) + 1e-7
 
 
-def test_upside_down_is_refused_with_its_likely_cause() -> None:
+def test_an_upside_down_sensor_is_refused_with_its_likely_cause() -> None:
     dock = Calibration("mine", T_base_dock=Pose.identity())
     with pytest.raises(CalibrationError, match=r"upside down .* if the accelerometer reads -g along the axis"):
         nav_in_base(dock, quat_from_rpy((np.pi, 0.0, 0.3)))

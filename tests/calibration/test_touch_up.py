@@ -1,4 +1,4 @@
-"""A touch-up moves the keyframe as asked, and the others as a Kalman filter's update says."""
+"""A touch-up moves its keyframe as asked, and the others as a Kalman filter's update."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ KEYFRAMES = tuple(Keyframe(float(k), 0.5, Pose.identity(), np.eye(6)) for k in r
 
 
 def walk() -> Array:
-    """Positions that err more from keyframe to keyframe, 3 mm each time, and turns of their own."""
+    """Return the covariance of positions whose errors accumulate, 3 mm a move, and of independent rotations."""
     cov = np.zeros((COUNT, 6, COUNT, 6))
     for i in range(COUNT):
         for j in range(COUNT):
@@ -25,8 +25,8 @@ def walk() -> Array:
     return cov.reshape(6 * COUNT, 6 * COUNT)
 
 
-def test_the_others_move_as_far_as_they_err_together() -> None:
-    """Against the textbook's gain, by hand: half of what keyframe 0 shares with 1, all of what comes after 1."""
+def test_the_others_move_by_their_common_errors() -> None:
+    """Oracle: the textbook's gain by hand: half of the shift for keyframe 0, all of it after keyframe 1."""
     found = touch_up([TouchUp(1.0, BY_NAV)], KEYFRAMES, T_BASE_NAV, walk())
     shares = np.array([1, 2, 2, 2]) * 0.003**2 / (2 * 0.003**2 + TOUCH_SIGMA_M**2)
     shares[1] = 1.0  # exactly where it was asked to
@@ -38,7 +38,7 @@ def test_the_others_move_as_far_as_they_err_together() -> None:
     assert np.linalg.eigvalsh(found.cov).min() > -1e-18
 
 
-def test_touched_again_the_sum_counts_and_an_undone_one_does_not() -> None:
+def test_touch_ups_of_a_keyframe_add_up_without_undone_ones() -> None:
     once = touch_up([TouchUp(1.0, 2.0 * BY_NAV)], KEYFRAMES, T_BASE_NAV, walk())
     undone = TouchUp(3.0, BY_NAV, undone=True)
     twice = touch_up([TouchUp(1.0, BY_NAV), undone, TouchUp(1.0, BY_NAV)], KEYFRAMES, T_BASE_NAV, walk())
@@ -46,7 +46,7 @@ def test_touched_again_the_sum_counts_and_an_undone_one_does_not() -> None:
     np.testing.assert_allclose(twice.cov, once.cov, atol=1e-15)
 
 
-def test_what_was_touched_stays_where_another_is_touched() -> None:
+def test_a_touched_keyframe_stays_when_another_is_touched() -> None:
     touches = [TouchUp(1.0, BY_NAV), TouchUp(3.0, -BY_NAV)]
     found = touch_up(touches, KEYFRAMES, T_BASE_NAV, walk())
     first = touch_up(touches[:1], KEYFRAMES, T_BASE_NAV, walk())
@@ -54,19 +54,19 @@ def test_what_was_touched_stays_where_another_is_touched() -> None:
     np.testing.assert_allclose(found.shift[3], first.shift[3] - BY_BASE, atol=1e-12)
 
 
-def test_alone_it_moves_no_other() -> None:
+def test_a_touch_up_of_one_keyframe_only_moves_no_other() -> None:
     found = touch_up([TouchUp(2.0, BY_NAV, only=True)], KEYFRAMES, T_BASE_NAV, walk())
     np.testing.assert_allclose(found.shift, np.outer([0, 0, 1, 0], BY_BASE), atol=1e-15)
     sigma = np.sqrt(np.diagonal(found.cov).reshape(COUNT, 6)[:, 0])
     np.testing.assert_allclose(sigma, [0.003, 0.003 * 2**0.5, TOUCH_SIGMA_M, 0.006], rtol=1e-9)
 
 
-def test_what_was_touched_alone_stays_where_another_is_touched() -> None:
+def test_a_keyframe_touched_alone_stays_when_another_is_touched() -> None:
     touches = [TouchUp(1.0, BY_NAV, only=True), TouchUp(3.0, -BY_NAV), TouchUp(1.0, BY_NAV), TouchUp(2.0, BY_NAV)]
     found = touch_up(touches, KEYFRAMES, T_BASE_NAV, walk())
     np.testing.assert_allclose(found.shift[1], 2.0 * BY_BASE, atol=1e-12)
 
 
 @pytest.mark.parametrize("t", [1.4, -1.0, 9.0])
-def test_a_keyframe_that_is_gone_moves_nothing(t: float) -> None:
+def test_a_touch_up_of_a_missing_keyframe_moves_nothing(t: float) -> None:
     assert not touch_up([TouchUp(t, BY_NAV)], KEYFRAMES, T_BASE_NAV, walk()).shift.any()

@@ -1,4 +1,4 @@
-"""A simulated demonstration that touches points, with where its nav lies in base."""
+"""A simulated demonstration that touches points, with the true pose of its nav in base."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from pbd.simulation.tasks import Task
 PLACES = np.array(
     [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, -0.5, 0.4), (0.5, 1.5, 0.4), (0.2, 1.3, 0.3), (1, -0.3, 0.2)]
 )
-"""One is about one from the next."""
+"""Places in units of their spacing: neighbours are about 1 apart."""
 
 
 @dataclass(frozen=True, eq=False)
 class Touching:
-    """demo; points (m, 3) m in base; T_base_nav of its true nav."""
+    """A demonstration, the touched points (m, 3) m in base, and the true T_base_nav."""
 
     demo: Demonstration
     points: Array
@@ -30,9 +30,9 @@ class Touching:
 def touching(
     seed: int, count: int = 4, sensor: str = "wt901", spacing_m: float = 0.3, yawed_deg: float = 0.0
 ) -> Touching:
-    """From a rest elsewhere, a second or so to each point, and a second or so on it; the hand turns a little.
+    """Simulate a hand that starts elsewhere, moves about 1 s to each point, rests on it about 1 s, and turns a little.
 
-    Longer ways take longer: the acceleration is the same. On each the hand is yawed by up to `yawed_deg` either way.
+    Longer moves take longer, at the same acceleration. On each point the hand is yawed by up to `yawed_deg` either way.
     """
     rng = np.random.default_rng(seed)
     slower = max(1.0, np.sqrt(spacing_m / 0.3))

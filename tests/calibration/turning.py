@@ -1,4 +1,4 @@
-"""A worse sensor than any preset, and the errors that a device was given."""
+"""A worse sensor than any preset, and the errors that a simulated device has."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BAD = replace(
 
 
 def device(model: SensorModel, seed: int) -> dict[str, tuple[Array, Array]]:
-    """The errors that `simulate` draws for a device: by triad the gain (3, 3) and the bias (3,)."""
+    """Return the errors that `simulate` draws for a device: gain (3, 3) and bias (3,) of each triad."""
     drawn = {}
     streams = np.random.default_rng(seed).spawn(5)[1:4]
     for name, triad, rng in zip(("acc", "gyr", "mag"), (model.acc, model.gyr, model.mag), streams, strict=True):
@@ -35,6 +35,6 @@ def device(model: SensorModel, seed: int) -> dict[str, tuple[Array, Array]]:
 
 
 def symmetric(gain: Array) -> Array:
-    """The symmetric matrix that undoes a gain but for a rotation: (gain gain^T)^(-1/2)."""
+    """Return the symmetric matrix that inverts a gain up to a rotation: (gain gain^T)^(-1/2)."""
     values, axes = np.linalg.eigh(gain @ gain.T)
     return np.asarray((axes / np.sqrt(values)) @ axes.T)

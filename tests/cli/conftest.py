@@ -1,8 +1,8 @@
-"""What the tests of commands share."""
+"""Fixtures of the tests of commands."""
 
 import pytest
 
 
 @pytest.fixture(autouse=True)
 def quick(remembered: None) -> None:
-    """Each input is tracked and planned once."""
+    """Track and plan each input once."""

@@ -1,4 +1,4 @@
-"""Running a command in this process, as the tests of the command line do."""
+"""Runs commands in this process, for tests of the command line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def run(capsys: Capture, *args: str | Path) -> tuple[int, str, str]:
 
 
 def run_json(capsys: Capture, *args: str | Path) -> dict[str, Any]:
-    """Run a command that succeeds with --json; there is one object on stdout and nothing else."""
+    """Run a command with --json; check that it succeeds and prints one JSON object alone on stdout, and return it."""
     code, out, _ = run(capsys, *args, "--json")
     assert code == 0
     result = json.loads(out)
@@ -45,7 +45,7 @@ def refused(capsys: Capture, exit_code: int, *args: str | Path) -> str:
 
 
 def write_recording(path: Path, rows: int = 400, norm: float = 9.81) -> Path:
-    """A still recording as a CSV; the last digit of each number flickers, as a sensor's does."""
+    """Write a recording of a still sensor as a CSV; the last digit of each number varies, as a sensor's does."""
     flicker = 1e-4 * np.random.default_rng(0).integers(-1, 2, (rows, 6)) + (0.0, 0.0, 0.0, 0.0, 0.0, norm)
     rows_text = (f"{i / 100},{','.join(f'{x:.4f}' for x in row)}\n" for i, row in enumerate(flicker))
     path.write_text(HEADER + "".join(rows_text))

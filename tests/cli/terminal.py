@@ -1,4 +1,4 @@
-"""`pbd` as a person starts it: at a terminal, or where there is none."""
+"""Starts `pbd` as a process, with or without a terminal."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ PBD = [sys.executable, "-m", "pbd"]
 
 
 def run_pbd(*words: str, cwd: Path) -> subprocess.Popen[str]:
-    """Start it without a terminal."""
+    """Start `pbd` without a terminal."""
     return subprocess.Popen(
         [*PBD, *words], cwd=cwd, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
 
 
 class Terminal:
-    """A terminal of 80 columns with `pbd` in it."""
+    """A pseudo-terminal of 80 columns in which `pbd` runs."""
 
     def __init__(self, *words: str, cwd: Path) -> None:
         self.text = ""
@@ -36,7 +36,7 @@ class Terminal:
         fcntl.ioctl(self._handle, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 80, 0, 0))
 
     def until(self, text: str, seconds: float = 60.0) -> None:
-        """Read until this is drawn; then forget what was read."""
+        """Read until this text appears; drop everything up to it."""
         end = time.monotonic() + seconds
         while text not in self.text:
             assert time.monotonic() < end, f"no {text!r} in {self.text!r}"
@@ -52,13 +52,13 @@ class Terminal:
         os.write(self._handle, keys.encode())
 
     def echoes(self) -> bool:
-        """Whether the terminal shows what is typed, as it does where nobody has changed it."""
+        """Whether the terminal echoes keys, as it does unless its settings were changed."""
         return bool(termios.tcgetattr(self._handle)[3] & termios.ECHO)
 
     def hang_up(self) -> None:
-        """Close the terminal's window."""
+        """Hang up the terminal, as when its window is closed."""
         os.close(self._handle)
 
     def exit_code(self) -> int:
-        """Wait for its end."""
+        """Wait for `pbd` to end; return its exit code."""
         return os.waitstatus_to_exitcode(os.waitpid(self.process, 0)[1])

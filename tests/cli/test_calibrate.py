@@ -1,4 +1,4 @@
-"""`pbd calibrate` as a user meets it: dock, points, show."""
+"""`pbd calibrate dock`, `points` and `show`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DOCK = ("calibrate", "dock", "bench", "--position", "0.45", "-0.15", "0.25")
 
 
 def test_a_calibration_without_a_table_has_the_robots_own(capsys: Capture) -> None:
-    """What would go through it is refused."""
+    """A motion through the table is refused."""
     assert run(capsys, "calibrate", "dock", "low", "--position", "0.45", "-0.15", "-0.02")[0] == 0
     low, path = read_calibration(Path("calibration/low.toml")), track(simulate("pick-and-place-stops").recording)
     assert low.table_height is None
@@ -69,7 +69,7 @@ def test_a_dock_that_is_moved_tells_a_sigma_that_was_another(capsys: Capture) ->
 
 
 def test_a_dock_where_the_robot_stands(capsys: Capture) -> None:
-    """The tool at the dock is where forward kinematics puts it, through the mount of the file."""
+    """The tool at the dock is where forward kinematics puts it, with the mount of the file."""
     Path("calibration").mkdir()
     Path("calibration/bench.toml").write_text(
         'format = 1\nname = "bench"\n[mount]\nposition = [0.01, 0.02, 0.1]\nrpy_deg = [180, 10, 20]\n'
@@ -201,7 +201,7 @@ def test_a_dock_is_not_replaced_unasked(capsys: Capture, touched: Touching) -> N
 
 
 def test_the_dock_and_nav_say_the_same_of_their_demonstration(capsys: Capture, touched: Touching) -> None:
-    """Whichever way it is written, the keyframes of that very demonstration are at the same places in base."""
+    """With either part, the keyframes of the same demonstration are at the same places in base."""
     run(capsys, *POINTS)
     run(capsys, "calibrate", "points", "other", *POINTS[3:], "--as", "dock")
     from pbd.calibration.dock import nav_in_base
@@ -267,7 +267,7 @@ def test_show_without_a_start(capsys: Capture) -> None:
 
 
 def test_show_without_a_demonstration_of_this_sensor(capsys: Capture) -> None:
-    """Nobody asked for the bundled demonstration, which is used where none is named: the rest is shown all the same."""
+    """The default demonstration, which was not named, can't be used: everything else is shown all the same."""
     run(capsys, *DOCK)
     with Path("calibration/bench.toml").open("a", encoding="utf-8") as file:
         file.write('\n[sensor]\nname = "witmotion"\ngravity = 9.81\n')

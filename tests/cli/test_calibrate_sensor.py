@@ -1,4 +1,4 @@
-"""`pbd calibrate sensor` and `mount` as a user meets them, and what they change in tracking and recording."""
+"""`pbd calibrate sensor` and `mount`, and their effect on tracking and recording."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pbd.pipeline import track
 from pbd.pose import quat_exp, quat_log, quat_multiply, quat_rotate
 from pbd.record.person_messages import Feedback
 from pbd.sensors.decoding import Sample
-from pbd.simulation.calibration_tasks import SIDES, pivoting, sides, through
+from pbd.simulation.calibration_tasks import SIDES, pivoting, sides, turning_through
 from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import find_keyframes
 from tests.calibration.turning import BAD
@@ -43,7 +43,7 @@ def save(name: str, demo: Demonstration) -> None:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A bad sensor put down on twelve sides (`sides`), and a demonstration `tea` by the same device."""
+    """Recordings of one bad sensor: `sides`, put down in twelve orientations, and the demonstration `tea`."""
     folder = tmp_path_factory.mktemp("recorded") / "demos"
     write_demo(simulate(sides(1, rest_s=1.5), BAD, 1), folder / "sides")
     write_demo(simulate("pour", BAD, 1), folder / "tea")
@@ -52,7 +52,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def bench(recorded: Path, capsys: Capture) -> Path:
-    """A calibration of that sensor."""
+    """The calibration of that sensor."""
     Path("demos").symlink_to(recorded)
     run(capsys, "calibrate", "dock", "bench", "--position", "0.45", "-0.15", "0.25")
     assert run(capsys, "calibrate", "sensor", "bench", "sides", "--gravity", "9.81", "--temperature", "22")[0] == 0
@@ -125,13 +125,13 @@ def test_what_is_wrong_with_a_recording_of_sides(capsys: Capture) -> None:
 
 
 def said_at_rest(errors: SensorErrors | None) -> list[str]:
-    """What a recording says over two seconds of rest of a perfect sensor."""
+    """The messages of a recording of two seconds of rest, with a perfect sensor."""
     coach = Feedback(0.01, errors)
     rng = np.random.default_rng(0)
     for k in range(200):
         x, y = 0.01 * rng.normal(size=2).tolist()[0], 0.0
         coach.feed(0.01 * k, Sample(acc=(x, y, 9.81), gyr=(1e-4 * x, 0.0, 0.0), mag=(0.0, 19.5, -44.0)))
-    return [said.text for said in coach.said()]
+    return [said.text for said in coach.take_messages()]
 
 
 def test_a_rest_that_disagrees_is_told_while_it_is_recorded() -> None:
@@ -163,7 +163,7 @@ def test_a_tip_is_pivoted_and_its_rotation_turned(capsys: Capture) -> None:
     x, z = (quat_rotate(wxyz_sensor_tool, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
     attitudes = [quat_exp(0.8 * x), quat_exp(-0.1 * x), quat_multiply(quat_exp(-0.1 * x), quat_exp(0.9 * z))]
     save("pivot", simulate(pivoting(2, TIP), "modern", 2))
-    save("turns", simulate(through(attitudes, np.random.default_rng(0)), "modern", 3))
+    save("turns", simulate(turning_through(attitudes, np.random.default_rng(0)), "modern", 3))
     code, out, err = run(capsys, "calibrate", "mount", "bench", "pivot", "--pivot")
     assert code == 0
     assert out.count("off its point") == 10
@@ -183,7 +183,10 @@ def test_a_tip_is_pivoted_and_its_rotation_turned(capsys: Capture) -> None:
 
 def test_what_is_wrong_with_a_mount(capsys: Capture) -> None:
     x = np.array((1.0, 0.0, 0.0))
-    save("nod", simulate(through([quat_exp(a * x) for a in (0.6, -0.6, 0.5)], np.random.default_rng(0)), "modern", 0))
+    save(
+        "nod",
+        simulate(turning_through([quat_exp(a * x) for a in (0.6, -0.6, 0.5)], np.random.default_rng(0)), "modern", 0),
+    )
     assert refused(capsys, 2, "calibrate", "mount", "bench", "nod").startswith("pbd: say what the recording shows")
     assert "in the sensor's axes is " in refused_by(capsys, "calibrate", "mount", "bench", "nod", "--pivot")
     line = refused_by(capsys, "calibrate", "mount", "bench", "nod", "--turns", "x,y")

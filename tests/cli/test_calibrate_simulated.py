@@ -1,5 +1,4 @@
-"""The simulated tasks of `pbd calibrate`: each leads to the step that it is for, and the guide's commands print what
-the guide says."""
+"""Simulated calibration tasks: each leads to its step of `pbd calibrate`; the guide's commands print what it says."""
 
 from __future__ import annotations
 
@@ -31,7 +30,7 @@ NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 
 
 def check_nav(calibration: Calibration) -> None:
-    """Against where the task put the dock, within four of the sigmas that are told."""
+    """Compare with the dock of the task, within four of the reported sigmas."""
     assert calibration.T_base_nav is not None
     assert calibration.cov_base is not None
     off = Pose(np.array(DOCK), quat_about_z(-YAW_WORLD_BASE)).inverse() @ calibration.T_base_nav
@@ -64,7 +63,7 @@ def test_what_is_told_to_try_finds_the_truth(task: str, check: Callable[[Calibra
 
 @pytest.mark.parametrize("task", CALIBRATION_TASKS)
 def test_a_task_is_closed_where_its_sensor_returns(task: str) -> None:
-    """A hand that tilted about its tip has only the tip where it was."""
+    """In "pivot" only the tip returns, not the sensor."""
     demo = simulate(task, "ideal")
     assert demo.truth is not None
     assert demo.closed == bool(np.linalg.norm(demo.truth.p_nav_sensor[-1]) < 1e-6)
@@ -90,7 +89,7 @@ def test_the_points_lie_beside_the_demonstration(capsys: Capture) -> None:
 
 
 def test_the_guides_commands_print_what_it_says(capsys: Capture) -> None:
-    """Word for word. The figures hang on the tracker: about the same, and what is found lies at the truth."""
+    """The same words. Figures depend on the tracker, so they are nearly the same; results are near the truth."""
     commands = 0
     printed = ""
     for line in "".join(blocks(GUIDE, "sh")).splitlines():

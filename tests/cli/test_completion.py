@@ -1,4 +1,4 @@
-"""Completion, asked of the shells themselves."""
+"""Shell completion, tested in the shells."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def script(shell: str, capsys: pytest.CaptureFixture[str]) -> str:
 
 
 def completed(line: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> set[str]:
-    """What bash offers after the line."""
+    """The completions that bash offers after the line."""
     words = line.split(" ")
     asked = (
         f"{script('bash', capsys)}\n"
@@ -37,7 +37,7 @@ def completed(line: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> se
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A user's folder with a demonstration and a robot of their own."""
+    """A user's folder with an own demonstration and an own robot."""
     (tmp_path / "demos" / "tea").mkdir(parents=True)
     (tmp_path / "robots").mkdir()
     (tmp_path / "robots" / "mine.toml").touch()
@@ -69,7 +69,7 @@ def test_every_shell_gets_a_script(shell: str, capsys: pytest.CaptureFixture[str
 
 
 def test_zsh_takes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """As README says: by eval, once completion is on; and it describes the commands as `pbd --help` does."""
+    """By eval, as the README says, after compinit; commands are described as in `pbd --help`."""
     zsh = shutil.which("zsh")
     if zsh is None:
         pytest.skip("no zsh here")

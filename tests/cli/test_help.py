@@ -1,4 +1,4 @@
-"""Every help: its examples are understood, and those that need neither a device nor a browser run as they stand."""
+"""The help of every command: its examples parse, and those that need no device and no browser run."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ from tests.sensors.encoders import witmotion
 
 # Plotting takes its time; tests/test_cli_plot.py does it.
 RUN = ("simulate", "import", "segments", "keyframes", "replay", "export", "robots", "sensors", "calibrate")
-NOT_HERE = ("calibrate points", "calibrate mount", "calibrate sensor")
-"""What needs recordings made for it; tests/cli/test_calibrate*.py run those."""
+NOT_HERE = ("calibrate points", "calibrate mount", "calibrate sensor", "robots --for", "export tea1 tea2")
+"""Examples that run elsewhere: test_calibrate*.py makes recordings for them, test_robots_command.py ranks the arms, and
+test_export_command.py makes a dataset."""
 
 
 def parsers(of: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-    """A parser and all below it."""
+    """A parser and all its subcommands' parsers."""
     yield of
     for action in of._actions:
         if isinstance(action, argparse._SubParsersAction):
@@ -42,7 +43,7 @@ def examples(of: argparse.ArgumentParser) -> list[str]:
 
 
 def words_of(line: str) -> list[str]:
-    """What is typed: without the remark after three spaces, and without what a shell does with its output."""
+    """The words of an example, without the remark after three spaces and without pipes and redirections."""
     typed = shlex.split(line.partition("   ")[0])
     return typed[1 : next((k for k, word in enumerate(typed) if word in ("|", ">")), None)]
 
@@ -70,7 +71,7 @@ def test_every_example_is_understood(line: str) -> None:
 
 
 def in_other_units(recording: Recording) -> str:
-    """A table whose header tells little: ms, and g."""
+    """A table in ms and g, whose header does not say so."""
     assert recording.gyr is not None
     rows = np.column_stack((1e3 * recording.t, recording.acc / GRAVITY, recording.gyr))
     return "t,AccX,AccY,AccZ,gx,gy,gz\n" + "\n".join(",".join(f"{x:.6f}" for x in row) for row in rows)
@@ -78,7 +79,7 @@ def in_other_units(recording: Recording) -> str:
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder as a person who works with pbd has it."""
+    """A folder with the files that the examples name."""
     folder = tmp_path_factory.mktemp("desk")
     demo = simulate("pour", "wt901", 0)
     recording = demo.recording

@@ -1,4 +1,4 @@
-"""`pbd import` refuses what can't be tracked before it takes a name."""
+"""`pbd import` refuses a recording that can't be tracked, before it stores it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pbd.simulation.simulate import simulate
 
 @pytest.fixture
 def in_g(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A table whose acceleration is in g, though nothing in it says so."""
+    """A table whose acceleration is in g without saying so."""
     monkeypatch.chdir(tmp_path)
     demo = simulate("pour", "modern", 0)
     write_demo(replace(demo, recording=replace(demo.recording, acc=demo.recording.acc / GRAVITY)), tmp_path / "g")
@@ -36,7 +36,7 @@ def test_what_it_says_to_do_helps(in_g: Path) -> None:
 
 @pytest.fixture
 def pulled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A table in the other convention: a level sensor reads -g on z; nothing in it says so."""
+    """A table with the opposite sign: a level sensor reads -g on z. Nothing in the table says so."""
     monkeypatch.chdir(tmp_path)
     demo = simulate("pick-and-place-stops", "ideal", 0)
     write_demo(replace(demo, recording=replace(demo.recording, acc=-demo.recording.acc)), tmp_path / "pulled")
@@ -80,7 +80,7 @@ def test_a_table_without_times_is_told_of_the_rate_and_takes_it(in_g: Path, caps
 
 
 def test_a_recording_does_not_replace_the_folder_that_it_is_in(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its raw.bin or its edited keyframes.toml would be gone."""
+    """The raw.bin or the edited keyframes.toml would be lost."""
     before = in_g.read_bytes()
     assert main(["import", str(in_g), str(in_g.parent), "--unit", "acc=g", "--force"]) == 1
     assert f"imu.csv is in {in_g.parent}, which it would replace; give another name\n" in capsys.readouterr().err
@@ -89,7 +89,7 @@ def test_a_recording_does_not_replace_the_folder_that_it_is_in(in_g: Path, capsy
 
 @pytest.fixture
 def swapped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A WT901's table whose columns of x and y are swapped, with names of their own."""
+    """A WT901's table with x and y swapped, whose columns have names of their own."""
     monkeypatch.chdir(tmp_path)
     demo = simulate("pick-and-place-stops", "wt901", 0)
     recording = replace(demo.recording, mag=None, device_rpy=None)

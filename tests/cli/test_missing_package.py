@@ -1,4 +1,4 @@
-"""A package that isn't there, and numbers that are none, are told as everything else."""
+"""A missing package and a malformed number give one line, as every error."""
 
 from __future__ import annotations
 

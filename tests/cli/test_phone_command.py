@@ -1,4 +1,4 @@
-"""`pbd sensors phyphox`: the experiment and its codes, read back as the app does: with ZXing, byte by byte."""
+"""`pbd sensors phyphox`: the experiment and its QR codes, read back with ZXing, as the app does."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ import zxingcpp
 from PIL import Image
 
 from pbd.sensors.phyphox.answers import BUFFERS
-from pbd.sensors.phyphox.experiment import ROWS, code_parts, experiment
-from tests.cli.running import Capture, refused, run
+from pbd.sensors.phyphox.experiment import BUFFER_ROWS, experiment, qr_payloads
+from tests.cli.running import Capture, run
 from tests.cli.terminal import Terminal
 
 
 def in_the_app(codes: list[bytes]) -> str:
-    """What the app makes of the codes, in whatever order they are scanned: the experiment's text."""
+    """Join the codes as the app does, in any order of scanning; return the experiment's text."""
     heads = {(code[:11], code[12]) for code in codes}
     assert heads == {(b"phyphox" + zlib.crc32(b"".join(code[13:] for code in codes)).to_bytes(4, "big"), len(codes))}
     assert [code[11] for code in codes] == list(range(len(codes)))
@@ -48,7 +48,7 @@ def test_the_code_in_a_picture_is_the_experiment(
 @pytest.mark.parametrize("count", [1, 3, 6])
 def test_several_codes_make_one_experiment(count: int) -> None:
     read = []
-    for part in code_parts(count):
+    for part in qr_payloads(count):
         picture = np.array(
             [list(row) for row in segno.make_qr(part, mode="byte", error="l").matrix_iter(scale=4, border=4)]
         )
@@ -66,7 +66,7 @@ def test_the_experiment_has_the_three_sensors_with_gravity(
     assert "scan" not in out  # without a terminal there is no code
     root = ElementTree.parse("pbd.phyphox").getroot()
     buffers = {each.text: each.get("size") for each in root.iter("container")}
-    assert buffers == {name: str(ROWS) for names in BUFFERS.values() for name in names}
+    assert buffers == {name: str(BUFFER_ROWS) for names in BUFFERS.values() for name in names}
     inputs = {each.get("type"): [out.text for out in each] for each in root.iter("sensor")}
     assert inputs == dict(
         zip(
@@ -78,8 +78,6 @@ def test_the_experiment_has_the_three_sensors_with_gravity(
     assert [each.get("component") for each in next(root.iter("sensor"))] == ["t", "x", "y", "z"]
     exported = {each.text for each in root.iter("data")}
     assert exported == buffers.keys()
-    said = refused(capsys, 1, "sensors", "phyphox", "-o", "pbd.exe")
-    assert "give a .phyphox, .png or .svg" in said
 
 
 def test_a_small_terminal_shows_code_after_code(tmp_path: Path) -> None:

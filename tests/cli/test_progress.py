@@ -1,4 +1,4 @@
-"""What a person sees while something takes its time, in a real pseudo-terminal; and what a pipe gets: nothing."""
+"""Progress is shown in a terminal, and not in a pipe."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_each_step_of_a_command_is_named(tmp_path: Path) -> None:
 
 
 def test_what_may_last_counts_down() -> None:
-    """As rich draws it: the seconds that are left, never fewer than none."""
+    """The seconds left as rich draws them, never below zero."""
     countdown = _Countdown("listening to /dev/ttyUSB0", 9.0)
     assert countdown.__rich__().plain == "listening to /dev/ttyUSB0 ... 9 s at most"
     countdown.began -= 5.0

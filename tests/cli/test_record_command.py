@@ -1,4 +1,4 @@
-"""`pbd record` from the outside: at a terminal, without one, killed, hung up, and all that it refuses."""
+"""`pbd record` as a process: with and without a terminal, killed, hung up; and its refusals."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tests.record.speakers import SPEAKERS, Device, random_hand
 
 
 def test_at_a_terminal(tmp_path: Path) -> None:
-    """Space marks, q asks first, Enter ends; the bell rings; the terminal is as it was."""
+    """Space marks, q asks first, Enter ends, the bell rings, and the terminal's settings are restored."""
     terminal = Terminal("record", "tea", "--sensor", "sim", cwd=tmp_path)
     terminal.until("Enter ends")
     terminal.until("\a")
@@ -77,7 +77,7 @@ def test_ctrl_c_and_a_lost_connection_end_it_in_good_order(tmp_path: Path, hung_
 
 
 def test_stopped_for_a_while_it_goes_on(tmp_path: Path) -> None:
-    """Ctrl-Z: the silence of that time is not the sensor's."""
+    """After Ctrl-Z the gap is not taken for a silent sensor."""
     patient = "from pbd.record import loop; loop.SILENT_S = 1.2; from pbd.cli import main; raise SystemExit(main())"
     with Emulator(simulate("pour", "modern", 1).recording) as sensor:
         words = ["record", "tea", "--sensor", "ximu3", "--port", sensor.device, "--baud", "115200", "--duration", "4"]
@@ -97,7 +97,7 @@ def test_stopped_for_a_while_it_goes_on(tmp_path: Path) -> None:
         stood_s = time.monotonic() - stopped
         process.send_signal(signal.SIGCONT)
         out, error = process.communicate(timeout=60)
-    told = re.search(r"this program stood still for ([\d.]+) s", error)
+    told = re.search(r"this program was suspended for ([\d.]+) s", error)
     assert told is not None
     assert float(told[1]) > stood_s - 0.1
     assert "ended: 4 s recorded" in out
@@ -249,7 +249,7 @@ def bytes_of(name: str, rows: int = 400) -> tuple[bytes, ...]:
 
 
 def test_a_device_is_recognised_set_and_recorded(tmp_path: Path) -> None:
-    """Nothing is told of it but its port; its rate is asked for."""
+    """Only the port and the rate are given."""
     packets = bytes_of("os5000")
     with Device(packets, 200.0, again=True) as device:
         heard: list[bytes] = []

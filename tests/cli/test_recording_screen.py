@@ -1,4 +1,4 @@
-"""What a person sees while recording, as text: wide, narrow, low, without a terminal, and in the browser."""
+"""The screen while recording, as text: wide, narrow, low, without a terminal, and in the browser."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Drawn(PanelScreen):
 
 
 def words(text: str) -> str:
-    """Without the frame and the breaks of lines."""
+    """The text without frame and line breaks."""
     return " ".join(text.replace("│", " ").split())
 
 
@@ -129,7 +129,7 @@ def test_plain_lines(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 class Browser:
-    """Keeps what it is shown; may fail."""
+    """A browser view that keeps its pictures, and fails on demand."""
 
     def __init__(self, fails: bool = False) -> None:
         self.shown: list[LivePicture] = []

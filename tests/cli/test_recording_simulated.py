@@ -1,4 +1,4 @@
-"""A simulated hand beside a person: what it does by itself, and what it leaves to them."""
+"""The simulated hand: its own commands, and those of the person beside it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HAND = random_hand(400, seed=1)
 
 @pytest.fixture
 def emulator() -> Iterator[Emulator]:
-    """It is never played: the test says how much was sent."""
+    """An emulator that never plays: the test sets how many samples it has sent."""
     sensor = Emulator(HAND)
     yield sensor
     sensor.unplug()
@@ -40,7 +40,7 @@ def nobody() -> Command | None:
 
 def test_it_grips_when_the_task_does_and_not_before_anything_is_on_disk(emulator: Emulator) -> None:
     hand = SimulatedHand(emulator, (GripEvent(1.0, True), GripEvent(2.0, False)))
-    poll, show = hand.beside(nobody, lambda status: None, True, None)
+    poll, show = hand.combine(nobody, lambda status: None, True, None)
     emulator.sent = 120
     assert poll() is None
     show(OPEN)
@@ -55,7 +55,7 @@ def test_it_grips_when_the_task_does_and_not_before_anything_is_on_disk(emulator
 
 def test_a_person_who_gripped_already_is_not_undone(emulator: Emulator) -> None:
     hand = SimulatedHand(emulator, (GripEvent(1.0, True),))
-    poll, show = hand.beside(nobody, lambda status: None, True, None)
+    poll, show = hand.combine(nobody, lambda status: None, True, None)
     show(replace(OPEN, closed=True))
     emulator.sent = 120
     assert poll() is None
@@ -65,7 +65,7 @@ def test_a_person_who_gripped_already_is_not_undone(emulator: Emulator) -> None:
 
 def test_a_person_comes_first(emulator: Emulator) -> None:
     hand = SimulatedHand(emulator, (GripEvent(1.0, True),))
-    poll, show = hand.beside(lambda: Command.DISCARD, lambda status: None, True, None)
+    poll, show = hand.combine(lambda: Command.DISCARD, lambda status: None, True, None)
     show(OPEN)
     emulator.sent = 400
     assert poll() is Command.DISCARD
@@ -86,7 +86,7 @@ def test_the_end_of_the_task_is_told_once_and_ends_it_where_nobody_could(
 ) -> None:
     shown: list[Status] = []
     hand = SimulatedHand(emulator, ())
-    poll, show = hand.beside(nobody, shown.append, terminal, duration_s)
+    poll, show = hand.combine(nobody, shown.append, terminal, duration_s)
     emulator.sent = 399
     show(OPEN)
     assert poll() is None
@@ -132,7 +132,7 @@ def test_what_was_unplugged_does_not_play(emulator: Emulator) -> None:
 
 
 def test_its_rest_after_the_task_can_be_tracked() -> None:
-    """The same samples in the same order would be refused as a block that came twice."""
+    """Samples repeated in the same order would be refused as a duplicated block."""
     rng = np.random.default_rng(0)
     noise = rng.normal((0.0, 0.0, GRAVITY), 0.02, (60, 3)), rng.normal(0.0, 0.001, (60, 3))
     decoder, samples = protocol("ximu3").decoder(), list[Sample]()

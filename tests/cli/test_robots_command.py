@@ -1,4 +1,4 @@
-"""`pbd robots --suggest` fills in what an own robot's TOML lacks; `--for` says which arms can do a demonstration."""
+"""`pbd robots --suggest` finds a home and a dock; `--for` says which arms can do a demonstration."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ source = "assumed"
 
 @pytest.fixture
 def guide(elsewhere: Path) -> str:
-    """The TOML that docs/robots.md gives, whose URDF is there."""
+    """The TOML of docs/robots.md, with its URDF in ./robots."""
     (elsewhere / "robots").mkdir()
     (elsewhere / "robots" / "mine.urdf").write_text(own_urdf(), encoding="utf-8")
     return own_toml()
@@ -73,7 +73,7 @@ def test_where_few_docks_will_do_more_are_weighed(capsys: Capture, guide: str, m
 
 
 def test_links_that_touch_by_design_are_found_and_may(capsys: Capture, guide: str) -> None:
-    """The flange's sphere is in that of the link before the last in seven of ten configurations."""
+    """The spheres of the flange and of link4 overlap in seven of ten configurations."""
     urdf = own_urdf()
     for link, x, radius in (("link4", 0.05, 0.0536), ("link5", 0.0, 0.01), ("flange", 0.0, 0.06)):
         solid = f'<collision><origin xyz="{x} 0 0"/><geometry><sphere radius="{radius}"/></geometry></collision>'
@@ -100,20 +100,20 @@ def test_the_fastest_arm_comes_first_and_the_others_say_why(capsys: Capture, gui
     assert [row["duration_s"] for row in mine] == [None]
     assert "keyframe 0 is out of reach" in mine[0]["why"]
     assert "keyframe 0 is out of reach" in run(capsys, "robots", "mine", "--for", "paper-test2")[1]
-    rows = run_json(capsys, "robots", "--for", "paper-test2")["robots"]
+    rows = run_json(capsys, "robots", "--for", "pouring")["robots"]
     able = [row["duration_s"] for row in rows if row["why"] is None]
     assert able == sorted(able)
     assert [row["name"] for row in rows[len(able) :]] == ["mine"]
     panda = next(row for row in rows if row["name"] == "panda")
-    replayed = run_json(capsys, "replay", "paper-test2", "--robot", "panda", "--html", "x.html")
+    replayed = run_json(capsys, "replay", "pouring", "--robot", "panda", "--html", "x.html")
     assert panda["duration_s"] == replayed["duration_s"]
     assert panda["farthest_m"] < panda["reach_m"]
 
 
 def test_a_base_may_be_carried_by_a_locked_joint(tmp_path: Path) -> None:
-    """The audit knows where it is, too."""
+    """The audit agrees on the pose of the base."""
     (tmp_path / "tiago.toml").write_text(TIAGO, encoding="utf-8")
     robot = read_robot(tmp_path / "tiago.toml", draft=True)
     q = robot.home + 0.1
-    seen = AuditArm(replace(robot, home=q)).tool(np.append(q, 1.0))
-    np.testing.assert_allclose(seen.translation, arm_of(robot).forward(q).p, atol=1e-12)
+    seen = AuditArm(replace(robot, home=q)).tool_pose(np.append(q, 1.0))
+    np.testing.assert_allclose(seen.p, arm_of(robot).forward(q).p, atol=1e-12)

@@ -1,4 +1,4 @@
-"""`pbd sensors`: what is plugged in, and what it speaks."""
+"""`pbd sensors`: which ports there are, and which sensor is on each."""
 
 from __future__ import annotations
 

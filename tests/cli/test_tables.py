@@ -1,4 +1,4 @@
-"""Tables: units, CSV, and keyframes that a person edits."""
+"""Tables: units and CSV; keyframes saved and edited."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def rows_of(capsys: pytest.CaptureFixture[str], *command: str) -> list[dict[str,
 
 
 def in_terminal(columns: int, *command: str) -> str:
-    """What a command prints into a terminal of that width."""
+    """The output of a command in a terminal of that width."""
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
     settings = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
@@ -148,7 +148,7 @@ def test_a_robot_goes_to_the_edited_keyframes(tea: Path, capsys: pytest.CaptureF
 
 
 def test_saving_and_editing_nothing_changes_no_motion(tmp_path: Path) -> None:
-    """Poses are written to a tenth of a millimetre, so that the motion is the same to that."""
+    """Poses are written to a tenth of a millimetre, so the motion may differ by as much."""
     motions = []
     for file in ("found.csv", "saved.csv"):
         assert main(["export", "tea", "--robot", "panda", "--format", "csv", "-o", file]) == 0
@@ -203,7 +203,7 @@ def test_what_all_joints_names_begin_with_is_said_once(
 
 @pytest.mark.parametrize("columns", [60, 160])
 def test_no_number_is_cut_in_a_narrow_terminal(columns: int, capsys: pytest.CaptureFixture[str]) -> None:
-    """What is too wide goes below, each part with the row's number."""
+    """Columns that do not fit go below, each part with the row's number."""
     assert main(["keyframes", "tea", "--robot", "panda"]) == 0
     piped = capsys.readouterr().out
     shown = in_terminal(columns, "keyframes", "tea", "--robot", "panda")

@@ -1,4 +1,4 @@
-"""`pbd touch`, `--frame`, `--at` and `--tolerance`: corrections with the arm, things that stand elsewhere, success."""
+"""`pbd touch`, and the options `--frame`, `--at` and `--tolerance`."""
 
 from __future__ import annotations
 
@@ -149,33 +149,6 @@ def test_out_of_reach_names_a_place_that_works(tea: Path, capsys: Capture) -> No
     assert run(capsys, *command, works)[0] == 0
 
 
-@pytest.mark.parametrize(
-    ("command", "code", "words"),
-    [
-        ("touch tea 9 --robot panda --by 0 0 0", 1, "there is no keyframe 9; they are 0 to 4"),
-        ("touch tea 2 --robot panda", 2, "--by X Y Z"),
-        ("touch tea --robot panda --by 0 0 0", 2, "name the keyframe"),
-        ("touch pouring 2 --robot panda --by 0 0 0", 1, "is bundled"),
-        ("keyframes tea --frame cup=2..3 --frame jug=3", 2, "keyframe 3 can't belong to 'cup' and to 'jug'"),
-        ("keyframes tea --frame cup=2..7", 1, "there is no keyframe 7 for 'cup'; they are 0 to 4"),
-        ("keyframes tea --frame cup=2@tray --frame tray=3@cup", 1, "can't carry itself: "),
-        ("keyframes tea --frame cup=3..2", 2, "must be like cup=3..5"),
-        ("keyframes tea --frame cup=1 --frame lid=2@cub", 2, "to 'cub': known are cup, lid; did you mean cup?"),
-        ("keyframes tea --robot panda --at jug=0,0,0", 2, "no keyframe belongs to 'jug'"),
-        ("keyframes tea --tolerance 0.01", 2, "name the robot"),
-        ("keyframes tea --robot panda --tolerance 0", 2, "above zero"),
-    ],
-)
-def test_what_makes_no_sense_is_one_line(tea: Path, capsys: Capture, command: str, code: int, words: str) -> None:
-    try:
-        found, _, err = run(capsys, *command.split())
-    except SystemExit as left:
-        found, err = int(str(left.code)), capsys.readouterr().err
-    assert found == code
-    assert words in err.splitlines()[-1]
-    assert not tea.exists()
-
-
 def test_success_is_told_with_the_joint_distribution(tea: Path, capsys: Capture) -> None:
     loose, tight = (
         run_json(capsys, "keyframes", "tea", "--robot", "panda", "--tolerance", within) for within in ("0.05", "0.005")
@@ -187,7 +160,7 @@ def test_success_is_told_with_the_joint_distribution(tea: Path, capsys: Capture)
 
 
 def refused_line(capsys: Capture, *command: str) -> str:
-    """The last line of a command that fails; notes may come before it."""
+    """Run a command that fails; return its last line on stderr."""
     code, _, err = run(capsys, *command)
     assert code == 1
     return err.splitlines()[-1]

@@ -1,4 +1,4 @@
-"""An arm on the bench for tests: emulated servos, and time that runs faster."""
+"""Helpers for tests of driving: emulated servos, and a clock that runs faster."""
 
 from __future__ import annotations
 
@@ -7,29 +7,29 @@ import time
 
 from pbd.driving.arm import ServoArm
 from pbd.driving.bus import Bus
-from pbd.driving.counts import Counts
+from pbd.driving.encoder_counts import EncoderCounts
 from pbd.driving.stream import Clock
 from pbd.files.robot import load_robot
 from tests.driving.emulator import calibration_of
 
 PATIENT_S = 1.0
-"""Answer time, s, where nothing is amiss: a busy machine must not fail a test."""
+"""Answer time of sound servos, s. It is long, so that no test fails on a busy machine."""
 
 UNHURRIED_S = 50.0
-"""How late a goal may be there, s, for the same reason."""
+"""How late a goal may be, s, for the same reason."""
 
 
 PATIENT_PBD = [
     sys.executable,
     "-c",
     "import sys; from pbd.driving import bus, stream; from pbd.cli import main; "
-    f"bus.ANSWER_S = bus.PATIENT_S = {PATIENT_S}; stream.STALL_S = {UNHURRIED_S}; sys.exit(main(sys.argv[1:]))",
+    f"bus.ANSWER_S = bus.ANSWER_AT_REST_S = {PATIENT_S}; stream.STALL_S = {UNHURRIED_S}; sys.exit(main(sys.argv[1:]))",
 ]
-"""`pbd` with that patience."""
+"""The command `pbd` with these times."""
 
 
 class FastClock(Clock):
-    """Time runs ten times as fast."""
+    """A clock that runs ten times as fast."""
 
     def now(self) -> float:
         return 10.0 * time.monotonic()
@@ -40,4 +40,4 @@ class FastClock(Clock):
 
 
 def connect(bus: Bus) -> ServoArm:
-    return ServoArm(bus, Counts(load_robot("so101"), calibration_of("so101")))
+    return ServoArm(bus, EncoderCounts(load_robot("so101"), calibration_of("so101")))

@@ -1,4 +1,4 @@
-"""Six emulated STS3215 servos on a pseudo-terminal: registers, checksums, a first-order motion, and what goes wrong.
+"""Six emulated STS3215 servos on a pseudo-terminal: registers, checksums, a first-order motion, and faults.
 
 By hand: python -m tests.driving.emulator so101 prints a port and a calibration for `pbd run --port P --servos F`.
 """
@@ -20,8 +20,8 @@ from typing import Self
 
 import numpy as np
 
-from pbd.driving.counts import Counts, names_of
-from pbd.driving.packets import checksum, signed, word
+from pbd.driving.encoder_counts import EncoderCounts, servo_names
+from pbd.driving.packets import checksum, decode_word, encode_word
 from pbd.driving.stream import Clock
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import ServoCalibration, write_servo_calibration
@@ -30,10 +30,10 @@ FOLLOWS_S, FASTEST = 0.05, 3550.0
 """Time constant of a servo, s (assumed), and its speed without load, counts/s: 52 rpm at 7.4 V."""
 
 LEFT = (0.3, -0.2, 0.5, 0.9, -1.0)
-"""Joints of a so101, rad, where somebody left it."""
+"""Joints of a so101 that was left somewhere, rad."""
 
 LOAD_A_COUNT = 4
-"""Load, thousandths, for each count between place and goal (assumed): P gain 32 saturates after 20 degrees."""
+"""Load in thousandths for each count between position and goal (assumed): P gain 32 saturates after 20 degrees."""
 
 
 class Servo:
@@ -46,10 +46,10 @@ class Servo:
         self.flags = 0
         self.put(3, (777).to_bytes(2, "little"))
         self.put(5, bytes([calibration.id]))
-        self.put(9, word(calibration.range_min) + word(calibration.range_max))
+        self.put(9, encode_word(calibration.range_min) + encode_word(calibration.range_max))
         self.put(13, bytes([70, 80, 40]))
-        self.put(31, word(calibration.homing_offset, 11))
-        self.put(42, word(1000))  # an old goal: who switches torque on without another makes the arm jump
+        self.put(31, encode_word(calibration.homing_offset, 11))
+        self.put(42, encode_word(1000))  # an old goal: who switches torque on without another makes the arm jump
         self.put(55, b"\x01")
         self.put(62, bytes([74, 30]))
 
@@ -57,26 +57,26 @@ class Servo:
         self.registers[address : address + len(data)] = data
 
     def number(self, address: int, sign_bit: int = 15) -> int:
-        return signed(int.from_bytes(self.registers[address : address + 2], "little"), sign_bit)
+        return decode_word(bytes(self.registers), address, sign_bit)
 
     @property
     def counts(self) -> float:
         return self.place - self.number(31, 11)
 
     def move(self, dt: float) -> None:
-        """Follow the goal for `dt` s, and note what that feels like. A loose one that `snaps` keeps no goal."""
+        """Follow the goal for `dt` s, and update the present registers. Without torque, `snaps` changes the goal."""
         if self.snaps and not self.registers[40]:
-            self.put(42, word(round(self.counts) + 1))
+            self.put(42, encode_word(round(self.counts) + 1))
         goal = min(max(self.number(42), self.number(9)), self.number(11))
         off = goal - self.counts
         if self.registers[40] and not self.blocked:
             step = off * (1.0 - math.exp(-dt / FOLLOWS_S))
             self.place += min(max(step, -FASTEST * dt), FASTEST * dt)
         load = min(1000, int(LOAD_A_COUNT * abs(off))) if self.registers[40] else 0
-        self.put(56, word(round(self.counts)) + word(0) + word(load if off >= 0 else -load, 10))
+        self.put(56, encode_word(round(self.counts)) + encode_word(0) + encode_word(load if off >= 0 else -load, 10))
 
     def write(self, address: int, data: bytes) -> None:
-        """As the servo takes it: its EEPROM is locked, or isn't."""
+        """Write registers, as the servo does: its EEPROM may be locked."""
         if not self.deaf and (address >= 40 or not self.registers[55]):
             self.put(address, data)
 
@@ -87,11 +87,11 @@ class Emulator:
     Attributes:
         device: the pseudo-terminal.
         servos: by id.
-        goals: when (real s) goals came, and which, by id; `places` where the servos then stood.
-        drop, corrupt, repeat: how likely each byte, either way, is lost, changed or doubled.
-        chatter: what another device would send all the time.
-        echo: whether the adapter sends back what it is sent.
-        at_goal, fault: what happens when that many goals have come; `fault_t` is when (real s) it did.
+        goals: when goals came (real s), and the goals by id. `places`: the servos' positions at those times.
+        drop, corrupt, repeat: probability that a byte is lost, changed or doubled, in either direction.
+        chatter: bytes that another device would send all the time.
+        echo: whether the adapter sends back what it receives.
+        at_goal, fault: a call after that many goals. `fault_t`: when it was made (real s).
     """
 
     def __init__(self, calibration: Mapping[str, ServoCalibration], counts: Mapping[str, float], clock: Clock) -> None:
@@ -119,7 +119,7 @@ class Emulator:
         self.unplug()
 
     def wear_out(self, rate: float, seed: int) -> None:
-        """From now on each byte is lost, changed and doubled so likely."""
+        """Lose, change and double each byte with this probability from now on."""
         self._random, self.drop, self.corrupt, self.repeat = np.random.default_rng(seed), rate, rate, rate
 
     def unplug(self) -> None:
@@ -145,7 +145,7 @@ class Emulator:
                 return
 
     def _worn(self, data: bytes) -> bytes:
-        """What a bad cable makes of it."""
+        """Damage data as a bad cable does."""
         if not (self.drop or self.corrupt or self.repeat):
             return data
         worn = bytearray()
@@ -181,9 +181,7 @@ class Emulator:
                 if part[0] in self.servos:
                     self.servos[part[0]].write(address, part[1:])
             if address == 42:
-                self.goals.append(
-                    (time.monotonic(), {part[0]: signed(int.from_bytes(part[1:3], "little"), 15) for part in parts})
-                )
+                self.goals.append((time.monotonic(), {part[0]: decode_word(part, 1) for part in parts}))
                 self.places.append({id_: servo.counts for id_, servo in self.servos.items()})
                 if len(self.goals) == self.at_goal and self.fault is not None:
                     self.fault_t = time.monotonic()
@@ -208,10 +206,10 @@ class Emulator:
 
 
 def calibration_of(robot_name: str) -> dict[str, ServoCalibration]:
-    """A calibration as of a person's so101: ranges a little wider than the model's, offsets of any kind."""
+    """A plausible calibration: ranges a little wider than the model's, and any offsets."""
     ranges = ((884, 3320), (756, 3353), (868, 3061), (805, 3153), (0, 4095), (1899, 3363))
     offsets = (120, -85, 1020, -1400, 3, 0)
-    names = names_of(load_robot(robot_name))
+    names = servo_names(load_robot(robot_name))
     return {
         name: ServoCalibration(i, 0, offset, low, high)
         for i, (name, offset, (low, high)) in enumerate(zip(names, offsets, ranges, strict=True), start=1)
@@ -221,8 +219,8 @@ def calibration_of(robot_name: str) -> dict[str, ServoCalibration]:
 def resting(robot_name: str, q: tuple[float, ...] | None = None) -> dict[str, float]:
     """Counts of the servos with the arm at joints q (home), the gripper half open."""
     robot = load_robot(robot_name)
-    counts = Counts(robot, calibration_of(robot_name))
-    at = counts.of(np.array([robot.home if q is None else q]), np.array([0.5]))[0]
+    counts = EncoderCounts(robot, calibration_of(robot_name))
+    at = counts.from_joints(np.array([robot.home if q is None else q]), np.array([0.5]))[0]
     return dict(zip(counts.names, at.tolist(), strict=True))
 
 

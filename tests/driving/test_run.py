@@ -15,7 +15,7 @@ import pytest
 
 from pbd.driving import bus, stream
 from pbd.driving.arm import ServoArm
-from pbd.driving.packets import word
+from pbd.driving.packets import encode_word
 from pbd.driving.stream import Clock
 from pbd.files.demo import load_demo
 from pbd.files.robot import load_robot
@@ -45,7 +45,7 @@ def emulator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Emulator]:
     """An arm that somebody left somewhere, ten times as fast as a real one."""
     monkeypatch.setattr("pbd.cli.run.drive.Clock", FastClock)
     monkeypatch.setattr(bus, "ANSWER_S", PATIENT_S)
-    monkeypatch.setattr(bus, "PATIENT_S", PATIENT_S)
+    monkeypatch.setattr(bus, "ANSWER_AT_REST_S", PATIENT_S)
     monkeypatch.setattr(stream, "STALL_S", UNHURRIED_S)
     with Emulator(calibration_of("so101"), resting("so101", LEFT), FastClock()) as emulator:
         yield emulator
@@ -83,7 +83,7 @@ def test_the_whole_demonstration(emulator: Emulator, words: list[str], capsys: C
 def test_a_fault_is_one_line_and_an_exit_code(emulator: Emulator, words: list[str], capsys: Capture) -> None:
     emulator.at_goal, emulator.fault = 100, lambda: emulator.servos[2].put(63, bytes([68]))
     code, out, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--yes", "--json")
-    says = "shoulder_lift is at 68 °C, and lets go at 70: let it cool down"
+    says = "shoulder_lift is at 68 °C, and switches off at 70: let it cool down"
     assert code == 1
     assert err.splitlines()[-1] == f"pbd: stopped after 1.96 s: {says}; the arm holds where it stopped"
     assert json.loads(out)["stopped"] == says
@@ -91,7 +91,7 @@ def test_a_fault_is_one_line_and_an_exit_code(emulator: Emulator, words: list[st
 
 
 def test_a_dry_run(emulator: Emulator, words: list[str], capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    def begun(arm: ServoArm, goals: Array, *rest: Any, **more: Any) -> stream.Streamed:
+    def begun(arm: ServoArm, goals: Array, *rest: Any, **more: Any) -> stream.StreamResult:
         return stream.stream(arm, goals[:30], *rest, **more)
 
     monkeypatch.setattr("pbd.cli.run.drive.stream", begun)
@@ -143,7 +143,7 @@ def test_a_motion_beyond_the_calibrated_range(emulator: Emulator, words: list[st
     servos = calibration_of("so101")
     elbow = servos["elbow_flex"]
     narrow = replace(elbow, range_min=elbow.range_min + 420, range_max=elbow.range_max - 420)
-    emulator.servos[3].put(9, word(narrow.range_min) + word(narrow.range_max))
+    emulator.servos[3].put(9, encode_word(narrow.range_min) + encode_word(narrow.range_max))
     write_servo_calibration(servos | {"elbow_flex": narrow}, Path("servos.json"))
     code, _, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--yes")
     assert code == 3

@@ -49,7 +49,7 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def test_every_key_arrives(tmp_path: Path) -> None:
+def test_every_key_is_read(tmp_path: Path) -> None:
     calibration = read_calibration(write(tmp_path, TOML))
     assert calibration.name == "mine"
     assert calibration.robots == ("panda", "ur5")
@@ -65,10 +65,10 @@ def test_every_key_arrives(tmp_path: Path) -> None:
     assert_allclose(shelf.T_base_obstacle.p, (0.6, 0.4, 0.3))
     assert_allclose(shelf.T_base_obstacle.wxyz, quat_from_rpy((0, np.pi / 2, 0)))
     assert (lamp.name, lamp.shape, lamp.size) == ("lamp", "sphere", (0.1,))
-    assert_allclose(lamp.T_base_obstacle.wxyz, (1, 0, 0, 0))  # left out: level
+    assert_allclose(lamp.T_base_obstacle.wxyz, (1, 0, 0, 0))  # without rpy_deg it is level
 
 
-def test_what_may_be_left_out(tmp_path: Path) -> None:
+def test_optional_keys(tmp_path: Path) -> None:
     calibration = read_calibration(write(tmp_path, f'format = 1\nname = "mine"\n{NAV}'))
     assert calibration.T_base_dock is None
     assert calibration.T_base_nav is not None
@@ -79,7 +79,9 @@ def test_what_may_be_left_out(tmp_path: Path) -> None:
     assert calibration.obstacles == ()
 
 
-def test_the_default_is_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_bundled_default_is_for_all_robots_with_the_default_mount(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     calibration = load_calibration("default")
     assert calibration.name == "default"
@@ -90,8 +92,8 @@ def test_the_default_is_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert rad < 1e-15
 
 
-def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None:
-    """A user takes the number sign away; the keys must be the true ones."""
+def test_keys_that_the_default_comments_out_are_valid(tmp_path: Path) -> None:
+    """A user removes the number sign, so the keys must be valid."""
     text = (bundled("calibration") / "default.toml").read_text(encoding="utf-8")
     for key in ("robots", "any_attitude", "sigma_m", "sigma_deg"):
         text = text.replace(f"# {key} =", f"{key} =")
@@ -106,23 +108,13 @@ def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("format = 1", "format = 0", ":1: format must be 1, the only format that this version reads; correct it"),
-        (
-            "format = 1",
-            "format = 2",
-            ":1: format must be 1, the only format that this version reads; it was written by a",
-        ),
-        ("format = 1\n", "", ": format is missing; add it"),
-        ('name = "mine"\n', "", ": name is missing; add it"),
         ("scale = 2.0", "scale = 0", ":5: scale must be above zero, got 0; correct it"),
-        ("scale = 2.0", "scale = nan", ":5: scale must be a finite number, got nan; correct it"),
         ("scale", "sclae", ":5: sclae is unknown; the keys here are "),
         ("any_attitude", "any_atitude", ":9: [dock] any_atitude is unknown; the keys here are "),
         ("[mount]", "[munt]", ":10: munt is unknown; the keys here are "),
         ("0.25]", "0.25, 0]", ":7: [dock] position must have 3 numbers, got 4; correct it"),
         ("[180.0, 0.0, 45.0]", "[180.0]", ":12: [mount] rpy_deg must have 3 numbers, got 1; correct it"),
         ("-0.15", '"left"', ":7: [dock] position must be a list of 3 finite numbers, got [0.4, 'left', 0.25]"),
-        ("[dock]", "dock = 1\n[duck]", ":6: dock must be a table; correct it"),
         (PARTS, "", ": dock or [nav] must be given, or at least [mount] or [sensor]; see calibration/default.toml"),
         (
             PARTS,
@@ -132,7 +124,6 @@ def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None
         ("0.5, 0.6]", "50, 60]", ":23: [obstacle] position has 60, but is in metres; divide it by 100 if it is in cm"),
         ("[0.1]", "[25]", ":22: [obstacle] size has 25, but is in metres; divide it by 100 if it is in cm"),
         (DOCK, DOCK + NAV, ":6: dock and [nav] can't both be given; remove one"),
-        ("[dock]", "[dock", ":6: not valid TOML: "),
         ('name = "shelf"\n', "", ":13: [obstacle] name is missing; add it"),
         ('"lamp"', '"shelf"', ":20: [obstacle] name 'shelf' is another obstacle's too; rename one of them"),
         ('"sphere"', '"ball"', ":21: [obstacle] shape must be one of box, cylinder, sphere, got 'ball'; correct it"),
@@ -150,7 +141,6 @@ def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None
             "rpy = [0.0, 1.5, 0.0]",
             ":18: [obstacle] rpy is unknown; the keys here are name, ",
         ),
-        ('[[obstacle]]\nname = "shelf"', '[obstacle]\nname = "shelf"', ":19: not valid TOML: "),
     ],
 )
 def test_a_fault_is_named_with_path_line_and_key(tmp_path: Path, old: str, new: str, message: str) -> None:

@@ -1,4 +1,4 @@
-"""A calibration is edited part by part, and what a person wrote stays."""
+"""Parts of a calibration are written, and the rest stays as a person wrote it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def bench(tmp_path: Path) -> Path:
     return path
 
 
-def test_what_is_not_named_stays_as_it_was_written(bench: Path) -> None:
+def test_other_parts_stay_as_they_are(bench: Path) -> None:
     update_calibration(bench, {"dock": pose_values(POSE, "in base", EXACT)})
     written = bench.read_text(encoding="utf-8").splitlines()
     assert written[6:9] == [
@@ -66,7 +66,7 @@ def test_new_keys_come_before_the_comment_on_the_next_table(bench: Path) -> None
     assert_allclose(found, cov, rtol=1e-3)
 
 
-def test_every_part_arrives_where_the_reader_looks(bench: Path) -> None:
+def test_every_part_is_read_again(bench: Path) -> None:
     cov = np.diag([1e-6] * 6) + 1e-7
     update_calibration(
         bench,
@@ -87,11 +87,11 @@ def test_every_part_arrives_where_the_reader_looks(bench: Path) -> None:
     assert calibration.sensor is not None
     assert calibration.sensor.acc is not None
     assert (calibration.sensor.sensor, calibration.sensor.gyr) == ("mine", None)
-    assert_allclose(calibration.sensor.acc.true(np.array([0.1, 1.2, 0.3])), (0.0, 1.02, 0.0))
+    assert_allclose(calibration.sensor.acc.correct(np.array([0.1, 1.2, 0.3])), (0.0, 1.02, 0.0))
     assert [obstacle.name for obstacle in calibration.obstacles] == ["shelf"]
 
 
-def test_a_dock_gives_way_to_nav_in_its_place(bench: Path) -> None:
+def test_nav_replaces_the_dock_in_its_place(bench: Path) -> None:
     update_calibration(
         bench, {"nav": pose_values(POSE, "in base", EXACT) | {"any_attitude": (None, "")}}, instead={"dock": "nav"}
     )
@@ -102,16 +102,16 @@ def test_a_dock_gives_way_to_nav_in_its_place(bench: Path) -> None:
     assert calibration.T_base_nav is not None
 
 
-def test_a_new_one_says_for_which_robot_and_can_be_read(tmp_path: Path) -> None:
+def test_only_a_new_file_gets_the_robots(tmp_path: Path) -> None:
     path = tmp_path / "calibration" / "new.toml"
     update_calibration(path, {"dock": pose_values(POSE, "in base", EXACT)}, robots=("panda",))
     calibration = read_calibration(path)
     assert (calibration.name, calibration.robots) == ("new", ("panda",))
     update_calibration(path, {"dock": pose_values(POSE, "in base", EXACT)}, robots=("ur5",))
-    assert read_calibration(path).robots == ("panda",)  # it is a person's to change
+    assert read_calibration(path).robots == ("panda",)  # a person may have changed them
 
 
-def test_a_bundled_one_is_copied_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bundled_calibration_is_copied_and_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     before = (bundled("calibration") / "default.toml").read_bytes()
     update_calibration(calibration_file("default"), {"mount": pose_values(POSE, "in sensor axes", EXACT)})
@@ -121,7 +121,7 @@ def test_a_bundled_one_is_copied_not_changed(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.mark.parametrize("text", [BENCH.replace("format = 1", "format = 2"), BENCH.replace("0.75", '"high"'), "x ="])
-def test_what_can_not_be_read_is_not_touched(bench: Path, text: str) -> None:
+def test_a_file_that_cannot_be_read_stays(bench: Path, text: str) -> None:
     bench.write_text(text, encoding="utf-8")
     with pytest.raises(CalibrationError):
         update_calibration(bench, {"dock": pose_values(POSE, "in base", EXACT)})
@@ -129,8 +129,7 @@ def test_what_can_not_be_read_is_not_touched(bench: Path, text: str) -> None:
     assert [path.name for path in bench.parent.iterdir()] == ["bench.toml"]
 
 
-def test_nothing_half_done_is_left(bench: Path) -> None:
-    """A value that the reader refuses is found before the file is replaced."""
+def test_an_invalid_result_is_not_written(bench: Path) -> None:
     with pytest.raises(CalibrationError, match="and \\[nav\\] can't both be given"):
         update_calibration(bench, {"nav": pose_values(POSE, "in base", EXACT)})
     assert bench.read_text(encoding="utf-8") == BENCH
@@ -138,12 +137,12 @@ def test_nothing_half_done_is_left(bench: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["", "..", ".toml", "~", "a/..", "../x", "a/../../x", "a b", "a b.toml", " a", "a\tb"])
-def test_names_that_are_none(name: str) -> None:
+def test_names_that_are_refused(name: str) -> None:
     with pytest.raises(CalibrationError, match="can't be a calibration's name"):
         calibration_file(name)
 
 
-def test_where_it_is_written() -> None:
+def test_the_path_of_a_name() -> None:
     assert calibration_file("bench") == Path("calibration/bench.toml")
     assert calibration_file("bench.toml") == Path("calibration/bench.toml")
     assert calibration_file("there/bench.toml") == Path("there/bench.toml")
@@ -157,7 +156,7 @@ def test_where_it_is_written() -> None:
     st.lists(st.floats(-1e3, 1e3), min_size=6, max_size=6),
 )
 def test_any_edits_leave_what_a_person_wrote(bench: Path, parts: list[str], numbers: list[float]) -> None:
-    """Every comment and every line of the obstacle stays, and what was written last is read."""
+    """Every comment and every line of the obstacle stays, and the last values are read."""
     bench.write_text(BENCH, encoding="utf-8")
     pose = Pose.from_rpy(numbers[:3], np.radians(numbers[3:]))
     for part in parts:

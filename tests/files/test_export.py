@@ -1,4 +1,4 @@
-"""What other tools get, read back without any code of ours."""
+"""Exported files, read back without code of pbd."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ ROBOT = Robot(
     gripper=Gripper(("finger",), np.array([0.04]), np.array([0.0]), 0.02),
     limits=JointLimits(-np.ones(2), np.ones(2), np.full(2, 1e9), np.full(2, 1e9), np.full(2, 1e9), "a test"),
 )
-"""It may move as fast as you like."""
+"""A robot with two joints and almost no limits."""
 
 
 @pytest.fixture
 def motion() -> JointTrajectory:
-    """From rest to rest in one cubic, q = c (3 u^2 - 2 u^3) of each joint, which has an acceleration at its end."""
+    """From rest to rest in one cubic, q = c (3 u^2 - 2 u^3), whose acceleration at the end is not zero."""
     reach = np.array([0.5, -1.25])
     zero = np.zeros(2)
     return JointTrajectory(
@@ -55,7 +55,7 @@ def motion() -> JointTrajectory:
 
 @pytest.mark.parametrize("format_name", ["csv", "ros2-json"])
 def test_no_zero_has_a_sign(tmp_path: Path, format_name: str) -> None:
-    """A joint that stands at -0.0, and one that moves by less than is written."""
+    """One joint stands at -0.0, one moves less than the last digit."""
     zero = np.zeros(2)
     still = JointTrajectory(
         joint_names=("still", "creeps"),
@@ -103,7 +103,7 @@ def read_ros2_json(path: Path) -> tuple[list[str], Samples]:
 
     t = np.array([time["sec"] + 1e-9 * time["nanosec"] for time in times])
     q, qd, qdd = column("positions"), column("velocities"), column("accelerations")
-    return message["joint_names"], Samples(t, q, qd, qdd, np.full(len(t), np.nan))  # that has its own goal
+    return message["joint_names"], Samples(t, q, qd, qdd, np.full(len(t), np.nan))  # the gripper has its own goal
 
 
 READERS = {"csv": read_csv, "npz": read_npz, "ros2-json": read_ros2_json}
@@ -119,7 +119,7 @@ def test_what_is_written_is_the_trajectory(
     names, read = READERS[format_name](path)
     assert names == ["shoulder", "elbow"]
     times = np.arange(np.ceil(DURATION * rate_hz) + 1) / rate_hz
-    if format_name == "ros2-json":  # its own knots, and samples that aren't beside one
+    if format_name == "ros2-json":  # the knots, and the samples that are not too near to one
         off = max(0.25 / rate_hz, 2e-5) * (1.0 - 1e-9)
         times = np.concatenate(([0.0], times[(times >= off) & (times <= DURATION - off)], [DURATION]))
     assert len(read.t) == len(returned.t) == len(times)
@@ -136,7 +136,7 @@ def test_what_is_written_is_the_trajectory(
     assert_allclose(read.q[-1], (0.5, -1.25), atol=1e-9)
 
 
-def test_the_rate_is_1_khz_unless_said_else(tmp_path: Path, motion: JointTrajectory) -> None:
+def test_the_default_rate_is_1_khz(tmp_path: Path, motion: JointTrajectory) -> None:
     assert_array_equal(export(motion, ROBOT, "npz", tmp_path / "motion.npz").samples.t, motion.t)
 
 
@@ -150,7 +150,7 @@ def test_a_file_of_that_name_is_replaced(tmp_path: Path, motion: JointTrajectory
 
 @pytest.mark.parametrize("is_there", [True, False])
 @pytest.mark.parametrize("fault", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_a_file_appears_whole_or_not_at_all(
+def test_a_file_appears_completely_or_not_at_all(
     tmp_path: Path, motion: JointTrajectory, monkeypatch: pytest.MonkeyPatch, fault: BaseException, is_there: bool
 ) -> None:
     path = tmp_path / "motion.npz"
@@ -170,7 +170,7 @@ def test_a_file_appears_whole_or_not_at_all(
 
 
 @pytest.mark.parametrize("place", ["no/such/folder/motion.csv", "a-file/motion.csv", "a-folder"])
-def test_a_place_that_cannot_be_written(tmp_path: Path, motion: JointTrajectory, place: str) -> None:
+def test_a_path_that_cannot_be_written_is_refused(tmp_path: Path, motion: JointTrajectory, place: str) -> None:
     (tmp_path / "a-file").touch()
     (tmp_path / "a-folder").mkdir()
     with pytest.raises(PbdError, match=r"can't be written \(.+\); give another place$|a-folder is a folder"):
@@ -187,7 +187,7 @@ def test_an_unknown_format_lists_the_known(tmp_path: Path, motion: JointTrajecto
 
 
 @pytest.mark.parametrize("rate_hz", [0.0, -1.0, 1e6, np.inf, np.nan])
-def test_a_rate_out_of_range(tmp_path: Path, motion: JointTrajectory, rate_hz: float) -> None:
+def test_a_rate_out_of_range_is_refused(tmp_path: Path, motion: JointTrajectory, rate_hz: float) -> None:
     with pytest.raises(PbdError, match="--rate must be 10 to 100000 Hz"):
         export(motion, ROBOT, "csv", tmp_path / "motion", rate_hz)
     assert list(tmp_path.iterdir()) == []
@@ -195,5 +195,10 @@ def test_a_rate_out_of_range(tmp_path: Path, motion: JointTrajectory, rate_hz: f
 
 def test_each_format_has_its_file() -> None:
     folder = Path(exporters.__file__).parent
-    files = {path.stem for path in folder.glob("*.py")} - {"__init__", "export_request", "check_export"}
+    files = {path.stem for path in folder.glob("*.py")} - {
+        "__init__",
+        "export_request",
+        "check_export",
+        "controller_interpolation",
+    }
     assert files == {each.file for each in FORMATS.values()}

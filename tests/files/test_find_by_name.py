@@ -13,7 +13,7 @@ from pbd.files.robot import load_robot
 
 @pytest.fixture(autouse=True)
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A user's folder, empty."""
+    """Work in an empty folder."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -24,12 +24,12 @@ def add(path: Path) -> Path:
     return path
 
 
-def test_what_comes_with_pbd_is_found_anywhere() -> None:
+def test_bundled_files_are_found_from_any_folder() -> None:
     assert find("calibration", "default", ".toml", CalibrationError) == bundled("calibration") / "default.toml"
     assert find("demos", "pouring", "", RecordingError) == bundled("demos") / "pouring"
 
 
-def test_a_path_may_be_one_of_pathlib() -> None:
+def test_a_name_may_be_a_path_object() -> None:
     assert load_demo(bundled("demos") / "pouring").recording.info.name == "pouring"
     assert load_robot(bundled("robots") / "ur5.toml").name == load_robot(Path("ur5")).name == "ur5"
     assert load_calibration(Path("default")).name == "default"
@@ -44,13 +44,13 @@ def test_the_users_own_wins() -> None:
 
 
 def test_a_name_wins_over_a_path() -> None:
-    """A stray ./pouring is not in the way of the demonstration of that name; ./pouring/ as a path says the stray."""
+    """A folder ./pouring does not hide the demonstration of that name, unless it is given as a path."""
     Path("pouring").mkdir()
     assert find("demos", "pouring", "", RecordingError) == bundled("demos") / "pouring"
     assert find("demos", "./pouring", "", RecordingError) == Path("pouring")
 
 
-def test_a_folder_in_demos_that_is_no_demonstration_is_said_to_be_none() -> None:
+def test_a_folder_in_demos_that_is_not_a_demonstration_is_refused() -> None:
     Path("demos/tea").mkdir(parents=True)
     Path("demos/pouring").mkdir()
     with pytest.raises(RecordingError, match=r"^demos/tea is not a demonstration: it has no demo\.toml"):
@@ -68,14 +68,14 @@ def test_a_path_is_taken_as_it_is(home: Path, monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.fixture
 def shelf(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Instead of what comes with pbd: one calibration, one demonstration."""
+    """Replace the bundled files by one calibration and one demonstration."""
     monkeypatch.setattr("pbd.files.find_by_name.bundled", lambda kind: home / "bundled" / kind)
     add(Path("bundled/calibration/default.toml"))
     add(Path("bundled/demos/pouring/demo.toml"))
 
 
 @pytest.mark.usefixtures("shelf")
-def test_names_are_the_users_and_the_bundled_ones() -> None:
+def test_names_contain_the_users_and_the_bundled_ones() -> None:
     add(Path("calibration/mine.toml"))
     add(Path("calibration/default.toml"))
     add(Path("calibration/notes.txt"))
@@ -97,19 +97,19 @@ def test_an_unknown_name_lists_the_valid_ones() -> None:
 
 
 @pytest.mark.usefixtures("shelf")
-def test_a_name_like_no_other_is_likened_to_none() -> None:
+def test_only_a_similar_name_is_proposed() -> None:
     with pytest.raises(RecordingError, match=r"known are pouring$"):
         find("demos", "xyz", "", RecordingError)
     with pytest.raises(RecordingError, match=r"; did you mean pouring\?$"):
         find("demos", "Pouring", "", RecordingError)
 
 
-def test_where_nothing_is_known_it_says_where_to_put_one() -> None:
+def test_without_any_names_the_error_tells_the_folder() -> None:
     with pytest.raises(CalibrationError, match=r"no grippers named 'x', .*; none is known; put one into \./grippers$"):
         find("grippers", "x", ".toml", CalibrationError)
 
 
 @pytest.mark.parametrize("name", ["~nobody-of-this-name/tea", "a" * 300])
-def test_a_name_that_cannot_be_a_path_is_unknown_too(name: str) -> None:
+def test_a_name_that_cannot_be_a_path_is_unknown(name: str) -> None:
     with pytest.raises(RecordingError, match="no demonstration named"):
         find("demos", name, "", RecordingError)

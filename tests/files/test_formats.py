@@ -1,4 +1,4 @@
-"""Formats that tell more than joints, each read back by its own reader, over several arms."""
+"""Formats that contain more than joints, read back by their own readers, for several arms."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def written(name: str, format_name: str, path: Path, rate_hz: float | None = Non
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_keyframes_are_the_joints_and_the_poses_that_these_give(tmp_path: Path, name: str) -> None:
+def test_keyframes_have_joints_and_the_pose_of_these_joints(tmp_path: Path, name: str) -> None:
     plan = written(name, "keyframes", tmp_path / "k.json")
     read = json.loads((tmp_path / "k.json").read_text())
     arm, trajectory = arm_of(name), plan.trajectory
@@ -71,7 +71,7 @@ def test_keyframes_as_csv_have_the_same_numbers(tmp_path: Path) -> None:
 
 
 def read_tum(path: Path) -> Any:
-    from evo.tools import file_interface  # takes its time to load
+    from evo.tools import file_interface  # slow to import
 
     return file_interface.read_tum_trajectory_file(path)
 

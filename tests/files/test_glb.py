@@ -16,11 +16,11 @@ from tests.arm.bundled import arm_of
 from tests.files.test_formats import written
 
 Y_UP = Pose(np.zeros(3), np.array([np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]))
-"""From the file's axes to z up."""
+"""The file's axes (y up) in axes with z up."""
 
 
 def numbers(gltf: Any, accessor: int) -> Array:
-    """Of float32."""
+    """Read an accessor of float32."""
     found = gltf.accessors[accessor]
     start = gltf.bufferViews[found.bufferView].byteOffset
     width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[found.type]
@@ -28,7 +28,7 @@ def numbers(gltf: Any, accessor: int) -> Array:
 
 
 class Player:
-    """Shows nodes as a player does, at the frames themselves."""
+    """Computes poses of nodes at the frames, as a player does."""
 
     def __init__(self, gltf: Any) -> None:
         self.gltf = gltf
@@ -49,7 +49,7 @@ class Player:
         return Pose(p, quat_from_xyzw(xyzw))
 
     def world(self, name: str, frame: int) -> Pose:
-        """In the robot's base."""
+        """Return a node's pose in the robot's base."""
         i = next(i for i, node in enumerate(self.gltf.nodes) if node.name == name)
         pose = self.local(i, frame)
         while i in self.above:
@@ -75,7 +75,7 @@ def test_every_joint_is_where_forward_kinematics_has_it(tmp_path: Path, name: st
             assert max(shown.distance(T_base_joint)) < 1e-5
 
 
-def test_trimesh_sees_the_arm_at_its_place_and_each_mesh_once(tmp_path: Path) -> None:
+def test_trimesh_reads_the_arm_upright_and_each_mesh_once(tmp_path: Path) -> None:
     import trimesh
 
     written("panda", "glb", tmp_path / "m.glb")
@@ -84,7 +84,7 @@ def test_trimesh_sees_the_arm_at_its_place_and_each_mesh_once(tmp_path: Path) ->
     assert low[1] == pytest.approx(0.0, abs=1e-3)  # y is up
     assert 0.6 < high[1] < 1.0
     triads = [name for name in scene.graph.nodes_geometry if "triad" in name]
-    assert len(triads) == 11 * 3  # of three colours
+    assert len(triads) == 11 * 3  # each has three colours
     assert len({scene.graph[name][1] for name in triads}) == 3
     assert (tmp_path / "m.glb").stat().st_size < 4e6
     for mesh in scene.geometry.values():

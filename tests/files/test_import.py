@@ -1,4 +1,4 @@
-"""Recordings of other programs: headers as they write them, and the real files of the data folder."""
+"""Imported tables with the headers of other programs, and the real files of the data folder."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def import_text(
 
 
 def two_rows(header: str) -> str:
-    """Rows that count: 0, 1, 2, ... and 1, 2, 3, ..."""
+    """Return a table with the rows 0, 1, 2, ... and 1, 2, 3, ..."""
     n = len(header.split(","))
     return "\n".join([header, ",".join(map(str, range(n))), ",".join(map(str, range(1, n + 1)))])
 
@@ -71,12 +71,12 @@ def test_ximu3_joins_its_magnetometer_by_time(tmp_path: Path) -> None:
     recording = import_text(tmp_path, inertial, name="Inertial.csv")
     assert_allclose(recording.t, [0.0, 0.005, 0.03], atol=1e-15)
     assert_allclose(channel(recording, "gyr"), np.outer((math.pi / 2, 0.0, 0.0), (1.0, 0.0, 0.0)))
-    nothing = [np.nan] * 3  # after the last reading of the field
-    assert_allclose(channel(recording, "mag"), [[0.0, 0.0, -1.0], [0.25, 0.5, -1.0], nothing])
-    assert import_text(tmp_path, inertial, name="other.csv").mag is None  # it belongs to Inertial.csv alone
+    unknown = [np.nan] * 3  # after the last reading of the magnetometer
+    assert_allclose(channel(recording, "mag"), [[0.0, 0.0, -1.0], [0.25, 0.5, -1.0], unknown])
+    assert import_text(tmp_path, inertial, name="other.csv").mag is None  # it belongs only to Inertial.csv
 
 
-def test_our_own_imu_csv_in_any_order(tmp_path: Path) -> None:
+def test_our_imu_csv_in_any_order_of_columns(tmp_path: Path) -> None:
     header = "mx,my,mz,ax,ay,az,t,roll,heading,pitch,temperature,gx,gy,gz"
     recording = import_text(tmp_path, f"{header}\n1,2,3,4,5,6,7,0.1,0.2,0.3,99,11,12,13\n")
     assert_array_equal(recording.t, [0.0])
@@ -117,7 +117,7 @@ def test_spellings_of_specific_force(tmp_path: Path, header: str, scale: float) 
         ("mag", "magnetic_field.x (T),magnetic_field.y (T),magnetic_field.z (T)", 1e6),
     ],
 )
-def test_spellings_of_the_rest(tmp_path: Path, name: str, header: str, scale: float) -> None:
+def test_spellings_of_gyro_and_magnetometer(tmp_path: Path, name: str, header: str, scale: float) -> None:
     recording = import_text(tmp_path, two_rows(f"{header},t,ax,ay,az"))
     assert_allclose(channel(recording, name), (COUNTING - 1.0) * scale)
 
@@ -128,32 +128,32 @@ def test_units_of_time(tmp_path: Path, unit: str, seconds: float) -> None:
     assert_allclose(import_text(tmp_path, two_rows("t,ax,ay,az"), units={"t": unit}).t, [0.0, seconds])
 
 
-def test_what_the_header_does_not_tell_the_caller_does(tmp_path: Path) -> None:
+def test_the_caller_names_columns_and_units(tmp_path: Path) -> None:
     text = two_rows("clock,forward,left,up (g),rate_x,rate_y,rate_z")
     columns = {"t": "clock", "ax": "forward", "ay": "left", "az": "up (g)", "gx": "rate_x"}
     columns |= {"gy": "rate_y", "gz": "rate_z"}
     recording = import_text(tmp_path, text, columns, {"t": "ms", "acc": "m/s2", "gyr": "deg/s"})
     assert_allclose(recording.t, [0.0, 1e-3])
-    assert_allclose(recording.acc, COUNTING)  # what the caller says wins over the header
+    assert_allclose(recording.acc, COUNTING)  # the caller's unit wins over the header's
     assert_allclose(channel(recording, "gyr"), (COUNTING + 3.0) * DEG)
 
 
-def test_a_column_given_wins_over_one_matched(tmp_path: Path) -> None:
+def test_the_callers_column_wins_over_the_headers(tmp_path: Path) -> None:
     recording = import_text(tmp_path, two_rows("t,ax,ay,az,better"), {"ax": "better"})
     assert_array_equal(recording.acc[:, 0], [4.0, 5.0])
 
 
-def test_signs_are_turned_by_axis_or_all_at_once(tmp_path: Path) -> None:
+def test_signs_are_reversed_by_axis_or_by_unit(tmp_path: Path) -> None:
     text = two_rows("t,ax,ay,az")
     one = import_text(tmp_path, text, {"ay": "-ay"})
     assert_array_equal(one.acc, COUNTING * (1.0, -1.0, 1.0))
     both = import_text(tmp_path, text, {"ay": "-ay"}, {"acc": "-g"})
     assert_allclose(both.acc, -COUNTING * (1.0, -1.0, 1.0) * GRAVITY)
     named_so = import_text(tmp_path, two_rows("t,ax,-y,az"), {"ay": "-y"})
-    assert_array_equal(named_so.acc, COUNTING)  # a column of that very name is not turned
+    assert_array_equal(named_so.acc, COUNTING)  # here the minus is part of the column's name
 
 
-def test_text_in_a_column_that_is_not_wanted_is_passed_over(tmp_path: Path) -> None:
+def test_text_in_a_column_that_is_not_read_is_ignored(tmp_path: Path) -> None:
     recording = import_text(tmp_path, "# by Logger 2\nt,note,ax,ay,az\n0,,1,2,3\n1,lifted,2,3,4\n")
     assert_array_equal(recording.acc, COUNTING)
 
@@ -165,7 +165,7 @@ def test_any_encoding_that_has_the_degree_sign(tmp_path: Path, encoding: str) ->
     assert_allclose(channel(import_file(path).recording, "gyr"), (COUNTING + 3.0) * DEG)
 
 
-def test_a_file_without_names_is_told_so(tmp_path: Path) -> None:
+def test_a_table_without_a_header_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"run\.csv:1: numbers where the column names should be; add a line"):
         import_text(tmp_path, "0,1,2,3\n1,2,3,4\n")
     with pytest.raises(RecordingError, match=r"run\.csv:2: numbers where"):
@@ -177,7 +177,7 @@ def test_a_date_may_be_the_time(tmp_path: Path, name: str) -> None:
     rows = "2025-12-31 23:59:59.990;1,5;2;3\n2026-01-01 00:00:00.000;2,5;3;4\n"
     recording = import_text(tmp_path, f"{name};ax;ay;az\n{rows}")
     assert_allclose(recording.t, [0.0, 0.01], atol=1e-6)
-    assert_array_equal(recording.acc[:, 0], [1.5, 2.5])  # where no comma separates it can only be a decimal mark
+    assert_array_equal(recording.acc[:, 0], [1.5, 2.5])  # between semicolons a comma is a decimal mark
 
 
 @pytest.mark.parametrize(
@@ -196,7 +196,7 @@ def test_a_date_may_be_the_time(tmp_path: Path, name: str) -> None:
         ("t,ax,ay,az", {"ax": "-AccX"}, {}, "no column 'AccX'; the columns are t, ax, ay, az"),
     ],
 )
-def test_what_cannot_be_told_is_asked_for(
+def test_an_unknown_column_or_unit_is_refused(
     tmp_path: Path, header: str, columns: dict[str, str], units: dict[str, str], message: str
 ) -> None:
     with pytest.raises((RecordingError, UsageError)) as caught:
@@ -206,7 +206,7 @@ def test_what_cannot_be_told_is_asked_for(
 
 
 def test_decimal_commas_with_exponents(tmp_path: Path) -> None:
-    """As a European spreadsheet writes our own imu.csv again."""
+    """A European spreadsheet writes our imu.csv like this."""
     rows = "0;-2,7726809378185525e-05;,5;9,81\n0,01;1E-3;2,5;3\n"
     recording = import_text(tmp_path, f"t;ax;ay;az\n{rows}")
     assert_array_equal(recording.t, [0.0, 0.01])
@@ -229,18 +229,18 @@ def test_a_day_alone_is_no_time(tmp_path: Path) -> None:
     assert_array_equal(import_recording(tmp_path / "run.csv", rate_hz=10.0).demo.recording.t, [0.0, 0.1])
 
 
-def test_two_clocks_are_one_too_many(tmp_path: Path) -> None:
+def test_a_rate_is_refused_if_there_are_times(tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_text(two_rows("t,ax,ay,az"))
     with pytest.raises(RecordingError, match=r"the column 't' tells the time; leave --rate out"):
         import_recording(tmp_path / "run.csv", rate_hz=100.0)
-    with pytest.raises(RecordingError, match="an npz has its own rate_hz; leave --rate out"):
+    with pytest.raises(RecordingError, match="an npz has a rate of its own; leave --rate out"):
         import_recording(tmp_path / "run.npz", rate_hz=100.0)
 
 
 # --- every format -----------------------------------------------------------------------------------------------------
 
 
-def test_axes_and_units_are_mended_without_a_header(tmp_path: Path) -> None:
+def test_axes_and_units_are_corrected_without_a_header(tmp_path: Path) -> None:
     np.savez(tmp_path / "run.npz", rate_hz=100.0, acc=COUNTING, gyr=COUNTING)
     columns = {"ax": "-ay", "ay": "acc.x", "gz": "-gyr.z"}
     read = import_recording(tmp_path / "run.npz", columns, {"acc": "-g"})
@@ -264,7 +264,7 @@ def test_axes_and_units_are_mended_without_a_header(tmp_path: Path) -> None:
             import_recording(tmp_path / "run.npz", given, units)
 
 
-def test_a_suffix_that_nobody_knows(tmp_path: Path) -> None:
+def test_an_unknown_suffix_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         RecordingError, match=r"can't import '\.xlsx' files; give a \.csv, \.tsv, \.txt, \.npz, \.mcap or "
     ):
@@ -275,7 +275,7 @@ def test_a_suffix_that_nobody_knows(tmp_path: Path) -> None:
 
 
 def test_the_short_walk(data_folder: Path) -> None:
-    """An NGIMU's own export: starts at rest, some 400 Hz nominal."""
+    """An NGIMU's export, which starts at rest and has about 400 Hz."""
     recording = import_file(data_folder / "walks" / "short_walk.csv").recording
     assert recording.t[0] == 0.0
     assert 350.0 < recording.rate_hz < 450.0
@@ -299,7 +299,7 @@ def test_broad(data_folder: Path) -> None:
 
 
 def test_strides(data_folder: Path) -> None:
-    """The optics have a rate of their own, and end together with the sensor."""
+    """The optical truth has another rate than the sensor, and ends with it."""
     for file in (data_folder / "strides").glob("*.npz"):
         demo = import_file(file)
         assert demo.recording.rate_hz == pytest.approx(204.8)

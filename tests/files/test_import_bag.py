@@ -1,4 +1,4 @@
-"""Bags of ROS 2: our own export comes back, and what other recorders leave in them."""
+"""Bags of ROS 2: our own export, and bags as drivers record them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ import pytest
 from numpy.testing import assert_allclose
 from rosbags.rosbag2 import storage_mcap
 
-from pbd.cli import main
 from pbd.data import Recording
 from pbd.errors import PbdWarning, RecordingError
+from pbd.files.demo import load_demo
+from pbd.files.exporters import export
 from pbd.files.importers import import_file, import_recording
 from pbd.simulation.simulate import simulate
+from tests.files.test_formats import planned
 
 LATE_NS = 40_000_000
-"""How much later than the sensor's reading the recorder of these bags got a message."""
+"""Delay between a reading of the sensor and the recording of its message, ns."""
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +34,7 @@ def recording() -> Recording:
 def write_bag(
     path: Path, recording: Recording, topics: tuple[str, ...] = ("/imu",), mcap: bool = True, packed: str = "none"
 ) -> Path:
-    """Write with rosbags as a driver does: header stamps, arrivals later, a covariance that says "no orientation"."""
+    """Write a bag with rosbags as a driver does: messages arrive later than their stamps, there is no orientation."""
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -84,20 +86,22 @@ def assert_same(read: Recording, written: Recording) -> None:
 
 
 @pytest.mark.parametrize(("mcap", "packed"), [(True, "none"), (False, "none"), (True, "message"), (False, "message")])
-def test_both_kinds_by_their_header_stamps(tmp_path: Path, recording: Recording, mcap: bool, packed: str) -> None:
+def test_both_storages_are_read_by_their_header_stamps(
+    tmp_path: Path, recording: Recording, mcap: bool, packed: str
+) -> None:
     bag = write_bag(tmp_path / "bag", recording, mcap=mcap, packed=packed)
     for place in (bag, bag.parent):
         assert_same(import_file(place).recording, recording)
 
 
-def test_a_message_that_swells_is_not_unpacked(tmp_path: Path, recording: Recording) -> None:
+def test_a_message_that_decompresses_to_too_much_is_refused(tmp_path: Path, recording: Recording) -> None:
     bag = write_bag(tmp_path / "bag", recording, mcap=False, packed="message")
     whole = sqlite3.connect(bag)
     whole.execute("UPDATE messages SET data = ? WHERE id = 7", (storage_mcap.zstd.compress(bytes(10**8)),))
     whole.commit()
     whole.close()
     for place in (bag, bag.parent):
-        with pytest.raises(RecordingError, match=r"a message of \d+ bytes is cut off, or swells to more than 10000"):
+        with pytest.raises(RecordingError, match=r"of \d+ bytes is cut off, or decompresses to more than 10000"):
             import_file(place)
 
 
@@ -110,8 +114,8 @@ def test_a_bag_of_compressed_files_says_how_to_unpack_it(tmp_path: Path, recordi
     assert_same(import_file(bag.with_suffix("")).recording, recording)
 
 
-def test_a_bags_mcap_is_looked_at_by_any_name(tmp_path: Path, recording: Recording) -> None:
-    """What rosbags opens is what metadata.yaml names."""
+def test_the_mcap_of_a_bag_may_have_any_suffix(tmp_path: Path, recording: Recording) -> None:
+    """rosbags opens the files that metadata.yaml names."""
     bag = write_bag(tmp_path / "bag", recording)
     about = bag.parent / "metadata.yaml"
     about.write_text(about.read_text().replace("bag.mcap", "bag.bin"))
@@ -120,15 +124,11 @@ def test_a_bags_mcap_is_looked_at_by_any_name(tmp_path: Path, recording: Recordi
         import_file(bag.parent)
 
 
-def test_our_own_export_comes_back(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["export", "pouring", "--robot", "panda", "-o", "out.mcap"]) == 0
-    from pbd.files.demo import load_demo
-
-    ours, read = load_demo("pouring").recording, import_file(Path("out.mcap")).recording
-    assert_same(read, replace(ours, device_rpy=None))
+def test_our_own_export_comes_back(tmp_path: Path) -> None:
+    plan, robot, source = planned("panda")
+    export(plan.trajectory, robot, "mcap", tmp_path / "out.mcap", 10.0, source=source)
+    ours = load_demo("pouring").recording
+    assert_same(import_file(tmp_path / "out.mcap").recording, replace(ours, device_rpy=None))
 
 
 def test_a_topic_is_chosen_or_the_only_one(tmp_path: Path, recording: Recording) -> None:
@@ -156,7 +156,7 @@ def test_a_bag_whose_end_is_missing_is_read_as_far_as_it_goes(
     assert_allclose(read.acc, recording.acc[:n])
 
 
-def test_what_is_no_bag_is_refused(tmp_path: Path, recording: Recording) -> None:
+def test_other_files_are_refused(tmp_path: Path, recording: Recording) -> None:
     bag = write_bag(tmp_path / "bag", recording, ())
     with pytest.raises(RecordingError, match=r"no topic of type sensor_msgs/msg/Imu; it has /mag \(sensor_msgs/msg/M"):
         import_file(bag)
@@ -164,15 +164,15 @@ def test_what_is_no_bag_is_refused(tmp_path: Path, recording: Recording) -> None
         (tmp_path / name).write_bytes(b"no bag at all" * 9)
         with pytest.raises(RecordingError, match=r"text\.\w+: (it is no MCAP|can't be read as a bag)"):
             import_file(tmp_path / name)
-    # A chunk of 100 bytes that says that it holds ten gigabytes.
+    # A chunk of 100 bytes that claims to contain ten gigabytes.
     swelling = struct.pack("<BQQQQI", 6, 100, 0, 0, 10**10, 0) + bytes(72)
     (tmp_path / "bomb.mcap").write_bytes(bag.read_bytes()[:8] + swelling + bytes(37))
-    with pytest.raises(RecordingError, match="a chunk of 100 bytes swells to 10000 MB, which is refused"):
+    with pytest.raises(RecordingError, match="a chunk of 100 bytes decompresses to 10000 MB, which is refused"):
         import_file(tmp_path / "bomb.mcap")
 
 
-def test_a_chunk_that_holds_more_than_it_says_is_not_unpacked(tmp_path: Path, recording: Recording) -> None:
-    """Read as a file and in its folder, which are opened by different parts of rosbags."""
+def test_a_chunk_with_a_wrong_size_in_its_header_is_refused(tmp_path: Path, recording: Recording) -> None:
+    """A file and its folder are opened by different parts of rosbags."""
     bag = write_bag(tmp_path / "bag", recording)
     whole, zstd = bag.read_bytes(), storage_mcap.zstd
     first = zstd.compress(bytes(1000))

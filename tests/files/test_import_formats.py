@@ -1,4 +1,4 @@
-"""Samples, written by hand, of the files that other programs leave: each from the published format that it names."""
+"""Short files in the formats of other programs, written by hand after the published format that each one names."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def imported(folder: Path, text: str, rate_hz: float | None = None, name: str = 
 
 
 def decided(read: Imported) -> Mapping[str, str]:
-    """Ours -> the file's column."""
+    """Map our names to the file's columns."""
     return {column.ours: column.name for column in read.understood.columns}
 
 
@@ -41,8 +41,9 @@ Gyr_X,Gyr_Y,Gyr_Z,Mag_X,Mag_Y,Mag_Z
 2,4294967295,1,0,0,0,0.1,0.2,0.3,0.5,0.25,9.75,90,0,-180,0.5,0,-0.75
 3,16666,1,0,0,0,0.1,0.2,0.3,0.5,0.25,9.75,90,0,-180,0.5,0,-0.75
 """
-"""As Movella's Android SDK writes it (DotLogger: `TITLE_...`), in Custom Mode 5 with a field; SampleTimeFine is us and
-starts anew at 2^32; Acc is m/s2, Gyr deg/s (Movella DOT User Manual XD0502P)."""
+"""Format of Movella's Android SDK (DotLogger: `TITLE_...`) in Custom Mode 5, with a magnetometer.
+
+SampleTimeFine is in us and wraps at 2^32; Acc is in m/s2, Gyr in deg/s (Movella DOT User Manual XD0502P)."""
 
 
 def test_movella_dot(tmp_path: Path) -> None:
@@ -67,7 +68,7 @@ PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tMag_X\t
 00001\t5000100\t0.5\t0.25\t9.75\t1.5\t0\t-2\t0.5\t0\t-0.75
 00002\t5000200\t0.5\t0.25\t9.75\t1.5\t0\t-2\t0.5\t0\t-0.75
 """
-"""As Xsens' MT Manager exports an MTi's log: SampleTimeFine in 0.1 ms, Gyr in rad/s."""
+"""Format of Xsens' MT Manager for an MTi: SampleTimeFine is in 0.1 ms, Gyr in rad/s."""
 
 
 def test_xsens_mt_manager(tmp_path: Path) -> None:
@@ -85,7 +86,7 @@ ms,no units,m/(s^2),m/(s^2),m/(s^2),m/(s^2),m/(s^2),m/(s^2),deg/s,deg/s,deg/s,lo
 1.5E12,100,0.5,0.25,9.75,7,7,7,90,0,-180,0.5,0,-0.75,
 1.500000000020E12,100,0.5,0.25,9.75,7,7,7,90,0,-180,0.5,0,-0.75,
 """
-"""As Shimmer's ConsensysPRO exports: names, units and rows, each with a comma at its end; two accelerometers."""
+"""Format of Shimmer's ConsensysPRO: names, units, rows, each with a comma at its end; two accelerometers."""
 
 
 @pytest.mark.parametrize("delimiter", [",", "\t"])
@@ -101,7 +102,7 @@ def test_shimmer(tmp_path: Path, delimiter: str) -> None:
 
 
 def test_an_ximu3s_folder(tmp_path: Path) -> None:
-    """As x-IMU3 GUI's data logger writes it: a folder, and in it a file for each kind of message."""
+    """The x-IMU3 GUI's data logger writes a folder with a file for each type of message."""
     inertial = "Timestamp (us),Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s),Accelerometer X (g),"
     inertial += "Accelerometer Y (g),Accelerometer Z (g)\n1000000,90,0,0,0,0,1\n1002500,90,0,0,0,0,1\n"
     field = "Timestamp (us),Magnetometer X (a.u.),Magnetometer Y (a.u.),Magnetometer Z (a.u.)\n"
@@ -134,12 +135,12 @@ Temperature: 25.36 degC
 M5STICK = """Acceleration: X=0.50, Y=0.25, Z=9.75
 Gyroscope: X=1.50, Y=0.00, Z=-2.00
 """
-"""Sketches for M5StickC's MPU6886 print so; the library's own units are g and deg/s (here given as SI)."""
+"""Format of sketches for M5StickC's MPU6886. The library's units are g and deg/s; here the values are SI."""
 
 
 @pytest.mark.parametrize("line", [PLOTTER, BASIC_READINGS, M5STICK])
 def test_lines_that_sketches_print(tmp_path: Path, line: str) -> None:
-    text = line[20:] + 4 * line + line[:20]  # a serial monitor that was opened, and closed, on the way
+    text = line[20:] + 4 * line + line[:20]  # the serial monitor was opened and closed within a line
     recording = imported(tmp_path, text, 50.0, "monitor.log").demo.recording
     assert_allclose(recording.acc, np.tile([0.5, 0.25, 9.75], (len(recording), 1)))
     assert recording.gyr is not None
@@ -149,7 +150,7 @@ def test_lines_that_sketches_print(tmp_path: Path, line: str) -> None:
         imported(tmp_path, text, None, "monitor.log")
 
 
-def test_the_monitors_own_times(tmp_path: Path) -> None:
+def test_times_of_the_serial_monitor(tmp_path: Path) -> None:
     lines = "".join(f"12:34:56.{ms:03d} -> {PLOTTER}" for ms in (990, 995))
     recording = imported(tmp_path, lines + f"12:34:57.000 -> {PLOTTER}", None, "monitor.txt").demo.recording
     assert_allclose(recording.t, [0.0, 0.005, 0.01], atol=1e-9)
@@ -173,7 +174,7 @@ def test_a_gyro_by_any_name(tmp_path: Path, header: str, scale: float) -> None:
     assert_allclose(recording.gyr[0], np.array((1.0, 2.0, 3.0)) * scale)
 
 
-def test_what_looks_inertial_is_never_dropped(tmp_path: Path) -> None:
+def test_a_column_that_looks_inertial_is_never_ignored(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"turnX, turnY, turnZ look like a gyro, .* --column gx=turnX and its"):
         imported(tmp_path, "t,ax,ay,az,turnX,turnY,turnZ\n0,0,0,9.8,1,2,3\n")
 
@@ -189,7 +190,7 @@ def test_what_looks_inertial_is_never_dropped(tmp_path: Path) -> None:
         ("mag1", "looks like inertial data", "mx=mag1"),
     ],
 )
-def test_nor_what_has_no_axis_that_is_known(tmp_path: Path, header: str, what: str, option: str) -> None:
+def test_nor_is_one_without_a_known_axis(tmp_path: Path, header: str, what: str, option: str) -> None:
     cells = ",1" * len(header.split(","))
     with pytest.raises(RecordingError, match=rf"{what}, but .* with --column {option} and its like"):
         imported(tmp_path, f"t,ax,ay,az,{header}\n0,0,0,9.8{cells}\n")
@@ -197,8 +198,8 @@ def test_nor_what_has_no_axis_that_is_known(tmp_path: Path, header: str, what: s
     assert all(why.startswith("another column has the ") for why in read.understood.unread.values())
 
 
-def test_what_is_said_of_a_sensor_is_no_reading_of_it(tmp_path: Path) -> None:
-    """SensorLog's, Shimmer's and `rostopic echo -p`'s columns that no gyro or magnetometer is in, and others."""
+def test_a_column_about_a_sensor_is_not_a_reading(tmp_path: Path) -> None:
+    """Columns of SensorLog, Shimmer, `rostopic echo -p` and others that name a sensor but are no reading of it."""
     names = (
         "gyroTimestamp_sinceReboot(s),gyro_temp,motionMagneticFieldCalibrationAccuracy(Z),gyro_range,mag_norm,frame_rate,"
         "field.angular_velocity_covariance0,magneticHeading,accuracy,image,language,rotation_vector,heart_rate,gyro_bias_x"
@@ -208,7 +209,7 @@ def test_what_is_said_of_a_sensor_is_no_reading_of_it(tmp_path: Path) -> None:
     assert all(read.understood.unread.values())
 
 
-def test_acceleration_without_gravity_is_no_specific_force(tmp_path: Path) -> None:
+def test_acceleration_without_gravity_is_refused(tmp_path: Path) -> None:
     header = "t,userAccelerationX,userAccelerationY,userAccelerationZ"
     with pytest.raises(RecordingError, match=r"no column for ax, ay, az \(specific force\); userAcc.* without gravity"):
         imported(tmp_path, f"{header}\n0,0,0,0\n")
@@ -222,7 +223,7 @@ def test_acceleration_without_gravity_is_no_specific_force(tmp_path: Path) -> No
         ("time_ms,timestamp", ("0,7", "10,7"), "time_ms"),
     ],
 )
-def test_the_right_time_of_several(tmp_path: Path, header: str, rows: tuple[str, ...], wanted: str) -> None:
+def test_the_best_clock_of_several_is_chosen(tmp_path: Path, header: str, rows: tuple[str, ...], wanted: str) -> None:
     read = imported(tmp_path, f"{header},ax,ay,az\n" + "".join(f"{row},0,0,9.8\n" for row in rows))
     assert decided(read)["t"] == wanted
     assert_allclose(read.demo.recording.t, [0.0, 0.01])
@@ -236,11 +237,11 @@ def test_the_right_time_of_several(tmp_path: Path, header: str, rows: tuple[str,
         ("wann", ("10:00:00.990", "10:00:01.000")),
     ],
 )
-def test_a_date_is_a_time_whatever_its_name(tmp_path: Path, name: str, stamps: tuple[str, str]) -> None:
+def test_a_column_of_dates_may_have_any_name(tmp_path: Path, name: str, stamps: tuple[str, str]) -> None:
     read = imported(tmp_path, f"day,{name},ax,ay,az\n" + "".join(f"2024-01-01,{at},0,0,9.8\n" for at in stamps))
     assert_allclose(read.demo.recording.t, [0.0, 0.01], atol=1e-6)
     assert read.understood.of("t")[0].named_by == "its dates"
-    with pytest.raises(RecordingError, match=r"no column for t \(time\)"):  # a clock that stands still is none
+    with pytest.raises(RecordingError, match=r"no column for t \(time\)"):  # the clock stands still
         imported(tmp_path, f"{name},ax,ay,az\n" + 2 * f"{stamps[0]},0,0,9.8\n")
 
 

@@ -1,4 +1,4 @@
-"""Recordings of Sensor Logger and phyphox: sign, unit and file of specific force; one clock; damaged zips."""
+"""Recordings of Sensor Logger and phyphox: sign, unit and file of specific force; a common clock; damaged zips."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pbd.files.importers import import_file, import_recording, phones
 N = 200
 T = np.arange(N) / 100.0
 UP = np.column_stack((0.3 * np.sin(T), 0.2 * np.cos(T), GRAVITY + 0.5 * np.sin(3.0 * T)))
-"""m/s2, specific force of a phone that lies on its back."""
+"""Specific force of a phone that lies on its back, m/s2."""
 
 GRAVITY_PART = np.tile((0.0, 0.0, GRAVITY), (N, 1))
 TURN = np.column_stack((np.sin(T), np.cos(T), T))
@@ -28,7 +28,7 @@ ABOUT = "version,device name,recording epoch time,platform,appVersion,standardis
 
 
 def table(t: np.ndarray, xyz: np.ndarray) -> str:
-    """As Sensor Logger writes it: nanoseconds, seconds, z before y before x."""
+    """Write a table like Sensor Logger: nanoseconds, seconds, z, y, x."""
     ns = 1_787_923_304_000_000_000
     rows = (f"{ns + round(1e9 * at)},{at},{z},{y},{x}" for at, (x, y, z) in zip(t.tolist(), xyz.tolist(), strict=True))
     return "\n".join((HEAD, *rows)) + "\n"
@@ -63,7 +63,7 @@ def test_android_reads_total_acceleration_from_zip_folder_and_csv(tmp_path: Path
         assert_allclose(got.t, T, atol=1e-6)
 
 
-def test_every_column_of_every_file_has_its_line(tmp_path: Path) -> None:
+def test_every_column_of_every_file_is_listed(tmp_path: Path) -> None:
     place = folder(tmp_path / "walk", {"TotalAcceleration": UP, "Accelerometer": UP - GRAVITY_PART, "Gyroscope": TURN})
     (place / "Barometer.csv").write_text("time,seconds_elapsed,pressure\n0,0,1013\n")
     understood = import_recording(packed(place)).understood
@@ -92,14 +92,14 @@ def test_signs_and_units_of_an_iphone(tmp_path: Path, tables: dict[str, np.ndarr
 
 
 @pytest.mark.parametrize("name", ["a{}", "-AccelerometerUncalibrated.csv: {}"], ids=["ours", "the file's"])
-def test_swapped_axes_of_an_iphone_are_mended_by_either_name(tmp_path: Path, name: str) -> None:
+def test_swapped_axes_of_an_iphone_are_corrected_by_either_name(tmp_path: Path, name: str) -> None:
     place = folder(tmp_path / "i", {"AccelerometerUncalibrated": -UP[:, [1, 0, 2]] / GRAVITY}, "ios")
     columns = {"ax": name.format("y"), "ay": name.format("x")}
     assert_allclose(import_recording(place, columns).demo.recording.acc, UP, atol=1e-9)
 
 
 @pytest.mark.parametrize("written", [UP, -UP / GRAVITY], ids=["Android's", "an iPhone's"])
-def test_whose_acceleration_it_is_shows_without_metadata(tmp_path: Path, written: np.ndarray) -> None:
+def test_the_phone_is_recognised_by_the_norm_without_metadata(tmp_path: Path, written: np.ndarray) -> None:
     place = folder(tmp_path / "w", {"AccelerometerUncalibrated": written, "Gyroscope": TURN})
     (place / "Metadata.csv").unlink()
     assert_allclose(read(place).acc, UP, atol=1e-9)
@@ -112,8 +112,8 @@ def test_acceleration_without_gravity_names_the_file_that_is_needed(tmp_path: Pa
         read(place)
 
 
-def test_streams_of_different_rates_are_joined_on_the_gyros_clock_without_inventing(tmp_path: Path) -> None:
-    """The accelerometer begins late, ends early and has a hole: those samples of the gyro are left out."""
+def test_streams_of_different_rates_are_joined_on_the_gyros_clock(tmp_path: Path) -> None:
+    """The accelerometer starts late, ends early and has a gap: the gyro's samples there are left out."""
     place = folder(tmp_path / "w", {})
     fine = np.arange(800) / 400.0 + 0.0003
     (place / "Gyroscope.csv").write_text(table(fine, np.column_stack((fine, -fine, fine))))
@@ -130,7 +130,7 @@ def test_streams_of_different_rates_are_joined_on_the_gyros_clock_without_invent
 
 
 def phyphox(place: Path, separator: str = ",", comma: bool = False, linear: bool = False) -> Path:
-    """As its exporter writes: quoted names, ten digits, NaN where a column is shorter."""
+    """Write a folder like phyphox' exporter: quoted names, ten digits, NaN at the end of a shorter column."""
     (place / "meta").mkdir(parents=True)
 
     def write(name: str, header: list[str], rows: np.ndarray) -> None:
@@ -170,7 +170,7 @@ def test_phyphox_without_gravity_is_refused(tmp_path: Path) -> None:
         read(phyphox(tmp_path / "p", linear=True))
 
 
-def test_half_a_zip_and_a_bomb_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_truncated_zip_and_a_zip_bomb_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = packed(folder(tmp_path / "w", {"TotalAcceleration": UP, "Gyroscope": TURN}))
     whole = place.read_bytes()
     half = tmp_path / "half.zip"
@@ -197,4 +197,4 @@ def test_flipped_bytes_in_a_zip_never_give_other_numbers(tmp_path: Path) -> None
             got = read(place)
         except RecordingError:
             continue
-        assert_allclose(got.acc, right.acc)  # what was hit is not read: a date, another name
+        assert_allclose(got.acc, right.acc)  # the damaged byte is not read: a date, or another name

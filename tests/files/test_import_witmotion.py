@@ -1,4 +1,4 @@
-"""Logs of WitMotion's programs, version by version: what is simulated and written so is read again."""
+"""Logs of WitMotion's programs: a simulated recording in each version's format is read again."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ def of_day(at: datetime) -> str:
 
 
 def unpadded(at: datetime) -> str:
-    """As whole numbers, one after the other: milliseconds too."""
+    """Write whole numbers without leading zeros, the last one milliseconds."""
     return f"{at.year}-{at.month}-{at.day} {at.hour}:{at.minute}:{at.second}:{at.microsecond // 1000}"
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How one program writes: remarks, header (`*` stands for X, Y, Z), delimiter, encoding, times, decimal mark."""
+    """The format of one program. In the header, `*` stands for X, Y, Z."""
 
     header: str
     times: tuple[Callable[[datetime], str], ...]
@@ -106,7 +106,7 @@ def columns_of(dialect: Dialect) -> list[str]:
 
 
 def written(dialect: Dialect, recording: Recording, devices: Sequence[str] = ("WT901(d6:a8)",)) -> bytes:
-    """A recording as the program would log it: 4 decimals of g, 3 of deg/s, 3 of degrees, whole counts of field."""
+    """Write a recording with 4 decimals of g, 3 of deg/s, 3 of degrees, and whole uT."""
     assert recording.gyr is not None
     assert recording.mag is not None
     assert recording.device_rpy is not None
@@ -137,7 +137,7 @@ def recording() -> Recording:
 
 
 @pytest.mark.parametrize("dialect", DIALECTS.values(), ids=list(DIALECTS))
-def test_every_program_is_understood(dialect: Dialect, recording: Recording, tmp_path: Path) -> None:
+def test_the_log_of_every_program_is_read(dialect: Dialect, recording: Recording, tmp_path: Path) -> None:
     file = tmp_path / "log.txt"
     file.write_bytes(written(dialect, recording))
     got = import_file(file).recording
@@ -181,6 +181,6 @@ def test_stamps_count_seconds(at: datetime) -> None:
 
 
 @pytest.mark.parametrize("cell", ["noon", "8:18", "2025-13-41 8:18:09", "8:18:9pm"])
-def test_what_is_no_time_is_refused(cell: str) -> None:
+def test_a_text_that_is_not_a_time_is_refused(cell: str) -> None:
     with pytest.raises(ValueError, match=r".+"):
         seconds(cell)

@@ -1,4 +1,4 @@
-"""What others wrote is read with care: regular files alone, bounded, and each failure is an error of ours."""
+"""Files of others: only regular files of bounded size are read, and each failure is a PbdError."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ READ: dict[str, Callable[[Path], object]] = {
 @pytest.mark.parametrize(
     "make", [os.mkfifo, os.mkdir, lambda path: path.symlink_to("/dev/zero")], ids=["pipe", "folder", "device"]
 )
-def test_what_is_no_file_is_refused_and_never_waited_for(
+def test_what_is_not_a_regular_file_is_refused_without_waiting(
     tmp_path: Path, name: str, make: Callable[[Path], None]
 ) -> None:
     make(tmp_path / name)
@@ -52,7 +52,7 @@ def test_what_is_no_file_is_refused_and_never_waited_for(
         READ[name](tmp_path / name)
 
 
-def test_a_pipe_among_the_robots_is_passed_over(
+def test_a_pipe_as_a_robots_file_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -62,7 +62,7 @@ def test_a_pipe_among_the_robots_is_passed_over(
     assert "robots/mine.toml: can't be read (it is not a regular file)" in capsys.readouterr().err
 
 
-def test_a_pipe_in_the_place_of_keyframes_is_not_passed_over(tmp_path: Path) -> None:
+def test_a_pipe_as_keyframes_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "demo.toml").write_text(bodies.DEMO, encoding="utf-8")
     (tmp_path / "imu.csv").write_text("t,ax,ay,az\n0,0,0,9.81\n0.01,0,0,9.81\n", encoding="utf-8")
     os.mkfifo(tmp_path / "keyframes.toml")
@@ -73,12 +73,12 @@ def test_a_pipe_in_the_place_of_keyframes_is_not_passed_over(tmp_path: Path) -> 
 def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "large"
     with path.open("wb") as file:
-        file.truncate(10**12)  # it has holes alone
+        file.truncate(10**12)  # a sparse file
     with pytest.raises(RobotError, match=r"it has 1e\+06 MB, more than the 1e\+03 MB that are read\); go"):
         read_bytes(path, RobotError, "go")
 
 
-def test_a_message_is_one_short_line_in_print() -> None:
+def test_a_message_is_one_short_printable_line() -> None:
     message = str(PbdError("no \x1b[2J name\n'" + "(" * 100_000 + "'; correct it"))
     assert message.startswith(r"no \x1b[2J name '(((")
     assert message.endswith("((('; correct it")
@@ -89,12 +89,12 @@ def test_a_message_is_one_short_line_in_print() -> None:
 
 
 @pytest.mark.parametrize("text", ["1_000", "１２", "0x10", "", "1e", "--1", "1 2"])
-def test_no_number(text: str) -> None:
+def test_texts_that_are_not_numbers(text: str) -> None:
     with pytest.raises(ValueError, match=r"number|float|time"):
         number(text)
 
 
-def test_digits_that_only_python_groups_are_told_with_their_line(tmp_path: Path) -> None:
+def test_a_number_that_only_python_accepts_is_refused_with_its_line(tmp_path: Path) -> None:
     (tmp_path / "imu.csv").write_text("t,ax\n0,1\n0.01,1_000\n", encoding="utf-8")
     with pytest.raises(RecordingError, match=r"imu\.csv:3: '1_000' in column 'ax' is not a number; "):
         read_table(tmp_path / "imu.csv")
@@ -118,7 +118,7 @@ def test_a_quote_that_is_never_closed(tmp_path: Path) -> None:
 # --- npz --------------------------------------------------------------------------------------------------------------
 
 
-def test_an_npz_is_read_by_its_known_arrays_alone(tmp_path: Path) -> None:
+def test_only_the_known_arrays_of_an_npz_are_read(tmp_path: Path) -> None:
     path = tmp_path / "run.npz"
     np.savez(path, rate_hz=100.0, acc=np.ones((3, 3)))
     with zipfile.ZipFile(path, "a") as archive:
@@ -126,7 +126,7 @@ def test_an_npz_is_read_by_its_known_arrays_alone(tmp_path: Path) -> None:
     assert len(import_file(path).recording) == 3
 
 
-def test_an_array_larger_than_is_read_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_too_large_array_is_not_decompressed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(npz, "LARGE", 10_000_000)
     path = tmp_path / "run.npz"
     np.savez_compressed(path, rate_hz=100.0, acc=np.zeros((500_000, 3)))
@@ -136,7 +136,7 @@ def test_an_array_larger_than_is_read_is_not_unpacked(tmp_path: Path, monkeypatc
 
 
 @pytest.mark.parametrize("shape", [(10**9, 3), (10**30, 3), (4, 3), (-1, 3)])
-def test_an_array_shorter_than_it_says_is_not_made_room_for(tmp_path: Path, shape: tuple[int, int]) -> None:
+def test_an_array_with_a_wrong_shape_in_its_header_is_refused(tmp_path: Path, shape: tuple[int, int]) -> None:
     path = tmp_path / "run.npz"
     np.savez(path, rate_hz=100.0, acc=np.ones((3, 3)))
     with zipfile.ZipFile(path) as archive:
@@ -152,14 +152,14 @@ def test_an_array_shorter_than_it_says_is_not_made_room_for(tmp_path: Path, shap
 
 
 @pytest.mark.parametrize("encoding", ["utf-7", "shift_jis", "nonsense"])
-def test_xml_in_an_encoding_that_nobody_reads(tmp_path: Path, encoding: str) -> None:
+def test_xml_in_an_unknown_encoding_is_refused(tmp_path: Path, encoding: str) -> None:
     path = tmp_path / "a.urdf"
     path.write_text(f'<?xml version="1.0" encoding="{encoding}"?><robot name="a"/>', encoding="ascii")
     with pytest.raises(RobotError, match=r"a\.urdf: not valid XML: .*; save it as UTF-8"):
         read_xml(path)
 
 
-def test_a_package_without_a_file(tmp_path: Path) -> None:
+def test_a_mesh_address_without_a_file(tmp_path: Path) -> None:
     assert not mesh_file("package://", tmp_path / "a.urdf", [tmp_path]).is_file()
 
 
@@ -173,7 +173,7 @@ def test_a_package_without_a_file(tmp_path: Path) -> None:
         ("<scale>1 2 1</scale>", "<scale>1 two 1</scale>", "Failed to parse scale"),
     ],
 )
-def test_a_collada_mesh_that_can_not_be(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_an_invalid_collada_mesh_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     path = tmp_path / "a.dae"
     path.write_text(bodies.DAE.replace(old, new), encoding="utf-8")
     with pytest.raises(RobotError, match=re.escape(message)):

@@ -1,4 +1,4 @@
-"""keyframes.toml: what is written is what is read, and a mistake is told with its line."""
+"""keyframes.toml: it is read as it was written, and a mistake is refused with its line."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FOUND = find_keyframes(track(simulate("pour", "modern", 0).recording))
 
 
 def edited(tmp_path: Path, old: str, new: str, count: int = 1) -> Path:
-    """The found keyframes' file with a person's edit."""
+    """Write the found keyframes with a person's edit."""
     text = keyframes_toml("tea", FOUND, magnetic=True)
     assert old in text
     path = tmp_path / "keyframes.toml"
@@ -41,7 +41,7 @@ def edited(tmp_path: Path, old: str, new: str, count: int = 1) -> Path:
 
 
 def line_of(path: Path, error: PbdError) -> str:
-    """The line that the error names."""
+    """Return the text of the line that the error names."""
     line = error.fields["line"]
     assert isinstance(line, int)
     assert f"{path}:{line}:" in error.message
@@ -53,20 +53,20 @@ def assert_same(read: tuple[Keyframe, ...], written: tuple[Keyframe, ...]) -> No
     for ours, theirs in zip(read, written, strict=True):
         shift, turn = ours.T_nav_sensor.distance(theirs.T_nav_sensor)
         assert shift < 1e-4
-        assert turn < np.radians(0.0016)  # three angles, each rounded by half a thousandth
+        assert turn < np.radians(0.0016)  # three angles, each rounded by 0.0005 degrees
         assert ours.t == pytest.approx(theirs.t, abs=5.1e-4)
         assert (ours.grip, ours.label) == (theirs.grip, theirs.label)
         np.testing.assert_allclose(np.sqrt(np.diagonal(ours.cov)), np.sqrt(np.diagonal(theirs.cov)), atol=1e-4)
 
 
-def test_a_tolerance_that_rounding_would_leave_nothing_of_comes_back(tmp_path: Path) -> None:
+def test_a_tiny_tolerance_is_not_rounded_to_zero(tmp_path: Path) -> None:
     learned = replace(FOUND[0], tolerance_m=np.array([1e-6, 0.002, 2e-5]), tolerance_rad=1e-6)
     (read, *_) = read_keyframes(write_keyframes(tmp_path, [learned, *FOUND[1:]], magnetic=True))
     assert read.tolerance_m == pytest.approx(np.array([1e-4, 0.002, 1e-4]))
     assert read.tolerance_rad == pytest.approx(np.radians(0.01))
 
 
-def test_nudges_things_and_touch_ups_come_back(tmp_path: Path) -> None:
+def test_nudges_frames_and_touch_ups_are_read_as_written(tmp_path: Path) -> None:
     nudge = np.array([0.001, -0.002, 0.0])
     moved = (
         FOUND[0],
@@ -85,7 +85,7 @@ def test_nudges_things_and_touch_ups_come_back(tmp_path: Path) -> None:
     assert [each.t for each in back] == [pytest.approx(each.t, abs=5e-4) for each in touch_ups]
 
 
-def test_what_is_written_is_read(tmp_path: Path) -> None:
+def test_tracked_keyframes_are_read_as_written(tmp_path: Path) -> None:
     labelled = tuple(replace(keyframe, label=f'"{i}" über\n') for i, keyframe in enumerate(FOUND))
     read = read_keyframes(write_keyframes(tmp_path, labelled, magnetic=True))
     assert_same(read, labelled)
@@ -107,7 +107,9 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
         max_size=5,
     )
 )
-def test_any_keyframes(tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[object, ...]]) -> None:
+def test_any_keyframes_are_read_as_written(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[object, ...]]
+) -> None:
     t, keyframes, before = 0.0, list[Keyframe](), None
     for step, dwell, p, turn, grip, label in rows:
         if grip == before:
@@ -125,7 +127,7 @@ def test_any_keyframes(tmp_path_factory: pytest.TempPathFactory, rows: list[tupl
     assert len(caught) == (first is False)
 
 
-def test_a_first_grip_that_opens_is_told_with_its_line(tmp_path: Path) -> None:
+def test_a_first_grip_that_opens_is_warned_of_with_its_line(tmp_path: Path) -> None:
     path = edited(tmp_path, 'grip = "closes"\n', "")
     with pytest.warns(PbdWarning, match="it is open from the start: nothing changes there") as caught:
         keyframes = read_keyframes(path)
@@ -135,7 +137,7 @@ def test_a_first_grip_that_opens_is_told_with_its_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("axis", range(3))
-def test_a_place_beyond_all_reach_is_refused_with_its_line(tmp_path: Path, axis: int) -> None:
+def test_a_keyframe_out_of_reach_is_refused_with_its_line(tmp_path: Path, axis: int) -> None:
     path = write_keyframes(tmp_path, FOUND, magnetic=True)
     place = np.where(np.arange(3) == axis, -44.0, 0.1).tolist()
     lines = path.read_text(encoding="utf-8").splitlines()
@@ -163,7 +165,7 @@ def test_two_grips_in_a_row_that_do_the_same_are_refused(tmp_path: Path, old: st
     assert caught.value.fields["line"] == len(lines) - lines[::-1].index(f'grip = "{word}"')  # the second one's
 
 
-def test_what_could_not_be_read_again_is_not_saved(tmp_path: Path) -> None:
+def test_a_keyframe_out_of_reach_is_not_saved(tmp_path: Path) -> None:
     far = replace(FOUND[4], T_nav_sensor=Pose(np.array([0.0, -44.0, 0.0]), FOUND[4].T_nav_sensor.wxyz))
     with pytest.raises(RecordingError, match=r"keyframe 4 .* is 44\.0 m from the dock, .*; nothing is saved"):
         write_keyframes(tmp_path, (*FOUND[:4], far), magnetic=True)
@@ -196,18 +198,17 @@ def test_a_person_may_drop_insert_nudge_and_rename(tmp_path: Path) -> None:
         ("rpy_deg = [", "rpy_deg = [1, ", "rpy_deg = [1, ", "must have 3 numbers"),
         ("sigma_m = [0.00", "sigma_m = [-1.00", "sigma_m = [-1.00", "must not be below zero"),
         ("rpy_deg = [", 'frames = ["cup", "cup"]\nrpy_deg = [', "frames = ", "'cup' can't carry itself"),
-        ("format = 1", "format = 2", "format = 2", "must be 1"),
         ("rpy_deg = [", "rpy_deg = [400.0, 0.0, 0.0] # [", "rpy_deg = [400", "must hold only numbers from -360 to 360"),
     ],
 )
-def test_a_mistake_is_told_with_its_line(tmp_path: Path, old: str, new: str, line: str, says: str) -> None:
+def test_a_mistake_is_refused_with_its_line(tmp_path: Path, old: str, new: str, line: str, says: str) -> None:
     path = edited(tmp_path, old, new)
     with pytest.raises(RecordingError, match=says) as caught:
         read_keyframes(path)
     assert line_of(path, caught.value).startswith(line)
 
 
-def test_a_dwell_of_many_minutes_is_asked_about(tmp_path: Path) -> None:
+def test_a_long_dwell_is_warned_of(tmp_path: Path) -> None:
     path = tmp_path / "keyframes.toml"
     for long in range(len(FOUND)):
         stays = [1000.0 if k == long else 0.5 for k in range(len(FOUND))]
@@ -220,18 +221,18 @@ def test_a_dwell_of_many_minutes_is_asked_about(tmp_path: Path) -> None:
         (line,) = (number for number, text in enumerate(lines, start=1) if text.startswith("dwell_s = 1000"))
         said = [str(warning.message) for warning in caught]
         assert [f"{path}:{line}: the arm stays 1000 s at keyframe {long}" in text for text in said] == (
-            [True] if 0 < long < len(FOUND) - 1 else []  # it stays neither at the first nor at the last
+            [True] if 0 < long < len(FOUND) - 1 else []  # the arm doesn't stay at the first and the last
         )
 
 
-def test_the_hands_own_dwell_stands_beside_the_arms() -> None:
+def test_the_hands_dwell_is_in_the_comment_of_the_arms() -> None:
     text = keyframes_toml("tea", FOUND, magnetic=True, arm_dwell_s=[0.25] * len(FOUND))
     said = [line for line in text.splitlines() if line.startswith("dwell_s")]
     assert said == [f"dwell_s = 0.250 # the hand stood for {keyframe.dwell_s:.2f} s" for keyframe in FOUND]
 
 
 @pytest.mark.parametrize("key", ["t_s", "dwell_s", "position_m", "rpy_deg", "sigma_m", "sigma_deg", "grip"])
-def test_what_the_header_says_is_needed_is(tmp_path: Path, key: str) -> None:
+def test_the_keys_that_the_comment_calls_needed_are_required(tmp_path: Path, key: str) -> None:
     text = keyframes_toml("tea", FOUND, magnetic=True)
     (needed,) = (line for line in text.splitlines() if line.startswith("# Every keyframe needs"))
     path = tmp_path / "keyframes.toml"
@@ -250,14 +251,14 @@ def test_times_go_forward(tmp_path: Path) -> None:
     assert line_of(path, caught.value) == "t_s = 0.1"
 
 
-def test_an_empty_file_is_told(tmp_path: Path) -> None:
+def test_a_file_without_keyframes_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "keyframes.toml"
     path.write_text("format = 1\n", encoding="utf-8")
     with pytest.raises(RecordingError, match=r"it has no \[\[keyframe\]\]"):
         read_keyframes(path)
 
 
-def test_what_a_person_edited_is_not_written_over(tmp_path: Path) -> None:
+def test_an_existing_file_is_only_replaced_by_force(tmp_path: Path) -> None:
     path = write_keyframes(tmp_path, FOUND, magnetic=True)
     path.write_text("mine", encoding="utf-8")
     with pytest.raises(RecordingError, match="may have been edited; --force"):
@@ -267,7 +268,7 @@ def test_what_a_person_edited_is_not_written_over(tmp_path: Path) -> None:
     assert_same(read_keyframes(path), FOUND)
 
 
-def test_a_demonstration_has_them(tmp_path: Path) -> None:
+def test_a_demonstration_has_the_keyframes_of_its_file(tmp_path: Path) -> None:
     folder = tmp_path / "tea"
     write_demo(simulate("pour", "modern", 0), folder)
     assert read_demo(folder).keyframes is None
@@ -277,8 +278,8 @@ def test_a_demonstration_has_them(tmp_path: Path) -> None:
     assert_same(read, FOUND[:4])
 
 
-def test_an_edit_is_refused_by_the_files_own_name(tmp_path: Path) -> None:
-    """What is written first has another. What the file is warned of is said when it is read, not here."""
+def test_an_invalid_edit_is_refused_with_the_files_name(tmp_path: Path) -> None:
+    """The error does not name the temporary file, and there is no warning: that comes when the file is read."""
     path = write_keyframes(tmp_path, [FOUND[0], replace(FOUND[1], dwell_s=100.0), *FOUND[2:]], magnetic=True)
     before = path.read_bytes()
     with pytest.raises(RecordingError, match=rf"^{path}:\d+: \[keyframe\] frames ") as caught:
@@ -287,8 +288,7 @@ def test_an_edit_is_refused_by_the_files_own_name(tmp_path: Path) -> None:
     assert path.read_bytes() == before
 
 
-def test_touch_ups_at_once_all_count(tmp_path: Path) -> None:
-    """Each is added to what the file holds by then."""
+def test_touch_ups_at_the_same_time_are_all_kept(tmp_path: Path) -> None:
     path = write_keyframes(tmp_path, FOUND, magnetic=True)
     with ThreadPoolExecutor() as pool:
         list(pool.map(lambda k: add_touch_up(path, TouchUp(FOUND[k].t, np.full(3, 0.001))), range(1, 6)))

@@ -1,4 +1,4 @@
-"""The dataset, read back by Hugging Face's `datasets` and by pandas; with LeRobot by tests/benchmarks/lerobot.py."""
+"""LeRobot datasets, read back by Hugging Face's `datasets` and by pandas; tests/benchmarks/lerobot.py uses LeRobot."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def made(folder: Path, name: str, demos: tuple[str, ...] = ("pouring",), task: s
 
 
 def rows_of(folder: Path, cache: Path) -> Any:
-    from datasets import Dataset, Features, Sequence, Value  # takes its time to load
+    from datasets import Dataset, Features, Sequence, Value  # slow to import
 
     info = json.loads((folder / "meta/info.json").read_text())
     kinds = {
@@ -59,14 +59,14 @@ def test_datasets_reads_the_motion_in_degrees_and_percent(tmp_path: Path) -> Non
         jaw = -0.17 + points.gripper * 1.17  # rad
         assert_allclose(action[:, 5], 100.0 * (jaw + 0.174533) / (1.74533 + 0.174533), atol=1e-4)
         assert_allclose(state[1:], action[:-1])
-        assert_allclose(action[0], action[1], atol=0.1)  # it begins at rest, and ends so
+        assert_allclose(action[0], action[1], atol=0.1)  # the motion begins at rest
         assert_allclose(
             np.radians(action[[0, -1], :5]) + zero, arm_of("so101").robot.home[None].repeat(2, 0), atol=1e-5
         )
 
 
 def test_episodes_tasks_and_stats(tmp_path: Path) -> None:
-    import pandas as pd  # takes its time to load
+    import pandas as pd  # slow to import
 
     made(tmp_path / "tea", "so101", ("pouring", "paper-test1"))
     rows = rows_of(tmp_path / "tea", tmp_path / "cache").with_format("numpy")[:]
@@ -75,16 +75,20 @@ def test_episodes_tasks_and_stats(tmp_path: Path) -> None:
     episodes = pd.read_parquet(tmp_path / "tea/meta/episodes/chunk-000/file-000.parquet")
     assert [list(each) for each in episodes["tasks"]] == [["pouring"], ["paper-test1"]]
     stats = json.loads((tmp_path / "tea/meta/stats.json").read_text())
-    of_all: Array = rows["action"]
-    for kind, value in (("min", of_all.min(0)), ("mean", of_all.mean(0)), ("q99", np.quantile(of_all, 0.99, axis=0))):
+    actions: Array = rows["action"]
+    for kind, value in (
+        ("min", actions.min(0)),
+        ("mean", actions.mean(0)),
+        ("q99", np.quantile(actions, 0.99, axis=0)),
+    ):
         assert_allclose(stats["action"][kind], value, rtol=1e-4, atol=1e-4)
     for i, row in episodes.iterrows():
-        action = of_all[row["dataset_from_index"] : row["dataset_to_index"]]
+        action = actions[row["dataset_from_index"] : row["dataset_to_index"]]
         assert len(action) == row["length"] == (rows["episode_index"] == i).sum()
         assert_allclose(row["stats/action/max"], action.max(axis=0), rtol=1e-6)
 
 
-def test_another_demonstration_is_added(tmp_path: Path) -> None:
+def test_adding_a_demonstration_equals_writing_both(tmp_path: Path) -> None:
     made(tmp_path / "both", "so101", ("pouring", "paper-test1"))
     made(tmp_path / "tea", "so101")
     made(tmp_path / "tea", "so101", ("paper-test1",))
@@ -92,7 +96,7 @@ def test_another_demonstration_is_added(tmp_path: Path) -> None:
         assert file.read_bytes() == (tmp_path / "tea" / file.relative_to(tmp_path / "both")).read_bytes()
 
 
-def test_an_arm_that_lerobot_does_not_know_has_its_own_joints(tmp_path: Path) -> None:
+def test_an_arm_unknown_to_lerobot_has_the_models_joints(tmp_path: Path) -> None:
     made(tmp_path / "tea", "ur5")
     info = json.loads((tmp_path / "tea/meta/info.json").read_text())
     assert info["robot_type"] == "ur5"
@@ -126,7 +130,7 @@ def test_what_it_refuses(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("room", [0, 3000, 20000])
-def test_a_full_disk_leaves_the_episodes_that_are_there(tmp_path: Path, room: int) -> None:
+def test_a_full_disk_leaves_the_old_episodes(tmp_path: Path, room: int) -> None:
     made(tmp_path / "tea", "so101")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     with full_disk(room), pytest.raises(PbdError, match=r"tea can't be written \(.+\); give another place"):

@@ -1,4 +1,4 @@
-"""The bag, read back by rosbags and by mcap-ros2-support."""
+"""MCAP files, read back by rosbags and by mcap-ros2-support."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def by_rosbags(path: Path) -> Topics:
 
 
 def by_mcap_ros2(path: Path) -> Topics:
-    """By the message definitions that are in the file."""
+    """Read messages by the definitions in the file."""
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
 
@@ -43,23 +43,22 @@ def by_mcap_ros2(path: Path) -> Topics:
     return topics
 
 
-def pose_of(place: Any, turn: Any) -> Pose:
-    return Pose(np.array([place.x, place.y, place.z]), quat_from_xyzw(np.array([turn.x, turn.y, turn.z, turn.w])))
+def pose_of(p: Any, xyzw: Any) -> Pose:
+    return Pose(np.array([p.x, p.y, p.z]), quat_from_xyzw(np.array([xyzw.x, xyzw.y, xyzw.z, xyzw.w])))
 
 
 def tool_by_tf(topics: Topics, robot: Any, i: int) -> Pose:
-    """The tool in base, up the tree of frames as a receiver goes."""
-    told = [*topics["/tf_static"][0][1].transforms]
+    """Compute the tool's pose in base at the i-th joint state from the transforms, as a receiver does."""
+    transforms = [*topics["/tf_static"][0][1].transforms]
     ns = topics["/joint_states"][i][0]
-    told += [each for at, message in topics["/tf"] if at == ns for each in message.transforms]
-    above = {each.child_frame_id: each for each in told}
+    transforms += [each for at, message in topics["/tf"] if at == ns for each in message.transforms]
+    above = {each.child_frame_id: each for each in transforms}
 
     def in_root(frame: str) -> Pose:
         if frame not in above:
             return Pose.identity()
         each = above[frame]
-        place = pose_of(each.transform.translation, each.transform.rotation)
-        return in_root(each.header.frame_id) @ place
+        return in_root(each.header.frame_id) @ pose_of(each.transform.translation, each.transform.rotation)
 
     return in_root(robot.base).inverse() @ in_root("pbd_tool")
 
@@ -85,7 +84,7 @@ def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, rea
     for (_, message), opening in zip(states, points.gripper, strict=True):
         assert_allclose(
             message.position[k:], gripper.closed + opening * (gripper.open - gripper.closed), atol=1e-6
-        )  # as far as the opening moves in a nanosecond
+        )  # the opening changes by this much in a nanosecond
     for i in range(0, len(states), 29):
         assert max(tool_by_tf(topics, robot, i).distance(arm_of(name).forward(points.q[i]))) < 1e-6
 
@@ -108,13 +107,12 @@ def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, rea
     recording = hand.tracking.demo.recording
 
     def vectors(topic: str, field: str) -> Array:
-        told = [getattr(message, field) for _, message in topics[topic]]
-        return np.array([(v.x, v.y, v.z) for v in told])
+        return np.array([(v.x, v.y, v.z) for v in (getattr(message, field) for _, message in topics[topic])])
 
     assert recording.gyr is not None
     assert_allclose(vectors("/imu", "linear_acceleration"), recording.acc)
     assert_allclose(vectors("/imu", "angular_velocity"), recording.gyr)
-    assert topics["/imu"][0][1].orientation_covariance[0] == -1.0  # there is none
+    assert topics["/imu"][0][1].orientation_covariance[0] == -1.0  # no orientation
     if recording.mag is not None:
         assert_allclose(vectors("/magnetic_field", "magnetic_field"), 1e-6 * recording.mag)  # tesla
     hand_p = np.array([(m.pose.position.x, m.pose.position.y, m.pose.position.z) for _, m in topics["/hand/pose"]])

@@ -1,4 +1,4 @@
-"""Points files: the unit is said, or refused."""
+"""Files of points: the unit must be known."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_units_become_metres(tmp_path: Path, text: str, unit: str | None) -> Non
     assert_allclose(points.p_base, [[0.3, -0.2, 0.0], [0.5, 0.1, 0.02]])
 
 
-def test_points_without_names_are_counted(tmp_path: Path) -> None:
+def test_points_without_names_are_numbered(tmp_path: Path) -> None:
     assert read_points(write(tmp_path, "x_m,y_m,z_m\n0,0,0\n1,0,0\n")).names == ("1", "2")
 
 
@@ -64,7 +64,7 @@ def test_a_fault_is_named_with_its_line(tmp_path: Path, text: str, message: str)
 
 @settings(max_examples=25)
 @given(st.lists(st.tuples(*[st.floats(-9.9, 9.9)] * 3), min_size=1, max_size=5))
-def test_what_is_written_is_read(tmp_path_factory: pytest.TempPathFactory, places: list[tuple[float, ...]]) -> None:
+def test_points_are_read_as_written(tmp_path_factory: pytest.TempPathFactory, places: list[tuple[float, ...]]) -> None:
     path = tmp_path_factory.mktemp("points") / "points.csv"
     written = Points(tuple(f"P{k}" for k in range(len(places))), np.array(places))
     path.write_text(points_csv(written, "a remark, with a comma"), encoding="utf-8")

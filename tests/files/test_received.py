@@ -1,4 +1,4 @@
-"""Every format for every arm, replayed from the file by its receiver's rule; what that breaks is refused."""
+"""Every format for every arm, read back and interpolated as its receivers do; what exceeds a limit is refused."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose
 
 from pbd.audit.audit import audit_received
 from pbd.data import Calibration, Obstacle, Samples
-from pbd.data.controller_interpolation import fill
 from pbd.errors import PbdWarning, PlanError
 from pbd.files.exporters import FORMATS, csv, export, urscript
+from pbd.files.exporters.controller_interpolation import interpolate
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Pose
 from tests.arm.bundled import NAMES, arm_of
@@ -69,7 +69,7 @@ def test_urscript_is_read_back_as_the_controller_runs_it(tmp_path: Path) -> None
 
 
 def broken(monkeypatch: pytest.MonkeyPatch, change: Callable[[ExportRequest, Samples], Samples]) -> None:
-    """Make csv write something else than it was given."""
+    """Make csv write other points than it was given."""
     good = csv.write
 
     def write(request: ExportRequest, points: Samples, path: Path) -> None:
@@ -110,7 +110,7 @@ def test_a_file_that_is_not_the_motion_is_not_written(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_rate_and_the_margin_that_a_refusal_names_work(tmp_path: Path) -> None:
+def test_the_proposed_rate_and_margin_work(tmp_path: Path) -> None:
     plan, robot, source = planned("panda")
     tight = replace(robot, limits=replace(robot.limits, jerk=plan.report.jerk * robot.limits.jerk))
     for format_name, arm, rate_hz, said in (
@@ -130,14 +130,14 @@ def test_the_rate_and_the_margin_that_a_refusal_names_work(tmp_path: Path) -> No
         export(plan.trajectory, robot, "csv", tmp_path / "m", 20.0, source=source)
 
 
-def test_what_a_received_motion_touches_is_seen() -> None:
-    """A pearl where the tool is on its way, between ten rows a second."""
+def test_a_received_motion_that_touches_something_is_refused() -> None:
+    """A pearl is in the tool's way between two of ten rows a second."""
     plan, robot, source = planned("panda")
     rows = plan.trajectory.sample(10.0)
     path = replace(
         plan.trajectory,
         knots=rows.t,
-        coefficients=fill(rows, "hold")[:, :4],
+        coefficients=interpolate(rows, "hold")[:, :4],
         keyframe_t=np.zeros(1),
         keyframe_q=rows.q[:1],
     )
@@ -149,7 +149,7 @@ def test_what_a_received_motion_touches_is_seen() -> None:
 
 
 def test_a_tool_that_a_finger_carries_is_where_the_opening_puts_it() -> None:
-    """So no keyframe is missed; that finger is no longer the gripper's, and touches the other."""
+    """No keyframe is missed. That finger is then no longer part of the gripper, and touches the other one."""
     plan, robot, _ = planned("panda")
     with pytest.raises(PlanError, match=r"panda_leftfinger would touch panda_rightfinger"):
         audit_received(plan.trajectory, replace(robot, body="panda_leftfinger"), (plan.calibration, None))
@@ -157,7 +157,7 @@ def test_a_tool_that_a_finger_carries_is_where_the_opening_puts_it() -> None:
 
 @pytest.mark.parametrize(("missed_m", "refused"), [(0.9e-3, False), (1.1e-3, True)])
 def test_a_keyframe_may_be_missed_by_a_millimetre(missed_m: float, refused: bool) -> None:
-    """The arm's first joint turned by so much at all times, its tool's distance from the axis away."""
+    """The arm's first joint is off by an angle that moves the tool this far."""
     plan, robot, _ = planned("panda", "paper-test2")
     path, world = plan.trajectory, (Calibration("bench", T_base_dock=Pose.identity()), None)
     p = arm_of("panda").forward(path.keyframe_q[1]).p

@@ -1,4 +1,4 @@
-"""A folder that grows: readable at every moment, nothing half written."""
+"""A demonstration while it is recorded can be read at any moment."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_it_is_readable_after_every_row(tmp_path: Path) -> None:
     assert read.recording.info.clock == "device"
 
 
-def test_what_a_sensor_left_out_is_missing(tmp_path: Path) -> None:
+def test_a_missing_sample_is_nan(tmp_path: Path) -> None:
     demo = begun(tmp_path / "tea")
     demo.add([0.0, 0.01], [ROW, (*ROW[:6], np.nan, np.nan, np.nan)])
     demo.close()
@@ -58,7 +58,7 @@ def test_better_times_replace_the_first_ones(tmp_path: Path) -> None:
     assert recording.acc[2] == pytest.approx(ROW[3:6])
 
 
-def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
+def test_only_a_demonstration_is_replaced_and_only_by_force(tmp_path: Path) -> None:
     begun(tmp_path / "tea").close()
     with pytest.raises(RecordingError, match="exists; give another name, or --force"):
         begun(tmp_path / "tea")
@@ -68,7 +68,7 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
         refuse_demo_folder(tmp_path / "photos", force=True)
 
 
-def test_what_is_being_recorded_is_not_replaced(tmp_path: Path) -> None:
+def test_a_demonstration_is_not_replaced_while_it_is_recorded(tmp_path: Path) -> None:
     demo = begun(tmp_path / "tea")
     with pytest.raises(RecordingError, match="is being recorded; end that first"):
         refuse_demo_folder(tmp_path / "tea", force=True)
@@ -76,7 +76,7 @@ def test_what_is_being_recorded_is_not_replaced(tmp_path: Path) -> None:
     refuse_demo_folder(tmp_path / "tea", force=True)
 
 
-def test_a_full_disk_leaves_what_was_written_intact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_leaves_the_written_rows_intact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     demo = begun(tmp_path / "tea")
     demo.add([0.0], [ROW])
 
@@ -96,7 +96,7 @@ def test_a_full_disk_leaves_what_was_written_intact(tmp_path: Path, monkeypatch:
     assert len(read_demo(tmp_path / "tea").recording) == 1
 
 
-def test_a_discarded_one_is_gone(tmp_path: Path) -> None:
+def test_a_discarded_demonstration_is_removed(tmp_path: Path) -> None:
     demo = begun(tmp_path / "tea")
     demo.add([0.0], [ROW])
     demo.discard()

@@ -15,7 +15,7 @@ from pbd.files.robot_description import read_poses, read_urdf
 PANDA = Path(__file__).parents[2] / "robots" / "panda.toml"
 
 
-def test_panda_is_what_its_data_sheet_says() -> None:
+def test_panda_has_the_limits_of_its_data_sheet() -> None:
     robot = read_robot(PANDA)
     assert robot.name == "panda"
     assert robot.joints == tuple(f"panda_joint{i}" for i in range(1, 8))
@@ -38,7 +38,7 @@ def test_panda_is_what_its_data_sheet_says() -> None:
     assert robot.dock.name == "panda's own dock"
     assert robot.dock.robots == ("panda",)
     np.testing.assert_array_equal(robot.dock.T_base_dock.wxyz, [1, 0, 0, 0])
-    # package:// in the URDF leads to its meshes
+    # package:// in the URDF is found in package_dirs
     mesh = "example-robot-data/robots/panda_description/meshes/visual/link0.dae"
     assert any((folder / mesh).is_file() for folder in robot.package_dirs)
 
@@ -52,7 +52,7 @@ def test_loading_imports_no_robot_library() -> None:
     assert run.stdout == "set()\n"
 
 
-# --- a robot of the user's own ----------------------------------------------------------------------------------------
+# --- a user's robot ---------------------------------------------------------------------------------------------------
 
 TOML = """\
 format = 1
@@ -140,7 +140,7 @@ def test_a_users_own_urdf(folder: Path) -> None:
     assert robot.dock.any_attitude is False
 
 
-def test_what_may_be_left_out_or_added(folder: Path) -> None:
+def test_optional_keys(folder: Path) -> None:
     toml = folder / "mine.toml"
     change(toml, TOML[TOML.index("[gripper]") : TOML.index("[limits]")], "")
     change(toml, TOML[TOML.index("[dock]") :], "")
@@ -166,9 +166,6 @@ def test_the_docks_options(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("format = 1", "format = 2",
-         ":1: format must be 1, the only format that this version reads; it was written by a newer pbd: update pbd"),
-        ('name = "mine"\n', "", ": name is missing; add it"),
         ("format = 1\n", "format = 1\ncolour = 3\n",
          ":2: colour is unknown; the keys here are format, name, description, notes, model, gripper, dock, servos, "
          "arm, limits; remove or rename it"),
@@ -192,12 +189,6 @@ def test_the_docks_options(folder: Path) -> None:
         ("[5.0, 6.0]", "[5.0, -6.0]",
          ":22: [limits] acceleration must hold only numbers above zero, got [5.0, -6.0]; correct it"),
         ("[5.0, 6.0]", "[5.0]", ":22: [limits] acceleration must have 2 numbers, got 1; correct it"),
-        ("[5.0, 6.0]", "[5.0, nan]",
-         ":22: [limits] acceleration must be a list of 2 finite numbers, got [5.0, nan]; correct it"),
-        ("[5.0, 6.0]", "[5.0, true]",
-         ":22: [limits] acceleration must be a list of 2 finite numbers, got [5.0, True]; correct it"),
-        ('source = "measured"', 'source = ""',
-         ":21: [limits] source must be a non-empty string, got ''; correct it"),
         ("home = [0.1, 0.2]", "home = [2.1, 0.2]", ":12: [arm] home puts shoulder at 2.1, outside -2..2; correct it"),
         ("home = [0.1, 0.2]", "home = [0.1]", ":12: [arm] home must have 2 numbers, got 1; correct it"),
         ("home = [0.1, 0.2]", 'home_pose = "rest"',
@@ -232,10 +223,9 @@ def test_the_docks_options(folder: Path) -> None:
          ":25: dok is unknown; the keys here are format, name, description, notes, model, gripper, dock, servos, "
          "arm, limits; remove or rename it"),
         ("[limits]\n", "limits = 3\n[limts]\n", ": limits is missing (there is 'limts'); add it"),
-        ("name = ", "name == ", "not valid TOML: Invalid value (at line 2, column 7); correct it"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_said_in_one_line(folder: Path, old: str, new: str, message: str) -> None:
+def test_a_fault_in_the_toml_is_named_in_one_line(folder: Path, old: str, new: str, message: str) -> None:
     change(folder / "mine.toml", old, new)
     with pytest.raises(RobotError) as caught:
         read_robot(folder / "mine.toml")
@@ -244,7 +234,7 @@ def test_what_is_wrong_is_said_in_one_line(folder: Path, old: str, new: str, mes
     assert "\n" not in caught.value.message
 
 
-def test_a_urdf_that_isnt_there_says_where_it_was_looked_for(folder: Path) -> None:
+def test_a_missing_urdf_is_named_with_the_folders(folder: Path) -> None:
     change(folder / "mine.toml", 'urdf = "mine.urdf"', 'urdf = "yours.urdf"')
     expected = rf":6: \[model\] urdf names 'yours.urdf', which is neither in {folder} nor in .*robots; correct it"
     with pytest.raises(RobotError, match=expected):
@@ -261,7 +251,7 @@ def test_a_pose_that_leaves_a_joint_out(folder: Path) -> None:
         read_robot(folder / "mine.toml")
 
 
-def test_each_limit_may_have_a_source_of_its_own(folder: Path) -> None:
+def test_each_limit_may_have_its_own_source(folder: Path) -> None:
     limits = read_robot(folder / "mine.toml").limits
     assert dict(limits.sources) == {
         "position": "the URDF", "velocity": "the URDF", "acceleration": "measured", "jerk": "measured"
@@ -273,7 +263,7 @@ def test_each_limit_may_have_a_source_of_its_own(folder: Path) -> None:
     assert limits.sources["acceleration"] == "measured"
     assert limits.sources["jerk"] == "assumed: slow"
     assert limits.assumed == ("jerk",)
-    assert limits.effort is None  # the URDF's is not taken unasked
+    assert limits.effort is None  # the URDF's is not used
     change(folder / "mine.toml", 'source = "measured"', 'velocity = [1, 2]\nsource = "sheet"')
     assert read_robot(folder / "mine.toml").limits.source == "velocity: sheet; acceleration: sheet; jerk: assumed: slow"
     change(folder / "mine.toml", '\njerk_source = "assumed: slow"', "")
@@ -287,7 +277,7 @@ def test_each_limit_may_have_a_source_of_its_own(folder: Path) -> None:
     assert limits.assumed == ("effort",)
 
 
-def test_a_urdfs_velocity_of_zero_says_nothing(folder: Path) -> None:
+def test_a_velocity_of_zero_in_the_urdf_means_unknown(folder: Path) -> None:
     change(folder / "mine.urdf", 'velocity="1.5"', 'velocity="0"')
     change(folder / "mine.toml", "acceleration = [5.0, 6.0]", "velocity = [7, 2]\nacceleration = [5.0, 6.0]")
     np.testing.assert_array_equal(read_robot(folder / "mine.toml").limits.velocity, [7, 2])
@@ -310,7 +300,7 @@ FOLLOWER = """
 </robot>"""
 
 
-def test_a_finger_that_mimics_another_goes_with_it(folder: Path) -> None:
+def test_a_finger_that_mimics_another_belongs_to_the_gripper(folder: Path) -> None:
     change(folder / "mine.urdf", "</robot>", FOLLOWER)
     gripper = read_robot(folder / "mine.toml").gripper
     assert gripper is not None
@@ -323,7 +313,7 @@ MESH = '<link name="hand"><visual><geometry><mesh filename="ADDRESS"/></geometry
 
 
 @pytest.mark.parametrize("address", ["package://mine/meshes/hand.stl", "meshes/hand.stl"])
-def test_a_missing_mesh_is_told_with_its_link(folder: Path, address: str) -> None:
+def test_a_missing_mesh_is_named_with_its_link(folder: Path, address: str) -> None:
     change(folder / "mine.urdf", '<link name="hand"/>', MESH.replace("ADDRESS", address))
     with pytest.raises(RobotError) as caught:
         read_robot(folder / "mine.toml")
@@ -339,7 +329,7 @@ def test_a_missing_mesh_is_told_with_its_link(folder: Path, address: str) -> Non
     assert read_robot(folder / "mine.toml").body == "hand"
 
 
-def test_a_joint_left_out_is_locked_at_zero_which_must_be_within_its_limits(folder: Path) -> None:
+def test_an_unnamed_joint_is_locked_at_zero_which_must_be_within_its_limits(folder: Path) -> None:
     change(folder / "mine.urdf", 'lower="-2"', 'lower="0.1"')
     change(folder / "mine.toml", "home = [0.1, 0.2]", 'joints = ["elbow"]\nhome = [0.2]')
     with pytest.raises(
@@ -383,7 +373,7 @@ def test_a_joint_left_out_is_locked_at_zero_which_must_be_within_its_limits(fold
         ("robot", "sdf", r"mine.urdf is not a URDF: its root is <sdf>; give a file whose root is <robot>"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_the_urdf(folder: Path, old: str, new: str, message: str) -> None:
+def test_a_fault_in_the_urdf_is_named(folder: Path, old: str, new: str, message: str) -> None:
     change(folder / "mine.urdf", old, new)
     with pytest.raises(RobotError, match=message) as caught:
         read_robot(folder / "mine.toml")
@@ -391,7 +381,7 @@ def test_what_is_wrong_with_the_urdf(folder: Path, old: str, new: str, message: 
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
-def test_a_doctype_is_refused_before_it_can_swell(folder: Path, encoding: str) -> None:
+def test_a_doctype_is_refused_before_its_entities_expand(folder: Path, encoding: str) -> None:
     laughs = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 12))
     bomb = f'<!DOCTYPE robot [<!ENTITY l0 "ha">{laughs}]><robot name="&l11;"/>'
     (folder / "mine.urdf").write_text(bomb, encoding=encoding)
@@ -399,9 +389,9 @@ def test_a_doctype_is_refused_before_it_can_swell(folder: Path, encoding: str) -
         read_urdf(folder / "mine.urdf")
 
 
-def test_joints_that_go_in_a_circle_end(folder: Path) -> None:
+def test_a_loop_of_joints_is_refused(folder: Path) -> None:
     change(folder / "mine.urdf", '<parent link="foot"/>', '<parent link="hand"/>')
-    with pytest.raises(RobotError, match=r"links that hang on each other in a ring: .*hand"):
+    with pytest.raises(RobotError, match=r"the joints form a loop of links: .*hand.*; remove one joint"):
         read_urdf(folder / "mine.urdf").chain("foot", "hand")
 
 
@@ -409,10 +399,10 @@ def test_poses_of_an_srdf(folder: Path) -> None:
     assert read_poses(folder / "mine.srdf") == {"rest": {"shoulder": 0.5, "elbow": -1.0}, "half": {"shoulder": 0.5}}
 
 
-# --- files that would break what reads them ---------------------------------------------------------------------------
+# --- files that would break the libraries -----------------------------------------------------------------------------
 
 
-def test_a_misspelt_link_is_told_with_its_line_and_those_most_like_it(folder: Path) -> None:
+def test_a_misspelt_link_is_named_with_its_line_and_the_most_similar_links(folder: Path) -> None:
     change(folder / "mine.toml", 'base = "foot"', 'base = "foto"')
     text = (folder / "mine.urdf").read_text(encoding="utf-8")
     links = "".join(f'<link name="w{k}"/>' for k in range(60))
@@ -441,7 +431,7 @@ def test_a_misspelt_link_is_told_with_its_line_and_those_most_like_it(folder: Pa
         ("mine.toml", "[arm]", '[arm]\nmay_touch = ["foot"]', r"may_touch must be a list of pairs of strings, got "),
     ],
 )
-def test_what_a_robot_is_made_of(folder: Path, file: str, old: str, new: str, message: str) -> None:
+def test_a_fault_in_any_file_is_named(folder: Path, file: str, old: str, new: str, message: str) -> None:
     change(folder / "mine.toml", "[arm]", 'srdf = "mine.srdf"\n[arm]') if file == "mine.srdf" else None
     change(folder / file, old, new)
     with pytest.raises(RobotError, match=message):
@@ -465,8 +455,8 @@ def test_what_a_robot_is_made_of(folder: Path, file: str, old: str, new: str, me
         ("", "a <collision> of link 'hand' must hold one of box, cylinder, sphere, mesh, has (none)"),
     ],
 )
-def test_a_shape_that_can_not_be(folder: Path, shape: str, message: str) -> None:
-    """Long before anything measures it: what does crashes on some of them."""
+def test_an_invalid_shape_is_refused(folder: Path, shape: str, message: str) -> None:
+    """The distance computation would crash on some of them."""
     collision = f'<link name="hand"><collision><geometry>{shape}</geometry></collision></link>'
     change(folder / "mine.urdf", '<link name="hand"/>', collision)
     with pytest.raises(RobotError, match=re.escape(message)):
@@ -480,7 +470,7 @@ def test_a_shape_that_can_not_be(folder: Path, shape: str, message: str) -> None
         ('<joint name="w{}" type="revolute"/>', 160, r"\d+ moving joints, more than the 150 that are read; give a"),
     ],
 )
-def test_a_robot_of_too_many_parts_is_refused_at_once(folder: Path, part: str, count: int, message: str) -> None:
+def test_a_robot_with_too_many_parts_is_refused(folder: Path, part: str, count: int, message: str) -> None:
     text = (folder / "mine.urdf").read_text(encoding="utf-8")
     parts = "".join(map(part.format, range(count)))
     (folder / "mine.urdf").write_text(text.replace("</robot>", f"{parts}</robot>"), encoding="utf-8")

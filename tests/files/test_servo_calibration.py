@@ -1,4 +1,4 @@
-"""LeRobot's calibration of an arm's servos, and where it is looked for."""
+"""LeRobot's calibration of an arm's servos: its format, and where it is found."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.driving.counts import Counts, names_of
+from pbd.driving.encoder_counts import EncoderCounts, servo_names
 from pbd.errors import CalibrationError, RobotError
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration, write_servo_calibration
 from tests.driving.emulator import calibration_of
 
 SO101 = load_robot("so101")
-NAMES = names_of(SO101)
+NAMES = servo_names(SO101)
 
 
-def test_there_and_back(tmp_path: Path) -> None:
+def test_a_calibration_is_read_as_written(tmp_path: Path) -> None:
     file = tmp_path / "calibration" / "mine.json"
     write_servo_calibration(calibration_of("so101"), file)
     assert read_servo_calibration(file, NAMES) == calibration_of("so101")
@@ -36,7 +36,7 @@ def test_there_and_back(tmp_path: Path) -> None:
         ("range_min", 3061, "range_min of elbow_flex, 3061, is not below its range_max, 3061"),
     ],
 )
-def test_a_number_that_no_servo_can_have(tmp_path: Path, key: str, value: object, says: str) -> None:
+def test_an_invalid_number_is_refused(tmp_path: Path, key: str, value: object, says: str) -> None:
     file = tmp_path / "mine.json"
     write_servo_calibration(calibration_of("so101"), file)
     values = json.loads(file.read_text())
@@ -51,13 +51,13 @@ def test_a_number_that_no_servo_can_have(tmp_path: Path, key: str, value: object
     ("text", "says"),
     [("{", "is not JSON"), ("[1]", "holds no object"), ('{"elbow": {}}', "lacks shoulder_pan, .*: it has elbow")],
 )
-def test_what_is_no_calibration(tmp_path: Path, text: str, says: str) -> None:
+def test_another_file_is_refused(tmp_path: Path, text: str, says: str) -> None:
     (tmp_path / "mine.json").write_text(text)
     with pytest.raises(CalibrationError, match=says):
         read_servo_calibration(tmp_path / "mine.json", NAMES)
 
 
-def test_where_it_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_places_where_it_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path / "lerobot"))
 
@@ -78,16 +78,16 @@ def test_where_it_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_lerobots_degrees_and_percent() -> None:
-    """By LeRobot's own rule (motors_bus.py, `_normalize`): the middle of the range is 0 degrees."""
-    counts = Counts(SO101, calibration_of("so101"))
+    """LeRobot's rule (motors_bus.py, `_normalize`): the middle of the range is 0 degrees."""
+    counts = EncoderCounts(SO101, calibration_of("so101"))
     q = np.array([[0.1, -0.5, 0.7, -0.9, 1.1]])
-    at = counts.of(q, np.array([1.0]))
+    at = counts.from_joints(q, np.array([1.0]))
     wrist = calibration_of("so101")["wrist_flex"]
     degrees = (at[0, 3] - (wrist.range_min + wrist.range_max) / 2) * 360 / 4096
     assert degrees == pytest.approx(np.degrees(-0.9))
-    np.testing.assert_allclose(counts.joints(at), q)
+    np.testing.assert_allclose(counts.to_joints(at), q)
     # The tool's "open" is 1 rad of the jaw, which LeRobot's range of -10 to 100 degrees makes 61 %.
-    assert counts.percent(at)[0] == pytest.approx(100 * (1.0 + 0.174533) / (1.74533 + 0.174533))
+    assert counts.gripper_percent(at)[0] == pytest.approx(100 * (1.0 + 0.174533) / (1.74533 + 0.174533))
 
 
 @pytest.mark.parametrize(
@@ -97,12 +97,12 @@ def test_lerobots_degrees_and_percent() -> None:
         ({"drive_mode": 1}, "drive_mode of elbow_flex is 1"),
     ],
 )
-def test_a_calibration_that_cannot_be_trusted(change: dict[str, int], says: str) -> None:
+def test_an_implausible_calibration_is_refused(change: dict[str, int], says: str) -> None:
     servos = calibration_of("so101")
     with pytest.raises(CalibrationError, match=says):
-        Counts(SO101, servos | {"elbow_flex": replace(servos["elbow_flex"], **change)})
+        EncoderCounts(SO101, servos | {"elbow_flex": replace(servos["elbow_flex"], **change)})
 
 
-def test_an_arm_that_lerobot_does_not_know() -> None:
+def test_an_arm_without_servos_is_refused() -> None:
     with pytest.raises(RobotError, match="panda has no"):
-        Counts(load_robot("panda"), {})
+        EncoderCounts(load_robot("panda"), {})

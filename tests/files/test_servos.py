@@ -1,4 +1,4 @@
-"""LeRobot's count of the SO-arms' joints: one zero for both arms, whatever their URDFs call it."""
+"""LeRobot's joint angles of the SO arms: both arms have the same zero, though their URDFs differ."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def servos_of(robot: Robot) -> Servos:
 
 
 def shape(name: str, degrees: Array) -> tuple[Array, Array]:
-    """Where each joint stands (m) and which way it turns, at LeRobot's degrees, in a base whose x points ahead."""
+    """Return each joint's position, m, and axis at LeRobot's degrees, in a base whose x axis points ahead."""
     robot = load_robot(name)
     model = pin.buildModelFromUrdf(str(robot.urdf))
     data = model.createData()
@@ -39,18 +39,18 @@ def shape(name: str, degrees: Array) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("degrees", [np.zeros(5), np.array([0.0, -30.0, 40.0, 25.0, 0.0])])
-def test_both_arms_stand_alike_at_the_same_degrees(degrees: Array) -> None:
-    """Seen from the side: along its axis a joint may stand anywhere."""
+def test_both_arms_have_the_same_pose_at_the_same_degrees(degrees: Array) -> None:
+    """Seen from the side: along its axis, a joint's position is arbitrary."""
     side = np.ix_(range(1, 6), (0, 2))
     np.testing.assert_allclose(shape("so100", degrees)[0][side], shape("so101", degrees)[0][side], atol=0.0015)
 
 
-def test_both_arms_turn_alike() -> None:
+def test_the_joints_of_both_arms_have_the_same_axes() -> None:
     degrees = np.array([20.0, -30.0, 40.0, 25.0, -50.0])
     np.testing.assert_allclose(shape("so100", degrees)[1], shape("so101", degrees)[1], atol=1e-4)
 
 
-def test_degrees_there_and_back_and_the_grippers_percent() -> None:
+def test_degrees_and_percent_are_converted() -> None:
     robot = load_robot("so100")
     servos = servos_of(robot)
     np.testing.assert_allclose(servos.to_degrees(robot.home)[0], -np.degrees(robot.home[0]), atol=1e-12)
@@ -71,7 +71,7 @@ def test_degrees_there_and_back_and_the_grippers_percent() -> None:
         ("gripper = [-0.174533, 1.74533]", "gripper = [1.0, 1.0]", "[servos] gripper is 1 both closed and open"),
     ],
 )
-def test_a_wrong_table_is_refused(tmp_path: Path, old: str, new: str, says: str) -> None:
+def test_a_fault_in_servos_is_refused(tmp_path: Path, old: str, new: str, says: str) -> None:
     text = (Path(__file__).parents[2] / "robots" / "so101.toml").read_text()
     assert old in text
     (tmp_path / "mine.toml").write_text(text.replace(old, new))

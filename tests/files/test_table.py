@@ -29,7 +29,7 @@ def table_file(folder: Path, content: str | bytes) -> Path:
         't,ax\n"0","1.5"\n"0.1","-2e-3"\n',
     ],
 )
-def test_the_same_table_in_every_dress(tmp_path: Path, content: str) -> None:
+def test_delimiters_line_ends_and_quotes(tmp_path: Path, content: str) -> None:
     table = read_table(table_file(tmp_path, content))
     assert table.header == ("t", "ax")
     assert_array_equal(table.values, [[0.0, 1.5], [0.1, -2e-3]])
@@ -55,7 +55,7 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
             {"line": 3, "column": "ax", "value": "two"},
         ),
         (
-            "t;ax\n0;1\n1;2,5\n",  # a decimal comma is not taken for anything else
+            "t;ax\n0;1\n1;2,5\n",  # a decimal comma
             ":3: '2,5' in column 'ax' is not a number; it has a decimal comma: write numbers with a point (export it "
             "again, or put a point for each comma)",
             {"line": 3, "column": "ax", "value": "2,5"},
@@ -74,7 +74,7 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
         (b"t,ax\n0,\xff\n", ": can't be read as text ('utf-8' codec can't decode", {}),
     ],
 )
-def test_what_is_wrong_is_named_with_its_place(
+def test_a_fault_is_named_with_its_line_and_column(
     tmp_path: Path, content: str | bytes, message: str, fields: dict[str, object]
 ) -> None:
     path = table_file(tmp_path, content)
@@ -84,7 +84,7 @@ def test_what_is_wrong_is_named_with_its_place(
     assert caught.value.fields == {"path": path, **fields}
 
 
-def test_a_missing_column_lists_those_that_are_there(tmp_path: Path) -> None:
+def test_the_error_of_a_missing_column_lists_the_columns(tmp_path: Path) -> None:
     table = read_table(table_file(tmp_path, "t,ax\n0,1\n"))
     with pytest.raises(RecordingError, match=r"no column 'ay'; the columns are t, ax$") as caught:
         table.columns("t", "ay")
@@ -92,7 +92,7 @@ def test_a_missing_column_lists_those_that_are_there(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("hole", [np.nan, 1.0])
-def test_written_as_it_is_read(tmp_path: Path, hole: float) -> None:
+def test_a_table_is_read_as_written(tmp_path: Path, hole: float) -> None:
     path = tmp_path / "table.csv"
     values = np.array([[0.0, -1.25], [0.123456789, hole]])
     write_table(path, ("t", "ax"), values, (3, 2))

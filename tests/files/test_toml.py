@@ -1,11 +1,16 @@
+"""What holds of every TOML file: strict keys and types, and each fault told with its line."""
+
 from __future__ import annotations
 
-import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from pbd.errors import CalibrationError
+from pbd.errors import CalibrationError, PbdError
+from pbd.files.calibration import read_calibration
+from pbd.files.keyframes import read_keyframes
+from pbd.files.robot import read_robot
 from pbd.io.toml import Section, read_toml
 
 TEXT = """\
@@ -40,15 +45,14 @@ def ask_all(top: Section) -> None:
     assert [row.number("t") for row in top.tables("row")] == [1, 2]
 
 
-def test_what_is_asked_for_is_known(top: Section) -> None:
+def test_keys_that_are_read_are_known(top: Section) -> None:
     ask_all(top)
     assert top.tables("nothing") == []
     assert "nothing" not in top
     top.done()
 
 
-def test_each_key_that_nobody_asked_for_is_found(tmp_path: Path) -> None:
-    """Wherever a key is added, it is refused, and with its own line."""
+def test_each_key_that_is_not_read_is_refused_with_its_line(tmp_path: Path) -> None:
     lines = TEXT.splitlines()
     for number, line in enumerate(lines, start=1):
         if "{" in line:
@@ -66,7 +70,7 @@ def test_each_key_that_nobody_asked_for_is_found(tmp_path: Path) -> None:
 
 
 def test_a_key_is_found_in_its_own_table(top: Section) -> None:
-    """`name` stands at the top too, and `wrong` on its outer table's line."""
+    """There is a `name` at the top level too; `wrong` is on the line of its outer table."""
     with pytest.raises(CalibrationError, match=r"file\.toml:7: \[table\.below\] name must be a non-empty string"):
         top.section("table").section("below").text("name")
     with pytest.raises(CalibrationError, match=r"file\.toml:3: \[inner\.deep\] wrong must be a non-empty string"):
@@ -83,15 +87,36 @@ def test_a_key_is_found_in_its_own_table(top: Section) -> None:
         ("section", "name", ":1: name must be a table; correct it"),
         ("tables", "name", ":1: name must be [[name]] tables; correct it"),
         ("text", "nowhere", "file.toml: nowhere is missing; add it"),
+        ("number", "flga", "file.toml: flga is missing (there is 'flag'); add it"),
     ],
 )
-def test_the_wrong_kind(top: Section, call: str, key: str, message: str) -> None:
+def test_the_wrong_type(top: Section, call: str, key: str, message: str) -> None:
     with pytest.raises(CalibrationError) as caught:
         getattr(top, call)(key)
     assert caught.value.message.endswith(message)
 
 
-def test_a_table_of_figures_has_any_names(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("format = 0", ":1: format must be 1, the only format that this version reads; correct it"),
+        (
+            "format = 2",
+            ":1: format must be 1, the only format that this version reads; it was written by a newer pbd: update pbd",
+        ),
+        ("", ": format is missing; add it"),
+    ],
+)
+@pytest.mark.parametrize("read", [read_calibration, read_robot, read_keyframes])
+def test_every_file_has_a_format(tmp_path: Path, read: Callable[[Path], object], text: str, message: str) -> None:
+    path = tmp_path / "file.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(PbdError) as caught:
+        read(path)
+    assert caught.value.message == f"{path}{message}"
+
+
+def test_the_keys_of_a_table_of_figures_may_have_any_names(tmp_path: Path) -> None:
     path = tmp_path / "file.toml"
     path.write_text('fit = { rms_mm = 1.5, points = 4 }\nbad = { word = "x" }\n', encoding="utf-8")
     top = read_toml(path, CalibrationError)
@@ -116,7 +141,7 @@ def test_a_table_of_figures_has_any_names(tmp_path: Path) -> None:
     ],
     ids=["syntax", "digits", "lists", "dots"],
 )
-def test_what_would_break_a_parser_is_told_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+def test_what_would_break_tomllib_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "file.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(CalibrationError) as caught:
@@ -125,15 +150,20 @@ def test_what_would_break_a_parser_is_told_with_its_line(tmp_path: Path, text: s
 
 
 @pytest.mark.parametrize(
-    ("value", "message"),
+    ("call", "value", "message"),
     [
-        ("1e308", "must be from -1e+09 to 1e+09, got 1e+308"),
-        ("-1e10", "must be from -1e+09 to 1e+09, got -10000000000.0"),
-        ("nan", "must be a finite number, got nan"),
+        ("number", "1e308", "must be from -1e+09 to 1e+09, got 1e+308"),
+        ("number", "-1e10", "must be from -1e+09 to 1e+09, got -10000000000.0"),
+        ("number", "nan", "must be a finite number, got nan"),
+        ("text", '""', "must be a non-empty string, got ''"),
+        ("numbers", "[5.0, nan]", "must be a list of 2 finite numbers, got [5.0, nan]"),
+        ("numbers", "[5.0, true]", "must be a list of 2 finite numbers, got [5.0, True]"),
+        ("numbers", "[5.0]", "must have 2 numbers, got 1"),
     ],
 )
-def test_no_number_is_larger_than_anything(tmp_path: Path, value: str, message: str) -> None:
+def test_values_that_are_refused(tmp_path: Path, call: str, value: str, message: str) -> None:
     path = tmp_path / "file.toml"
     path.write_text(f"a = {value}", encoding="utf-8")
-    with pytest.raises(CalibrationError, match=re.escape(message)):
-        read_toml(path, CalibrationError).number("a")
+    with pytest.raises(CalibrationError) as caught:
+        getattr(read_toml(path, CalibrationError), call)("a", *[2] * (call == "numbers"))
+    assert caught.value.message == f"{path}:1: a {message}; correct it"

@@ -1,7 +1,6 @@
-"""A small interpreter of URScript: what a controller does with the calls that an exported program makes.
+"""A small interpreter of URScript that simulates the controller, after Universal Robots' Script Manual.
 
-Blocks are as in Python but for their `end`, so a program is checked for these and run as Python, against an arm that
-moves as Universal Robots' Script Manual says.
+Apart from `end`, blocks are as in Python, so a program is checked for its `end`s and run as Python.
 """
 
 from __future__ import annotations
@@ -17,24 +16,25 @@ from pbd.pose import Array
 
 
 class HaltedError(Exception):
-    """The program refused to go on; says why."""
+    """The program halted; the message is that of its popup."""
 
 
 @dataclass
 class Controller:
-    """Where the arm is (q, rad) and what it has done by when (t, s)."""
+    """The simulated arm at joints q, rad, at time t, s, and what it has done."""
 
     q: Array
     t: float = 0.0
     moves: list[tuple[float, float, Array, Array, float, float]] = field(default_factory=list)
-    """From when to when, from where to where, and the leading joint's acceleration and velocity."""
+    """Each movej: start s, end s, joints at the start and the end, the leading joint's acceleration and velocity."""
     servoed: list[tuple[float, Array]] = field(default_factory=list)
+    """Each servoj: its end, s, and the joints there."""
     calls: list[tuple[float, str]] = field(default_factory=list)
-    """When each of the program's own functions was called."""
+    """Each call of the program's functions: when, s, and its name."""
     said: str = ""
 
     def movej(self, q: list[float], a: float, v: float) -> None:
-        """A trapezoid of the leading joint's velocity, or a triangle; the others in step."""
+        """Move with a trapezoidal, or triangular, velocity of the leading joint, and the others in step."""
         before, self.q, since = self.q, np.array(q), self.t
         reach = float(np.abs(self.q - before).max())
         self.t += reach / v + v / a if v * v <= a * reach else 2.0 * math.sqrt(reach / a)
@@ -71,7 +71,7 @@ class Controller:
 
 
 def _python(program: str) -> str:
-    """The program in Python: without `end`, each of which must close the innermost block."""
+    """Translate a program to Python: remove each `end`, which must close the innermost block."""
     lines: list[str] = []
     depth = 0
     for raw in program.splitlines():

@@ -1,4 +1,4 @@
-"""Takes made for tests: as marginals without a recording, and as recordings of a simulated hand."""
+"""Marginals of takes of a made-up task, without recordings."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.fusion.joint_estimate import Parts, State
+from pbd.fusion.joint_estimate import Observations, TaskState
 from pbd.fusion.marginals import DEVICE, Marginal
 from pbd.pose import Array, quat_about_z, quat_exp, quat_to_matrix
 
@@ -15,7 +15,7 @@ PRIOR = np.diag(np.concatenate((np.full(16, 1e4), [1e3], np.full(3, 25.0))))
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """A task, and how each take differs from the first."""
+    """A task's keyframes m, A, and how each take differs from the first: see `pbd.fusion.joint_estimate`."""
 
     m: Array
     A: Array
@@ -26,12 +26,12 @@ class Truth:
 
 
 def rotations(vectors: Array) -> Array:
-    """Matrices (..., 3, 3) of rotation vectors."""
+    """Return rotation matrices (..., 3, 3) of rotation vectors."""
     return quat_to_matrix(quat_exp(vectors))
 
 
 def truth(takes: int, seed: int = 0, count: int = 6) -> Truth:
-    """A task of some keyframes; the first take defines the frame."""
+    """Draw a task of `count` keyframes; the first take defines the frame."""
     rng = np.random.default_rng(seed)
     moved = (np.arange(takes) > 0)[:, None]
     return Truth(
@@ -44,10 +44,13 @@ def truth(takes: int, seed: int = 0, count: int = 6) -> Truth:
     )
 
 
-def parts(true: Truth, hand: Array, sigma: float, seed: int = 0, off: Array | None = None) -> Parts:
-    """What takes of a task say that miss each keyframe by `hand` (m), tracked with `sigma` (m, and rad / 100).
+def observations(true: Truth, hand: Array, sigma: float, seed: int = 0, off: Array | None = None) -> Observations:
+    """Return what takes of a task show, if the device's errors are known.
 
-    `off` (K, J, 3) m is added to their positions. The device's errors are known.
+    Args:
+        hand: m, one sigma by which the hand misses a keyframe.
+        sigma: m, one sigma of tracking; in rotation it is a hundredth of that in rad.
+        off: (K, J, 3) m, added to the positions.
     """
     rng, marginals = np.random.default_rng(seed), []
     takes, count = len(true.yaw), len(true.m)
@@ -61,12 +64,12 @@ def parts(true: Truth, hand: Array, sigma: float, seed: int = 0, off: Array | No
         by_device = np.zeros((6 * count, DEVICE))
         marginals.append(Marginal(p @ back.T, R, by_device, cov, none, zero, none, PRIOR, none))
     take, at = np.divmod(np.arange(takes * count), count)
-    return Parts(tuple(marginals), take, at, at, (0,) * takes, np.zeros(count, dtype=np.intp))
+    return Observations(tuple(marginals), take, at, at, (0,) * takes, np.zeros(count, dtype=np.intp))
 
 
-def begun(true: Truth) -> State:
-    """A start nearby, as alignment gives it."""
-    return State(
+def initial_state(true: Truth) -> TaskState:
+    """Return an initial state near the truth, such as alignment gives."""
+    return TaskState(
         true.m + 0.003,
         rotations(np.full(3, 0.02)) @ true.A,
         (true.yaw + 0.02 * (true.yaw != 0.0))[None],

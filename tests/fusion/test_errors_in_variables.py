@@ -1,4 +1,4 @@
-"""What a leg leaves over is taken out of what the sensor's matrices are multiplied with."""
+"""The noise of a leg is removed from the rates and forces that the sensor's matrices multiply."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pbd.tracking.noise import densities
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, ROT, VEL, gyro_frame, preintegrate
 
 OFFSET = 0.1
-"""rad/s along x; m/s2 upwards, where a small turn changes nothing that could be mistaken for it."""
+"""Error of one leg: rad/s along x; m/s2 upward, where a small rotation of gravity can't be mistaken for it."""
 
 
 @pytest.mark.parametrize(("sensor", "rows", "columns"), [("acc", VEL, ACC_MATRIX), ("gyr", ROT, GYR_MATRIX)])

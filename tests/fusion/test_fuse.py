@@ -1,4 +1,4 @@
-"""Simulated takes of one device: better than each, one path, one device found, another told apart."""
+"""Fusing simulated takes: accuracy, the path, the devices, outliers, known stops, a moved object."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pbd
 from pbd.data import Calibration, Contact, Demonstration, HandPath, Place
 from pbd.errors import RecordingError, TrackingError
 from pbd.fusion.calibration import device_errors
-from pbd.fusion.marginals import SHARED, marginal_of, pinned
+from pbd.fusion.marginals import SHARED, estimate_with_device, marginal_of
 from pbd.fusion.takes import tracked_take
 from pbd.pipeline import track
 from pbd.pose import Pose
@@ -33,30 +33,30 @@ def path(takes: list[Demonstration]) -> HandPath:
     return pbd.fuse(takes)
 
 
-def size(path: HandPath) -> float:
-    """Median error of the keyframes, m."""
+def median_error(path: HandPath) -> float:
+    """Return the median error of the keyframes, m."""
     true, _ = hand_poses(takes_of(Scenario("wt901", 1), SEED)[1])
     p = path.p_nav_sensor[[stop.start for stop in path.stops]]
     return float(np.median(np.linalg.norm(shape_errors(p, true), axis=1)))
 
 
-def test_four_takes_are_better_and_surer_than_each(path: HandPath, takes: list[Demonstration]) -> None:
+def test_four_takes_are_more_accurate_and_certain_than_each(path: HandPath, takes: list[Demonstration]) -> None:
     alone = [track(take.recording) for take in takes]
-    assert size(path) < 0.7 * float(np.mean([size(one) for one in alone]))
+    assert median_error(path) < 0.7 * float(np.mean([median_error(one) for one in alone]))
     assert np.trace(path.cov[-1, :3, :3]) < 0.5 * min(np.trace(one.cov[-1, :3, :3]) for one in alone)
 
 
-def test_a_take_is_estimated_with_just_the_devices_errors_that_are_given(takes: list[Demonstration]) -> None:
+def test_a_take_is_estimated_with_given_errors_of_its_device(takes: list[Demonstration]) -> None:
     solution = tracked_take(takes[0], None, False).solution
     own = np.concatenate((solution.state.shared[SHARED], solution.state.acc_bias[0]))
     other = own + 0.01 * np.sqrt(np.diagonal(np.linalg.inv(marginal_of(solution, (0,)).prior)))
-    found = pinned(solution, other)
+    found = estimate_with_device(solution, other)
     np.testing.assert_allclose(np.concatenate((found.shared[SHARED], found.acc_bias[0])), other, rtol=1e-12)
-    again = pinned(replace(solution, state=found), other)
-    np.testing.assert_allclose(again.p, found.p, atol=5e-5)  # m: as near as the last step turns nothing by 1e-4 rad
+    again = estimate_with_device(replace(solution, state=found), other)
+    np.testing.assert_allclose(again.p, found.p, atol=5e-5)  # m: the iteration stops at a step of 1e-4 rad
 
 
-def test_the_path_goes_through_its_keyframes_as_one(path: HandPath) -> None:
+def test_the_path_is_continuous_and_rests_at_its_keyframes(path: HandPath) -> None:
     assert path.tracking is not None
     assert len(path.tracking.recording) == len(path.t)
     middles = [0.5 * (path.t[stop.start] + path.t[stop.stop - 1]) for stop in path.stops]
@@ -71,15 +71,15 @@ def test_the_path_goes_through_its_keyframes_as_one(path: HandPath) -> None:
         assert not path.v_nav_sensor[stop.start : stop.stop].any()
 
 
-def test_learned_tolerances_are_the_keyframes(path: HandPath) -> None:
+def test_keyframes_have_the_learned_tolerances(path: HandPath) -> None:
     assert path.fusion is not None
     for k, keyframe in enumerate(find_keyframes(path)):
         assert keyframe.tolerance_m is not None
         np.testing.assert_allclose(keyframe.tolerance_m, 2.0 * path.fusion.scatter[k])
 
 
-def test_the_device_is_found(path: HandPath) -> None:
-    """A calibration of it makes gravity equally long, whichever side is up."""
+def test_the_devices_errors_are_found(path: HandPath) -> None:
+    """Corrected by them, gravity has the same norm in every orientation."""
     errors, _ = device_errors(path)
     assert errors.acc is not None
     up = np.random.default_rng(0).normal(size=(50, 3))
@@ -87,10 +87,10 @@ def test_the_device_is_found(path: HandPath) -> None:
     device = replace(one_device(SENSOR_MODELS["wt901"], SEED).acc, noise=0.0, bias_walk=0.0, step=0.0)
     read = device.measure(gravity, np.ones(50), np.random.default_rng(0))
     assert np.ptp(np.linalg.norm(read, axis=1)) > 0.2
-    assert np.ptp(np.linalg.norm(errors.acc.true(read), axis=1)) < 0.03
+    assert np.ptp(np.linalg.norm(errors.acc.correct(read), axis=1)) < 0.03
 
 
-def test_a_device_of_the_same_name_is_told_apart(takes: list[Demonstration]) -> None:
+def test_another_device_with_the_same_sensor_name_is_told_apart(takes: list[Demonstration]) -> None:
     own, _ = takes_of(Scenario("wt901", 1), SEED)
     assert own[0].recording.info.sensor == takes[0].recording.info.sensor
     another = takes_of(Scenario("wt901", 2), SEED, device=17)[0][1]
@@ -104,7 +104,7 @@ def renamed(demo: Demonstration, name: str) -> Demonstration:
     return replace(demo, recording=replace(demo.recording, info=replace(demo.recording.info, name=name)))
 
 
-def test_what_can_not_be_fused_is_refused(takes: list[Demonstration]) -> None:
+def test_takes_that_can_not_be_fused_are_refused(takes: list[Demonstration]) -> None:
     with pytest.raises(RecordingError, match="needs two takes of a task or more, got 1"):
         pbd.fuse(takes[:1])
     with pytest.raises(RecordingError, match="'again' is the same recording as 'take 1'; name each take once"):
@@ -123,12 +123,12 @@ def test_an_outlier_take_is_named_and_left_out(takes: list[Demonstration]) -> No
     assert len(fused.stops) == 7
 
 
-def test_of_two_takes_it_is_told_what_only_one_has(takes: list[Demonstration]) -> None:
+def test_stops_that_only_one_of_two_takes_has_are_reported(takes: list[Demonstration]) -> None:
     with pytest.warns(match="only take 1 has stops 5 6, and they are left out; a third take"):
         assert len(pbd.fuse([takes[0], shortened(takes[1], 5)]).stops) == 5
 
 
-def test_one_stop_is_told_in_the_singular(takes: list[Demonstration]) -> None:
+def test_a_single_stop_is_reported_in_the_singular(takes: list[Demonstration]) -> None:
     first, second = (shortened(take, stops) for take, stops in zip(takes, (2, 1), strict=False))
     with pytest.warns(match="only take 1 has stop 1, and it is left out; a third take would show whether it belongs"):
         fused = pbd.fuse([first, second])
@@ -136,26 +136,26 @@ def test_one_stop_is_told_in_the_singular(takes: list[Demonstration]) -> None:
 
 
 def shortened(take: Demonstration, stops: int) -> Demonstration:
-    """A take that ends where the hand leaves its stop of that number."""
+    """Return a take cut off after its first `stops` stops."""
     whole, end = take.recording, track(take.recording).stops[stops - 1].stop
     assert whole.gyr is not None
     cut = replace(whole, t=whole.t[:end], acc=whole.acc[:end], gyr=whole.gyr[:end], mag=None, device_rpy=None)
     return replace(take, recording=cut, truth=None)
 
 
-def test_what_takes_know_of_their_stops_counts_in_each(path: HandPath, takes: list[Demonstration]) -> None:
+def test_known_stops_of_takes_are_used(path: HandPath, takes: list[Demonstration]) -> None:
     true, wxyz = hand_poses(takes_of(Scenario("wt901", 1), SEED)[1])
     middles = [[keyframe.t for keyframe in find_keyframes(track(take.recording))] for take in takes]
     height = float(true[5, 2] - true[0, 2])
 
-    def knowing(z: float) -> list[Demonstration]:
+    def with_height(z: float) -> list[Demonstration]:
         contacts = [Contact(t[5], height=z, sigma_m=5e-4) for t in middles]
         return [replace(take, contacts=(contact,)) for take, contact in zip(takes, contacts, strict=True)]
 
-    surer = pbd.fuse(knowing(height))
+    surer = pbd.fuse(with_height(height))
     assert surer.cov[5, 2, 2] < 0.5 * path.cov[5, 2, 2]
     with pytest.raises(TrackingError, match=r"take 1: demo.toml says that .* above its first rest, but it is .* off"):
-        pbd.fuse(knowing(height + 0.1))
+        pbd.fuse(with_height(height + 0.1)[:2])
     dock = Pose(np.array((0.4, 0.0, 0.2)), wxyz[0])
     x, y, z = (dock.p + true[3] - true[0]).tolist()
     known = replace(takes[1], places=(Place((middles[1][3],), p_base_tool=(x, y, z)),))
@@ -163,7 +163,7 @@ def test_what_takes_know_of_their_stops_counts_in_each(path: HandPath, takes: li
     assert [claim.stop for claim in fused.claims] == [3]
 
 
-def test_keyframes_that_move_with_a_thing_are_found(path: HandPath) -> None:
+def test_keyframes_that_move_with_an_object_are_found(path: HandPath) -> None:
     assert path.fusion is not None
     assert path.fusion.thing is None
     fused = pbd.fuse(takes_of(Scenario("wt901", 3, thing=(3, 4)), SEED)[0]).fusion

@@ -1,11 +1,11 @@
-"""Keyframes of takes are matched whatever the frame, with stops more or less."""
+"""Keyframes of takes are matched in any frame, with missing and additional stops."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from pbd.fusion.matching import Keyframes, Registration, align, by_moves, register
+from pbd.fusion.matching import Keyframes, Registration, align, match_by_moves, register
 from tests.fusion.made import rotations
 
 
@@ -15,67 +15,69 @@ def keyframes(seed: int = 0, count: int = 7) -> Keyframes:
     return Keyframes(p, R, (None,) * count, np.full(count, 1e-3))
 
 
-def some(one: Keyframes, index: list[int]) -> Keyframes:
+def subset(one: Keyframes, index: list[int]) -> Keyframes:
     return Keyframes(one.p[index], one.R[index], tuple(one.grip[i] for i in index), one.sigma[index])
 
 
 ELSEWHERE = Registration(2.0, np.array((1.0, -2.0, 0.3)), rotations(np.array((0.0, 1.5, 0.2))))
 
 
-def test_a_take_in_another_frame_with_stops_missing_is_matched_by_its_moves() -> None:
+def test_a_take_in_another_frame_with_missing_stops_is_matched_by_its_moves() -> None:
     here = keyframes()
-    there = ELSEWHERE.of(some(here, [0, 1, 3, 4, 6]))
-    assert by_moves(here, there) == [(0, 0), (1, 1), (3, 2), (4, 3), (6, 4)]
+    there = ELSEWHERE.apply(subset(here, [0, 1, 3, 4, 6]))
+    assert match_by_moves(here, there) == [(0, 0), (1, 1), (3, 2), (4, 3), (6, 4)]
 
 
-def test_registration_finds_the_frame_and_how_the_sensor_sits() -> None:
+def test_registration_finds_the_frame_and_the_rotation_in_the_hand() -> None:
     here = keyframes()
-    there = ELSEWHERE.of(here)
-    back = register(here, there, [(i, i) for i in range(len(here))]).of(there)
+    there = ELSEWHERE.apply(here)
+    back = register(here, there, [(i, i) for i in range(len(here))]).apply(there)
     np.testing.assert_allclose(back.p, here.p, atol=1e-4)
     np.testing.assert_allclose(back.R, here.R, atol=1e-3)
 
 
-def test_where_turns_say_otherwise_a_registration_goes_by_places_rather() -> None:
-    """Turned by 0.2 rad about the vertical where each stands: so much as a lever of 0.1 m counts beside 0.2 m."""
+def test_positions_outweigh_rotations_in_a_registration() -> None:
+    """Each keyframe is turned by 0.2 rad about the vertical in its place. A lever of 0.1 m weighs turns against places
+    that are about 0.2 m from the middle.
+    """
     here = keyframes()
     there = Keyframes(here.p, rotations(np.array((0.0, 0.0, 0.2))) @ here.R, here.grip, here.sigma)
     assert 0.02 < -register(here, there, [(i, i) for i in range(len(here))]).yaw < 0.08
 
 
-def test_what_most_takes_have_is_kept_even_if_the_first_has_it_not() -> None:
-    whole = keyframes()
-    takes = [some(whole, [0, 1, 2, 4, 5, 6]), whole, ELSEWHERE.of(whole), some(whole, [0, 1, 2, 3, 4, 6])]
+def test_a_keyframe_of_most_takes_is_kept_even_if_the_first_lacks_it() -> None:
+    task = keyframes()
+    takes = [subset(task, [0, 1, 2, 4, 5, 6]), task, ELSEWHERE.apply(task), subset(task, [0, 1, 2, 3, 4, 6])]
     found = align(takes)
     assert [sorted(one.own.items()) for one in found.kept()][3] == [(1, 3), (2, 3), (3, 3)]
     assert len(found.kept()) == 7
 
 
-def test_what_few_takes_have_is_left_out() -> None:
-    whole = keyframes()
-    found = align([whole, some(whole, [0, 1, 2, 4, 5, 6]), some(whole, [0, 1, 2, 4, 5, 6])])
+def test_a_keyframe_of_few_takes_is_left_out() -> None:
+    task = keyframes()
+    found = align([task, subset(task, [0, 1, 2, 4, 5, 6]), subset(task, [0, 1, 2, 4, 5, 6])])
     assert [one.own[0] for one in found.kept()] == [0, 1, 2, 4, 5, 6]
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_another_task_is_a_stranger(seed: int) -> None:
     task = keyframes(seed)
-    assert align([task, ELSEWHERE.of(task), keyframes(seed + 100)]).strangers == (2,)
+    assert align([task, ELSEWHERE.apply(task), keyframes(seed + 100)]).strangers == (2,)
 
 
-def test_a_take_that_begins_elsewhere_is_a_stranger_whatever_pairs_by_chance() -> None:
-    whole = keyframes(count=8)
-    assert align([some(whole, [0, 2, 3, 4]), some(whole, [1, 2, 3, 4, 5, 6, 7])]).strangers == (1,)
-    assert align([some(whole, [0, 2, 3, 4]), ELSEWHERE.of(whole)]).strangers == ()
+def test_a_take_that_starts_elsewhere_is_a_stranger_whatever_matches_by_chance() -> None:
+    task = keyframes(count=8)
+    assert align([subset(task, [0, 2, 3, 4]), subset(task, [1, 2, 3, 4, 5, 6, 7])]).strangers == (1,)
+    assert align([subset(task, [0, 2, 3, 4]), ELSEWHERE.apply(task)]).strangers == ()
 
 
-def test_grips_tell_stops_apart_that_lie_side_by_side() -> None:
+def test_grips_distinguish_stops_side_by_side() -> None:
     one = keyframes(count=6)
     p = one.p.copy()
-    p[3] = p[2] + 0.01  # as near as a hand scatters
+    p[3] = p[2] + 0.01  # within a hand's scatter
     R = one.R.copy()
     R[3] = R[2]
     grip = (None, None, True, None, None, None)
     here = Keyframes(p, R, grip, one.sigma)
-    there = some(Keyframes(p, R, (None, None, None, True, None, None), one.sigma), [0, 1, 3, 4, 5])
-    assert (2, 2) in by_moves(here, there)
+    there = subset(Keyframes(p, R, (None, None, None, True, None, None), one.sigma), [0, 1, 3, 4, 5])
+    assert (2, 2) in match_by_moves(here, there)

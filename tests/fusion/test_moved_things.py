@@ -1,4 +1,4 @@
-"""A single keyframe that stands elsewhere in each take is a thing's; one that is merely off is not."""
+"""A single keyframe that is elsewhere in each take moved with an object; one that is off in one take did not."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pbd.fusion.matching import Keyframes
-from pbd.fusion.moved_things import moved_thing
+from pbd.fusion.moved_things import find_moved_keyframes
 from pbd.pose import Array
 from tests.fusion.made import rotations, truth
 
@@ -15,7 +15,7 @@ IN_THE_AIR = ELSEWHERE + np.array(((0.0, 0.0, 0.0), (0.0, 0.0, 0.03), (0.0, 0.0,
 
 
 def shown(shifts: Array) -> list[Keyframes]:
-    """Takes in one nav of six keyframes, the fourth of which is shifted and turned about the vertical."""
+    """Return takes of six keyframes in one nav; the fourth keyframe is shifted and turned about the vertical."""
     task, rng, takes = truth(1), np.random.default_rng(1), []
     for shift in shifts:
         p, R = task.m + 5e-4 * rng.normal(size=(6, 3)), rotations(0.01 * rng.normal(size=(6, 3))) @ task.A
@@ -30,6 +30,6 @@ def shown(shifts: Array) -> list[Keyframes]:
     [(ELSEWHERE, (3, 3)), (IN_THE_AIR, None), (ELSEWHERE * ((0,), (0,), (1,)), None), (ELSEWHERE[:2], None)],
     ids=["on a table", "in the air", "in one take only", "of two takes"],
 )
-def test_a_single_keyframe_of_a_thing(shifts: Array, found: tuple[int, int] | None) -> None:
-    thing = moved_thing(shown(shifts))
-    assert (None if thing is None else (thing.first, thing.last)) == found
+def test_a_single_keyframe_that_moved(shifts: Array, found: tuple[int, int] | None) -> None:
+    moved = find_moved_keyframes(shown(shifts))
+    assert (None if moved is None else (moved.first, moved.last)) == found

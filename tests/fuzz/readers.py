@@ -14,7 +14,7 @@ import numpy as np
 
 from pbd.arm.collision.allowed_collisions import link_pairs
 from pbd.arm.collision.geometry import link_bodies
-from pbd.arm.collision.shape_coverage import doubts
+from pbd.arm.collision.shape_coverage import doubtful_shapes
 from pbd.arm.model import load_model
 from pbd.data import Demonstration, Truth
 from pbd.errors import SensorError
@@ -158,7 +158,7 @@ def _arm(path: Path) -> object:
     robot = read_robot(path.with_name("mine.toml"))
     arm = load_model(robot)
     link_pairs(arm)
-    doubts(arm)
+    doubtful_shapes(arm)
     return link_bodies(arm), read_visuals(robot)
 
 

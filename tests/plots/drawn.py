@@ -1,4 +1,4 @@
-"""What a figure's renderer really wrote: each text and the rectangle that it covers, rotated as the text is."""
+"""The texts that a renderer wrote into a figure, each with the rectangle that it covers, rotated like the text."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -23,7 +22,7 @@ class Drawn:
     corners: Array
 
     def overlaps(self, other: Drawn) -> bool:
-        """Whether the two rectangles share more than an edge (separating axes)."""
+        """Whether the two rectangles overlap by more than an edge (separating axes)."""
         sides = np.vstack((np.diff(self.corners[:3], axis=0), np.diff(other.corners[:3], axis=0)))
         normals = np.column_stack((-sides[:, 1], sides[:, 0])) / np.linalg.norm(sides, axis=1)[:, None]
         one, two = self.corners @ normals.T, other.corners @ normals.T
@@ -32,7 +31,7 @@ class Drawn:
 
 
 def texts(figure: Figure) -> list[Drawn]:
-    """Draw a figure and return all that was written."""
+    """Draw a figure and return all texts in it."""
     found = []
     draw: Any = Text.draw
 
@@ -43,16 +42,15 @@ def texts(figure: Figure) -> list[Drawn]:
         draw(self, renderer, *args, **kwargs)
 
     figure.set_dpi(DPI)
-    canvas: Any = FigureCanvasAgg(figure)
     with style():
         lay_out(figure)
-    with style(), patch.object(Text, "draw", record):
-        canvas.draw()
+        with patch.object(Text, "draw", record):
+            figure.draw_without_rendering()
     return found
 
 
 def overlaps(figure: Figure, drawn: list[Drawn] | None = None) -> list[tuple[str, str]]:
-    """Pairs of texts that lie on each other, and texts that leave the sheet."""
+    """Pairs of texts that overlap, and texts that cross the figure's edge."""
     drawn = texts(figure) if drawn is None else drawn
     width, height = DPI * figure.get_size_inches()
     outside = [

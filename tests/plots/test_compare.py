@@ -1,4 +1,4 @@
-"""Several demonstrations of one task: laid on each other, keyframes matched, spread measured and shown."""
+"""Several demonstrations of one task: aligned, their keyframes matched, the spread computed and shown."""
 
 from __future__ import annotations
 
@@ -55,15 +55,15 @@ def elsewhere(tracked: Tracked, yaw: float, shift: Array) -> Tracked:
 
 
 def without(tracked: Tracked, *numbers: int) -> Tracked:
-    """The same demonstration, some of whose stops were not found."""
+    """The same demonstration without some of its keyframes."""
     name, path, keyframes = tracked
     return name, path, [keyframe for k, keyframe in enumerate(keyframes) if k not in numbers]
 
 
-# --- laid on each other ---
+# --- aligned ---
 
 
-def test_a_demonstration_in_another_nav_comes_to_lie_on_itself(tracked: list[Tracked]) -> None:
+def test_a_demonstration_in_another_nav_is_aligned_with_itself(tracked: list[Tracked]) -> None:
     plot = compare_plot([tracked[0], elsewhere(tracked[0], 2.5, np.array([1.0, -2.0, 0.5]))])
     one, other = plot.runs
     assert other.p == pytest.approx(one.p, abs=1e-9)
@@ -86,13 +86,13 @@ def test_spread_is_the_standard_deviation(tracked: list[Tracked]) -> None:
     assert plot.keyframes[0].spread == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_turned_hand_is_a_turn(tracked: list[Tracked]) -> None:
+def test_a_turned_hand_gives_the_spread_of_the_attitude(tracked: list[Tracked]) -> None:
     name, path, keyframes = tracked[0]
     turn = np.radians(10.0)
     rolled = [*keyframes]
     rolled[4] = replace(keyframes[4], T_nav_sensor=keyframes[4].T_nav_sensor @ Pose.from_rpy(np.zeros(3), (turn, 0, 0)))
     plot = compare_plot([tracked[0], (name, path, rolled)])
-    # Two attitudes 10 degrees apart: 5 on either hand of the mean, over n - 1 = 1.
+    # Two attitudes 10 degrees apart: each is 5 from the mean, divided by n - 1 = 1.
     assert np.degrees(plot.keyframes[4].turn) == pytest.approx(np.sqrt(2.0) * 5.0, rel=1e-6)
     assert plot.keyframes[5].turn == pytest.approx(0.0, abs=1e-7)
 
@@ -111,7 +111,7 @@ def test_progress_counts_keyframes(tracked: list[Tracked]) -> None:
 # --- matched ---
 
 
-def test_a_missing_and_an_extra_stop_are_told(tracked: list[Tracked]) -> None:
+def test_a_missing_and_an_extra_stop_are_reported(tracked: list[Tracked]) -> None:
     plot = compare_plot([tracked[0], without(tracked[1], 4), tracked[2]])
     assert not plot.by_order
     assert len(plot.keyframes) == 11
@@ -122,7 +122,7 @@ def test_a_missing_and_an_extra_stop_are_told(tracked: list[Tracked]) -> None:
     assert np.isnan(plot.positions(1)[4]).all()
 
     plot = compare_plot([tracked[0], without(tracked[1], 4), without(tracked[2], 4)])
-    assert len(plot.keyframes) == 10  # the usual number
+    assert len(plot.keyframes) == 10  # the most frequent number
     assert plot.remarks == (f"tea 0 has one more stop, its keyframe 4 ({at:.1f} s): left out",)
     plot = compare_plot([*(without(each, 4, 6) for each in tracked[:2]), tracked[2]])
     assert re.fullmatch(
@@ -135,7 +135,7 @@ def test_a_missing_and_an_extra_stop_are_told(tracked: list[Tracked]) -> None:
 
 @pytest.fixture(scope="module")
 def compared(tracked: list[Tracked]) -> ComparePlot:
-    """Names that collide, more demonstrations than colours, one of them short of a stop."""
+    """Equal and overlong names, more demonstrations than colours, one of them without a stop."""
     names = ("tea", "a $ name that is longer than any legend", "茶")
     more: Sequence[tuple[str, HandPath, Sequence[Keyframe]]] = [
         (names[k % 3], *without(tracked[k % 3], *([4] if k == 3 else []))[1:]) for k in range(20)
@@ -187,8 +187,8 @@ def test_the_table_and_the_rows_say_the_same(compared: ComparePlot) -> None:
                 assert float(str(cells[f"furthest ({unit})"][k])) == pytest.approx(scale * row["furthest_m"], abs=half)
 
 
-def test_one_alone_has_no_spread(tracked: list[Tracked]) -> None:
-    # Two agree on ten keyframes and have the majority; two others, of eleven, make the larger number the usual one.
+def test_a_single_demonstration_has_no_spread(tracked: list[Tracked]) -> None:
+    # Ten keyframes are the most frequent number of three demonstrations; of two, the larger number counts.
     short = [without(tracked[k], 4) for k in (0, 1)]
     plot = compare_plot([*short, tracked[2]])
     assert len(plot.keyframes) == 10
@@ -198,5 +198,5 @@ def test_one_alone_has_no_spread(tracked: list[Tracked]) -> None:
     assert spread_rows(plot)[4]["keyframes"] == [None, 4]
     cells = [str(list(column.cells)[4]) for column in spread_table(plot, Units()).columns]
     assert cells[1] == "1"
-    assert [cell == "" for cell in cells[5:]] == [True, True, True, True, False, True, True]  # sigma alone is known
+    assert [cell == "" for cell in cells[5:]] == [True, True, True, True, False, True, True]  # only sigma is known
     assert overlaps(draw_comparison("spread", plot)) == []

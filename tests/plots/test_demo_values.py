@@ -1,4 +1,4 @@
-"""What plots show: the tracker's values, calibrated, and the truth beside them."""
+"""The values that plots show: the tracker's, calibrated, and the truth."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def against(plot: DemoPlot, truth: Truth) -> TruthPlot | None:
     return demo_plot(replace(plot.path, tracking=replace(plot.tracking, demo=demo))).truth
 
 
-def test_what_is_drawn_is_calibrated(pouring: DemoPlot) -> None:
+def test_drawn_values_are_calibrated(pouring: DemoPlot) -> None:
     demo = pour()
     light = replace(demo, recording=replace(demo.recording, acc=0.96 * demo.recording.acc))
     acc = Linear(np.zeros(3), np.eye(3) / 0.96, np.zeros(3))
@@ -46,14 +46,14 @@ def test_what_is_drawn_is_calibrated(pouring: DemoPlot) -> None:
     assert tracking.a_nav == pytest.approx(pouring.tracking.a_nav, abs=0.02)  # m/s2
 
 
-def test_the_acceleration_is_the_one_that_was_integrated(pouring: DemoPlot) -> None:
+def test_the_acceleration_is_the_integrated_one(pouring: DemoPlot) -> None:
     path = pouring.path
     v = integral_of_means(path.t, pouring.tracking.a_nav)
     closure = [v[after.start] - v[before.stop - 1] for before, after in pairwise(path.stops)]
     assert np.array(closure) == pytest.approx(path.closure, abs=1e-12)
 
 
-@pytest.mark.filterwarnings("ignore:.*at the end of the range")  # the hand rolls faster than this gyro can tell
+@pytest.mark.filterwarnings("ignore:.*at the end of the range")  # the hand rolls faster than this gyro's range
 def test_equations_7_to_9() -> None:
     plot = demo_plot(track(simulate("pick-and-place-stops", "os5000"), "paper"))
     a_nav, path = plot.tracking.a_nav, plot.path
@@ -103,14 +103,14 @@ def test_a_truth_with_holes_leaves_holes(pouring: DemoPlot, truth: Truth) -> Non
     assert found.error[known] == pytest.approx(pouring.truth.error[known])
 
 
-def test_a_truth_that_does_not_know_the_first_stop_is_left_out(pouring: DemoPlot, truth: Truth) -> None:
+def test_a_truth_without_the_first_stop_is_left_out(pouring: DemoPlot, truth: Truth) -> None:
     late = truth.t > 5.0
     assert against(pouring, Truth(truth.t[late], truth.p_nav_sensor[late], truth.wxyz_nav_sensor[late])) is None
 
 
 @pytest.mark.parametrize("rate_hz", [40.0, 286.0])
-def test_the_true_velocity_is_no_noise_of_the_optics(pouring: DemoPlot, rate_hz: float) -> None:
-    """Half a millimetre of noise, 286 times a second, is 10 cm/s from one sample to the next."""
+def test_the_true_velocity_suppresses_optical_noise(pouring: DemoPlot, rate_hz: float) -> None:
+    """Noise of 0.5 mm at 286 Hz gives differences of 10 cm/s between samples."""
     rng = np.random.default_rng(0)
     t = np.arange(0.0, 20.0, 1.0 / rate_hz) + 1e-3 * rng.uniform(size=round(20.0 * rate_hz))
     straight = np.outer(t, (0.3, -0.2, 0.1))

@@ -1,4 +1,4 @@
-"""Figures show what was tracked, legibly: their data, their labels, and no text on another."""
+"""Figures show the tracked values and are legible: their data, their labels, and no overlapping texts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pbd.pipeline import track
 from pbd.plots import figures
 from pbd.plots.demo_values import DemoPlot, demo_plot
 from pbd.plots.findings import Finding
-from pbd.plots.style import AXES_RGB, RUNS_RGB, plain, write
+from pbd.plots.style import AXES_RGB, RUNS_RGB, plain_text, write
 from pbd.pose import Array, quat_rotate, quat_to_rpy
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
@@ -30,7 +30,7 @@ from tests.plots.drawn import Drawn, overlaps, texts
 from tests.scenarios import pour, uncalibrated
 
 HOSTILE = r"a $\frac{1}{ _^ b.csv 茶 " + "\n\x07" + "very long " * 20
-"""Names are a person's: mathematics, signs that the font lacks, control characters, more than there is room for."""
+"""A user's name with mathematics, characters that the font lacks, control characters, and too many of them."""
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def pouring() -> DemoPlot:
 
 @pytest.fixture(scope="module")
 def still() -> DemoPlot:
-    """One stop, no magnetometer, no truth, a name that nothing must trip over."""
+    """One stop, no magnetometer, no truth, a hostile name."""
     demo = simulate(Task("still", (Waypoint(rest_s=1.3),)), "modern")
     info = replace(demo.recording.info, name=HOSTILE, sensor=HOSTILE)
     return demo_plot(track(replace(demo, recording=replace(demo.recording, mag=None, info=info), truth=None)))
@@ -51,7 +51,7 @@ def still() -> DemoPlot:
 
 @pytest.fixture(scope="module")
 def sheets(pouring: DemoPlot) -> dict[str, tuple[Figure, list[Drawn]]]:
-    """All figures of `pouring`, and what was written into each."""
+    """All figures of `pouring`, and the texts in each."""
     drawn = {name: figures.draw(name, pouring) for name in figures.names(pouring)}
     return {name: (figure, texts(figure)) for name, figure in drawn.items()}
 
@@ -66,11 +66,11 @@ def lines(ax: Axes) -> dict[str, Array]:
 
 
 def named(figure: Figure) -> set[str]:
-    """What the legend names."""
+    """The legend's labels."""
     return {text.get_text() for legend in figure.legends for text in legend.get_texts()}
 
 
-# --- they show the values ---
+# --- data ---
 
 
 def test_lines_are_the_trackers_values(pouring: DemoPlot, sheets: dict[str, tuple[Figure, list[Drawn]]]) -> None:
@@ -126,7 +126,7 @@ def test_a_large_sigma_does_not_hide_the_path(pouring: DemoPlot, sigma_m: float,
     assert label in named(figure)
 
 
-def test_every_keyframe_is_numbered_and_a_doubted_one_asks(
+def test_every_keyframe_is_numbered_and_a_doubted_one_has_a_question_mark(
     pouring: DemoPlot, sheets: dict[str, tuple[Figure, list[Drawn]]]
 ) -> None:
     numbers = [str(k) for k in range(len(pouring.keyframes))]
@@ -188,10 +188,10 @@ def test_a_crowd_is_legible() -> None:
         assert overlaps(figures.draw(name, replace(plot, findings=many))) == [], name
 
 
-def test_a_name_is_no_mathematics(still: DemoPlot) -> None:
+def test_a_name_is_not_read_as_mathematics(still: DemoPlot) -> None:
     (subtitle,) = (drawn.words for drawn in texts(figures.draw("position", still)) if drawn.words.startswith("a "))
     assert subtitle.replace(r"\$", "$").startswith(r"a $\frac{1}{ _^ b.csv ? ??very long")
-    assert plain("0123456789", 5) == "0123…"
+    assert plain_text("0123456789", 5) == "0123…"
 
 
 @pytest.mark.parametrize(("format_name", "begin"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
@@ -216,7 +216,7 @@ def test_no_window_can_open() -> None:
         assert "matplotlib.pyplot" not in file.read_text()
 
 
-# What the three kinds of colour blindness see, from Machado, Oliveira and Fernandes, "A Physiologically-based Model for
+# Colours as the colour-blind see them, from Machado, Oliveira and Fernandes, "A Physiologically-based Model for
 # Simulation of Color Vision Deficiency" (IEEE TVCG 15(6), 2009), severity 1, on linear RGB.
 BLIND = {
     "none": np.eye(3).tolist(),
@@ -226,7 +226,7 @@ BLIND = {
 }
 XYZ_OF_RGB = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.072175], [0.0193339, 0.119192, 0.9503041]])  # fmt: skip # noqa: E501
 AT_A_GLANCE = 10.0
-"""CIE76 difference: 2.3 is just seen, side by side."""
+"""Least CIE76 difference. 2.3 is just noticeable side by side."""
 
 
 def lab(colour: str, seen: Array) -> Array:
@@ -238,7 +238,7 @@ def lab(colour: str, seen: Array) -> Array:
 
 
 @pytest.mark.parametrize("kind", BLIND)
-def test_colours_are_told_apart_by_everyone(kind: str) -> None:
+def test_the_colour_blind_can_distinguish_all_colours(kind: str) -> None:
     for colours in (AXES_RGB, RUNS_RGB):
         for one, other in combinations(colours, 2):
             difference = lab(one, np.array(BLIND[kind])) - lab(other, np.array(BLIND[kind]))

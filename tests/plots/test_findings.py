@@ -1,4 +1,4 @@
-"""What the summary tells a person to look at: found where it is, and not where nothing is."""
+"""Findings of the summary: present where a problem is, absent where there is none."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from pbd.plots.findings import (
     TREMBLE_S,
     UNSURE_MOVE_M,
     Finding,
-    find,
-    length,
+    find_problems,
+    length_text,
     stop_names,
 )
 from pbd.pose import Array
@@ -42,10 +42,10 @@ def pouring() -> DemoPlot:
     return plot_of(pour())
 
 
-def found(plot: DemoPlot, path: HandPath | None = None, *told: str) -> tuple[Finding, ...]:
+def findings_of(plot: DemoPlot, path: HandPath | None = None, *remarks: str) -> tuple[Finding, ...]:
     path = path or plot.path
     error = None if plot.truth is None else plot.truth.error
-    return find(path, stop_names(path, plot.keyframes), plot.tracking.a_nav, error, told)
+    return find_problems(path, stop_names(path, plot.keyframes), plot.tracking.a_nav, error, remarks)
 
 
 def with_dwells(path: HandPath, **dwells: float) -> HandPath:
@@ -53,27 +53,27 @@ def with_dwells(path: HandPath, **dwells: float) -> HandPath:
     return replace(path, stops=tuple(stops))
 
 
-def test_nothing_is_remarked_upon_where_nothing_is_wrong(pouring: DemoPlot) -> None:
+def test_a_good_demonstration_has_no_findings(pouring: DemoPlot) -> None:
     assert pouring.findings == ()
-    assert found(pouring, None, "told before") == (Finding("told before"),)
+    assert findings_of(pouring, None, "told before") == (Finding("told before"),)
 
 
 def test_short_stops(pouring: DemoPlot) -> None:
     stop = pouring.path.stops[3]
     span = (pouring.path.t[stop.start], pouring.path.t[stop.stop - 1])
-    (finding,) = found(pouring, with_dwells(pouring.path, k3=0.9 * SHORT_STOP_S))
+    (finding,) = findings_of(pouring, with_dwells(pouring.path, k3=0.9 * SHORT_STOP_S))
     assert finding.words.startswith(f"keyframe 3 lasts only 0.27 s, from {span[0]:.1f} s on, so the hand may not")
     assert finding.spans == (span,)
-    assert found(pouring, with_dwells(pouring.path, k3=1.1 * SHORT_STOP_S)) == ()
-    three = found(pouring, with_dwells(pouring.path, k3=0.2, k5=0.1, k7=0.15))
+    assert findings_of(pouring, with_dwells(pouring.path, k3=1.1 * SHORT_STOP_S)) == ()
+    three = findings_of(pouring, with_dwells(pouring.path, k3=0.2, k5=0.1, k7=0.15))
     assert [finding.words.split(" lasts")[0] for finding in three] == ["keyframe 5", "keyframe 7", "keyframe 3"]
-    (four,) = found(pouring, with_dwells(pouring.path, k2=0.1, k3=0.2, k5=0.1, k7=0.15))
+    (four,) = findings_of(pouring, with_dwells(pouring.path, k2=0.1, k3=0.2, k5=0.1, k7=0.15))
     assert four.words.startswith("4 keyframes last less than 0.3 s, so the hand may not have stopped there")
     assert len(four.spans) == 4
 
 
-def test_stops_have_the_numbers_that_are_drawn(pouring: DemoPlot) -> None:
-    """A person may have taken keyframes out, and put others in between."""
+def test_stops_have_the_numbers_of_edited_keyframes(pouring: DemoPlot) -> None:
+    """A person may have removed keyframes and inserted others."""
     path, keyframes = pouring.path, pouring.keyframes
     assert stop_names(path, keyframes) == tuple(map(str, range(11)))
     between = replace(keyframes[7], t=0.5 * (keyframes[7].t + keyframes[8].t))
@@ -81,8 +81,8 @@ def test_stops_have_the_numbers_that_are_drawn(pouring: DemoPlot) -> None:
     at = [f"the stop at {path.t[path.stops[k].start]:.1f} s" for k in (2, 10)]
     assert stop_names(path, edited) == ("0", "1", at[0], "2", "3", "4", "5", "6", "8", "9", at[1])
     short = with_dwells(path, k2=0.2, k9=0.1)
-    told = find(short, stop_names(short, edited), pouring.tracking.a_nav, None, ())
-    assert [finding.words.split(" lasts")[0] for finding in told] == ["keyframe 9", at[0]]
+    findings = find_problems(short, stop_names(short, edited), pouring.tracking.a_nav, None, ())
+    assert [finding.words.split(" lasts")[0] for finding in findings] == ["keyframe 9", at[0]]
     assert short.tracking is not None
     left = replace(short.tracking, demo=replace(short.tracking.demo, keyframes=edited))
     facts = dict(demo_plot(replace(short, tracking=left)).facts)
@@ -90,7 +90,7 @@ def test_stops_have_the_numbers_that_are_drawn(pouring: DemoPlot) -> None:
 
 
 def test_a_short_first_rest(pouring: DemoPlot) -> None:
-    (finding,) = found(pouring, with_dwells(pouring.path, k0=0.9 * FIRST_REST_S))
+    (finding,) = findings_of(pouring, with_dwells(pouring.path, k0=0.9 * FIRST_REST_S))
     assert finding.words.startswith(
         "the first rest lasts only 0.90 s, but all else is measured from it: hold still for two"
     )
@@ -108,9 +108,9 @@ def test_an_unsure_move(pouring: DemoPlot) -> None:
         for number, k in enumerate(unsure):
             cov[k + 1 :, :3, :3] += (0.02 + 0.01 * number) ** 2 * np.eye(3)
         path = replace(pouring.path, covariance=PoseCovariance.chained(cov))
-        told = find(path, stop_names(path, pouring.keyframes), pouring.tracking.a_nav, None, ())
-        assert all(begin < end for finding in told for begin, end in finding.spans)
-        return [finding.words for finding in told]
+        findings = find_problems(path, stop_names(path, pouring.keyframes), pouring.tracking.a_nav, None, ())
+        assert all(begin < end for finding in findings for begin, end in finding.spans)
+        return [finding.words for finding in findings]
 
     def lasts(k: int) -> str:
         before, after = pouring.path.stops[k : k + 2]
@@ -128,20 +128,20 @@ def test_an_unsure_move(pouring: DemoPlot) -> None:
     ]
 
 
-def test_velocity_left_over(pouring: DemoPlot) -> None:
+def test_residual_velocity(pouring: DemoPlot) -> None:
     before, after = pouring.path.stops[2:4]
     lasts = pouring.path.t[after.start] - pouring.path.t[before.stop - 1]
     for share, count in ((0.9, 0), (1.1, 1)):
         closure = pouring.path.closure.copy()
         closure[2] = (0.0, share * DRIFT_ACC * lasts, 0.0)
-        told = found(pouring, replace(pouring.path, closure=closure))
-        assert len(told) == count
-    assert f"at keyframe 3, after a move of {lasts:.1f} s, is more than drift" in told[0].words
-    assert told[0].spans == ((pouring.path.t[before.stop - 1], pouring.path.t[after.start]),)
-    # A move that is told to be unsure is not told twice.
+        findings = findings_of(pouring, replace(pouring.path, closure=closure))
+        assert len(findings) == count
+    assert f"at keyframe 3, after a move of {lasts:.1f} s, is more than drift" in findings[0].words
+    assert findings[0].spans == ((pouring.path.t[before.stop - 1], pouring.path.t[after.start]),)
+    # A move with an uncertain end has no second finding.
     cov = np.zeros((len(pouring.path.stops), 6, 6))
     cov[3:, :3, :3] += (2.0 * UNSURE_MOVE_M) ** 2 * np.eye(3)
-    (unsure,) = found(pouring, replace(pouring.path, closure=closure, covariance=PoseCovariance.chained(cov)))
+    (unsure,) = findings_of(pouring, replace(pouring.path, closure=closure, covariance=PoseCovariance.chained(cov)))
     assert unsure.words.startswith("the move from 2 to 3")
 
 
@@ -149,11 +149,13 @@ def test_velocity_left_over(pouring: DemoPlot) -> None:
 def test_a_stop_that_the_tracker_doubts(pouring: DemoPlot, weight: float, count: int) -> None:
     path = pouring.path
     stops = tuple(replace(stop, weight=weight) if k == 3 else stop for k, stop in enumerate(path.stops))
-    told = found(pouring, replace(path, stops=stops))
-    assert len(told) == count
-    if told:
-        assert told[0].words.startswith("keyframe 3 may not be a stop (60 % sure): the hand seems to pass through it")
-        assert told[0].spans == ((path.t[stops[3].start], path.t[stops[3].stop - 1]),)
+    findings = findings_of(pouring, replace(path, stops=stops))
+    assert len(findings) == count
+    if findings:
+        assert findings[0].words.startswith(
+            "keyframe 3 may not be a stop (60 % sure): the hand seems to pass through it"
+        )
+        assert findings[0].spans == ((path.t[stops[3].start], path.t[stops[3].stop - 1]),)
 
 
 def test_a_keyframe_far_from_the_truth(pouring: DemoPlot) -> None:
@@ -163,11 +165,11 @@ def test_a_keyframe_far_from_the_truth(pouring: DemoPlot) -> None:
     for sigmas, count in ((3.5, 0), (5.0, 1)):
         error = np.zeros_like(pouring.truth.error)
         error[stop.start : stop.stop, 1] = sigmas * sigma
-        told = find(pouring.path, names, pouring.tracking.a_nav, error, ())
-        assert len(told) == count
-    assert told[0].words == f"keyframe 4 is {length(5.0 * sigma)} from the truth, 5 sigma"
+        findings = find_problems(pouring.path, names, pouring.tracking.a_nav, error, ())
+        assert len(findings) == count
+    assert findings[0].words == f"keyframe 4 is {length_text(5.0 * sigma)} from the truth, 5 sigma"
     unknown = np.full_like(pouring.truth.error, np.nan)
-    assert find(pouring.path, names, pouring.tracking.a_nav, unknown, ()) == ()
+    assert find_problems(pouring.path, names, pouring.tracking.a_nav, unknown, ()) == ()
 
 
 # --- a hand that trembles ---
@@ -183,7 +185,7 @@ def trembling(swing_m: float) -> Demonstration:
     return simulate(replace(TASKS["pour"], waypoints=tuple(waypoints)), "modern")
 
 
-def test_a_trembling_hand_is_told_where_no_stop_is_seen() -> None:
+def test_a_trembling_hand_is_found_where_there_is_no_stop() -> None:
     end = sum(w.move_s + w.rest_s for w in TASKS["pour"].waypoints[:6])
     begin = end - TASKS["pour"].waypoints[5].rest_s
     plot = plot_of(trembling(0.004))
@@ -197,7 +199,7 @@ def test_a_trembling_hand_is_told_where_no_stop_is_seen() -> None:
 
 
 def path_along_x(x: Array, a: Array) -> tuple[HandPath, Array]:
-    """A hand that goes along x from stop to stop of one sample each; and its acceleration (n, 3)."""
+    """A hand that moves along x between stops of one sample each, and its acceleration (n, 3)."""
     t = np.arange(len(x)) / HZ
     zero = np.zeros_like(x)
     stops = tuple(Stop(k, k + 1, 0.0) for k in (0, len(x) - 1))
@@ -211,24 +213,26 @@ def path_along_x(x: Array, a: Array) -> tuple[HandPath, Array]:
 
 @settings(max_examples=60, deadline=None)
 @given(st.floats(0.001, 0.6), st.floats(TREMBLE_S, 4.0))
-def test_no_move_is_taken_for_trembling(length_m: float, move_s: float) -> None:
+def test_no_move_is_mistaken_for_trembling(length_m: float, move_s: float) -> None:
     u = np.arange(0.0, 1.0 + 1e-9, 1.0 / (HZ * move_s))
     share, _, curved = minimum_jerk(u)
     path, a_nav = path_along_x(length_m * share, length_m * curved / move_s**2)
-    assert not [f for f in find(path, "01", a_nav, None, ()) if "trembles" in f.words]
+    assert not [f for f in find_problems(path, "01", a_nav, None, ()) if "trembles" in f.words]
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(0.001, 0.006), st.floats(4.0, 10.0), st.floats(2.0 * TREMBLE_S, 3.0))
-def test_every_tremor_is(amplitude_m: float, hz: float, lasts_s: float) -> None:
+def test_every_tremor_is_found(amplitude_m: float, hz: float, lasts_s: float) -> None:
     w, t = 2.0 * np.pi * hz, np.arange(0.0, lasts_s, 1.0 / HZ)
     path, a_nav = path_along_x(amplitude_m * np.sin(w * t), -amplitude_m * w**2 * np.sin(w * t))
-    ((span,),) = (finding.spans for finding in find(path, "01", a_nav, None, ()) if "trembles" in finding.words)
+    ((span,),) = (
+        finding.spans for finding in find_problems(path, "01", a_nav, None, ()) if "trembles" in finding.words
+    )
     assert span[1] - span[0] > lasts_s - 0.5 * TREMBLE_S
 
 
-def test_being_set_down_is_no_trembling() -> None:
+def test_setting_the_sensor_down_is_not_trembling() -> None:
     x = np.zeros(100)
     a = np.where(np.arange(100) == 60, 8.0, 0.0) - np.where(np.arange(100) == 61, 8.0, 0.0)
     path, a_nav = path_along_x(x, a)
-    assert not [finding for finding in find(path, "01", a_nav, None, ()) if "trembles" in finding.words]
+    assert not [finding for finding in find_problems(path, "01", a_nav, None, ()) if "trembles" in finding.words]

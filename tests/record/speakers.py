@@ -1,4 +1,4 @@
-"""Devices that speak each protocol into a pseudo-terminal: the whole path from bytes to a folder, without hardware."""
+"""Emulated devices that send each protocol into a pseudo-terminal, to test recording without hardware."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ import itertools
 import os
 import random
 import struct
+import sys
 import threading
 import time
 import tty
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from fcntl import ioctl
+from termios import FIONREAD
 from typing import Self
 
 import numpy as np
@@ -25,22 +28,21 @@ from tests.sensors.encoders import os5000, razor, vectornav, witmotion, ximu3, x
 
 Encode = Callable[[Recording, int], bytes]
 ROUNDS = 8
-"""So often the one who records looks for bytes, 20 ms each, before nothing more can come."""
+"""Number of reads of the port, 20 ms each, after which all bytes have certainly been read."""
 
 HALF_TURN = np.array([1.0, -1.0, -1.0])  # from forward-left-up to a VectorNav's forward-right-down
 
 
 @dataclass(frozen=True)
 class Speaker:
-    """A way to speak.
+    """A protocol, or one of its variants.
 
     Attributes:
-        sensor: its protocol.
-        encode: one row of a recording as bytes.
-        acc, gyr: m/s2 and rad/s, by how much it rounds.
-        checked: whether a broken packet is known by its checksum.
-        clocked: whether it tells the time.
-        decoder: makes what reads it.
+        encode: encodes one row of a recording.
+        acc, gyr: rounding error, m/s2 and rad/s.
+        checked: whether packets have a checksum.
+        clocked: whether packets have a time.
+        decoder: makes the decoder.
     """
 
     sensor: str
@@ -53,7 +55,7 @@ class Speaker:
 
 
 def random_hand(rows: int, seed: int, rate_hz: float = 100.0) -> Recording:
-    """Rows that are all different, each within what any of the devices can say."""
+    """A recording of random rows, all different and within every device's range."""
     rng = np.random.default_rng(seed)
     return Recording(
         np.arange(rows) / rate_hz,
@@ -148,7 +150,7 @@ SPEAKERS = {
 
 @dataclass(frozen=True)
 class Wire:
-    """What comes out of a bad cable: packets, and which of them are as they were sent."""
+    """Packets after a bad cable, and which of them are undamaged."""
 
     packets: tuple[bytes, ...]
     whole: tuple[bool, ...]
@@ -168,10 +170,10 @@ def bad_cable(packets: Sequence[bytes], flipped: float, dropped: float, seed: in
 
 
 class Device:
-    """Sends packets to whoever opens `device`, at a steady pace once it is told to, until its plug is pulled."""
+    """Sends packets through the pseudo-terminal `device` at a constant rate, from `go` until `pull`."""
 
     def __init__(self, packets: Sequence[bytes], hz: float, again: bool = False) -> None:
-        """With `again` it begins anew at the end."""
+        """With `again` it repeats the packets without end."""
         self._packets, self._hz, self._again = packets, hz, again
         self.master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -189,11 +191,11 @@ class Device:
         self.pull()
 
     def go(self) -> None:
-        """Begin to send: the port is open."""
+        """Begin to send."""
         self._go.set()
 
     def pull(self) -> None:
-        """Pull the plug; twice is nothing."""
+        """Pull the plug. A second call has no effect."""
         if not self._pulled.is_set():
             self._pulled.set()
             self._go.set()
@@ -202,8 +204,9 @@ class Device:
             os.close(self.master)
 
     def pull_once_heard(self) -> None:
-        """To be called by the one who records, each time round: pulls the plug when all that was sent has been read."""
-        self._asked += self._sent.is_set()
+        """Pull the plug once all bytes have been read. Serves as the recording's `poll`."""
+        if self._sent.is_set() and not int.from_bytes(ioctl(self._slave, FIONREAD, bytes(4)), sys.byteorder):
+            self._asked += 1
         if self._asked > ROUNDS:
             self.pull()
 
@@ -217,7 +220,7 @@ class Device:
         self._sent.set()
 
     def _write(self, packet: bytes) -> None:
-        """Write all of it, or as much as somebody reads until the plug is pulled."""
+        """Write the whole packet, or as much as is read until the plug is pulled."""
         while packet:
             try:
                 packet = packet[os.write(self.master, packet) :]

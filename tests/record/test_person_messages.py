@@ -7,8 +7,8 @@ import pytest
 
 from pbd.data import Keyframe
 from pbd.pose import Pose
-from pbd.record.person_messages import Feedback, in_cm, placed
-from pbd.record.values import Say
+from pbd.record.person_messages import Feedback, describe_stop, in_cm
+from pbd.record.session_types import Say
 from pbd.sensors.decoding import Sample
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, StopBegan, StopEnded
 
@@ -36,18 +36,18 @@ class Scripted:
 
 @pytest.fixture
 def scripted(monkeypatch: pytest.MonkeyPatch) -> tuple[Feedback, Scripted]:
-    coach, tracker = Feedback(0.01), Scripted()
-    monkeypatch.setattr(coach, "tracker", tracker)
-    return coach, tracker
+    feedback, tracker = Feedback(0.01), Scripted()
+    monkeypatch.setattr(feedback, "tracker", tracker)
+    return feedback, tracker
 
 
 def said(scripted: tuple[Feedback, Scripted], t: float, *events: LiveEvent, **state: object) -> tuple[Say, ...]:
-    coach, tracker = scripted
+    feedback, tracker = scripted
     tracker.events = events
     for name, value in state.items():
         setattr(tracker, name, value)
-    coach.feed(t, LEVEL)
-    return coach.said()
+    feedback.feed(t, LEVEL)
+    return feedback.take_messages()
 
 
 def test_a_stop_that_is_told_again_rings_no_second_bell(scripted: tuple[Feedback, Scripted]) -> None:
@@ -79,14 +79,14 @@ def test_a_flaw_of_the_data_is_told(scripted: tuple[Feedback, Scripted]) -> None
 
 def test_lengths_are_written_as_one_says_them() -> None:
     assert [in_cm(length) for length in (0.0004, 0.0099, 0.01, 0.024)] == ["0.0 cm", "1.0 cm", "1 cm", "2 cm"]
-    assert placed(keyframe(-0.1)) == "(-10.0, 0.0, 0.0) cm, sigma 0.1 cm"
+    assert describe_stop(keyframe(-0.1)) == "(-10.0, 0.0, 0.0) cm, sigma 0.1 cm"
 
 
 def test_what_can_not_be_tracked_is_told_once() -> None:
-    coach = Feedback(0.01)
+    feedback = Feedback(0.01)
     for k in range(20):
-        coach.feed(k / 100.0, Sample((0.0, 0.0, 9.8)))
-    (only,) = coach.said()
+        feedback.feed(k / 100.0, Sample((0.0, 0.0, 9.8)))
+    (only,) = feedback.take_messages()
     assert only.text.startswith("there is neither a gyro nor the device's own attitude")
 
 
@@ -96,12 +96,12 @@ def test_what_can_not_be_tracked_is_told_once() -> None:
     ids=["a hand that moves from the start", "g taken for m/s2"],
 )
 def test_a_start_without_rest_is_told_soon(up: float, shakes: float, told: str) -> None:
-    rng, coach = np.random.default_rng(1), Feedback(0.01)
+    rng, feedback = np.random.default_rng(1), Feedback(0.01)
     lines = list[Say]()
     for k in range(400):
         x, y, z = rng.normal((shakes * np.sin(0.3 * k), 0.0, up), 0.01).tolist()
-        coach.feed(k / 100.0, Sample((x, y, z), (0.001 * (k % 7), 0.0, 0.0)))
-        lines += coach.said()
+        feedback.feed(k / 100.0, Sample((x, y, z), (0.001 * (k % 7), 0.0, 0.0)))
+        lines += feedback.take_messages()
     assert len(lines) == 1
     assert told in lines[0].text
     assert lines[0].bell
@@ -109,10 +109,10 @@ def test_a_start_without_rest_is_told_soon(up: float, shakes: float, told: str) 
 
 
 def test_a_stop_that_taps_interrupt_counts_once(scripted: tuple[Feedback, Scripted]) -> None:
-    coach, _ = scripted
+    feedback, _ = scripted
     said(scripted, 1.2, begun(0, 0.0))
     said(scripted, 3.1, StopEnded(0, 3.0, keyframe(0.0)))
     said(scripted, 3.6, StopBegan(1, 3.4, 3.6, keyframe(0.0)))
-    assert coach.stops == 2
-    coach.mark(3.1)
-    assert coach.stops == 1
+    assert feedback.stops == 2
+    feedback.mark_grip(3.1)
+    assert feedback.stops == 1

@@ -10,7 +10,7 @@ from pbd.data import RecordingInfo
 from pbd.errors import RecordingError
 from pbd.record.replaced_demo import set_aside
 from pbd.record.session import Session
-from pbd.record.values import RecordOptions
+from pbd.record.session_types import RecordOptions
 from pbd.sensors.protocols import protocol
 from tests.sensors.encoders import ximu3
 

@@ -1,4 +1,4 @@
-"""Small words for tests of decoders."""
+"""Helpers for tests of decoders."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ _T = TypeVar("_T")
 
 
 def known(value: _T | None) -> _T:
-    """What has to be there."""
+    """Assert that the value is there, and return it."""
     assert value is not None
     return value
 
 
 def decode(make: Callable[[], Decoder], stream: bytes) -> list[Sample]:
-    """What a new decoder makes of a stream."""
+    """Decode a stream with a new decoder."""
     return make().feed(stream)
 
 
 def held_bytes(decoder: Decoder) -> int:
-    """How much of the stream a decoder keeps."""
+    """Number of the stream's bytes that a decoder keeps."""
     return sum(len(value) for value in vars(decoder).values() if isinstance(value, bytes | bytearray))

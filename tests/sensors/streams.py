@@ -1,4 +1,4 @@
-"""What is done to every decoder: its stream in any pieces, with noise, flipped, lost and doubled bytes."""
+"""Checks for every decoder: its stream in pieces of any size, with noise, flipped, lost and doubled bytes."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def pieces(data: bytes, rng: random.Random, longest: int = 64) -> Iterator[bytes
 
 
 def fed(decoder: Decoder, parts: Iterable[bytes]) -> list[Sample]:
-    """All samples of the parts."""
+    """Feed all parts; return their samples."""
     return [sample for part in parts for sample in decoder.feed(part)]
 
 
 def mutated(data: bytes, rng: random.Random) -> bytes:
-    """The data after one to three mishaps: bits flipped, bytes lost, doubled or swapped, noise between, an end cut."""
+    """Damage the data one to three times: flip a bit, lose, double or swap bytes, insert noise, cut the start off."""
     mended = bytearray(data)
     for _ in range(rng.randint(1, 3)):
         at, run = rng.randrange(len(mended) + 1), rng.choice((1, 1, 2, 7, 40))
@@ -49,28 +49,28 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
 
 
 def parts_of(samples: Iterable[Sample]) -> Parts:
-    """What stands in the samples, each vector by itself: a sample may lack what was lost."""
+    """All vectors of the samples, each by itself, because a sample may lack a lost one."""
     named = [(name, getattr(s, name)) for s in samples for name in ("acc", "gyr", "mag", "rpy")]
     return {(name, value) for name, value in named if value is not None}
 
 
 def unexplained(make: Make, checked: Checked, stream: bytes, samples: Sequence[Sample], clean: Parts) -> Parts:
-    """What came of no packet with a right checksum: neither of those sent nor of any that chance has made."""
+    """The vectors that come from no packet with a right checksum, neither from those sent nor from one by chance."""
     strange = parts_of(samples) - clean
-    if strange:  # a chance of one in 256 for a short checksum: look at what stands in the stream
+    if strange:  # a short checksum is right by chance once in 256: check the packets in the stream
         strange -= parts_of(sample for packet in checked(stream) for sample in make().feed(packet))
     return strange
 
 
 def assert_sane(samples: Iterable[Sample]) -> None:
-    """All numbers are finite."""
+    """Assert that all numbers are finite."""
     for sample in samples:
         numbers = [x for name in ("acc", "gyr", "mag", "rpy") for x in getattr(sample, name) or ()]
         assert all(map(isfinite, [*numbers, sample.t_device or 0.0]))
 
 
 def assert_any_chunking(make: Make, data: bytes, seed: int) -> None:
-    """The same samples and the same tally in one piece, byte by byte and in random pieces."""
+    """Assert that the stream in one piece, byte by byte and in random pieces gives the same samples and tally."""
     whole = make()
     samples = whole.feed(data)
     rng = random.Random(seed)
@@ -81,7 +81,7 @@ def assert_any_chunking(make: Make, data: bytes, seed: int) -> None:
 
 
 def fuzz(make: Make, packets: Sequence[bytes], checked: Checked | None, cases: int = 1000, seed: int = 4) -> None:
-    """A thousand mishaps: nothing raised, nothing absurd, nothing from a wrong checksum."""
+    """Damage the stream many times: nothing is raised, and no sample is absurd or comes from a wrong checksum."""
     clean = parts_of(make().feed(b"".join(packets)))
     for case in range(cases):
         rng = random.Random(seed * 1_000_003 + case)
@@ -94,9 +94,9 @@ def fuzz(make: Make, packets: Sequence[bytes], checked: Checked | None, cases: i
 
 
 def missed_after_junk(make: Make, packets: Sequence[bytes], cases: int = 300, seed: int = 5) -> list[int]:
-    """After half a packet or noise, how many of the whole packets that follow give no sample, case by case.
+    """For each case, how many of the whole packets after half a packet or noise give no sample.
 
-    The last packets are only there so that whatever waits for more bytes gets them.
+    The last packets only serve a decoder that waits for more bytes.
     """
     missed = []
     expected = {(s.acc, s.gyr) for s in make().feed(b"".join(packets[:8]))}

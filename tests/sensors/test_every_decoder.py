@@ -1,4 +1,4 @@
-"""What every decoder keeps to: any chunking, noise, damage, and the next whole packet after it."""
+"""Every decoder copes with any chunking, noise and damage, and reads the next whole packet after it."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ def test_no_damage_raises_or_gives_what_was_not_sent(name: str) -> None:
 
 @every
 def test_in_step_again_at_the_next_whole_packet(name: str) -> None:
-    """Half a packet and the next one pass for one if their checksums agree, one in 256; groups may lack a part."""
+    """One in 256 halves and the next packet have a right checksum together; a group may lack a part."""
     missed = missed_after_junk(MIXED[name].make, PACKETS[name], cases=150)
     assert max(missed) <= 1
     assert np.mean(missed) < 0.02 or name in ("lines", "razor", "witmotion", "gamepad")
 
 
 @pytest.mark.parametrize("name", ["os5000", "ximu3", "vectornav", "xsens"])
-def test_a_beginning_right_before_a_packet_swallows_nothing(name: str) -> None:
-    first, *others = PACKETS[name]
+def test_half_a_packet_swallows_nothing_of_the_next(name: str) -> None:
+    first, *others = PACKETS[name][:20]
     whole = MIXED[name].make().feed(b"".join(others))
-    for cut in range(1, 12):
+    for cut in range(1, len(first) - 2):
         assert MIXED[name].make().feed(first[:cut] + b"".join(others)) == whole
 
 

@@ -17,7 +17,9 @@ from pbd.files.demo import read_demo
 from pbd.sensors import gamepad_port
 from pbd.sensors.gamepad import GamepadDecoder
 from pbd.sensors.gamepad_port import GamepadPort, only_gamepad
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
+from pbd.simulation.tasks import Task
 from tests.sensors.encoders.gamepad import event, press, report
 
 LEVEL = (0.0, 0.0, 1.0)
@@ -65,7 +67,8 @@ def test_a_recording_with_its_grip_by_the_pads_button(tmp_path: Path, monkeypatc
     monkeypatch.chdir(tmp_path)
     motion, buttons = fifo(tmp_path), fifo(tmp_path, "event6")
     monkeypatch.setattr(gamepad_port, "find_gamepads", lambda: {str(motion): ("DualSense", str(buttons))})
-    hand = simulate("pour", "ideal", 0, rate_hz=250.0).recording
+    way = (Waypoint(rest_s=1.5), Waypoint((0.2, 0.0, 0.1), (0.5, 0.0, 0.3), move_s=0.7, rest_s=1.8))
+    hand = simulate(Task("short", way), "ideal", rate_hz=250.0).recording
     assert hand.gyr is not None
     us = np.rint(1e6 * hand.t).astype(int) + 77
     rows = [
@@ -76,7 +79,7 @@ def test_a_recording_with_its_grip_by_the_pads_button(tmp_path: Path, monkeypatc
     def play() -> None:
         with motion.open("wb", buffering=0) as sensors, buttons.open("wb", buffering=0) as keys:
             for k in range(0, len(rows), 10):
-                if k == 1000:
+                if k == 600:  # more than a pipe holds, so the recording has begun
                     keys.write(press() + press(down=False))
                 sensors.write(b"".join(rows[k : k + 10]))
 
@@ -192,7 +195,7 @@ def test_a_stick_does_not_move_the_sensor(tmp_path: Path) -> None:
 
 def test_the_buttons_are_those_of_the_same_pad(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two pads of one name: /sys tells which input devices are one pad's."""
-    monkeypatch.setattr(gamepad_port, "CLASS", tmp_path / "class")
+    monkeypatch.setattr(gamepad_port, "SYSFS_INPUT", tmp_path / "class")
     for number, pad, end in ((3, "A", ""), (4, "A", " Motion Sensors"), (5, "B", ""), (6, "B", " Motion Sensors")):
         (tmp_path / pad).mkdir(exist_ok=True)
         device = tmp_path / "class" / f"event{number}" / "device"
@@ -206,6 +209,6 @@ def test_the_buttons_are_those_of_the_same_pad(tmp_path: Path, monkeypatch: pyte
     }
     with pytest.raises(SensorError, match=r"several gamepads are there: /dev/input/event4 \(DualSense\), .*name a --p"):
         only_gamepad()
-    monkeypatch.setattr(gamepad_port, "CLASS", tmp_path / "nothing")
+    monkeypatch.setattr(gamepad_port, "SYSFS_INPUT", tmp_path / "nothing")
     with pytest.raises(SensorError, match="no gamepad with motion sensors is there: connect a DualSense"):
         only_gamepad()

@@ -13,7 +13,7 @@ import pytest
 from pbd.errors import SensorError
 from pbd.sensors import probe
 from pbd.sensors.port import Port, open_port
-from pbd.sensors.probe import find_baud, printed_line, recognise, what_it_is
+from pbd.sensors.probe import describe_bytes, find_baud, identify_protocol, printed_line
 from pbd.sensors.protocols import PROTOCOLS
 from tests.record.speakers import SPEAKERS, Device, random_hand
 
@@ -88,18 +88,19 @@ def test_whose_bytes_these_are(name: str) -> None:
     sensor = SPEAKERS[name].sensor
     data = bytes_of(name)
     if sensor == "lines":
-        assert recognise(data) is None
+        assert identify_protocol(data) is None
         assert printed_line(data) is not None
     else:
-        assert recognise(data) == sensor
-        assert what_it_is(data, 9600, "another") == f"they are {sensor}'s: give --sensor {sensor}"
+        assert identify_protocol(data) == sensor
+        assert describe_bytes(data, 9600, "another") == f"they are {sensor}'s: give --sensor {sensor}"
 
 
 @pytest.mark.parametrize("data", [b"", b"hello\r\n" * 9, bytes(range(256)) * 4, b"1,2,3\n", b"\xff\n" * 50])
 def test_what_is_no_line_of_numbers(data: bytes) -> None:
     assert printed_line(data) is None
     assert (
-        what_it_is(data, 9600) == "9600 baud is wrong, or it is another kind of sensor: look with `pbd sensors --probe`"
+        describe_bytes(data, 9600)
+        == "9600 baud is wrong, or it is another kind of sensor: look with `pbd sensors --probe`"
     )
 
 

@@ -15,11 +15,6 @@ from pbd.sensors.protocols import PROTOCOLS, protocol
 PAGE = Path(__file__).parents[2] / "docs" / "sensors.md"
 
 
-def test_names() -> None:
-    serial = ["os5000", "witmotion", "ximu3", "vectornav", "xsens", "lines", "razor"]
-    assert list(PROTOCOLS) == [*serial, "phyphox", "gamepad"]
-
-
 def test_lines_has_to_be_told_its_columns() -> None:
     with pytest.raises(SensorError, match="--columns"):
         PROTOCOLS["lines"].decoder()

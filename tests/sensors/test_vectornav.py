@@ -154,13 +154,6 @@ def test_compensated_ones_come_first() -> None:
     assert only_raw == Sample(acc=(1.0, -2.0, -3.0), gyr=(4.0, -5.0, -6.0))
 
 
-def test_at_rest_and_level_it_feels_plus_g_and_points_north() -> None:
-    sample = one(vn.ymr((0.0, 0.0, 0.0), (0.2, 0.0, 0.4), (0.0, 0.0, -9.81), (0.0, 0.0, 0.0)))
-    assert sample.acc == pytest.approx((0.0, 0.0, 9.81))
-    assert sample.mag == pytest.approx((20.0, 0.0, -40.0))  # north and down, forward is north
-    assert sample.rpy == pytest.approx((0.0, 0.0, pi / 2.0))  # north is a quarter turn from east
-
-
 @pytest.mark.parametrize("size", [0, 40])  # of what stands in the unknown field
 @pytest.mark.parametrize("header", ["fa8000", "fa010080", "fa080040", "fa020004", "fa00"])
 def test_unknown_fields_are_refused_and_counted(header: str, size: int) -> None:

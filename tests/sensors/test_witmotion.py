@@ -58,11 +58,6 @@ def test_published_packets() -> None:
     assert first.t_device is None
 
 
-@given(st.lists(groups, min_size=2, max_size=5))
-def test_groups_come_back(sent: list[dict[int, Sequence[int]]]) -> None:
-    close(decode(WitMotionDecoder, b"".join(map(group, sent))), [expected(parts) for parts in sent])
-
-
 @given(groups)
 def test_the_package_witmotion_reads_the_same(sent: dict[int, Sequence[int]]) -> None:
     """Their g is 9.8, so acceleration is compared in g."""

@@ -185,13 +185,6 @@ def test_round_trip(
         assert quat_to_matrix(quat_from_rpy(sample.rpy)) == pytest.approx(east, abs=5e-4)
 
 
-def test_north_west_up_becomes_east_north_up() -> None:
-    """A device that points north (x) is a quarter turn from east; pitched and rolled the same way in both."""
-    sample = one(text("A", 0, [10.0, 20.0, 0.0]) + text("I", 0, STILL))
-    assert sample.rpy == pytest.approx((radians(10.0), radians(20.0), pi / 2.0))
-    assert one(text("A", 0, [0.0, 0.0, 180.0]) + text("I", 0, STILL)).rpy == pytest.approx((0.0, 0.0, -pi / 2.0))
-
-
 @pytest.mark.parametrize("encode", [text, binary])
 def test_field_and_attitude_are_the_last_before_the_sample(encode: Encode) -> None:
     def field(us: int, value: float) -> bytes:

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.pose import quat_about_z, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
-from pbd.simulation.hand_motion import HandMotion, Sway, Waypoint, minimum_jerk
+from pbd.simulation.hand_motion import HandMotion, Waypoint, minimum_jerk
 from pbd.simulation.tasks import random_task
 from tests.near import assert_near
+from tests.simulation.sway import with_sway
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -26,7 +27,7 @@ def test_minimum_jerk_begins_and_ends_at_rest() -> None:
 @given(seeds)
 def test_derivatives_are_those_of_the_pose(seed: int) -> None:
     task = random_task(seed, moves=3)
-    motion = HandMotion(task.waypoints, task.start_rpy, sway=Sway(0.02, np.random.default_rng(seed)))
+    motion = with_sway(task, 0.02, seed).motion
     t, h = np.linspace(0.0, task.duration_s, 400), 1e-4
     t = t[np.abs(t[:, None] - motion.knots).min(axis=1) > h]  # where jerk jumps
     before, now, after = motion.at(t - h), motion.at(t), motion.at(t + h)

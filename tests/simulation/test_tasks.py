@@ -122,12 +122,6 @@ def test_random_tasks_keep_to_their_bounds(seed: int, moves: int) -> None:
         assert 0.3 <= w.rest_s <= 0.6
 
 
-def test_turning_moves_the_waypoints_with_the_heading() -> None:
-    task = Task("t", (Waypoint(), Waypoint((1.0, 0.0, 0.5), move_s=1.0)), start_rpy=(0.1, 0.2, 0.3)).turned(radians(90))
-    assert task.waypoints[1].p == pytest.approx((0.0, 1.0, 0.5))
-    assert task.start_rpy == pytest.approx((0.1, 0.2, 0.3 + radians(90)))
-
-
 @pytest.mark.parametrize(
     "waypoints",
     [

@@ -180,15 +180,26 @@ def noisy(channel: str, rms: float, seconds: float) -> Damage:
     return damage
 
 
-def vibrating(acc: float, gyr: float, frequency: tuple[float, float], averaged: bool) -> Damage:
-    """A nearby machine: a sine from start to end, sampled at instants or averaged over the sampling interval."""
+def vibrating(
+    acc: float, gyr: float, frequency: tuple[float, float], averaged: bool, on_off: tuple[float, float] | None = None
+) -> Damage:
+    """A machine near by: a sine sampled at instants, or averaged over the sampling interval.
+
+    It runs from start to end, or is switched on and off at intervals (shortest and longest, s); it takes 0.1 s to
+    speed up.
+    """
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         f, t = rng.uniform(*frequency), demo.recording.t
-        loss = np.sinc(f / demo.recording.rate_hz) if averaged else 1.0
+        loss = np.sinc(f / demo.recording.rate_hz) if averaged else np.float64(1.0)
+        if on_off is not None:
+            switched = t[0] + np.cumsum(rng.uniform(*on_off, size=1 + int(t[-1] / on_off[0])))
+            k = np.searchsorted(switched, t)
+            since = t - np.append(t[0] - 1.0, switched)[k]
+            loss = loss * np.clip(np.where(k % 2, 1.0 - 10.0 * since, 10.0 * since), 0.0, 1.0)
         for channel, size in (("acc", acc), ("gyr", gyr)):
             way, phase = rng.normal(size=3), rng.uniform(0.0, 2.0 * np.pi)
-            wave = size * loss * np.sin(2.0 * np.pi * f * t + phase)[:, None] * way / np.linalg.norm(way)
+            wave = size * (loss * np.sin(2.0 * np.pi * f * t + phase))[:, None] * way / np.linalg.norm(way)
             demo = with_values(demo, channel, lambda values, wave=wave: values + wave)  # type: ignore[misc]
         return demo
 

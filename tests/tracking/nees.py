@@ -30,6 +30,7 @@ from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.noise import FACTORY
 from pbd.tracking.smoother.attitude import mean_quaternion
+from tests.simulation.sway import with_sway
 
 RANDOM: dict[str, Callable[[int], Task]] = {
     "random": random_task,
@@ -84,7 +85,7 @@ class Errors:
 def demonstration(task: str, sensor: str, seed: int, sway_speed: float = 0.0) -> Demonstration:
     """A simulated demonstration; with an odd seed, without magnetometer and the device's own angles."""
     drawn = RANDOM[task](seed) if task in RANDOM else TASKS[task]
-    demo = simulate(drawn, MODELS[sensor], seed, sway_speed=sway_speed)
+    demo = simulate(with_sway(drawn, sway_speed, seed), MODELS[sensor], seed)
     truth = demo.truth
     assert truth is not None
     wxyz = quat_multiply(truth.wxyz_nav_sensor, quat_inverse(accelerometer_axes(sensor, seed)))

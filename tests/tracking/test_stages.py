@@ -236,8 +236,3 @@ def test_an_axis_that_always_reads_the_same_says_nothing_of_the_step() -> None:
 def test_a_hand_at_the_limit_of_either_sensor_is_as_restless() -> None:
     assert restlessness(STILL_ACC**2, 0.0) == pytest.approx(1.0)
     assert restlessness(0.0, STILL_GYR**2) == pytest.approx(1.0)
-
-
-def test_a_name_is_not_tracked_but_loaded() -> None:
-    with pytest.raises(TypeError, match=r"got .pouring.; pbd\.load_demo reads one"):
-        track("pouring")  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""What the browser tests ask of an open page."""
+"""Access to a page that is open in a browser, for tests."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ COARSE = """
     const { quality } = pbd.page.stage;
     Object.assign(quality.constructor, { settle_ms: 1e8, coarse_pixels: 2e4 });
     clearTimeout(quality.settled);"""
-"""Pictures take most of the time where there is no graphics card."""
+"""Scenes are drawn coarsely, as drawing takes most of the time without a graphics card."""
 
 
 def until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
@@ -36,10 +36,10 @@ def until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_
 
 
 class Page:
-    """An open page: a replay's, or that of a recording under way."""
+    """An open page: of a replay or of a running recording."""
 
     def __init__(self, browser: Browser, address: str) -> None:
-        self.browser: Any = browser  # Chromium has more to it, and no types
+        self.browser: Any = browser  # Chromium has more methods, without types
         browser.errors()
         browser.requests()
         browser.get(address)
@@ -50,15 +50,15 @@ class Page:
         return self.browser.execute_script(script)
 
     def errors(self) -> list[str]:
-        """What the browser has complained of since the last call, or since the page was opened."""
+        """The browser's error messages since the last call, or since the page was opened."""
         return list(self.browser.errors())
 
     def requests(self) -> set[str]:
-        """Addresses that were asked for since the last call, or since the page was opened."""
+        """Addresses that the page requested since the last call, or since it was opened."""
         return set(self.browser.requests())
 
     def read(self, selector: str) -> str:
-        """The text of the first element of its kind."""
+        """The text of the first element that matches."""
         return str(self(f"return document.querySelector({json.dumps(selector)}).textContent"))
 
     def place(self, *path: str) -> Array:
@@ -84,9 +84,9 @@ class Page:
         return pixels
 
     def drawn(self, *nodes: str, link: str | None = None) -> NDArray[np.int64]:
-        """The scene (height, width, RGBA), smooth, without shadows and labels, and with these nodes alone.
+        """The scene (height, width, RGBA) with only these nodes, drawn finely, without shadows and labels.
 
-        With a link nothing else of the robot is drawn.
+        With a link, no other link of the robot is drawn.
         """
         script = f"""
             const {{ viewer, camera, quality }} = pbd.page.stage;

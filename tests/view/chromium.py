@@ -1,4 +1,4 @@
-"""A headless Chromium that draws without a graphics card, for tests, benchmarks and the pictures of the docs."""
+"""A headless Chromium that needs no graphics card, for tests, benchmarks and the pictures in the docs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ OPTIONS = (
 
 
 class Chromium(Chrome):  # type: ignore[misc]  # selenium is not followed
-    """Started with a profile that is kept in a folder; its pages have 1200 x 750 pixels."""
+    """A Chromium with its profile in a folder; its pages have 1200 x 750 pixels."""
 
     def __init__(self, binary: str, driver: str, profile: Path) -> None:
         options = ChromeOptions()
@@ -41,16 +41,16 @@ class Chromium(Chrome):  # type: ignore[misc]  # selenium is not followed
         self.set_media()
 
     def set_size(self, width: int = 1200, height: int = 750) -> None:
-        """Give pages so many pixels."""
+        """Set the size of pages, pixels."""
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
 
     def set_media(self, scheme: str = "light", motion: str = "reduce") -> None:
-        """Pretend that the user prefers "light" or "dark", and less motion, as what plays by itself is slow.
+        """Set what the user prefers.
 
         Args:
-            scheme: of colours.
-            motion: or "no-preference".
+            scheme: of colours, "light" or "dark".
+            motion: "reduce" stops the automatic playback, which is slow; or "no-preference".
         """
         features = [
             {"name": f"prefers-{what}", "value": value}
@@ -59,12 +59,12 @@ class Chromium(Chrome):  # type: ignore[misc]  # selenium is not followed
         self.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
 
     def errors(self) -> list[str]:
-        """What was complained of since the last call; that software rendering is slow is not the page's fault."""
+        """Error messages since the last call, without the warning that software rendering is slow."""
         messages = [str(entry["message"]) for entry in self.get_log("browser")]
         return [message for message in messages if "GPU stall due to ReadPixels" not in message]
 
     def requests(self) -> set[str]:
-        """Addresses that were asked for since the last call, the browser's own (chrome:) left out."""
+        """Addresses requested since the last call, without the browser's own (chrome:)."""
         events = [json.loads(entry["message"])["message"] for entry in self.get_log("performance")]
         asked = [event["params"] for event in events if event["method"] == "Network.requestWillBeSent"]
         sockets = [event["params"] for event in events if event["method"] == "Network.webSocketCreated"]
@@ -73,7 +73,7 @@ class Chromium(Chrome):  # type: ignore[misc]  # selenium is not followed
 
 
 def chromium(profile: Path) -> Chromium | None:
-    """Start one; None where it or its driver is not on PATH."""
+    """Start one; None if it or its driver is not on PATH."""
     binary = shutil.which("chromium") or shutil.which("google-chrome")
     driver = shutil.which("chromedriver")
     return Chromium(binary, driver, profile) if binary and driver else None

@@ -1,4 +1,4 @@
-"""A cache of meshes that is not the user's, and browsers where there are any."""
+"""A cache of meshes apart from the user's, and browsers if there are any."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.view.firefox import Firefox, firefox
 
 @pytest.fixture(scope="session", autouse=True)
 def mesh_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """One for all of pytest-xdist's workers: each mesh is read once."""
+    """One cache for all workers of pytest-xdist, so that each mesh is read once."""
     folder = tmp_path_factory.getbasetemp()
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder))

@@ -1,7 +1,7 @@
-"""A Firefox that draws without a graphics card, on a screen of its own (Xvfb): headless it has no WebGL.
+"""A Firefox that needs no graphics card. It runs on a virtual screen (Xvfb), as headless Firefox has no WebGL.
 
-Debian has no geckodriver, which Selenium asks for. So tests talk to Firefox in its own protocol, Marionette: a length,
-a colon and JSON; [0, number, command, parameters] is answered by [1, number, error, result].
+Debian has no geckodriver, which Selenium needs. So tests use Firefox' own protocol, Marionette: a message is a length,
+a colon and JSON; the answer to [0, number, command, parameters] is [1, number, error, result].
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ LISTEN = """
     } }, "http-on-opening-request");
 """
 ASKED = "return window.asked.splice(0)"
-COMPLAINTS = """
+MESSAGES = """
     const storage = Cc["@mozilla.org/consoleAPI-storage;1"].getService(Ci.nsIConsoleAPIStorage);
     const said = storage.getEvents().filter((each) =>
       /^(error|warn)$/.test(each.level) && !each.filename.startsWith("resource:"));
@@ -53,7 +53,7 @@ COMPLAINTS = """
 
 
 class Firefox:
-    """Started with a profile that is kept in a folder; its pages have 1200 x 750 pixels."""
+    """A Firefox with its profile in a folder; its pages have 1200 x 750 pixels."""
 
     def __init__(self, binary: str, xvfb: str, profile: Path) -> None:
         profile.mkdir(exist_ok=True)
@@ -98,16 +98,16 @@ class Firefox:
         return self._ask("WebDriver:ExecuteScript", script=script, args=[])
 
     def get_screenshot_as_png(self) -> bytes:
-        """What is seen of the page."""
+        """A screenshot of the page."""
         return base64.b64decode(self._ask("WebDriver:TakeScreenshot", full=False))
 
     def press(self, key: str) -> None:
-        """Press a key, in WebDriver's code, and let it go."""
+        """Press and release a key, given in WebDriver's code."""
         acts = [{"type": kind, "value": key} for kind in ("keyDown", "keyUp")]
         self._ask("WebDriver:PerformActions", actions=[{"type": "key", "id": "keys", "actions": acts}])
 
     def set_size(self, width: int = 1200, height: int = 750) -> None:
-        """Give pages so many pixels."""
+        """Set the size of pages, pixels."""
         style = f"min-width: {width}px; max-width: {width}px; min-height: {height}px; max-height: {height}px"
         self._chrome(f"gBrowser.selectedBrowser.style = '{style}'")
         size = [width, height]
@@ -115,7 +115,7 @@ class Firefox:
 
     @contextmanager
     def preference(self, name: str, value: bool) -> Iterator[None]:
-        """Change a setting for a while."""
+        """Change a preference within the context."""
         self._chrome(f"Services.prefs.setBoolPref('{name}', {json.dumps(value)})")
         try:
             yield
@@ -123,17 +123,15 @@ class Firefox:
             self._chrome(f"Services.prefs.clearUserPref('{name}')")
 
     def errors(self) -> list[str]:
-        """What the page complained of, and what was forbidden to it, since the last call."""
-        return [
-            str(each) for each in self._ask("WebDriver:ExecuteScript", script=COMPLAINTS, args=[], sandbox="system")
-        ]
+        """Error messages of the page, and requests that were forbidden to it, since the last call."""
+        return [str(each) for each in self._ask("WebDriver:ExecuteScript", script=MESSAGES, args=[], sandbox="system")]
 
     def requests(self) -> set[str]:
-        """Addresses that pages asked a server for since the last call; reading a file is none."""
+        """Addresses that pages requested from servers since the last call, without files."""
         return {str(address) for address in self._chrome(ASKED)}
 
     def _chrome(self, script: str) -> Any:
-        """Run a script that may do what the browser itself may."""
+        """Run a script with the browser's own privileges."""
         self._ask("Marionette:SetContext", value="chrome")
         try:
             return self.execute_script(script)
@@ -165,7 +163,7 @@ def _until(condition: Callable[[], object], what: str) -> None:
 
 
 def firefox(profile: Path) -> Firefox | None:
-    """Start one; None where it or Xvfb is not on PATH."""
+    """Start one; None if it or Xvfb is not on PATH."""
     binary = shutil.which("firefox-esr") or shutil.which("firefox")
     xvfb = shutil.which("Xvfb")
     return Firefox(binary, xvfb, profile) if binary and xvfb else None

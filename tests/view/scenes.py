@@ -1,4 +1,4 @@
-"""Small replays to look at: a robot, a few rest-to-rest moves, a hand that went nearly the same way."""
+"""Small replays for tests: a robot, a few moves from rest to rest, and a hand whose path is a few mm off the tool's."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.arm.model import load_model
-from pbd.data import GraspedObject, Gripper, JointLimits, JointTrajectory, Obstacle, Robot
-from pbd.data.world import Stay, holds, stays
+from pbd.data import Calibration, GraspedObject, Gripper, JointLimits, JointTrajectory, Keyframe, Obstacle, Robot
+from pbd.data.world import gripped_spans, object_stays
 from pbd.pose import Array, Pose
 from pbd.replay import robot_motion
-from pbd.view.replay_scene import ReplayKeyframe, ReplayScene, Touching
-from pbd.view.robot_motion import FRAME_RATE_HZ, RobotMotion
+from pbd.view.replay_scene import Contact, ReplayScene
+from pbd.view.robot_motion import FRAME_RATE_HZ
 
 QUARTER_TURN = Pose.from_rpy(np.zeros(3), (0.0, 0.0, np.pi / 2))
 
@@ -93,45 +93,42 @@ def replay(
     arm: Robot, trajectory: JointTrajectory, labels: tuple[str, ...], grasped: GraspedObject | None = None
 ) -> ReplayScene:
     motion = robot_motion(load_model(arm), trajectory.sample(FRAME_RATE_HZ))
-    track, t = motion.tool(arm), motion.t
+    tool, t = motion.tool(arm), motion.t
     sway = 0.008 * np.stack([np.sin(1.3 * t), np.cos(1.7 * t) - 1.0, np.sin(0.9 * t)], axis=1)
-    path: Array = track.p + sway
-    speed = np.linalg.norm(np.gradient(path, t, axis=0), axis=1)
-    at = np.searchsorted(t, trajectory.keyframe_t).clip(0, len(t) - 1)
-    change = np.diff(
-        np.interp(trajectory.keyframe_t + 0.41, trajectory.gripper_t, trajectory.gripper_opening), prepend=1.0
-    )
+    path: Array = tool.p + sway
+
+    def at(instant: float) -> Pose:
+        return tool[int(np.searchsorted(t, instant).clip(0, len(t) - 1))]
+
+    opening = np.interp(trajectory.keyframe_t + 0.41, trajectory.gripper_t, trajectory.gripper_opening)
+    closes = [None if abs(change) < 0.1 else bool(change < 0) for change in np.diff(opening, prepend=1.0)]
+    growth = 1.0 + np.arange(len(labels)) / 3.0
+    cov = np.square(growth)[:, None, None] * np.diag(np.square([0.004, 0.005, 0.003, 0.01, 0.01, 0.02]))
+    tolerance_m = np.array([0.002, 0.003, 0.002])
+    T_base_tool = tuple(map(at, trajectory.keyframe_t))
     keyframes = tuple(
-        ReplayKeyframe(
-            label,
-            float(t[i]),
-            track[int(i)],
-            np.diag(np.square(np.array([0.004, 0.005, 0.003, 0.01, 0.01, 0.02]) * (1 + k / 3))),
-            None if abs(c) < 0.1 else bool(c < 0),
-            inside=0.9 - 0.05 * k,
-        )
-        for k, (label, i, c) in enumerate(zip(labels, at, change, strict=True))
+        Keyframe(float(instant), 0.4, pose, cov[k], closes[k], labels[k], tolerance_m)
+        for k, (instant, pose) in enumerate(zip(trajectory.keyframe_t, T_base_tool, strict=True))
     )
+    spans = gripped_spans(trajectory.gripper_t, trajectory.gripper_opening)
     return ReplayScene(
         title="Pouring",
         robot=arm,
         trajectory=trajectory,
         motion=motion,
-        hand_path_base=path,
+        calibration=Calibration("bench", table_height=0.0),
         keyframes=keyframes,
-        hand_speed=speed,
-        table_height=0.0,
+        T_base_tool=T_base_tool,
+        cov=cov,
+        tolerance=np.tile(np.diag(tolerance_m**2), (len(labels), 1, 1)),
+        inside=np.linspace(0.9, 0.6, len(labels)),
+        hand_path_base=path,
+        hand_speed=np.linalg.norm(np.gradient(path, t, axis=0), axis=1),
         grasped=grasped,
-        phases=() if grasped is None else _phases(grasped, trajectory, motion, arm),
-        notes=("Simulated data: no sensor was held.",),
+        stays=() if grasped is None else object_stays(grasped, spans, at, 0.0),
         torque=0.674,
+        notes=("Simulated data: no sensor was held.",),
     )
-
-
-def _phases(thing: GraspedObject, trajectory: JointTrajectory, motion: RobotMotion, arm: Robot) -> tuple[Stay, ...]:
-    tool = motion.tool(arm)
-    spans = holds(trajectory.gripper_t, trajectory.gripper_opening)
-    return stays(thing, spans, lambda t: tool[int(np.searchsorted(motion.t, t).clip(0, len(motion.t) - 1))], 0.0)
 
 
 @cache
@@ -153,15 +150,16 @@ def pouring() -> ReplayScene:
 
 
 def in_the_way() -> ReplayScene:
-    """The same with a post and a wall; the hand touches the post for a second, and later a link the table."""
+    """The same with a post and a wall. The hand touches the post for a second; later a link touches the table."""
     post = Obstacle("the post", "cylinder", (0.06, 0.4), Pose(np.array([0.62, -0.28, 0.2]), np.eye(4)[0]))
     wall = Obstacle("the wall", "box", (0.02, 8.0, 1.0), Pose(np.array([-0.5, 0.0, 0.5]), np.eye(4)[0]))
     message = "panda_hand touches the post at 4.00 s, 12 mm deep; move the post"
-    touching = (
-        Touching(("panda_hand", "the post"), 4.0, 5.0, message),
-        Touching(("panda_link6", "the table"), 7.0, 7.25, "t = 7.0 s: panda_link6 would touch the table, 3.0 mm deep"),
+    contacts = (
+        Contact(("panda_hand", "the post"), 4.0, 5.0, message),
+        Contact(("panda_link6", "the table"), 7.0, 7.25, "t = 7.0 s: panda_link6 would touch the table, 3.0 mm deep"),
     )
-    return replace(pouring(), obstacles=(post, wall), touching=touching, notes=(f"collision: {message}",))
+    calibration = Calibration("bench", table_height=0.0, obstacles=(post, wall))
+    return replace(pouring(), calibration=calibration, contacts=contacts, notes=(f"collision: {message}",))
 
 
 @cache

@@ -1,4 +1,4 @@
-"""The page in a real browser, from a file and without a net."""
+"""The page in a real browser, from a file and without a network."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def opened(chrome: Chromium, replay_file: Path) -> Replay:
 
 @pytest.fixture
 def replay(opened: Replay) -> Iterator[Replay]:
-    """As it is when it is opened, but paused."""
+    """The page as after loading, but paused."""
     opened("pbd.page.player.pause(); pbd.page.player.seek(0); pbd.page.player.loop = true; pbd.page.player.speed = 1")
     opened("for (const id of ['joints', 'panel']) pbd.page.fold(id, false); document.activeElement.blur()")
     opened.browser.set_media()
@@ -54,7 +54,7 @@ def replay(opened: Replay) -> Iterator[Replay]:
 
 
 def finger_of(scene: ReplayScene) -> Array:
-    """Where a finger is over time, (n, 3) m."""
+    """Positions of a finger over time, (n, 3) m."""
     return scene.motion.joint(scene.motion.link("panda_leftfinger")[0]).p
 
 
@@ -62,7 +62,7 @@ def press(replay: Replay, keys: str) -> None:
     ActionChains(replay.browser).send_keys(keys).perform()
 
 
-def test_it_asks_for_nothing_but_itself(replay: Replay, replay_file: Path) -> None:
+def test_it_requests_nothing_but_itself(replay: Replay, replay_file: Path) -> None:
     assert replay.requests() <= {replay_file.as_uri()}
     assert replay.errors() == []  # a blocked request would be one
 
@@ -75,8 +75,8 @@ def test_links_are_where_pinocchio_says(replay: Replay, scene: ReplayScene) -> N
 
 
 def test_keyframes_stand_where_they_were_put(replay: Replay, scene: ReplayScene) -> None:
-    for i, keyframe in enumerate(scene.keyframes):
-        np.testing.assert_allclose(replay.place("pbd", "keyframes", str(i), "triad"), keyframe.T_base_tool.p, atol=1e-6)
+    for i, pose in enumerate(scene.T_base_tool):
+        np.testing.assert_allclose(replay.place("pbd", "keyframes", str(i), "triad"), pose.p, atol=1e-6)
 
 
 def test_playing_moves_and_ends_where_it_should(replay: Replay, scene: ReplayScene) -> None:
@@ -102,10 +102,10 @@ def test_keys_work_as_in_video_players(replay: Replay, scene: ReplayScene) -> No
         (Keys.HOME, 0.0),
         ("l", 5.0),
         ("j", 0.0),
-        ("nn", scene.keyframes[2].t),
-        ("p", scene.keyframes[1].t),
-        (Keys.ARROW_DOWN * 2, scene.keyframes[3].t),
-        (Keys.ARROW_UP, scene.keyframes[2].t),
+        ("nn", scene.trajectory.keyframe_t[2]),
+        ("p", scene.trajectory.keyframe_t[1]),
+        (Keys.ARROW_DOWN * 2, scene.trajectory.keyframe_t[3]),
+        (Keys.ARROW_UP, scene.trajectory.keyframe_t[2]),
     ):
         press(replay, keys)
         assert replay.time == pytest.approx(wanted), repr(keys)
@@ -122,11 +122,11 @@ def test_keys_work_as_in_video_players(replay: Replay, scene: ReplayScene) -> No
     assert not replay("return pbd.page.player.loop")
 
 
-def test_help_names_the_keys(replay: Replay) -> None:
+def test_help_lists_the_keys(replay: Replay) -> None:
     press(replay, "?")
     assert replay("return document.getElementById('help').open")
-    told = {cap.text.lower() for cap in replay.browser.find_elements(By.TAG_NAME, "kbd")}
-    assert {"space", "k", "j", "l", "home", "end", ",", ".", "<", ">", "0", "9"} <= told
+    listed = {cap.text.lower() for cap in replay.browser.find_elements(By.TAG_NAME, "kbd")}
+    assert {"space", "k", "j", "l", "home", "end", ",", ".", "<", ">", "0", "9", "?"} <= listed
     press(replay, Keys.END)  # behind the help nothing moves
     assert replay.time == 0.0
     press(replay, Keys.ESCAPE)
@@ -140,27 +140,26 @@ def test_a_click_on_a_keyframe_goes_there(replay: Replay, scene: ReplayScene) ->
     rows = replay.browser.find_elements(By.CSS_SELECTOR, "#keyframes tbody tr")
     cells = [[cell.text for cell in row.find_elements(By.TAG_NAME, "td")] for row in rows]
     assert [row[1].split(" ")[0] for row in cells] == [keyframe.label.split(" ")[0] for keyframe in scene.keyframes]
-    for row, keyframe in zip(cells, scene.keyframes, strict=True):
-        assert keyframe.cov is not None
-        position, rotation = (np.sqrt(np.linalg.eigvalsh(keyframe.cov[i : i + 3, i : i + 3]).max()) for i in (0, 3))
-        told = [float(text.replace("\u2212", "-")) for text in row[2:]]
-        wanted = [keyframe.t, *(100.0 * keyframe.T_base_tool.p), 1000.0 * position, np.degrees(rotation)]
-        wanted.append(100.0 * (keyframe.inside or 0.0))
-        np.testing.assert_allclose(told, wanted, atol=0.0501)
+    for k, row in enumerate(cells):
+        position, rotation = (np.sqrt(np.linalg.eigvalsh(scene.cov[k, i : i + 3, i : i + 3]).max()) for i in (0, 3))
+        shown = [float(text.replace("\u2212", "-")) for text in row[2:]]
+        wanted = [scene.trajectory.keyframe_t[k], *(100.0 * scene.T_base_tool[k].p), 1000.0 * position]
+        np.testing.assert_allclose(shown[:-1], [*wanted, np.degrees(rotation)], atol=0.0501)
+        assert shown[-1] == round(100.0 * scene.inside[k])
     rows[3].find_element(By.TAG_NAME, "td").click()
-    assert replay.time == pytest.approx(scene.keyframes[3].t)
+    assert replay.time == pytest.approx(scene.trajectory.keyframe_t[3])
     assert [row.get_attribute("aria-current") for row in rows].index("true") == 3
     rows[5].find_element(By.TAG_NAME, "button").send_keys(Keys.ENTER)
-    assert replay.time == pytest.approx(scene.keyframes[5].t)
+    assert replay.time == pytest.approx(scene.trajectory.keyframe_t[5])
     replay.browser.find_elements(By.CSS_SELECTOR, "#labels button")[4].click()
-    assert replay.time == pytest.approx(scene.keyframes[4].t)
+    assert replay.time == pytest.approx(scene.trajectory.keyframe_t[4])
 
 
 def test_buttons_and_switches(replay: Replay, scene: ReplayScene) -> None:
     def click(name: str) -> None:
         replay.browser.find_element(By.ID, name).click()
 
-    times = [keyframe.t for keyframe in scene.keyframes]
+    times = scene.trajectory.keyframe_t
     click("next")
     click("next")
     assert replay.time == pytest.approx(times[2])
@@ -202,16 +201,18 @@ def test_seeking_on_the_time_axis_and_in_the_plot(replay: Replay, scene: ReplayS
 
 
 def test_the_time_axis_shows_moves_and_grip(replay: Replay) -> None:
-    told = replay("return [pbd.page.replay.moves, pbd.page.replay.closed, pbd.page.replay.duration]")
+    moves, closed, duration = replay(
+        "const { moves, closed, duration } = pbd.page.replay; return [moves, closed, duration]"
+    )
     axis = replay.browser.find_element(By.ID, "timeline").rect
-    for lane, spans in (("moves", told[0]), ("closed", told[1])):
+    for lane, spans in (("moves", moves), ("closed", closed)):
         drawn = [span.rect for span in replay.browser.find_elements(By.CSS_SELECTOR, f"#{lane} i")]
         edges = [((box["x"] - axis["x"]), (box["x"] + box["width"] - axis["x"])) for box in drawn]
-        np.testing.assert_allclose(np.array(edges) / axis["width"] * told[2], spans, atol=0.03)
+        np.testing.assert_allclose(np.array(edges) / axis["width"] * duration, spans, atol=0.03)
     assert replay.browser.find_elements(By.CSS_SELECTOR, "#touching i") == []
 
 
-def test_the_largest_share_of_a_torque_limit_is_said(replay: Replay) -> None:
+def test_the_subtitle_has_the_largest_share_of_a_torque_limit(replay: Replay) -> None:
     assert replay.read("#subtitle").replace("\u00a0", " ").endswith(" \u00b7 torques up to 67 % of the limits")
 
 
@@ -219,8 +220,8 @@ def test_a_joint_between_its_limits(replay: Replay, scene: ReplayScene) -> None:
     replay("pbd.page.player.seek(3.21)")
     (q,) = scene.trajectory.at(np.array([3.21])).q
     chips = replay.browser.find_elements(By.CSS_SELECTOR, "#angles button")
-    told = [float(chip.text.split()[-1].replace("\u2212", "-").rstrip("\u00b0")) for chip in chips]
-    np.testing.assert_allclose(told, np.degrees(q), atol=0.2)  # drawn at 25 Hz
+    shown = [float(chip.text.split()[-1].replace("\u2212", "-").rstrip("\u00b0")) for chip in chips]
+    np.testing.assert_allclose(shown, np.degrees(q), atol=0.2)  # drawn at 25 Hz
     chips[3].click()
     assert replay.read("#lowest") == "\u2212172\u00b0"  # its limits are 3 rad either way
     assert replay.read("#highest") == "172\u00b0"
@@ -236,9 +237,7 @@ def test_ellipsoids_can_be_magnified(replay: Replay, scene: ReplayScene) -> None
         pbd.page.stage.viewer.scene.updateMatrixWorld(true);
         const { min, max } = new MeshCat.THREE.Box3().setFromObject(ball);
         return max.sub(min).toArray();"""
-    cov = scene.keyframes[3].cov
-    assert cov is not None
-    true = 4.0 * np.sqrt(np.diag(cov)[:3])[[0, 2, 1]]  # three.js has y up
+    true = 4.0 * np.sqrt(np.diag(scene.cov[3])[:3])[[0, 2, 1]]  # three.js has y up
     np.testing.assert_allclose(replay(extent), true, rtol=0.01)
     for times in (5.0, 1.0):
         replay.browser.find_element(By.CSS_SELECTOR, "#switches button").click()
@@ -246,7 +245,7 @@ def test_ellipsoids_can_be_magnified(replay: Replay, scene: ReplayScene) -> None
 
 
 def test_a_small_window_begins_with_the_scene(replay: Replay) -> None:
-    """In a large one both are open again."""
+    """Panel and joints are folded in a small window, and open again in a large one."""
     shut = "return ['panel', 'joints'].map((id) => document.body.classList.contains(`no-${id}`))"
     try:
         for width, height, wanted in (
@@ -265,13 +264,13 @@ def test_a_small_window_begins_with_the_scene(replay: Replay) -> None:
         replay.browser.set_size()
 
 
-def test_all_that_can_be_worked_has_a_name(replay: Replay) -> None:
+def test_all_controls_have_an_accessible_name(replay: Replay) -> None:
     for each in replay.browser.find_elements(By.CSS_SELECTOR, "button, input, select"):
         if each.is_displayed():
             assert each.accessible_name.strip(), each.get_attribute("outerHTML")
     assert replay.browser.find_element(By.ID, "play").accessible_name == "Play"
-    valued = replay.browser.find_element(By.ID, "seek").get_attribute("aria-valuetext")
-    assert valued == "0.00 seconds, to keyframe 1: grasp"
+    value = replay.browser.find_element(By.ID, "seek").get_attribute("aria-valuetext")
+    assert value == "0.00 seconds, to keyframe 1: grasp"
 
 
 LAID_OUT = """
@@ -285,20 +284,24 @@ LAID_OUT = """
       nodes.slice(i + 1).filter((b) => cut(a, b)).map((b) => [a, b].map(name)));
     return [
       ["#panel, #bar", "#controls > *", "#timeline, #curves, #angles button", "#panel > *", ".gutter",
-        "#numbers span:not(.mute)"].flatMap((group) => pairs(shown(group))),
+        "#numbers span:not(.mute)", "#labels button"].flatMap((group) => pairs(shown(group))),
       shown("#bar, #panel, #controls > *, #angles button").filter((node) => outside(box(node))).map(name),
     ];"""
 
 
 def test_nothing_overlaps(replay: Replay) -> None:
     try:
-        for width, height in ((1400, 900), (1000, 700), (390, 844), (800, 420)):
+        for width, height in ((1400, 900), (1000, 700), (390, 844), (320, 568), (800, 420)):
             replay.browser.set_size(width, height)
             for panel in ("true", "false"):
                 replay(
                     f"pbd.page.fold('joints', innerWidth <= 640 || innerHeight < 560); pbd.page.fold('panel', {panel})"
                 )
                 assert replay(LAID_OUT) == [[], []], f"{width} x {height}"
+                cut_off = replay(
+                    "const { scrollWidth, clientWidth } = element('list'); return scrollWidth - clientWidth"
+                )
+                assert cut_off == 0, f"{width} x {height}: the table scrolls sideways"
     finally:
         replay.browser.set_size()
 
@@ -359,7 +362,7 @@ def test_it_plays_in_firefox(fox: Firefox, replay_file: Path, scene: ReplayScene
     assert replay.errors() == []
 
 
-# --- a page with all that is odd ---
+# --- a page of an unusual scene ---
 
 EVIL = '</script><img src=x onerror="document.title=1"><b>'
 LOWER = np.array([-3.0, -2.0, -1.0, -4.0, -np.inf, 1.0, -2.5])
@@ -368,15 +371,15 @@ UPPER = np.array([1.0, 1.0, 2.5, -1.0, np.inf, 3.0, 3.0])
 
 @pytest.fixture(scope="module")
 def odd_scene(scene: ReplayScene) -> ReplayScene:
-    """Bodies that touch, words that look like code, two vague keyframes, a doubted stop, a joint without limits."""
-    vague = np.diag([0.25, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4])
+    """Contacts, labels that look like code, two very uncertain keyframes, a doubted stop, a joint without limits."""
+    uncertain = np.diag([0.25, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4])
     keyframes = tuple(
-        replace(each, label=EVIL, cov=vague if k in (2, 5) else each.cov, weight=0.6 if k == 2 else 0.9)
-        for k, each in enumerate(scene.keyframes)
+        replace(each, label=EVIL, weight=0.6 if k == 2 else 0.9) for k, each in enumerate(scene.keyframes)
     )
-    touching = scenes.in_the_way()
+    cov = np.array([uncertain if k in (2, 5) else each for k, each in enumerate(scene.cov)])
+    in_the_way = scenes.in_the_way()
     robot = replace(scene.robot, limits=replace(scene.robot.limits, lower=LOWER, upper=UPPER))
-    return replace(touching, title=EVIL, notes=(EVIL, *touching.notes), keyframes=keyframes, robot=robot)
+    return replace(in_the_way, title=EVIL, notes=(EVIL, *in_the_way.notes), keyframes=keyframes, cov=cov, robot=robot)
 
 
 @pytest.fixture(scope="module")
@@ -386,22 +389,22 @@ def odd(odd_scene: ReplayScene, chrome: Chromium, tmp_path_factory: pytest.TempP
     return Replay(chrome, file.as_uri())
 
 
-def test_words_from_files_are_words(odd: Replay) -> None:
+def test_text_from_files_is_never_code(odd: Replay) -> None:
     assert odd.read("#title") == odd("return document.title") == EVIL
     assert odd("return document.querySelectorAll('img, b:not(#time b, #joints b)').length") == 0
     assert odd.errors() == []
 
 
-def test_what_touches_is_shown(odd: Replay, odd_scene: ReplayScene) -> None:
+def test_contacts_are_shown(odd: Replay, odd_scene: ReplayScene) -> None:
     alarms = odd.browser.find_elements(By.CSS_SELECTOR, "#notes .alarm button")
-    assert [alarm.text for alarm in alarms] == [each.message for each in odd_scene.touching]
+    assert [alarm.text for alarm in alarms] == [each.message for each in odd_scene.contacts]
     axis = odd.browser.find_element(By.ID, "timeline").rect
     red = [each.rect for each in odd.browser.find_elements(By.CSS_SELECTOR, "#touching i")]
     spans = [[each["x"] - axis["x"], each["x"] - axis["x"] + each["width"]] for each in red]
-    wanted = [(each.start, each.end) for each in odd_scene.touching]
+    wanted = [(each.start, each.end) for each in odd_scene.contacts]
     np.testing.assert_allclose(np.array(spans) / axis["width"] * odd_scene.trajectory.duration, wanted, atol=0.03)
     alarms[1].click()
-    assert odd.time == pytest.approx(odd_scene.touching[1].start)
+    assert odd.time == pytest.approx(odd_scene.contacts[1].start)
     assert "the post, the wall" in odd.read("#switches")
 
 
@@ -409,21 +412,21 @@ def test_an_ellipsoid_that_would_hide_the_scene_is_not_drawn(odd: Replay, odd_sc
     shown = """
         const ball = (_, i) => pbd.page.stage.node("pbd", "keyframes", String(i), "two_sigma");
         return pbd.page.replay.keyframes.map(ball).map((node) => node.visible);"""
-    few = [k not in (2, 5) for k in range(len(odd_scene.keyframes))]
-    assert odd(shown) == few
+    visible = [k not in (2, 5) for k in range(len(odd_scene.keyframes))]
+    assert odd(shown) == visible
     assert "uncertainty, 2 σ; 2 too large to draw" in odd.read("#switches")
-    for wanted in ([False] * len(few), few):
+    for wanted in ([False] * len(visible), visible):
         odd("document.querySelectorAll('#switches input')[3].click()")
         assert odd(shown) == wanted
 
 
-def test_a_doubted_stop_asks(odd: Replay) -> None:
+def test_a_doubted_stop_has_a_question_mark(odd: Replay) -> None:
     for place in ("#keyframes button.doubted", "#labels button.doubted", "#numbers .doubted"):
         assert [each.text.split()[0] for each in odd.browser.find_elements(By.CSS_SELECTOR, place)] == ["2?"]
 
 
 def test_each_joint_is_drawn_between_its_own_limits(odd: Replay, odd_scene: ReplayScene) -> None:
-    """And one that has none is dotted, with no limits to be seen when it is alone."""
+    """A joint without limits is dotted, and shows no limits when it is chosen."""
     curves = odd.browser.find_elements(By.CSS_SELECTOR, "#plot polyline")
     samples = odd_scene.trajectory.sample(25.0)
     for j, curve in enumerate(curves):

@@ -1,4 +1,4 @@
-"""Compacting: the same surface, with vertices split where it has edges."""
+"""Compacting keeps the surface, and splits vertices at sharp edges."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def face_normals(mesh: Mesh) -> Array:
 
 
 def page_normals(mesh: Mesh) -> Array:
-    """As three.js computes them: the sum of the faces' areas at each vertex."""
+    """Vertex normals as three.js computes them: the mean of the faces', weighted by area."""
     normals = np.zeros_like(mesh.vertices)
     for corner in mesh.faces.T:
         np.add.at(normals, corner, face_normals(mesh))

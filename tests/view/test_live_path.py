@@ -1,4 +1,4 @@
-"""The growing path: where it goes, and that it costs no more the longer it gets."""
+"""The live path: its shape, and that its cost does not grow with its length."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ walks = arrays(np.float64, st.tuples(st.integers(2, 60), st.just(3)), elements=s
 
 
 class Picture:
-    """Keeps the pieces as a page does: a piece that comes again takes the place of the one before."""
+    """Keeps the pieces as a page does: a new version of a piece replaces the old one."""
 
     def __init__(self, live: LivePath) -> None:
         self.path, self.pieces = live, dict[str, Array]()
 
     def take(self, most: int = 1000) -> int:
-        """Take what is new; how many points that was."""
+        """Take what is new, and return the number of points."""
         new = self.path.take(most)
         self.pieces |= {name: points for name, points, _ in new}
         return sum(len(points) for _, points, _ in new)
 
     def line(self, move: int) -> Array:
-        """A move's points, those that two pieces share once."""
+        """A move's points, without the duplicates where pieces meet."""
         names = sorted((name for name in self.pieces if name.startswith(f"{move}/")), key=lambda n: int(n[2:]))
         pieces = [self.pieces[name] for name in names]
         for before, after in pairwise(pieces):
@@ -40,14 +40,14 @@ class Picture:
 
 
 def lifted(t: Array) -> tuple[Array, Array]:
-    """A smooth move of a second: where, how fast."""
+    """A smooth move of one second: positions and velocities."""
     p = np.stack((0.3 * (3 * t**2 - 2 * t**3), 0.1 * t**3, 0.05 * t**2), axis=1)
     v = np.stack((1.8 * (t - t**2), 0.3 * t**2, 0.1 * t), axis=1)
     return p, v
 
 
 def test_a_cubic_is_drawn_as_it_is() -> None:
-    """At 20 pictures a second: a cubic through ends and end velocities is that cubic."""
+    """Drawn 20 times a second from points and velocities of a cubic, the path is that cubic."""
     t = np.linspace(0.0, 1.0, 21)
     live = LivePath()
     live.begin(0.0, np.zeros(3))
@@ -57,32 +57,32 @@ def test_a_cubic_is_drawn_as_it_is() -> None:
     picture.take()
     drawn, fine = picture.line(0), lifted(np.linspace(0.0, 1.0, 20001))[0]
     off = np.array([np.linalg.norm(fine - p, axis=1).min() for p in drawn])
-    assert off.max() < 2e-5  # what the fine line itself is apart
+    assert off.max() < 2e-5  # spacing of the fine line
     assert np.linalg.norm(np.diff(drawn, axis=0), axis=1).max() < 1.5 * SPACING_M
     assert np.linalg.norm(drawn[-1] - fine[-1]) < SPACING_M
 
 
 @given(walks)
-def test_it_goes_through_what_it_was_told_and_has_no_holes(walk: Array) -> None:
+def test_it_goes_through_all_points_without_holes(walk: Array) -> None:
     live = LivePath()
     picture = Picture(live)
     live.begin(0.0, np.zeros(3))
-    here, told = np.zeros(3), []
+    here, points = np.zeros(3), []
     for k, p in enumerate(walk):
         live.grow(0.05 * (k + 1), p, np.zeros(3))
         picture.take()
         if np.linalg.norm(p - here) >= SPACING_M:
             here = p
-            told.append(p)
-    if told:
+            points.append(p)
+    if points:
         line = picture.line(0)
         np.testing.assert_array_equal(line[0], np.zeros(3))
         np.testing.assert_allclose(line[-1], here, atol=1e-12)
-        for p in told:
+        for p in points:
             assert np.linalg.norm(line - p, axis=1).min() < 1e-12
 
 
-def test_a_long_move_costs_no_more_at_its_end() -> None:
+def test_a_long_move_costs_the_same_at_its_end() -> None:
     live = LivePath()
     picture = Picture(live)
     live.begin(0.0, np.zeros(3))
@@ -94,7 +94,7 @@ def test_a_long_move_costs_no_more_at_its_end() -> None:
     assert max(costs[:100]) == max(costs[-100:])
 
 
-def test_a_hand_that_races_away_costs_no_more() -> None:
+def test_diverging_dead_reckoning_has_a_bounded_cost() -> None:
     live = LivePath()
     live.begin(0.0, np.zeros(3))
     live.grow(0.05, np.array((1e4, 0.0, 0.0)), np.array((1e5, 0.0, 0.0)))
@@ -102,8 +102,8 @@ def test_a_hand_that_races_away_costs_no_more() -> None:
 
 
 @pytest.mark.parametrize("rest_s", [0.3, 30.0])
-def test_a_stop_takes_back_what_an_accelerometer_bias_did(rest_s: float) -> None:
-    """A bias is a velocity error that grows linearly from the beginning of the move, however long the rest before."""
+def test_a_stop_removes_the_error_of_an_accelerometer_bias(rest_s: float) -> None:
+    """A bias is a velocity error that grows linearly from the start of the move; the rest before does not matter."""
     live, bias = LivePath(), np.array((0.04, -0.06, 0.02))
     picture = Picture(live)
     live.begin(0.0, np.zeros(3))
@@ -136,7 +136,7 @@ def test_a_stop_takes_back_what_an_accelerometer_bias_did(rest_s: float) -> None
 
 
 def test_a_gap_makes_no_loop() -> None:
-    """The velocities before and after half a minute without samples say nothing of the way between."""
+    """Half a minute without samples: the velocities before and after do not shape the path between."""
     live, fast = LivePath(), np.array((0.0, 0.5, 0.0))
     picture = Picture(live)
     live.begin(0.0, np.zeros(3))
@@ -146,7 +146,7 @@ def test_a_gap_makes_no_loop() -> None:
     assert np.abs(picture.line(0)).max() < 0.1 + 0.1
 
 
-def test_the_camera_lets_a_lost_hand_go_and_a_stop_brings_it_back() -> None:
+def test_the_camera_does_not_follow_diverged_dead_reckoning_until_a_stop() -> None:
     live = LivePath()
     live.begin(0.0, np.zeros(3))
     live.grow(0.5, np.array((0.3, -0.2, 0.1)), np.zeros(3))
@@ -159,7 +159,7 @@ def test_the_camera_lets_a_lost_hand_go_and_a_stop_brings_it_back() -> None:
     np.testing.assert_allclose(live.corners()[1, 1], CAMERA_REACH_M)
 
 
-def test_what_is_left_comes_later() -> None:
+def test_remaining_pieces_come_later() -> None:
     live = LivePath()
     live.begin(0.0, np.zeros(3))
     for k in range(1, 11):

@@ -1,4 +1,4 @@
-"""The view of a recording under way: in a real browser, and never in the recording's way."""
+"""The view of a running recording, in a real browser; it never blocks the recording."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.view.browser import Page, until
 from tests.view.chromium import Chromium
 
 EVERY = 5
-"""Samples at 100 Hz between two pictures."""
+"""Samples, at 100 Hz, from one picture to the next."""
 
 EVIL = '</script><img src=x onerror="document.title=1">'
 
@@ -46,7 +46,7 @@ def picture(tracker: LiveTracker, t: float) -> LivePicture:
 
 @pytest.fixture(scope="module")
 def pictures() -> list[LivePicture]:
-    """What a tracker says of a simulated hand that stops four times; to the page as fast as it goes."""
+    """The tracker's states for a simulated hand that stops four times."""
     recording = simulate("pick-and-place-stops", "modern", 1).recording
     assert recording.gyr is not None
     tracker, seen = LiveTracker(), []
@@ -72,7 +72,7 @@ def page(view: LiveView, chrome: Chromium) -> Iterator[Page]:
 
 
 def draw(view: LiveView, shown: LivePicture) -> None:
-    """Show a picture when the server is ready for it."""
+    """Show a picture once the server is ready for it."""
     until(lambda: not view._viewer.behind(), "the server")
     view.show(shown)
 
@@ -88,8 +88,8 @@ def assert_stops(page: Page, shown: LivePicture) -> None:
 
 
 @pytest.fixture(scope="module")
-def went(view: LiveView, page: Page, pictures: list[LivePicture]) -> list[Array]:
-    """Show the whole recording, so that each test finds it done; where the page has the hand, now and then."""
+def shown_positions(view: LiveView, page: Page, pictures: list[LivePicture]) -> list[Array]:
+    """Show the whole recording; return some of the hand's positions on the page."""
     places = []
     for k, shown in enumerate(pictures):
         draw(view, shown)
@@ -103,15 +103,15 @@ def went(view: LiveView, page: Page, pictures: list[LivePicture]) -> list[Array]
     return places
 
 
-def test_the_hand_moves_and_stops_appear(went: list[Array], page: Page, pictures: list[LivePicture]) -> None:
-    assert np.ptp(went, axis=0).max() > 0.1
+def test_the_hand_moves_and_stops_appear(shown_positions: list[Array], page: Page, pictures: list[LivePicture]) -> None:
+    assert np.ptp(shown_positions, axis=0).max() > 0.1
     assert len(pictures[-1].keyframes) > 3
     assert_stops(page, pictures[-1])
     labels = page('return Array.from(document.querySelectorAll("#labels span"), (node) => node.textContent)')
     assert labels == [str(i) for i in range(len(pictures[-1].keyframes))]
 
 
-@pytest.mark.usefixtures("went")
+@pytest.mark.usefixtures("shown_positions")
 def test_the_path_leads_from_stop_to_stop(view: LiveView, page: Page, pictures: list[LivePicture]) -> None:
     for _ in range(20):  # what is left of it
         draw(view, pictures[-1])
@@ -133,8 +133,8 @@ def test_the_path_leads_from_stop_to_stop(view: LiveView, page: Page, pictures: 
         assert (np.array(high) < ends.max(axis=0) + 0.02).all()
 
 
-@pytest.mark.usefixtures("went")
-def test_all_is_in_sight_and_nothing_of_the_replay(page: Page) -> None:
+@pytest.mark.usefixtures("shown_positions")
+def test_the_whole_scene_is_in_sight_without_parts_of_the_replay(page: Page) -> None:
     for part in ("panel", "bar"):
         assert not page(f'return document.getElementById("{part}").checkVisibility()')
     seen = np.array(
@@ -149,8 +149,8 @@ def test_all_is_in_sight_and_nothing_of_the_replay(page: Page) -> None:
     assert (seen[:, 1] > below).all()
 
 
-@pytest.mark.usefixtures("went")
-def test_each_part_is_seen(page: Page) -> None:
+@pytest.mark.usefixtures("shown_positions")
+def test_hand_and_path_are_seen(page: Page) -> None:
     whole = page.picture()
     for part in ("hand", "path"):
         page(f'pbd.page.stage.node("pbd", "{part}").visible = false')
@@ -159,8 +159,8 @@ def test_each_part_is_seen(page: Page) -> None:
         assert (np.abs(whole.astype(int) - without).max(axis=2) > 24).mean() > 3e-4, part
 
 
-@pytest.mark.usefixtures("went")
-def test_nothing_comes_from_elsewhere_and_words_are_words(view: LiveView, page: Page) -> None:
+@pytest.mark.usefixtures("shown_positions")
+def test_it_requests_nothing_from_elsewhere_and_text_is_never_code(view: LiveView, page: Page) -> None:
     mine = urlsplit(view._viewer.url).netloc
     assert {urlsplit(asked).netloc for asked in page.requests()} == {mine}
     assert page.read("#live span") == EVIL
@@ -169,7 +169,7 @@ def test_nothing_comes_from_elsewhere_and_words_are_words(view: LiveView, page: 
     assert page.errors() == []
 
 
-@pytest.mark.usefixtures("went")
+@pytest.mark.usefixtures("shown_positions")
 def test_a_page_that_is_opened_later_shows_the_same(view: LiveView, page: Page, pictures: list[LivePicture]) -> None:
     later = Page(page.browser, view._viewer.url)
     settled(later, pictures[-1])
@@ -178,7 +178,7 @@ def test_a_page_that_is_opened_later_shows_the_same(view: LiveView, page: Page, 
     assert_stops(later, pictures[-1])
 
 
-@pytest.mark.usefixtures("went")
+@pytest.mark.usefixtures("shown_positions")
 def test_ellipsoids_are_two_sigma(view: LiveView, page: Page, pictures: list[LivePicture]) -> None:
     """The covariance read back from the ellipsoid's axes is the keyframe's."""
     turn = Pose.from_rpy(np.zeros(3), (0.4, -0.7, 1.1)).matrix()[:3, :3]
@@ -195,8 +195,8 @@ def test_ellipsoids_are_two_sigma(view: LiveView, page: Page, pictures: list[Liv
     assert np.linalg.det(axes) > 0.0
 
 
-def test_it_says_that_it_is_over(view: LiveView, page: Page, pictures: list[LivePicture]) -> None:
-    """Last here: the view is closed."""
+def test_it_says_that_the_recording_ended(view: LiveView, page: Page, pictures: list[LivePicture]) -> None:
+    """It closes the view, so it must be the last test with it."""
     view.end(replace(pictures[-1], state="ended", badge="ended", line="kept in demos/tea"))
     view.close()
     until(lambda: page.read("#live strong") == "ended", "the last word")
@@ -206,14 +206,14 @@ def test_it_says_that_it_is_over(view: LiveView, page: Page, pictures: list[Live
     assert not page('return document.getElementById("message").checkVisibility()')
 
 
-def test_a_number_that_is_none_is_not_drawn(pictures: list[LivePicture]) -> None:
+def test_nan_is_not_drawn(pictures: list[LivePicture]) -> None:
     with closing(LiveView()) as view:
         view.show(replace(pictures[-1], p_nav_sensor=np.full(3, np.nan)))
         draw(view, pictures[-1])
 
 
 class Recording:
-    """`pbd record` of a simulated sensor with its page, as a process of its own."""
+    """A process that runs `pbd record --live` with a simulated sensor."""
 
     def __init__(self, folder: Path) -> None:
         words = ("record", "tea", "--sensor", "sim:pour", "--live", "--no-open")

@@ -1,4 +1,4 @@
-"""The HTML file as a file; tests/view/test_browser.py opens it."""
+"""The HTML file's content; tests/view/test_browser.py opens it in a browser."""
 
 from __future__ import annotations
 

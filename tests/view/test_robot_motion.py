@@ -1,4 +1,4 @@
-"""Moving parts: against pinocchio asked directly."""
+"""Poses of joints and links, compared with pinocchio's own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is sent to the page."""
+"""The commands that are sent to the page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pbd.io.meshes import mesh_file
 from pbd.pose import Pose
 from pbd.view import visuals
 from pbd.view.meshcat_encoding import LEAST_SIGMA_M, ScenePath, Visualizer, two_sigma
-from pbd.view.replay_scene import ReplayScene, Rod, Touching
+from pbd.view.replay_scene import Contact, ReplayScene, Rod
 from pbd.view.robot_motion import FRAME_RATE_HZ
 from pbd.view.scene import build, carried_object
 from pbd.view.visuals import read_visuals
@@ -25,7 +25,7 @@ from tests.view import scenes
 
 
 class Recorder:
-    """Stands in for meshcat's window."""
+    """A substitute for meshcat's window that keeps the commands."""
 
     def __init__(self) -> None:
         self.commands: list[dict[str, Any]] = []
@@ -41,11 +41,11 @@ def commands(scene: ReplayScene) -> list[dict[str, Any]]:
 
 
 RED = (181, 3, 3)
-"""The red of what touches, (0.86, 0.12, 0.10) in sRGB, as linear light in 8 bits."""
+"""The red of bodies that touch, (0.86, 0.12, 0.10) in sRGB, as linear light in 8 bits."""
 
 
 def colours(command: dict[str, Any]) -> set[tuple[int, ...]]:
-    """Of an object's corners."""
+    """Colours of an object's vertices."""
     packed = command["object"]["geometries"][0]["data"]["attributes"]["color"]["array"].data
     return {tuple(rgb) for rgb in np.frombuffer(packed, np.uint8).reshape(-1, 3).tolist()}
 
@@ -78,10 +78,10 @@ def test_every_animated_node_exists_and_moves_all_the_time(pouring: list[dict[st
 
 def test_the_description_comes_last(pouring: list[dict[str, Any]]) -> None:
     scene = scenes.pouring()
-    assert pouring[0]["type"] == "delete"  # of what another scene left
+    assert pouring[0]["type"] == "delete"  # of an earlier scene
     last = pouring[-1]
     assert last["property"] == "replay"
-    assert [keyframe["t"] for keyframe in last["value"]["keyframes"]] == [keyframe.t for keyframe in scene.keyframes]
+    assert [keyframe["t"] for keyframe in last["value"]["keyframes"]] == scene.trajectory.keyframe_t.tolist()
     assert last["value"]["duration"] == scene.trajectory.duration
 
 
@@ -94,16 +94,10 @@ def test_the_camera_sees_the_whole_path(pouring: list[dict[str, Any]]) -> None:
     assert seen[:, 2].max() > 0.5  # and the arm above it
 
 
-def test_a_scene_needs_no_more_than_a_robot_and_a_trajectory() -> None:
-    scene = scenes.ur5_moves()
-    bare = ReplayScene("bare", scene.robot, scene.trajectory, scene.motion, np.empty((0, 3)), ())
-    assert commands(bare)[-1]["value"]["speed"] is None
-
-
-def test_a_detour_has_a_path_a_stretch_of_time_and_a_keyframe_of_its_own() -> None:
+def test_a_detour_has_a_path_a_time_span_and_a_marked_keyframe() -> None:
     scene = scenes.ur5_moves()
     assert not any("/detour" in command["path"] for command in commands(scene))
-    first, second = scene.keyframes[1].t, scene.keyframes[2].t
+    first, second = scene.trajectory.keyframe_t[1:3].tolist()
     sent = commands(replace(scene, detours=((first, second),)))
     (drawn,) = (command for command in sent if "/detour" in command["path"])
     assert drawn["path"].endswith("/detour/0")
@@ -113,20 +107,20 @@ def test_a_detour_has_a_path_a_stretch_of_time_and_a_keyframe_of_its_own() -> No
     assert [keyframe["detour"] for keyframe in described["keyframes"]] == [False, False, True, False, False]
 
 
-def test_an_object_is_held_between_standing_and_standing() -> None:
+def test_an_object_stands_is_held_and_stands_again() -> None:
     scene = scenes.pouring()
     tool = scene.motion.tool(scene.robot)
-    way = carried_object(scene, tool)
-    assert way is not None
-    close, let_go = (int(np.searchsorted(scene.motion.t, phase.end)) for phase in scene.phases[:2])
-    held = [(tool[i].inverse() @ way[i]).log() for i in range(close, let_go + 1)]
+    carried = carried_object(scene, tool)
+    assert carried is not None
+    close, let_go = (int(np.searchsorted(scene.motion.t, stay.end)) for stay in scene.stays[:2])
+    held = [(tool[i].inverse() @ carried[i]).log() for i in range(close, let_go + 1)]
     np.testing.assert_allclose(held, np.tile(held[0], (len(held), 1)), atol=1e-9)
-    for still in (way.p[: close + 1], way.p[let_go + 1 :]):
+    for still in (carried.p[: close + 1], carried.p[let_go + 1 :]):
         np.testing.assert_allclose(still, np.tile(still[0], (len(still), 1)), atol=1e-9)
 
 
 @given(st.lists(st.floats(0.0, 0.1), min_size=3, max_size=3), st.integers(0, 2**32 - 1))
-def test_an_ellipsoid_lies_at_two_sigma_and_the_page_can_take_it_apart(sigma: list[float], seed: int) -> None:
+def test_an_ellipsoid_is_two_sigma_and_the_page_can_decompose_it(sigma: list[float], seed: int) -> None:
     rng = np.random.default_rng(seed)
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     cov = axes @ np.diag(np.square(np.maximum(sigma, 2.0 * LEAST_SIGMA_M))) @ axes.T
@@ -139,24 +133,24 @@ def test_an_ellipsoid_lies_at_two_sigma_and_the_page_can_take_it_apart(sigma: li
     assert np.linalg.det(turn) > 0.0
 
 
-def test_a_keyframe_that_is_sure_has_no_ellipsoid() -> None:
+def test_a_keyframe_that_is_certain_has_no_ellipsoid() -> None:
     scene = scenes.ur5_moves()
-    sure = replace(scene, keyframes=tuple(replace(keyframe, cov=np.zeros((6, 6))) for keyframe in scene.keyframes))
-    assert not [command for command in commands(sure) if "two_sigma" in command.get("path", "")]
-    assert commands(sure)[-1]["value"]["keyframes"][0]["sigma"] == [0.0, 0.0]
+    certain = replace(scene, cov=np.zeros_like(scene.cov))
+    assert not [command for command in commands(certain) if "two_sigma" in command.get("path", "")]
+    assert commands(certain)[-1]["value"]["keyframes"][0]["sigma"] == [0.0, 0.0]
 
 
-def test_moves_and_rests_are_told(pouring: list[dict[str, Any]]) -> None:
+def test_moves_and_grips_have_their_times(pouring: list[dict[str, Any]]) -> None:
     trajectory = scenes.pouring().trajectory
     starts = np.append(0.0, trajectory.keyframe_t[1:-1] + 0.4)  # a move begins where the dwell of 0.4 s ends
-    told = pouring[-1]["value"]["moves"]
-    np.testing.assert_allclose(told, np.column_stack((starts, trajectory.keyframe_t[1:])), atol=0.011)
+    moves = pouring[-1]["value"]["moves"]
+    np.testing.assert_allclose(moves, np.column_stack((starts, trajectory.keyframe_t[1:])), atol=0.011)
     ((start, end),) = pouring[-1]["value"]["closed"]
     assert start == pytest.approx(trajectory.keyframe_t[1], abs=0.05)  # the gripper moves in the dwells
     assert end == pytest.approx(trajectory.keyframe_t[6] + 0.4, abs=0.05)
 
 
-def test_what_touches_is_red() -> None:
+def test_bodies_that_touch_are_red() -> None:
     sent = commands(scenes.in_the_way())
     objects = [command for command in sent if command["type"] == "set_object"]
     painted = {command["path"].split("/")[-1] for command in objects if colours(command) == {RED}}
@@ -165,23 +159,23 @@ def test_what_touches_is_red() -> None:
         "panda_link6",
         "0",
     }  # obstacle 0 is the post
-    told = sent[-1]["value"]
-    assert told["notes"] == []  # nothing is said twice
-    assert [each["bodies"] for each in told["touching"]] == [
+    described = sent[-1]["value"]
+    assert described["notes"] == []  # the note would repeat the first contact
+    assert [each["bodies"] for each in described["touching"]] == [
         ("panda_hand", "the post"),
         ("panda_link6", "the table"),
     ]
-    assert np.ptp(np.array(told["bounds"]), axis=0).max() < 2.0  # a long wall doesn't push all else out of sight
+    assert np.ptp(np.array(described["bounds"]), axis=0).max() < 2.0  # a long wall does not shrink everything else
 
 
-def standing_in(scene: ReplayScene) -> dict[str, dict[str, Any]]:
-    """What is drawn for a gripper, by name."""
+def placeholders(scene: ReplayScene) -> dict[str, dict[str, Any]]:
+    """Commands that draw a gripper which the model lacks, by name."""
     objects = [each for each in commands(scene) if each["type"] == "set_object" and "/placeholder/" in each["path"]]
     return {each["path"].rpartition("/")[2]: each for each in objects}
 
 
 def with_rod(scene: ReplayScene, ahead_m: float, length: float) -> ReplayScene:
-    """The tool `ahead_m` before its body, and a rod that is checked there."""
+    """The same with the tool frame `ahead_m` in front of its body, and a rod in between."""
     T_tool_rod = Pose(np.array([0.0, 0.0, -0.5 * length]), np.array([1.0, 0.0, 0.0, 0.0]))
     T_body_tool = Pose(np.array([0.0, 0.0, ahead_m]), scene.robot.T_body_tool.wxyz)
     return replace(scene, robot=replace(scene.robot, T_body_tool=T_body_tool), rod=Rod(T_tool_rod, 0.02, length))
@@ -190,22 +184,22 @@ def with_rod(scene: ReplayScene, ahead_m: float, length: float) -> ReplayScene:
 @pytest.mark.parametrize(
     ("scene", "ahead_m", "drawn"),
     [
-        (scenes.ur5_moves, 0.16, {"rod", "0", "1", "2"}),  # and a palm with two fingers, a guess
+        (scenes.ur5_moves, 0.16, {"rod", "0", "1", "2"}),  # with a palm and two fingers
         (scenes.ur5_moves, 0.03, {"rod"}),  # no room for them
         (scenes.pouring, 0.1, {"rod"}),  # the model has fingers, which end before the tool
     ],
 )
 def test_the_rod_that_is_checked_is_drawn(scene: Callable[[], ReplayScene], ahead_m: float, drawn: set[str]) -> None:
     full = scene()
-    assert standing_in(full) == {}
-    assert set(standing_in(with_rod(full, ahead_m, ahead_m - 0.015))) == drawn
+    assert placeholders(full) == {}
+    assert set(placeholders(with_rod(full, ahead_m, ahead_m - 0.015))) == drawn
 
 
 @pytest.mark.parametrize("touches", [False, True])
 def test_the_placeholder_is_red_where_it_touches(touches: bool) -> None:
     full = with_rod(scenes.ur5_moves(), 0.16, 0.145)
-    hit = Touching(("the tool", "the table"), 1.0, 2.0, "it does")
-    objects = standing_in(replace(full, touching=(hit,) if touches else ())).values()
+    contact = Contact(("the tool", "the table"), 1.0, 2.0, "it does")
+    objects = placeholders(replace(full, contacts=(contact,) if touches else ())).values()
     assert len(objects) == 4
     assert [colours(each) == {RED} for each in objects] == [touches] * 4
 

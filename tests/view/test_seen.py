@@ -1,4 +1,4 @@
-"""All parts of a scene are seen on the page, each where it is: pictures against points that Python projects."""
+"""All parts of a scene are seen on the page at the right place: pictures against points that Python computes."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from tests.view.browser import Replay
 from tests.view.chromium import Chromium
 
 DIFFERS = 12
-"""Of 255, in any channel."""
+"""Least difference of two pixels, of 255 in any channel."""
 BLACK = (0.0, 0.0, 0.0)
 
 
 def links(scene: ReplayScene) -> dict[str, Array]:
-    """Some corners (n, 3) m in base of what each link shows at the start."""
+    """Some vertices (n, 3) m in base of each link at the start."""
     found: dict[str, list[Array]] = {}
     for visual in read_visuals(scene.robot):
         joint, T_joint_link = scene.motion.link(visual.link)
@@ -34,16 +34,15 @@ def links(scene: ReplayScene) -> dict[str, Array]:
 
 
 def marks(scene: ReplayScene) -> list[tuple[str, Array]]:
-    """Points (n, 3) m in base on or in each thing but the robot and what it grasps, and the part that it belongs to."""
+    """Points (n, 3) m in base on or in each body except the robot and the grasped object, with the name of its part."""
     found = [("hand_path", scene.hand_path_base), ("tool_path", scene.motion.tool(scene.robot).p)]
     axes = np.linspace(0.1, 0.9, 9)[:, None, None] * shapes.TRIAD_M * np.eye(3)
     ball = shapes.sphere(0.9, BLACK).vertices
-    for keyframe in scene.keyframes:
-        found.append(("keyframes", keyframe.T_base_tool.act(axes.reshape(-1, 3))))
-        if keyframe.cov is not None:
-            T = two_sigma(keyframe.T_base_tool.p, keyframe.cov[:3, :3])
-            found.append(("keyframes", ball @ T[:3, :3].T + T[:3, 3]))
-    for each in scene.obstacles:
+    for T_base_tool, cov in zip(scene.T_base_tool, scene.cov, strict=True):
+        found.append(("keyframes", T_base_tool.act(axes.reshape(-1, 3))))
+        T = two_sigma(T_base_tool.p, cov[:3, :3])
+        found.append(("keyframes", ball @ T[:3, :3].T + T[:3, 3]))
+    for each in scene.calibration.obstacles:
         corners = shapes.solid_of(each.shape, each.size, BLACK).vertices
         weights = np.random.default_rng(0).dirichlet(np.full(len(corners), 0.3), 200)  # points inside it
         found.append(("obstacles", each.T_base_obstacle.act(weights @ corners)))
@@ -51,7 +50,7 @@ def marks(scene: ReplayScene) -> list[tuple[str, Array]]:
 
 
 def share(differs: NDArray[np.bool_], pixels: NDArray[np.int64]) -> float:
-    """Of pixels (n, 2) inside the window, how many differ, or have a neighbour that does."""
+    """Share of the pixels (n, 2) inside the window that differ, or have a neighbour that does."""
     height, width = differs.shape
     wide = np.pad(differs, 1)
     near = np.any([wide[i : i + height, k : k + width] for i in range(3) for k in range(3)], axis=0)

@@ -1,4 +1,4 @@
-"""The live viewer: on this machine only, for our own page only, and never longer than its program."""
+"""The live viewer serves this machine and our own page only, and ends with its program."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def viewer() -> Iterator[LiveViewer]:
 
 
 def listening(port: int) -> set[str]:
-    """The local addresses, in hexadecimal, on which this machine listens at a port."""
+    """The local addresses, in hexadecimal, that listen at a port."""
     rows = [
         line.split()[1:4:2]
         for table in ("tcp", "tcp6")
@@ -66,7 +66,7 @@ def test_it_listens_on_loopback_only(viewer: LiveViewer) -> None:
     assert listening(urlsplit(viewer.url).port or 0) == {"0100007F"}
 
 
-def test_the_page_is_no_other_pages(viewer: LiveViewer) -> None:
+def test_the_page_is_served_to_this_machine_and_never_in_a_frame(viewer: LiveViewer) -> None:
     port = urlsplit(viewer.url).port
     assert ask(viewer.url, "/pbd", Host=f"elsewhere.example:{port}").status == 404
     mine = ask(viewer.url, "/pbd", Host=f"127.0.0.1:{port}")
@@ -102,7 +102,7 @@ def test_it_plays_in_a_browser(viewer: LiveViewer, chrome: Chromium) -> None:
     before = replay.place("pbd", "object")
     replay("pbd.page.player.seek(9)")
     assert abs(before - replay.place("pbd", "object")).max() > 0.05
-    # A second scene takes the place of the first, in the page that is open and in one that is opened later.
+    # A second scene replaces the first, in the open page and in a page that is opened later.
     chrome.set_media(motion="no-preference")
     build(scenes.ur5_moves(), viewer.visualizer)
     until(lambda: replay("return pbd.page.replay.robot") == "UR5", "the second scene")
@@ -114,7 +114,7 @@ def test_it_plays_in_a_browser(viewer: LiveViewer, chrome: Chromium) -> None:
         assert page.errors() == []
 
 
-def test_a_page_gets_what_was_sent_last_and_says_when_the_server_has_ended(chrome: Chromium) -> None:
+def test_a_page_gets_the_last_command_and_says_that_the_server_has_ended(chrome: Chromium) -> None:
     viewer = LiveViewer()
     build(scenes.ur5_moves(), viewer.visualizer)
     replay = Replay(chrome, viewer.url)
@@ -132,9 +132,9 @@ def test_a_page_gets_what_was_sent_last_and_says_when_the_server_has_ended(chrom
 
 @linux
 def test_it_ends_with_ctrl_c() -> None:
-    # What runs in a shell's background has Ctrl-C switched off, and hands that on.
-    listens = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-    process = subprocess.Popen([sys.executable, "-c", listens + SHOW], stderr=subprocess.PIPE, text=True)
+    # A process in a shell's background ignores Ctrl-C, and its children inherit that.
+    enabled = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    process = subprocess.Popen([sys.executable, "-c", enabled + SHOW], stderr=subprocess.PIPE, text=True)
     try:
         assert process.stderr is not None
         found = re.search(r"http://\S+", process.stderr.readline())

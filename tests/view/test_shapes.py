@@ -1,4 +1,4 @@
-"""Simple bodies: closed, and of the right volume."""
+"""Meshes of simple bodies: closed, and of the right volume and size."""
 
 from __future__ import annotations
 
@@ -17,33 +17,24 @@ def volume(mesh: Mesh) -> float:
 
 
 @pytest.mark.parametrize(
-    ("mesh", "wanted"),
+    ("shape", "size", "reach", "wanted"),
     [
-        (shapes.box((0.1, 0.2, 0.3), GREY), 0.006),
-        (shapes.cylinder(0.1, 0.5, GREY), np.pi * 0.005),
-        (shapes.sphere(0.2, GREY), 4 / 3 * np.pi * 0.008),
+        ("box", (0.1, 0.2, 0.3), (0.1, 0.2, 0.3), 0.006),
+        ("cylinder", (0.2, 0.5), (0.2, 0.2, 0.5), np.pi * 0.005),
+        ("sphere", (0.4,), (0.4, 0.4, 0.4), 4 / 3 * np.pi * 0.008),
     ],
 )
-def test_volumes(mesh: Mesh, wanted: float) -> None:
+def test_a_solid_is_closed_and_has_its_size(
+    shape: str, size: tuple[float, ...], reach: tuple[float, ...], wanted: float
+) -> None:
+    mesh = shapes.solid_of(shape, size, GREY)
     assert mesh.closed
     assert volume(mesh) == pytest.approx(wanted, rel=0.02)
     np.testing.assert_allclose(mesh.bounds().mean(axis=0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.ptp(mesh.bounds(), axis=0), reach, rtol=0.01)
 
 
-@pytest.mark.parametrize(
-    ("shape", "size", "reach"),
-    [
-        ("cylinder", (0.06, 0.2), (0.06, 0.06, 0.2)),
-        ("box", (0.05, 0.04, 0.1), (0.05, 0.04, 0.1)),
-        ("sphere", (0.07,), (0.07, 0.07, 0.07)),
-    ],
-)
-def test_a_solid_has_its_size(shape: str, size: tuple[float, ...], reach: tuple[float, ...]) -> None:
-    bounds = shapes.solid_of(shape, size, GREY).bounds()
-    np.testing.assert_allclose(np.ptp(bounds, axis=0), reach, rtol=0.01)
-
-
-def test_other_solids_are_refused() -> None:
+def test_unknown_solids_are_refused() -> None:
     with pytest.raises(ValueError, match="torus"):
         shapes.solid_of("torus", (1.0,), GREY)
 
@@ -72,7 +63,7 @@ def test_a_tube_follows_its_path_without_twist() -> None:
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
-def test_a_hand_that_stays_leaves_a_dot(n: int) -> None:
+def test_a_tube_of_one_point_is_a_dot(n: int) -> None:
     mesh = shapes.tube(np.tile([0.3, 0.2, 0.1], (n, 1)), np.tile(GREY, (n, 1)), 0.003)
     np.testing.assert_allclose(mesh.bounds().mean(axis=0), [0.3, 0.2, 0.1], atol=1e-6)
     assert np.ptp(mesh.bounds(), axis=0).max() == pytest.approx(0.006, rel=0.01)

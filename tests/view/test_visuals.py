@@ -1,4 +1,4 @@
-"""A bundled robot is drawn whole: as large, and in the same places, as pinocchio's own reading of its files says."""
+"""Bundled robots are drawn completely: each mesh has the size and place that pinocchio reads from the same files."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from pbd.pose import Array
 from pbd.view.visuals import read_visuals
 
 ROBOTS = ("panda", "so101", "z1")
-"""Each way in which a bundled URDF places a mesh is among theirs; tests/test_bundled_meshes.py reads all meshes."""
+"""They contain each way in which a bundled URDF places a mesh; tests/test_bundled_meshes.py reads all meshes."""
 
 
 def boxes(parts: list[Array]) -> Array:
-    """The boxes (n, 6) around parts' corners, sorted."""
+    """Bounding boxes (n, 6) of parts' vertices, sorted."""
     rows = [np.concatenate((corners.min(axis=0), corners.max(axis=0))) for corners in parts]
     return np.array(sorted(tuple(np.round(row, 6)) for row in rows))
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_every_part_is_there_and_whole(name: str) -> None:
+def test_every_part_is_there_and_complete(name: str) -> None:
     robot = load_robot(name)
     model = pin.buildModelFromUrdf(str(robot.urdf))
     folders = [str(folder) for folder in robot.package_dirs]

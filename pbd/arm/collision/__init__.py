@@ -1,1 +1,1 @@
-"""What touches what: bodies, allowed collisions, a motion checked without gaps."""
+"""Collision checks: bodies, allowed collisions, and motions checked continuously."""

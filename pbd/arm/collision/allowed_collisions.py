@@ -1,4 +1,4 @@
-"""Which pairs of links are checked against each other, and which are not, and why (MoveIt's allowed collisions)."""
+"""The pairs of links that are checked against each other, and why others are not (MoveIt: allowed collisions)."""
 
 from __future__ import annotations
 
@@ -7,30 +7,30 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import pinocchio as pin
 
 from pbd.arm.collision.clearance import Clearance, Pairs
 from pbd.arm.collision.geometry import Body
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links
+from pbd.arm.link_frames import link_tree
 from pbd.arm.model import ArmModel
 from pbd.io.xml import read_xml
 from pbd.pose import Array
 
 TRUSTED = ("Adjacent", "Never")
-"""The SRDF's reasons that are believed. Others ("Default", "disabled") were made by hand or at one pose only."""
+"""The SRDF's reasons that are trusted. Others ("Default", "disabled") were set by hand or found at one pose only."""
 
 SAMPLES = 200
-"""Random configurations, always the same ones, in which two bodies must touch to count as always touching."""
+"""Number of random configurations, the same each time, that decide whether two bodies nearly always touch."""
 
 NEARLY_ALWAYS = 0.95
-"""Bodies that touch in at least this share of the samples are not checked: their shapes overlap, which no arm's links
-do. The share is that of MoveIt's setup assistant."""
+"""Bodies that touch in at least this share of the samples are not checked: their shapes overlap, but the links
+themselves cannot. MoveIt's setup assistant uses the same share."""
 
 
 @dataclass(frozen=True)
 class Unchecked:
-    """Two links that are not checked against each other (or some of their bodies aren't), and why."""
+    """Two links of which at least some bodies are not checked against each other, and why."""
 
     first: str
     second: str
@@ -39,11 +39,11 @@ class Unchecked:
 
 @lru_cache(maxsize=4)
 def link_pairs(arm: ArmModel) -> tuple[Pairs, tuple[Unchecked, ...]]:
-    """Return the pairs (p, 2) of the arm's bodies that are checked, and those pairs of links that are not.
+    """Return the pairs (p, 2) of the arm's bodies that are checked, and the pairs of links that are not.
 
-    Not checked are links next to each other (or with nothing solid between), those that the robot's TOML lets touch or
-    the SRDF says are adjacent or never meet, those that both belong to the gripper, and bodies that touch in nearly all
-    configurations. Bodies that no joint moves against each other are in neither list.
+    Not checked are: neighbouring links, also with links without a body between them; pairs in `may_touch` of the
+    robot's TOML; pairs that the SRDF calls adjacent or says never meet; two links of the gripper; and bodies that touch
+    in nearly all configurations. Bodies that no joint moves relative to each other are in neither list.
     """
     bodies = arm_bodies(arm)
     pairs = np.stack(np.triu_indices(len(bodies), 1), axis=1)
@@ -62,16 +62,17 @@ def link_pairs(arm: ArmModel) -> tuple[Pairs, tuple[Unchecked, ...]]:
 
 
 def samples(arm: ArmModel, count: int) -> Array:
-    """Coordinates (count, k + 1) drawn uniformly between the limits (endless joints: of one turn), always the same."""
+    """Draw coordinates (count, k + 1) uniformly within the limits and within one turn to either side of zero; the same
+    ones each time."""
     lower, upper = np.maximum(arm.limits.lower, -2.0 * np.pi), np.minimum(arm.limits.upper, 2.0 * np.pi)
     return np.random.default_rng(0).uniform(np.append(lower, 0.0), np.append(upper, 1.0), (count, len(lower) + 1))
 
 
 def _reasons(arm: ArmModel, bodies: Sequence[Body], links: Iterable[tuple[str, str]]) -> dict[tuple[str, str], str]:
-    """Return why pairs of links are left out, for those that are by their names alone."""
+    """Return the reason for each pair of links that is left out because of its names alone."""
     gripper, solid = gripper_links(arm, bodies), frozenset(body.name for body in bodies)
     carrier = {link: _carrier(arm, link, solid) for link in solid - {THE_TOOL}}
-    if THE_TOOL in solid:  # the gripper's links are left out anyway: take the next one
+    if THE_TOOL in solid:  # other links of the gripper are left out anyway: take the link before them
         carrier[THE_TOOL] = _carrier(arm, arm.robot.body, solid - gripper)
     trusted, reasons = _trusted(arm), {}
     for first, second in links:
@@ -86,17 +87,15 @@ def _reasons(arm: ArmModel, bodies: Sequence[Body], links: Iterable[tuple[str, s
 
 def _carrier(arm: ArmModel, link: str, solid: frozenset[str]) -> str | None:
     """Return the nearest link toward the root that has a body."""
-    frames = arm.full.frames
-    frame = frames[arm.full.getFrameId(link, pin.FrameType.BODY)]
-    while frame.name != "universe":
-        frame = frames[frame.parentFrame]
-        if frame.type == pin.FrameType.BODY and frame.name in solid:
-            return str(frame.name)
-    return None
+    parents = {child: parent for child, _, parent, _ in link_tree(arm)}
+    above = parents.get(link)
+    while above is not None and above not in solid:
+        above = parents.get(above)
+    return above
 
 
 def _trusted(arm: ArmModel) -> dict[frozenset[str], str]:
-    """Pairs of links that the robot's TOML lets touch, or the SRDF says are adjacent or never meet, and why."""
+    """Return the pairs of links that the robot's TOML or a trusted entry of the SRDF lets touch, and the reason."""
     entries = [] if arm.robot.srdf is None else read_xml(arm.robot.srdf).iterfind("disable_collisions")
     return dict.fromkeys(map(frozenset, arm.robot.may_touch), "may_touch in the robot's TOML") | {
         frozenset((entry.get("link1", ""), entry.get("link2", ""))): f"SRDF: {entry.get('reason')}"

@@ -1,16 +1,16 @@
-"""Whether bodies keep clear of each other along a whole path, with few distances measured.
+"""Continuous collision checks along a path, with few distances measured.
 
-This is adaptive dynamic collision checking (Schwarzer, Saha and Latombe, 2005), pair by pair. Two bodies that are a
-distance d apart can't touch before they have moved by d against each other, which motion_bounds.py bounds. They are
-measured again after a motion of d + MARGIN_M, where they must be at least MARGIN_M apart: an instant in between, after
-a motion of a from the first measurement and b before the second, has a + b <= d + MARGIN_M, hence a < d or
-b <= MARGIN_M. A step of STEP_M = 2 MARGIN_M is always allowed; most are far longer.
+This is adaptive dynamic collision checking (Schwarzer, Saha and Latombe, 2005), pair by pair. Two bodies at a distance
+d cannot touch before they have moved by d relative to each other; motion_bounds.py bounds that motion. They are
+measured again after a motion of d + MARGIN_M, and must then be at least MARGIN_M apart. This covers every instant in
+between: if it comes after a motion of a from the first measurement and b before the second, then
+a + b <= d + MARGIN_M, hence a < d or b <= MARGIN_M. A step of STEP_M = 2 MARGIN_M is always allowed; most are longer.
 
-quick_clearance.py is faster where it doesn't matter what touches.
+quick_clearance.py is faster, but does not say which bodies touch first.
 
-Bodies are hulls. Where a link's hull is near another body, hulls of its parts are measured, then its mesh. Distances of
-hulls are measured because coal's `collide` misses some deep contacts (4 in 10^5 pairs of so101). A distance that is not
-a number counts as a contact.
+Bodies are convex hulls. If a link's hull is near another body, the hulls of its slabs are measured, then its mesh.
+Hulls are checked by distance because coal's `collide` misses some deep contacts (4 in 10^5 pairs of so101). A distance
+of NaN counts as a contact.
 """
 
 from __future__ import annotations
@@ -24,17 +24,18 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pbd.arm.collision.geometry import Body, mesh_to, meshes_apart, shape_of
+from pbd.arm.collision.geometry import Body, mesh_depth, mesh_distance, shape_of
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
-MARGIN_M, CLOSE_M = 2.5e-3, 5e-4  # distance that is kept; and where no motion keeps that one
+MARGIN_M, CLOSE_M = 2.5e-3, 5e-4
+"""Clearance that bodies keep, m; and the smaller one that is tried if no motion keeps that."""
 STEP_M = 2.0 * MARGIN_M
 
 Pairs = NDArray[np.int64]
 Rests = Mapping[int, Callable[[Pose], bool]]
-"""By pair: whether it may touch with the tool at T_base_tool."""
+"""For pairs that may touch at some places: says whether this one may, with the tool at T_base_tool."""
 
 
 NOWHERE: Rests = MappingProxyType({})
@@ -42,11 +43,11 @@ NOWHERE: Rests = MappingProxyType({})
 
 @dataclass(frozen=True, eq=False)
 class JointPath:
-    """A path as nodes so close that no pair of bodies moves by more than STEP_M against each other in between.
+    """A path as nodes, so dense that no pair of bodies moves by more than STEP_M relative to each other between two.
 
     Attributes:
-        t: (n,) s, or the share of a straight move.
-        x: (n, k + 1) coordinates; between nodes each goes up, goes down or stands still.
+        t: (n,) s, or the share of the path.
+        x: (n, k + 1) coordinates; each is monotonic between two nodes.
     """
 
     t: Array
@@ -55,7 +56,10 @@ class JointPath:
 
 @dataclass(frozen=True)
 class Contact:
-    """A pair that touches from node `first` to node `last` of a path, deepest at `deepest`: `distance` m, signed."""
+    """A pair that touches from node `first` to node `last` of a path.
+
+    `deepest`: the node of the least distance; `distance`: that distance, m, negative for overlap.
+    """
 
     pair: int
     first: int
@@ -65,7 +69,7 @@ class Contact:
 
 
 class Walk(NamedTuple):
-    """A path; at each node pinocchio's configuration q (n, nq), and each coordinate's travel up to there, to and fro:
+    """A path, pinocchio's configuration q (n, nq) at each node, and each coordinate's total travel up to that node,
     `moved` (k + 1, n)."""
 
     path: JointPath
@@ -74,13 +78,13 @@ class Walk(NamedTuple):
 
 
 class Clearance:
-    """Distances between pairs of bodies. Not to be shared between threads: pinocchio keeps its workings in it.
+    """Distances between pairs of bodies. Not safe to share between threads: pinocchio computes in its buffers.
 
     Attributes:
         bodies, pairs: what is checked; pairs (p, 2) index the bodies.
         rates: (p, k + 1), see motion_bounds.py.
-        margin_m: bodies that are nearer to each other count as touching.
-        rests: which pairs may touch, and where.
+        margin_m: bodies closer than this, m, count as touching.
+        rests: pairs that may touch at some places.
     """
 
     def __init__(
@@ -97,23 +101,23 @@ class Clearance:
         for first, second in self.pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(int(first), int(second)))
         pairs_of = [(self.bodies[a], self.bodies[b]) for a, b in self.pairs]
-        self._mesh_to = np.array([mesh_to(*pair) for pair in pairs_of], dtype=np.float64)
+        self._mesh_depth = np.array([mesh_depth(*pair) for pair in pairs_of], dtype=np.float64)
         self._placed, self._data = self._geometry.createData(), arm.full.createData()
 
     def distances(self, x: Array) -> Array:
-        """Return the distance of each pair (p,) in m, negative as deep as they overlap, at coordinates (k + 1,)."""
+        """Return the distance of each pair (p,) at coordinates (k + 1,), m; negative by the depth of the overlap."""
         q = self.arm.configurations(x)
         if not len(self.pairs):
             return np.empty(0)
         pin.computeDistances(self.arm.full, self._data, self._geometry, self._placed, q)
         measured = [result.min_distance for result in self._placed.distanceResults]
         distances: Array = np.array(measured) - self._pads
-        for pair in np.flatnonzero((distances > -self._mesh_to) & (distances < self.margin_m)):
-            distances[pair] = self._of_meshes(int(pair), distances[pair])
+        for pair in np.flatnonzero((distances > -self._mesh_depth) & (distances < self.margin_m)):
+            distances[pair] = self._by_meshes(int(pair), distances[pair])
         return distances
 
     def touching(self, x: Array) -> list[tuple[int, float]]:
-        """Return the pairs that touch but may not at coordinates (k + 1,), and their distances in m."""
+        """Return the pairs that touch at coordinates (k + 1,) where they may not, and their distances, m."""
         distances = self.distances(x)
         near = np.flatnonzero(~(distances >= self.margin_m)).tolist()
         return [(pair, float(distances[pair])) for pair in near if not self.may_touch(pair, x)]
@@ -123,7 +127,7 @@ class Clearance:
         return pair in self.rests and self.rests[pair](self.arm.forward(x[:-1]))
 
     def witness(self, x: Array, pair: int) -> Array:
-        """Where a pair is nearest or touches (3,) m in base, at coordinates (k + 1,)."""
+        """Return the point (3,) in base, m, at which a pair touches or is nearest, at coordinates (k + 1,)."""
         self._place(self.arm.configurations(x))
         return self._witness(pair)
 
@@ -133,7 +137,7 @@ class Clearance:
         return self.bodies[first].name, self.bodies[second].name
 
     def always_touching(self, x: Array, share: float) -> dict[int, int]:
-        """Return the pairs that touch in at least a share of coordinates (n, k + 1): in how many."""
+        """Return the pairs that touch in at least a share of the coordinates (n, k + 1), and in how many they do."""
         always = dict.fromkeys(range(len(self.pairs)), len(x))
         for measure in (self._hull_distance, self._distance):  # most pairs need no mesh
             always = dict.fromkeys(always, len(x))
@@ -145,9 +149,9 @@ class Clearance:
         return always
 
     def first_contact(self, path: JointPath) -> Contact | None:
-        """Follow a path; return the contact that begins first, of several the deepest.
+        """Return the contact of a path that begins first; of several at the same node, the deepest.
 
-        The path's nodes must be close enough for `rates`, see path_sampling.py.
+        The path's nodes must be dense enough for `rates`, see path_sampling.py.
         """
         walk, found = self._walk(path), None
         stop = len(walk.q) - 1
@@ -159,7 +163,7 @@ class Clearance:
         return found and self._until_clear(walk, found)
 
     def contacts(self, path: JointPath) -> list[Contact]:
-        """Follow a path to its end; return all contacts, pair by pair."""
+        """Return all contacts of a path, pair by pair."""
         walk, found = self._walk(path), []
         stop = len(walk.q) - 1
         for pair, distance in self._near(walk):
@@ -179,15 +183,15 @@ class Clearance:
         return Walk(path, self.arm.configurations(path.x), moved)
 
     def _near(self, walk: Walk) -> list[tuple[int, float]]:
-        """Return the pairs that are near enough to meet on a path, with their distances at its start."""
+        """Return the pairs that may touch on a path by their bound of motion, with their distances at its start."""
         at_start = self.distances(walk.path.x[0])
         near = np.flatnonzero(~(at_start - self.margin_m >= self.rates @ walk.moved[:, -1])).tolist()
         return [(pair, float(at_start[pair])) for pair in near]
 
     def _follow(self, walk: Walk, pair: int, node: int, distance: float, stop: int) -> tuple[int, float] | None:
-        """Return the first node from `node` to `stop` at which a pair touches, and the distance there.
+        """Return the first node from `node` to `stop` at which a pair touches, and its distance there; or None.
 
-        `distance`: the pair's at `node`.
+        `distance`: the pair's distance at `node`, m.
         """
         travel = self.rates[pair] @ walk.moved
         while True:
@@ -200,7 +204,7 @@ class Clearance:
             distance = self._distance(pair)
 
     def _until_clear(self, walk: Walk, contact: Contact) -> Contact:
-        """Follow a contact to its end, or to where it is allowed."""
+        """Extend a contact to the node where it ends, or from where it is allowed; find the deepest node."""
         travel = self.rates[contact.pair] @ walk.moved
         last, deepest, node, least = contact.first, contact.first, contact.first, contact.distance
         while node < len(walk.q) - 1:
@@ -223,7 +227,7 @@ class Clearance:
 
     def _distance(self, pair: int) -> float:
         distance = self._hull_distance(pair)
-        return self._of_meshes(pair, distance) if -self._mesh_to[pair] < distance < self.margin_m else distance
+        return self._by_meshes(pair, distance) if -self._mesh_depth[pair] < distance < self.margin_m else distance
 
     def _witness(self, pair: int) -> Array:
         result = pin.computeDistance(self._geometry, self._placed, pair)
@@ -233,9 +237,9 @@ class Clearance:
     def _hull_distance(self, pair: int) -> float:
         return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])
 
-    def _of_meshes(self, pair: int, distance: float) -> float:
-        """Return the distance of a pair's meshes if it is at least the margin, else `distance`, that of their hulls."""
+    def _by_meshes(self, pair: int, distance: float) -> float:
+        """Return a pair's distance by its meshes if that is at least the margin, else `distance`, that of the hulls."""
         one, other = self.pairs[pair].tolist()
         placed = self._placed.oMg[one], self._placed.oMg[other]
-        apart = meshes_apart(self.bodies[one], placed[0], self.bodies[other], placed[1], self.margin_m)
+        apart = mesh_distance(self.bodies[one], placed[0], self.bodies[other], placed[1], self.margin_m)
         return distance if apart is None else apart

@@ -1,7 +1,7 @@
 """A robot's links as convex bodies, between which distances are measured.
 
-A mesh becomes its convex hull, which is larger: a contact can be found too early, but none is missed. Where the hulls
-of two links touch, their meshes decide (clearance.py).
+A mesh is replaced by its convex hull. The hull is larger, so a contact may be found too early, but none is missed.
+Where the hulls of two links touch, their meshes decide (clearance.py).
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from pbd.io.urdf_shapes import Shape, Triple, collision_shapes
 from pbd.pose import Array, Pose, readonly
 
 ROUNDED_M = 1e-3
-"""Corners of a mesh's hull are rounded to this, m, which leaves far fewer of them."""
+"""Grid to which the corners of a mesh's hull are rounded, m; it leaves far fewer corners."""
 
 PAD_M = 0.5 * 3.0**0.5 * ROUNDED_M
-"""How far rounding moves a corner at most, m."""
+"""Largest displacement of a corner by rounding, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,15 +34,15 @@ class Body:
     """A convex body that moves with a joint.
 
     Attributes:
-        name: of the link that it is a part of, or of a thing in the world.
-        joint: index in `arm.full`; 0 stands still.
-        T_joint_body: where it is on the joint.
-        shape: "hull", "box", "cylinder" or "capsule" (along z), "sphere", or "floor": all that is below z = 0.
+        name: of its link, or of an object in the world.
+        joint: index in `arm.full` of the joint that carries it; 0: it does not move.
+        T_joint_body: its pose in the joint's frame.
+        shape: "hull", "box", "cylinder" or "capsule" (along z), "sphere", or "floor": everything below z = 0.
         size: m; box: x, y, z; cylinder: diameter, height; capsule: the same, without its round ends; sphere: diameter;
-            else empty.
-        points: (n, 3) m, the hull's corners; (0, 3) for another shape.
-        pad: m, by how much it is larger than that on all sides.
-        mesh: the file and scale of what the hull stands for, or None.
+            hull, floor: empty.
+        points: (n, 3) m, the corners of a hull; (0, 3) for other shapes.
+        pad: m, by how much the body is larger than its shape on all sides.
+        mesh: file and scale of the mesh that a hull replaces, or None.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Body:
 
 
 SLABS = 4
-"""Parts that a mesh is cut into: of 2 to 6 this number leaves the fewest queries of ur5's meshes."""
+"""Number of parts into which a mesh is cut: of 2 to 6, this one needs the fewest queries of ur5's meshes."""
 
 
 @lru_cache(maxsize=4)
@@ -73,7 +73,7 @@ def link_bodies(arm: ArmModel) -> tuple[Body, ...]:
 
 
 def bodies_of(arm: ArmModel, shapes: Iterable[Shape]) -> tuple[Body, ...]:
-    """Place links' shapes on the joints that carry them.
+    """Make bodies of links' shapes, each in the frame of the joint that carries it.
 
     Raises:
         RobotError: a mesh can't be read.
@@ -91,12 +91,12 @@ def bodies_of(arm: ArmModel, shapes: Iterable[Shape]) -> tuple[Body, ...]:
 
 
 def _hull(path: Path, scale: Triple) -> Array:
-    """Corners (k, 3) of a mesh's hull, m, once its points are rounded; what is flat becomes the box around it."""
+    """Return the corners (k, 3) of the hull of a mesh's rounded points, m; of a flat mesh those of its bounding box."""
     return from_mesh(path, "hulls", lambda soup: _corners(soup.corners * scale), ROUNDED_M, scale)["points"]
 
 
 def _corners(triangles: Array) -> dict[str, Any]:
-    from scipy.spatial import ConvexHull, QhullError  # takes its time to load, and hulls are kept on disk
+    from scipy.spatial import ConvexHull, QhullError  # loads slowly, and hulls are cached on disk
 
     rounded = np.unique(np.rint(triangles.reshape(-1, 3) / ROUNDED_M), axis=0) * ROUNDED_M
     try:
@@ -108,7 +108,7 @@ def _corners(triangles: Array) -> dict[str, Any]:
 
 @lru_cache(maxsize=1024)
 def shape_of(body: Body) -> Any:
-    """Return a body as coal takes it, without its pad."""
+    """Return a body's shape as a coal geometry, without its pad."""
     if body.shape == "hull":
         corners = coal.StdVec_Vec3s()
         corners.extend(list(body.points))
@@ -143,17 +143,18 @@ def _extent(body: Body) -> tuple[float, float]:
 
 
 def moves_with_tool(arm: ArmModel, first: Body, second: Body) -> bool:
-    """Whether one of two bodies moves with the tool, and the other stands still."""
+    """Whether one of two bodies moves with the tool and the other does not move at all."""
     tool = arm.full.getJointId(arm.robot.joints[-1])
     ones, others = (list(arm.full.supports[body.joint]) for body in (first, second))
     return (tool in ones and second.joint == 0) or (tool in others and first.joint == 0)
 
 
-def mesh_to(first: Body, second: Body) -> float:
-    """How deep (m) the hulls of two bodies may overlap while their meshes decide whether they touch.
+def mesh_depth(first: Body, second: Body) -> float:
+    """Return the overlap of two bodies' hulls, m, up to which their meshes decide whether they touch.
 
-    There is no limit for two links. Another body that is deeper inside a hull than it is thin may be inside the mesh
-    without touching its surface: from there on the hull decides, unless the body is too large to be inside.
+    For two links there is no limit. Another body, deeper inside a link's hull than its own thickness, may be entirely
+    inside the mesh without touching its surface; beyond that depth the hull decides, unless the body is too large to
+    fit inside.
     """
     if first.mesh is None or second.mesh is None:
         meshed, other = (first, second) if first.mesh else (second, first)
@@ -164,7 +165,7 @@ def mesh_to(first: Body, second: Body) -> float:
 
 @lru_cache(maxsize=256)
 def surface_of(body: Body) -> Any:
-    """Return the surface of a body's mesh as coal takes it; the body itself where it stands for none."""
+    """Return the surface of a body's mesh as a coal geometry; the body's shape if it has no mesh."""
     if body.mesh is None:
         return shape_of(body)
     triangles = mesh_triangles(*body.mesh)
@@ -179,9 +180,9 @@ def surface_of(body: Body) -> Any:
 
 @lru_cache(maxsize=256)
 def slabs_of(body: Body) -> tuple[Any, ...]:
-    """Cut a body's mesh across its longest side; return the hulls of the parts. The body itself where it has no mesh.
+    """Cut a body's mesh across its longest side; return the hulls of the parts, or the body's shape without a mesh.
 
-    They are closer to the mesh than one hull is, and far cheaper to measure than the mesh.
+    These hulls fit the mesh better than one hull, and are far faster to check than the mesh.
     """
     if body.mesh is None:
         return (shape_of(body),)
@@ -191,7 +192,7 @@ def slabs_of(body: Body) -> tuple[Any, ...]:
 
 
 def _slabs(triangles: Array) -> dict[str, Any]:
-    """Corners of the hulls of a mesh's parts, rounded."""
+    """Return the rounded corners of the hulls of a mesh's parts."""
     triangles = triangles.reshape(-1, 3, 3)
     corners, edges = triangles.reshape(-1, 3), np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
     axis = int(np.ptp(corners, axis=0).argmax())
@@ -206,8 +207,8 @@ def _slabs(triangles: Array) -> dict[str, Any]:
     return slabs
 
 
-def meshes_apart(first: Body, T_first: Any, second: Body, T_second: Any, margin_m: float) -> float | None:
-    """Return a lower bound of the distance of two bodies' meshes, m; None where it is below `margin_m`."""
+def mesh_distance(first: Body, T_first: Any, second: Body, T_second: Any, margin_m: float) -> float | None:
+    """Return a lower bound of the distance of two bodies' meshes, m; None if they are closer than `margin_m`."""
     T_first, T_second = (coal.Transform3s(T.rotation, T.translation) for T in (T_first, T_second))
     pad, asked, least = first.pad + second.pad, coal.DistanceRequest(), coal.DistanceResult()
     for one, other in product(slabs_of(first), slabs_of(second)):
@@ -222,11 +223,12 @@ def meshes_apart(first: Body, T_first: Any, second: Body, T_second: Any, margin_
     return None if touch else margin_m
 
 
-def apart(first: Body, T_first: Pose, second: Body, T_second: Pose) -> tuple[float, Array, Array]:
+def body_distance(first: Body, T_first: Pose, second: Body, T_second: Pose) -> tuple[float, Array, Array]:
     """Measure the distance of two bodies at given poses.
 
     Returns:
-        Distance in m, negative as deep as they overlap; the first's nearest point (3,); the normal (3,) to the second.
+        Distance, m, negative by the depth of the overlap; the first body's nearest point (3,); the normal (3,) to the
+        second.
     """
     result, placed = coal.DistanceResult(), [to_se3(T) for T in (T_first, T_second)]
     one, other = (coal.Transform3s(T.rotation, T.translation) for T in placed)

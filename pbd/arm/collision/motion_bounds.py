@@ -1,8 +1,9 @@
-"""Bounds on how far a body moves while joints turn: they let collision checks skip ahead.
+"""Bounds on how far bodies move when joints move; they let collision checks take long steps.
 
-A turning joint moves a point by no more than the angle times its distance from the axis, whatever the other joints do:
-a body is within a ball, and all places to which another joint may take that are within a larger ball around its axis.
-Two bodies approach each other by no more than either moves as seen from the other: the one nearer to the axis counts.
+A revolute joint moves a point by no more than the angle times the point's distance from the axis. To bound that
+distance for all positions of the other joints, a body is enclosed in a ball, and all positions of that ball, as a joint
+turns, in a larger ball around a point of the joint's axis. Two bodies approach each other by no more than either moves
+in the frame of the other, so the smaller of the two bounds counts.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ from pbd.pose import Array
 
 
 def rates(arm: ArmModel, bodies: Sequence[Body], pairs: NDArray[np.int64]) -> Array:
-    """Bound (p, k + 1), in m per unit of each coordinate, how fast the distance of each of the pairs (p, 2) changes.
+    """Return a bound (p, k + 1) on the change of each pair's distance, m per unit of each coordinate; pairs (p, 2).
 
-    Only the joints between the two bodies count: those further down move both alike.
+    Only the joints between the two bodies count: joints before them move both alike.
     """
-    reach, chains = [levers(arm, body) for body in bodies], [set(each) for each in arm.full.supports]
+    reach, chains = [lever_arms(arm, body) for body in bodies], [set(each) for each in arm.full.supports]
     bound = np.zeros((len(pairs), len(arm.robot.joints) + 1))
     for row, (first, second) in enumerate(pairs):
         for joint in chains[bodies[first].joint] ^ chains[bodies[second].joint]:
@@ -34,16 +35,16 @@ def rates(arm: ArmModel, bodies: Sequence[Body], pairs: NDArray[np.int64]) -> Ar
 
 
 @lru_cache(maxsize=1024)
-def levers(arm: ArmModel, body: Body) -> Array:
-    """Return for each joint the largest motion of any of the body's points, m per rad (or per m).
+def lever_arms(arm: ArmModel, body: Body) -> Array:
+    """Return for each joint a bound on the motion of the body's points, m per rad (or per m for a prismatic joint).
 
-    For a joint that doesn't carry the body this is as seen from what it carries.
+    For a joint that does not carry the body, it is the motion relative to what the joint carries.
     """
     model, found = arm.full, np.full(arm.full.njoints, np.inf)
     if body.shape == "floor":
-        return found  # it has no end
+        return found  # infinitely large
     p, radius = outline(body)
-    # By joint: where the body may be in the joint's frame, as balls around points.
+    # By joint: all positions of the body in the joint's frame, as balls around points.
     balls = {body.joint: (body.T_joint_body.act(p), radius)}
     for joint in reversed(list(model.supports[body.joint])[1:]):
         found[joint], p, radius = _swept(arm, joint, *balls[joint])
@@ -58,10 +59,10 @@ def levers(arm: ArmModel, body: Body) -> Array:
 
 
 def _swept(arm: ArmModel, joint: int, p: Array, radius: float) -> tuple[float, Array, float]:
-    """Move balls around points (n, 3) in a joint's frame with the joint.
+    """Sweep balls around points (n, 3) in a joint's frame with the joint.
 
     Returns:
-        m that they move at most per rad (or per m); points (m, 3) and a radius of balls that hold them all the way.
+        The largest motion, m per rad (or per m); points (m, 3) and the radius of balls that enclose the sweep.
     """
     axis, slides = arm.axes[joint]
     if slides:
@@ -73,7 +74,7 @@ def _swept(arm: ArmModel, joint: int, p: Array, radius: float) -> tuple[float, A
 
 
 def outline(body: Body) -> tuple[Array, float]:
-    """Return points and a radius: the body lies within the radius of the points' hull."""
+    """Return points (n, 3) and a radius, m: the body lies within this radius of the points' hull."""
     if body.shape == "hull":
         return body.points, body.pad
     if body.shape == "sphere":
@@ -86,7 +87,7 @@ def outline(body: Body) -> tuple[Array, float]:
 
 
 def _most_slide(arm: ArmModel, joint: int) -> float:
-    """Return the largest distance of a sliding joint from its zero, m; a locked one stands at zero."""
+    """Return the largest distance of a prismatic joint from its zero, m; a joint that nothing drives stays at zero."""
     column, slope, at_zero = arm.drives.get(joint, (0, 0.0, 0.0))
     ends = np.append(arm.limits.lower, 0.0)[column], np.append(arm.limits.upper, 1.0)[column]
     return max(abs(at_zero + slope * float(end)) for end in ends)

@@ -1,7 +1,7 @@
-"""Whether a motion touches anything on its way, checked along all of it; and the messages about that.
+"""Check a motion in time for contacts, continuously; and the messages about them.
 
-In a free motion no two bodies that are checked touch at any instant (clearance.py says why); wherever they were
-measured they were at least MARGIN_M apart.
+In a free motion no two checked bodies touch at any instant (clearance.py says why), and all measured distances are at
+least MARGIN_M.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ import numpy as np
 
 from pbd.arm.collision.clearance import Clearance, Contact, JointPath
 from pbd.arm.collision.scene import TABLE, CollisionScene, Hit
-from pbd.arm.path_sampling import along
+from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import JointTrajectory
-from pbd.data.world import Stay, holds
+from pbd.data.world import Stay, gripped_spans
 from pbd.errors import PlanError
 from pbd.pose import Pose
 
-_STILL_RAD = 1e-6
+_STILL_RAD = 1e-6  # the arm counts as standing at joints that differ by less
 
-_APART_S = 0.1
-"""Contacts of one pair that are closer in time than this, s, are merged."""
+_MERGED_S = 0.1
+"""Contacts of one pair closer in time than this, s, are merged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +31,9 @@ class MotionHit:
     """A hit of a motion.
 
     Attributes:
-        hit: the two bodies, at the instant of the deepest contact.
+        hit: the contact at its deepest instant.
         t, parted_t: s, first and last instant of contact.
-        keyframe: the keyframe at which they touch, or on the way to which; after the last one its number plus one.
+        keyframe: index of the keyframe at which, or on the way to which, they touch; n on the retreat.
         at_keyframe: whether they touch at the keyframe itself.
     """
 
@@ -45,14 +45,14 @@ class MotionHit:
 
 
 def check_motion(scene: CollisionScene, trajectory: JointTrajectory) -> MotionHit | None:
-    """Return the first hit of a motion, None where it is free.
+    """Return the first hit of a motion; None if it is free.
 
-    The object is carried as the gripper's track says, the fingers are where it puts them.
+    The trajectory's gripper opening decides where the fingers are, and when the object is carried.
     """
     first: MotionHit | None = None
     for clearance, start, end in _phases(scene, trajectory):
         if first is None or start <= first.t:
-            path = along(trajectory, clearance.rates, start, min(end, first.t) if first else end)
+            path = sample_trajectory(trajectory, clearance.rates, start, min(end, first.t) if first else end)
             met = clearance.first_contact(path)
             found = None if met is None else _motion_hit(scene, trajectory, clearance, path, met)
             first = found if first is None or (found is not None and found.t < first.t) else first
@@ -60,14 +60,14 @@ def check_motion(scene: CollisionScene, trajectory: JointTrajectory) -> MotionHi
 
 
 def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[MotionHit, ...]:
-    """Return all hits of a motion by when they begin, for people to see; two bodies that hardly part hit once."""
+    """Return all hits of a motion, sorted by their beginning; short gaps in a contact are closed (_MERGED_S)."""
     found: list[MotionHit] = []
     for clearance, start, end in _phases(scene, trajectory):
-        path = along(trajectory, clearance.rates, start, end)
+        path = sample_trajectory(trajectory, clearance.rates, start, end)
         found += [_motion_hit(scene, trajectory, clearance, path, met) for met in clearance.contacts(path)]
     hits: list[MotionHit] = []
     for hit in sorted(found, key=lambda each: each.t):
-        i = next((i for i, other in enumerate(hits) if _one_hit(other, hit)), None)
+        i = next((i for i, other in enumerate(hits) if _same_contact(other, hit)), None)
         if i is None:
             hits.append(hit)
         else:
@@ -77,34 +77,34 @@ def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Motion
 
 
 def _phases(scene: CollisionScene, trajectory: JointTrajectory) -> Iterator[tuple[Clearance, float, float]]:
-    """What is checked, from when to when (s)."""
+    """Yield the pairs to check, and from when to when, s."""
     yield scene.always, 0.0, trajectory.duration
     for stay in object_stays(scene, trajectory):
         start, end = max(0.0, stay.start), min(stay.end, trajectory.duration)
         if start <= end:
-            yield scene.around_object(stay), start, end
+            yield scene.object_clearance(stay), start, end
 
 
-def _one_hit(earlier: MotionHit, later: MotionHit) -> bool:
+def _same_contact(earlier: MotionHit, later: MotionHit) -> bool:
     """Whether two hits are of the same two bodies, at nearly the same time."""
     bodies = [(each.hit.first, each.hit.second) for each in (earlier, later)]
-    return bodies[0] == bodies[1] and later.t <= earlier.parted_t + _APART_S
+    return bodies[0] == bodies[1] and later.t <= earlier.parted_t + _MERGED_S
 
 
 def object_stays(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Stay, ...]:
-    """Where the grasped object is during a motion."""
+    """Return where the grasped object is during a motion."""
 
-    def tool(t: float) -> Pose:  # an object that is never let go may rest at the last keyframe
+    def tool(t: float) -> Pose:  # an object that is never released may rest at the last keyframe
         return scene.arm.forward(trajectory.at(np.array([min(t, *trajectory.keyframe_t[-1:])])).q[0])
 
-    return scene.stays(holds(trajectory.gripper_t, trajectory.gripper_opening), tool)
+    return scene.stays(gripped_spans(trajectory.gripper_t, trajectory.gripper_opening), tool)
 
 
 def refuse_home(scene: CollisionScene) -> None:
-    """Check the robot's home, without anything grasped.
+    """Refuse a home at which the robot, without an object, touches something.
 
     Raises:
-        PlanError: it isn't free; its fields are bodies, value (m), p_base (m), home (rad).
+        PlanError: with the fields bodies, value (depth, m), p_base (m), home (rad).
     """
     home = scene.arm.robot.home
     hit = scene.hit(home)
@@ -117,7 +117,7 @@ def refuse_home(scene: CollisionScene) -> None:
 
 
 def _away_from_home(scene: CollisionScene, hit: Hit) -> str:
-    """Give the advice for what is in the way at home."""
+    """Say how to make home free."""
     change = "change home in the robot's TOML"
     if hit.second == TABLE:
         return f"correct table_height in the calibration, or {change}"
@@ -125,7 +125,7 @@ def _away_from_home(scene: CollisionScene, hit: Hit) -> str:
 
 
 def _by_design(scene: CollisionScene, hit: Hit) -> str:
-    """Say how to let two links of the arm touch: the shapes of some overlap in every configuration."""
+    """Say how to let two links of the arm touch, since the shapes of some overlap by design."""
     if not {hit.first, hit.second} <= scene.links:
         return ""
     pair = json.dumps([hit.first, hit.second])
@@ -133,9 +133,9 @@ def _by_design(scene: CollisionScene, hit: Hit) -> str:
 
 
 def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:
-    """Describe a hit in one line; fields: keyframe, t (s), bodies, value (m, how deep), p_base (m)."""
+    """Describe a hit in one line; fields: keyframe, t (s), bodies, value (depth, m), p_base (m)."""
     told = describe(found.hit)
-    if found.t == 0.0:  # they touch before anything moves
+    if found.t == 0.0:  # the arm already stands there
         told = told.replace("would touch", "touches").replace("would come", "comes")
     return PlanError(
         f"{_when(trajectory, found)} (t = {found.t:.1f} s): {told}; {_advice(scene, trajectory, found)}",
@@ -154,7 +154,7 @@ def _motion_hit(
 
 
 def _keyframe(trajectory: JointTrajectory, start: float, end: float) -> tuple[int, bool]:
-    """Return the keyframe at which the arm is at some time from start to end (s), or else the next one."""
+    """Return the keyframe at which the arm is at some time from start to end, s, and True; else the next one, False."""
     times = trajectory.keyframe_t
     following = int(np.searchsorted(times, start))
     if following < len(times) and times[following] <= end:
@@ -162,7 +162,7 @@ def _keyframe(trajectory: JointTrajectory, start: float, end: float) -> tuple[in
     if following > 0:
         q = trajectory.at(np.array([start])).q[0]
         if np.abs(q - trajectory.keyframe_q[following - 1]).max() < _STILL_RAD:
-            return following - 1, True  # it hasn't left yet
+            return following - 1, True  # the arm has not left it yet
     return following, False
 
 
@@ -179,7 +179,7 @@ def _when(trajectory: JointTrajectory, found: MotionHit) -> str:
 
 
 def describe(hit: Hit) -> str:
-    """Say which two bodies touch, and how deep."""
+    """Say which two bodies touch, and by how much they overlap."""
     if hit.depth == 0.0:
         return f"{hit.first} would come within {1000.0 * hit.distance:.1f} mm of {hit.second}"
     deep = f"{1000.0 * hit.depth:.1f} mm" if hit.depth < 0.01 else f"{100.0 * hit.depth:.1f} cm"

@@ -1,7 +1,7 @@
-"""Whether anything touches on a path, for searches that check many paths: not which two bodies do first.
+"""Fast continuous collision checks for searches that check many paths: free or not, without the first contact.
 
-A path is halved: two bodies that are d and e apart at its ends can't touch on it unless they move by d + e. The middle,
-where most moves are barred, is measured first; and before it the pairs that touched lately.
+A path is bisected: two bodies at distances d and e at its ends cannot touch between them unless they move by d + e. The
+middle is measured first, since most contacts are there. Pairs that touched recently are measured before others.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from pbd.arm.gripper import tool_on_joint
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
-RECENT, REMEMBERED = 4, 2000
-"""Pairs that touched lately and are measured first; coordinates whose distances are cached."""
+RECENT, CACHED = 4, 2000
+"""Number of recently touching pairs that are measured first; number of coordinates whose distances are cached."""
 
-LIKELY = 0.5, 0.25, 0.75
-"""Where a straight move is measured first, as shares of it."""
+FIRST_SHARES = 0.5, 0.25, 0.75
+"""Shares of a straight move at which those pairs are measured first."""
 
 
 class QuickClearance(Clearance):
-    """Distances between pairs of bodies, cached, and the pairs that touched lately."""
+    """Clearance with cached distances and a list of the pairs that touched recently."""
 
     def __init__(
         self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs, margin_m: float = MARGIN_M, rests: Rests = NOWHERE
@@ -32,35 +32,35 @@ class QuickClearance(Clearance):
         super().__init__(arm, bodies, pairs, margin_m, rests)
         of_pairs = ((self.bodies[a], self.bodies[b]) for a, b in self.pairs)
         self._of_tool = np.array([moves_with_tool(arm, *pair) for pair in of_pairs], dtype=bool)
-        self._even = arm.full.nq == arm.full.nv  # no endless joint: pinocchio's configurations lie on a straight line
-        self._lately: list[int] = []  # pairs that touched, the last one first: the likeliest to touch next
+        self._even = arm.full.nq == arm.full.nv  # without continuous joints, straight moves are straight for pinocchio
+        self._recent: list[int] = []  # pairs that touched recently, the last one first
         self._known: dict[bytes, Array] = {}
 
     def touches(self, x: Array) -> bool:
-        """Whether any pair touches but may not at coordinates (k + 1,)."""
+        """Whether any pair touches at coordinates (k + 1,) where it may not."""
         if x.tobytes() not in self._known:
             self._place(self.arm.configurations(x))
-            if self._touch_again(x):
+            if self._recent_pair_touches(x):
                 return True
-        for pair in np.flatnonzero(~(self._remembered(x) >= self.margin_m)).tolist():
+        for pair in np.flatnonzero(~(self._cached_distances(x) >= self.margin_m)).tolist():
             if not self.may_touch(pair, x):
-                return self._touched(pair)
+                return self._remember_touch(pair)
         return False
 
-    def meets(self, x: Array) -> bool:
-        """Whether any pair touches on a straight move from coordinates to others, x (2, k + 1), but not at these."""
+    def touches_inside(self, x: Array) -> bool:
+        """Whether any pair touches inside a straight move between coordinates x (2, k + 1); not checked at its ends."""
         step, q = x[1] - x[0], self.arm.configurations(x)
         way = q[1] - q[0]
 
         def place(t: float) -> None:
             self._place(q[0] + t * way if self._even else self.arm.configurations(x[0] + t * step))
 
-        for t in LIKELY:
+        for t in FIRST_SHARES:
             place(t)
-            if self._touch_again(x[0] + t * step):
+            if self._recent_pair_touches(x[0] + t * step):
                 return True
-        at_start, at_end, speed = self._remembered(x[0]), self._remembered(x[1]), self.rates @ np.abs(step)
-        for pair in self._in_reach(at_start, at_end, speed):
+        at_start, at_end, speed = self._cached_distances(x[0]), self._cached_distances(x[1]), self.rates @ np.abs(step)
+        for pair in self._may_touch_inside(at_start, at_end, speed):
             v = float(speed[pair])
             gaps = [(max(self.margin_m, at_start[pair]) / v, 1.0 - max(self.margin_m, at_end[pair]) / v)]
             for since, until in gaps:
@@ -71,22 +71,24 @@ class QuickClearance(Clearance):
                 distance = self._distance(pair)
                 if not distance >= self.margin_m:
                     if not self.may_touch(pair, x[0] + t * step):
-                        return self._touched(pair)
+                        return self._remember_touch(pair)
                     distance = self.margin_m
                 gaps += ((since, t - distance / v), (t + distance / v, until))
         return False
 
-    def meets_along(self, path: JointPath) -> bool:
-        """Whether any pair touches on a path, but not at its ends."""
-        walk, at_start, at_end = self._walk(path), self._remembered(path.x[0]), self._remembered(path.x[-1])
-        near = self._in_reach(at_start, at_end, self.rates @ walk.moved[:, -1])
-        return any(self._halve(walk, pair, at_start[pair], at_end[pair]) and self._touched(pair) for pair in near)
+    def touches_inside_path(self, path: JointPath) -> bool:
+        """Whether any pair touches inside a path; its ends are not checked."""
+        walk, at_start, at_end = self._walk(path), self._cached_distances(path.x[0]), self._cached_distances(path.x[-1])
+        near = self._may_touch_inside(at_start, at_end, self.rates @ walk.moved[:, -1])
+        return any(
+            self._touches_on(walk, pair, at_start[pair], at_end[pair]) and self._remember_touch(pair) for pair in near
+        )
 
     def tool_contact(self, T_base_tool: Iterable[Pose], opening: float) -> tuple[int, float, Array] | None:
-        """Return what moves with the tool and touches what stands still, with the tool at some poses.
+        """Check what moves with the tool against what does not move, with the tool at given poses.
 
         Returns:
-            The first pair that was found, its distance in m, and where (3,) m in base.
+            The first pair found that touches, its distance, m, and the point (3,) in base, m; or None.
         """
         joint, T_joint_tool = tool_on_joint(self.arm)
         self._place(self.arm.configurations(np.append(self.arm.robot.home, opening)))
@@ -104,21 +106,22 @@ class QuickClearance(Clearance):
                     return pair, distance, self._witness(pair)
         return None
 
-    def _in_reach(self, at_start: Array, at_end: Array, travel: Array) -> list[int]:
-        """Return the pairs that may touch on a path, those that touched lately first; from distances at its ends."""
+    def _may_touch_inside(self, at_start: Array, at_end: Array, travel: Array) -> list[int]:
+        """Return the pairs that may touch inside a path, recent ones first, from their distances at its ends and the
+        bound (p,) of their motion, m."""
         open_ = ~(at_start + at_end > travel) & (travel > 0.0)
         near = np.flatnonzero(open_).tolist()
-        near.sort(key=lambda pair: self._lately.index(pair) if pair in self._lately else RECENT)
+        near.sort(key=lambda pair: self._recent.index(pair) if pair in self._recent else RECENT)
         return near
 
-    def _halve(self, walk: Walk, pair: int, at_start: float, at_end: float) -> bool:
-        """Whether a pair touches inside a path; given their distances at its ends, where they may."""
+    def _touches_on(self, walk: Walk, pair: int, at_start: float, at_end: float) -> bool:
+        """Whether a pair touches inside a path where it may not; `at_start`, `at_end`: its distances at the ends, m."""
         travel = self.rates[pair] @ walk.moved
         parts = [(0, max(self.margin_m, at_start), len(travel) - 1, max(self.margin_m, at_end))]
         for first, before, last, after in parts:
             if last - first < 2 or before + after > travel[last] - travel[first]:
                 continue
-            # The middle of the part that the two distances don't cover.
+            # Take the middle of the part that the distances at the two ends do not cover.
             middle = 0.5 * (travel[first] + before + travel[last] - after)
             node = min(max(int(travel.searchsorted(middle)), first + 1), last - 1)
             self._place(walk.q[node])
@@ -130,21 +133,21 @@ class QuickClearance(Clearance):
             parts += ((first, before, node, distance), (node, distance, last, after))
         return False
 
-    def _remembered(self, x: Array) -> Array:
-        """Measure all distances, cached: the same joints are the ends of many moves."""
+    def _cached_distances(self, x: Array) -> Array:
+        """Return all distances; cached, since the same joints are the ends of many moves."""
         key = x.tobytes()
         if key not in self._known:
-            if len(self._known) == REMEMBERED:
+            if len(self._known) == CACHED:
                 self._known.clear()
             self._known[key] = self.distances(x)
         return self._known[key]
 
-    def _touch_again(self, x: Array) -> bool:
-        """Whether any of the pairs that touched lately touches, with all placed at coordinates (k + 1,)."""
-        near = (pair for pair in self._lately if not self._distance(pair) >= self.margin_m)
+    def _recent_pair_touches(self, x: Array) -> bool:
+        """Whether any pair that touched recently touches now; all bodies are placed at coordinates x (k + 1,)."""
+        near = (pair for pair in self._recent if not self._distance(pair) >= self.margin_m)
         return any(not self.may_touch(pair, x) for pair in near)
 
-    def _touched(self, pair: int) -> bool:
-        """Remember a pair that touched."""
-        self._lately = [pair, *(each for each in self._lately if each != pair)][:RECENT]
+    def _remember_touch(self, pair: int) -> bool:
+        """Remember a pair that touched; return True."""
+        self._recent = [pair, *(each for each in self._recent if each != pair)][:RECENT]
         return True

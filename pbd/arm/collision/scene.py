@@ -1,8 +1,8 @@
-"""An arm among what it must not touch: itself, the table, obstacles, and the object that it carries.
+"""The collision scene: an arm with itself, the table, obstacles, and the object that it grasps.
 
-The gripper (all that the arm's last joint carries) may touch the object. While it is held, the object may touch what
-it stands on, the table or an obstacle, within REST_M of where it is gripped or let go. Where the model has no gripper a
-rod stands for it (gripper.py).
+The gripper (all links that the arm's last joint carries) may touch the object. A held object may touch its support, the
+table or an obstacle, within REST_M of where it is gripped or released. If the model has no gripper, a rod stands for it
+(gripper.py).
 """
 
 from __future__ import annotations
@@ -16,40 +16,40 @@ import numpy as np
 
 from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, SAMPLES, Unchecked, link_pairs, samples
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Clearance, Pairs
-from pbd.arm.collision.geometry import Body, apart
+from pbd.arm.collision.geometry import Body, body_distance
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.collision.quick_clearance import QuickClearance
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
 from pbd.arm.model import ArmModel
-from pbd.arm.path_sampling import polyline
+from pbd.arm.path_sampling import sample_polyline
 from pbd.data import GraspedObject, Obstacle
-from pbd.data.world import Stay, holds, stays
+from pbd.data.world import Stay, gripped_spans, object_stays
 from pbd.pose import Array, Pose
 
 TABLE = "the table"
 
 REST_M = 0.03
-"""Within this distance of where it is gripped or let go, m, a held object may touch what it stands on there."""
+"""Distance from where it is gripped or released, m, within which a held object may touch its support."""
 
-STEEP = float(np.cos(np.radians(45.0)))
-"""Least z of the normal of a surface that an object can stand on: 45 degrees from the vertical."""
+LEAST_NORMAL_Z = float(np.cos(np.radians(45.0)))
+"""Least z component of the normal of a supporting surface: its normal is within 45 degrees of the vertical."""
 
-MOST_LOOKS = 32
-"""Most poses of a path at which `tool_hit` checks the tool."""
+MOST_TOOL_CHECKS = 32
+"""Largest number of poses of a path at which `tool_hit` checks the tool."""
 
 MOST_STAYS = 64
-"""Places of the object whose pairs are cached."""
+"""Largest number of object poses for which collision pairs are cached."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hit:
-    """Two bodies that touch, or are nearer to each other than MARGIN_M.
+    """Two bodies that touch, or are closer than the margin.
 
     Attributes:
-        first, second: names of links, of obstacles, TABLE, what is grasped ("the cylinder"), or THE_TOOL.
-        distance: m, negative as deep as they overlap.
-        p_base: (3,) m, where that is.
-        share: of a path, how far along it begins.
+        first, second: names of links or obstacles, TABLE, THE_TOOL, or the grasped object ("the cylinder").
+        distance: m, negative by the depth of the overlap.
+        p_base: (3,) m, the point of contact in base.
+        share: of the path, at which the contact begins.
     """
 
     first: str
@@ -60,26 +60,26 @@ class Hit:
 
     @property
     def depth(self) -> float:
-        """How far they overlap, m; 0 where they are only near."""
+        """Depth of the overlap, m; 0 if they are only near."""
         return max(0.0, -self.distance)
 
 
 @dataclass(frozen=True)
 class Leg:
-    """How the arm moves from one keyframe to the next: the gripper's opening, and where the object is meanwhile."""
+    """The conditions of the move from one keyframe to the next: the gripper's opening, and where the object is."""
 
     opening: float = 1.0
     stay: Stay | None = None
 
 
 class CollisionScene:
-    """What can touch what, for one arm in one place. Not to be shared between threads, as the arm isn't.
+    """The bodies that can touch, for one arm and its surroundings. Not safe to share between threads, as the arm.
 
     Attributes:
         unchecked: the pairs of links that are not checked, and why.
-        obstacles: names.
-        links: names of those that have a shape.
-        margin_m: bodies that are nearer to each other count as touching.
+        obstacles: their names.
+        links: names of the links that have a body.
+        margin_m: bodies closer than this, m, count as touching.
         always: the arm against itself, the table and the obstacles.
     """
 
@@ -100,20 +100,20 @@ class CollisionScene:
             T_base_table = Pose.from_rpy((0.0, 0.0, table_height), np.zeros(3))
             world.insert(0, Body(TABLE, 0, T_base_table, "floor"))
         self._bodies = (*self._links, *world)
-        around = self._against(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
-        around = self._off_the_table(around)
+        around = self._pairs_between(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
+        around = self._without_mount(around)
         self.always = QuickClearance(arm, self._bodies, np.concatenate((pairs, around)))
         self._with_object: dict[Stay, QuickClearance] = {}
 
     def closer(self) -> CollisionScene:
-        """The same scene with the margin CLOSE_M."""
+        """Return the same scene with the margin CLOSE_M."""
         scene = copy(self)
         scene.margin_m, scene._with_object = CLOSE_M, {}
         scene.always = QuickClearance(self.arm, self._bodies, self.always.pairs, CLOSE_M)
         return scene
 
     def hit(self, q: Array, leg: Leg | None = None) -> Hit | None:
-        """Return the worst hit at joints q (k,); by default the gripper is open and there is no object."""
+        """Return the deepest hit at joints q (k,); by default the gripper is open and there is no object."""
         leg = leg or Leg()
         x, worst = np.append(q, leg.opening), None
         for each in self.clearances(leg.stay):
@@ -123,22 +123,26 @@ class CollisionScene:
         return worst
 
     def is_free(self, q: Array, leg: Leg) -> bool:
-        """Whether nothing is hit at joints (1, k), or on straight moves in joint space from each of (m, k) to the next.
+        """Whether the arm is free at joints (1, k), or along the polyline in joint space through joints (m, k).
 
-        It measures at other places than `check_path`: only one of the two may notice a gap that is below the margin.
+        It measures at other points than `check_path`, so a distance just below the margin may be found by only one of
+        the two.
         """
         x = np.column_stack((q[[0, -1]], (leg.opening, leg.opening)))[: len(q)]
         return not any(
             any(each.touches(end) for end in x)
-            or (len(q) == 2 and each.meets(x))
-            or (len(q) > 2 and each.meets_along(polyline(q, leg.opening, each.rates, 2.0 * self.margin_m)))
+            or (len(q) == 2 and each.touches_inside(x))
+            or (
+                len(q) > 2
+                and each.touches_inside_path(sample_polyline(q, leg.opening, each.rates, 2.0 * self.margin_m))
+            )
             for each in self.clearances(leg.stay)
         )
 
     def tool_hit(self, T_base_tool: Sequence[Pose], leg: Leg) -> Hit | None:
-        """Return a hit of what moves with the tool at some poses, in whatever configuration of the arm."""
+        """Return a hit of what moves with the tool, with the tool at given poses, whatever the arm's configuration."""
         count = len(T_base_tool)
-        middle_first = sorted(range(0, count, count // MOST_LOOKS + 1), key=lambda i: abs(2 * i - count))
+        middle_first = sorted(range(0, count, count // MOST_TOOL_CHECKS + 1), key=lambda i: abs(2 * i - count))
         for each in self.clearances(leg.stay):
             poses = (T_base_tool[i] for i in middle_first)
             met = each.tool_contact(poses, leg.opening)
@@ -148,11 +152,11 @@ class CollisionScene:
         return None
 
     def check_path(self, q: Array, leg: Leg | None = None) -> Hit | None:
-        """Return the first hit of straight moves in joint space from each of joints (m, k) to the next."""
+        """Return the first hit along the polyline in joint space through joints (m, k)."""
         leg = leg or Leg()
         first = None
         for each in self.clearances(leg.stay):
-            path = polyline(q, leg.opening, each.rates, 2.0 * self.margin_m)
+            path = sample_polyline(q, leg.opening, each.rates, 2.0 * self.margin_m)
             met = each.first_contact(path)
             if met is not None and (first is None or path.t[met.first] < first.share):
                 share = float(path.t[met.first])
@@ -160,11 +164,11 @@ class CollisionScene:
         return first
 
     def legs(self, T_base_tool: Sequence[Pose], grips: Sequence[bool | None]) -> tuple[Leg, ...]:
-        """Return the legs of a motion through n keyframes: leg i leads to keyframe i, leg n away from the last one.
+        """Return the legs of a motion through n keyframes: legs[i] leads to keyframe i, legs[n] away from the last one.
 
         Args:
             T_base_tool: the tool's poses at the keyframes.
-            grips: True where the gripper closes, False where it opens, None where nothing changes; it begins open.
+            grips: for each, True if the gripper closes, False if it opens, None if it does not move; it begins open.
         """
         t, opening = [-1.0], [1.0]
         for keyframe, closes in enumerate(grips if self.arm.robot.gripper else ()):
@@ -172,7 +176,7 @@ class CollisionScene:
                 t += [keyframe, keyframe]
                 opening += [opening[-1], float(not closes)]
         last = len(T_base_tool) - 1
-        spans = holds(np.array(t), np.array(opening))
+        spans = gripped_spans(np.array(t), np.array(opening))
         found = self.stays(spans, lambda keyframe: T_base_tool[int(min(keyframe, last))])
         legs = []
         for i in range(last + 2):
@@ -181,15 +185,15 @@ class CollisionScene:
         return tuple(legs)
 
     def stays(self, spans: Sequence[tuple[float, float]], tool: Callable[[float], Pose]) -> tuple[Stay, ...]:
-        """Follow the object: see `pbd.data.world.stays`; nothing where there is no object."""
-        return () if self._grasped is None else stays(self._grasped, spans, tool, self._table_height)
+        """Return where the object is over time: see `pbd.data.world.object_stays`; empty if there is no object."""
+        return () if self._grasped is None else object_stays(self._grasped, spans, tool, self._table_height)
 
     def clearances(self, stay: Stay | None) -> list[QuickClearance]:
-        """Return what is checked while the object is where `stay` says (None: there is no object)."""
-        return [self.always] if stay is None else [self.always, self.around_object(stay)]
+        """Return all clearances to check while the object is where `stay` says; None: there is no object."""
+        return [self.always] if stay is None else [self.always, self.object_clearance(stay)]
 
-    def around_object(self, stay: Stay) -> QuickClearance:
-        """Return what is checked against the object: the arm, and the world while it is held."""
+    def object_clearance(self, stay: Stay) -> QuickClearance:
+        """Return the clearance of the object: to the arm, and while it is held also to the world; cached."""
         if stay not in self._with_object:
             if len(self._with_object) == MOST_STAYS:
                 self._with_object.clear()
@@ -197,7 +201,7 @@ class CollisionScene:
         return self._with_object[stay]
 
     def as_hit(self, clearance: Clearance, pair: int, x: Array, distance: float, share: float = 0.0) -> Hit:
-        """Describe a pair that touches at coordinates x (k + 1,)."""
+        """Make the hit of a pair that touches at coordinates x (k + 1,)."""
         return Hit(*clearance.names(pair), distance, clearance.witness(x, pair), share)
 
     def _object_pairs(self, stay: Stay) -> QuickClearance:
@@ -209,10 +213,10 @@ class CollisionScene:
         bodies = (*self._bodies, Body(f"the {thing.shape}", *placed, thing.shape, thing.size))
         this, gripper = len(self._bodies), gripper_links(self.arm, self._links)
         others = [i for i, link in enumerate(self._links) if link.name not in gripper]
-        pairs = self._against(bodies, others, (this,))
+        pairs = self._pairs_between(bodies, others, (this,))
         if not stay.held:
             return QuickClearance(self.arm, bodies, pairs, self.margin_m)
-        around = self._against(bodies, (this,), range(len(self._links), this))
+        around = self._pairs_between(bodies, (this,), range(len(self._links), this))
 
         def near(places: Sequence[Array], T_base_tool: Pose) -> bool:
             p = (T_base_tool @ stay.pose).p
@@ -226,17 +230,17 @@ class CollisionScene:
 
     def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:
         """Whether an object at a pose stands on a support."""
-        distance, _, normal = apart(thing, T_base_thing, support, support.T_joint_body)
-        return bool(abs(distance) <= REST_M and -normal[2] >= STEEP)
+        distance, _, normal = body_distance(thing, T_base_thing, support, support.T_joint_body)
+        return bool(abs(distance) <= REST_M and -normal[2] >= LEAST_NORMAL_Z)
 
-    def _against(self, bodies: Sequence[Body], ones: Iterable[int], others: Iterable[int]) -> Pairs:
-        """Pair up bodies, without those that no joint moves against each other."""
+    def _pairs_between(self, bodies: Sequence[Body], ones: Iterable[int], others: Iterable[int]) -> Pairs:
+        """Return all pairs of bodies, except those that no joint moves relative to each other."""
         others = tuple(others)
         pairs = np.array([(a, b) for a in ones for b in others], dtype=np.int64).reshape(-1, 2)
         return pairs[(rates(self.arm, bodies, pairs) > 0.0).any(axis=1)]
 
-    def _off_the_table(self, around: Pairs) -> Pairs:
-        """Leave out links that touch the table in nearly every configuration, such as the arm's mount."""
+    def _without_mount(self, around: Pairs) -> Pairs:
+        """Remove the pairs of the table and links that nearly always touch it, such as the arm's mount."""
         on_table = np.flatnonzero([self._bodies[second].name == TABLE for _, second in around])
         clearance = QuickClearance(self.arm, self._bodies, around[on_table])
         always = on_table[list(clearance.always_touching(samples(self.arm, SAMPLES), NEARLY_ALWAYS))]

@@ -1,6 +1,6 @@
-"""Whether the collision shapes of an arm cover it: a link without one is never found to touch anything.
+"""Check that an arm's collision shapes cover its links, since a link without a shape never touches anything.
 
-A shape should be as large as its link; one whose unit was mistaken isn't.
+A shape should be as large as its link. A mesh in the wrong unit is not.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from pbd.arm.model import ArmModel
 from pbd.io.urdf_shapes import Shape, read_shapes
 
 SMALL = 0.5
-"""A shape is doubted below this share of its link's visual shape, or of the distance between its joints. The smallest
-shares of the bundled arms are 0.78 and 0.79."""
+"""A shape is doubtful if its size is below this share of its link's visual shape, or of the distance between its
+joints. The smallest shares of the bundled arms are 0.78 and 0.79."""
 
 LEAST_LINK_M = 0.01
-"""A link whose joints are closer than this may do without a shape: a wrist may be several joints in one place."""
+"""A link whose joints are closer than this, m, needs no shape: in a wrist several joints may be at one point."""
 
 
 @lru_cache(maxsize=4)
-def doubts(arm: ArmModel) -> dict[str, str]:
-    """Return the links whose shapes are doubtful, in the URDF's order, and why ("has no collision shape").
+def doubtful_shapes(arm: ArmModel) -> dict[str, str]:
+    """Return the links with doubtful shapes, in the URDF's order, and why ("has no collision shape").
 
     Raises:
         RobotError: as `link_bodies`.
@@ -48,7 +48,7 @@ def doubts(arm: ArmModel) -> dict[str, str]:
 
 
 def _between_joints(arm: ArmModel, joint: int, own: list[Body]) -> str | None:
-    """Compare the bodies on a joint (0: on the base) with the distance to the next joints; return what is wrong."""
+    """Compare the size of the bodies on a joint (0: the base) with the distance to the next; say what is wrong."""
     model = arm.full
     following = [i for i in range(1, model.njoints) if model.parents[i] == joint]
     length = max((float(np.linalg.norm(model.jointPlacements[i].translation)) for i in following), default=0.0)
@@ -57,7 +57,7 @@ def _between_joints(arm: ArmModel, joint: int, own: list[Body]) -> str | None:
         return "has no collision shape" if needed else None
     size = _size(own)
     if joint == 0 or size >= SMALL * length:
-        return None  # a base may stand anywhere
+        return None  # a base may be small and stand far from joint 1
     return f"has a collision shape of {_length(size)}, but its joints are {_length(length)} apart"
 
 
@@ -66,7 +66,7 @@ def _solid(shape: Shape) -> tuple[object, ...]:
 
 
 def _link(arm: ArmModel, joint: int) -> str:
-    """Name a link that moves with a joint; the base for those that don't move."""
+    """Return the name of a link that moves with a joint; the base for joint 0."""
     if joint == 0:
         return arm.robot.base
     frames = (frame for frame in arm.full.frames if frame.type == pin.FrameType.BODY and frame.parentJoint == joint)
@@ -74,7 +74,7 @@ def _link(arm: ArmModel, joint: int) -> str:
 
 
 def _size(bodies: Iterable[Body]) -> float:
-    """The diagonal of the box that holds bodies on one joint, m."""
+    """Return the diagonal of the bounding box of bodies on one joint, m."""
     ends = []
     for body in bodies:
         points, radius = outline(replace(body, pad=0.0))

@@ -1,4 +1,4 @@
-"""The branches of a pose: different joints that reach it, for a joint path to choose from, and their cost."""
+"""The different configurations that reach a pose, for a joint path to choose from, and their cost."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from pbd.arm.ik.closed_form import closed_form, flipped_elbow
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
-from pbd.arm.ik.partial_pose import FULL_POSE, SLACK_RAD, finish, is_partial, solve_partial
+from pbd.arm.ik.partial_pose import FULL_POSE, SLACK_RAD, is_partial, refine_partial, solve_partial
 from pbd.arm.ik.seven_joints import seven_joints
 from pbd.arm.ik.solver import solve
 from pbd.arm.ik.starts import manipulability, starts_of
@@ -18,51 +18,51 @@ from pbd.pose import Array, Pose
 _dposv = lapack().dposv
 
 MARGIN_RAD = 0.1
-"""A joint nearer to a limit than this (rad, or m) has a cost."""
+"""Distance of a joint from its limit, rad or m, below which it has a cost."""
 AT_LIMIT = 0.3
 """Cost of a joint at its limit, in rad of joint travel."""
 SINGULAR = 0.3
-"""Cost of a singular arm, in rad of joint travel."""
+"""Cost of a singular configuration, in rad of joint travel."""
 
-CARRIED_RELAXED = 2
-"""States before from which an arm with too few joints starts: it has few branches, and its descents are slow."""
+CARRIED_PARTIAL = 2
+"""Number of states before from which an arm with too few joints starts: it has few solutions and slow descents."""
 CARRIED_APART_RAD, FRESH_APART_RAD, FRESH_APART_REDUNDANT_RAD = 0.3, 2.0, 1.2
-"""Starts nearer to each other than this, in every joint, count as one: of the states before, from seeds, and from seeds
-of a redundant arm."""
+"""Starts that differ by less than this in every joint count as one: states before; new seeds; new seeds of a redundant
+arm."""
 ALONG_APART_RAD = 0.6
-"""Largest spacing of the configurations that are taken of a redundant arm's branch."""
+"""Largest spacing of the configurations taken along the self-motion of a redundant arm."""
 NEARBY = 256
-"""Seeds near the pose that starts are chosen from."""
+"""Number of seeds near the pose from which starts are chosen."""
 SAME_RAD = 1e-3
-"""Solutions nearer to each other than this, in every joint, are one."""
+"""Solutions that differ by less than this in every joint are one."""
 EXACT = 1e-9
-"""|e| (m, rad) below which a solution isn't polished."""
+"""|e| (m, rad) below which a solution is not polished."""
 
 _RIDGE = 1e-12 * np.eye(6)  # keeps the step small where the arm is singular
 
 
 def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) -> Array:
-    """Find different joints (m, k) for a pose; none, (0, k), where even the full search finds none.
+    """Find different configurations (m, k) that reach a pose; (0, k) if even `solve` finds none.
 
     Args:
         before: (b, k) rad, where the arm may come from, the likeliest first.
-        starts: the number of descents: a third from `before`, the others from those seeds near the pose that are
-            nearest to `before`. A third as many configurations are taken of each branch of a redundant arm.
+        starts: number of descents: a third from `before`, the others from seeds near the pose, those nearest to
+            `before` first. From each self-motion curve of a redundant arm, at most a third as many are taken.
     """
     if is_partial(arm):
-        return _partial(arm, T_base_tool, before)
+        return _partial_pose_solutions(arm, T_base_tool, before)
     goal = to_se3(T_base_tool)
     third = starts // 3
-    carried = apart(before, third, CARRIED_APART_RAD)
+    carried = distinct(before, third, CARRIED_APART_RAD)
     around = min(ALONG_APART_RAD, 2.0 * np.pi / third)
     curves = (branch[_nearest_first(arm, branch, carried)] for branch in seven_joints(arm, goal))
-    ways = np.vstack((closed_form(arm, goal), *(apart(branch, third, around) for branch in curves)))
-    # A singular pose has more solutions than these: descents from the states before find those.
+    ways = np.vstack((closed_form(arm, goal), *(distinct(branch, third, around) for branch in curves)))
+    # A singular pose has more solutions; descents from the states before find those.
     if len(ways) and len(found := _solutions(arm, goal, np.vstack((ways, carried)))):
         return found
     seeds = starts_of(arm).nearest(goal, NEARBY)
     distance = FRESH_APART_REDUNDANT_RAD if len(arm.robot.joints) > FULL_POSE else FRESH_APART_RAD
-    fresh = apart(seeds[_nearest_first(arm, seeds, carried)], starts - third, distance)
+    fresh = distinct(seeds[_nearest_first(arm, seeds, carried)], starts - third, distance)
     found = _solutions(arm, goal, np.vstack((carried, fresh)))
     if not len(found) and (result := solve(arm, T_base_tool, before[0])).reached:
         return polish(arm, goal, result.q[None])
@@ -70,16 +70,16 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
 
 
 def _solutions(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> Array:
-    """Find the different solutions (m, k) that seeds lead to, exact to rounding."""
+    """Return the different solutions (m, k) to which seeds descend, exact to rounding errors."""
     q, squares = descend_each(arm, goal, q_seeds, all_of_them=True)
     solved = squares < SOLVED
     coarse = solved & (squares > EXACT**2)
     q[coarse] = polish(arm, goal, q[coarse])
-    return apart(q[solved], len(q), SAME_RAD)
+    return distinct(q[solved], len(q), SAME_RAD)
 
 
 def _nearest_first(arm: ArmModel, q: Array, carried: Array) -> Array:
-    """Order joints (m, k) by their distance, modulo whole turns, to the nearest of others."""
+    """Return the order of configurations q (m, k) by the distance, modulo whole turns, to the nearest carried one."""
     way = q[:, None] - carried
     way -= (2.0 * np.pi) * arm.turns * np.round(way / (2.0 * np.pi))
     order: Array = np.einsum("smk,smk->sm", way, way).min(axis=1).argsort()
@@ -87,7 +87,7 @@ def _nearest_first(arm: ArmModel, q: Array, carried: Array) -> Array:
 
 
 def turn_toward(arm: ArmModel, q: Array, there: Array) -> Array:
-    """Turn joints q by whole turns, within their limits, to where they are nearest to others."""
+    """Turn joints q by whole turns, within their limits, to be nearest to the joints `there`."""
     turns = np.round((there - q) / (2.0 * np.pi)) * arm.turns
     least, most = np.ceil((arm.limits.lower - q) / (2.0 * np.pi)), np.floor((arm.limits.upper - q) / (2.0 * np.pi))
     turned: Array = q + 2.0 * np.pi * np.clip(turns, np.minimum(least, 0.0), np.maximum(most, 0.0))
@@ -98,18 +98,19 @@ def configuration_cost(arm: ArmModel, q: Array) -> Array:
     """Return the cost (m,) of being near limits and singularities at joints (m, k), in rad of joint travel."""
     near_limits = np.maximum(0.0, 1.0 - margins(arm, q) / MARGIN_RAD)
     J = np.array([arm.jacobian(each) for each in q])
-    dexterity = manipulability(J) / starts_of(arm).clumsy
+    dexterity = manipulability(J) / starts_of(arm).low_manipulability
     cost: Array = AT_LIMIT * (near_limits**2).sum(axis=1) + SINGULAR * np.maximum(0.0, 1.0 - dexterity) ** 2
     return cost
 
 
 def margins(arm: ArmModel, q: Array) -> Array:
-    """Return the distance of joints from the nearer of their limits, rad."""
+    """Return the distance of each joint from its nearer limit, rad or m."""
     return np.minimum(q - arm.limits.lower, arm.limits.upper - q)
 
 
-def apart(q: Array, most: int, distance: float) -> Array:
-    """Keep the first `most` of configurations (m, k) that differ from all kept by more than this in some joint."""
+def distinct(q: Array, most: int, distance: float) -> Array:
+    """Keep the first `most` configurations of q (m, k) that differ from all others kept by more than `distance`, rad,
+    in some joint."""
     left, kept = q, list[Array]()
     while len(left) and len(kept) < most:
         kept.append(left[0])
@@ -118,7 +119,7 @@ def apart(q: Array, most: int, distance: float) -> Array:
 
 
 def polish(arm: ArmModel, goal: pin.SE3, q: Array) -> Array:
-    """Take one Newton step from solutions (m, k) within tolerance: exact to rounding, unless a limit bars it."""
+    """Take one Newton step from solutions (m, k) within tolerance: then exact to rounding, unless at a limit."""
     residual = Residual(arm, goal)
     for i, each in enumerate(q):
         e, J = residual(each)
@@ -128,14 +129,14 @@ def polish(arm: ArmModel, goal: pin.SE3, q: Array) -> Array:
     return np.clip(q, arm.limits.lower, arm.limits.upper)
 
 
-def _partial(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:
-    goal, carried = to_se3(T_base_tool), apart(before, CARRIED_RELAXED, CARRIED_APART_RAD)
-    ways = solve_partial(arm, goal, carried) + [finish(arm, goal, q) for q in carried]
+def _partial_pose_solutions(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:
+    goal, carried = to_se3(T_base_tool), distinct(before, CARRIED_PARTIAL, CARRIED_APART_RAD)
+    ways = solve_partial(arm, goal, carried) + [refine_partial(arm, goal, q) for q in carried]
     reached = [way for way in ways if way.reached]
-    least = min((way.off for way in reached), default=0.0)
-    found = np.array([way.q for way in reached if way.off <= least + SLACK_RAD]).reshape(-1, before.shape[1])
-    found = apart(found, len(found), SAME_RAD)
-    flipped = [finish(arm, goal, q) for each in found if (q := flipped_elbow(arm, each)) is not None]
-    also = [way.q for way in flipped if way.reached and way.off <= least + SLACK_RAD]
+    least = min((way.weighted_rad for way in reached), default=0.0)
+    found = np.array([way.q for way in reached if way.weighted_rad <= least + SLACK_RAD]).reshape(-1, before.shape[1])
+    found = distinct(found, len(found), SAME_RAD)
+    flipped = [refine_partial(arm, goal, q) for each in found if (q := flipped_elbow(arm, each)) is not None]
+    also = [way.q for way in flipped if way.reached and way.weighted_rad <= least + SLACK_RAD]
     found = np.vstack((found, *also))
-    return apart(found, len(found), SAME_RAD)
+    return distinct(found, len(found), SAME_RAD)

@@ -1,7 +1,8 @@
-"""Cartesian inverse kinematics: joints along a path of the tool, continuous from its first pose to its last.
+"""Cartesian inverse kinematics: continuous joints along a path of the tool, between given joints at both ends.
 
-Each pose is solved from a seed between the given joints of both ends, so a redundant arm uses its spare joint evenly.
-Intermediate poses are solved where a joint moves far, to tell a fast wrist from a leap to another branch.
+The seed of each pose is drawn toward the straight line between the joints at both ends, so a redundant arm spreads its
+self-motion evenly. If a joint moves far between two poses, poses in between are solved: they tell a fast wrist motion
+from a leap to another branch.
 """
 
 from __future__ import annotations
@@ -11,30 +12,31 @@ from collections.abc import Sequence
 import numpy as np
 
 from pbd.arm.ik.levenberg_marquardt import Residual
-from pbd.arm.ik.partial_pose import finish, is_partial
+from pbd.arm.ik.partial_pose import is_partial, refine_partial
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose, quat_slerp
 
 SPACING_M, SPACING_RAD = 0.005, np.radians(2.0)
-"""Largest distance between neighbouring poses on a line."""
+"""Largest distance and rotation between neighbouring poses on a line."""
 
 LEAP_RAD = 0.1
-"""A joint that moves by more than this from one pose to the next may be leaping."""
+"""Largest joint motion between neighbouring poses that is not checked for a leap, rad."""
 
-_BETWEEN = 8  # intermediate steps that expose a leap
-_FEWEST = 8  # poses on a line
-_STEPS, _SETTLED = 12, 1e-9
-_RIDGE = 1e-10
+_LEAP_STEPS = 8  # steps into which two poses are divided to check for a leap
+_LEAST_POSES = 8  # least number of poses on a line
+_STEPS = 12  # most Newton steps for a pose
+_SETTLED = 1e-9  # |e| (m, rad) at which a pose is solved
+_RIDGE = 1e-10  # keeps the normal equations solvable where the arm is singular
 
 
 def line(T_start: Pose, T_end: Pose) -> tuple[Pose, ...]:
-    """Poses on a straight line, turning at a constant rate about one axis."""
+    """Return poses on a straight line, with constant speed and constant rotation about one axis."""
     distance, angle = T_start.distance(T_end)
-    count = max(_FEWEST, int(np.ceil(max(distance / SPACING_M, angle / SPACING_RAD))) + 1)
-    return _between(T_start, T_end, count)
+    count = max(_LEAST_POSES, int(np.ceil(max(distance / SPACING_M, angle / SPACING_RAD))) + 1)
+    return _interpolate(T_start, T_end, count)
 
 
-def _between(T_start: Pose, T_end: Pose, count: int) -> tuple[Pose, ...]:
+def _interpolate(T_start: Pose, T_end: Pose, count: int) -> tuple[Pose, ...]:
     share = np.linspace(0.0, 1.0, count)
     p = T_start.p + share[:, None] * (T_end.p - T_start.p)
     wxyz = quat_slerp(T_start.wxyz, T_end.wxyz, share)
@@ -42,15 +44,15 @@ def _between(T_start: Pose, T_end: Pose, count: int) -> tuple[Pose, ...]:
 
 
 def follow(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, q_end: Array) -> Array | None:
-    """Find continuous joints (n, k) for n poses of the tool, close together, from joints (k,) to others.
+    """Find continuous joints (n, k) for n closely spaced tool poses, from q_start (k,) to q_end (k,).
 
-    None where the arm can't follow: a pose is out of reach or beyond the limits, or the arm would have to leap.
+    Return None if the arm can't follow: a pose is out of reach or limits, or the arm would leap to another branch.
     """
     q, last = np.empty((len(T_base_tool), len(q_start))), len(T_base_tool) - 1
     q[0], q[last] = q_start, q_end
     step = (q_end - q_start) / last
     for i in range(1, last):
-        # A redundant arm's seed is drawn back to between the ends; another arm's continues from the pose before.
+        # A redundant arm's seed is drawn toward the line between the ends; another arm's keeps its offset from it.
         kept = (last - i) / (last - i + 1) if arm.model.nv > 6 else 1.0
         seed = q_start + i * step + kept * (q[i - 1] - q_start - (i - 1) * step)
         found = refine(arm, T_base_tool[i], seed)
@@ -64,11 +66,11 @@ def follow(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, q_end: Ar
 
 
 def _leaps(arm: ArmModel, T_before: Pose, T_after: Pose, q_before: Array, q_after: Array) -> bool:
-    """Whether a joint still moves by half as much between two of the intermediate poses."""
-    poses = _between(T_before, T_after, _BETWEEN + 1)
+    """Whether a joint makes more than half of its motion within one of the _LEAP_STEPS steps."""
+    poses = _interpolate(T_before, T_after, _LEAP_STEPS + 1)
     path = [q_before]
     for i, pose in enumerate(poses[1:-1], start=1):
-        found = refine(arm, pose, q_before + i / _BETWEEN * (q_after - q_before))
+        found = refine(arm, pose, q_before + i / _LEAP_STEPS * (q_after - q_before))
         if found is None:
             return True
         path.append(found)
@@ -77,10 +79,10 @@ def _leaps(arm: ArmModel, T_before: Pose, T_after: Pose, q_before: Array, q_afte
 
 
 def refine(arm: ArmModel, pose: Pose, q_seed: Array) -> Array | None:
-    """Refine joints (k,) that nearly reach a pose; None where that fails or leaves the limits."""
+    """Refine joints (k,) that nearly reach a pose; None if that fails or exceeds the limits."""
     goal = to_se3(pose)
     if is_partial(arm):
-        found = finish(arm, goal, q_seed)
+        found = refine_partial(arm, goal, q_seed)
         return found.q if found.reached else None
     q, residual = q_seed, Residual(arm, goal)
     for _ in range(_STEPS):

@@ -1,8 +1,8 @@
-"""All solutions for the tool's pose of a six-joint arm, in closed form, where its axes allow that.
+"""All solutions of a six-joint arm's inverse kinematics in closed form, for two kinds of arms.
 
-There are two kinds of arms, each with up to eight solutions: joints 2, 3 and 4 parallel with 5 and 6 crossing (UR, Z1),
-and joints 2 and 3 parallel with 4, 5 and 6 through one point (a spherical wrist). Of an arm that is so only nearly the
-solutions are approximate: descents refine them.
+The first kind has axes 2, 3 and 4 parallel, and axes 5 and 6 intersecting (UR, Z1). The second has axes 2 and 3
+parallel, and axes 4, 5 and 6 through one point (a spherical wrist). Both have up to eight solutions. If an arm is of a
+kind only approximately, so are the solutions, and descents refine them.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.ik.subproblems import TOGETHER_M, Axis, axes_of, beyond, sines, within_turns
+from pbd.arm.ik.subproblems import INTERSECTING_M, Axis, axes_of, limit_excess, sines, wrap_to_limits
 from pbd.arm.model import ArmModel
 from pbd.pose import Array
 
 STRETCHED_RAD = float(np.arccosh(1.001))
-"""Largest shortfall of an angle, rad, as `meet` defines it, that still is the arm stretched out."""
+"""Largest shortfall of an angle, rad, as `to_plane` defines it: the arm is stretched out, and just reaches the pose."""
 BEYOND_RAD = 0.05
-"""A solution farther than this beyond a joint's limit is left out: no descent from there comes back."""
+"""A solution that exceeds a joint limit by more than this, rad, is left out: no descent leads back from there."""
 
 
-_Ways = tuple[tuple[Array, ...], tuple[Array, ...]]
+_Solutions = tuple[tuple[Array, ...], tuple[Array, ...]]
 
 
 class _Kind(NamedTuple):
-    """An arm of one of the two kinds; `signs` (6,): -1 where a parallel joint turns opposite to its axis."""
+    """An arm of one of the two kinds; `signs` (6,): -1 for a joint whose axis was reversed to equal that of joint 2."""
 
     axes: list[Axis]
     T_base_tool: pin.SE3
@@ -36,43 +36,44 @@ class _Kind(NamedTuple):
 
 
 def closed_form(arm: ArmModel, goal: pin.SE3) -> Array:
-    """Return joints (m, 6) that bring the tool to a pose, to rounding; none where the arm isn't of these kinds."""
+    """Return all solutions (m, 6) for a pose of the tool; (0, k) for an arm of neither kind."""
     kind = _kind(arm)
     if kind is None:
         return np.empty((0, len(arm.limits.lower)))
     moved = goal * kind.T_base_tool.inverse()
-    R, p = moved.rotation, moved.act(kind.axes[5].p)  # where the point of the last axis goes
+    R, p = moved.rotation, moved.act(kind.axes[5].p)  # the wrist's position for the goal
     q, short = (_spherical if kind.spherical else _parallel)(kind.axes, R, p)
     every = np.stack(np.broadcast_arrays(*q), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 6)
-    found = within_turns(arm, every * kind.signs)
+    found = wrap_to_limits(arm, every * kind.signs)
     reached = np.max(np.broadcast_arrays(*short), axis=0).T.repeat(2) <= STRETCHED_RAD
-    ways: Array = found[reached & (beyond(arm, found) <= BEYOND_RAD)]
+    ways: Array = found[reached & (limit_excess(arm, found) <= BEYOND_RAD)]
     return ways
 
 
 def flipped_elbow(arm: ArmModel, q: Array) -> Array | None:
-    """Return joints (k,) with the tool as at joints q, and the elbow of three parallel joints on its other side.
+    """Return the joints (k,) with the same tool pose as q, but the elbow of three parallel joints on the other side.
 
-    None where no three successive joints are parallel, or limits forbid it.
+    None if no three successive axes are parallel, or the limits are exceeded.
     """
     elbow = _elbow(arm)
     if elbow is None:
         return None
     first, axis, upper, fore, signs = elbow
     a, b, c = q[first : first + 3] * signs
-    wrist = upper + axis.turn(sines(b), fore)
-    angles, _ = axis.bend(upper, fore, wrist)
+    wrist = upper + axis.rotate(sines(b), fore)
+    angles, _ = axis.to_distance(upper, fore, wrist)
     other = angles[np.cos(angles - b).argmin()]
-    turn = axis.align(upper + axis.turn(sines(other), fore), wrist)
+    turn = axis.align(upper + axis.rotate(sines(other), fore), wrist)
     flipped = q.copy()
     flipped[first : first + 3] = np.array([a + turn, other, b + c - turn - other]) * signs
-    flipped = within_turns(arm, flipped)
-    return flipped if beyond(arm, flipped) < BEYOND_RAD else None
+    flipped = wrap_to_limits(arm, flipped)
+    return flipped if limit_excess(arm, flipped) < BEYOND_RAD else None
 
 
 @lru_cache(maxsize=4)
 def _elbow(arm: ArmModel) -> tuple[int, Axis, Array, Array, Array] | None:
-    """The first of three parallel joints, their axis, the offsets (3,) m between them, and their signs (3,)."""
+    """Return the index of the first of three parallel joints, its axis, the two offsets (3,) between them, m, and
+    their signs (3,) relative to that axis; None if there are none."""
     axes, _ = axes_of(arm)
     for i, (a, b, c) in enumerate(zip(axes, axes[1:], axes[2:], strict=False) if arm.turns.all() else ()):
         if a.is_parallel(b) and a.is_parallel(c):
@@ -91,7 +92,7 @@ def _kind(arm: ArmModel) -> _Kind | None:
         return None
     fifth.p = last.p = wrist
     off = wrist - fourth.p
-    spherical = bool(np.linalg.norm(off - (off @ fourth.h) * fourth.h) < TOGETHER_M)
+    spherical = bool(np.linalg.norm(off - (off @ fourth.h) * fourth.h) < INTERSECTING_M)
     if spherical:
         fourth.p = wrist
     elif not second.is_parallel(fourth):
@@ -101,36 +102,36 @@ def _kind(arm: ArmModel) -> _Kind | None:
     return _Kind(axes, tool, signs, spherical)
 
 
-def _parallel(axes: list[Axis], R: Array, p: Array) -> _Ways:
-    """Joints (2, 2, 2), by the sides of elbow, wrist and shoulder, and how far they are short, rad."""
+def _parallel(axes: list[Axis], R: Array, p: Array) -> _Solutions:
+    """Return six arrays of angles, by the side of elbow, wrist and shoulder (2, 2, 2), and three shortfalls, rad."""
     first, second, third, fourth, fifth, last = axes
     n, upper, fore = second.h, third.p - second.p, fourth.p - third.p
-    q1, short1 = first.meet(p - first.p, n, n @ (last.p - first.p))
+    q1, short1 = first.to_plane(p - first.p, n, n @ (last.p - first.p))
     turn1 = sines(q1)
-    q5, short5 = fifth.meet(n, last.h, first.back(turn1, R @ last.h) @ n)
+    q5, short5 = fifth.to_plane(n, last.h, first.unrotate(turn1, R @ last.h) @ n)
     turn5 = sines(q5)
-    q6 = -last.align(fifth.back(turn5, n), first.turn(turn1, n) @ R)
-    through = last.back(sines(q6), fifth.back(turn5, upper)) @ R.T
-    all_three = second.align(upper, first.back(turn1, through))
-    wrist = first.back(turn1, p - first.p) + first.p - second.p - second.turn(sines(all_three), last.p - fourth.p)
-    q3, short3 = second.bend(upper, fore, wrist)
-    q2 = second.align(upper + second.turn(sines(q3), fore), wrist)
+    q6 = -last.align(fifth.unrotate(turn5, n), first.rotate(turn1, n) @ R)
+    through = last.unrotate(sines(q6), fifth.unrotate(turn5, upper)) @ R.T
+    all_three = second.align(upper, first.unrotate(turn1, through))
+    wrist = first.unrotate(turn1, p - first.p) + first.p - second.p - second.rotate(sines(all_three), last.p - fourth.p)
+    q3, short3 = second.to_distance(upper, fore, wrist)
+    q2 = second.align(upper + second.rotate(sines(q3), fore), wrist)
     return (q1, q2, q3, all_three - q2 - q3, q5, q6), (short1, short5, short3)
 
 
-def _spherical(axes: list[Axis], R: Array, p: Array) -> _Ways:
-    """The same, by the sides of wrist, elbow and shoulder."""
+def _spherical(axes: list[Axis], R: Array, p: Array) -> _Solutions:
+    """Return the same for a spherical wrist, by the side of wrist, elbow and shoulder."""
     first, second, third, fourth, fifth, last = axes
     n, upper, fore = second.h, third.p - second.p, fourth.p - third.p
-    q1, short1 = first.meet(p - first.p, n, n @ (last.p - first.p))
+    q1, short1 = first.to_plane(p - first.p, n, n @ (last.p - first.p))
     turn1 = sines(q1)
-    wrist = first.back(turn1, p - first.p) + first.p - second.p
-    q3, short3 = second.bend(upper, fore, wrist)
-    q2 = second.align(upper + second.turn(sines(q3), fore), wrist)
+    wrist = first.unrotate(turn1, p - first.p) + first.p - second.p
+    q3, short3 = second.to_distance(upper, fore, wrist)
+    q2 = second.align(upper + second.rotate(sines(q3), fore), wrist)
     turn23 = sines(q2 + q3)
-    end = second.back(turn23, first.back(turn1, R @ last.h))
-    q5, short5 = fifth.meet(fourth.h, last.h, end @ fourth.h)
+    end = second.unrotate(turn23, first.unrotate(turn1, R @ last.h))
+    q5, short5 = fifth.to_plane(fourth.h, last.h, end @ fourth.h)
     turn5 = sines(q5)
-    q4 = fourth.align(fifth.turn(turn5, last.h), end)
-    q6 = -last.align(fifth.back(turn5, fourth.h), first.turn(turn1, second.turn(turn23, fourth.h)) @ R)
+    q4 = fourth.align(fifth.rotate(turn5, last.h), end)
+    q6 = -last.align(fifth.unrotate(turn5, fourth.h), first.rotate(turn1, second.rotate(turn23, fourth.h)) @ R)
     return (q1, q2, q3, q4, q5, q6), (short1, short3, short5)

@@ -1,8 +1,8 @@
-"""Levenberg-Marquardt with active joint limits: from a seed down to the nearest minimum of |e|^2.
+"""Levenberg-Marquardt with joint limits: a descent from a seed to a nearby minimum of |e|^2.
 
 e = (p - p_target, log3(R R_target^T)), in m and rad; 1 rad counts as 1 m. A step dq solves
-(J^T J + mu |e|^2 I) dq = J^T e; one that lowers |e|^2 is kept and mu falls, else mu rises. Joints at a bound that want
-to go beyond it are left out.
+(J^T J + mu |e|^2 I) dq = J^T e. If it lowers |e|^2 it is accepted and mu decreases, else mu increases. Joints at a
+limit that the step would exceed are held.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ SOLVED = 0.999e-5**2
 """Threshold of |e|^2: below it the tool is within 1e-5 m and 1e-5 rad, however that is rounded."""
 MOST_STEPS = 100
 MOST_TURN = 1.0
-"""rad (or m) that a joint may move in one step."""
+"""Largest motion of a joint in one step, rad or m."""
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-6, 1e4
-"""mu at first and at least; where mu |e|^2 is beyond the last, no step lowers |e|^2 any more."""
+"""Initial and smallest mu; and the largest mu |e|^2: beyond it no step lowers |e|^2 any more, so the descent ends."""
 RIDGE = 1e-12
-"""Keeps the normal equations solvable where an arm is singular."""
+"""Keeps the normal equations solvable where the arm is singular."""
 SLOW = 0.49
-"""A step that leaves more than this of |e|^2 (70 % of |e|) is a slow one."""
+"""A step after which more than this share of |e|^2 (70 % of |e|) remains is slow."""
 STALLED = 1.0 - 1e-6
-"""A step that leaves more than this of |e|^2 is the last."""
+"""A step after which more than this share of |e|^2 remains is the last."""
 
 PATIENCE = 4
-"""Slow steps in a row after which a seed is given up."""
+"""Number of successive slow steps after which a seed is given up."""
 UNTIL_IT_STOPS = MOST_STEPS
-"""The patience that gives no seed up."""
+"""Patience with which no seed is given up."""
 
 
 def descend_each(
@@ -47,16 +47,16 @@ def descend_each(
     patience: int = PATIENCE,
     all_of_them: bool = False,
 ) -> tuple[Array, Array]:
-    """Descend from seeds, one by one until one arrives.
+    """Descend from one seed after the other until one reaches the target.
 
     Args:
         q_seeds: (m, k) rad.
-        patience: slow steps in a row after which a seed is given up.
-        all_of_them: descend from the others too when one has arrived.
+        patience: number of successive slow steps after which a seed is given up.
+        all_of_them: descend from all seeds.
 
     Returns:
-        The joints (n, k), within limits, at which the first n descents ended, and |e|^2 there (n,). Those below SOLVED
-        are solutions: only the last can be one, unless `all_of_them`.
+        The joints (n, k), within limits, at which the n descents ended, and |e|^2 there (n,). Those below SOLVED are
+        solutions; without `all_of_them`, only the last can be one.
     """
     found, squares = [], []
     residual, bounds = Residual(arm, target), (arm.limits.lower, arm.limits.upper)
@@ -70,7 +70,7 @@ def descend_each(
 
 
 def residual_norms(arm: ArmModel, target: pin.SE3, q: Array) -> tuple[float, float]:
-    """Return how far the tool is from a target at joints q (k,): m, rad."""
+    """Return the tool's distance and rotation from a target at joints q (k,): m, rad."""
     T_base_tool = arm.placement(q)
     off = T_base_tool.translation - target.translation
     turned = pin.log3(T_base_tool.rotation @ target.rotation.T)
@@ -78,9 +78,9 @@ def residual_norms(arm: ArmModel, target: pin.SE3, q: Array) -> tuple[float, flo
 
 
 class Residual:
-    """The residual e and its Jacobian at given joints, without log3's own derivative.
+    """The residual e and its Jacobian at given joints, without the derivative of log3.
 
-    That derivative doesn't change J^T e, since log3(R R_target^T) is its own axis, and is the identity at e = 0.
+    That derivative does not change J^T e, since log3(R R_target^T) is its eigenvector. At e = 0 it is the identity.
     """
 
     def __init__(self, arm: ArmModel, target: pin.SE3) -> None:
@@ -107,15 +107,16 @@ def descend(
     stalled: float = STALLED,
     still: float = 0.0,
 ) -> tuple[Array, float]:
-    """Minimize the square of a residual from a seed (k,) on.
+    """Minimize the square of a residual, starting from a seed (k,).
 
     Args:
         residual: returns e (m,) and its Jacobian (m, k) at joints (k,).
         bounds: lower and upper (k,) rad.
-        patience: slow steps in a row after which it ends.
-        solved: |e|^2 below this ends it.
-        stalled: a step that leaves more than this share of |e|^2 is the last.
-        still: a step in which no joint moves as far as this, rad, ends it.
+        patience: number of successive slow steps after which the descent ends.
+        steps: largest number of steps.
+        solved: |e|^2 below which the descent ends.
+        stalled: a step after which more than this share of |e|^2 remains is the last.
+        still: the descent ends with a step in which no joint would move by this much, rad.
 
     Returns:
         The joints, within the bounds, and |e|^2 there.

@@ -1,15 +1,15 @@
-"""The rule for arms of fewer than six joints, which can bring their tool only near to most poses.
+"""Inverse kinematics for arms of fewer than six joints, which reach most poses only in part, by a rule.
 
-**The position is met exactly. Of the rotations that this leaves the nearest is taken, where a degree between the
-approach axes (the tool's z) counts as much as ten degrees of rotation about them.** Where the approach axis can be met
-it is, and the rotation about it is as near as possible; where it can't, both are as near as the position allows.
+**The position is met exactly. Of the rotations that remain possible, the nearest is taken; one degree between the
+approach axes (the tool's z) counts as much as ten degrees of rotation about them.** If the approach axis can be met, it
+is, and the rotation about it is as near as possible. If not, both are as near as the position allows.
 
-A larger factor than ten would cost more than it gains: an arm whose last axis passes 8 mm beside its tool (so101) would
-turn its jaws by 30 degrees to gain a twentieth of a degree of approach. With ten it loses less than that twentieth.
+A factor above ten would cost more than it gains: an arm whose last axis passes 8 mm beside its tool (so101) would turn
+its jaws by 30 degrees to gain a twentieth of a degree of approach. With ten it loses less than that twentieth.
 
-One least-squares problem is solved in which rotations have a small weight, then the position is made exact, which
-hardly moves the joints. Rotations are compared by their axes, |z - z_target| and so on: the gradient is smooth
-everywhere but at half a turn.
+The solver minimizes one least-squares problem in which rotations have a small weight. It then makes the position exact,
+which hardly moves the joints. Rotations are compared by their axes, |z - z_target| and so on, which gives a smooth
+gradient everywhere except at half a turn.
 """
 
 from __future__ import annotations
@@ -27,34 +27,35 @@ from pbd.errors import warn
 from pbd.pose import Array, Pose
 
 FULL_POSE = 6
-"""Joints needed to bring a tool to any pose."""
+"""Number of joints needed to reach any pose."""
 
-ABOUT_AXIS = 0.1
-"""Weight of rotation about the approach axis, against that of the axis itself."""
+ABOUT_AXIS_WEIGHT = 0.1
+"""Weight of the rotation about the approach axis, relative to that of the approach axis itself."""
 
 SLACK_RAD = np.deg2rad(0.1)
-"""A path may use any solution whose rotation, weighted by the rule, is this close to the nearest."""
+"""A path may use any solution whose rotation error, weighted by the rule, exceeds the smallest by up to this."""
 
 NEAR_M, EXACT_M = 1e-5, 1e-9
-"""Tolerance of the position, and the accuracy to which it is solved."""
+"""Tolerance of the position, m, and the accuracy to which it is solved."""
 
-TELL_RAD = np.deg2rad(5.0)
-"""Rotation error above which a warning is given."""
+WARN_RAD = np.deg2rad(5.0)
+"""Rotation error above which a warning is given, rad."""
 
 NEAREST, ANYWHERE = 8, 16
-"""Samples to start from: near the pose, and anywhere."""
-AT_PLACE, EVERY = 32, 4
-"""Where the position seems out of reach: samples near it, of which every so many is tried (neighbours are alike)."""
+"""Number of sampled starts near the pose, and anywhere."""
+AT_POSITION, EVERY = 32, 4
+"""If the position seems out of reach: number of samples near it, of which every fourth is tried, as neighbours are
+alike."""
 
-_ROUGH, _FINE = 0.3, 0.003  # m: what a rotation of one rad of the approach axis weighs, at first and at last
+_ROUGH, _FINE = 0.3, 0.003  # m: weight of 1 rad of the approach axis, in the first descents and in the last
 _ROUGH_STEPS, _FINE_STEPS = 8, 200
-_KEPT = 4  # starts that are followed to the end
-_APART_RAD = 0.2  # starts that end nearer to each other than this are one
-_STILL_RAD = 1e-7
+_KEPT = 4  # starts from which the last descents are made
+_APART_RAD = 0.2  # starts that end closer to each other than this in every joint are one
+_STILL_RAD = 1e-7  # the last descent ends with a smaller step
 
 
 class PartialPose(NamedTuple):
-    """Joints (k,), and how far from a pose they bring the tool: m, rad, rad."""
+    """Joints (k,), and the tool's error there: position, m; approach axis, rad; rotation about it, rad."""
 
     q: Array
     position_m: float
@@ -63,24 +64,24 @@ class PartialPose(NamedTuple):
 
     @property
     def reached(self) -> bool:
-        """Whether the position is met: it is all that is asked for."""
+        """Whether the position is met, which is all that counts."""
         return self.position_m <= NEAR_M
 
     @property
-    def off(self) -> float:
-        """How far the rotation is off, in rad, weighted by the rule."""
-        return float(np.hypot(self.approach_rad, ABOUT_AXIS * self.about_rad))
+    def weighted_rad(self) -> float:
+        """The rotation error weighted by the rule, rad."""
+        return float(np.hypot(self.approach_rad, ABOUT_AXIS_WEIGHT * self.about_rad))
 
 
 def is_partial(arm: ArmModel) -> bool:
-    """Whether an arm has too few joints for any pose."""
+    """Whether an arm has too few joints to reach any pose."""
     return len(arm.robot.joints) < FULL_POSE
 
 
 def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialPose]:
-    """Find different joints near to a pose, from seeds (m, k) and from the arm's own samples: the nearest first.
+    """Find different solutions for a pose, the nearest first, from seeds (m, k) and sampled starts.
 
-    Where not even the position can be met there is one: the nearest position.
+    If not even the position can be met, return only the joints nearest to it.
     """
     samples = starts_of(arm)
     starts = (q_seeds, samples.nearest(goal, NEAREST), samples.q[:ANYWHERE])
@@ -90,29 +91,29 @@ def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialP
     for q, _ in sorted(ended, key=lambda end: end[1]):
         if all(np.abs(q - other).max() > _APART_RAD for other in kept) and len(kept) < _KEPT:
             kept.append(q)
-    places = [measure(arm, goal, nearest_place(arm, goal, q)) for q in kept]
-    if not any(place.reached for place in places):  # the rotation may have led away from the position
-        kept = [nearest_place(arm, goal, q) for q in samples.at(goal.translation, AT_PLACE)[::EVERY]]
+    places = [measure(arm, goal, nearest_position(arm, goal, q)) for q in kept]
+    if not any(place.reached for place in places):  # the weight of the rotation may have led away from the position
+        kept = [nearest_position(arm, goal, q) for q in samples.at(goal.translation, AT_POSITION)[::EVERY]]
         places += [measure(arm, goal, q) for q in kept]
         if not any(place.reached for place in places):
             return [min(places, key=lambda place: place.position_m)]
-    ways = [finish(arm, goal, q) for q in kept]
-    # Turning the tool may end at limits from which the position is lost.
+    ways = [refine_partial(arm, goal, q) for q in kept]
+    # A descent that turns the tool may end at limits where the position cannot be met.
     found = [way for way in ways if way.reached] or [place for place in places if place.reached]
-    return sorted(found, key=lambda way: way.off)
+    return sorted(found, key=lambda way: way.weighted_rad)
 
 
-def finish(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> PartialPose:
-    """Descend from a seed (k,) to the nearest joints by the rule."""
+def refine_partial(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> PartialPose:
+    """Descend from a seed (k,) to a solution by the rule."""
     bounds = (arm.limits.lower, arm.limits.upper)
     q, _ = descend(
         _Residual(arm, goal, _FINE), bounds, q_seed, steps=_FINE_STEPS, solved=EXACT_M**2, stalled=1.0, still=_STILL_RAD
     )
-    return measure(arm, goal, nearest_place(arm, goal, q))
+    return measure(arm, goal, nearest_position(arm, goal, q))
 
 
-def nearest_place(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
-    """Descend from a seed (k,) to the joints whose tool is nearest to a target's position, whatever its rotation."""
+def nearest_position(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
+    """Descend from a seed (k,) to the joints whose tool is nearest to a target's position, in any rotation."""
     p_goal = goal.translation
 
     def residual(q: Array) -> tuple[Array, Array]:
@@ -124,7 +125,7 @@ def nearest_place(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
 
 
 def measure(arm: ArmModel, goal: pin.SE3, q: Array) -> PartialPose:
-    """Measure how far joints (k,) bring the tool from a pose: its approach axis, then the shortest turn about it."""
+    """Measure the tool's error from a pose at joints q (k,)."""
     p, R, _ = arm.tool(q)
     off = goal.rotation.T @ R
     approach = np.arctan2(np.hypot(off[0, 2], off[1, 2]), off[2, 2])
@@ -132,20 +133,20 @@ def measure(arm: ArmModel, goal: pin.SE3, q: Array) -> PartialPose:
     return PartialPose(q, float(np.linalg.norm(p - goal.translation)), float(approach), float(about))
 
 
-def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tuple[Pose, ...], Array]:
-    """Return the tool's poses at the joints (n, k) that were found for n tool poses; warn where they are far off.
+def held_poses(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tuple[Pose, ...], Array]:
+    """Return the poses that the arm holds at joints (n, k) found for n tool poses; warn if rotations are far off.
 
-    With them how far off (n, 2) they are, rad: the approach axis, and the rotation about it. An arm with enough joints
-    has the poses that were asked for, another one their positions with rotations of its own.
+    Also return the errors (n, 2), rad, of the approach axis and of the rotation about it. An arm with enough joints
+    holds the poses as requested; another one holds their positions with rotations of its own.
     """
     if not is_partial(arm):
         return tuple(T_base_tool), np.zeros((len(q), 2))
     found = [measure(arm, to_se3(pose), joints) for pose, joints in zip(T_base_tool, q, strict=True)]
     held = tuple(Pose(pose.p, arm.forward(joints).wxyz) for pose, joints in zip(T_base_tool, q, strict=True))
     off = np.array([(each.approach_rad, each.about_rad) for each in found]).reshape(-1, 2)
-    if len(off) and off.max() > TELL_RAD:
+    if len(off) and off.max() > WARN_RAD:
         approach, about = np.rad2deg(off.max(axis=0))
-        worst = int(np.argmax(np.hypot(off[:, 0], ABOUT_AXIS * off[:, 1])))
+        worst = int(np.argmax(np.hypot(off[:, 0], ABOUT_AXIS_WEIGHT * off[:, 1])))
         warn(
             f"{arm.robot.name} has {q.shape[1]} joints and can't match the hand's orientation: its approach axis is up "
             f"to {approach:.0f} degrees off, the rotation about it up to {about:.0f} degrees, worst at keyframe "
@@ -155,11 +156,11 @@ def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tuple[Po
 
 
 class _Residual:
-    """The error (12,): position in m, then the tool's axes z, x and y less the target's, by their weights; with J."""
+    """The error (12,), m: position, then the differences of the weighted axes x, y and z; and its Jacobian (12, k)."""
 
     def __init__(self, arm: ArmModel, goal: pin.SE3, weight_m: float) -> None:
         self.tool, self.p = arm.tool, goal.translation
-        self.weights = weight_m * np.array([ABOUT_AXIS, ABOUT_AXIS, 1.0])
+        self.weights = weight_m * np.array([ABOUT_AXIS_WEIGHT, ABOUT_AXIS_WEIGHT, 1.0])
         self.axes = goal.rotation * self.weights
 
     def __call__(self, q: Array) -> tuple[Array, Array]:
@@ -168,7 +169,7 @@ class _Residual:
         e[:3], J[:3] = p - self.p, J_tool[:3]
         axes = R * self.weights
         e[3:] = (axes - self.axes).T.ravel()
-        for column in range(3):  # an axis a that turns by w moves by w x a
+        for column in range(3):  # an axis a that rotates by w changes by w x a
             x, y, z = axes[:, column].tolist()
             cross = np.array(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)))
             np.dot(cross, J_tool[3:], out=J[3 + 3 * column : 6 + 3 * column])

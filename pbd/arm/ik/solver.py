@@ -1,7 +1,6 @@
-"""Inverse kinematics of one pose: descents from the given joints, then from many starts, until one arrives.
+"""Inverse kinematics of one pose: descents from the given seed, then from many starts, until one reaches it.
 
-An arm of six joints or more reaches a pose exactly or not at all; one with fewer comes near by the rule in
-partial_pose.py.
+An arm of six or more joints reaches a pose exactly or not at all. One with fewer follows the rule in partial_pose.py.
 """
 
 from __future__ import annotations
@@ -20,23 +19,23 @@ TOLERANCE_M = 1e-5
 TOLERANCE_RAD = 1e-5
 
 NEAREST, NEAREST_PARTIAL = 24, 8
-"""Samples near the pose that are tried first; and those for an arm with too few joints."""
+"""Number of samples near the pose that are tried first; and the same for an arm with too few joints."""
 NEAR_MISS, NEARLY_THERE = 0.2, 0.005
-"""|e| (m, rad) of the best failed descent below which the pose may still be reached from another branch."""
+"""|e| (m, rad) of the best failed descent below which random restarts follow, few or many."""
 ANYWHERE, EVERYWHERE = 48, 400
-"""Random restarts below NEAR_MISS, and below NEARLY_THERE."""
+"""Number of random restarts below NEAR_MISS, and below NEARLY_THERE."""
 RESUMED = 3
-"""How many of the best failed descents are run to convergence."""
+"""Number of the best failed descents that are run to convergence."""
 
 
 @dataclass(frozen=True, eq=False)
 class IkResult:
-    """The joints that bring the tool to a pose, or the nearest that were found.
+    """The joints that reach a pose, or the nearest that were found.
 
     Attributes:
         q: (k,) rad, within the limits.
-        position_error_m, rotation_error_rad: from the tool to the pose, by forward kinematics.
-        partial: the arm has too few joints for any pose: only the position must be met (partial_pose.py).
+        position_error_m, rotation_error_rad: between the tool and the pose, by forward kinematics.
+        partial: the arm has too few joints for a full pose, so only the position must be met (partial_pose.py).
     """
 
     q: Array
@@ -51,22 +50,22 @@ class IkResult:
 
 
 def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkResult:
-    """Find joints for a tool pose; the result is the same each time.
+    """Find joints for a tool pose; deterministic.
 
     Args:
-        q_seed: (k,) rad, tried first, if joints are known that should be near.
+        q_seed: (k,) rad, tried first.
 
     Returns:
-        The first solution, or, where `reached` is false, the joints with the smallest |e|. For an arm with too few
-        joints the nearest by its rule.
+        The first solution; if none is found, the joints with the smallest |e|, and `reached` is false. For an arm with
+        too few joints, the nearest by its rule.
     """
     goal, starts = to_se3(T_base_tool), starts_of(arm)
     seeds = np.empty((0, len(arm.limits.lower))) if q_seed is None else q_seed[None]
-    if is_partial(arm):  # the whole pose may be within reach by chance
+    if is_partial(arm):  # it may happen to reach the full pose
         q, squares = descend_each(arm, goal, starts.nearest(goal, NEAREST_PARTIAL))
         return check(arm, T_base_tool, q[-1] if squares[-1] < SOLVED else solve_partial(arm, goal, seeds)[0].q)
     q, squares = descend_each(arm, goal, np.vstack((seeds, starts.nearest(goal, NEAREST))))
-    # Steps are small at the edge of the reach, and all descents may be given up early: resume the nearest.
+    # At the edge of the reach steps are small, so all descents may have been given up early: resume the best.
     for i in np.argsort(squares)[:RESUMED]:
         if squares.min() >= SOLVED:
             (q[i],), (squares[i],) = descend_each(arm, goal, q[i : i + 1], patience=UNTIL_IT_STOPS)
@@ -78,5 +77,5 @@ def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkRe
 
 
 def check(arm: ArmModel, T_base_tool: Pose, q: Array) -> IkResult:
-    """Measure how far the tool is from a pose at joints q (k,), by forward kinematics."""
+    """Measure the tool's error from a pose at joints q (k,) by forward kinematics."""
     return IkResult(q, *residual_norms(arm, to_se3(T_base_tool), q), is_partial(arm))

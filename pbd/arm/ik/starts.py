@@ -1,4 +1,4 @@
-"""Seeds for inverse kinematics: sampled configurations of an arm, looked up by the pose of their tool."""
+"""Seeds for inverse kinematics: sampled configurations of an arm, searched by their tool pose."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from pbd.pose import Array
 
 SAMPLES = 10_000
 ROTATION_WEIGHT_M = 0.3
-"""A difference of one in the rotation matrix counts as much as this many metres."""
-CLUMSY = 0.25
+"""Weight of a difference of 1 in an element of the rotation matrix, m."""
+LOW_SHARE = 0.25
 """Share of configurations that count as nearly singular."""
 
-_MEASURED = 500  # samples from which the manipulability of that share is taken
+_MEASURED = 500  # samples from which that quantile of manipulability is computed
 
 
 class Starts:
@@ -26,7 +26,7 @@ class Starts:
     Attributes:
         q: (n, k) rad.
         p: (n, 3) m, the tool's positions.
-        clumsy: 25th percentile of manipulability.
+        low_manipulability: 25th percentile of manipulability.
     """
 
     def __init__(self, arm: ArmModel) -> None:
@@ -35,12 +35,12 @@ class Starts:
         self._features = np.hstack((self.p, ROTATION_WEIGHT_M * R.reshape(-1, 9)))
         self._half_squares = 0.5 * np.einsum("nf,nf->n", self._features, self._features)
         J = np.array([arm.jacobian(q) for q in self.q[:_MEASURED]])
-        self.clumsy = float(np.quantile(manipulability(J), CLUMSY))
+        self.low_manipulability = float(np.quantile(manipulability(J), LOW_SHARE))
 
     def nearest(self, goal: pin.SE3, count: int) -> Array:
         """Return the (count, k) samples whose tool is nearest to a pose, nearest first."""
         wanted = np.concatenate((goal.translation, ROTATION_WEIGHT_M * goal.rotation.ravel())).astype(np.float32)
-        # Half the squared distance, without the term common to all samples. A tree in twelve dimensions is no faster.
+        # Half the squared distance, without the term common to all samples; a k-d tree in 12 dimensions is no faster.
         return self._least(self._half_squares - self._features @ wanted, count)
 
     def at(self, p: Array, count: int) -> Array:
@@ -54,13 +54,13 @@ class Starts:
 
 
 starts_of = lru_cache(maxsize=4)(Starts)
-"""Samples an arm, once."""
+"""Returns an arm's samples, cached."""
 
 
 def manipulability(J: Array) -> Array:
-    """Return Yoshikawa's measure (n,) of Jacobians (n, 6, k): sqrt(det(J J^T)), zero where an arm is singular.
+    """Return Yoshikawa's manipulability (n,) of Jacobians (n, 6, k): sqrt(det(J J^T)), zero for a singular arm.
 
-    ("Manipulability of Robotic Mechanisms", 1985.) Of fewer than six joints, sqrt(det(J^T J)).
+    For fewer than six joints it is sqrt(det(J^T J)). ("Manipulability of Robotic Mechanisms", 1985.)
     """
     transposed = J.transpose(0, 2, 1)
     square = J @ transposed if J.shape[2] >= 6 else transposed @ J

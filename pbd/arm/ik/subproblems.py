@@ -1,6 +1,6 @@
-"""Rotations about fixed axes, many at a time: the canonical subproblems of Elias and Wen ("IK-Geo", 2022).
+"""Rotations about fixed axes: the canonical subproblems of Elias and Wen ("IK-Geo", 2022), for many angles at once.
 
-They are after Paden and Kahan.
+They extend those of Paden and Kahan.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import pinocchio as pin
 from pbd.arm.model import ArmModel
 from pbd.pose import Array
 
-PARALLEL, TOGETHER_M = 1e-3, 1e-3
-"""Sine of the angle between parallel axes at most; distance of crossing ones at most, m."""
+PARALLEL, INTERSECTING_M = 1e-3, 1e-3
+"""Largest sine of the angle between parallel axes; largest distance between intersecting axes, m."""
 TINY = 1e-12
-"""Keeps a ratio finite where a joint has no influence."""
+"""Least denominator, for a joint that has no influence."""
 
 
 @dataclass(eq=False)
 class Axis:
-    """A joint's axis with all joints at zero, in base: its direction h (3,), a point on it p (3,) m."""
+    """A joint's axis in base with all joints at zero: its direction h (3,), and a point p (3,) on it, m."""
 
     h: Array
     p: Array
@@ -33,24 +33,24 @@ class Axis:
         """(3, 3): v @ K is the cross product h x v."""
         return np.cross(self.h, np.eye(3))
 
-    def turn(self, by: tuple[Array, Array], v: Array) -> Array:
-        """Turn vectors (..., 3) by angles (...) given by their `sines`."""
-        return _turned(self.K, by, v)
+    def rotate(self, by: tuple[Array, Array], v: Array) -> Array:
+        """Rotate vectors (..., 3) by angles (...) given by their `sines`."""
+        return _rotated(self.K, by, v)
 
-    def back(self, by: tuple[Array, Array], v: Array) -> Array:
-        """Turn them the other way."""
-        return _turned(self.K.T, by, v)
+    def unrotate(self, by: tuple[Array, Array], v: Array) -> Array:
+        """Rotate vectors by the negative angles."""
+        return _rotated(self.K.T, by, v)
 
     def align(self, v: Array, w: Array) -> Array:
-        """Angles (...) that turn v nearest to w; both (..., 3)."""
+        """Return the angles (...) that rotate v (..., 3) nearest to w (..., 3)."""
         across = v @ self.K
         angle: Array = np.arctan2(_dot(across, w), -_dot(across @ self.K, w))
         return angle
 
-    def meet(self, n: Array, v: Array, d: Array) -> tuple[Array, Array]:
-        """Angles (2, ...) with n . turned(v) = d (...), to both sides; and by how much they fall short, rad.
+    def to_plane(self, n: Array, v: Array, d: Array) -> tuple[Array, Array]:
+        """Return the two angles (2, ...) with n . rotated(v) = d (...), and their shortfall (...), rad.
 
-        Where no angle solves it, the nearest is given; the shortfall is the imaginary part of the complex solution.
+        If no angle solves it, the nearest is returned. The shortfall is the imaginary part of the complex solution.
         """
         across = v @ self.K
         a, b = -(across @ self.K) @ n, across @ n
@@ -58,15 +58,15 @@ class Axis:
         half, middle = np.arccos(np.clip(cosine, -1.0, 1.0)), np.arctan2(b, a)
         return np.stack((middle + half, middle - half)), np.arccosh(np.maximum(np.abs(cosine), 1.0))
 
-    def bend(self, upper: Array, fore: Array, reach: Array) -> tuple[Array, Array]:
-        """Angles with |upper + turned(fore)| = |reach|, of vectors (..., 3) m; returned as by `meet`."""
-        return self.meet(upper, fore, 0.5 * (_dot(reach, reach) - upper @ upper - fore @ fore))
+    def to_distance(self, upper: Array, fore: Array, reach: Array) -> tuple[Array, Array]:
+        """Return the angles with |upper + rotated(fore)| = |reach|, for vectors (..., 3), m, as `to_plane` does."""
+        return self.to_plane(upper, fore, 0.5 * (_dot(reach, reach) - upper @ upper - fore @ fore))
 
     def crossing(self, other: Axis) -> Array | None:
-        """Point (3,) m where it crosses another axis; None where it doesn't."""
+        """Return the point (3,) of intersection with another axis, m; None if they do not intersect."""
         normal = np.cross(self.h, other.h)
         square, off = float(normal @ normal), other.p - self.p
-        if square < PARALLEL**2 or abs(off @ normal) > TOGETHER_M * math.sqrt(square):
+        if square < PARALLEL**2 or abs(off @ normal) > INTERSECTING_M * math.sqrt(square):
             return None
         place: Array = other.p + other.h * float(np.cross(off, self.h) @ normal) / square
         return place
@@ -86,11 +86,11 @@ def axes_of(arm: ArmModel) -> tuple[list[Axis], pin.SE3]:
 
 
 def sines(q: Array) -> tuple[Array, Array]:
-    """Sine, and one less the cosine, (..., 1) of angles (...)."""
+    """Return the sine and the versine, 1 - cos, (..., 1) of angles (...)."""
     return np.sin(q)[..., None], (1.0 - np.cos(q))[..., None]
 
 
-def _turned(K: Array, by: tuple[Array, Array], v: Array) -> Array:
+def _rotated(K: Array, by: tuple[Array, Array], v: Array) -> Array:
     across = v @ K
     turned: Array = v + by[0] * across + by[1] * (across @ K)
     return turned
@@ -101,15 +101,15 @@ def _dot(v: Array, w: Array) -> Array:
     return dot
 
 
-def within_turns(arm: ArmModel, q: Array) -> Array:
-    """Turn joints (..., k) by whole turns to where they are nearest to the middle of their limits."""
+def wrap_to_limits(arm: ArmModel, q: Array) -> Array:
+    """Turn joints (..., k) by whole turns to be nearest to the middle of their limits."""
     lower, upper = arm.limits.lower, arm.limits.upper
     middle = np.where(np.isfinite(upper - lower), 0.5 * (np.maximum(lower, -1e3) + np.minimum(upper, 1e3)), 0.0)
     nearest: Array = q - 2.0 * np.pi * np.round((q - middle) / (2.0 * np.pi))
     return nearest
 
 
-def beyond(arm: ArmModel, q: Array) -> Array:
-    """How far (...) joints (..., k) are beyond their limits at most, rad; negative within."""
+def limit_excess(arm: ArmModel, q: Array) -> Array:
+    """Return the largest limit excess (...) of joints (..., k), rad; negative within the limits."""
     farthest: Array = np.maximum(arm.limits.lower - q, q - arm.limits.upper).max(axis=-1)
     return farthest

@@ -1,4 +1,4 @@
-"""Why an arm can't reach a pose: how far the position lies beyond its reach, and which joints are at their limits."""
+"""Find out why an arm can't reach a pose: the distance beyond its reach, and the joints at their limits."""
 
 from __future__ import annotations
 
@@ -7,25 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.arm.ik.levenberg_marquardt import Residual
-from pbd.arm.ik.partial_pose import nearest_place
+from pbd.arm.ik.partial_pose import nearest_position
 from pbd.arm.ik.solver import TOLERANCE_M, IkResult, solve
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel, to_se3
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
 
-_STARTS = 2  # further seeds for the position alone
-_SHARE = 0.1  # a joint is named if it pushes against its limit with at least this share of the largest push
+_STARTS = 2  # sampled seeds for the position alone
+_SHARE = 0.1  # a joint at its limit is named if its gradient exceeds this share of the largest
 
 
 @dataclass(frozen=True)
 class Unreached:
-    """What stops an arm short of a pose.
+    """Why an arm can't reach a pose.
 
     Attributes:
-        beyond_m: distance of the position from the nearest that the tool reaches in any rotation; 0 where it does.
-        outside: the position is too far out, rather than too near to the arm.
-        limits: the joints that would have to exceed a limit, and which: "lower" or "upper".
+        beyond_m: distance from the pose's position to the nearest that the tool reaches in any rotation; 0: it is
+            reached.
+        outside: the position is too far from the arm, rather than too near to it.
+        limits: the joints that would have to exceed a limit, each with "lower" or "upper".
     """
 
     beyond_m: float
@@ -33,7 +34,7 @@ class Unreached:
     limits: tuple[tuple[str, str], ...]
 
     def __str__(self) -> str:
-        """Complete a sentence about the pose, "which is ..."."""
+        """Complete a sentence about the pose that ends with "which is"."""
         at = " and ".join(f"{joint} at its {side} limit" for joint, side in self.limits)
         if self.beyond_m == 0.0:
             return f"reachable, but not with the tool at this angle{f' ({at})' if at else ''}"
@@ -42,30 +43,30 @@ class Unreached:
 
 
 def find_reason(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Unreached:
-    """Find out what stops an arm at the nearest pose that `solve` found."""
+    """Find out why the arm stays short of a pose; `nearest`: what `solve` found."""
     goal = to_se3(T_base_tool)
     residual = Residual(arm, goal)
     q_least, gap_least, beyond = nearest.q, T_base_tool.p - arm.forward(nearest.q).p, np.inf
-    # An arm with too few joints is at the nearest position already.
+    # `solve` already brings an arm with too few joints to the nearest position.
     others = () if nearest.partial else starts_of(arm).at(T_base_tool.p, _STARTS)
     for q_seed in (nearest.q, *others):
-        q = nearest_place(arm, goal, q_seed)
+        q = nearest_position(arm, goal, q_seed)
         gap = T_base_tool.p - arm.forward(q).p
         if np.linalg.norm(gap) < beyond:
             beyond, gap_least, q_least = float(np.linalg.norm(gap)), gap, q
         if beyond <= TOLERANCE_M:
             return Unreached(0.0, False, _limits(arm, nearest.q, *residual(nearest.q)))
     e, J = residual(q_least)
-    # Outward is away from the shoulder.
+    # Outward means away from the shoulder.
     outward = T_base_tool.p - gap_least - _shoulder(arm, q_least)
     return Unreached(beyond, float(outward @ gap_least) > 0.0, _limits(arm, q_least, e[:3], J[:3]))
 
 
 def out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> PlanError:
-    """Explain why a keyframe can't be reached.
+    """Make the error that explains why a keyframe can't be reached.
 
-    Fields: keyframe (from 0), value and bound (m), rotation (rad), nearest (the pose that is reached), beyond (m, 0
-    where only the rotation is at fault), joints (at their limits).
+    Fields: keyframe (from 0), value and bound (m), rotation (rad), nearest (the pose that is reached), beyond (m; 0 if
+    only the rotation can't be reached), joints (those at their limits).
     """
     nearest = solve(arm, pose, q_seed)
     reason = find_reason(arm, pose, nearest)
@@ -85,7 +86,7 @@ def out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> Pla
 
 
 def _shoulder(arm: ArmModel, q: Array) -> Array:
-    """Where the second joint is, in base."""
+    """Return the position (3,) of the second joint in base, m."""
     arm.forward(q)
     joint = min(2, arm.model.njoints - 1)
     shoulder: Array = arm.data.oMi[joint].translation
@@ -93,7 +94,7 @@ def _shoulder(arm: ArmModel, q: Array) -> Array:
 
 
 def _limits(arm: ArmModel, q: Array, e: Array, J: Array) -> tuple[tuple[str, str], ...]:
-    """Return the joints that the gradient of |e|^2 pushes against their limits, hardest first."""
+    """Return the joints that the gradient of |e|^2 pushes against their limits, largest gradient first."""
     push = -e @ J
     at_lower, at_upper = (q == arm.limits.lower) & (push < 0.0), (q == arm.limits.upper) & (push > 0.0)
     push = np.abs(push) * (at_lower | at_upper)

@@ -1,1 +1,1 @@
-"""How fast: every move from rest to rest within velocity, acceleration and jerk."""
+"""Time the motion: every move goes from rest to rest within the velocity, acceleration and jerk limits."""

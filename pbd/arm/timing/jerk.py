@@ -1,9 +1,9 @@
-"""A profile that keeps jerk limits too: the fastest one, found by a few linear programs.
+"""The fastest speed profile along a path that also keeps the jerk limits, by a few linear programs.
 
-Over a path parameter s the square of the speed, x, makes a joint's acceleration linear: q' x'/2 + q'' x. Its jerk is
-the difference of that between two places by the time t(x) it takes from one to the other. That |difference| <= J t(x)
-isn't a linear bound, but t is convex in x, so its tangent at the last x lies below it: with the tangent in its place
-the bound is linear and on the safe side, and each program starts from the solution of the one before.
+Let x be the square of the speed ds/dt along the path. A joint's acceleration is then linear in x: q' x'/2 + q'' x. Its
+jerk is the difference of the acceleration between two points, divided by the time t(x) between them. The bound
+|difference| <= J t(x) is not linear. But t is convex in x, so its tangent at a known x lies below it: with the tangent,
+the bound is linear and on the safe side. Each program takes the tangent at the solution of the one before.
 """
 
 from __future__ import annotations
@@ -15,29 +15,29 @@ from scipy.sparse import csr_array, diags_array, kron, vstack
 from pbd.arm.timing.speed_profile import SpeedProfile
 from pbd.pose import Array
 
-ROUNDS = 4
-_ENOUGH = 1e-3  # a round that gains less time than this share is the last
-_SLOW = 1e-6  # of the highest x: where times would have no end
+ROUNDS = 4  # most linear programs
+_ENOUGH = 1e-3  # a round that reduces the duration by a smaller share is the last
+_SLOW = 1e-6  # lower bound of x, as a share of the highest x, so that times stay finite
 
 
 def jerk_limited_profile(
     s: Array, x_most: Array, dq: Array, ddq: Array, acceleration: Array, jerk: Array
 ) -> SpeedProfile | None:
-    """Take a path from rest to rest as fast as its joints may.
+    """Find the fastest profile of a path from rest to rest.
 
     Args:
-        s: (n + 1,) grid points, best about equally far apart in time.
-        x_most: (n + 1,) the highest squares of the speed: those without jerk limits; zero at both ends.
-        dq, ddq: (n, k) the joints' first and second derivatives by s, midway between grid points.
+        s: (n + 1,) grid points; best spaced about equally in time.
+        x_most: (n + 1,) upper bound of x: the profile without jerk limits; zero at both ends.
+        dq, ddq: (n, k) first and second derivatives of the joints by s, midway between grid points.
         acceleration, jerk: (k,) limits.
 
     Returns:
-        None where the solver gives up.
+        The best profile; None if the solver finds none.
     """
     scale = float(x_most.max())
     step, most = np.diff(s), x_most / scale
     n, k = dq.shape
-    # (n k, n + 1): each joint's acceleration in each segment, as a share of its limit.
+    # Maps x to each joint's acceleration in each segment, as a share of its limit: (n k, n + 1).
     by_x = scale * np.stack((0.5 * ddq - 0.5 * dq / step[:, None], 0.5 * ddq + 0.5 * dq / step[:, None]), axis=2)
     by_x /= acceleration[:, None]
     columns = np.arange(n)[:, None, None] + np.zeros((1, k, 1), np.int64) + np.arange(2)
@@ -45,7 +45,7 @@ def jerk_limited_profile(
     accelerations = csr_array((by_x.ravel(), (rows, columns.ravel())), shape=(n * k, n + 1))
     rest = csr_array((k, n + 1))
     changes = vstack((accelerations, rest)) - vstack((rest, accelerations))  # ((n + 1) k, n + 1)
-    # (n + 1, n): from the middle of each segment to the next; at the ends, where the arm stands still, a segment.
+    # Maps the times of segments to those between their midpoints (n + 1, n); at the ends, at rest, a full segment.
     weights = np.full((2, n), 0.5)
     weights[0, 0] = weights[1, -1] = 1.0
     between = diags_array(weights, offsets=(0, -1), shape=(n + 1, n), format="csr")
@@ -78,7 +78,7 @@ def jerk_limited_profile(
 
 
 def _times(step: Array, x: Array, scale: float) -> tuple[Array, Array]:
-    """Return how long (n,) each segment takes, and the derivatives (2, n) of that by x before and after it."""
+    """Return the time (n,) of each segment, and its derivatives (2, n) by x at the segment's start and end."""
     v = np.sqrt(np.maximum(x, _SLOW) * scale)
     v[0] = v[-1] = 0.0
     both = v[:-1] + v[1:]

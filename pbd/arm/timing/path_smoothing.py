@@ -1,15 +1,15 @@
 """Moves along a curve in joint space, from rest to rest, near the optimum within velocity, acceleration and jerk.
 
-The fastest profile within velocity and acceleration (speed_profile.py) jumps in acceleration, by up to twice its limit
-A. Where the jerk J lets a joint do so at once (2 A / J is short), a moving average over that time turns each jump into
-a ramp that keeps J, and costs that time; where no jump is as far half of that will do: what is fastest is
-taken. Where it takes longer, the profile is first made to keep J (jerk.py).
+The fastest profile within velocity and acceleration limits (speed_profile.py) has jumps in acceleration, of up to
+twice the limit A. A moving average over a time 2 A / J turns each jump into a ramp within the jerk limit J, and makes
+the move longer by that time. If no jump is that large, a shorter average is enough, so several are tried and the
+fastest is taken. If 2 A / J is long, the profile is first slowed to keep the jerk limit (jerk.py), then averaged.
 
-Averages keep what bounds their parts: no joint exceeds its velocity or acceleration. The ends are held still meanwhile,
-so they are met exactly; a bend is cut by a twenty-fourth of the time squared times the acceleration across it, which is
-kept below OFF_RAD.
+An average never exceeds the bounds of what it averages, so velocity and acceleration limits hold. The joints are held
+at both ends for the time of the average, so the ends are met exactly. In a bend, the average leaves the curve by 1/24
+of the averaging time squared times the acceleration; this is kept below OFF_RAD.
 
-The averages are the control points of a uniform cubic B-spline: its pieces are what the arm gets, exactly.
+The averages are the control points of a uniform cubic B-spline. Its polynomial pieces are the exact result.
 """
 
 from __future__ import annotations
@@ -26,18 +26,19 @@ from pbd.data import JointLimits
 from pbd.pose import Array
 
 GRID_POINTS = 1000
-"""Points of the path at which the fastest profile keeps the limits."""
+"""Least number of grid points of the path, at which the fastest profile keeps the limits."""
 
 OFF_RAD = 1e-3
-"""Largest deviation from the curve that averaging may cause: a millimetre at the end of an arm of a metre."""
+"""Largest deviation from the curve that averaging may cause, rad: 1 mm at the end of an arm of 1 m."""
 
 JERK_STEPS = 90, 3000
-"""Fewest and most steps of the profile that keeps the jerk limits."""
+"""Fewest and most time steps of the profile that keeps the jerk limits."""
 
-_WIDTH, _CAREFUL_WIDTH = 4, 3  # control points in a moving average; linear programs chatter from step to step
-_RAMPS = 1.0, 0.75, 0.5  # shares of 2 A / J: not every jump is as far as it might be
-_SLOWEST = 0.002  # of the mean speed: no demonstration is followed more slowly
-_SAME = 1e-9
+_WIDTH = 4  # control points in the moving average of a profile without jerk limits
+_JERK_WIDTH = 3  # the same for a profile with jerk limits; it removes the linear program's chatter between steps
+_RAMPS = 1.0, 0.75, 0.5  # averaging times that are tried, as shares of 2 A / J
+_SLOWEST = 0.002  # lowest speed at which a demonstration is followed, as a share of its mean speed
+_SAME = 1e-9  # waypoints that a joint at top speed passes within this time, s, are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +46,9 @@ class Curve:
     """A smooth path through waypoints.
 
     Attributes:
-        s: (n,) where the waypoints are: a joint at its top speed moves by one in one second.
+        s: (n,) path parameter of the waypoints, s: the shortest time to get there within the velocity limits.
         q: the joints (k,) rad over s.
-        t: (n,) s, when a demonstration passed them, or None.
+        t: (n,) s, when the demonstration passed the waypoints, or None.
     """
 
     s: Array
@@ -56,7 +57,7 @@ class Curve:
 
     @staticmethod
     def through(waypoints: Array, limits: JointLimits, t: Array | None = None) -> Curve | None:
-        """Lay a curve through waypoints (n, k) rad; None where they are all one."""
+        """Fit a spline through waypoints (n, k) rad; None if they all coincide."""
         apart = (np.abs(np.diff(waypoints, axis=0)) / limits.velocity).max(axis=1) > _SAME
         kept = np.flatnonzero(np.append(True, apart))
         if len(kept) < 2:
@@ -66,20 +67,20 @@ class Curve:
         return Curve(s, CubicSpline(s, waypoints), None if t is None else np.append(t[kept[:-1]], t[-1]))
 
     def grid(self) -> Array:
-        """Points (n,) of s, the waypoints among them."""
+        """Return grid points (n,) of s that include the waypoints."""
         between = int(np.ceil(GRID_POINTS / (len(self.s) - 1)))
         inner = self.s[:-1, None] + np.arange(between) / between * np.diff(self.s)[:, None]
         return np.append(inner.ravel(), self.s[-1])
 
     def profile(self, limits: JointLimits, factor: float) -> SpeedProfile:
-        """Take it as fast as a share of the velocity and acceleration limits, and its own times, allow."""
+        """Return the fastest profile within a share `factor` of the limits, and no faster than the demonstration."""
         s = self.grid()
         x_most = None if self.t is None else self._demonstrated(s, self.t) ** 2
         velocity, acceleration = WITHIN * factor * limits.velocity, WITHIN * factor * limits.acceleration
         return fastest_profile(s, self.q(s, 1), self.q(s, 2), velocity, acceleration, x_most)
 
     def _demonstrated(self, s: Array, passed: Array) -> Array:
-        """How fast (n,) a demonstration went at grid points, that passed the waypoints at these times."""
+        """Return the demonstration's speed ds/dt (n,) at grid points; `passed`: the times (n,) of the waypoints, s."""
         t = np.linspace(passed[0], passed[-1], 4 * len(s))
         course = PchipInterpolator(passed, self.s)
         slowest = _SLOWEST * self.s[-1] / (passed[-1] - passed[0])
@@ -87,36 +88,39 @@ class Curve:
 
 
 def curved_move(
-    waypoints: Array, limits: JointLimits, factor: float, t: Array | None = None, near: float = 1.0
+    waypoints: Array, limits: JointLimits, factor: float, t: Array | None = None, deviation_share: float = 1.0
 ) -> PiecewiseCubic:
     """Time a move along a curve.
 
     Args:
-        waypoints: (n, k) rad, the first where the arm is, the last where it comes to rest.
-        factor: a share of the velocity, acceleration and jerk limits.
-        t: (n,) s, increasing: when a demonstration passed the waypoints, where the arm is to be no faster.
-        near: the share of OFF_RAD by which averaging may lead off the curve.
+        waypoints: (n, k) rad, from the arm's present joints to those where it comes to rest.
+        factor: share of the velocity, acceleration and jerk limits.
+        t: (n,) s, increasing: when the demonstration passed the waypoints; the arm is nowhere faster.
+        deviation_share: share of OFF_RAD by which averaging may leave the curve.
     """
     curve = Curve.through(waypoints, limits, t)
     if curve is None:
         return PiecewiseCubic(np.empty(0), np.empty((0, 4, waypoints.shape[1])))
     profile = curve.profile(limits, factor)
     ramp_s = 2.0 * float((limits.acceleration / limits.jerk).max())
-    # The averages' and the spline's own variance, in steps squared, times half the acceleration.
-    off = 0.5 * (_CAREFUL_WIDTH**2 / 12.0 + 1.0 / 3.0) * factor * float(limits.acceleration.max())
-    steps = int(np.clip(profile.t[-1] / np.sqrt(near * OFF_RAD / off), *JERK_STEPS))
-    if ramp_s > _CAREFUL_WIDTH * profile.t[-1] / steps and (careful := _careful(curve, profile, limits, factor, steps)):
-        return _averaged(curve, limits, careful, careful.t[-1] / steps, _CAREFUL_WIDTH).within(limits, factor)
+    # Deviation per step squared: half the acceleration, times the variance of the average and of the spline, in steps.
+    off = 0.5 * (_JERK_WIDTH**2 / 12.0 + 1.0 / 3.0) * factor * float(limits.acceleration.max())
+    steps = int(np.clip(profile.t[-1] / np.sqrt(deviation_share * OFF_RAD / off), *JERK_STEPS))
+    if ramp_s > _JERK_WIDTH * profile.t[-1] / steps:
+        slower = _jerk_limited(curve, profile, limits, factor, steps)
+        if slower is not None:
+            return _averaged(curve, limits, slower, slower.t[-1] / steps, _JERK_WIDTH).slowed_to_limits(limits, factor)
     made = [
-        _averaged(curve, limits, profile, share * ramp_s / _WIDTH, _WIDTH).within(limits, factor) for share in _RAMPS
+        _averaged(curve, limits, profile, share * ramp_s / _WIDTH, _WIDTH).slowed_to_limits(limits, factor)
+        for share in _RAMPS
     ]
     return min(made, key=lambda pieces: pieces.duration)
 
 
-def _careful(
+def _jerk_limited(
     curve: Curve, profile: SpeedProfile, limits: JointLimits, factor: float, steps: int
 ) -> SpeedProfile | None:
-    """Slow a profile so that it keeps the jerk limits too."""
+    """Slow a profile so that it keeps the jerk limits too; None if the solver fails."""
     from pbd.arm.timing.jerk import jerk_limited_profile
 
     s = profile.at(profile.t[-1] / steps * np.arange(steps + 1.0))
@@ -128,13 +132,13 @@ def _careful(
 
 
 def _averaged(curve: Curve, limits: JointLimits, profile: SpeedProfile, h: float, width: int) -> PiecewiseCubic:
-    """Take the curve in steps of h s; average over so many of them."""
+    """Sample the profile in steps of about h s, and average over `width` steps."""
     count = max(1, int(profile.t[-1] / h))
-    h = float(profile.t[-1]) / count  # so that no part of a step is lost at the end
-    # Between waypoints at a joint's limit the curve may swing beyond it by a hair.
+    h = float(profile.t[-1]) / count  # a whole number of steps
+    # Between waypoints at a joint limit the spline may overshoot it slightly.
     q = np.clip(curve.q(profile.at(h * np.arange(count + 1.0))), limits.lower, limits.upper)
     q[-1] = curve.q(curve.s[-1])
-    # Still for the average's width and the spline's own at both ends.
+    # Hold the ends for as long as the average and the spline reach.
     held = np.concatenate((np.repeat(q[:1], width + 1, axis=0), q, np.repeat(q[-1:], width + 1, axis=0)))
     total = np.concatenate((np.zeros_like(q[:1]), np.cumsum(held - q[0], axis=0)))
     points = q[0] + (total[width:] - total[:-width]) / width

@@ -1,4 +1,4 @@
-"""Cubic pieces of a motion in the making: a dwell, a move, or several of them one after the other."""
+"""Piecewise cubic joint motions from rest to rest: a dwell, a move, or a sequence of them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pbd.data import JointLimits
 from pbd.pose import Array
 
 WITHIN = 1.0 - 1e-9
-"""Share of each limit that is used: rounding stays within the limits too."""
+"""Share of each limit that is used, so that rounding errors do not exceed it."""
 
-_NO_TIME = 1e-12  # s: a piece shorter than this is none (ruckig gives phases that aren't needed no time)
+_NO_TIME = 1e-12  # s: shorter pieces are dropped; ruckig gives phases that it does not need no time
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,40 +30,40 @@ class PiecewiseCubic:
 
     @staticmethod
     def of(durations: Array, coefficients: Array) -> PiecewiseCubic:
-        """Leave out what takes no time."""
+        """Make pieces from those that take time."""
         lasting = durations >= _NO_TIME
         return PiecewiseCubic(durations[lasting], coefficients[lasting])
 
     @staticmethod
     def hold(q: Array, duration: float) -> PiecewiseCubic:
-        """Stay at joints q (k,)."""
+        """Stay at joints q (k,) for a duration, s."""
         coefficients = np.zeros((1, 4, len(q)))
         coefficients[0, 0] = q
         return PiecewiseCubic.of(np.array([duration]), coefficients)
 
     @staticmethod
     def join(parts: Sequence[PiecewiseCubic]) -> PiecewiseCubic:
-        """One after the other."""
+        """Put parts one after the other."""
         return PiecewiseCubic(
             np.concatenate([part.durations for part in parts]), np.concatenate([part.coefficients for part in parts])
         )
 
     @property
     def duration(self) -> float:
-        """Seconds."""
+        """In s."""
         return float(self.durations.sum())
 
     def slowed(self, factor: float) -> PiecewiseCubic:
-        """The same path, taking so many times as long."""
+        """Return the same path, `factor` times as long."""
         powers = factor ** -np.arange(4.0)
         return PiecewiseCubic(factor * self.durations, self.coefficients * powers[:, None])
 
     def lasting(self, least_s: float) -> PiecewiseCubic:
-        """The same path, slowed so that it takes at least so long."""
+        """Return the same path, slowed if needed to take at least `least_s`."""
         return self.slowed(least_s / self.duration) if 0.0 < self.duration < least_s else self
 
-    def within(self, limits: JointLimits, factor: float) -> PiecewiseCubic:
-        """The same path, slowed as far as it takes to keep a share `factor` of all limits."""
+    def slowed_to_limits(self, limits: JointLimits, factor: float) -> PiecewiseCubic:
+        """Return the same path, slowed as much as needed to keep a share `factor` of all limits."""
         velocity, acceleration, jerk = self.peaks()
         slow = max(
             float((velocity / (WITHIN * factor * limits.velocity)).max()),
@@ -77,7 +77,7 @@ class PiecewiseCubic:
         s = self.durations[:, None]
         _, c1, c2, c3 = np.moveaxis(self.coefficients, 1, 0)
         begin, end = 2.0 * c2, 2.0 * c2 + 6.0 * c3 * s
-        turning = begin * end < 0.0  # inside, where the acceleration is zero, the velocity has an extremum
+        turning = begin * end < 0.0  # the velocity has an extremum inside, where the acceleration is zero
         s_turn = np.where(turning, s * begin / np.where(turning, begin - end, 1.0), 0.0)
         velocity = [np.abs(c1 + x * (2.0 * c2 + 3.0 * c3 * x)).max(axis=0) for x in (0.0 * s, s, s_turn)]
         acceleration = np.maximum(np.abs(begin), np.abs(end)).max(axis=0)

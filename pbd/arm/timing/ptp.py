@@ -1,8 +1,8 @@
-"""PTP: straight moves in joint space, from rest to rest, as fast as the limits allow.
+"""Point-to-point (PTP) moves: straight in joint space, from rest to rest, as fast as the limits allow.
 
-A move is one degree of freedom for ruckig, the distance along the line, under the limits that its joints leave it. So
-the line is straight (with one degree of freedom per joint it often isn't), and ruckig's cubic pieces are the joints'
-pieces but for a factor. Ruckig's own waypoints are never used: they would ask a service on the net.
+Ruckig plans one degree of freedom, the distance along the line, within the limits that all joints leave it. So the
+move is straight, which it often would not be with one degree of freedom per joint, and ruckig's cubic pieces become
+those of the joints by a factor. Ruckig's waypoints are not used, since they call a web service.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from pbd.data import JointLimits
 from pbd.pose import Array
 
 LEAST_S = 1e-3
-"""Shortest move, s: one period of a fast controller. A move of 1e-9 rad would end in microseconds, in which no
-controller can interpolate: the positions' last digits would become jerk."""
+"""Shortest duration of a move, s: one period of a fast controller. A move of 1e-9 rad would otherwise take
+microseconds, and in a receiver's interpolation the rounding errors of positions would become jerk."""
 
 
 def ptp_move(q_start: Array, q_end: Array, limits: JointLimits, factor: float) -> PiecewiseCubic:
-    """Time a move from q (k,) to q (k,).
+    """Time a straight move in joint space.
 
     Args:
-        q_start, q_end: rad.
-        factor: a share of the velocity, acceleration and jerk limits.
+        q_start, q_end: (k,) rad.
+        factor: share of the velocity, acceleration and jerk limits.
     """
     way = q_end - q_start
     length = float(np.abs(way).max())
@@ -35,7 +35,7 @@ def ptp_move(q_start: Array, q_end: Array, limits: JointLimits, factor: float) -
     way = way / length
     profile = _profile(length, np.abs(way), limits, factor)
     durations = np.array(profile.t)
-    # Seven phases; the states are one more, the last being the end.
+    # Seven phases begin at the first seven of eight states; the last state is the end.
     s, v, a, j = (np.array(values)[: len(durations), None] for values in (profile.p, profile.v, profile.a, profile.j))
     coefficients = np.stack((q_start + s * way, v * way, a / 2.0 * way, j / 6.0 * way), axis=1)
     return PiecewiseCubic.of(durations, coefficients).lasting(LEAST_S)

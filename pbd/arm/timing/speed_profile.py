@@ -1,11 +1,12 @@
-"""The fastest way along a path in joint space within velocity and acceleration limits.
+"""The fastest speed profile along a path in joint space within velocity and acceleration limits.
 
-After TOPP-RA (Pham and Pham, "A New Approach to Time-Optimal Path Parameterization Based on Reachability Analysis",
-2018, doi 10.1109/TRO.2018.2819195): at each grid point of the path parameter s the square of its speed, x, has a
-largest value from which the end can still be reached; found backwards from the end, then taken greedily from the start.
-Between two grid points u = d2s/dt2 is constant. A joint's acceleration q' u + q'' x is bounded at both of its ends.
+This is TOPP-RA (Pham and Pham, "A New Approach to Time-Optimal Path Parameterization Based on Reachability Analysis",
+2018, doi 10.1109/TRO.2018.2819195). Let s be the path parameter and x the square of its speed ds/dt. At each grid point
+x has a largest value from which the end can still be reached; a backward pass finds it. A forward pass from the start
+then takes the largest x that is allowed. Between two grid points u = d2s/dt2 is constant, and the acceleration
+q' u + q'' x of each joint is bounded at both of them.
 
-Each bound is a pair of straight lines over x, -c - m x <= u <= c - m x, so every step has an answer in closed form.
+Each bound is a pair of lines over x, -c - m x <= u <= c - m x, so each step is solved in closed form.
 """
 
 from __future__ import annotations
@@ -16,24 +17,24 @@ import numpy as np
 
 from pbd.pose import Array
 
-_FLAT = 1e-9  # a joint that moves by less than this along the path sets no bound for u
+_FLAT = 1e-9  # a joint with a smaller |dq/ds| sets no bound on u
 
 
 @dataclass(frozen=True, eq=False)
 class SpeedProfile:
-    """How fast a path is taken: at grid points s (n,) the square of the speed ds/dt, x (n,); x is linear in between."""
+    """The square of the speed ds/dt, x (n,), at grid points s (n,) of a path; x is linear between them."""
 
     s: Array
     x: Array
 
     @property
     def t(self) -> Array:
-        """(n,) s, when each grid point is passed."""
+        """The time (n,) at which each grid point is passed, s."""
         v = np.sqrt(self.x)
         return np.append(0.0, np.cumsum(2.0 * np.diff(self.s) / (v[:-1] + v[1:])))
 
     def at(self, t: Array) -> Array:
-        """Where on the path one is at instants (n,) s; outside, the ends are held."""
+        """Return the path parameter at instants (n,) s; outside the profile, that of the nearer end."""
         times = self.t
         i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
         since = np.clip(t - times[i], 0.0, times[i + 1] - times[i])
@@ -44,13 +45,13 @@ class SpeedProfile:
 def fastest_profile(
     s: Array, dq: Array, ddq: Array, velocity: Array, acceleration: Array, x_most: Array | None = None
 ) -> SpeedProfile:
-    """Take a path from rest to rest as fast as its joints may.
+    """Find the fastest profile of a path from rest to rest.
 
     Args:
         s: (n,) grid points, increasing.
-        dq, ddq: (n, k) the joints' first and second derivatives by s.
+        dq, ddq: (n, k) first and second derivatives of the joints by s.
         velocity, acceleration: (k,) limits.
-        x_most: (n,) where the square of the speed is to stay below a limit of its own.
+        x_most: (n,) additional upper bound of x.
     """
     step = np.diff(s)
     c, m, x_highest = _bounds(step, dq, ddq, acceleration)
@@ -59,7 +60,7 @@ def fastest_profile(
     if x_most is not None:
         x_highest = np.minimum(x_highest, x_most)
     x_highest[0] = x_highest[-1] = 0.0
-    # Backwards: x_next = x + 2 step u must be within reach, and not below zero.
+    # Backward pass: x_next = x + 2 step u must not exceed the largest x there, nor be below zero.
     x = np.empty(len(s))
     x[-1] = 0.0
     slope = 1.0 - 2.0 * step[:, None] * m
@@ -67,7 +68,7 @@ def fastest_profile(
     rising, falling = slope > 0.0, slope < 0.0
     with np.errstate(divide="ignore", invalid="ignore"):
         must_stop = np.where(falling, gain / -slope, np.inf).min(axis=1)
-        # The bound (x_next + gain) / slope, as a sum of two factors that are known beforehand.
+        # The bound (x_next + gain) / slope on x is per_next x_next + fixed.
         per_next, fixed = np.where(rising, 1.0 / slope, np.inf), np.where(rising, gain / slope, np.inf)
     ceiling = np.minimum(x_highest[:-1], must_stop)
     for i in reversed(range(len(step))):
@@ -82,7 +83,7 @@ def fastest_profile(
 
 
 def _bounds(step: Array, dq: Array, ddq: Array, acceleration: Array) -> tuple[Array, Array, Array]:
-    """Return c and m (n - 1, 2 k) of the bounds on u, and the highest x (n,) at which they leave u a value."""
+    """Return c and m (n - 1, 2 k) of the bounds on u, and the highest x (n,) at which some u satisfies them all."""
     at_start = (dq[:-1], ddq[:-1])
     at_end = (dq[1:] + 2.0 * step[:, None] * ddq[1:], ddq[1:])  # x there is x + 2 step u
     a, b = (np.concatenate(pair, axis=1) for pair in zip(at_start, at_end, strict=True))
@@ -93,7 +94,7 @@ def _bounds(step: Array, dq: Array, ddq: Array, acceleration: Array) -> tuple[Ar
     a_safe = np.where(flat, 1.0, a)
     c = np.where(flat, np.inf, limit / np.abs(a_safe))
     m = np.where(flat, 0.0, b / a_safe)
-    # Two bounds leave room for u as long as -c1 - m1 x <= c2 - m2 x.
+    # Two bounds on u are compatible as long as -c1 - m1 x <= c2 - m2 x.
     apart = m[:, None, :] - m[:, :, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         room = np.where(apart > 0.0, (c[:, None, :] + c[:, :, None]) / apart, np.inf).min(axis=(1, 2))

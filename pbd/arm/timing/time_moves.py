@@ -1,6 +1,6 @@
-"""When the arm is where: moves from keyframe to keyframe, each from rest to rest, as fast as the limits allow.
+"""Time the moves from keyframe to keyframe, each from rest to rest, as fast as the limits allow.
 
-A move is straight in joint space (ptp.py) or follows a curve (path_smoothing.py); at a keyframe the arm stands still.
+A move is straight in joint space (ptp.py) or follows a curve (path_smoothing.py). The arm stops at each keyframe.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from pbd.errors import PlanError, warn
 from pbd.pose import Array
 
 APPROACH_SPEED = 0.5
-"""The way from home to the first keyframe and the way back take this share of the limits."""
+"""Share of the limits for the approach to the first keyframe and for the retreat."""
 
 LONGEST_S = 3600.0
-"""Longest motion, s: at 1 kHz it takes about 1 GB."""
+"""Longest motion that is planned, s: at 1 kHz it needs about 1 GB."""
 
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """How the arm goes on from where it is.
+    """A move from the arm's present joints.
 
     Attributes:
-        q: (n, k) rad, where it goes: the last is where it comes to rest.
-        curved: follow a smooth curve through all of them; else go straight from each to the next, at rest in each.
-        t: (n + 1,) s, when a demonstration passed where the arm is and each of these: a curve isn't taken faster.
-        least_s: the move takes at least so long.
-        share: of the limits.
-        near: how near it keeps to a curve, as `curved_move` takes it.
+        q: (n, k) rad, the waypoints; the arm comes to rest at the last.
+        curved: follow a smooth curve through the waypoints; else move straight to each, and stop there.
+        t: (n + 1,) s, when the demonstration passed the start and each waypoint; a curve is nowhere faster.
+        least_s: shortest duration of the move, s.
+        share: of the velocity, acceleration and jerk limits.
+        deviation_share: how closely it follows a curve; see `curved_move`.
     """
 
     q: Array
@@ -42,15 +42,17 @@ class Move:
     t: Array | None = None
     least_s: float = 0.0
     share: float = 1.0
-    near: float = 1.0
+    deviation_share: float = 1.0
 
     def pieces(self, q_start: Array, limits: JointLimits, speed: float) -> PiecewiseCubic:
-        """Time it, from joints (k,), at a share of the limits that multiplies its own."""
+        """Time the move from joints (k,); `speed` multiplies its share of the limits."""
         if self.curved:
-            from pbd.arm.timing.path_smoothing import curved_move  # scipy takes its time to load
+            from pbd.arm.timing.path_smoothing import curved_move  # scipy loads slowly
 
             waypoints = np.vstack((q_start, self.q))
-            return curved_move(waypoints, limits, speed * self.share, self.t, self.near).lasting(self.least_s)
+            return curved_move(waypoints, limits, speed * self.share, self.t, self.deviation_share).lasting(
+                self.least_s
+            )
         parts, before = [], q_start
         for q in self.q:
             parts.append(ptp_move(before, q, limits, speed * self.share))
@@ -68,26 +70,27 @@ def time_moves(
     retreat: Move | None = None,
     speed: float = 1.0,
 ) -> tuple[JointTrajectory, Array]:
-    """Time a motion through keyframes, at rest in each; with it how long (n,) s each move to a keyframe takes.
+    """Time a motion that stops at each keyframe; return it with the durations (n,) of the moves to the keyframes, s.
 
-    The gripper starts open and moves while the arm stands still: where it opens or closes, the arm stays for at least
-    its stroke.
+    The gripper starts open, and moves only while the arm stands still: where it opens or closes, the arm waits at least
+    for its stroke.
 
     Args:
-        q_start: (k,) rad, where the arm is.
+        q_start: (k,) rad, the arm's present joints.
         moves: n, each to the next keyframe.
         dwells: (n,) s to stay at each keyframe.
-        grips: (n,) True where the gripper closes, False where it opens, None where nothing changes.
-        speed: a factor on the velocity, acceleration and jerk limits alike.
+        grips: (n,) True if the gripper closes there, False if it opens, None if it does not move.
+        retreat: the move after the last keyframe, or None.
+        speed: share of the velocity, acceleration and jerk limits.
 
     Raises:
-        PlanError: nothing moves at all, or for hours.
+        PlanError: nothing moves at all, or the motion takes longer than LONGEST_S.
     """
     gripper, q, t, parts = arm.robot.gripper, q_start, 0.0, list[PiecewiseCubic]()
 
     def add(pieces: PiecewiseCubic) -> float:
         parts.append(pieces)
-        # Added up as the knots are, to the last bit.
+        # Sum in the same order as the knots below, so that times agree to the last bit.
         return float(np.append(t, pieces.durations).cumsum()[-1])
 
     gripper_t, opening, begun, ended = [0.0], [1.0], [], []

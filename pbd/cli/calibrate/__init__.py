@@ -1,1 +1,1 @@
-"""pbd calibrate dock / points / mount / sensor / show: makes calibration/NAME.toml, step by step."""
+"""pbd calibrate: each step (dock, points, mount, sensor, show) is a file here."""

@@ -1,4 +1,4 @@
-"""pbd calibrate dock CALIBRATION."""
+"""pbd calibrate dock CALIBRATION: where in the robot's base a demonstration starts."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from pbd.pose import Array, Pose, quat_to_rpy
 from pbd.tracking.keyframes import keyframes_of
 
 LIMIT_TOLERANCE = 1e-6
-"""rad or m: how far a given joint may exceed its limit, as a limit in degrees is rounded."""
+"""Largest excess of a given joint over its limit, rad or m. Limits are printed in rounded degrees."""
 
 
 def run(args: argparse.Namespace) -> None:
-    """Find the pose, make sure that it can be reached, write it."""
+    """Find the dock's pose, check that the robot reaches it, and write it."""
     path, calibration = existing_calibration(args.name)
     instead = replaced_part(path, calibration, "dock", args.force)
     robot = load_robot(args.robot) if args.robot else None
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibration) -> tuple[Pose, Array, str]:
-    """T_base_dock, its covariance (6, 6) but for how the sensor is put down, and where it comes from in words."""
+    """T_base_dock, its covariance (6, 6) without that of putting the sensor down, and its source in words."""
     if args.rpy is not None and args.position is None:
         raise UsageError("--rpy goes with --position; leave it out")
     if args.position is not None:
@@ -77,14 +77,14 @@ def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibratio
         turned = "" if args.rpy is not None or not kept.any() else ", and turned as before (--rpy turns it)"
         return Pose.from_rpy(args.position, np.radians(rpy_deg)), np.zeros((6, 6)), f"as given{turned}"
     if args.joints is not None:
-        pose = _where_the_robot_stands(args.joints, robot) @ calibration.T_sensor_tool.inverse()
+        pose = _tool_at_joints(args.joints, robot) @ calibration.T_sensor_tool.inverse()
         return pose, np.zeros((6, 6)), "where the robot's tool stands at those joints"
     name, index = args.from_keyframe
-    return *_where_it_stopped(args, calibration), f"where {name} stopped at keyframe {index}"
+    return *_pose_at_keyframe(args, calibration), f"where {name} stopped at keyframe {index}"
 
 
-def _where_the_robot_stands(joints: list[float], robot: Robot | None) -> Pose:
-    """T_base_tool by forward kinematics; joints in degrees, or m where they slide."""
+def _tool_at_joints(joints: list[float], robot: Robot | None) -> Pose:
+    """T_base_tool by forward kinematics; joints in degrees, sliding joints in m."""
     from pbd.arm.model import load_model
 
     if robot is None:
@@ -111,7 +111,8 @@ def _where_the_robot_stands(joints: list[float], robot: Robot | None) -> Pose:
     return model.forward(q)
 
 
-def _where_it_stopped(args: argparse.Namespace, calibration: Calibration) -> tuple[Pose, Array]:
+def _pose_at_keyframe(args: argparse.Namespace, calibration: Calibration) -> tuple[Pose, Array]:
+    """T_base_dock where a demonstration stopped, and its covariance (6, 6)."""
     name, index = args.from_keyframe
     through = load_calibration(args.calibration) if args.calibration else calibration
     if not (args.calibration or calibration.knows_start):
@@ -128,6 +129,7 @@ def _where_it_stopped(args: argparse.Namespace, calibration: Calibration) -> tup
 
 
 def _refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:
+    """Raise PlanError if the robot does not reach the pose."""
     from pbd.arm.joint_path import solve_path
     from pbd.arm.model import load_model
 

@@ -1,4 +1,4 @@
-"""pbd calibrate mount CALIBRATION DEMO."""
+"""pbd calibrate mount CALIBRATION DEMO: where the tool is relative to the sensor."""
 
 from __future__ import annotations
 
@@ -17,12 +17,11 @@ from pbd.errors import UsageError
 from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import find_keyframes
-from pbd.view.calibration_tables import figures_table
-from pbd.view.terminal_tables import print_table
+from pbd.view.terminal_tables import print_table, words_table
 
 
 def run(args: argparse.Namespace) -> None:
-    """Track, fit, write, and say how far it is to be trusted."""
+    """Track the recording, fit the mount, write it, and report its uncertainty."""
     if not (args.pivot or args.turns):
         raise UsageError("say what the recording shows: --pivot, --turns x,-x,z, or both")
     path, calibration = existing_calibration(args.name)
@@ -45,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
 def _merged(
     calibration: Calibration, pivot: PivotFit | None, turns: TurnsFit | None
 ) -> tuple[Pose, Array, dict[str, float]]:
-    """T_sensor_tool, its covariance (6, 6) and the fits' figures: what was fitted, and the rest as it was."""
+    """T_sensor_tool, its covariance (6, 6) and the fits' figures. What was not fitted stays as it was."""
     mount = calibration.T_sensor_tool
     cov = np.zeros((6, 6)) if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool.copy()
     before = {name.removeprefix("mount."): x for name, x in calibration.residuals.items() if "mount." in name}
@@ -65,7 +64,7 @@ def _merged(
 
 
 def _certainty(mount: Pose, cov: Array) -> str:
-    """Where the tool is on the sensor, with sigma where it is known."""
+    """The tool's position on the sensor in words, with the sigmas that are known."""
     sigma = one_sigma(cov)
     x, y, z = 1e3 * mount.p
     place = f"the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm on the sensor"
@@ -79,6 +78,7 @@ def _certainty(mount: Pose, cov: Array) -> str:
 
 
 def _print(args: argparse.Namespace, pivot: PivotFit | None, turns: TurnsFit | None) -> None:
+    """Print the residual of each stop and turn; say if the pivot fits badly."""
     rows = []
     if pivot is not None:
         for k, off in enumerate(pivot.residuals):
@@ -86,7 +86,7 @@ def _print(args: argparse.Namespace, pivot: PivotFit | None, turns: TurnsFit | N
     if turns is not None:
         for name, move, off, angle in zip(args.turns, turns.moves, turns.off, turns.turned, strict=True):
             rows.append((f"move {move}, about {name}", f"{np.degrees(angle):.0f}°", f"axis {np.degrees(off):.1f}° off"))
-    print_table(figures_table(rows))
+    print_table(words_table(("what", "value", ""), rows))
     if pivot is not None and pivot.chi2 > POOR_CHI2:
         say(
             f"the tip moved {np.sqrt(pivot.chi2):.1f} times more than the tracker's uncertainty predicts: it slipped, "

@@ -1,4 +1,4 @@
-"""pbd calibrate points CALIBRATION DEMO --points FILE."""
+"""pbd calibrate points CALIBRATION DEMO --points FILE: where nav lies in the robot's base, from touched points."""
 
 from __future__ import annotations
 
@@ -10,21 +10,18 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.calibration.correspondence import match_points
-from pbd.calibration.field_uniformity import field_spread, heading_changes
 from pbd.calibration.points import POOR_CHI2, fit_points, refuse_shape
 from pbd.calibration.registration import PointObservations, observe_points
 from pbd.calibration.rests import rms
-from pbd.calibration.sensor import corrected
+from pbd.cli.calibrate.heading import report_heading
 from pbd.cli.common import replaced_part, sigma_json, track_recording
 from pbd.cli.console import print_json, say, working
-from pbd.data import Calibration, HandPath, Keyframe, Recording
+from pbd.data import Calibration, HandPath, Keyframe
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, collected_warnings, warn
 from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
-from pbd.files.demo import load_demo
 from pbd.files.points import Points, read_points
-from pbd.pipeline import track
 from pbd.pose import Pose, quat_to_rpy
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.repair_recording import condition
@@ -33,18 +30,18 @@ from pbd.view.terminal_tables import print_table
 
 
 def run(args: argparse.Namespace) -> None:
-    """Track, match, fit, write, and say how far it is to be trusted."""
+    """Track, match stops with points, fit nav in base, write it, and report its uncertainty."""
     points = read_points(args.points, args.unit)
     path, calibration = existing_calibration(args.name)
     recording, hand = track_recording(args, calibration)
     if recording.mag is not None:
-        with collected_warnings():  # tracking tells them
-            recording = replace(recording, mag=condition(recording)[0].mag)  # holes filled; None of a dead one
+        with collected_warnings():  # tracking has issued them
+            recording = replace(recording, mag=condition(recording)[0].mag)  # None if it is dead
     part = args.part or ("dock" if recording.mag is None else "nav")
     instead = replaced_part(path, calibration, part, args.force)
     keyframes = find_keyframes(hand)
     with working("fitting"):
-        touched = _touched(args, hand, keyframes, points, calibration)
+        touched = _match_stops(args, hand, keyframes, points, calibration)
         fit = fit_points(touched, points.p_base, free=args.free, scaled=args.find_scale, touch_m=1e-3 * args.touch_mm)
     for name, stop, off, good in zip(points.names, touched.stops, fit.left_out, fit.used, strict=True):
         if not good:
@@ -52,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
                 f"the point '{name}' (stop {stop}) is wrong: it lies {100.0 * np.linalg.norm(off):.1f} cm from where "
                 "the other points put it, so it is left out; check its coordinates, or touch it again"
             )
-    heading = _say_heading(args, recording, keyframes, calibration, part)
+    heading = report_heading(args, recording, keyframes, calibration, part)
 
     pose = fit.T_base_nav
     if part == "dock":
@@ -63,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
     figures |= {} if heading is None else {"heading_deg": round(float(np.degrees(heading)), 2)}
     cov = fit.cov.copy()
     if part == "nav" and heading is not None:
-        cov[5, 5] += heading**2  # the next demonstration's heading differs by so much
+        cov[5, 5] += heading**2  # the heading of the next demonstration differs from this one by so much
     values = pose_values(pose, "in base", cov) | {"fit": (figures, ""), "any_attitude": (None, "")}
     update_calibration(path, {part: values}, instead=instead, scale=fit.scale if args.find_scale else None)
     if args.json:
@@ -95,9 +92,10 @@ def run(args: argparse.Namespace) -> None:
     return None
 
 
-def _touched(
+def _match_stops(
     args: argparse.Namespace, hand: HandPath, keyframes: Sequence[Keyframe], points: Points, calibration: Calibration
 ) -> PointObservations:
+    """Match the stops with the points: by --stops, in their order, or in any order."""
     refuse_shape(points.p_base, args.free)
     count, cov = len(keyframes), calibration.cov_sensor_tool
     cov_tip = None if cov is None else cov[:3, :3]
@@ -115,44 +113,3 @@ def _touched(
         what = f"--stops must name different stops from 0 to {count - 1}"
         raise CalibrationError(f"{what}; `pbd keyframes {shlex.quote(args.demo)}` lists them")
     return every.only(args.stops)
-
-
-def _say_heading(
-    args: argparse.Namespace, recording: Recording, keyframes: Sequence[Keyframe], calibration: Calibration, part: str
-) -> float | None:
-    """Say how well nav's heading repeats and what to do; return one sigma, rad, or None without a magnetometer."""
-    if recording.mag is None:
-        if part == "nav":
-            warn(
-                "without a magnetometer the heading is measured from the first rest, so [nav] holds only for "
-                "demonstrations that start with the same heading; use --as dock instead"
-            )
-        return None
-    mag = corrected(recording, calibration.sensor).mag
-    assert mag is not None
-    at_stops = [mag[np.abs(recording.t - keyframe.t) <= 0.5 * keyframe.dwell_s] for keyframe in keyframes]
-    means = np.array([each.mean(axis=0) for each in at_stops])
-    spread = field_spread(means, np.array([keyframe.T_nav_sensor.wxyz for keyframe in keyframes]))
-    heading = spread.heading
-    say(
-        f"the magnetic heading differs by {np.degrees(spread.heading):.1f} degrees from stop to stop (rms), the "
-        f"field's strength by {100.0 * spread.strength:.0f} %"
-    )
-    if args.again:
-        first = []
-        for name in args.again:
-            with working(f"tracking {name}"):
-                path = track(load_demo(name).recording, calibration=calibration, accept_gap=args.accept_gap)
-                first.append(find_keyframes(path)[0].T_nav_sensor.wxyz)
-        changes = heading_changes(keyframes[0].T_nav_sensor.wxyz, first)
-        heading = rms(changes)
-        say(
-            f"nav's heading repeats to {np.degrees(heading):.1f} degrees (rms over {len(changes)} demonstrations; at "
-            f"most {np.degrees(np.abs(changes).max()):.1f})"
-        )
-    if part == "nav" and spread.disturbed:
-        warn(
-            "the magnetic field is disturbed here, or the magnetometer is not calibrated: start every demonstration "
-            "from a dock (--as dock), whose heading does not depend on it"
-        )
-    return heading

@@ -1,4 +1,4 @@
-"""pbd calibrate sensor CALIBRATION DEMO."""
+"""pbd calibrate sensor CALIBRATION DEMO: the sensor's bias, scale, misalignment, hard and soft iron."""
 
 from __future__ import annotations
 
@@ -19,12 +19,11 @@ from pbd.errors import CalibrationError, warn
 from pbd.files.calibration_edit import existing_calibration, update_calibration
 from pbd.files.demo import load_demo
 from pbd.tracking.repair.repair_recording import condition
-from pbd.view.calibration_tables import figures_table
-from pbd.view.terminal_tables import print_table
+from pbd.view.terminal_tables import print_table, words_table
 
 
 def run(args: argparse.Namespace) -> None:
-    """Fit, write, and say what was found."""
+    """Fit the sensor's errors, write them, and print them."""
     gravity = args.gravity or (GRAVITY if args.latitude is None else gravity_at(args.latitude))
     path, calibration = existing_calibration(args.name)
     with working(f"reading {args.demo}"):
@@ -48,6 +47,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _figures(fit: SensorFit) -> dict[str, float]:
+    """How well the errors fit: |a| less gravity (mg) and the field's strength (%), before and after."""
     figures: dict[str, float] = {"rests": len(fit.rests)}
     if acc := fit.acc:
         figures |= {"orientations": acc.orientations, "acc_before_mg": round(acc.before / MG, 2)}
@@ -58,7 +58,7 @@ def _figures(fit: SensorFit) -> dict[str, float]:
 
 
 def sensor_parts(errors: SensorErrors, figures: Mapping[str, float]) -> dict[str, dict[str, Any]]:
-    """A sensor's errors as the tables of the file; `figures` say how well they fit."""
+    """A sensor's errors as tables of the calibration's TOML; `figures` are those of the fit."""
     parts: dict[str, dict[str, Any]] = {
         "sensor": {
             "name": (errors.sensor, "whose errors these are; another's recordings are refused"),
@@ -110,4 +110,4 @@ def _print(fit: SensorFit) -> None:
         evened = f"{100.0 * fit.mag.before:.1f} % -> {100.0 * fit.mag.uneven:.2f} % rms"
         rows.append(("strength of the field differs by", evened, f"{fit.mag.field:.1f} µT"))
         rows.append(("dip differs by", f"{np.degrees(fit.mag.dip_uneven):.2f}° rms", f"{np.degrees(fit.mag.dip):.1f}°"))
-    print_table(figures_table(rows))
+    print_table(words_table(("what", "value", ""), rows))

@@ -1,4 +1,4 @@
-"""pbd calibrate show CALIBRATION [DEMO]."""
+"""pbd calibrate show CALIBRATION [DEMO]: print a calibration, and the tool's uncertainty that follows from it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from pbd.view.terminal_tables import print_table
 
 
 def run(args: argparse.Namespace) -> None:
-    """Print, and plot."""
+    """Print the calibration, and with --save draw the tool's uncertainty."""
     calibration = load_calibration(args.name)
     name, placed = _placed(args, calibration) or ("", None)
     if args.save is not None:
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
 def _placed(args: argparse.Namespace, calibration: Calibration) -> tuple[str, KeyframesInBase] | None:
     """A demonstration's name, and its keyframes in base.
 
-    None where it is not known where the hand starts, or nobody named a demonstration and the newest is of no use.
+    None if the calibration does not say where the hand starts, or if none was named and the newest can't be tracked.
     """
     if not calibration.knows_start:
         if args.demo is not None:

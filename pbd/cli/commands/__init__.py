@@ -49,7 +49,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    """Parse a command; its own parser reports unexpected arguments."""
+    """Parse a command line. Unknown arguments are reported by the command's own parser, with its help."""
     top = parser()
     args, unknown = top.parse_known_args(argv)
     if unknown:

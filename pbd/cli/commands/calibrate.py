@@ -115,7 +115,7 @@ def sensor(parser: ArgumentParser) -> None:
       pbd calibrate sensor bench sides --latitude 48
     """
     _add_name(parser, "the recording")
-    only = "calibrate only these (gyr, acc, mag), and fail if one can't be"
+    only = "calibrate only these (gyr, acc, mag), and fail if one of them can't be calibrated"
     option(parser, "--only", "K,K", only, type=_some_of("gyr", "acc", "mag"), default=())
     place = parser.add_mutually_exclusive_group()
     option(place, "--gravity", "G", "gravity at this place, m/s2 (9.80665)", type=within(9.7, 9.9, " m/s2"))

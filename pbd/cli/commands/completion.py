@@ -1,4 +1,4 @@
-"""Completion for shells: `pbd --print-completion bash` writes the script, shtab makes it from the parser."""
+"""Shell completion: `pbd --print-completion bash` prints the script that shtab makes from the parser."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ SHELLS = ("bash", "zsh", "fish", "tcsh")
 
 _CALIBRATIONS = "ls calibration 2>/dev/null | sed -n 's/[.]toml$//p'"
 
-OWN = {
+COMPLETED = {
     "DEMO": ("demos", "ls demos 2>/dev/null"),
     "R": ("robots", "ls robots 2>/dev/null | sed -n 's/[.]toml$//p'"),
     "C": ("calibrations", _CALIBRATIONS),
@@ -20,7 +20,7 @@ OWN = {
     "M": ("models", ":"),
     "P": ("ports", "ls /dev | sed -n 's,^tty[AU][CS][MB],/dev/&,p'"),
 }
-"""What an argument of that metavar takes: a name for the shell, and how it finds the user's own."""
+"""How to complete an argument, by metavar: the name of a shell function, and a command that lists the user's own."""
 
 _BASH = '_pbd_{name}() {{ compgen -W "{known} $({own})" -- "$1"; }}\n'
 _ZSH = "_pbd_{name}() {{ compadd -- {known} $({own}); }}\n"
@@ -28,7 +28,7 @@ _FISH = "function _pbd_{name}\n  string split -n ' ' -- '{known}'\n  {own}\nend\
 
 
 class PrintCompletion(argparse.Action):
-    """Print the script for a shell, and end."""
+    """Prints the completion script of a shell, and exits."""
 
     def __call__(
         self,
@@ -37,38 +37,38 @@ class PrintCompletion(argparse.Action):
         values: str | Sequence[Any] | None,
         option_string: str | None = None,
     ) -> NoReturn:
-        """Print it."""
+        """Print the script and exit."""
         import shtab
 
         for argument in _arguments(parser):
-            if argument.metavar in OWN:
-                function = f"_pbd_{OWN[str(argument.metavar)][0]}"
+            if argument.metavar in COMPLETED:
+                function = f"_pbd_{COMPLETED[str(argument.metavar)][0]}"
                 argument.complete = {"bash": function, "zsh": function, "fish": f"({function})"}  # type: ignore[attr-defined]
             elif argument.metavar in ("FILE", "DIR"):
                 argument.complete = shtab.FILE if argument.metavar == "FILE" else shtab.DIRECTORY  # type: ignore[attr-defined]
         template = {"bash": _BASH, "zsh": _ZSH, "fish": _FISH}.get(str(values), "")
-        known = _known()
+        bundled = _bundled()
         functions = (
-            template.format(name=name, own=own, known=" ".join(known[name]))
-            for name, own in dict.fromkeys(OWN.values())
+            template.format(name=name, own=own, known=" ".join(bundled[name]))
+            for name, own in dict.fromkeys(COMPLETED.values())
         )
         print(shtab.complete(parser, str(values), preamble="".join(functions)))
         parser.exit()
 
 
 def _arguments(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """All arguments of a parser and of those below it."""
+    """All arguments of a parser and of its subcommands."""
     for action in parser._actions:
         yield action
         if isinstance(action, argparse._SubParsersAction):
             for said in action._choices_actions:
-                action.choices[said.dest].description = said.help  # zsh shows the first line of it
+                action.choices[said.dest].description = said.help  # zsh shows the first line of a description
             for below in action.choices.values():
                 yield from _arguments(below)
 
 
-def _known() -> dict[str, Sequence[str]]:
-    """What comes with pbd."""
+def _bundled() -> dict[str, Sequence[str]]:
+    """The bundled names that complete an argument, by the name of its shell function."""
     from pbd.files.find_by_name import bundled_names
     from pbd.sensors.protocols import PROTOCOLS
     from pbd.simulation.simulate import CALIBRATION_TASKS, SENSOR_MODELS, TASKS

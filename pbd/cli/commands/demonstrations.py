@@ -6,15 +6,15 @@ import sys
 from argparse import ArgumentParser
 from pathlib import Path
 
-from pbd.cli.options import add_force, add_json, add_lines, add_table, flag, option, pair, positive, whole
+from pbd.cli.options import add_force, add_json, add_lines, add_table, flag, integer, option, pair, positive
 
 
 def record(parser: ArgumentParser) -> None:
     """Record a demonstration from a sensor.
 
     Record to ./demos/NAME, sample by sample. Hold still for two seconds, then move, stop, move, stop.
-    At a terminal: Enter ends the recording, space marks that the grip closes or opens, q discards it
-    (after a question), Ctrl-C ends and keeps it as Enter does.
+    At a terminal: Enter ends the recording, space marks that the grip closes or opens, q asks and discards
+    the recording. Ctrl-C ends it as Enter does.
     `--sensor sim` simulates a hand that does a TASK (pour) and grips by itself.
 
       pbd record tea --sensor witmotion
@@ -28,22 +28,31 @@ def record(parser: ArgumentParser) -> None:
     option(parser, "--sensor", "SENSOR", "protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it")
     port = "the serial port, a phone's http:// address, or a gamepad's /dev/input/eventN"
     option(parser, "--port", "P", f"{port}; default: the only one plugged in")
-    option(parser, "--baud", "B", "default: try the sensor's usual rates", type=int)
+    option(parser, "--baud", "B", "baud rate; default: try the sensor's usual rates", type=int)
     option(parser, "--rate", "HZ", "first set the device's rate, where it can be set", type=positive)
     option(parser, "--duration", "S", "end after this many seconds", type=positive)
-    option(parser, "--tolerance", "CM", "uncertainty of a move that calls 'pause now' (1)", type=positive, default=1.0)
-    taps = "what marks the grip: space alone, or two quick taps on the sensor's back too"
+    option(
+        parser,
+        "--tolerance",
+        "CM",
+        "say 'pause now' when a move is more uncertain than this (1)",
+        type=positive,
+        default=1.0,
+    )
+    taps = "what marks the grip: space, or also two quick taps on the sensor's back"
     option(parser, "--grip", None, taps, choices=("space", "tap"), default="space")
     flag(parser, "--closed", "the hand will end where it began; tracking uses that")
-    take = "of several takes of one task (`pbd fuse`), the one to record: to ./demos/NAMEN, and how to hold the sensor"
-    option(parser, "--take", "N", take, type=whole("a whole number from 1 to 99", range(1, 100)))
+    take = "record take N of a task, for `pbd fuse`, to ./demos/NAMEN, and say how to hold the sensor"
+    option(parser, "--take", "N", take, type=integer("a whole number from 1 to 99", range(1, 100)))
     flag(parser, "--raw", "also keep the sensor's raw bytes (raw.bin)")
     flag(parser, "--reconnect", "wait for a sensor that was unplugged")
-    option(parser, "--calibration", "C", "of this sensor: used to track, and compared with the sensor at rest")
+    option(
+        parser, "--calibration", "C", "calibration of this sensor, to track with; warns if the sensor at rest disagrees"
+    )
     add_force(
         parser,
-        "replace a demonstration of that name: the old one is in NAME.before until the new one has ended well, "
-        "with two stops or more",
+        "replace a demonstration of that name; the old one stays in NAME.before until the new one has ended with two "
+        "stops or more",
     )
     flag(parser, "--live", "show the hand in the browser, served on this machine only")
     flag(parser, "--no-open", "with --live: open no browser; print the address")
@@ -66,7 +75,7 @@ def simulate(parser: ArgumentParser) -> None:
     option(
         parser, "--sensor-model", "M", "os5000, os5000-nogyro, wt901, modern, phone or ideal (modern)", default="modern"
     )
-    seed = whole("zero or a whole number above", range(sys.maxsize))
+    seed = integer("zero or a whole number above", range(sys.maxsize))
     option(parser, "--seed", "N", "random seed of the sensor's errors and noise (0)", type=seed, default=0)
     option(parser, "--rate", "HZ", "sample rate (the sensor model's own)", type=positive)
     add_force(parser)
@@ -90,12 +99,12 @@ def import_(parser: ArgumentParser) -> None:
     option(parser, "name", "NAME", "the new demonstration's name (in ./demos) or folder")
     column = "t, gx, gy, gz, ax, ay, az, mx, my, mz, heading, pitch or roll, and the file's name for it"
     option(parser, "--column", "OURS=THEIRS", f"{column}; -NAME turns its sign", type=pair, action="append", default=[])
-    unit = "of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT turns the signs"
+    unit = "unit of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT turns the signs"
     option(parser, "--unit", "WHAT=UNIT", unit, type=pair, action="append", default=[])
     option(parser, "--sensor", "SENSOR", "the sensor that recorded it; needed for a raw.bin")
     option(parser, "--rate", "HZ", "sample rate of a raw.bin, or of a table without times", type=positive)
     option(parser, "--grip", None, "find the grips that two quick taps on the sensor's back marked", choices=("tap",))
-    option(parser, "--topic", "TOPIC", "of a bag: its sensor_msgs/Imu; default: the only one")
+    option(parser, "--topic", "TOPIC", "topic of a bag's sensor_msgs/Imu messages; default: the only one")
     flag(parser, "--closed", "the hand ended where it began")
     add_force(parser)
     add_lines(parser)

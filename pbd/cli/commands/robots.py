@@ -41,7 +41,7 @@ def export(parser: ArgumentParser) -> None:
     option(parser, "--format", None, form, choices=tuple(FORMATS))
     output = "the file to write (lerobot: the folder); - is standard output"
     option(parser, "-o --output", "FILE", output, required=True, type=Path)
-    rate = "samples a second, from 10 to 100000 (1000; tum: 100; glb: 50; ros2-json: none but the motion's own knots)"
+    rate = "samples a second, from 10 to 100000 (1000; tum: 100; glb: 50; ros2-json: only the motion's own knots)"
     option(parser, "--rate", "HZ", rate, type=within(LOWEST_HZ, HIGHEST_HZ, " Hz"))
     dense = "urscript: servoj at the controller's period (--rate 125, or 500 for e-Series)"
     flag(parser, "--dense", f"{dense}, not a movej for each keyframe")
@@ -58,7 +58,7 @@ def run(parser: ArgumentParser) -> None:
     let go only with --release. docs/running.md says how to begin. Other arms run what `pbd export` writes.
 
       pbd run --calibrate --robot so101            once: where the servos' zeros and ends are
-      pbd run pouring --robot so101 --dry-run      all but the motion
+      pbd run pouring --robot so101 --dry-run      everything but the motion
       pbd run pouring --robot so101 --speed 0.3
     """
     add_demo(parser)
@@ -67,11 +67,18 @@ def run(parser: ArgumentParser) -> None:
     servos = "the servos' calibration, LeRobot's JSON; default: ./calibration/R-servos.json, else LeRobot's own"
     option(parser, "--servos", "FILE", servos, type=Path)
     flag(parser, "--yes", "do not ask before the arm moves or sinks")
-    option(parser, "--tolerance", "DEG", "a joint farther off its goal stops the arm (10)", type=positive, default=10.0)
+    option(
+        parser,
+        "--tolerance",
+        "DEG",
+        "stop the arm if a joint is farther than this from its goal (10)",
+        type=positive,
+        default=10.0,
+    )
     pace = within(40.0, 100.0, " Hz")  # slower, and a stop would take longer than 50 ms; no servo answers faster
     option(parser, "--rate", "HZ", "goals a second, from 40 to 100 (50)", type=pace, default=50.0)
     instead = parser.add_mutually_exclusive_group()
-    flag(instead, "--dry-run", "do all but move: read the servos, give them no goals")
+    flag(instead, "--dry-run", "do everything but move: read the servos, send them no goals")
     flag(instead, "--calibrate", "find the servos' middles and ends; write --servos")
     flag(instead, "--release", "switch the servos' torque off: hold the arm, it sinks")
     add_tracking(parser)

@@ -16,13 +16,13 @@ from pbd.cli.options import (
     finite,
     flag,
     frame,
+    integer,
     option,
-    whole,
 )
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
 MOST_JOBS = 256
-"""Most processes of `pbd check`: more cores than a workstation has."""
+"""Largest number of processes of `pbd check`: more than the cores of a workstation."""
 
 
 def segments(parser: ArgumentParser) -> None:
@@ -50,33 +50,34 @@ def keyframes(parser: ArgumentParser) -> None:
     add_table(parser, units="m,deg,s")
     flag(parser, "--save", "write keyframes.toml into the demonstration, for you to edit")
     add_force(parser, "with --save: find the keyframes again, and replace the file")
-    belong = "these keyframes belong to a thing, which `pbd replay --at` moves"
-    carried = f"{belong}: cup=3..5, or lid=6..7@cup: carried by it"
-    option(parser, "--frame", "THING=I..J", carried, type=frame, action="append", default=[])
-    within = "how likely the tool is so near to where it belongs, and turned by no more (the keyframes' own tolerances)"
+    things = (
+        "keyframes that belong to a thing, which `pbd replay --at` moves: cup=3..5; lid=6..7@cup if the cup carries it"
+    )
+    option(parser, "--frame", "THING=I..J", things, type=frame, action="append", default=[])
+    within = "print how likely the tool is within this distance and angle of its pose (the keyframes' own tolerances)"
     option(parser, "--tolerance", ("METRES", "DEGREES"), within, type=finite, nargs="+")
-    add_tracking(parser, calibration="with --robot its own dock, else 'default'; without, none")
+    add_tracking(parser, calibration="with --robot: its own dock, else 'default'; without: none")
     add_planning(parser, robot_required=False, units=False)
 
 
 def touch(parser: ArgumentParser) -> None:
-    """Correct a keyframe where the arm was tried and was off.
+    """Correct a keyframe where the real arm was off.
 
     The tool is off at a keyframe: say by how much, or where it belongs. That is a measurement, so the other
-    keyframes move with it as far as their errors have something in common. It is kept in keyframes.toml.
+    keyframes move with it as far as their errors are correlated with its error. It is kept in keyframes.toml.
 
       pbd touch tea 3 --robot panda --by 0 -0.004 0
       pbd touch tea --robot panda --undo
     """
     option(parser, "demo", "DEMO", "a demonstration's name (in ./demos), or its folder")
-    count = whole("a whole number", range(sys.maxsize))
+    count = integer("a whole number", range(sys.maxsize))
     option(parser, "keyframe", "KEYFRAME", "its number, as `pbd keyframes` has it", nargs="?", type=count)
     option(parser, "--robot", "R", "the arm that was tried", required=True)
-    option(parser, "--by", ("X", "Y", "Z"), "how far the tool is to go, m, in base axes", type=finite, nargs=3)
+    option(parser, "--by", ("X", "Y", "Z"), "how far the tool must move, m, in base axes", type=finite, nargs=3)
     flag(parser, "--tool", "with --by: in the tool's own axes")
     option(parser, "--at", ("X", "Y", "Z"), "where the tool belongs in base, m", type=finite, nargs=3)
     flag(parser, "--only", "the other keyframes stay where they are")
-    flag(parser, "--undo", "take the last touch-up back; it stays in the file as undone")
+    flag(parser, "--undo", "undo the last touch-up; the file keeps it, marked as undone")
     wanted = "name (in ./calibration, or bundled) or file; default: the robot's own dock, else 'default'"
     option(parser, "--calibration", "C", wanted)
     add_accept_gap(parser)
@@ -107,15 +108,17 @@ def fuse(parser: ArgumentParser) -> None:
     """Make one demonstration of several takes of a task.
 
     Match the keyframes of several takes, estimate all of them together with the sensor's own errors, and store
-    what they make as a demonstration that lists them. Between takes turn the sensor in the hand by a quarter,
-    once about a level axis (`pbd record --take N` says so): then its errors cancel. How the hand scatters from
+    the result as a demonstration that lists its takes. Between takes turn the sensor in the hand by a quarter,
+    once about a level axis (`pbd record --take N` says how): its errors then cancel. The hand's scatter from
     take to take becomes the keyframes' tolerance.
 
       pbd fuse tea1 tea2 tea3 -o tea
       pbd fuse tea tea4 -o tea --force           one more take
       pbd fuse tea1 tea2 tea3 -o tea --save-calibration my-sensor --plot plots/tea
     """
-    option(parser, "takes", "TAKE", "demonstrations of one task, by name or folder; or a fused one", nargs="+")
+    option(
+        parser, "takes", "TAKE", "demonstrations of one task, by name or folder; a fused one adds its takes", nargs="+"
+    )
     option(parser, "-o --output", "NAME", "the new demonstration's name (in ./demos) or folder", required=True)
     kept = "write the device's errors, as all takes show them, into the [sensor] of calibration/NAME.toml"
     option(parser, "--save-calibration", "NAME", kept)
@@ -131,7 +134,7 @@ def check(parser: ArgumentParser) -> None:
     """Which of many demonstrations need a look.
 
     Check demonstrations: whether each can be tracked (and, with --robot, replayed), how sure its keyframes are,
-    what a person should look at, and where it differs from its siblings. What needs a look comes first.
+    what a person should look at, and where it differs from the others of its task. The worst come first.
     The exit code is 1 where one can't be used.
 
       pbd check demos/*
@@ -139,6 +142,6 @@ def check(parser: ArgumentParser) -> None:
     """
     option(parser, "demos", "DEMO", "names (in ./demos, or bundled), folders, recordings", nargs="+")
     option(parser, "--robot", "R", "also plan for this robot, on its own dock")
-    jobs = whole(f"1 to {MOST_JOBS}, or -1", (-1, *range(1, MOST_JOBS + 1)))
-    option(parser, "--jobs", "N", "how many at once (1); -1: one a core", type=jobs, default=1)
+    jobs = integer(f"1 to {MOST_JOBS}, or -1", (-1, *range(1, MOST_JOBS + 1)))
+    option(parser, "--jobs", "N", "number of processes (1); -1: one per core", type=jobs, default=1)
     add_table(parser, units="mm,s")

@@ -1,4 +1,4 @@
-"""Find the sensor for `pbd record`: its port, baud rate and decoder."""
+"""Finds the sensor for `pbd record`: its port, baud rate and decoder."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.phyphox.phone import PhonePort
 from pbd.sensors.port import open_port
-from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, Found, find_baud, probe
+from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, ProbeResult, find_baud, probe
 from pbd.sensors.protocols import COMMAND_PAUSE_S, PROTOCOLS, protocol
 from pbd.sensors.reader import Source
 
@@ -21,10 +21,10 @@ PHONE, GAMEPAD = "phyphox", "gamepad"
 
 
 def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
-    """The sensor's name, what opens its port, and its decoder.
+    """Return the sensor's name, a function that opens its port, and its decoder.
 
     Raises:
-        SensorError: nothing or several are plugged in, or nothing known is heard.
+        SensorError: no sensor or several are plugged in, or the protocol is not recognised.
     """
     wanted: str | None = args.sensor
     if wanted == PHONE or "://" in (args.port or ""):
@@ -41,7 +41,7 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
         return wanted, open_pad, protocol(GAMEPAD).decoder()
     device, baud = args.port or only_port(), args.baud
     if wanted is None:
-        wanted, heard_at = _listened(device)
+        wanted, heard_at = _detect(device)
         baud = baud or heard_at
     make = decoder_maker(args, wanted)
     if baud is None:
@@ -59,7 +59,7 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
 
 
 def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
-    """A phone is known to a calibration by its model."""
+    """As `find_sensor`, for a phone. Its model is in the name, by which a calibration knows it."""
     refuse_columns(args, PHONE)
     if args.sensor not in (PHONE, None):
         raise UsageError(f"{args.sensor} has a serial port; for a phone give --sensor {PHONE}", value=args.sensor)
@@ -82,13 +82,14 @@ def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder
     return (f"{PHONE} ({phone.model})" if phone.model else PHONE), open_again, protocol(PHONE).decoder()
 
 
-def probed(device: str) -> Found:
-    """Listen which sensor speaks on a port, and at which baud rate."""
+def probed(device: str) -> ProbeResult:
+    """Listen on a port to detect its sensor and baud rate."""
     with open_port(device, FIRST_BAUD) as port, listening(device, "listening to", LONGEST_PROBE_S):
         return probe(port)
 
 
-def _listened(device: str) -> tuple[str, int]:
+def _detect(device: str) -> tuple[str, int]:
+    """Detect the sensor on a port and its baud rate; SensorError if the protocol is not recognised."""
     found = probed(device)
     if found.sensor is not None:
         return found.sensor, found.baud
@@ -102,8 +103,8 @@ def _listened(device: str) -> tuple[str, int]:
 
 
 def only_port(what: str = "sensor", instead: str = ", or try --sensor sim") -> str:
-    """Name the only USB port that has something plugged in, `what`; SensorError where there are none or several."""
-    ports = [port for port in serial_port.list_ports() if port.usb]  # a board's own ttyS0 is always there
+    """Return the only USB serial port; SensorError, about a `what`, if there is none or several."""
+    ports = [port for port in serial_port.list_ports() if port.usb]  # the built-in ttyS0 is always there
     if len(ports) == 1:
         return ports[0].device
     if not ports:

@@ -1,4 +1,4 @@
-"""Single keys from a terminal, and signals, as commands, without blocking."""
+"""Reads single keys from a terminal, and signals, without blocking, and turns them into commands."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from contextlib import suppress
 from typing import Any, Self
 
 from pbd.errors import PbdError
-from pbd.record.values import Command
+from pbd.record.session_types import Command
 
 POLL_S = 0.02
-"""How often a key is looked for, s."""
+"""Period at which a key is looked for, s."""
 
 
 class Keys:
-    """While it lasts, keys come one by one, and Ctrl-C, a hang-up or a termination come as the key END.
+    """A context in which keys are read one by one. Ctrl-C, a hang-up and a termination are read as the key END.
 
-    Where standard input is no terminal there are no keys, and its end ends nothing.
+    If standard input is no terminal, there are no keys, and the end of the input means nothing.
     """
 
     END, ENTER = "\x03", "\r\n"
@@ -53,13 +53,13 @@ class Keys:
             signal.signal(number, handler)
 
     def next(self) -> str:
-        """Return the next key, or ""."""
+        """Return the next key, or "" if there is none."""
         if self._signalled:
             return self.END
         try:
             if self.terminal and select.select([sys.stdin], [], [], 0.0)[0]:
                 return os.read(sys.stdin.fileno(), 1).decode(errors="replace")
-        except OSError:  # the terminal is gone: its hang-up comes as a signal, where it is to end anything
+        except OSError:  # the terminal is gone; its hang-up signal, if any, is read as END
             self.terminal = False
         return ""
 
@@ -76,14 +76,14 @@ class Keys:
 
 
 class Person:
-    """Turns keys into commands; asks before a recording is discarded: `ask` shows a question, "" takes it back."""
+    """Turns keys into commands, and asks before it discards. `ask` shows a question; "" clears it."""
 
     def __init__(self, keys: Keys, ask: Callable[[str], None]) -> None:
         self._keys, self._ask = keys, ask
         self._asked = False
 
     def __call__(self) -> Command | None:
-        """Return what is wanted now, without waiting."""
+        """Return the next command, or None, without waiting."""
         key = self._keys.next()
         if self._asked and key:
             self._asked = False

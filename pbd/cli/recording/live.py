@@ -1,4 +1,4 @@
-"""The browser beside the recording's screen: `pbd record --live`."""
+"""Shows a recording in the browser and on the screen: `pbd record --live`."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import replace
 from pbd.data.one_line_repr import counted
 from pbd.errors import PbdError
 from pbd.record.person_messages import in_cm
-from pbd.record.values import Outcome, Say, Status
+from pbd.record.session_types import Outcome, Say, Status
 from pbd.view.live_view import LivePicture, LiveView, State
 
 PAGE_EVERY_S = 0.05
-"""s between two updates of the browser."""
+"""Period of the browser's updates, s."""
 
 
 class LiveScreen:
-    """Shows each status in the browser, then on the screen; without the browser, once that fails."""
+    """Shows each status in the browser, then on the screen; on the screen alone after the browser failed."""
 
     def __init__(self, view: LiveView, show: Callable[[Status], None], tolerance_m: float) -> None:
         self._view: LiveView | None = view
@@ -25,7 +25,7 @@ class LiveScreen:
         self._last: LivePicture | None = None
 
     def show(self, status: Status) -> None:
-        """Draw."""
+        """Show a status in both."""
         if status.said:
             self._line = status.said[-1].text
         if self._view is not None:
@@ -39,7 +39,7 @@ class LiveScreen:
         self._show(status)
 
     def end(self, outcome: Outcome) -> None:
-        """Leave a last word in the browser."""
+        """Show in the browser how the recording ended."""
         if self._view is None or self._last is None:
             return
         where = "discarded" if outcome.folder is None else f"kept in {outcome.folder}"

@@ -1,4 +1,4 @@
-"""The screen while recording: a live panel, or plain lines where there is no terminal."""
+"""The screen while recording: a live panel at a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -6,20 +6,22 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING, Self
 
-from pbd.record.person_messages import in_cm, placed
-from pbd.record.values import Say, Status
+from pbd.record.person_messages import describe_stop, in_cm
+from pbd.record.session_types import Say, Status
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
 LINES_KEPT, OTHER_LINES = 6, 11
+"""Most messages in the panel; lines of the panel that are no messages."""
+
 KEYS = "Enter ends · space grips or lets go · q discards"
 PLAIN_EVERY_S = 2.0
-BAR, WIDTH = 20, 78
+BAR_WIDTH, PANEL_WIDTH = 20, 78
 
 
 class PlainScreen:
-    """Prints each message, and the state every two seconds, on stderr. Rings the bell of a terminal."""
+    """Prints each message, and the state every two seconds, on stderr. At a terminal, some messages ring the bell."""
 
     def __init__(self, title: str) -> None:
         self._title = title
@@ -27,12 +29,12 @@ class PlainScreen:
         self._bell = "\a" if sys.stderr.isatty() else ""
 
     def ask(self, question: str) -> None:
-        """Print a question; "" takes it back."""
+        """Print a question; "" clears it, which lines can't show."""
         if question:
             _print(question)
 
     def show(self, status: Status) -> None:
-        """Print what is new."""
+        """Print the new messages and, when due, the state."""
         if self._title:
             _print(f"{self._title}; hold still")
             self._title = ""
@@ -44,12 +46,12 @@ class PlainScreen:
 
 
 def _print(line: str) -> None:
-    with suppress(OSError):  # the terminal is closed; recording goes on
+    with suppress(OSError):  # the terminal is closed, but recording continues
         print(line, file=sys.stderr, flush=True)
 
 
 class PanelScreen:
-    """A panel on stderr; it rings the bell."""
+    """Draws a panel on stderr; some messages ring the bell."""
 
     def __init__(self, title: str, tolerance_m: float) -> None:
         from rich.live import Live
@@ -72,19 +74,19 @@ class PanelScreen:
             self._live.stop()
 
     def ask(self, question: str) -> None:
-        """Show a question in the place of the keys; "" takes it back."""
+        """Show a question in the place of the keys; "" shows the keys again."""
         self._question = question
 
     def show(self, status: Status) -> None:
-        """Draw."""
+        """Draw the panel for a status."""
         self._lines = [*self._lines, *status.said][-LINES_KEPT:]
-        with suppress(OSError):  # the terminal is gone: recording goes on
+        with suppress(OSError):  # the terminal is gone, but recording continues
             if any(say.bell for say in status.said):
                 self._console.bell()
             self._live.update(self.panel(status), refresh=True)
 
     def panel(self, status: Status) -> RenderableType:
-        """What it draws."""
+        """Make the panel for a status."""
         from rich.console import Group
         from rich.panel import Panel
         from rich.table import Table
@@ -97,7 +99,9 @@ class PanelScreen:
         table.add_row("hand", Text(hand, style=f"bold {colour}"))
         x, y, z = 100.0 * status.p_nav_sensor
         table.add_row("place", f"({x:.1f}, {y:.1f}, {z:.1f}) cm")
-        last = f"{status.stops - 1}, the last at {placed(status.keyframes[-1])}" if status.stops > 1 else "none yet"
+        last = "none yet"
+        if status.stops > 1:
+            last = f"{status.stops - 1}, the last at {describe_stop(status.keyframes[-1])}"
         table.add_row("stops", last)
         over = status.sigma_m > self._tolerance_m
         table.add_row("sigma", Text(f"{100.0 * status.sigma_m:6.1f} cm  {bar(status.sigma_m / self._tolerance_m)}"))
@@ -112,24 +116,24 @@ class PanelScreen:
             Group(table, Text(), *lines, Text(), keys),
             title=Text(self._title),
             title_align="left",
-            width=min(WIDTH, self._console.width),
+            width=min(PANEL_WIDTH, self._console.width),
         )
 
 
 def state(status: Status) -> str:
-    """Say what the hand does."""
+    """Say whether the hand moves."""
     if status.waiting:
         return status.waiting
     return "moving" if status.moving else f"stands still (tremor {status.tremble:.2f} m/s2)"
 
 
 def health(status: Status) -> str:
-    """Say how the sensor does."""
+    """Say how well the samples arrive."""
     bad = f", {status.bad_packets} bad packets" if status.bad_packets else ""
     return f"{status.t:.1f} s, {status.rate_hz:.0f} Hz, {status.samples} samples, {status.lost} lost{bad}"
 
 
 def bar(share: float) -> str:
-    """Draw a share of the tolerance."""
-    full = min(BAR, round(BAR * share))
-    return "█" * full + "·" * (BAR - full)
+    """Draw a bar for a share of the tolerance."""
+    full = min(BAR_WIDTH, round(BAR_WIDTH * share))
+    return "█" * full + "·" * (BAR_WIDTH - full)

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from pbd.data import GripEvent
 from pbd.record.loop import Poll
-from pbd.record.values import Command, Outcome, Say, Status
+from pbd.record.session_types import Command, Outcome, Say, Status
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol
@@ -24,35 +24,37 @@ Show = Callable[[Status], None]
 
 
 class SimulatedHand:
-    """Does a task at a pseudo-terminal, from when that is opened first: grips as the task does, says when it is over.
+    """Does a task, and sends its samples through a pseudo-terminal from when that is first opened.
+
+    It closes and opens the grip as the task does, and says when the task is finished.
 
     Attributes:
-        name: as a calibration knows the sensor: the same whatever the task.
+        name: the sensor's name, by which a calibration knows it: the same for all tasks.
     """
 
     name = "sim (x-IMU3)"
 
     def __init__(self, emulator: Emulator, grip: tuple[GripEvent, ...]) -> None:
         self._emulator = emulator
-        self._to_come = list(grip)
-        self._closed: bool | None = None  # as shown last; None before anything is on disk
+        self._grips_ahead = list(grip)
+        self._closed: bool | None = None  # the grip as last shown; None before the first sample is on disk
         self._announced = self._has_ended = False
 
     def open(self) -> Port:
-        """Open its port."""
+        """Open the port and start the task."""
         port = open_port(self._emulator.device, BAUD)
         self._emulator.play()
         return port
 
     def decoder(self) -> Decoder:
-        """What reads it."""
+        """Make the decoder of its samples."""
         return protocol("ximu3").decoder()
 
-    def beside(self, poll: Poll, show: Show, terminal: bool, duration_s: float | None) -> tuple[Poll, Show]:
-        """Put it beside a person's commands and a screen.
+    def combine(self, poll: Poll, show: Show, terminal: bool, duration_s: float | None) -> tuple[Poll, Show]:
+        """Add the hand's commands to those of a person, and its message to the screen.
 
-        At a terminal, and where a duration was given, the recording goes on when the task is over; else nobody could
-        end it but by a signal, so it ends by itself.
+        After the task the recording continues if there is a terminal or a duration. Otherwise only a signal could end
+        it, so the hand ends it.
         """
         ends = not terminal and duration_s is None
         then = "Enter ends the recording" if terminal else "it ends here" if ends else f"it goes on to {duration_s:g} s"
@@ -71,12 +73,12 @@ class SimulatedHand:
         return poll_both, show_too
 
     def outcome(self, outcome: Outcome) -> Outcome:
-        """Say by what it was ended."""
+        """Return the outcome; it says so if the hand ended the recording."""
         return replace(outcome, ended_by=ENDED_BY) if self._has_ended else outcome
 
     def _command(self, ends: bool) -> Command | None:
-        if self._closed is not None and self._to_come and self._emulator.t >= self._to_come[0].t:
-            return Command.GRIP if self._to_come.pop(0).closed != self._closed else None
+        if self._closed is not None and self._grips_ahead and self._emulator.t >= self._grips_ahead[0].t:
+            return Command.GRIP if self._grips_ahead.pop(0).closed != self._closed else None
         if ends and self._announced:
             self._has_ended = True
             return Command.END
@@ -84,7 +86,7 @@ class SimulatedHand:
 
 
 def simulated_hand(task: str, stack: ExitStack) -> SimulatedHand:
-    """Make one that does a task of pbd.simulation, with a sensor whose errors are new each time.
+    """Make a hand that does a task of pbd.simulation; the sensor's errors are random, and differ each time.
 
     Raises:
         UsageError: no task has this name.

@@ -18,8 +18,8 @@ from pbd.cli.run.drive import drive_arm
 from pbd.data import Robot
 from pbd.driving.arm import identify, release
 from pbd.driving.bus import Bus
-from pbd.driving.calibrating import ENDLESS, Calibrating, calibrating
-from pbd.driving.counts import Counts, names_of
+from pbd.driving.calibrating import FULL_TURN_JOINT, Calibrating, calibrating
+from pbd.driving.encoder_counts import EncoderCounts, servo_names
 from pbd.errors import PbdError, UsageError
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import COUNTS, own_servo_calibration, write_servo_calibration
@@ -28,12 +28,12 @@ from pbd.view.terminal_tables import make_table, print_table
 
 DRIVEN = ("so100", "so101")
 
-DRIVERS = {
+OTHER_PROGRAMS = {
     "panda": ("npz", "franky"),
     **dict.fromkeys(("ur3", "ur5", "ur10"), ("npz", "ur_rtde")),
     "xarm7": ("npz", "xArm-Python-SDK"),
 }
-"""Of the arms that pbd doesn't drive: the export, and the program that runs it; of others ROS 2's controller."""
+"""Export format and program for arms that pbd does not drive. For arms not listed it is ROS 2's controller."""
 
 SINKS = "Hold the arm: its servos will let go, and it sinks. Enter lets go; any other key cancels."
 
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     """Drive the arm, calibrate its servos, or let go of it."""
     robot = load_robot(args.robot)
     if robot.servos is None:
-        name, program = DRIVERS.get(robot.name, ("ros2-json", "ros2_control"))
+        name, program = OTHER_PROGRAMS.get(robot.name, ("ros2-json", "ros2_control"))
         file = f"motion.{'json' if name == 'ros2-json' else name}"
         raise UsageError(
             f"pbd run drives {' and '.join(DRIVEN)} alone; for {robot.name}: `pbd export --robot {args.robot} --format "
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
-    """Guide a person through it; write the file and the servos."""
+    """Guide a person through the calibration; write it to the file and to the servos."""
     if not sys.stdin.isatty():
         raise UsageError("pbd run --calibrate needs a person at a terminal, who moves the arm by hand")
     file = args.servos or own_servo_calibration(robot.name)
@@ -72,11 +72,11 @@ def _calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
         with calibrating(bus, ids) as session:
             keys.ask("Move every joint to the middle of its range, the gripper half open. Enter when it stands there.")
             session.set_middles()
-            others = f"every joint but {ENDLESS}" if ENDLESS in ids else "every joint"
+            others = f"every joint but {FULL_TURN_JOINT}" if FULL_TURN_JOINT in ids else "every joint"
             say(f"move {others} slowly from stop to stop, one after the other; Enter when all are done")
-            _follow(keys, session, ids)
+            _show_ranges(keys, session, ids)
             servos = session.result()
-            Counts(robot, servos)  # refuses ranges that are too short
+            EncoderCounts(robot, servos)  # raises for ranges that are too short
             session.store(servos)
             write_servo_calibration(servos, file)
     print_table(_ranges(ids, [(s.range_min, s.range_max) for s in servos.values()]), sys.stderr)
@@ -87,7 +87,7 @@ def _calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
 
 
 def _release_servos(args: argparse.Namespace, robot: Robot) -> None:
-    """Switch the torque off."""
+    """Switch the servos' torque off, after a question."""
     device, ids = args.port or only_port("arm", ""), _ids(robot)
     with Keys() as keys, Bus.open(device) as bus:
         identify(bus, ids)
@@ -100,12 +100,12 @@ def _release_servos(args: argparse.Namespace, robot: Robot) -> None:
 
 
 def _ids(robot: Robot) -> dict[str, int]:
-    """The servos' numbers, as LeRobot's setup gives them."""
-    return {name: number for number, name in enumerate(names_of(robot), start=1)}
+    """The servos' bus numbers, by joint, as LeRobot's setup assigns them."""
+    return {name: number for number, name in enumerate(servo_names(robot), start=1)}
 
 
-def _follow(keys: Keys, session: Calibrating, ids: dict[str, int]) -> None:
-    """Show the ranges as they grow, until Enter."""
+def _show_ranges(keys: Keys, session: Calibrating, ids: dict[str, int]) -> None:
+    """Show the ranges while the person moves the joints, until Enter; any other key cancels (PbdError)."""
     from pbd.view.screen import Screen
 
     live: AbstractContextManager[Any] = nullcontext()

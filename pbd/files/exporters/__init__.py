@@ -1,4 +1,4 @@
-"""Joint trajectories for other tools, one format a file."""
+"""Export of motions for other tools. Each format has a file here."""
 
 from __future__ import annotations
 
@@ -14,22 +14,23 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from pbd.data import JointTrajectory, Robot, Samples
-    from pbd.data.controller_interpolation import Rule
     from pbd.files.exporters.check_export import Shares
+    from pbd.files.exporters.controller_interpolation import Rule
     from pbd.files.exporters.export_request import Source
 
 
 class Format(NamedTuple):
-    """How motions are written: `write(request, samples, path)` of a file here does it.
+    """An export format.
 
     Attributes:
-        file: its name. With `samples(request)` it has instants of its own; `read(path)` reads its points back.
-        counted: what its samples are called.
-        filled_by: the rules by which receivers fill the gaps between points; none where nobody moves an arm by it.
-        suffix: what a file's name ends in that says this format; "": it must be named.
-        also: what else its file may end in.
-        usual_hz: samples a second where nobody says; 0: at instants of its own; None: always at those, and no others.
-        for_some: it is not for every robot, or needs a package of its own: its file's `check(robot)` says so.
+        file: its module here. `write(request, samples, path)` writes it. `samples(request)`, if there, chooses the
+            instants, and `read(path)` reads a file that moves an arm.
+        counted: the name of its samples in messages.
+        filled_by: how receivers interpolate between its points; empty if it does not move an arm.
+        suffix: the suffix of a file name that selects it; "": it must be named.
+        also: further suffixes that its files may have.
+        usual_hz: the default rate; 0: at its own instants unless a rate is given; None: always at its own instants.
+        for_some: its module's `check(robot)` refuses robots that it is not for, and a missing package.
     """
 
     file: str
@@ -56,23 +57,25 @@ FORMATS = {
 SUFFIXES = {each.suffix: name for name, each in FORMATS.items() if each.suffix}
 
 FOLDERS = ("lerobot",)
-"""Formats that are a folder, of several motions."""
+"""Formats that are a folder of several motions."""
 
 LOWEST_HZ, HIGHEST_HZ = 10.0, 1e5
+"""Range of --rate."""
 
 CUBIC_EXCESS = 0.1
-"""Share above a limit that cubics between samples may reach without a warning, in a format that isn't made for them.
-At 1 kHz a panda's acceleration is exceeded by 0.07, which docs/exports.md says."""
+"""Largest excess over a limit, as a fraction of it, that causes no warning if a receiver joins the samples of a "hold"
+format by cubics. At 1 kHz a panda exceeds its acceleration limit by 0.07 (docs/exports.md)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Export:
-    """What was written: the arm's points.
+    """What was written.
 
     Attributes:
-        counted: what these are called.
-        receiver: by each rule of the format's receivers, the largest shares of velocity, acceleration and jerk limits.
-        episode: its number, in a format that has several.
+        samples: the arm's points.
+        counted: their name in messages.
+        receiver: rule of the format's receivers -> largest used fraction of velocity, acceleration and jerk limits.
+        episode: its number in a dataset of several.
     """
 
     samples: Samples
@@ -84,7 +87,13 @@ class Export:
 def check_format(
     format_name: str, rate_hz: float | None = None, dense: bool = False, robot: Robot | None = None
 ) -> None:
-    """Refuse what no motion could change: a format or option (UsageError), or what the robot isn't for (PlanError)."""
+    """Check format and options before planning.
+
+    Raises:
+        UsageError: the format is unknown, or an option does not go with it.
+        PlanError: the format is not for this robot.
+        PbdError: a package is missing.
+    """
     if format_name not in FORMATS:
         known = f"{', '.join(FORMATS)}{nearest(format_name, FORMATS)}"
         raise UsageError(f"no format '{format_name}'; known are {known}", value=format_name)
@@ -102,48 +111,49 @@ def export(
     trajectory: JointTrajectory,
     robot: Robot,
     format_name: str,
-    path: Path,
+    path: str | Path,
     rate_hz: float | None = None,
     *,
     dense: bool = False,
     source: Source | None = None,
 ) -> Export:
-    """Write a robot's trajectory; the file appears whole or not at all.
+    """Write a trajectory, atomically.
 
     Args:
         trajectory: the motion.
-        robot: whose limits hold between the samples too, and whose gripper it is.
+        robot: its limits are checked between the samples too.
         format_name: one of FORMATS.
-        path: where.
-        rate_hz: samples a second; by default as the format has it.
-        dense: urscript alone: servoj at the controller's period (a rate of 125, or 500), not a movej for each keyframe.
-        source: what the motion was made from, which formats need that tell more than joints.
+        path: the file.
+        rate_hz: samples a second; None: the format's default.
+        dense: urscript only: servoj at the controller's period (125 or 500 Hz) instead of a movej to each keyframe.
+        source: what the motion was made from; needed by formats that contain more than joints.
 
     Raises:
         UsageError: as `check_format`.
         PbdError: the file can't be written.
-        PlanError: replayed from the file by the rule of the format's receivers, the motion would break a limit, miss a
-            keyframe or touch something; nothing is written.
+        PlanError: as a receiver interpolates the file, the motion would exceed a limit, miss a keyframe or touch
+            something; nothing is written.
     """
     check_format(format_name, rate_hz, dense)
+    path = Path(path)
     if format_name in FOLDERS:
         return export_dataset([(trajectory, source)], robot, path)[0]
-    from pbd.data.controller_interpolation import shares
     from pbd.files.exporters.check_export import check_received, reached
+    from pbd.files.exporters.controller_interpolation import limit_shares
     from pbd.files.exporters.export_request import ExportRequest
 
     file = import_module(f"{__name__}.{FORMATS[format_name].file}")
     request = ExportRequest(format_name, trajectory, robot, path.suffix.lower(), rate_hz, dense, source)
     samples = getattr(file, "samples", ExportRequest.sampled)
     points = samples(request)
-    rules: tuple[Rule, ...] = ("hold",) if dense else request.format.filled_by  # of servoj each row at its time
+    rules: tuple[Rule, ...] = ("hold",) if dense else request.format.filled_by  # servoj holds each row
     receiver: Shares = {}
     with atomic_file(path) as unfinished:
         file.write(request, points, unfinished)
         if rules:
             receiver = check_received(request, file.read(unfinished), rules, sampled=samples)
-    if request.format.filled_by == ("hold",):  # what cubics between the rows would do is told all the same
-        worst = max(shares(points, "cubic", robot.limits), key=lambda share: share.value)
+    if request.format.filled_by == ("hold",):  # warn of receivers that interpolate by cubics
+        worst = max(limit_shares(points, "cubic", robot.limits), key=lambda share: share.value)
         if worst.value > 1.0 + CUBIC_EXCESS:
             warn(
                 f"{reached(request, points, 'cubic', worst)}; send each sample at its time, give a higher --rate, or "
@@ -155,16 +165,16 @@ def export(
 def export_dataset(
     motions: Sequence[tuple[JointTrajectory, Source | None]], robot: Robot, folder: Path, task: str = ""
 ) -> list[Export]:
-    """Write motions of one robot as a LeRobot dataset, or add them to one; it appears whole or stays as it was.
+    """Write motions of one robot as a LeRobot dataset, or append them to one, atomically.
 
     Args:
         motions: each with what it was made from.
-        robot: whose they are.
-        folder: where; it is made, or holds this robot's episodes that pbd wrote.
-        task: what they do, in words; each motion's own name where nobody said.
+        robot: the robot.
+        folder: a new folder, or a dataset of this robot that pbd wrote.
+        task: the task's description; "": each demonstration's name.
 
     Raises:
-        PbdError: the folder holds something else, or can't be written.
+        PbdError: the folder contains something else, or can't be written.
         PlanError: as `export`.
     """
     from pbd.files.exporters import lerobot
@@ -177,11 +187,12 @@ def export_dataset(
     ]
     points = [lerobot.samples(request) for request in requests]
     before = lerobot.read_episodes(folder, robot)
-    done: list[Export] = []
+    exports: list[Export] = []
     with atomic_folder(folder) as unfinished:
         lerobot.write(robot, [*before, *map(lerobot.episode, requests, points)], unfinished)
         written = lerobot.read_episodes(unfinished, robot)[len(before) :]
         for request, sampled, episode in zip(requests, points, written, strict=True):
-            found = check_received(request, lerobot.read(robot, episode), request.format.filled_by, lerobot.DIGITS)
-            done.append(Export(sampled, request.format.counted, found, len(before) + len(done)))
-    return done
+            received = lerobot.read(robot, episode)
+            used = check_received(request, received, request.format.filled_by, lerobot.FLOAT32_EPSILON)
+            exports.append(Export(sampled, request.format.counted, used, len(before) + len(exports)))
+    return exports

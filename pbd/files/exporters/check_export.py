@@ -1,4 +1,4 @@
-"""What a receiver makes of an exported file: read back, its gaps filled by the receiver's rule, and checked."""
+"""Check of an exported file: it is read back, interpolated as its receivers do, and audited."""
 
 from __future__ import annotations
 
@@ -9,22 +9,32 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.data import JointTrajectory, Samples
-from pbd.data.controller_interpolation import EPSILON, LIMITS, Rule, Share, evaluate, fill, shares
 from pbd.errors import PbdError, PlanError
+from pbd.files.exporters.controller_interpolation import (
+    EPSILON,
+    LIMITS,
+    Rule,
+    Share,
+    evaluate,
+    interpolate,
+    limit_shares,
+)
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Array
 
 Shares = Mapping[Rule, tuple[Share, Share, Share]]
+"""Rule -> largest used fraction of the velocity, acceleration and jerk limits."""
 
 ROUNDED = 1e-3
-"""Share of a limit by which rounding the points may exceed it, at most: whole nanoseconds do by less than 1e-5."""
+"""Largest excess over a limit, as a fraction of it, that is attributed to rounding; --margin then helps. Rounding to
+whole nanoseconds causes less than 1e-5."""
 
 RATES_HZ = (20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
-"""Rates that are tried in a refused one's place."""
+"""Rates to propose instead of a refused one."""
 
 EXACT_RAD = 1e-5
-"""Up to this deviation from the planned motion, rad, its audit still holds: it is the audit's pose tolerance, and a
-tenth of its smallest distance on an arm of a metre."""
+"""Largest deviation from the planned motion, rad, for which that motion's audit is valid. It is the audit's pose
+tolerance, and a tenth of its smallest distance on an arm of one metre."""
 
 
 def check_received(
@@ -34,49 +44,50 @@ def check_received(
     digits: float = EPSILON,
     sampled: Callable[[ExportRequest], Samples] | None = None,
 ) -> Shares:
-    """Replay a file's points by each rule; return the largest shares of the velocity, acceleration and jerk limits.
+    """Interpolate a file's points by each rule, and check limits, keyframes and collisions.
 
     Args:
-        request: what was to be written; without its `made_from` poses and collisions are not looked at.
+        request: what was to be written; without its `made_from`, only limits are checked.
         points: as read from the file.
-        rules: of the format's receivers.
-        digits: how large the last digit of the file's numbers is, as a share of them.
-        sampled: makes the points of another request, to try another rate.
+        rules: how the format's receivers interpolate.
+        digits: relative size of the last digit of the file's numbers.
+        sampled: makes the points of a request at another rate, to find a rate that works.
 
     Raises:
-        PlanError: a limit would be broken, a keyframe missed, or something touched.
+        PlanError: the motion would exceed a limit, miss a keyframe or touch something.
     """
-    robot, found = request.robot, {}
+    robot, used_by_rule = request.robot, {}
     arrays = points.t, points.q, points.qd, points.qdd
-    sound = points.q.shape[1] == len(robot.joints) and all(np.isfinite(each).all() for each in arrays)
-    if not sound or len(points.t) < 2 or (np.diff(points.t) <= 0.0).any():
+    valid = points.q.shape[1] == len(robot.joints) and all(np.isfinite(each).all() for each in arrays)
+    if not valid or len(points.t) < 2 or (np.diff(points.t) <= 0.0).any():
         what = f"audit: the {request.format_name} file can't be read back"
         raise PlanError(f"{what}; no file was written, please report it")
     for rule in rules:
-        found[rule] = used = shares(points, rule, robot.limits, digits)
+        used_by_rule[rule] = used = limit_shares(points, rule, robot.limits, digits)
         worst = max(used, key=lambda share: share.value)
         if not worst.value <= 1.0:
             slower = np.floor(100.0 * worst.value ** (-1.0 / (1 + LIMITS.index(worst.limit)))) / 100.0
             how = f"--margin {100.0 * ROUNDED:g}" if worst.value < 1.0 + ROUNDED else f"{slower:g} times the --speed"
             what = f"{reached(request, points, rule, worst)}; give {how}"
             raise PlanError(what, joint=robot.joints[worst.joint], value=worst.value, bound=1.0)
-        path = None if request.made_from is None else _other_path(request, points, rule)
+        motion = None if request.made_from is None else _deviating_motion(request, points, rule)
         try:
-            if path is not None:
-                request.source.audit(path)
+            if motion is not None:
+                request.source.audit(motion)
         except PlanError as error:
-            rate_hz = _rate_that_works(request, rules, sampled)
+            rate_hz = _valid_rate(request, rules, sampled)
             how = "a lower --speed" if rate_hz is None else f"--rate {rate_hz:g}"
             raise PlanError(f"{error.message}; give {how}", **error.fields) from None
-    return found
+    return used_by_rule
 
 
-def _rate_that_works(
+def _valid_rate(
     request: ExportRequest, rules: tuple[Rule, ...], sampled: Callable[[ExportRequest], Samples] | None
 ) -> float | None:
+    """Return the lowest higher rate at which the check passes, or None."""
     for rate_hz in RATES_HZ:
         if request.rate_hz is not None and rate_hz > request.rate_hz and sampled is not None:
-            with suppress(PbdError):  # servoj has two rates
+            with suppress(PbdError):  # servoj has only two rates
                 other = replace(request, rate_hz=rate_hz)
                 check_received(other, sampled(other), rules)
                 return rate_hz
@@ -84,7 +95,7 @@ def _rate_that_works(
 
 
 def reached(request: ExportRequest, points: Samples, rule: Rule, worst: Share) -> str:
-    """Say how much of a limit is reached, and where."""
+    """Return the part of a message that tells how much of a limit is reached, and where."""
     joint, t = request.robot.joints[worst.joint], points.t[worst.point]
     times = f"{worst.value:.{2 if worst.value > 1.0 + ROUNDED else 7}f}"
     if rule in ("cubic", "quintic"):
@@ -94,20 +105,20 @@ def reached(request: ExportRequest, points: Samples, rule: Rule, worst: Share) -
     return f"{who} would reach {times} times {joint}'s {worst.limit} limit, at {t:.2f} s"
 
 
-def _other_path(request: ExportRequest, points: Samples, rule: Rule) -> JointTrajectory | None:
-    """Compare the motion with the planned one; return what is not that, to be audited itself.
+def _deviating_motion(request: ExportRequest, points: Samples, rule: Rule) -> JointTrajectory | None:
+    """Compare the received motion with the planned one. Return None if they agree, else the received motion.
 
     Raises:
-        PlanError: the file's polynomials are another motion.
+        PlanError: they differ, though the rule reproduces the planned motion.
     """
-    planned, coefficients, h = request.trajectory, fill(points, rule), np.diff(points.t)
+    planned, coefficients, h = request.trajectory, interpolate(points, rule), np.diff(points.t)
     off = np.zeros(len(h))
     for share in (0.0, 0.5):
         exact = planned.at(points.t[:-1] + share * h).q
         off = np.maximum(off, np.abs(evaluate(coefficients, share * h[:, None]) - exact).max(axis=1))
     if off.max() <= EXACT_RAD:
         return None
-    if rule in ("cubic", "quintic"):  # these are made to give the planned motion back
+    if rule in ("cubic", "quintic"):  # formats for these rules reproduce the planned motion
         worst = int(np.argmax(off))
         what = f"audit: by {rule}s the file's points miss the planned motion by {off[worst]:.2g} rad"
         raise PlanError(f"{what} at {points.t[worst]:.2f} s; no file was written, please report it", value=off[worst])
@@ -124,9 +135,9 @@ def _other_path(request: ExportRequest, points: Samples, rule: Rule) -> JointTra
 
 
 def _nearest_t(points: Samples, t: float, q: Array) -> float:
-    """When the motion is at a keyframe: as planned if the arm is there then, else at the point that is nearest."""
+    """Return when the points are at a keyframe q (k,) rad planned at t s: at t, or at a point that is nearer to q."""
     off = np.abs(points.q - q).max(axis=1)
-    there = [np.interp(t, points.t, column) for column in points.q.T]
-    if np.abs(np.array(there) - q).max() <= off.min():
+    q_at_t = np.array([np.interp(t, points.t, column) for column in points.q.T])
+    if np.abs(q_at_t - q).max() <= off.min():
         return min(t, float(points.t[-1]))
     return float(points.t[np.argmin(off)])

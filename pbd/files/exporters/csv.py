@@ -1,4 +1,4 @@
-"""CSV: t, then q_, dq_, ddq_ of each joint, then the gripper's opening."""
+"""CSV: t, then positions, velocities and accelerations of all joints, then the gripper's opening."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pbd.files.table import read_table, write_table
 
 
 def write(request: ExportRequest, points: Samples, path: Path) -> None:
-    """Write columns t (s), q_NAME (rad), dq_NAME (rad/s), ddq_NAME (rad/s2), gripper (1 open, 0 closed), all digits."""
+    """Write the columns t (s), q_JOINT (rad), dq_JOINT (rad/s), ddq_JOINT (rad/s2), gripper (1 open, 0 closed)."""
     names = request.trajectory.joint_names
     header = ("t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in names), "gripper")
     values = np.column_stack((points.t, points.q, points.qd, points.qdd, points.gripper))

@@ -1,4 +1,4 @@
-"""What a format is written from."""
+"""The input of an exporter."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ from pbd.pose import Array, Pose
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What a motion was made from, for the formats that tell more than joints.
+    """What a motion was made from, for formats that contain more than joints.
 
     Attributes:
-        keyframes: n, as the trajectory has them.
-        tool: gives the tool's positions (m, 3) in m and wxyz (m, 4) in base, at joints (m, k).
-        links: gives each link's parent and its pose there, at joints (k,) and an opening (1 open, 0 closed).
-        audit: refuses a motion made of a file's points that misses a keyframe, or would touch something.
+        name: the demonstration's name.
+        keyframes: the trajectory's keyframes.
+        hand: the tracked path of the hand.
+        T_base_nav: nav in the robot's base.
+        tool: joints (m, k) -> the tool's positions (m, 3), m, and wxyz (m, 4) in base.
+        links: joints (k,) and the gripper's opening (1 open, 0 closed) -> link -> its parent and its pose there.
+        audit: raises a PlanError if a motion misses a keyframe or would touch something.
         draw: writes the replay's scene at instants (n,) s as GLB.
     """
 
@@ -36,13 +39,17 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class ExportRequest:
-    """One file to be written: of a robot's motion, in one of FORMATS.
+    """One motion to be written in one format.
 
     Attributes:
+        format_name: one of FORMATS.
+        trajectory: the motion.
+        robot: the robot.
         suffix: of the file's name, in lower case.
-        rate_hz: samples a second; None: as the format has it.
-        dense: samples at the controller's period, where the format has keyframes.
-        task: what it does, in words, where a format has that; its name where nobody said.
+        rate_hz: samples a second; None: the format's default.
+        dense: urscript only: samples at the controller's period instead of keyframes.
+        made_from: what the motion was made from, if known.
+        task: lerobot only: the task's description; "": the demonstration's name.
     """
 
     format_name: str
@@ -56,19 +63,19 @@ class ExportRequest:
 
     @property
     def format(self) -> Format:
-        """What is known of it."""
+        """The format."""
         return FORMATS[self.format_name]
 
     def sampled(self) -> Samples:
-        """The motion at the rate that was asked for, or the format's usual one."""
+        """Sample the motion at the given rate, or the format's default."""
         rate_hz = self.rate_hz or self.format.usual_hz
         assert rate_hz
         return self.trajectory.sample(rate_hz)
 
     @property
     def source(self) -> Source:
-        """What the motion was made from; PbdError: nobody said."""
+        """What the motion was made from; PbdError: it is not known."""
         if self.made_from is None:
-            what = f"{self.format_name} tells what the motion was made from; give source=pbd.planning.source_of(...)"
+            what = f"{self.format_name} needs what the motion was made from; give source=pbd.planning.source_of(...)"
             raise PbdError(what, value=self.format_name)
         return self.made_from

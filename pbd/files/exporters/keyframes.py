@@ -1,4 +1,4 @@
-"""Keyframes: joint targets and tool poses alone, as JSON, or as CSV where the file's name ends so."""
+"""Keyframes: only their joint targets and tool poses, as JSON, or as CSV if the file's name ends in .csv."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from pbd.files.exporters.export_request import ExportRequest
 
 
 def samples(request: ExportRequest) -> Samples:
-    """Evaluate where the arm stands at its keyframes."""
+    """Sample at the keyframes."""
     return request.trajectory.at(request.trajectory.keyframe_t)
 
 
 def write(request: ExportRequest, points: Samples, path: Path) -> None:
-    """Write each keyframe as `pbd keyframes --json --robot R` names it; the pose is the one that the joints give."""
+    """Write keyframes with the keys of `pbd keyframes --json --robot R`; the pose is computed from the joints."""
     names, q = request.trajectory.joint_names, request.trajectory.keyframe_q
     p, wxyz = request.source.tool(q)
     rows: list[dict[str, Any]] = []
@@ -39,15 +39,16 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
         return
     with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        plain = ("index", "t_s", "dwell_s", "grip", "label")
-        table.writerow((*plain, *(f"q_{name}" for name in names), *"xyz", *(f"q{axis}" for axis in "wxyz")))
+        scalars = ("index", "t_s", "dwell_s", "grip", "label")
+        table.writerow((*scalars, *(f"q_{name}" for name in names), *"xyz", *(f"q{axis}" for axis in "wxyz")))
         for row in rows:
             row["grip"] = {None: "", True: "closes", False: "opens"}[row["grip"]]
-            values = (row[key] for key in plain)
+            values = (row[key] for key in scalars)
             table.writerow((*values, *row["joints"], *row["base_position_m"], *row["base_wxyz"]))
 
 
 def _dwell(request: ExportRequest, i: int) -> float:
+    """Return how long the arm stays at keyframe i, s."""
     knots, t = request.trajectory.knots, request.trajectory.keyframe_t[i]
     at = int(np.searchsorted(knots, t - 1e-9))
     moves = np.append(request.trajectory.coefficients[at:, 1:].any(axis=(1, 2)), True)

@@ -1,8 +1,8 @@
-"""A LeRobotDataset v3.0: each demonstration an episode, as LeRobot reads it to train, to look at and to replay.
+"""A LeRobotDataset v3.0, to train, view and replay with LeRobot. Each demonstration is an episode.
 
-What the arms that LeRobot knows read from their servos is in their [servos]; of other arms the dataset has the model's
-own joints, in rad. The action is the planned motion at each frame; the state is where an arm is that follows it a frame
-behind, as one does that is recorded. Written by pyarrow, which comes with pbd-robot[lerobot]; LeRobot is not needed.
+Joints are in the degrees of LeRobot if the robot has [servos], else in rad. The action is the planned motion at each
+frame; the state is one frame behind, as in a recording of an arm that follows its goals. pyarrow, which comes with
+pbd-robot[lerobot], writes the files; LeRobot is not needed.
 """
 
 from __future__ import annotations
@@ -17,36 +17,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Robot, Samples
-from pbd.data.controller_interpolation import set_points
 from pbd.errors import PbdError, PlanError, printable, require_package
+from pbd.files.exporters.controller_interpolation import set_point_samples
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.io.atomic import is_file, is_folder, refuse_folder
 from pbd.io.read_file import read_text
 from pbd.pose import Array
 
 Rows = NDArray[Any]
-"""Values of an episode, a row for each frame, as the file has them."""
+"""Values of an episode in the file's unit, one row a frame."""
 
 FPS = 30
-"""Frames a second; lerobot-replay sends each frame's action at its time."""
+"""Frames a second. lerobot-replay sends each frame's action at its time."""
 
-DIGITS = float(np.finfo(np.float32).eps)
-"""How large the last digit of the file's numbers is, as a share of them."""
+FLOAT32_EPSILON = float(np.finfo(np.float32).eps)
+"""Relative size of the last digit of the file's numbers."""
 
 DATA, TASKS = "data/chunk-000/file-000.parquet", "meta/tasks.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 INFO, STATS = "meta/info.json", "meta/stats.json"
 
 COLUMNS = {"timestamp": "float32", **dict.fromkeys(("frame_index", "episode_index", "index", "task_index"), "int64")}
-"""What LeRobot has for each frame, besides state and action."""
+"""LeRobot's columns for each frame, besides state and action, and their types."""
 
 QUANTILES = {f"q{round(100 * share):02d}": share for share in (0.01, 0.1, 0.5, 0.9, 0.99)}
 
 AT_HOME_RAD = 1e-6
+"""Largest distance from home, rad, at which a motion ends there."""
 
 
 class Episode(NamedTuple):
-    """What the arm does, in words; then state and action (n, k + 1), float32."""
+    """The task's description; state and action (n, k + 1), float32: k joints and the gripper."""
 
     task: str
     state: Rows
@@ -54,7 +55,7 @@ class Episode(NamedTuple):
 
 
 def check(robot: Robot) -> None:
-    """Refuse where pyarrow is missing (PbdError), or the arm has no gripper (PlanError)."""
+    """Refuse if pyarrow is missing (PbdError) or the arm has no gripper (PlanError)."""
     require_package("pyarrow.parquet", "lerobot", "lerobot")
     if robot.gripper is None:
         what = f"a lerobot dataset has the gripper's opening in each frame, and {robot.name} has no [gripper]"
@@ -68,19 +69,19 @@ def refuse_dataset(folder: Path, robot: Robot) -> None:
 
 
 def first_frame(robot: Robot, points: Samples) -> str:
-    """Say where the first frame is, as LeRobot reads it."""
+    """Return the joints of the first frame as text, in the dataset's unit."""
     first = values(robot, points.q[:1], points.gripper[:1])[0].tolist()
-    unit, turned = ("degrees", 1) if robot.servos is not None else ("rad", 3)
-    joints = ", ".join(f"{name} {x:.{turned}f}" for name, x in zip(robot.joints, first, strict=False))
+    unit, decimals = ("degrees", 1) if robot.servos is not None else ("rad", 3)
+    joints = ", ".join(f"{name} {x:.{decimals}f}" for name, x in zip(robot.joints, first, strict=False))
     return f"{joints} ({unit}), gripper {first[-1]:.0f}"
 
 
 def samples(request: ExportRequest) -> Samples:
-    """Evaluate at 30 frames a second.
+    """Sample at 30 frames a second.
 
     Raises:
-        PlanError: it doesn't begin with an approach and end at home: replay jumps to the first frame, and lets go of
-            the arm at the last.
+        PlanError: the motion does not begin with an approach and end at home. lerobot-replay jumps to the first frame,
+            and switches the motors off after the last.
     """
     trajectory, robot = request.trajectory, request.robot
     at_home = np.abs(trajectory.at(np.array([trajectory.duration])).q[0] - robot.home).max() <= AT_HOME_RAD
@@ -91,7 +92,7 @@ def samples(request: ExportRequest) -> Samples:
 
 
 def values(robot: Robot, q: Array, opening: Array) -> Rows:
-    """Give joints (n, k) and the gripper's opening (n,) as the dataset has them, (n, k + 1) float32."""
+    """Convert joints (n, k), rad, and the gripper's opening (n,) to the dataset's units, (n, k + 1) float32."""
     servos, gripper = robot.servos, robot.gripper
     if servos is None or gripper is None:
         return np.column_stack((q, 100.0 * opening)).astype(np.float32)
@@ -100,26 +101,26 @@ def values(robot: Robot, q: Array, opening: Array) -> Rows:
 
 
 def episode(request: ExportRequest, points: Samples) -> Episode:
-    """Make the frames: the state is a frame behind the action, and both end at rest."""
+    """Make an episode: the state is one frame behind the action."""
     action = values(request.robot, points.q, points.gripper)
     return Episode(request.task or request.source.name, np.vstack((action[:1], action[:-1])), action)
 
 
-def read(robot: Robot, found: Episode) -> Samples:
-    """Give an episode's actions as set points of the model's joints, rad."""
-    servos, gripper, q = robot.servos, robot.gripper, found.action[:, :-1].astype(np.float64)
-    opening = found.action[:, -1].astype(np.float64) / 100.0
+def read(robot: Robot, recorded: Episode) -> Samples:
+    """Convert an episode's actions to set points of the joints, rad."""
+    servos, gripper, q = robot.servos, robot.gripper, recorded.action[:, :-1].astype(np.float64)
+    opening = recorded.action[:, -1].astype(np.float64) / 100.0
     if servos is not None and gripper is not None:
         closed, opened = servos.to_percent(np.array([gripper.closed[0], gripper.open[0]])) / 100.0
         q, opening = servos.to_radians(q), (opening - closed) / (opened - closed)
-    return set_points(np.arange(len(q)) / FPS, q, opening)
+    return set_point_samples(np.arange(len(q)) / FPS, q, opening)
 
 
 def read_episodes(folder: Path, robot: Robot) -> list[Episode]:
-    """Read the episodes of a dataset that `write` made; none where there is no folder, or nothing in it.
+    """Read the episodes of a dataset that `write` made; an empty list if there is no folder, or it is empty.
 
     Raises:
-        PbdError: something else is there, or another robot's dataset.
+        PbdError: it is something else, or another robot's dataset.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -158,7 +159,7 @@ def read_episodes(folder: Path, robot: Robot) -> list[Episode]:
 
 
 def type_of(robot: Robot) -> str:
-    """What LeRobot calls the arm."""
+    """Return LeRobot's name of the arm."""
     return robot.name if robot.servos is None else robot.servos.robot_type
 
 
@@ -169,18 +170,18 @@ def write(robot: Robot, episodes: Sequence[Episode], folder: Path) -> None:
     words = list(dict.fromkeys(each.task for each in episodes))
     ends = np.cumsum([len(each.action) for each in episodes]).tolist()
     columns = [_frames(i, each, words, end) for i, (each, end) in enumerate(zip(episodes, ends, strict=True))]
-    whole = {name: np.concatenate([frames[name] for frames in columns]) for name in columns[0]}
+    dataset = {name: np.concatenate([frames[name] for frames in columns]) for name in columns[0]}
     k = len(robot.joints) + 1
     kinds = {name: pa.list_(pa.float32(), k) for name in ("action", "observation.state")}
     kinds |= {name: pa.type_for_alias(kind) for name, kind in COLUMNS.items()}
-    _write_table(folder / DATA, {name: pa.array(list(whole[name]), kind) for name, kind in kinds.items()})
+    _write_table(folder / DATA, {name: pa.array(list(dataset[name]), kind) for name, kind in kinds.items()})
     rows: dict[str, list[Any]] = {}
     for i, (each, frames, end) in enumerate(zip(episodes, columns, ends, strict=True)):
         n = len(each.action)
         row: dict[str, Any] = {"episode_index": i, "tasks": [each.task], "length": n}
         row |= {"data/chunk_index": 0, "data/file_index": 0, "dataset_from_index": end - n, "dataset_to_index": end}
         row |= {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
-        row |= {f"stats/{name}/{kind}": x for name, found in _stats(frames).items() for kind, x in found.items()}
+        row |= {f"stats/{name}/{kind}": x for name, stats in _stats(frames).items() for kind, x in stats.items()}
         for name, value in row.items():
             rows.setdefault(name, []).append(value)
     _write_table(folder / EPISODES, {name: pa.array(column) for name, column in rows.items()})
@@ -200,8 +201,8 @@ def write(robot: Robot, episodes: Sequence[Episode], folder: Path) -> None:
         "video_path": None,
         "features": _features(robot),
     }
-    for place, value in ((INFO, info), (STATS, _stats(whole))):
-        (folder / place).write_text(json.dumps(value, indent=4) + "\n", encoding="utf-8")
+    for name, value in ((INFO, info), (STATS, _stats(dataset))):
+        (folder / name).write_text(json.dumps(value, indent=4) + "\n", encoding="utf-8")
 
 
 def _features(robot: Robot) -> dict[str, Any]:
@@ -225,18 +226,18 @@ def _frames(i: int, each: Episode, words: Sequence[str], end: int) -> dict[str, 
 
 
 def _stats(frames: dict[str, Rows]) -> dict[str, dict[str, list[float]]]:
-    """What LeRobot normalises by."""
-    found = {}
+    """Compute each column's statistics, by which LeRobot normalises."""
+    stats = {}
     for name, column in frames.items():
         rows = column.reshape(len(column), -1).astype(np.float64)
         each = {"min": rows.min(axis=0), "max": rows.max(axis=0), "mean": rows.mean(axis=0), "std": rows.std(axis=0)}
         each |= {key: np.quantile(rows, share, axis=0) for key, share in QUANTILES.items()}
-        found[name] = {key: value.tolist() for key, value in each.items()} | {"count": [len(rows)]}
-    return found
+        stats[name] = {key: value.tolist() for key, value in each.items()} | {"count": [len(rows)]}
+    return stats
 
 
 def _write_tasks(path: Path, words: Sequence[str]) -> None:
-    """Write the tasks' numbers; their words are the index of a pandas frame."""
+    """Write the tasks as pandas does: the descriptions are the index of a data frame, the column is their number."""
     import pyarrow as pa
 
     index = "__index_level_0__"

@@ -1,6 +1,6 @@
-"""MCAP with ROS 2's own messages, for Foxglove, Rerun and rosbag2: the arm's motion, and the recording that it is from.
+"""MCAP with standard ROS 2 messages, for Foxglove, Rerun and rosbag2: the arm's motion and the hand's recording.
 
-Both begin at the bag's start. Written by rosbags, which comes with pbd-robot[ros]; no ROS is needed.
+Both begin at the bag's start. rosbags, which comes with pbd-robot[ros], writes it; ROS is not needed.
 """
 
 from __future__ import annotations
@@ -23,21 +23,23 @@ from pbd.pose import Array, Pose, quat_to_xyzw
 __all__ = ["check", "read", "samples", "write"]
 
 USUAL_HZ = 100.0
-"""Of the arm's states; its JointTrajectory has the motion's own knots."""
+"""Default rate of /joint_states and /tf. The JointTrajectory has the motion's own knots."""
 
-LATCHED = ("/robot_description", "/tf_static", "/joint_trajectory", "/gripper_trajectory")
-PATHS = ("/keyframes/path", "/tool/path", "/hand/path")
-"""Topics with one message, for whoever comes later too."""
+LATCHED = (
+    *("/robot_description", "/tf_static", "/joint_trajectory", "/gripper_trajectory"),
+    *("/keyframes/path", "/tool/path", "/hand/path"),
+)
+"""Topics with one message, which late subscribers get too."""
 
 GOAL = "trajectory_msgs/msg/JointTrajectory"
 TOOL, NAV, SENSOR = "pbd_tool", "nav", "sensor"
 
 UNDATED_NS = 10**9
-"""When a bag starts whose recording has no date: zero would mean "now"."""
+"""Start of the bag, ns, if the recording has no date. In ROS, zero means "now"."""
 
 
 def check(robot: Robot) -> None:
-    """Refuse where rosbags is missing (PbdError)."""
+    """Refuse if rosbags is missing (PbdError)."""
     require_package("rosbags.rosbag2", "ros", "mcap")
 
 
@@ -54,11 +56,11 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
 
 
 def read(path: Path) -> Samples:
-    """Read the arm's goal of what `write` wrote; the gripper has its own, and is not told."""
+    """Read the arm's JointTrajectory from a file of `write`; the gripper's opening is NaN: it has its own message."""
     from rosbags.rosbag2 import Reader
 
     with TemporaryDirectory() as folder:
-        link = Path(folder) / "bag.mcap"  # rosbags goes by the name's ending
+        link = Path(folder) / "bag.mcap"  # rosbags requires this suffix
         link.symlink_to(path.absolute())
         with Reader(link) as bag:
             goal = [each for each in bag.connections if each.topic == "/joint_trajectory"]
@@ -70,7 +72,7 @@ def read(path: Path) -> Samples:
 
 
 class _Bag:
-    """The messages of one bag; each is made of dicts, lists and numbers."""
+    """Writes the messages of one bag. Each message is given as dicts, lists and numbers."""
 
     def __init__(self, request: ExportRequest, writer: Any) -> None:
         from rosbags.interfaces import Nodetype
@@ -110,10 +112,10 @@ class _Bag:
         return self.source.links(states.q[i], float(states.gripper[i]))
 
     def put_links(self, states: Samples) -> set[str]:
-        """Write the joints and the links that move; name these."""
+        """Write /joint_states, and /tf of the moving links; return their names."""
         first, robot = self.links(states, 0), self.request.robot
-        elsewhere = self.source.links(states.q[0] + 0.1, float(states.gripper[0] < 0.5))
-        moving = {link for link, (_, pose) in first.items() if max(pose.distance(elsewhere[link][1])) > 1e-6}
+        other = self.source.links(states.q[0] + 0.1, float(states.gripper[0] < 0.5))  # all joints moved
+        moving = {link for link, (_, pose) in first.items() if max(pose.distance(other[link][1])) > 1e-6}
         names, q, qd = [*robot.joints], states.q, states.qd
         if (gripper := robot.gripper) is not None and gripper.joints:
             names += gripper.joints
@@ -122,12 +124,12 @@ class _Bag:
         for i, at in enumerate(states.t.tolist()):
             state = {"header": self.header(robot.base, at), "name": names, "position": q[i], "velocity": qd[i]}
             self.put("/joint_states", at, "sensor_msgs/msg/JointState", state | {"effort": []})
-            found = [(parent, link, pose) for link, (parent, pose) in self.links(states, i).items() if link in moving]
-            self.put_transforms("/tf", at, found)
+            poses = [(parent, link, pose) for link, (parent, pose) in self.links(states, i).items() if link in moving]
+            self.put_transforms("/tf", at, poses)
         return moving
 
     def put_recording(self, recording: Recording) -> None:
-        """Write what the sensor said; a sample that is missing is left out."""
+        """Write the sensor's samples, without those that are not finite."""
         unknown, known = np.append(-1.0, np.zeros(8)), np.zeros(9)
         gyr = np.zeros_like(recording.acc) if recording.gyr is None else recording.gyr
         constant = {
@@ -147,7 +149,7 @@ class _Bag:
             self.put("/magnetic_field", at, "sensor_msgs/msg/MagneticField", field)
 
     def put_path(self, topic: str, frame: str, *poses: Array, each: str = "") -> None:
-        """Write times, positions and wxyz as one message; and each pose at its time to the topic `each`."""
+        """Write times (n,), positions (n, 3) and wxyz (n, 4) as one Path, and each pose to the topic `each`."""
         stamped = [
             {"header": self.header(frame, float(at)), "pose": {"position": _xyz(p), "orientation": _xyzw(wxyz)}}
             for at, p, wxyz in zip(*poses, strict=True)
@@ -157,35 +159,36 @@ class _Bag:
             for at, pose in zip(poses[0], stamped, strict=True):
                 self.put(each, float(at), "geometry_msgs/msg/PoseStamped", pose)
 
-    def put_transforms(self, topic: str, at: float, found: Sequence[tuple[str, str, Pose]]) -> None:
+    def put_transforms(self, topic: str, at: float, poses: Sequence[tuple[str, str, Pose]]) -> None:
+        """Write poses: parent, child, the child's pose in the parent."""
         transforms = [
             {
                 "header": self.header(parent, at),
                 "child_frame_id": child,
                 "transform": {"translation": _xyz(pose.p), "rotation": _xyzw(pose.wxyz)},
             }
-            for parent, child, pose in found
+            for parent, child, pose in poses
         ]
         self.put(topic, at, "tf2_msgs/msg/TFMessage", {"transforms": transforms})
 
     def put(self, topic: str, at: float, kind: str, message: Mapping[str, Any]) -> None:
-        """Write a message at seconds from the start."""
+        """Write a message; `at`: s from the bag's start."""
         if topic not in self.topics:
-            qos = _latched() if topic in (*LATCHED, *PATHS) else ()
+            qos = _latched() if topic in LATCHED else ()
             self.topics[topic] = self.writer.add_connection(topic, kind, typestore=self.store, offered_qos_profiles=qos)
         data = self.store.serialize_cdr(self.built(kind, message), kind)
         self.writer.write(self.topics[topic], self.start_ns + round(1e9 * at), data)
 
     def built(self, kind: str, message: Mapping[str, Any]) -> Any:
-        """Make rosbags' own object of a message, and of those in it."""
+        """Make rosbags' object of a message, and of the messages in it."""
         fields = {}
-        for name, (node, of) in self.store.fielddefs[kind][1]:
+        for name, (node, inner) in self.store.fielddefs[kind][1]:
             value = message[name]
             if node == self.node.NAME:
-                value = self.built(of, value)
-            elif node != self.node.BASE and of[0][0] == self.node.NAME:
-                value = [self.built(of[0][1], each) for each in value]
-            elif node != self.node.BASE and of[0][1][0] == "float64":
+                value = self.built(inner, value)
+            elif node != self.node.BASE and inner[0][0] == self.node.NAME:
+                value = [self.built(inner[0][1], each) for each in value]
+            elif node != self.node.BASE and inner[0][1][0] == "float64":
                 value = np.asarray(value, dtype=np.float64)
             fields[name] = value
         return self.store.types[kind](**fields)
@@ -197,7 +200,7 @@ class _Bag:
 
 @cache
 def _types() -> Any:
-    """The message types; rosbags compiles what writes and reads a type when it is first used."""
+    """Return the message types. rosbags compiles a type when it is first used, so they are kept."""
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS2_JAZZY)
@@ -212,7 +215,7 @@ def _xyzw(wxyz: Array) -> dict[str, float]:
 
 
 def _latched() -> tuple[Any]:
-    """What a publisher offers whose last message is kept for whoever comes later."""
+    """Return the quality of service of a topic whose last message late subscribers get."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     never = QosTime(2**31 - 1, 2**32 - 1)

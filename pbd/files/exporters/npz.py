@@ -11,7 +11,7 @@ from pbd.files.exporters.export_request import ExportRequest
 
 
 def write(request: ExportRequest, points: Samples, path: Path) -> None:
-    """Write arrays joints (k,) names, t (n,) s, q, dq, ddq (n, k) rad, rad/s, rad/s2, gripper (n,) 1 open, 0 closed."""
+    """Write joints (k,) names, t (n,) s, q, dq, ddq (n, k) rad, rad/s, rad/s2, gripper (n,) 1 open, 0 closed."""
     with path.open("wb") as file:
         np.savez(
             file,

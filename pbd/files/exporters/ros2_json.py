@@ -1,7 +1,7 @@
-"""ROS 2 goals as JSON: trajectory_msgs/msg/JointTrajectory of the arm, and of the gripper's fingers beside it.
+"""ROS 2 goals as JSON: trajectory_msgs/msg/JointTrajectory of the arm, and another of the gripper's fingers.
 
-The points are where the trajectory's cubic pieces join, so that joint_trajectory_controller gets the motion back
-exactly, whether it fills the gaps by cubics or by quintics. Samples at a rate only add points to these.
+The points are the knots of the trajectory's cubics, so joint_trajectory_controller reproduces the motion exactly,
+whether it interpolates by cubics or by quintics. A rate adds points between them.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Array
 
 LEAST_GAP_S = 2e-5
-"""Knots closer in time than this are left out, s. The controller divides by the cube of the gap: the positions' last
-digits would become jerk (3 rad/s3 at this gap), and whole nanoseconds 0.05 % of the arm's own."""
+"""Smallest gap between points, s. The controller divides by the cube of the gap: at this gap, rounded positions cause a
+jerk of 3 rad/s3, and rounding to whole nanoseconds changes the jerk by 0.05 %."""
 
 DERIVATIVES = ("positions", "velocities", "accelerations")
 _OFF_KNOTS = 0.25
-"""Samples closer to a knot than this share of their spacing add nothing, and are left out."""
+"""Smallest distance of a sample to a knot, as a fraction of the samples' spacing; nearer samples are left out."""
 
 
 def samples(request: ExportRequest) -> Samples:
-    """Evaluate at the trajectory's knots, and at a rate in between, at whole nanoseconds as the message has them."""
+    """Sample at the knots, and between them at the rate, if given. Times are whole nanoseconds, as in the message."""
     trajectory, rate_hz = request.trajectory, request.rate_hz
     t = _apart(trajectory.knots)
     if rate_hz is not None:
@@ -36,19 +36,19 @@ def samples(request: ExportRequest) -> Samples:
         off = np.minimum(np.abs(grid - t[after - 1]), np.abs(t[after] - grid))
         t = np.sort(np.append(t, grid[off >= max(_OFF_KNOTS / rate_hz, LEAST_GAP_S)]))
     exact, rounded = trajectory.at(t), np.round(1e9 * t) / 1e9
-    # At rest exactly: the controller refuses a final velocity, and none may add up while the arm stands.
+    # Velocities at rest must be exactly zero: the controller refuses another final one, and they would add up.
     rest = ~(exact.qd.any(axis=1) | exact.qdd.any(axis=1))
     points = trajectory.at(np.where(rest, t, rounded))
     return Samples(rounded, points.q, points.qd, points.qdd, points.gripper)
 
 
 def write(request: ExportRequest, points: Samples, path: Path) -> None:
-    """Write the goals, one point a line."""
+    """Write the two goals, one point a line, and the gripper's commands."""
     trajectory, gripper = request.trajectory, request.robot.gripper
     arm = goal_message(trajectory.joint_names, points.t, (points.q, points.qd, points.qdd))
     fingers = finger_message(trajectory, gripper) if gripper is not None and gripper.joints else None
     t, opening = trajectory.gripper_t.tolist(), trajectory.gripper_opening.tolist()
-    commands = [  # when the gripper sets out for which opening (1 open, 0 closed)
+    commands = [  # when the gripper starts to move, and to which opening (1 open, 0 closed)
         {"time_from_start": _duration(since), "opening": wanted}
         for since, before, wanted in zip(t, opening, opening[1:], strict=False)
         if wanted != before
@@ -62,7 +62,7 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
 
 
 def read(path: Path) -> Samples:
-    """Read the arm's goal of what `write` wrote; the gripper has its own, and is not told."""
+    """Read the arm's goal from a file of `write`; the gripper's opening is NaN: it has its own goal."""
     points = json.loads(path.read_text(encoding="utf-8"))["points"]
     t = np.array([point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"] for point in points])
     q, qd, qdd = (np.array([point[name] for point in points]) for name in DERIVATIVES)
@@ -70,7 +70,7 @@ def read(path: Path) -> Samples:
 
 
 def finger_message(trajectory: JointTrajectory, gripper: Gripper) -> dict[str, Any]:
-    """Make the goal of the finger joints: positions alone, between which the controller goes evenly, as planned."""
+    """Make the goal of the finger joints. It has only positions, which the controller joins linearly, as planned."""
     t = np.concatenate(([0.0], trajectory.gripper_t, [trajectory.duration]))
     _, first = np.unique(np.round(1e9 * t), return_index=True)
     opening = np.interp(t[first], trajectory.gripper_t, trajectory.gripper_opening)
@@ -79,7 +79,7 @@ def finger_message(trajectory: JointTrajectory, gripper: Gripper) -> dict[str, A
 
 
 def _apart(t: Array) -> Array:
-    """Leave out instants too close to the one before; the first and the last stay."""
+    """Leave out instants too close to the one before, but keep the first and the last."""
     kept = [float(t[0])]
     for instant in t[1:].tolist():
         if instant - kept[-1] >= LEAST_GAP_S:
@@ -90,7 +90,13 @@ def _apart(t: Array) -> Array:
 
 
 def goal_message(joint_names: tuple[str, ...], t: Array, derivatives: tuple[Array, ...]) -> dict[str, Any]:
-    """Make a JointTrajectory: stamp 0 ("now"), positions (n, k) and what else there is, no effort."""
+    """Make a JointTrajectory with stamp 0 ("now") and no effort.
+
+    Args:
+        joint_names: k names.
+        t: (n,) s.
+        derivatives: positions (n, k) and, if known, velocities and accelerations.
+    """
     columns = [(x + 0.0).tolist() for x in derivatives]  # no -0.0
     columns += [[[]] * len(t)] * (3 - len(columns))
     return {
@@ -104,7 +110,7 @@ def goal_message(joint_names: tuple[str, ...], t: Array, derivatives: tuple[Arra
 
 
 def _body(message: dict[str, Any]) -> list[str]:
-    """Return the message's keys with their values as JSON, one point a line."""
+    """Return each key of a JointTrajectory with its value as JSON, one point a line."""
     points = ",\n".join(json.dumps(point) for point in message["points"])
     return [*(f'"{key}": {json.dumps(message[key])}' for key in ("header", "joint_names")), f'"points": [\n{points}\n]']
 

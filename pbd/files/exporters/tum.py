@@ -1,4 +1,4 @@
-"""TUM: `t x y z qx qy qz qw` a line, as evo reads it; of the tool in base, or of the hand in nav."""
+"""TUM, the format of evo: lines `t x y z qx qy qz qw`, the tool's path in base or the hand's path in nav."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from pbd.pose import quat_to_xyzw
 
 
 def samples(request: ExportRequest) -> Samples:
-    """Evaluate at the rate; for the hand's path at its recording's own instants, in the arm's time or beyond it."""
+    """Sample at the rate; for the hand's path at the recording's instants, which may be after the motion's end."""
     if request.format_name == "tum-hand":
         return request.trajectory.at(request.source.hand.t)
     return request.sampled()
 
 
 def write(request: ExportRequest, points: Samples, path: Path) -> None:
-    """Write the poses, with all their digits."""
+    """Write the poses with full precision."""
     if request.format_name == "tum-hand":
         p, wxyz = request.source.hand.p_nav_sensor, request.source.hand.wxyz_nav_sensor
     else:

@@ -1,4 +1,4 @@
-"""Recordings of other programs, one format a file."""
+"""Import of recordings of other programs. Each format has a file here."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 TEXT = (".csv", ".txt", ".tsv", ".log")
 XIO_FILE = "Inertial.csv"
-"""What an x-IMU3's folder is known by (x-io Technologies, x-IMU3 GUI: a file for each kind of message)."""
+"""The file by which an x-IMU3's folder is recognised. x-io's x-IMU3 GUI writes a file for each type of message."""
 
 
 @dataclass(frozen=True)
 class Imported:
-    """A recording of another program, and what was made of its columns."""
+    """An imported recording, and how its columns were read."""
 
     demo: Demonstration
     understood: Understood
@@ -40,24 +40,24 @@ def import_recording(
     rate_hz: float | None = None,
     topic: str | None = None,
 ) -> Imported:
-    """Read a recording in any known format. Its suffix and header tell which.
+    """Read a recording in any known format, which is recognised by its suffix and header.
 
     Args:
-        path: .csv, .txt, .tsv or .log with a header or with names beside the numbers; .npz; .mcap, .db3 or a rosbag2's
-            folder; an x-IMU3's folder; a zip or folder of Sensor Logger's or phyphox', or a CSV in it.
-        columns: ours (t, gx ... mz, heading, pitch, roll) -> the file's, where the header doesn't tell.
-        units: of t, gyr, acc, mag or angle, where the header doesn't tell.
-        rate_hz: of a table without times.
-        topic: of a bag with several.
+        path: .csv, .txt, .tsv or .log with a header, or with names beside the numbers; .npz; .mcap, .db3 or a rosbag2
+            folder; an x-IMU3's folder; a zip or folder of Sensor Logger or phyphox, or a CSV file in it.
+        columns: our name (t, gx ... mz, heading, pitch, roll) -> the file's column, if the header doesn't tell.
+        units: t, gyr, acc, mag or angle -> its unit, if the header doesn't tell.
+        rate_hz: the rate of a table without times.
+        topic: the topic of a bag with several.
 
     Raises:
-        RecordingError: not such a file, or its contents can't be a recording.
+        RecordingError: the format is not known, or the file can't be read as a recording.
     """
     source = path / XIO_FILE if (path / XIO_FILE).is_file() else path
     suffix, truth = source.suffix.lower(), None
     is_bag = suffix in (".mcap", ".db3") or (source / "metadata.yaml").is_file()
     columns, units = columns or {}, units or {}
-    # A phone's CSV whose columns are named is a table like any other.
+    # With --column or --unit, a phone's CSV file is read as an ordinary table.
     is_table = suffix == ".csv" and (columns or units) and not any(".csv: " in name for name in columns.values())
     if topic is not None and not is_bag:
         raise RecordingError.at(path, "only a bag has topics; leave --topic out")
@@ -67,9 +67,8 @@ def import_recording(
 
         phone = read_phone(source)
     if rate_hz is not None and (phone is not None or is_bag or suffix == ".npz"):
-        its = "a bag has" if is_bag else "an npz has its own rate_hz" if suffix == ".npz" else "a phone's recording has"
-        times = "" if suffix == ".npz" else " times of its own"
-        raise RecordingError.at(path, f"{its}{times}; leave --rate out")
+        known = "a bag has times" if is_bag else "an npz has a rate" if suffix == ".npz" else "a phone's file has times"
+        raise RecordingError.at(path, f"{known} of its own; leave --rate out")
     if phone is not None:
         recording, understood = phone
     elif is_bag:
@@ -104,7 +103,7 @@ def import_recording(
 
 
 def check_rate(path: Path, rate_hz: float, what: str) -> None:
-    """Refuse (RecordingError) a rate that no sensor has; `what` begins the message."""
+    """Refuse (RecordingError) a rate that no sensor has; `what` is the beginning of the message."""
     slowest, fastest = RATES_HZ
     if not slowest <= rate_hz <= fastest:
         bound = "above zero" if not rate_hz > 0.0 else f"{slowest:g} to {fastest:g} Hz"
@@ -112,5 +111,5 @@ def check_rate(path: Path, rate_hz: float, what: str) -> None:
 
 
 def _as_text(name: str) -> str:
-    """A file's name as text: the bytes of it that are not UTF-8 are written out."""
+    """Return a file's name as text; bytes that are not UTF-8 become escapes."""
     return os.fsencode(name).decode("utf-8", "backslashreplace")

@@ -1,7 +1,7 @@
-"""A bag of ROS 2, as MCAP or SQLite: sensor_msgs/Imu, and sensor_msgs/MagneticField beside it. Read by rosbags.
+"""ROS 2 bags, as MCAP or SQLite: sensor_msgs/Imu and, optionally, sensor_msgs/MagneticField. rosbags reads them.
 
-Times are the headers' stamps: what the driver wrote when it read the sensor, not when the bag's writer got it. Where a
-covariance begins with -1 there is no such estimate (sensor_msgs/Imu.msg), so what is beside it is not read.
+Times are the headers' stamps, which the driver wrote when it read the sensor, not when the message was recorded. A
+covariance that begins with -1 means that there is no such measurement (sensor_msgs/Imu.msg), so it is not read.
 """
 
 from __future__ import annotations
@@ -19,44 +19,53 @@ from pbd.data.streams import Stream
 from pbd.errors import PbdError, RecordingError, in_words, listed, require_package
 from pbd.files.importers.columns import Understood
 from pbd.files.importers.headerless import understood_channels
-from pbd.files.importers.mcap_mending import whole_bag, zstd_package
+from pbd.files.importers.mcap_repair import repaired_bag, zstd_package
 from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
 
 IMU, FIELD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"
 IMU_DOUBLES, IMU_PARTS = 4 + 9 + 3 + 9 + 3 + 9, ((0, 4), (13, 16), (25, 28))
 FIELD_DOUBLES, FIELD_PARTS = 3 + 9, ((0, 3),)
-"""Imu: orientation xyzw, turn rate rad/s, specific force m/s2; MagneticField: the field in tesla; each with the nine
-numbers of its covariance behind it, the first of which is -1 where it isn't known."""
+"""Layout of the two messages: how many numbers they have, and the (start, end) of each vector among them.
+
+Imu: orientation xyzw, angular velocity in rad/s, specific force in m/s2. MagneticField: the field in tesla. The nine
+numbers of a vector's covariance follow it; the first is -1 if the vector is not known.
+"""
 
 AT_ONCE = 20_000
 """Messages decoded in one batch: 7 MB."""
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-"""What a compressed message begins with (RFC 8878, 3.1.1); a message of CDR begins with a zero."""
+"""First bytes of a compressed message (RFC 8878, 3.1.1). An uncompressed CDR message begins with a zero."""
 
 LONGEST_MESSAGE = 10_000
-"""Most that a compressed message may hold, bytes: an Imu has 316 and its frame's name."""
+"""Largest size of a decompressed message, bytes. An Imu has 316 and its frame's name."""
 
 
 def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, Understood]:
-    """Read a .mcap, a .db3 or a bag's folder; PbdError: rosbags is missing; RecordingError: the rest.
+    """Read a .mcap file, a .db3 file or a bag's folder.
 
-    Of several topics of sensor_msgs/Imu one must be named.
+    Args:
+        path: the bag.
+        topic: the topic of sensor_msgs/Imu, if there are several.
+
+    Raises:
+        PbdError: rosbags is missing.
+        RecordingError: the bag can't be read, or the topic must be named.
     """
     require_package("rosbags.rosbag2", "ros", "a bag")
     from rosbags.rosbag2 import Reader
 
-    imu, field = _Messages(path, IMU_PARTS, IMU_DOUBLES), _Messages(path, FIELD_PARTS, FIELD_DOUBLES)
-    take = {IMU: imu.take, FIELD: field.take}
+    imu, field = _Decoder(path, IMU_PARTS, IMU_DOUBLES), _Decoder(path, FIELD_PARTS, FIELD_DOUBLES)
+    decoders = {IMU: imu, FIELD: field}
     try:
-        with whole_bag(path) as whole, Reader(whole) as reader:
-            wanted = _choose(path, reader.connections, topic)
+        with repaired_bag(path) as repaired, Reader(repaired) as reader:
+            wanted = _choose_topics(path, reader.connections, topic)
             given = {each.topic: each.msgtype for each in reader.connections}
             for kind, data in _messages(path, reader, wanted):
-                take[kind](data)
+                decoders[kind].add(data)
     except PbdError:
         raise
-    except Exception as reason:  # damaged bytes make sqlite, yaml and zstd raise errors of their own
+    except Exception as reason:  # damaged bytes cause errors of sqlite, yaml and zstd
         what = f"can't be read as a bag ({in_words(reason) or type(reason).__name__}); record it again"
         raise RecordingError.at(path, what) from None
     ns, values = imu.all()
@@ -67,7 +76,7 @@ def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, Understoo
     t, mag = 1e-9 * (ns - begin), None
     ns_field, tesla = field.all()
     if len(ns_field):
-        with np.errstate(all="ignore"):  # what becomes infinite is found with all else that is no number
+        with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples
             mag = Stream.of(1e-9 * (ns_field - begin), 1e6 * tesla).at(t)
     gyr_or_none = gyr if np.isfinite(gyr).any() else None
     recording = Recording(t=t, acc=acc, gyr=gyr_or_none, mag=mag, device_rpy=_device_rpy(xyzw))
@@ -79,27 +88,28 @@ def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, Understoo
     return recording, understood_channels(recording, names, "its type", unread)
 
 
-class _Messages:
-    """Messages of one type, decoded many at once: an object for each would take a minute for an hour at 400 Hz.
+class _Decoder:
+    """Decodes messages of one type in batches. One by one, an hour at 400 Hz would take a minute.
 
-    In CDR a header comes first (4 bytes of encapsulation, seconds, nanoseconds, the frame's name); what follows in
-    these types is doubles alone.
+    In CDR, a message begins with 4 bytes of encapsulation and a header: seconds, nanoseconds, the frame's name. The
+    rest of these messages is doubles.
     """
 
     def __init__(self, path: Path, parts: tuple[tuple[int, int], ...], doubles: int) -> None:
+        """See IMU_PARTS and IMU_DOUBLES."""
         self._path, self._parts, self._doubles = path, parts, doubles
         self._waiting: list[bytes] = []
         self._ns: list[NDArray[np.int64]] = []
         self._values: list[Array] = []
 
-    def take(self, message: bytes) -> None:
-        """Take the next one."""
+    def add(self, message: bytes) -> None:
+        """Add the next message."""
         self._waiting.append(message)
         if len(self._waiting) >= AT_ONCE:
             self._decode()
 
     def all(self) -> tuple[NDArray[np.int64], Array]:
-        """Stamps (n,) ns, in order, and the parts side by side (n, m); NaN where a covariance says "none"."""
+        """Return sorted stamps (n,), ns, and the vectors side by side (n, m); NaN if the covariance begins with -1."""
         self._decode()
         if not self._ns:
             return np.empty(0, dtype=np.int64), np.empty((0, 0))
@@ -126,25 +136,26 @@ class _Messages:
 
 
 def _messages(path: Path, reader: Any, wanted: set[tuple[str, str]]) -> Iterator[tuple[str, bytes]]:
-    """Yield type and bytes of the messages of these topics and types, in the files' order: sorting takes as long."""
+    """Yield type and bytes of the messages of these topics and types, in the files' order: sorting here is slow."""
     for storage in getattr(reader.storage, "storages", (reader.storage,)):
         connections = [each for each in storage.connections if (each.topic, each.msgtype) in wanted]
         scan = getattr(storage, "messages_scan", storage.messages)
         for connection, _, data in scan(connections):
-            yield connection.msgtype, _message(path, data) if data[:4] == ZSTD_MAGIC else data
+            yield connection.msgtype, _decompressed(path, data) if data[:4] == ZSTD_MAGIC else data
 
 
-def _message(path: Path, packed: bytes) -> bytes:
-    """Unpack one message: rosbags has no bound on its size, and unpacks only where the bag's folder is given."""
+def _decompressed(path: Path, packed: bytes) -> bytes:
+    """Decompress a message. rosbags does not bound its size, and only does so if the bag's folder is given."""
     unpacker = zstd_package().ZstdDecompressor()
     data: bytes = unpacker.decompress(packed, max_length=LONGEST_MESSAGE)
     if not unpacker.eof:
-        what = f"a message of {len(packed)} bytes is cut off, or swells to more than {LONGEST_MESSAGE}"
+        what = f"a message of {len(packed)} bytes is cut off, or decompresses to more than {LONGEST_MESSAGE}"
         raise RecordingError.at(path, f"{what}, which is refused; record it again")
     return data
 
 
-def _choose(path: Path, connections: list[Any], topic: str | None) -> set[tuple[str, str]]:
+def _choose_topics(path: Path, connections: list[Any], topic: str | None) -> set[tuple[str, str]]:
+    """Return (topic, type) of the Imu to read and of the MagneticField that belongs to it."""
     imus = sorted({each.topic for each in connections if each.msgtype == IMU})
     if topic is None:
         if not imus:
@@ -159,14 +170,14 @@ def _choose(path: Path, connections: list[Any], topic: str | None) -> set[tuple[
         what = f"the topic {topic} has messages of type {kind}" if kind else f"no topic {topic}"
         have = f"those of type {IMU} are {listed(imus)}"
         raise RecordingError.at(path, f"{what}; {have}; choose one with --topic", value=topic)
-    # Of several fields the one whose name has most in common with the sensor's: /left/imu goes with /left/mag.
+    # Of several fields, take the one whose name shares the longest beginning: /left/mag belongs to /left/imu.
     fields = {each.topic for each in connections if each.msgtype == FIELD}
     near = sorted(fields, key=lambda name: (-len(commonprefix((name, str(topic)))), name))  # noqa: RUF071 (letters)
     return {(topic, IMU), *((name, FIELD) for name in near[:1])}
 
 
 def _device_rpy(xyzw: Array) -> Array | None:
-    """Roll, pitch, yaw (n, 3); an orientation that nobody filled in is all zeros, or the same all the time."""
+    """Return roll, pitch, yaw (n, 3); None if the orientation is always zero or constant: it was never filled in."""
     given = np.isfinite(xyzw).all(axis=1) & (np.abs(xyzw).sum(axis=1) > 0.5)
     if not given.any() or np.ptp(xyzw[given], axis=0).max() == 0.0:
         return None

@@ -1,4 +1,4 @@
-"""What the columns of a table mean: by their names and units, by a known program's conventions, and by the caller."""
+"""What the columns of a table mean, by the caller, by their names and units, and by a known program's conventions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pbd.files.imu_columns import ACC, DEVICE, GYR, MAG
 from pbd.files.table import Sheet
 
 RPY = ("anglex", "angley", "anglez")
-"""The device's own attitude as turns about x, y, z; z counts from east to north."""
+"""The device's own attitude as rotations about x, y, z; the one about z counts from east to north."""
 
 CHANNELS = {"t": ("t",), "gyr": GYR, "acc": ACC, "mag": MAG, "angle": DEVICE, "rpy": RPY}
 CHANNEL_OF = {ours: channel for channel, names in CHANNELS.items() for ours in names}
@@ -25,22 +25,23 @@ QUANTITIES = {"t": "time", "gyr": "turn rate", "acc": "specific force", "mag": "
 
 UNUSED = "a file that isn't used"
 NO_UNIT = "no unit given"
-"""How a unit was decided that nobody told: it is taken for ours."""
+"""Source of a unit that neither the file nor the caller gives; ours is assumed."""
 
 _NAMED_UNITS = {"millis": "ms", "micros": "us", "seconds": "s", "secs": "s", "sec": "s", "seconds_elapsed": "s"}
 _MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u", "²": "2", " ": "", "(": "", ")": ""})
-"""Variants of unit signs, with the micro sign as wrong encodings garble it."""
+"""Spellings of unit signs, among them the micro sign in wrong encodings."""
 
 
 @dataclass(frozen=True)
 class Program:
-    """How one program writes its tables where the names alone don't say.
+    """How a program writes its tables, as far as the columns' names don't tell.
 
     Attributes:
-        header: columns that must be there, in plain writing.
-        preamble: a pattern that must occur above the header; empty for any.
-        units: what its channels are in.
-        wraps: where its clock starts anew, in its own unit; 0 never.
+        title: the program's name.
+        header: plain names (`plain`) of columns that it always writes.
+        preamble: a pattern that must occur above the header; "": none.
+        units: channel -> its unit.
+        wraps: the value at which its clock wraps to zero, in the clock's unit; 0: never.
     """
 
     title: str
@@ -55,13 +56,16 @@ PROGRAMS = (
     Program("Xsens MT Manager", _XSENS, r"(?m)^//", {"t": "0.1ms", "gyr": "rad/s", "mag": "a.u."}, 2.0**32),
     Program("Movella (Xsens) DOT", _XSENS, "", {"t": "us", "gyr": "deg/s", "mag": "a.u."}, 2.0**32),
 )
-"""MT Manager: MTi's SampleTimeFine counts 10 kHz (Xsens, Low-Level Communication Protocol). DOT: us, wraps after 1.2 h,
-and deg/s (Movella DOT User Manual XD0502P)."""
+"""Programs whose units can't be read from the names.
+
+MT Manager: SampleTimeFine of an MTi counts at 10 kHz (Xsens, Low-Level Communication Protocol). DOT: SampleTimeFine is
+in us and wraps after 1.2 h, rates are in deg/s (Movella DOT User Manual XD0502P).
+"""
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column that was read: the file's name for it, ours, the sign, the unit, and how both were found."""
+    """A column that was read: its name in the file, our name, sign and unit; who decided the name and the unit."""
 
     name: str
     ours: str
@@ -72,12 +76,12 @@ class Column:
 
     @property
     def factor(self) -> float:
-        """From the file's values to ours."""
+        """Factor from the file's values to ours."""
         channel = CHANNEL_OF[self.ours]
         return self.sign * (unit_factor("angle" if channel == "rpy" else channel, self.unit) or 0.0)
 
     def row(self) -> dict[str, str]:
-        """Tell it in words, for people and as JSON."""
+        """Return the column's row of the table that `pbd import` prints, as text."""
         unit = NO_UNIT if self.unit_by == NO_UNIT else f"unit: {self.unit_by}"
         how = self.named_by if self.named_by == self.unit_by else f"{self.named_by}; {unit}"
         return {
@@ -91,57 +95,57 @@ class Column:
 
 @dataclass(frozen=True)
 class Understood:
-    """What was made of a file's columns: those that were read, and the others with the reason."""
+    """How a file's columns were read: those that were, the others with the reason why not, and the known program."""
 
     columns: tuple[Column, ...] = ()
     unread: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     program: str = ""
 
     def of(self, channel: str) -> list[Column]:
-        """The columns of a channel, in the order of its axes."""
-        found = {column.ours: column for column in reversed(self.columns)}  # another file's come last
+        """Return the columns of a channel, in the order of its axes. The file's own win over another file's."""
+        found = {column.ours: column for column in reversed(self.columns)}
         return [found[ours] for ours in CHANNELS[channel] if ours in found]
 
     def with_clock(self, name: str, by: str) -> Understood:
-        """Note how the column of the time was found."""
+        """Set how the column of the time was found."""
         return replace(self, columns=tuple(replace(c, named_by=by) if c.name == name else c for c in self.columns))
 
-    def with_file(self, file: str, its: Understood) -> Understood:
-        """Add what was made of the columns of another file."""
-        columns = (replace(column, name=f"{file}: {column.name}") for column in its.columns)
-        unread = {f"{file}: {name}": why for name, why in its.unread.items()}
+    def with_file(self, file: str, other: Understood) -> Understood:
+        """Add the columns of another file."""
+        columns = (replace(column, name=f"{file}: {column.name}") for column in other.columns)
+        unread = {f"{file}: {name}": why for name, why in other.unread.items()}
         return replace(self, columns=(*self.columns, *columns), unread={**self.unread, **unread})
 
     def with_unread(self, unread: Mapping[str, str]) -> Understood:
-        """Add what was not read, and why."""
+        """Add columns or files that were not read, and why."""
         return replace(self, unread={**self.unread, **unread})
 
     def in_its_names(self, message: str) -> str:
-        """Put the file's names and signs in place of ours into the options `--column ax=-ay` of a message."""
+        """Replace our names and signs in options `--column ax=-ay` of a message by the file's."""
         found = {column.ours: column for column in self.columns}
 
         def renamed(option: re.Match[str]) -> str:
-            ours, turned, its = option.groups()
-            if its not in found:
+            ours, minus, source = option.groups()
+            if source not in found:
                 return option[0]
-            sign = "-" if (found[its].sign < 0) != bool(turned) else ""
-            value = f"{ours}={sign}{found[its].name}"
+            sign = "-" if (found[source].sign < 0) != bool(minus) else ""
+            value = f"{ours}={sign}{found[source].name}"
             return f"--column {value}" if re.fullmatch(r"[\w=./-]+", value) else f"--column '{value}'"
 
         return re.sub(r"--column (\w+)=(-?)([agm][xyz])\b", renamed, message)
 
 
 def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str]) -> Understood:
-    """Find what is in which column.
+    """Find which column contains what.
 
     Args:
-        sheet: the table, and what stands above it.
-        columns: ours -> the file's, by the caller; -NAME turns the sign.
-        units: channel -> unit, by the caller; -UNIT turns the sign.
+        sheet: the table.
+        columns: our name -> the file's column, by the caller; -NAME reverses the sign.
+        units: channel -> unit, by the caller; -UNIT reverses the sign.
 
     Raises:
-        UsageError: a channel that the caller names isn't known.
-        RecordingError: a column or its unit isn't known; columns that look inertial aren't understood.
+        UsageError: the caller names an unknown channel or unit.
+        RecordingError: a column or its unit is unknown, or a column that looks inertial is not understood.
     """
     for channel in units:
         if channel not in UNITS:
@@ -153,19 +157,19 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
     for ours, name in columns.items():
         if ours not in CHANNEL_OF:
             raise UsageError(f"unknown channel '{ours}'; choose one of {', '.join(CHANNEL_OF)}", value=ours)
-        turned = name not in header and name.startswith("-")
-        name = name[1:] if turned else name
+        reversed_ = name not in header and name.startswith("-")
+        name = name[1:] if reversed_ else name
         if name not in header:
             raise RecordingError.at(path, f"no column '{name}'; the columns are {listed(header)}", value=name)
-        found[ours] = name, -1.0 if turned else 1.0, "--column"
+        found[ours] = name, -1.0 if reversed_ else 1.0, "--column"
     for angles in (DEVICE, RPY):
         if not set(angles) <= set(found) and not set(columns) & set(angles):
-            # The origin and the sign of such a yaw are unknown: the gyro is more reliable.
+            # The origin and sign of a single angle are unknown: the gyro is more reliable.
             found = {ours: given for ours, given in found.items() if ours not in angles}
     read = []
     for ours, (name, sign, by) in sorted(found.items(), key=lambda each: header.index(each[1][0])):
-        turned_unit, unit, unit_by = _unit(path, name, ours, units, program)
-        read.append(Column(name, ours, sign * turned_unit, unit, by, unit_by))
+        unit_sign, unit, unit_by = _unit(path, name, ours, units, program)
+        read.append(Column(name, ours, sign * unit_sign, unit, by, unit_by))
     used = {column.name for column in read}
     unread = {name: why_left(name, found) for name in header if name and name not in used}
     _refuse_not_understood(path, unread)
@@ -173,7 +177,7 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
 
 
 def _by_name(header: Sequence[str]) -> dict[str, str]:
-    """Ours -> the file's column: of each channel the first set of three that is whole, else the first."""
+    """Map our names to the file's columns: for each channel the first complete set of axes, else the first set."""
     sets: dict[str, dict[str, dict[str, str]]] = {}
     for name in header:
         if given := our_name(name):
@@ -181,15 +185,15 @@ def _by_name(header: Sequence[str]) -> dict[str, str]:
             sets.setdefault(CHANNEL_OF[ours], {}).setdefault(group, {}).setdefault(ours, name)
     found: dict[str, str] = {}
     for channel, groups in sets.items():
-        whole = [group for group in groups.values() if len(group) == len(CHANNELS[channel])]
-        found |= (whole or list(groups.values()))[0]
+        complete = [group for group in groups.values() if len(group) == len(CHANNELS[channel])]
+        found |= (complete or list(groups.values()))[0]
     return found
 
 
 def _unit(
     path: Path, name: str, ours: str, units: Mapping[str, str], program: Program | None
 ) -> tuple[float, str, str]:
-    """The sign, the unit, and how it was found."""
+    """Return a column's sign and unit, and who decided the unit."""
     channel = "angle" if CHANNEL_OF[ours] == "rpy" else CHANNEL_OF[ours]
     standard = next(iter(UNITS[channel]))
     given, by = units.get(channel) or "", "--unit"
@@ -219,7 +223,7 @@ def _unit(
 
 
 def why_left(name: str, found: Collection[str]) -> str:
-    """Say why a column isn't read; "" where it looks like a gyro, an accelerometer or a magnetometer, and none is."""
+    """Return why a column isn't read; "" if it looks like a gyro, accelerometer or magnetometer, but none is found."""
     given, letter = our_name(name), looks_inertial(name)
     if given is None and ((why := why_unread(name)) or not letter):
         return why or "nothing inertial"
@@ -230,7 +234,7 @@ def why_left(name: str, found: Collection[str]) -> str:
 
 
 def _refuse_not_understood(path: Path, unread: Mapping[str, str]) -> None:
-    """Refuse to drop what looks like a gyro, an accelerometer or a magnetometer, of which there is none otherwise."""
+    """Refuse to ignore a column that looks like a gyro, accelerometer or magnetometer if none is found."""
     for letter in "gam":
         alike = [name for name, why in unread.items() if not why and looks_inertial(name) == letter]
         if alike:

@@ -1,7 +1,7 @@
-"""A table with a header: our own imu.csv, x-io's, WitMotion's, Movella's or Shimmer's, or any with recognisable names.
+"""Tables with a header: our imu.csv, those of x-io, WitMotion, Movella and Shimmer, or any with recognisable names.
 
-`columns.py` finds what its columns mean. The default unit is SI. Specific force in another unit is detected by its norm
-at rest.
+`columns.py` finds what the columns mean. Without a unit, SI is assumed; tracking refuses a specific force whose norm at
+rest is not gravity.
 """
 
 from __future__ import annotations
@@ -33,13 +33,14 @@ def read_csv(
     """Read a recording from a table with a header.
 
     Args:
-        path: the file; x-io's Magnetometer.csv beside it, where the file has no magnetometer, is joined by its time.
-        columns: ours -> the file's column, for those that the header doesn't tell; -NAME turns the sign.
-        units: channel (t, gyr, acc, mag, angle) -> unit, likewise; -UNIT turns the sign of all three axes.
-        rate_hz: of a table without times: row k was read at k / rate_hz s.
+        path: the file. If it has no magnetometer, x-io's Magnetometer.csv beside it is joined by its time.
+        columns: our name -> the file's column, if the header doesn't tell; -NAME reverses the sign.
+        units: channel (t, gyr, acc, mag, angle) -> unit, if the header doesn't tell; -UNIT reverses the sign.
+        rate_hz: the rate of a table without times: row k is at k / rate_hz s.
 
     Raises:
-        RecordingError: a column or unit is missing or unknown; there are both times and a rate; the table is no table.
+        RecordingError: a column or unit is missing or unknown, there are both times and a rate, or the file is not a
+            table.
     """
     text = foreign_text(path)
     sheet = printed_sheet(path, text) if is_printed(text) else open_sheet(path, foreign=True, text=text)
@@ -49,7 +50,7 @@ def read_csv(
     _refuse_several_devices(sheet)
     found = understand(sheet, columns, units)
     if not found.of("t") and rate_hz is None and (dates := _dated(sheet)):
-        # By what is in it: a date's column may have any name.
+        # A column of dates is recognised by its contents: it may have any name.
         columns = {**columns, "t": dates}
         found = understand(sheet, columns, units).with_clock(dates, "its dates")
     timed = bool(found.of("t"))
@@ -66,9 +67,9 @@ def read_csv(
         name = found.of("t")[0].name
         raise RecordingError.at(path, f"the column '{name}' tells the time; leave --rate out")
     for channel, wanted in CHANNELS.items():
-        there = [column.ours for column in found.of(channel)]
-        if missing := [name for name in wanted if there and name not in there]:
-            what = f"no column for '{missing[0]}', though there is '{there[0]}'"
+        present = [column.ours for column in found.of(channel)]
+        if missing := [name for name in wanted if present and name not in present]:
+            what = f"no column for '{missing[0]}', though there is '{present[0]}'"
             raise RecordingError.at(path, f"{what}; {known}: name it with --column {missing[0]}=NAME", value=missing[0])
     clocks = [found.of("t")[0].name] if "t" in columns else [name for name in sheet.header if is_time(name)]
     table = sheet.read([*(column.name for column in found.columns), *clocks], times=clocks)
@@ -78,8 +79,8 @@ def read_csv(
             found = understand(sheet, {**columns, "t": best}, units)
             found = found.with_clock(best, "the best of several times")
 
-    told, beside = _magnetometer_beside(path, found, units)
-    with np.errstate(all="ignore"):  # what becomes infinite is found with all else that is no number
+    understood, beside = _magnetometer_beside(path, found, units)
+    with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples
         channels = {channel: _values(table, found.of(channel)) for channel in CHANNELS if found.of(channel)}
         clock, mag, compass = (channels.get(name) for name in ("t", "mag", "angle"))
         t = np.arange(len(table.values)) / (rate_hz or 1.0) if clock is None else _unwrapped(clock[:, 0], found)
@@ -91,24 +92,24 @@ def read_csv(
             device_rpy=channels.get("rpy") if compass is None else device_rpy(compass),
             info=RecordingInfo(rate_hz=rate_hz),
         )
-    return recording, told
+    return recording, understood
 
 
 def _dated(sheet: Sheet) -> str:
-    """The first column whose dates or times of day increase from the first row to the last; "" for none."""
+    """Return the first column whose dates or times of day increase from the first row to the last; "": none."""
     rows = sheet.body.strip()
     ends = (rows.partition("\n")[0], rows.rpartition("\n")[2])
-    for name, *of in zip(sheet.header, *(row.replace('"', "").split(sheet.delimiter) for row in ends), strict=False):
+    for name, *cells in zip(sheet.header, *(row.replace('"', "").split(sheet.delimiter) for row in ends), strict=False):
         with suppress(ValueError):
-            if all(map(is_stamp, of)) and seconds(of[0]) < seconds(of[1]):
+            if all(map(is_stamp, cells)) and seconds(cells[0]) < seconds(cells[1]):
                 return str(name)
     return ""
 
 
 def _best_clock(table: Table, clocks: list[str]) -> str:
-    """The clock that tells most samples apart: of equal ones the device's own, one with a unit, the first.
+    """Return the clock with the most distinct times; of equal ones prefer the device's own, one with a unit, the first.
 
-    One that runs backwards is none.
+    A clock that runs backwards is the last choice.
     """
     values = table.columns(*clocks).T
     with np.errstate(invalid="ignore"):
@@ -122,7 +123,7 @@ def _best_clock(table: Table, clocks: list[str]) -> str:
 
 
 def _unwrapped(t: Array, found: Understood) -> Array:
-    """Time (n,) s of a clock that starts anew at a number its program is known for."""
+    """Unwrap times (n,), s, if the program's clock wraps."""
     wraps = next((p.wraps for p in PROGRAMS if p.title == found.program), 0.0) * found.of("t")[0].factor
     if not wraps:
         return t
@@ -142,16 +143,16 @@ def _refuse_several_devices(sheet: Sheet) -> None:
 
 
 def _magnetometer_beside(path: Path, found: Understood, units: Mapping[str, str]) -> tuple[Understood, Stream | None]:
-    """x-io writes Inertial.csv and Magnetometer.csv, each with the device's own time, and other files."""
+    """Read x-io's Magnetometer.csv beside its Inertial.csv; both have the device's time. List the other files."""
     if path.name != XIO_FILE:
         return found, None
     stream, beside = None, path.with_name("Magnetometer.csv")
     if beside.is_file() and not found.of("mag"):
         sheet = open_sheet(beside, foreign=True)
-        its = understand(sheet, {}, units)
-        if its.of("t") and len(its.of("mag")) == len(CHANNELS["mag"]):
-            table = sheet.read([column.name for column in its.columns])
-            stream = Stream.of(_values(table, its.of("t"))[:, 0], _values(table, its.of("mag")))
-            found = found.with_file(beside.name, its)
+        other = understand(sheet, {}, units)
+        if other.of("t") and len(other.of("mag")) == len(CHANNELS["mag"]):
+            table = sheet.read([column.name for column in other.columns])
+            stream = Stream.of(_values(table, other.of("t"))[:, 0], _values(table, other.of("mag")))
+            found = found.with_file(beside.name, other)
     others = {file.name for file in path.parent.glob("*.csv")} - {path.name, *((beside.name,) if stream else ())}
     return found.with_unread(dict.fromkeys(sorted(others), UNUSED)), stream

@@ -1,8 +1,8 @@
-"""What a column's name says: the quantity, the axis and often the unit.
+"""What the name of a column tells: the quantity, the axis and often the unit.
 
-`Gyroscope X (deg/s)`, `acc_x [g]`, `rotationRateX`. Names as programs write them: x-io's, WitMotion's (each version
-another, two in Chinese), SensorLog's, Shimmer's Consensys, Movella's DOT app, ROS's, and what Arduino sketches print.
-No such device was at hand; the sources are published readers, examples and files: docs/imports.md lists them.
+Examples are `Gyroscope X (deg/s)`, `acc_x [g]`, `rotationRateX`. The names are those of x-io, WitMotion (they differ
+between versions, two are Chinese), SensorLog, Shimmer's Consensys, Movella's DOT app, ROS and Arduino sketches. No such
+device was at hand; docs/imports.md lists the published readers, examples and files that were used.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _WORDS = {
     "angle": r"angle|角度",
 }
 _PART = r"(?:_(?:ln|wr|ag|data|cal|calibrated))*"
-"""What may follow a quantity: the chip (Shimmer has two accelerometers, low-noise and wide-range), or `calibrated`."""
+"""Suffixes of a quantity: the chip (Shimmer has a low-noise and a wide-range accelerometer), or `calibrated`."""
 
 _TIME = (
     r"t|ts|time|timestamp|time_?stamp|seconds|secs?|时间|(?:seconds_|time_)?elapsed|millis|micros|date_?time|"
@@ -27,7 +27,7 @@ _TIME = (
 )
 _DEVICE_TIME = r"chip_?time|片上时间|(?:.*_)?header_stamp"
 TIME_UNITS = r"_(ns|us|ms|s|sec|min)$"
-"""A unit of time at the end of a name: `timestamp_us`."""
+"""A unit of time at the end of a name, as in `timestamp_us`."""
 
 _SUFFIXES = {"mps2": "m/s2", "ms2": "m/s2", "g": "g", "mg": "mg", "dps": "dps", "degs": "deg/s", "deg_s": "deg/s"} | {
     "rads": "rad/s",
@@ -37,7 +37,7 @@ _SUFFIXES = {"mps2": "m/s2", "ms2": "m/s2", "g": "g", "mg": "mg", "dps": "dps", 
     "ut": "ut",
     "gauss": "gauss",
 }
-"""Units that are part of a name: `accel_x_mps2`."""
+"""Units at the end of a name, as in `accel_x_mps2`."""
 
 _OTHER = (
     (r"(?:.*_)?(?:user|free|cal_free|earth|world|global|lin)_?acc\w*|(?:.*_)?gravity", "without gravity, or gravity"),
@@ -45,32 +45,32 @@ _OTHER = (
     (r"(?:.*_)?(?:quat|orientation|euler).*|(?:q|roll|pitch|yaw|mat)(?!.*rate).*", "an attitude that isn't used"),
     (r"d[qv]|i[qv]", "increments between samples"),
 )
-"""Columns with axes that are no measurement of ours, and why."""
+"""Patterns of columns with axes that are not read, and why."""
 
 _DERIVED = (
     r"(?:.*_)?(?:time|time_?stamp|date|temp|temperature|norm|abs\w*|magnitude|total|resultant|bias|range|scale|fs|sens\w*|"
     r"offset|status|state|valid|ok|error|clip\w*|accuracy|count\w*|samples|num\w*|seq|id|name|unit|version|calibration|"
     r"std\w*|var\w*|cov\w*|rms|mean|avg|max|min|heading|declination|inclination|dip)(?:_?\d+|_.*)?"
 )
-"""What a program says of a sensor, or works out of what it read: `gyroTimestamp_sinceReboot`, `acc_norm`."""
+"""Patterns of columns about a sensor, or computed from its readings: `gyroTimestamp_sinceReboot`, `acc_norm`."""
 
 _INERTIAL = {
     "g": (r"gyr|omega|ang(?:ular)?_?(?:vel|rate|speed)|(?:rotation|turn|roll|pitch|yaw)_?rate", r"rot|ang|turn|rate"),
     "a": (r"acc(?!ur|ess|um|ount|ept)|specific_?force", r"force"),
     "m": (r"magn?(?:_|\d|$)|magnet", r"mag|field_?[xyz]$"),
 }
-"""How a name begins, or a word of it, that looks like a gyro's, an accelerometer's, a magnetometer's; and what else
-does where an axis ends it."""
+"""Beginnings of words that look like a gyro (g), an accelerometer (a) or a magnetometer (m): in any name, and in a name
+with an axis."""
 
 
 def plain(name: str) -> str:
-    """`Gyroscope X (deg/s)` -> `gyroscope_x`, `rotationRateX` -> `rotation_rate_x`."""
+    """Normalise a name without its unit: `Gyroscope X (deg/s)` is `gyroscope_x`, `rotationRateX` `rotation_rate_x`."""
     words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", split_unit(name)[0])
     return re.sub(r"[\s.\-/:_%]+", "_", words.lower()).strip("_")
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """`Gyroscope X (deg/s)` -> `Gyroscope X`, `deg/s`; no unit is ""."""
+    """Split off the unit, "" if there is none: `Gyroscope X (deg/s)` -> `Gyroscope X`, `deg/s`."""
     name = name.strip()
     opening = max(name.rfind(" ("), name.rfind("[")) if name.endswith("))") else max(name.rfind("("), name.rfind("["))
     if opening < 0 or not name.endswith((")", "]")):
@@ -80,18 +80,18 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def is_time(name: str) -> bool:
-    """Whether a column holds a time."""
+    """Whether a column contains times."""
     word = plain(name)
     return re.fullmatch(f"{_TIME}|{_DEVICE_TIME}", re.sub(TIME_UNITS, "", word) or word) is not None
 
 
 def is_device_time(name: str) -> bool:
-    """Whether it is by the clock of the device itself."""
+    """Whether a column contains times of the device's own clock."""
     return re.fullmatch(_DEVICE_TIME, plain(name)) is not None
 
 
 def our_name(name: str) -> tuple[str, str] | None:
-    """Ours, and the set of three that it belongs to: `Accel_LN_X` -> ax, `accel_ln`; None for a column of no use."""
+    """Return our name and the name of the set of axes, `Accel_LN_X` -> ax, `accel_ln`; None if the column has none."""
     word = plain(name)
     if is_time(name):
         return "t", word
@@ -108,7 +108,7 @@ def our_name(name: str) -> tuple[str, str] | None:
 
 
 def looks_inertial(name: str) -> str:
-    """g, a or m where a column looks like a gyro's, an accelerometer's or a magnetometer's; else ""."""
+    """Return g, a or m if a column looks like a gyro, an accelerometer or a magnetometer, else ""."""
     word = plain(name)
     has_axis = re.search(r"[xyz](?:_|$)|^[xyz]_", word) is not None
     for letter, (alone, with_axis) in _INERTIAL.items():
@@ -118,8 +118,8 @@ def looks_inertial(name: str) -> str:
 
 
 def why_unread(name: str) -> str:
-    """Say why a column of this name is never read; "" where the name doesn't tell."""
+    """Return why a column of this name is never read; "" if the name doesn't tell."""
     word = plain(name)
     of_axes = re.sub(r"_?([xyz]|\d)(_cal)?$", "", word)
     known = next((why for pattern, why in _OTHER if re.fullmatch(pattern, of_axes)), "")
-    return known or ("said of the sensor, or worked out of what it read" if re.fullmatch(_DERIVED, word) else "")
+    return known or ("about the sensor, or computed from its readings" if re.fullmatch(_DERIVED, word) else "")

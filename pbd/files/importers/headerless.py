@@ -1,4 +1,4 @@
-"""Recordings without a header: what was read of them, and `--column` and `--unit` where they are wrong."""
+"""Recordings without a table's header: the list of their columns, and `--column` and `--unit` to correct them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,14 @@ from pbd.files.importers.columns import CHANNEL_OF, CHANNELS, Column, Understood
 def understood_channels(
     recording: Recording, names: Mapping[str, str], by: str, unread: Mapping[str, str]
 ) -> Understood:
-    """Tell of each channel that is there its name in the file, in our units, and who says so."""
+    """List the columns of a recording in our units.
+
+    Args:
+        recording: the recording.
+        names: channel -> its name in the file.
+        by: who decided names and units.
+        unread: what was not read, and why.
+    """
     columns = []
     for channel, name in names.items():
         if getattr(recording, "device_rpy" if channel == "rpy" else channel) is not None:
@@ -29,30 +36,37 @@ def understood_channels(
 def remapped(
     path: Path, recording: Recording, understood: Understood, columns: Mapping[str, str], units: Mapping[str, str]
 ) -> tuple[Recording, Understood]:
-    """Swap and turn the axes of a recording that has been read, and change its units.
+    """Swap and reverse axes of an imported recording, and change its units.
 
     Args:
-        columns: ours -> ours, or the file's name; -NAME turns the sign.
-        units: of acc, gyr, mag; -UNIT turns the sign.
+        path: the file, for errors.
+        recording: as it was read.
+        understood: its columns.
+        columns: our name -> our name, or the file's; -NAME reverses the sign.
+        units: unit of acc, gyr or mag; -UNIT reverses the sign.
+
+    Raises:
+        UsageError: a channel or a unit is unknown.
+        RecordingError: a column is unknown.
     """
     read = {name: values for name in ("gyr", "acc", "mag") if (values := getattr(recording, name)) is not None}
     changed = {name: values.copy() for name, values in read.items()}
-    told = {(column.ours, column.name if column.ours == "t" else ""): column for column in understood.columns}
+    by_ours = {(column.ours, column.name if column.ours == "t" else ""): column for column in understood.columns}
     for ours, name in columns.items():
         channel = CHANNEL_OF.get(ours, "")
         if not channel:
             raise UsageError(f"unknown channel '{ours}'; choose one of {', '.join(CHANNEL_OF)}", value=ours)
-        there = understood.of(channel) if channel in read else []
-        bare = name if any(name == column.name for column in there) else name.removeprefix("-")
-        source = next((column for column in there if bare in (column.name, column.ours)), None)
+        axes = understood.of(channel) if channel in read else []
+        bare = name if any(name == column.name for column in axes) else name.removeprefix("-")
+        source = next((column for column in axes if bare in (column.name, column.ours)), None)
         if source is None:
-            have = f"its columns for {ours} are {listed(column.name for column in there)}"
+            have = f"its columns for {ours} are {listed(column.name for column in axes)}"
             raise RecordingError.at(path, f"no column '{printable(name)}'; {have}", value=name)
-        # A name means what stands in the file, one of ours what was made of it.
+        # The file's name means the values in the file; our name means our values, whose sign may be reversed already.
         sign = (1.0 if bare == name else -1.0) * (source.sign if bare == source.name else 1.0)
-        to, of = CHANNELS[channel].index(ours), CHANNELS[channel].index(source.ours)
-        changed[channel][:, to] = sign * read[channel][:, of]
-        told[ours, ""] = replace(source, ours=ours, sign=sign * source.sign, named_by="--column")
+        to, origin = CHANNELS[channel].index(ours), CHANNELS[channel].index(source.ours)
+        changed[channel][:, to] = sign * read[channel][:, origin]
+        by_ours[ours, ""] = replace(source, ours=ours, sign=sign * source.sign, named_by="--column")
     for channel, given in units.items():
         unit, sign = given.removeprefix("-"), -1.0 if given.startswith("-") else 1.0
         factor = unit_factor(channel, unit) if channel in read else None
@@ -60,7 +74,7 @@ def remapped(
             known = f"give one of {', '.join(UNITS[channel])}" if channel in read else f"give it for {', '.join(read)}"
             raise UsageError(f"{path}: the unit {channel}={printable(given)} is not known here; {known}", value=given)
         for k, ours in enumerate(CHANNELS[channel]):
-            column = told[ours, ""]
+            column = by_ours[ours, ""]
             changed[channel][:, k] *= sign * factor / (unit_factor(channel, column.unit) or 1.0)
-            told[ours, ""] = replace(column, sign=sign * column.sign, unit=unit, unit_by="--unit")
-    return replace(recording, **changed), replace(understood, columns=tuple(told.values()))
+            by_ours[ours, ""] = replace(column, sign=sign * column.sign, unit=unit, unit_by="--unit")
+    return replace(recording, **changed), replace(understood, columns=tuple(by_ours.values()))

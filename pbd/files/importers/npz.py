@@ -1,4 +1,4 @@
-"""Named numpy arrays in SI units: rate_hz, acc, gyr and, where they are known, mag, true_position, true_wxyz."""
+"""npz: named numpy arrays in SI units."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ NEXT_STEP = "save it with numpy.savez"
 
 
 def read_npz(path: Path) -> tuple[Recording, Understood, Truth | None]:
-    """Read a recording, and what was read of it, from an npz.
+    """Read a recording, its columns and, if known, its truth, whose first known position becomes the origin.
 
-    Keys: rate_hz; acc (n, 3) m/s2; gyr (n, 3) rad/s; mag (n, 3) uT; true_position (m, 3) m; true_wxyz (m, 4);
-    true_rate_hz where the truth has a rate of its own. NaN is "unknown". Truth counts from its first known position.
+    The arrays are rate_hz; acc (n, 3) m/s2; gyr (n, 3) rad/s; mag (n, 3) uT; true_position (m, 3) m; true_wxyz (m, 4);
+    true_rate_hz if the truth has another rate. Only rate_hz and acc are required. NaN means unknown.
 
     Raises:
-        RecordingError: not an npz, or without rate_hz and acc.
+        RecordingError: the file is not an npz, or an array is missing or has a wrong shape.
     """
     arrays, others = _arrays(path)
     for key in ("rate_hz", "acc"):
@@ -59,26 +59,26 @@ def read_npz(path: Path) -> tuple[Recording, Understood, Truth | None]:
         info=RecordingInfo(rate_hz=rates["rate_hz"]),
     )
     unread = dict.fromkeys(others, "none of the names that are known")
-    told = understood_channels(recording, {key: key for key in ("gyr", "acc", "mag")}, "its name", unread)
-    return recording, told, _truth(arrays, rates["true_rate_hz"])
+    understood = understood_channels(recording, {key: key for key in ("gyr", "acc", "mag")}, "its name", unread)
+    return recording, understood, _truth(arrays, rates["true_rate_hz"])
 
 
 def _arrays(path: Path) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
-    """Those of KEYS that are there and hold numbers, and the names of all other arrays."""
+    """Return the arrays of numbers under KEYS, and the names of all other arrays."""
     data = read_bytes(path, RecordingError, NEXT_STEP)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             sizes = {member.filename.removesuffix(".npy"): member.file_size for member in archive.infolist()}
-        there = [name for name in KEYS if name in sizes]
-        if sum(sizes[name] for name in there) > LARGE:
+        known = [name for name in KEYS if name in sizes]
+        if sum(sizes[name] for name in known) > LARGE:
             raise ValueError(f"its arrays take more than the {LARGE / 1e6:.0f} MB that are read")
         with warnings.catch_warnings(), np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            warnings.simplefilter("ignore")  # numpy warns when it repairs files of Python 2
-            read = {name: arrays[name] for name in there}
-    except Exception as reason:  # damaged bytes make zip, zlib, tokenize and numpy raise errors of their own
+            warnings.simplefilter("ignore")  # numpy warns of files written by Python 2
+            read = {name: arrays[name] for name in known}
+    except Exception as reason:  # damaged bytes cause errors of zip, zlib, tokenize and numpy
         raise RecordingError.at(path, f"can't be read as an npz ({in_words(reason)}); {NEXT_STEP}") from None
     numbers = {name: array for name, array in read.items() if array.dtype.kind in "fiub"}
-    return numbers, tuple(name for name in sizes if name not in there)
+    return numbers, tuple(name for name in sizes if name not in known)
 
 
 def _truth(arrays: dict[str, Array], rate_hz: float) -> Truth | None:

@@ -1,11 +1,13 @@
-"""Recordings of phones' apps, as a zip, a folder, or one CSV of it: Sensor Logger and phyphox, a file for each sensor.
+"""Recordings of the phone apps Sensor Logger and phyphox: a zip, a folder, or one CSV file of it.
 
-Sources: Sensor Logger's own documentation (github.com/tszheichoi/awesome-sensor-logger: UNITS.md, COORDINATES.md,
-CROSSPLATFORM.md); phyphox' DataExport.java and its documentation (github.com/phyphox). Specific force is to be +g up:
-- Sensor Logger on Android: TotalAcceleration.csv. Its Accelerometer.csv is without gravity on both systems.
-- Sensor Logger on iOS: Accelerometer.csv + Gravity.csv, both with the sign turned; or AccelerometerUncalibrated.csv,
-  in g and turned as well. With "Standardise Units & Frames" (`standardisation` in Metadata.csv) all is as on Android.
-- phyphox: "Acceleration x (m/s^2)"; its "Linear Acceleration x (m/s^2)" is without gravity.
+They have a file for each sensor. Specific force, +g up, comes from
+- TotalAcceleration.csv of Sensor Logger on Android. Accelerometer.csv is without gravity on both systems.
+- Accelerometer.csv + Gravity.csv of Sensor Logger on iOS, both with reversed sign; or AccelerometerUncalibrated.csv, in
+  g and reversed too. With "Standardise Units & Frames" (`standardisation` in Metadata.csv) all is as on Android.
+- "Acceleration x (m/s^2)" of phyphox. "Linear Acceleration x (m/s^2)" is without gravity.
+
+Sources: Sensor Logger's documentation (github.com/tszheichoi/awesome-sensor-logger: UNITS.md, COORDINATES.md,
+CROSSPLATFORM.md); phyphox' DataExport.java and its documentation (github.com/phyphox).
 """
 
 from __future__ import annotations
@@ -46,37 +48,38 @@ PHYPHOX_TIME = "Time (s)"
 LOGGER = "Sensor Logger"
 
 LARGEST_FILE = LARGE // 4
-"""Largest file in a zip, bytes: an hour at 400 Hz has 120 MB. So a small zip can't fill the memory."""
+"""Largest file in a zip, bytes, so that a small zip can't fill the memory. An hour at 400 Hz has 120 MB."""
 
 MOST_FILES = 1000
-"""Most files of a recording that are looked at: Sensor Logger keeps pictures, too."""
+"""Most files of a recording that are read. Sensor Logger also stores pictures."""
 
 PHYPHOX_MOMENTS = "meta/time"
-"""phyphox' table of starts and pauses. What else is in its folder `meta` is about the phone."""
+"""phyphox' table of starts and pauses. The other files in its folder `meta` describe the phone."""
 
 Files = dict[str, Callable[[], bytes]]
+"""Name of a CSV file, without suffix -> a function that reads it."""
 
 
 def read_phone(path: Path) -> tuple[Recording, Understood] | None:
-    """Read a phone's recording from a zip, a folder, or a CSV in such a folder; None where it is of neither app."""
-    files = _zipped(path) if path.suffix.lower() == ".zip" else _beside(path)
+    """Read a phone's recording from a zip, a folder, or a CSV file in such a folder; None: it is from neither app."""
+    files = _files_in_zip(path) if path.suffix.lower() == ".zip" else _files_in_folder(path)
     if not files:
         return None
     logger = {name: files[name] for name in LOGGER_FILES if name in files}
     sheets = {name: _sheet(path, name, read) for name, read in logger.items()}
     sheets = {name: sheet for name, sheet in sheets.items() if {*sheet.header} >= {*LOGGER_COLUMNS}}
     if sheets:
-        recording, understood = _of_logger(path, sheets, _metadata(files))
+        recording, understood = _read_sensor_logger(path, sheets, _metadata(files))
         read = {*sheets, METADATA}
-    elif of_phyphox := _of_phyphox(path, files):
-        recording, understood, read = of_phyphox
+    elif phyphox := _read_phyphox(path, files):
+        recording, understood, read = phyphox
     else:
         return None
     return recording, understood.with_unread({f"{name}.csv": UNUSED for name in sorted(files.keys() - read)})
 
 
-def _zipped(path: Path) -> Files:
-    """The tables of a zip by name, whatever folder they are in; RecordingError: no zip, or several recordings."""
+def _files_in_zip(path: Path) -> Files:
+    """List the CSV files of a zip, in any folder; RecordingError: it is not a zip, or has several recordings."""
     data = read_bytes(path, RecordingError, "export it again")
     try:
         archive = zipfile.ZipFile(io.BytesIO(data))
@@ -109,8 +112,8 @@ def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> by
         raise RecordingError.at(path, what) from None
 
 
-def _beside(path: Path) -> Files:
-    """The tables of a folder; a CSV counts only by a name and a header of these apps."""
+def _files_in_folder(path: Path) -> Files:
+    """List the CSV files of a folder, or those beside a CSV file that has a name or header of these apps."""
     folder = path if path.is_dir() else path.parent
     if path.is_file():
         if path.suffix.lower() != ".csv":
@@ -118,7 +121,7 @@ def _beside(path: Path) -> Files:
         with path.open("rb") as file:
             header = file.readline(1000).decode("utf-8", "replace")
         logger = path.stem in LOGGER_FILES and set(header.strip().split(",")) >= {*LOGGER_COLUMNS}
-        if not logger and not _phyphox_kind([cell.strip().strip('"') for cell in re.split(r"[,;\t]", header)]):
+        if not logger and not _phyphox_quantities([cell.strip().strip('"') for cell in re.split(r"[,;\t]", header)]):
             return {}
     try:
         names = sorted(each for each in (*folder.glob("*.csv"), folder / f"{PHYPHOX_MOMENTS}.csv") if each.is_file())
@@ -137,43 +140,46 @@ def _sheet(path: Path, name: str, read: Callable[[], bytes]) -> Sheet:
 
 
 def _stream(sheet: Sheet, t: str, axes: tuple[str, ...], scale: float = 1.0) -> Stream:
-    """A sensor's readings in the order of their times, of which each is there once; rows with a NaN left out."""
+    """Read a sensor's samples, sorted by time, without repeated times and rows with NaN."""
     rows = sheet.read([t, *axes]).values
     return Stream.of(rows[:, 0], scale * rows[:, 1:])
 
 
 def _metadata(files: Files) -> Mapping[str, str]:
+    """Read Sensor Logger's Metadata.csv, in lower case."""
     if METADATA not in files:
         return {}
     rows = list(csv.DictReader(io.StringIO(files[METADATA]().decode("utf-8", "replace"))))
     return {str(key).strip().lower(): str(value).strip().lower() for key, value in rows[0].items()} if rows else {}
 
 
-def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]) -> tuple[Recording, Understood]:
+def _read_sensor_logger(
+    path: Path, sheets: Mapping[str, Sheet], metadata: Mapping[str, str]
+) -> tuple[Recording, Understood]:
     def stream(name: str, scale: float = 1.0) -> Stream:
         return _stream(sheets[name], "seconds_elapsed", ("x", "y", "z"), scale)
 
-    ios = about.get("platform") == "ios"
-    turned = ios and about.get("standardisation") != "true"
-    sign, unit = -1.0 if turned else 1.0, "m/s2"
+    ios = metadata.get("platform") == "ios"
+    reversed_ = ios and metadata.get("standardisation") != "true"
+    sign, unit = -1.0 if reversed_ else 1.0, "m/s2"
     if "TotalAcceleration" in sheets:
         acc, source = stream("TotalAcceleration", sign), "TotalAcceleration.csv"
     elif {"Accelerometer", "Gravity"} <= sheets.keys():
-        if not about:
+        if not metadata:
             what = "Metadata.csv is missing, which says whether the signs are an iPhone's; add it, or export again"
             raise RecordingError.at(path, what)
-        moved, gravity = stream("Accelerometer", sign), stream("Gravity", sign)
-        acc, source = Stream.of(moved.t, moved.values + gravity.at(moved.t)), "Accelerometer.csv + Gravity.csv"
+        linear, gravity = stream("Accelerometer", sign), stream("Gravity", sign)
+        acc, source = Stream.of(linear.t, linear.values + gravity.at(linear.t)), "Accelerometer.csv + Gravity.csv"
     elif "AccelerometerUncalibrated" in sheets:
-        source, unit = "AccelerometerUncalibrated.csv", "g" if turned else "m/s2"
-        acc = stream("AccelerometerUncalibrated", sign * (GRAVITY if turned else 1.0))
-        if not about and len(acc) and np.median(np.linalg.norm(acc.values, axis=1)) < 0.5 * GRAVITY:
+        source, unit = "AccelerometerUncalibrated.csv", "g" if reversed_ else "m/s2"
+        acc = stream("AccelerometerUncalibrated", sign * (GRAVITY if reversed_ else 1.0))
+        if not metadata and len(acc) and np.median(np.linalg.norm(acc.values, axis=1)) < 0.5 * GRAVITY:
             acc, sign, unit = Stream(acc.t, -GRAVITY * acc.values), -1.0, "g"  # an iPhone's
     else:
         needed = "Gravity.csv beside Accelerometer.csv" if ios else "TotalAcceleration.csv"
         switch = "Gravity" if ios else "Total Acceleration"
-        there = "Accelerometer.csv is without gravity" if "Accelerometer" in sheets else "no acceleration is in it"
-        what = f"{there}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again"
+        why = "Accelerometer.csv is without gravity" if "Accelerometer" in sheets else "no acceleration is in it"
+        what = f"{why}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again"
         raise RecordingError.at(path, what)
     read, others = {"acc": (source, sign, unit)}, dict[str, Stream]()
     for kind, name, unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "ut")):
@@ -181,17 +187,17 @@ def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]
             others[kind], read[kind] = stream(found), (f"{found}.csv", 1.0, unit)
     columns = [column for kind, its in read.items() for column in _columns(LOGGER, LOGGER_COLUMNS, kind, *its)]
     used = {name for source, _, _ in read.values() for name in re.findall(r"(\w+)\.csv", source)}
-    unread = {f"{name}.csv": "another file has it better" for name in sheets if name not in used}
+    unread = {f"{name}.csv": "a better file is there" for name in sheets if name not in used}
     if "Accelerometer.csv" in unread:
         unread["Accelerometer.csv"] = "without gravity"
     for name in sorted(used):
-        unread |= _left(f"{name}.csv", sheets[name].header, LOGGER_COLUMNS)
+        unread |= _unread(f"{name}.csv", sheets[name].header, LOGGER_COLUMNS)
     recording = _recording(path, {"acc": acc} | others)
     return recording, Understood(tuple(columns), unread, f"{LOGGER} (a phone)")
 
 
-def _phyphox_kind(header: Sequence[str]) -> dict[str, list[str]]:
-    """Of each quantity in a header of phyphox', its three columns."""
+def _phyphox_quantities(header: Sequence[str]) -> dict[str, list[str]]:
+    """Return the three columns of each quantity in a header of phyphox."""
     found: dict[str, list[str]] = {}
     for kind, pattern in PHYPHOX_QUANTITIES.items():
         axes = {match[1]: name for name in header if (match := re.fullmatch(pattern, name.lower()))}
@@ -200,19 +206,20 @@ def _phyphox_kind(header: Sequence[str]) -> dict[str, list[str]]:
     return found if PHYPHOX_TIME in header else {}
 
 
-def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[str]] | None:
+def _read_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[str]] | None:
+    """Read phyphox' files; return the recording, its columns and the files that were read, or None."""
     streams: dict[str, Stream] = {}
     columns: list[Column] = []
     unread: dict[str, str] = {}
     files_read = {PHYPHOX_MOMENTS}
     moments = _moments(path, files)
-    for name in sorted(files.keys() - {PHYPHOX_MOMENTS}, key=lambda name: name != path.stem):  # the one named first
+    for name in sorted(files.keys() - {PHYPHOX_MOMENTS}, key=lambda name: name != path.stem):  # the named file first
         try:
             sheet = _sheet(path, name, files[name])
         except RecordingError:
-            continue  # another set of the experiment: empty, or of few columns
+            continue  # another file of the experiment, which is empty or has few columns
         used: set[str] = set()
-        for kind, axes in _phyphox_kind(sheet.header).items():
+        for kind, axes in _phyphox_quantities(sheet.header).items():
             used |= {*axes, PHYPHOX_TIME}
             if kind in streams:
                 if path.is_file() and path.suffix.lower() == ".csv":
@@ -220,21 +227,21 @@ def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[st
                 what = f"'{axes[0]}' is in {name}.csv and in another file too; keep one recording in a folder"
                 raise RecordingError.at(path, what)
             stream = _stream(sheet, PHYPHOX_TIME, tuple(axes))
-            streams[kind] = Stream(moments.straight(stream.t), stream.values)
+            streams[kind] = Stream(moments.to_elapsed(stream.t), stream.values)
             if kind == "linear":
                 unread |= dict.fromkeys((f"{name}.csv: {axis}" for axis in axes), "without gravity")
             else:
                 columns += _columns("phyphox", [PHYPHOX_TIME, *axes], kind, f"{name}.csv", 1.0, PHYPHOX_UNITS[kind])
         if used:
             files_read.add(name)
-            unread |= _left(f"{name}.csv", sheet.header, used)
+            unread |= _unread(f"{name}.csv", sheet.header, used)
     if not streams:
         return None
     if "acc" not in streams:
-        there = "Linear Acceleration is without gravity" if "linear" in streams else "no acceleration is in it"
+        why = "Linear Acceleration is without gravity" if "linear" in streams else "no acceleration is in it"
         raise RecordingError.at(
             path,
-            f"{there}, and 'Acceleration x (m/s^2)' is needed; record with the experiment that `pbd sensors phyphox` "
+            f"{why}, and 'Acceleration x (m/s^2)' is needed; record with the experiment that `pbd sensors phyphox` "
             "gives to the phone",
         )
     recording = _recording(path, streams)
@@ -247,13 +254,13 @@ def _columns(program: str, names: Sequence[str], kind: str, file: str, sign: flo
     return [Column(f"{file}: {name}", *its, by, by) for name, its in zip(names, ours, strict=True)]
 
 
-def _left(file: str, header: Sequence[str], used: Collection[str]) -> dict[str, str]:
-    """The columns of a file that were not read, and why."""
+def _unread(file: str, header: Sequence[str], used: Collection[str]) -> dict[str, str]:
+    """Return the columns of a file that were not read, and why."""
     return {f"{file}: {name}": why_left(name, CHANNEL_OF) for name in header if name not in used}
 
 
 def _moments(path: Path, files: Files) -> Moments:
-    """When the measurement was started and paused: experiment time stands still between."""
+    """Read when the measurement was started and paused: experiment time stands still in pauses."""
     moments = Moments()
     if PHYPHOX_MOMENTS in files:
         sheet = _sheet(path, PHYPHOX_MOMENTS, files[PHYPHOX_MOMENTS])
@@ -265,6 +272,7 @@ def _moments(path: Path, files: Files) -> Moments:
 
 
 def _recording(path: Path, streams: Mapping[str, Stream]) -> Recording:
+    """Join the streams to a recording; RecordingError: they have no time in common."""
     acc, gyr, mag = streams["acc"], streams.get("gyr") or None, streams.get("mag") or None
     t, acc_at, gyr_at, mag_at = joined(acc, gyr, mag)
     if len(t) < 2:

@@ -1,6 +1,6 @@
-"""Lines that a sketch printed, with names beside the numbers, as a serial monitor or `cat` keeps.
+"""Lines with names beside the numbers, as an Arduino sketch prints them and a serial monitor or `cat` saves them.
 
-Recognised by names before the numbers, not by a header (Arduino's serial plotter wants `name:value`):
+They have no header. Examples:
 
     AccelX:0.12,AccelY:-0.33,AccelZ:9.83                 Adafruit_MPU6050, examples/plotter
     Acceleration X: 0.12, Y: -0.33, Z: 9.83 m/s^2        Adafruit_MPU6050, examples/basic_readings
@@ -9,7 +9,7 @@ Recognised by names before the numbers, not by a header (Arduino's serial plotte
     AX:0.12 AY:-0.33 AZ:0.98
     12:34:56.789 -> ax: 0.12 ...                         with the times of Arduino's serial monitor
 
-A sample begins where its first name comes again.
+A new sample begins when a name is repeated.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ _STAMP = re.compile(r"\s*(\d{1,2}:\d{2}:\d{2}\.\d+)\s*->\s*")
 _UNIT = re.compile(r"\d\.?\s{0,9}(m/s\^?2|rad/s|deg/s|dps|uT|g)\s*$")
 
 NAMED_LINES = 20
-"""How many of the first lines show whether names are beside the numbers."""
+"""Number of first lines by which the format is recognised."""
 
 LONGEST_LINE = 1000
-"""Characters of a line that are looked at."""
+"""Characters of a line that are read."""
 
 
 def is_printed(text: str) -> bool:
-    """Whether most of the first lines have names beside their numbers."""
+    """Whether at least a third of the first lines have names beside their numbers."""
     lines = [line for line in text.split("\n", NAMED_LINES)[:NAMED_LINES] if line.strip()]
     named = [line for line in lines if len(_pairs(line)) >= 3]
     return 3 * len(named) >= len(lines) > 0 and bool(named)
 
 
 def printed_sheet(path: Path, text: str) -> Sheet:
-    """Make a table of such lines; RecordingError: no sample has all its names."""
+    """Convert such lines to a table; RecordingError: no sample has three numbers with names."""
     samples: list[dict[str, str]] = [{}]
     units: dict[str, str] = {}
-    for line in (whole[:LONGEST_LINE] for whole in text.split("\n")):
+    for line in (line[:LONGEST_LINE] for line in text.split("\n")):
         stamp = _STAMP.match(line)
         pairs = _pairs(line[stamp.end() :] if stamp else line)
         if any(name in samples[-1] for name, _ in pairs):
@@ -53,7 +53,7 @@ def printed_sheet(path: Path, text: str) -> Sheet:
         if unit := _UNIT.search(line):
             units |= dict.fromkeys((name for name, _ in pairs), unit[1])
         samples[-1] |= dict(pairs)
-    # The first and the last may be cut off; what is printed now and then, such as a temperature, is none of them.
+    # The first and last sample may be incomplete. Numbers that are printed rarely, such as temperatures, are ignored.
     names = max(samples, key=len)
     header = [name for name in names if sum(name in sample for sample in samples) * 2 > len(samples)]
     rows = [",".join(sample[name] for name in header) for sample in samples if all(name in sample for name in header)]
@@ -65,7 +65,7 @@ def printed_sheet(path: Path, text: str) -> Sheet:
 
 
 def _pairs(line: str) -> list[tuple[str, str]]:
-    """Names and numbers; a bare X, Y or Z takes the word that stood before: `Rotation X: 1, Y: 2`."""
+    """Return names and numbers. A bare X, Y or Z gets the word before it, as in `Rotation X: 1, Y: 2`."""
     found, word = [], ""
     for name, value in _PAIR.findall(line[:LONGEST_LINE]):
         axis = re.fullmatch(r"(.*?)[\s_]*([XYZxyz])", name)

@@ -1,11 +1,11 @@
-"""phyphox on a phone: its answers over HTTP as samples. A line is what was asked and the answer: `/get {...}`.
+"""Decoder of phyphox' answers over HTTP. The stream is lines of a request and its JSON answer: `/get {...}`.
 
 Source: phyphox' documentation of its remote interface (github.com/phyphox/phyphox-docs, docs/remote-interface) and the
-app's own RemoteServer.java. `/get` answers with buffers of numbers of 8 digits, `null` where one is not finite;
-`/time` with the moments at which the measurement was started and paused. Experiment time stands still in a pause and
-begins anew when the data are cleared, so those moments say how long that took.
+app's own RemoteServer.java. `/get` returns buffers of numbers with 8 digits, `null` for one that is not finite. `/time`
+returns the moments at which the measurement was started and paused. Experiment time stops in a pause, and restarts from
+zero when the data are cleared; the moments tell how long that took.
 
-The phone's axes: x to the right, y to the top of the screen, z out of it; +g up at rest on both systems.
+The phone's axes: x right, y to the top of the screen, z out of it. Android and iOS both give +g up at rest.
 """
 
 from __future__ import annotations
@@ -27,40 +27,40 @@ BUFFERS = {
     "acc": ("acc_time", "accX", "accY", "accZ"),
     "mag": ("mag_time", "magX", "magY", "magZ"),
 }
-"""Our experiment's buffers: the time of each sensor, and its axes."""
+"""Names of the experiment's buffers: each sensor's time, then its three axes."""
 
 LARGEST = {"gyr": 200.0, "acc": 2000.0, "mag": 1e5}
-"""rad/s, m/s2 and uT: nothing that a phone can measure exceeds these."""
+"""Largest plausible reading, rad/s, m/s2 and uT. No phone measures more."""
 
-LONGEST_RUN_S = 1e5
-"""Latest experiment time, s: from then on the 8 digits of an answer tell no millisecond."""
+MAX_RUN_S = 1e5
+"""Largest experiment time, s. Above it, the 8 digits of an answer no longer resolve a millisecond."""
 
-NO_GYRO_S = 1.0
-"""s of acceleration without a sample of the gyro after which the phone counts as one without a gyro."""
+GYRO_WAIT_S = 1.0
+"""Time span of acceleration samples without a gyro sample after which the phone counts as one without a gyro, s."""
 
-LATE_S = 0.5
-"""Longest time, s, that samples wait for the field, which may come late or stop."""
+MAG_WAIT_S = 0.5
+"""Longest time that samples wait for the magnetometer, s. It may come late or stop."""
 
-LEAP_S = 0.5
-"""Longest step, s, of a sensor's time that is believed at once: the slowest magnetometers give 5 samples a second."""
+MAX_STEP_S = 0.5
+"""Longest step of a sensor's time that needs no confirmation, s. The slowest magnetometers give 5 samples a second."""
 
-STEPS = 99
-"""Latest intervals of a sensor whose median is its usual one."""
+STEPS_KEPT = 99
+"""Number of a sensor's latest intervals whose median is its usual interval."""
 
-_ASKED = re.compile(rb"/get |/time ")
+_REQUEST = re.compile(rb"/get |/time ")
 LONGEST_ANSWER = 16_000_000
-"""Largest answer, bytes: all buffers of our experiment, full, are 10 MB."""
+"""Largest answer, bytes. All buffers of the experiment together are 10 MB when full."""
 
 
 def read_answer(text: bytes) -> dict[str, Any] | list[Any]:
-    """Read an answer as JSON; ValueError: it is cut off, nested without end, or neither buffers nor moments."""
+    """Parse an answer's JSON; ValueError: it is incomplete, nested too deeply, or neither an object nor a list."""
     import orjson
 
     try:
-        answer = orjson.loads(text)  # three times as fast
+        answer = orjson.loads(text)  # three times as fast as json
     except ValueError:
         try:
-            answer = json.loads(text, parse_constant=lambda _: None)  # NaN is no JSON, but some write it
+            answer = json.loads(text, parse_constant=lambda _: None)  # NaN is not valid JSON, but may come
         except RecursionError:
             raise ValueError("nested too deeply") from None
     if not isinstance(answer, dict | list):
@@ -69,7 +69,7 @@ def read_answer(text: bytes) -> dict[str, Any] | list[Any]:
 
 
 def read_moments(answer: object) -> tuple[Moment, ...]:
-    """Read the answer to `/time`, oldest first; ValueError: it is another answer."""
+    """Read the answer to `/time`, oldest moment first; ValueError: it is not such an answer."""
     try:
         moments = tuple(Moment(each["event"] == "START", each["experimentTime"], each["systemTime"]) for each in answer)  # type: ignore[attr-defined]
         plain = all(0.0 <= each.t < inf and abs(each.system) < 1e12 for each in moments)
@@ -81,32 +81,33 @@ def read_moments(answer: object) -> tuple[Moment, ...]:
 
 
 def read_buffers(answer: object) -> dict[str, Array]:
-    """Read the answer to `/get`: of each sensor rows of time and three axes, (n, 4); ValueError: it is another."""
+    """Read the answer to `/get`: for each sensor (n, 4) of time and axes; ValueError: another answer."""
     try:
         buffers = answer["buffer"]  # type: ignore[index]
         there = {kind: names for kind, names in BUFFERS.items() if names[0] in buffers}
         columns = {kind: [buffers[name]["buffer"] for name in names] for kind, names in there.items()}
-        n = {kind: min(map(len, axes)) for kind, axes in columns.items()}  # in one answer all begin at the same row
-        return {kind: np.array([_numbers(axis, n[kind]) for axis in axes]).T for kind, axes in columns.items()}
+        n = {kind: min(map(len, axes)) for kind, axes in columns.items()}  # in one answer all start at the same row
+        return {kind: np.array([_floats(axis, n[kind]) for axis in axes]).T for kind, axes in columns.items()}
     except (TypeError, KeyError, OverflowError) as reason:
         raise ValueError("no buffers") from reason
 
 
-def in_order(t: Array, last: float) -> list[int]:
-    """Which of a sensor's times (n,) s go on from its `last`: later ones, and one that leaps only if the next agrees.
+def trusted_rows(t: Array, last: float) -> list[int]:
+    """Indices of a sensor's times (n,) s that continue from its `last` time.
 
-    A leap that nothing confirms yet is not taken. The phone keeps it, and is asked for it again.
+    Each must be later than the one before. A step above MAX_STEP_S counts only if the next time confirms it. Otherwise
+    it is left out here; the phone keeps the row and sends it again with the next request.
     """
-    taken: list[int] = []
-    for k, at in enumerate(times := t.tolist()):
-        follows = at - last <= LEAP_S or (k + 1 < len(times) and 0.0 < times[k + 1] - at <= LEAP_S)
-        if at > last and follows:
-            taken.append(k)
-            last = at
-    return taken
+    rows: list[int] = []
+    for k, time in enumerate(times := t.tolist()):
+        confirmed = time - last <= MAX_STEP_S or (k + 1 < len(times) and 0.0 < times[k + 1] - time <= MAX_STEP_S)
+        if time > last and confirmed:
+            rows.append(k)
+            last = time
+    return rows
 
 
-def _numbers(axis: list[Any], n: int) -> list[float]:
+def _floats(axis: list[Any], n: int) -> list[float]:
     numbers = axis[:n]
     if not set(map(type, numbers)) <= {float, int, type(None)}:
         raise ValueError("a buffer holds something else than numbers")
@@ -114,32 +115,32 @@ def _numbers(axis: list[Any], n: int) -> list[float]:
 
 
 @dataclass
-class _Sensor:
-    """Rows of one sensor that may still be needed, (n, 4), and its usual interval, s."""
+class _SensorBuffer:
+    """One sensor's rows (n, 4) that may still be needed, its latest intervals (m,) s, and its last time, s."""
 
     rows: Array
     steps: Array
     last: float = -inf
 
     @property
-    def usual(self) -> float:
+    def usual_step_s(self) -> float:
         return float(np.median(self.steps)) if len(self.steps) else inf
 
     def add(self, rows: Array) -> None:
-        self.steps = np.append(self.steps, np.diff(rows[:, 0], prepend=self.last))[-STEPS:]
+        self.steps = np.append(self.steps, np.diff(rows[:, 0], prepend=self.last))[-STEPS_KEPT:]
         self.steps = self.steps[np.isfinite(self.steps)]
         self.rows, self.last = np.concatenate((self.rows, rows)), float(rows[-1, 0])
 
     def stream(self) -> Stream:
         return Stream(self.rows[:, 0], self.rows[:, 1:])
 
-    def forget(self, t: float) -> None:
-        """Keep what lies after `t`, and the last row before it."""
+    def drop_before(self, t: float) -> None:
+        """Keep the rows after `t`, and the last row before it, which interpolation still needs."""
         self.rows = self.rows[max(int(np.searchsorted(self.rows[:, 0], t)) - 1, 0) :]
 
 
 class PhyphoxDecoder:
-    """Lines of answers to samples on the gyro's clock (the accelerometer's without a gyro), s since the first start."""
+    """Makes a sample at each gyro sample (without a gyro: at each accelerometer sample); times in s since the start."""
 
     def __init__(self) -> None:
         self.tally = Tally()
@@ -149,28 +150,28 @@ class PhyphoxDecoder:
         self._begin()
 
     def _begin(self) -> None:
-        self._sensors = {kind: _Sensor(np.empty((0, 4)), np.empty(0)) for kind in BUFFERS}
-        self._first, self._told = inf, -inf
+        self._sensors = {kind: _SensorBuffer(np.empty((0, 4)), np.empty(0)) for kind in BUFFERS}
+        self._first, self._last_t = inf, -inf
 
     def feed(self, data: bytes) -> list[Sample]:
         """See `Decoder`."""
         longer = len(self._rest) + len(data)
         if self._rest[:1] == b"/" and longer <= LONGEST_ANSWER and b"\n" not in data and b"/" not in data:
-            self._rest += data  # nothing ends or begins here
+            self._rest += data  # the middle of an answer: no line ends or begins here
             return []
         *lines, rest = (self._rest + data).split(b"\n")
         samples: list[Sample] = []
         for line in lines:
-            if asked := _last_asked(line):
-                self._take(asked, samples)
-        self._rest = _last_asked(rest)[:LONGEST_ANSWER] or rest[-len(b"/time") :]
+            if line := _from_last_request(line):
+                self._read_line(line, samples)
+        self._rest = _from_last_request(rest)[:LONGEST_ANSWER] or rest[-len(b"/time") :]
         return samples
 
-    def _take(self, line: bytes, samples: list[Sample]) -> None:
-        asked, _, text = line.partition(b" ")
+    def _read_line(self, line: bytes, samples: list[Sample]) -> None:
+        request, _, text = line.partition(b" ")
         try:
             answer = read_answer(text)
-            if asked == b"/get":
+            if request == b"/get":
                 self._add(read_buffers(answer))
             elif self._moments.take(read_moments(answer)):
                 self._begin()
@@ -183,11 +184,11 @@ class PhyphoxDecoder:
     def _add(self, buffers: dict[str, Array]) -> None:
         for kind, rows in buffers.items():
             sensor = self._sensors[kind]
-            known = np.isfinite(rows).all(axis=1) & (rows[:, 0] >= 0.0) & (rows[:, 0] < LONGEST_RUN_S)
+            plausible = np.isfinite(rows).all(axis=1) & (rows[:, 0] >= 0.0) & (rows[:, 0] < MAX_RUN_S)
             with np.errstate(invalid="ignore"):
-                known &= (np.abs(rows[:, 1:]) <= LARGEST[kind]).all(axis=1)
-            new = rows[known]
-            new = new[in_order(new[:, 0], sensor.last)]
+                plausible &= (np.abs(rows[:, 1:]) <= LARGEST[kind]).all(axis=1)
+            new = rows[plausible]
+            new = new[trusted_rows(new[:, 0], sensor.last)]
             self.tally.bad_packets += len(rows) - len(new)
             if len(new):
                 sensor.add(new)
@@ -198,40 +199,40 @@ class PhyphoxDecoder:
             return []
         self._first = min(self._first, float(acc.rows[0, 0]))
         has_gyr = gyr.last > -inf
-        if not has_gyr and acc.last - self._first < NO_GYRO_S:
+        if not has_gyr and acc.last - self._first < GYRO_WAIT_S:
             return []
         clock = gyr if has_gyr else acc
         until = min(acc.last, self._moments.paused_at)
         if mag.last > -inf:
-            until = min(until, max(mag.last, acc.last - LATE_S))
-        rows = clock.rows[(clock.rows[:, 0] > self._told) & (clock.rows[:, 0] <= until)]
+            until = min(until, max(mag.last, acc.last - MAG_WAIT_S))
+        rows = clock.rows[(clock.rows[:, 0] > self._last_t) & (clock.rows[:, 0] <= until)]
         if not len(rows):
             return []
         t = rows[:, 0]
-        self._told = float(t[-1])
-        at_acc, at_mag = acc.stream().at(t, acc.usual), mag.stream().at(t, mag.usual)
-        straight = self._moments.straight(t)
-        # Beside a pause the phone's moments are exact to milliseconds: no sample comes before an earlier one.
-        later = straight > np.maximum.accumulate(np.append(self._latest, straight[:-1]))
-        self._latest = max(self._latest, float(straight.max()))
+        self._last_t = float(t[-1])
+        at_acc, at_mag = acc.stream().at(t, acc.usual_step_s), mag.stream().at(t, mag.usual_step_s)
+        elapsed = self._moments.to_elapsed(t)
+        # The phone's moments are exact to milliseconds only, so around a pause times may step back: drop those samples.
+        later = elapsed > np.maximum.accumulate(np.append(self._latest, elapsed[:-1]))
+        self._latest = max(self._latest, float(elapsed.max()))
         for sensor in (gyr, acc, mag):
-            sensor.forget(self._told)
+            sensor.drop_before(self._last_t)
         return [
             Sample(
                 (ax, ay, az),
                 (gx, gy, gz) if has_gyr else None,
-                (mx, my, mz) if mx == mx else None,  # nor is NaN equal to itself
+                (mx, my, mz) if mx == mx else None,  # NaN differs from itself
                 None,
                 at,
             )
             for at, (_, gx, gy, gz), (ax, ay, az), (mx, my, mz), is_later in zip(
-                straight.tolist(), rows.tolist(), at_acc.tolist(), at_mag.tolist(), later.tolist(), strict=True
+                elapsed.tolist(), rows.tolist(), at_acc.tolist(), at_mag.tolist(), later.tolist(), strict=True
             )
             if ax == ax and is_later
         ]
 
 
-def _last_asked(line: bytes) -> bytes:
-    """The line from its last question on: what stands before it has lost its end. Empty where there is none."""
-    marks = list(_ASKED.finditer(line))
-    return line[marks[-1].start() :] if marks else b""
+def _from_last_request(line: bytes) -> bytes:
+    """Return the line from its last request on, or nothing without a request. Text before it has lost its end."""
+    requests = list(_REQUEST.finditer(line))
+    return line[requests[-1].start() :] if requests else b""

@@ -1,8 +1,9 @@
-"""The experiment for phyphox: its file, and the QR codes that carry it to a phone without a network.
+"""The experiment for phyphox: its file, and the QR codes that bring it to a phone without a network.
 
 Source: phyphox' documentation of its file format and of offline QR codes (github.com/phyphox/phyphox-docs,
-docs/file-format and docs/transferring-experiments.md): seven letters, the CRC32 of the zip, the code's index and the
-number of codes, then a part of the zip. The app reads the first byte segment of a code, so it has just one.
+docs/file-format and docs/transferring-experiments.md). A code holds the seven letters "phyphox", the CRC32 of the zip,
+the code's index, the number of codes, and a part of the zip. The app reads a code's first byte segment only, so each
+code has just one.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from pbd.sensors.phyphox.answers import BUFFERS
 
 NAME = "pbd.phyphox"
 
-ROWS = 60_000
-"""Samples that the phone keeps of each sensor: 10 minutes at 100 Hz, 2.5 at 400 Hz. A lost network may last as long.
-More would be slow: the app copies a buffer at each request."""
+BUFFER_ROWS = 60_000
+"""Samples of each sensor that the phone keeps: 10 minutes at 100 Hz, 2.5 minutes at 400 Hz. The network may fail for as
+long. Longer buffers would be slow, because the app copies them at each request."""
 
-MOST_CODES = 12
+MAX_QR_CODES = 12
 """Most codes that one experiment is spread over."""
 
 _SENSORS = {
@@ -31,11 +32,12 @@ _SENSORS = {
 
 
 def experiment() -> str:
-    """Return the experiment: accelerometer with gravity, gyro and magnetometer together, as fast as the phone can.
+    """Return the experiment's XML: accelerometer with gravity, gyro and magnetometer at the phone's highest rates.
 
-    Format 1.8 (phyphox 1.1.3) is the oldest with `ignoreUnavailable`: a phone without a magnetometer is welcome.
+    Format 1.8 (phyphox 1.1.3) is the oldest with `ignoreUnavailable`, which a phone without a magnetometer needs.
     """
-    containers = "".join(f'<container size="{ROWS}">{name}</container>' for names in BUFFERS.values() for name in names)
+    buffers = [name for names in BUFFERS.values() for name in names]
+    containers = "".join(f'<container size="{BUFFER_ROWS}">{name}</container>' for name in buffers)
     inputs, values, sets = "", "", ""
     for kind, (sensor, title, unit) in _SENSORS.items():
         t, *axes = BUFFERS[kind]
@@ -55,18 +57,18 @@ def experiment() -> str:
     )
 
 
-def zipped() -> bytes:
-    """Return the experiment as the app likes it best: a zip with one file. The same bytes each time."""
+def experiment_zip() -> bytes:
+    """Return the experiment as a zip with one file, the same bytes each time."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-        member = zipfile.ZipInfo(NAME)  # its time is 1980
+        member = zipfile.ZipInfo(NAME)  # dated 1980, whenever it is made
         archive.writestr(member, experiment(), zipfile.ZIP_DEFLATED, 9)
     return packed.getvalue()
 
 
-def code_parts(count: int) -> Iterator[bytes]:
-    """Yield what each of `count` codes says."""
-    data = zipped()
+def qr_payloads(count: int) -> Iterator[bytes]:
+    """Yield the content of each of `count` QR codes."""
+    data = experiment_zip()
     head = b"phyphox" + zlib.crc32(data).to_bytes(4, "big")
     size = -(-len(data) // count)
     for k in range(count):

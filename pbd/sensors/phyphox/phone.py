@@ -1,6 +1,6 @@
-"""A phone that runs phyphox, asked over HTTP. Nothing here listens: the phone is the server.
+"""HTTP client of a phone that runs phyphox. The phone is the server.
 
-The phone keeps its samples for minutes (`experiment.ROWS`), so a network that is lost for a while costs none.
+The phone keeps its samples for minutes (`experiment.BUFFER_ROWS`), so a short loss of the network loses no sample.
 """
 
 from __future__ import annotations
@@ -17,43 +17,43 @@ from pbd.errors import SensorError, printable
 from pbd.sensors.phyphox.answers import (
     BUFFERS,
     LONGEST_ANSWER,
-    LONGEST_RUN_S,
-    in_order,
+    MAX_RUN_S,
     read_answer,
     read_buffers,
     read_moments,
+    trusted_rows,
 )
 from pbd.sensors.reader import Source
 
 POLL_S = 0.1
-"""s between two requests: the recording's screen is drawn as often."""
+"""Time between two requests, s: as often as the recording's screen is drawn."""
 
 ANSWER_S = 4.0
-"""Longest time, s, that the whole of an answer may take."""
+"""Longest time for a whole answer, s."""
 
 CONNECT_S = 2.0
-"""Longest time, s, without a byte on the connection."""
+"""Longest time without a byte on the connection, s."""
 
 PATIENCE_S = 30.0
-"""s without a sample after which the phone counts as lost. It takes about ten to join a Wi-Fi again."""
+"""Time without a sample after which the phone counts as lost, s. To rejoin a Wi-Fi takes about 10 s."""
 
-PIECE = 65536
-"""Bytes of an answer that are read at once."""
+READ_BYTES = 65536
+"""Largest piece of an answer that is read at once, bytes."""
 
-SCAN = "scan the code of `pbd sensors phyphox` with the app, open it, and allow remote access in its menu"
+SCAN_HINT = "scan the code of `pbd sensors phyphox` with the app, open it, and allow remote access in its menu"
 
 
 class PhonePort(Source):
-    """phyphox on a phone, as a port that gives the phone's answers.
+    """phyphox on a phone, as a port whose bytes are the phone's answers.
 
     Attributes:
-        device: its address.
-        patience_s: s without an answer after which the reader gives up.
+        device: the phone's address.
+        patience_s: time without bytes after which the phone counts as lost, s.
         trouble: why no samples come now, or "".
-        model: what the phone is called.
+        model: the phone's model name, or "".
     """
 
-    patience_s = PATIENCE_S + 2.0 * ANSWER_S  # `read` knows better, and first
+    patience_s = PATIENCE_S + 2.0 * ANSWER_S  # longer than `read` waits, whose error says more
 
     def __init__(self, address: str) -> None:
         """Connect, and start the measurement if it does not run.
@@ -63,12 +63,12 @@ class PhonePort(Source):
         self.device, self.trouble = address.rstrip("/"), ""
         self._host, self._port = _host_and_port(self.device)
         self._connection: http.client.HTTPConnection | None = None
-        self._moments, self._last, self._due, self._silent_since = Moments(), dict.fromkeys(BUFFERS, -inf), 0.0, inf
-        self._told = b""
+        self._moments, self._last_t, self._due, self._silent_since = Moments(), dict.fromkeys(BUFFERS, -inf), 0.0, inf
+        self._last_moments = b""
         self.connect()
 
     def connect(self) -> None:
-        """Connect, for the first time or again: then it goes on with the first sample that was not read yet."""
+        """Connect, or connect again and continue with the first sample that was not read yet."""
         self._silent_since = inf
         try:
             self._open()
@@ -77,46 +77,46 @@ class PhonePort(Source):
             raise
         except (OSError, http.client.HTTPException) as reason:
             raise SensorError(
-                f"{self.device} does not answer ({_why(reason)}): {SCAN}; the phone and this computer must be in "
-                "the same Wi-Fi",
+                f"{self.device} does not answer ({_short_reason(reason)}): {SCAN_HINT}; the phone and this computer "
+                "must be in the same Wi-Fi",
                 path=self.device,
             ) from None
         except ValueError:
             self.close()
-            raise SensorError(f"what answers at {self.device} is no phyphox: {SCAN}", path=self.device) from None
+            raise SensorError(f"what answers at {self.device} is no phyphox: {SCAN_HINT}", path=self.device) from None
 
     def _open(self) -> None:
-        text = self._ask("/get?" + "&".join(names[0] for names in BUFFERS.values()))
+        text = self._get("/get?" + "&".join(names[0] for names in BUFFERS.values()))
         answer = read_answer(text)
         buffers = answer.get("buffer") if isinstance(answer, dict) else None
         if not isinstance(buffers, dict):
             raise ValueError("no buffers")
         if BUFFERS["acc"][0] not in buffers:
-            raise SensorError(f"another experiment than pbd's is open on {self.device}: {SCAN}", path=self.device)
+            raise SensorError(f"another experiment than pbd's is open on {self.device}: {SCAN_HINT}", path=self.device)
         try:
-            self.model = _name(read_answer(self._ask("/meta")))
-            read_moments(read_answer(self._ask("/time")))
+            self.model = _device_model(read_answer(self._get("/meta")))
+            read_moments(read_answer(self._get("/time")))
         except ValueError:
             raise SensorError(
                 f"phyphox on {self.device} tells no times (/time), which it does from version 1.1.8 on: update the app",
                 path=self.device,
             ) from None
-        if not self._told:
+        if not self._last_moments:
             for kind, names in BUFFERS.items():
                 with suppress(TypeError, KeyError, IndexError, OverflowError):
-                    self._last[kind] = float(buffers[names[0]]["buffer"][-1])
-        if max(self._last.values()) > 0.9 * LONGEST_RUN_S:
+                    self._last_t[kind] = float(buffers[names[0]]["buffer"][-1])
+        if max(self._last_t.values()) > 0.9 * MAX_RUN_S:
             raise SensorError(
                 f"the measurement on {self.device} has run for more than a day, and phyphox tells its time by 8 "
                 "digits: clear its data",
                 path=self.device,
             )
-        if not _measures(answer) and read_answer(self._ask("/control?cmd=start")) != {"result": True}:
+        if not _is_measuring(answer) and read_answer(self._get("/control?cmd=start")) != {"result": True}:
             what = f"phyphox on {self.device} does not start to measure: press its play button"
             raise SensorError(what, path=self.device)
 
     def read(self) -> bytes:
-        """Return what is new, after POLL_S if the phone answers; SensorError: nothing has come for PATIENCE_S."""
+        """Return new answers, at most one poll each POLL_S; SensorError: no sample has come for PATIENCE_S."""
         now = time.monotonic()
         if now < self._due:
             time.sleep(min(self._due - now, POLL_S))
@@ -125,7 +125,7 @@ class PhonePort(Source):
             data = self._poll()
         except (OSError, http.client.HTTPException) as reason:
             data = b""
-            self.trouble = f"the phone does not answer ({_why(reason)}); is its screen on, and its Wi-Fi?"
+            self.trouble = f"the phone does not answer ({_short_reason(reason)}); is its screen on, and its Wi-Fi?"
             self.close()
         except ValueError:
             data = b""
@@ -137,12 +137,11 @@ class PhonePort(Source):
         return data
 
     def _poll(self) -> bytes:
-        """Ask for the moments first: a sample that came after a pause is never taken for one before it."""
-        told = self._ask("/time")
-        moments = read_moments(read_answer(told))
-        if self._moments.take(moments):
-            self._last = dict.fromkeys(BUFFERS, -inf)
-        text = self._ask("/get?" + "&".join(self._wanted()))
+        """Poll once. It asks for the moments first, so that no sample after a pause counts as one before it."""
+        moments = self._get("/time")
+        if self._moments.take(read_moments(read_answer(moments))):
+            self._last_t = dict.fromkeys(BUFFERS, -inf)
+        text = self._get("/get?" + "&".join(self._query()))
         answer = read_answer(text)
         rows = read_buffers(answer)
         if "acc" not in rows:
@@ -150,28 +149,28 @@ class PhonePort(Source):
             return b""
         new = False
         for kind, each in rows.items():
-            times = each[:, 0][(each[:, 0] >= 0.0) & (each[:, 0] < LONGEST_RUN_S)]
-            if taken := in_order(times, self._last[kind]):
-                new, self._last[kind] = True, float(times[taken[-1]])
+            times = each[:, 0][(each[:, 0] >= 0.0) & (each[:, 0] < MAX_RUN_S)]
+            if trusted := trusted_rows(times, self._last_t[kind]):
+                new, self._last_t[kind] = True, float(times[trusted[-1]])
         if not new:
             paused = "the measurement is paused on the phone; press its play button"
-            self.trouble = "the phone sends no new samples" if _measures(answer) else paused
+            self.trouble = "the phone sends no new samples" if _is_measuring(answer) else paused
             return b""
         self.trouble = ""
-        before, self._told = self._told, told
-        return (b"" if told == before else b"/time " + _one_line(told)) + b"/get " + _one_line(text)
+        before, self._last_moments = self._last_moments, moments
+        return (b"" if moments == before else b"/time " + _one_line(moments)) + b"/get " + _one_line(text)
 
-    def _wanted(self) -> list[str]:
-        words = []
+    def _query(self) -> list[str]:
+        """Ask for the full buffers at first, later for the rows whose time (`|` t) is after the last one."""
+        query = []
         for kind, (t, *axes) in BUFFERS.items():
-            last = self._last[kind]
-            since = "full" if last == -inf else f"{last:.8g}"
-            words.append(f"{t}={since}")
-            words += [f"{axis}={since}" if last == -inf else f"{axis}={since}%7C{t}" for axis in axes]
-        return words
+            last = self._last_t[kind]
+            since, by_time = ("full", "") if last == -inf else (f"{last:.8g}", f"%7C{t}")
+            query += [f"{t}={since}", *(f"{axis}={since}{by_time}" for axis in axes)]
+        return query
 
-    def _ask(self, path: str) -> bytes:
-        """The body of an answer, within ANSWER_S and LONGEST_ANSWER; ValueError: it is an error, or too long."""
+    def _get(self, path: str) -> bytes:
+        """Get an answer's body within ANSWER_S and LONGEST_ANSWER; ValueError: an error status, or too long."""
         until = time.monotonic() + ANSWER_S
         if self._connection is None:
             self._connection = http.client.HTTPConnection(self._host, self._port, timeout=CONNECT_S)
@@ -179,7 +178,7 @@ class PhonePort(Source):
             self._connection.request("GET", path, headers={"Accept": "application/json"})
             response = self._connection.getresponse()
             body = bytearray()
-            while piece := response.read1(PIECE):
+            while piece := response.read1(READ_BYTES):
                 body += piece
                 if len(body) > LONGEST_ANSWER:
                     raise ValueError("an answer without end")
@@ -196,7 +195,7 @@ class PhonePort(Source):
         return bytes(body)
 
     def close(self) -> None:
-        """Hang up; the phone goes on to measure."""
+        """Close the connection; the phone continues to measure."""
         if self._connection is not None:
             with suppress(OSError):
                 self._connection.close()
@@ -218,14 +217,14 @@ def _host_and_port(address: str) -> tuple[str, int]:
     return host, 80 if port is None else port
 
 
-def _measures(answer: object) -> bool:
+def _is_measuring(answer: object) -> bool:
     try:
         return answer["status"]["measuring"] is True  # type: ignore[index]
     except (TypeError, KeyError):
         return False
 
 
-def _name(meta: Any) -> str:
+def _device_model(meta: Any) -> str:
     model = meta.get("deviceModel") if isinstance(meta, dict) else None
     return printable(model)[:40].strip() if isinstance(model, str) else ""
 
@@ -234,7 +233,7 @@ def _one_line(text: bytes) -> bytes:
     return b" ".join(text.split()) + b"\n"
 
 
-def _why(reason: Exception) -> str:
+def _short_reason(reason: Exception) -> str:
     if isinstance(reason, TimeoutError):
         return "timed out"
     text = getattr(reason, "strerror", None) or str(reason) or type(reason).__name__

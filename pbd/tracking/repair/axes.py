@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import permutations, product
 from typing import NamedTuple
 
@@ -49,7 +50,8 @@ UNITS = (
 """Factor that corrects a gyro in a wrong unit, and the advice."""
 
 
-class Reading(NamedTuple):
+@dataclass(frozen=True, order=True)
+class Reading:
     """A way to read three axes: for each, the index and sign of the axis from which it should have been read."""
 
     order: tuple[int, ...]
@@ -61,7 +63,7 @@ class Reading(NamedTuple):
         matrix: Array = np.eye(3)[list(self.order)] * np.array(self.signs)[:, None]
         return matrix
 
-    @property
+    @cached_property
     def causes(self) -> int:
         """Number of mistakes that explain it. One sign, two swapped columns, or all three signs, count as one."""
         moved = sum(axis != k for k, axis in enumerate(self.order))

@@ -1,6 +1,6 @@
 "use strict";
 
-// Starts the page: unpacks the viewer and the scene, or asks the server that sent the page for the scene.
+// Starts the page: unpacks the viewer and the scene, or gets the scene from the server that sent the page.
 const pbd = { ready: false, page: null, startup: null };
 window.pbd = pbd;
 
@@ -18,7 +18,7 @@ async function unpacked(id) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-// Each command is led by its length, four bytes, little-endian.
+// Each command comes after its length: four bytes, little-endian.
 function* commands(bytes) {
   const view = new DataView(bytes.buffer);
   for (let at = 0; at < bytes.length; ) {
@@ -38,10 +38,10 @@ function begin(stage, replay) {
   }));
 }
 
-// A recording under way.
-function watch(stage, words) {
+// Shows the state of a running recording.
+function watch(stage, state) {
   pbd.page ??= new LivePage(stage);
-  pbd.page.take(words);
+  pbd.page.take(state);
   requestAnimationFrame(() => { pbd.ready = true; });
 }
 

@@ -1,6 +1,6 @@
 "use strict";
 
-// A few words for what every part of the page does.
+// Helpers that all parts of the page use.
 const element = (id) => document.getElementById(id);
 
 function make(tag, text = "", properties = {}) {
@@ -13,7 +13,7 @@ function draw(tag, attributes) {
   return node;
 }
 
-// With a true minus sign, and none before a zero.
+// With a true minus sign (U+2212), and without a sign before zero.
 function digits(value, places) {
   const text = value.toFixed(places);
   return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "\u2212");

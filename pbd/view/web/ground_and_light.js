@@ -1,8 +1,8 @@
 "use strict";
 
-// What is around the scene: light, the ground or the table, and what the robot stands on. Colours are the style sheet's.
+// The surroundings of the scene: light, the ground or the table, and the robot's pedestal. Colours come from page.css.
 class Surroundings {
-  // `bounds` are points around all that is shown; `robot`: whether a robot stands there.
+  // `bounds`: points around the whole scene. `table`: its height in m, or null. `robot`: whether there is a robot.
   constructor(THREE, bounds, table, robot) {
     this.THREE = THREE;
     this.group = new THREE.Group();
@@ -51,7 +51,7 @@ class Surroundings {
     this.group.add(top, shade, lines);
   }
 
-  // A disc of light that fades into the page's background.
+  // The texture of a light disc that fades into the page's background.
   glow() {
     const canvas = document.createElement("canvas");
     canvas.width = canvas.height = 256;
@@ -67,7 +67,7 @@ class Surroundings {
     return texture;
   }
 
-  // Lines every 10 cm (further apart where there is much room), each fifth stronger, that fade toward the rim.
+  // Lines every 10 cm (1 m in a large scene), every fifth stronger, which fade towards the rim.
   grid(radius) {
     const { THREE } = this;
     const colour = new THREE.Color(this.style("--line")).convertSRGBToLinear();
@@ -94,7 +94,7 @@ class Surroundings {
     return new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ vertexColors: true, transparent: true, depthWrite: false }));
   }
 
-  // A table that stands higher than the robot's foot: a board in front of the robot, under all that moves there.
+  // A table that is higher than the robot's base: a board in front of the robot.
   slab(box, z) {
     const { THREE } = this;
     const front = Math.max(box.max.x, 0.4);
@@ -107,7 +107,7 @@ class Surroundings {
     this.group.add(board);
   }
 
-  // What the robot stands on where the table lies lower than its foot.
+  // A column below the robot's base where the table is lower.
   pedestal(floor, radius) {
     const { THREE } = this;
     const column = new THREE.Mesh(

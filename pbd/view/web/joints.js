@@ -1,9 +1,9 @@
 "use strict";
 
-// The joints' angles under the time axis, each joint between its own limits; a click on its name shows it alone.
+// The joints' angles under the time axis, each scaled to its own limits. A click on a joint's name fades the others.
 class Joints {
   static hues = ["#4a63dd", "#d9663f", "#2f9e6e", "#c04f8e", "#b28a1e", "#2c93b5", "#7a7f8a", "#8458c9"];
-  static near = 0.05; // of its range
+  static near = 0.05; // share of its range: closer to a limit, an angle is highlighted
 
   constructor({ joints, keyframes, duration }, seek) {
     Object.assign(this, { joints, duration });
@@ -21,7 +21,7 @@ class Joints {
     this.plot();
   }
 
-  // "panda_joint1" is joint1 and "wrist_1_joint" is wrist 1 where the others are called alike.
+  // Short names: "panda_joint1" becomes "joint1" if all names share the prefix; "wrist_1_joint" becomes "wrist 1".
   static short(names) {
     const first = names[0].split("_")[0];
     const prefix = names.length > 1 && names.every((name) => name.startsWith(`${first}_`)) ? first.length + 1 : 0;
@@ -51,7 +51,7 @@ class Joints {
     return Number.isFinite(this.joints.upper[j] - this.joints.lower[j]);
   }
 
-  // From the bottom to the top of the plot: the joint's limits; where it has none, half a turn to either side.
+  // Angles at the bottom and at the top of the plot: the joint's limits, or half a turn to either side without limits.
   range(j) {
     if (this.limited(j)) return [this.joints.lower[j], this.joints.upper[j]];
     const [low, high] = [Math.min(...this.curve(j)), Math.max(...this.curve(j))];

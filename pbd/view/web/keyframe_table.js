@@ -1,11 +1,11 @@
 "use strict";
 
-// The table of keyframes, and their numbers in the scene. A click on either goes there.
+// The table of keyframes, and their numbers in the scene. A click on one sets the time to that keyframe.
 class Keyframes {
   constructor(keyframes, go) {
     this.keyframes = keyframes;
     this.toleranced = keyframes.some((k) => k.inside !== null);
-    element("inside").hidden = !this.toleranced;
+    element("keyframes").classList.toggle("toleranced", this.toleranced);
     this.labels = keyframes.map((k, i) => make("button", "", { title: this.title(i), tabIndex: -1, onclick: () => go(k.t), className: this.doubt(i) && "doubted" }));
     this.rows = keyframes.map((k, i) => this.row(k, i, () => go(k.t)));
     element("labels").replaceChildren(...this.labels);
@@ -14,7 +14,7 @@ class Keyframes {
     this.show(-1);
   }
 
-  // What people call it; where they said nothing, what happens there.
+  // Its label; without one, what happens there.
   name(i) {
     const { label, grip } = this.keyframes[i];
     if (label) return label;
@@ -27,7 +27,7 @@ class Keyframes {
     return `keyframe ${i}${this.name(i) && `: ${this.name(i)}`}${this.doubt(i)}`;
   }
 
-  // The tracker doubts that the hand stood still.
+  // A remark where the tracker doubts that the hand stood still.
   doubt(i) {
     const { sure } = this.keyframes[i];
     return sure === null ? "" : `, which may not be a stop (${digits(100 * sure, 0)} % sure)`;
@@ -43,7 +43,7 @@ class Keyframes {
     number.append(make("button", this.number(i), { ariaLabel: `Go to ${this.title(i)}`, title: this.title(i), className: this.doubt(i) && "doubted" }));
     const name = make("td", this.name(i), { title: this.name(i) });
     if (k.label && k.grip !== null) name.append(make("span", k.grip ? " ▸◂" : " ◂▸", { className: "grip", title: k.grip ? "gripper closes" : "gripper opens" }));
-    if (k.detour) name.append(make("span", " ↷", { className: "detour", title: "the arm comes here by a detour, around what bars the way" }));
+    if (k.detour) name.append(make("span", " ↷", { className: "detour", title: "the arm takes a detour to this keyframe, around an obstacle" }));
     const place = k.p.map((metres) => make("td", digits(100 * metres, 1)));
     const [metres, radians] = k.sigma ?? [];
     const sigma = k.sigma ? [digits(1000 * metres, 1), digits((180 / Math.PI) * radians, 1)] : ["", ""];
@@ -52,7 +52,7 @@ class Keyframes {
     return row;
   }
 
-  // `current` is the keyframe that was reached last, -1 before the first.
+  // `current`: the keyframe that was reached last; -1 before the first.
   show(current) {
     if (current === this.current) return;
     this.current = current;

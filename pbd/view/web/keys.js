@@ -1,11 +1,11 @@
 "use strict";
 
-// The keyboard, as in video players, and the page that tells of it. `rows` are [words, {key: what it does, ...}].
+// The keyboard, with the keys of video players, and the dialog that lists them. `rows` are [words, {key: action, ...}].
 class Keys {
   static names = { " ": "Space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" };
 
   constructor(rows) {
-    this.acts = Object.assign({}, ...rows.map(([, acts]) => acts), { "?": () => this.help() });
+    this.acts = Object.assign({}, ...rows.map(([, acts]) => acts));
     element("keys").replaceChildren(...rows.flatMap(([words, acts]) => [this.caps(Object.keys(acts)), make("dd", words)]));
     const help = element("help");
     help.onclick = (event) => { if (event.target === help) help.close(); };

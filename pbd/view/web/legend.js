@@ -1,6 +1,6 @@
 "use strict";
 
-// What the colours in the scene mean, and switches to hide each.
+// The meaning of the scene's colours, with a switch for each part.
 class Legend {
   static magnified = 5;
 
@@ -21,7 +21,6 @@ class Legend {
       ...(obstacles.length ? [["obstacles", obstacles.join(", "), "#9e8c78"]] : []),
     ];
     element("switches").replaceChildren(...rows.map((row) => this.row(...row)));
-    element("speeds").hidden = speed === null;
     const [half, full] = [0.5 * speed, speed].map((value) => digits(value, 2));
     element("speeds").lastElementChild.replaceChildren(...["hand: 0", half, `${full} m/s`].map((mark) => make("span", mark)));
   }
@@ -34,8 +33,8 @@ class Legend {
     return row;
   }
 
-  // An ellipsoid that reaches as far as half the scene's width would hide all else, and the camera may be inside it: it
-  // is not drawn, its figures stand in the table.
+  // An ellipsoid whose semi-axis exceeds half the scene's width is not drawn: it would hide everything else, or contain
+  // the camera. The table has its sigma.
   hideLargest({ keyframes, bounds }) {
     const width = Math.max(...[0, 1].map((axis) => Math.max(...bounds.map((p) => p[axis])) - Math.min(...bounds.map((p) => p[axis]))));
     const large = keyframes.flatMap((k, i) => (k.sigma !== null && 2 * k.sigma[0] > 0.5 * width ? [i] : []));
@@ -43,7 +42,7 @@ class Legend {
     for (const node of this.tooLarge) node.visible = false;
   }
 
-  // A good sensor's ellipsoids are small. They are drawn as they are, unless someone wants to see them larger.
+  // A good sensor's ellipsoids are small; this button enlarges them.
   magnifier() {
     const button = make("button", `${Legend.magnified}×`, { title: `Draw the ellipsoids ${Legend.magnified} times as large` });
     button.setAttribute("aria-pressed", "false");

@@ -1,7 +1,7 @@
 "use strict";
 
-// The page while a hand is recorded: no clock and no tables, but the hand where it is now, and what it does in letters
-// that can be read from where one stands with a sensor in the hand.
+// The page during a recording: the hand where it is now, and what it does, in letters that are legible from the place
+// where one demonstrates.
 class LivePage {
   static glide_ms = 700;
 
@@ -9,7 +9,7 @@ class LivePage {
     this.stage = stage;
     this.card = element("live");
     this.stops = 0;
-    this.surroundings = null;
+    this.room = null;
     stage.robot = false;
     this.axes = ["x", "y", "z"].map((name) => make("i", name));
     for (const id of ["recording", "live"]) element(id).hidden = false;
@@ -18,16 +18,16 @@ class LivePage {
     };
   }
 
-  take(words) {
-    this.say(words);
-    const { stops, room } = words;
+  take(state) {
+    this.describe(state);
+    const { stops, room } = state;
     if (stops !== this.stops || !this.stage.labels.length) this.number(stops);
-    if (String(room) === String(this.surroundings)) return;
-    this.surroundings = room;
+    if (String(room) === String(this.room)) return;
+    this.room = room;
     this.look(this.stage.framed);
   }
 
-  say({ title, subtitle, fast, state, badge, line, figures }) {
+  describe({ title, subtitle, fast, state, badge, line, figures }) {
     document.title = `${badge} \u2013 ${title}`;
     const [heading, from] = element("recording").children;
     this.write(heading, title);
@@ -45,7 +45,7 @@ class LivePage {
     if (node.textContent !== text) node.textContent = text;
   }
 
-  // The server has gone. After a last word from it there is nothing to add.
+  // The connection has ended. If the recording said before that it ended, nothing is to be done.
   gone() {
     if (this.card.dataset.state === "ended") return;
     this.card.dataset.state = "ended";
@@ -62,12 +62,12 @@ class LivePage {
     this.stage.label([...this.axes, ...numbers], [...tips, ...places]);
   }
 
-  // Lets the room's corners be seen; the camera glides there, unless someone has turned it away.
+  // Fits the camera to the room. It glides there, unless the user has moved it.
   look(follow) {
     const { stage } = this;
     const { camera } = stage;
     const { target } = stage.viewer.controls;
-    const [[x, y, z], [X, Y, Z]] = this.surroundings;
+    const [[x, y, z], [X, Y, Z]] = this.room;
     const first = !stage.bounds.length;
     const from = [camera.position.clone(), target.clone()];
     stage.framed = follow;
@@ -82,7 +82,7 @@ class LivePage {
     const { stage } = this;
     const begun = performance.now();
     const step = (this.gliding = () => {
-      if (this.gliding !== step || !stage.framed) return; // another one, or someone's hand on the camera
+      if (this.gliding !== step || !stage.framed) return; // a later glide began, or the user moved the camera
       const share = Math.min((performance.now() - begun) / LivePage.glide_ms, 1);
       const eased = share * share * (3 - 2 * share);
       stage.camera.position.lerpVectors(from[0], to[0], eased);

@@ -1,6 +1,6 @@
 "use strict";
 
-// Wires the page: what the scene's description says goes to its parts, what people do goes to the player.
+// Connects the parts of the page: the scene's description goes to each part, the user's input to the player.
 class Page {
   constructor(stage, replay) {
     this.stage = stage;
@@ -16,7 +16,7 @@ class Page {
     for (const id of ["panel", "bar"]) element(id).hidden = false;
     this.folds = { panel: "(max-width: 640px)", joints: "(max-width: 640px), (max-height: 560px)" };
     for (const [id, small] of Object.entries(this.folds)) {
-      const query = (this.folds[id] = matchMedia(small)); // kept: one that nobody holds tells nothing more
+      const query = (this.folds[id] = matchMedia(small)); // kept: without a reference it may be garbage-collected
       query.onchange = () => this.fold(id, query.matches);
       this.fold(id, query.matches);
     }
@@ -47,7 +47,7 @@ class Page {
     this.joints.show(time);
   }
 
-  // What the arm does now.
+  // What the arm does at this time.
   words(current, time) {
     const last = this.replay.keyframes.length - 1;
     const moves = this.replay.moves.some(([from, to]) => from <= time && time < to);
@@ -104,6 +104,7 @@ class Page {
       ["whole scene", { v: view }],
       ["joints, details", { g: joints, d: panel }],
       ["full screen", { f: full }],
+      ["these keys", { "?": () => keys.help() }],
     ]);
     const clicks = { play: toggle, previous: step(-1), next: step(1), loop, view, "show-joints": joints, "show-panel": panel, "show-help": () => keys.help() };
     for (const [id, act] of Object.entries(clicks)) element(id).onclick = act;

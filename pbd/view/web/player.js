@@ -1,6 +1,6 @@
 "use strict";
 
-// The replay's clock. It knows nothing of the page: `show(t)` is called whenever the time or the state has changed.
+// The replay's clock. It calls `show()` whenever the time or the state has changed.
 class Player {
   static speeds = [0.1, 0.25, 0.5, 1, 2, 4];
 
@@ -38,7 +38,8 @@ class Player {
     this.show();
   }
 
-  // To the keyframe before or after; from shortly behind one, "before" is the one before it, as in music players.
+  // To the next or previous keyframe. During playback, shortly after a keyframe, "previous" is the one before that, as in
+  // music players.
   step(direction) {
     const later = this.marks.filter((t) => t > this.time + 1e-3);
     const earlier = this.marks.filter((t) => t < this.time - (this.playing ? 0.5 : 1e-3));
@@ -54,7 +55,7 @@ class Player {
 
   tick(now) {
     if (!this.playing) return;
-    // A hidden tab gets no frames: its first one after that should not jump.
+    // A hidden tab gets no frames: the time must not jump when it is shown again.
     const elapsed = this.last === null ? 0 : Math.min(now - this.last, 250) / 1000;
     this.last = now;
     this.time += elapsed * this.speed;

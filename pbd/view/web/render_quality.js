@@ -1,7 +1,7 @@
 "use strict";
 
-// How finely the scene is drawn. A graphics card draws everything at once. Without one (software rendering), what moves
-// is drawn coarsely and without shadows, and as soon as it stands still, again with all that there is.
+// How finely the scene is drawn. With a graphics card every frame is fine. Without one (software rendering), a moving
+// scene is drawn coarsely and without shadows; once it stands still it is drawn finely.
 class RenderQuality {
   static software = /swiftshader|llvmpipe|software|basic render/i;
   static coarse_pixels = 8e5;
@@ -15,9 +15,9 @@ class RenderQuality {
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
     this.size = [window.innerWidth, window.innerHeight];
-    this.caster = null; // the light whose shadows we can afford or not
+    this.caster = null; // the light that casts shadows, if the frame is fine
     this.settled = null;
-    this.fine = false; // whether what is on the screen is all that there is
+    this.fine = false; // whether the frame on the screen is fine
   }
 
   static graphics() {
@@ -53,13 +53,13 @@ class RenderQuality {
     this.renderer.render(scene, camera);
   }
 
-  // The canvas has no antialiasing of its own here, which would slow all down fourfold, so a texture does it.
+  // Antialiasing of the canvas would slow down coarse frames too, fourfold; so a multisampled texture is used here.
   drawSmooth(scene, camera) {
     const { THREE, renderer } = this;
     this.smooth ??= new THREE.WebGLMultisampleRenderTarget(...this.size, {
       format: THREE.RGBAFormat,
       encoding: THREE.sRGBEncoding,
-      stencilBuffer: true, // which brings 24 bits of depth; without it there are 16, and near surfaces fight
+      stencilBuffer: true, // gives 24 bits of depth instead of 16, with which close surfaces flicker (z-fighting)
     });
     this.copy ??= new THREE.Mesh(
       new THREE.PlaneGeometry(2, 2),

@@ -1,8 +1,10 @@
 "use strict";
 
-// The scene on the page: the viewer, the camera, and the numbers at the keyframes. What is in it came as meshcat commands.
-// The scene's own axes are the robot's base, z up; three.js' world has y up.
+// The scene on the page: the viewer, the camera, and the numbers at the keyframes. Its content comes as meshcat commands.
+// The scene's axes are the robot's base, z up; three.js' world has y up.
 class SceneView {
+  static together_px = 12; // labels whose points are closer on the screen stand side by side
+
   constructor(pane) {
     this.THREE = MeshCat.THREE;
     this.quality = new RenderQuality(this.THREE);
@@ -17,15 +19,15 @@ class SceneView {
     this.viewer.controls.maxPolarAngle = 0.52 * Math.PI;
     this.labels = [];
     this.bounds = [];
-    this.framed = true; // until someone moves the camera
-    this.robot = true; // stands there, or on something
+    this.framed = true; // until the user moves the camera
+    this.robot = true; // whether there is a robot, which may need a pedestal
     this.viewer.controls.addEventListener("start", () => { this.framed = false; });
     this.viewer.render = () => this.render();
     window.addEventListener("resize", () => this.resize());
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.furnish(this.table));
   }
 
-  // In place of the viewer's own.
+  // Replaces the viewer's own method.
   render() {
     this.viewer.needs_render = false; // before the controls, whose damping asks for the next frame
     this.viewer.controls.update();
@@ -39,12 +41,12 @@ class SceneView {
     return this.viewer.scene_tree.find(path).object;
   }
 
-  // All nodes of a name, anywhere in the scene.
+  // All nodes with a name, anywhere in the scene.
   found(name, tree = this.viewer.scene_tree) {
     return Object.entries(tree.children).flatMap(([key, child]) => [...(key === name ? [child.object] : []), ...this.found(name, child)]);
   }
 
-  // Draws all nodes of a name over everything else: what is small would vanish in what it belongs to.
+  // Draws all nodes with a name over everything else: small ellipsoids would be hidden inside other bodies.
   lift(name) {
     for (const node of this.found(name)) {
       node.traverse((part) => {
@@ -56,7 +58,7 @@ class SceneView {
 
   // --- motion ---
 
-  // The viewer's own clock stays still; ours sets the time. An action must have been started once to take part.
+  // The viewer's own clock is paused, as the player sets the time. Its actions must have been started once for that.
   start() {
     this.viewer.animator.play();
     this.viewer.animator.pause();
@@ -68,7 +70,7 @@ class SceneView {
     this.viewer.set_dirty();
   }
 
-  // Light, and what the robot stands on; `table` is its height in base, or null.
+  // Makes light, ground and pedestal; `table` is its height in base, or null.
   furnish(table) {
     this.table = table;
     if (this.surroundings) this.viewer.scene.remove(this.surroundings.group);
@@ -100,7 +102,7 @@ class SceneView {
     this.viewer.set_dirty();
   }
 
-  // The nearest place, along a fixed direction, from which every point lies in the free part of the window.
+  // Moves the camera, along a fixed direction, as near as all points still lie in the free part of the window.
   fit(shareX, shareY) {
     const { THREE } = this;
     const back = new THREE.Vector3(0.88, 0.42, 0.74).normalize(); // in three's world: from the front, right, above
@@ -122,7 +124,7 @@ class SceneView {
       target.addScaledVector(right, middle(0)).addScaledVector(up, middle(1));
     }
     const { controls } = this.viewer;
-    controls.enableDamping = false; // what is left of a turn would carry the camera on
+    controls.enableDamping = false; // else the rest of a damped rotation would move the camera on
     controls.update();
     this.camera.position.copy(target).addScaledVector(back, distance);
     controls.target.copy(target);
@@ -133,22 +135,33 @@ class SceneView {
 
   // --- labels ---
 
-  // Puts elements at points in base, a little above them. A vector may move on, and the element with it.
+  // Puts elements a little above points in base. An element follows a vector that changes.
   label(elements, points) {
     const vector = (point) => (point.isVector3 ? point : new this.THREE.Vector3(...point));
     this.labels = elements.map((element, i) => ({ element, point: vector(points[i]) }));
   }
 
+  // Labels of (nearly) one point stand in a row. A row that would overlap another one moves up or down.
   placeLabels() {
-    const taken = [];
+    const rows = [];
     for (const { element, point } of this.labels) {
       const seen = this.viewer.scene.localToWorld(point.clone()).project(this.camera);
-      const x = (0.5 + 0.5 * seen.x) * window.innerWidth;
-      let y = (0.5 - 0.5 * seen.y) * window.innerHeight - 22;
-      while (taken.some((other) => Math.abs(other.x - x) < 22 && Math.abs(other.y - y) < 21)) y -= 3;
-      taken.push({ x, y });
-      element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
       element.style.visibility = Math.abs(seen.z) < 1 ? "visible" : "hidden";
+      const above = element.matches("i") ? 0 : 22; // the name of an axis stands at its tip
+      const [x, y] = [(0.5 + 0.5 * seen.x) * window.innerWidth, (0.5 - 0.5 * seen.y) * window.innerHeight - above];
+      let row = rows.find((each) => Math.hypot(each.x - x, each.y - y) < SceneView.together_px);
+      if (!row) rows.push((row = { x, y, width: 0, elements: [] }));
+      row.elements.push(element);
+      row.width += element.offsetWidth + 1;
     }
+    rows.forEach((row, i) => {
+      const overlaps = (other) => Math.abs(row.x - other.x) < (row.width + other.width) / 2 && Math.abs(row.y - other.y) < 22;
+      for (let k = 1; rows.slice(0, i).some(overlaps); k++) row.y += (k % 2 ? -3 : 3) * k; // up, down, further up, ...
+      let left = row.x - row.width / 2;
+      for (const element of row.elements) {
+        element.style.transform = `translate(${left.toFixed(1)}px, ${row.y.toFixed(1)}px) translateY(-50%)`;
+        left += element.offsetWidth + 1;
+      }
+    });
   }
 }

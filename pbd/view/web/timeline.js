@@ -1,6 +1,6 @@
 "use strict";
 
-// The time axis: when the arm moves and rests, where it makes a detour, when the gripper is closed, what touches, and where the keyframes are.
+// The time axis: when the arm moves, makes a detour or touches something, when the gripper is closed, and the keyframes.
 class Timeline {
   static apart_px = 16;
 
@@ -34,7 +34,7 @@ class Timeline {
     });
   }
 
-  // Leaves out numbers that would lie on their neighbours.
+  // Leaves out numbers that would overlap their neighbours.
   thin() {
     let last = -Infinity;
     for (const number of this.numbers) {

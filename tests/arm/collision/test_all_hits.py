@@ -1,4 +1,4 @@
-"""All that a motion touches, against a search through its samples."""
+"""All contacts of a motion, compared with a search through its samples."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from tests.arm.collision.test_collision import BOTTLE, GRIPS, PLACES, board, thr
 
 
 def sampled(scene: CollisionScene, trajectory: JointTrajectory, t: Array) -> dict[tuple[str, str], list[float]]:
-    """The instants at which two bodies touch, by their names."""
+    """Return the sampled instants at which two bodies touch, by their names."""
     samples, stays = trajectory.at(t), object_stays(scene, trajectory)
     found: dict[tuple[str, str], list[float]] = {}
     for instant, q, opening in zip(t, samples.q, samples.gripper, strict=True):
         x = np.append(q, opening)
-        around = [scene.around_object(stay) for stay in stays if stay.start <= instant <= stay.end]
+        around = [scene.object_clearance(stay) for stay in stays if stay.start <= instant <= stay.end]
         for watch in (scene.always, *around):
             for pair, distance in watch.touching(x):
                 hit = scene.as_hit(watch, pair, x, distance)
@@ -47,13 +47,13 @@ def test_all_hits_are_those_that_a_search_finds(
         spans = [(each.t, each.parted_t) for each in hits if (each.hit.first, each.hit.second) == bodies]
         for instant in instants:
             assert any(start - step <= instant <= end + step for start, end in spans), (bodies, instant, spans)
-        for start, end in spans:  # and what is told is there, but for what is shorter than the search can see
+        for start, end in spans:  # and each hit is confirmed, unless it is too short for the search
             assert end - start < 2 * step or any(start <= instant <= end for instant in instants)
     for earlier, later in pairwise(hits):
         assert earlier.t <= later.t
 
 
-def test_the_first_is_the_one_that_a_refusal_tells(arm: ArmModel) -> None:
+def test_the_first_hit_is_that_of_a_refusal(arm: ArmModel) -> None:
     scene = CollisionScene(arm, 0.12, [board(0.0, 0.45)], BOTTLE)
     trajectory = through(arm, PLACES, GRIPS)
     first, (told, *_) = check_motion(scene, trajectory), all_hits(scene, trajectory)

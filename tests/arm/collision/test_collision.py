@@ -1,4 +1,4 @@
-"""Whole motions: what touches anywhere on the way is found, told and timed."""
+"""Motions: contacts anywhere on the way are found, described and timed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pbd.arm.collision.motion_check import check_motion, collision_error, object
 from pbd.arm.collision.scene import TABLE, CollisionScene, Leg
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel
-from pbd.arm.path_sampling import along
+from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import GraspedObject, JointTrajectory, Obstacle
 from pbd.data.world import Stay
 from pbd.errors import PlanError
@@ -35,7 +35,7 @@ def refuse_collision(scene: CollisionScene, trajectory: JointTrajectory) -> None
 def through(
     arm: ArmModel, places: Sequence[tuple[float, float, float]], grips: Sequence[bool | None]
 ) -> JointTrajectory:
-    """A motion of a tool that points down, from home."""
+    """Return a motion from home through places, with the tool pointing down."""
     q = solve_path(arm, [Pose(np.array(place), DOWN) for place in places], arm.robot.home)
     return time_keyframes(arm, q, [0.2] * len(places), grips, arm.robot.home)
 
@@ -45,7 +45,7 @@ GRIPS = [None, True, None, None, False, None]
 
 
 def board(low: float, high: float, thick: float = 0.02) -> Obstacle:
-    """A board across the middle of the way, from one height to another."""
+    """Return a board across the middle of the path, from one height to another, m."""
     middle = (0.6, 0.0, (low + high) / 2)
     return Obstacle("the board", "box", (0.3, thick, high - low), Pose.from_rpy(middle, (0, 0, 0)))
 
@@ -59,7 +59,7 @@ def test_a_free_motion_is_free(arm: ArmModel) -> None:
 
 
 def test_the_bottle_meets_what_the_hand_does_not(arm: ArmModel) -> None:
-    """It hangs down to 0.2 m on its way, the fingers to 0.34 m."""
+    """On the way the bottle's lower end is at 0.2 m, the fingertips are at 0.34 m."""
     trajectory = through(arm, PLACES, GRIPS)
     assert check_motion(CollisionScene(arm, 0.0, [board(0.0, 0.25)]), trajectory) is None
     found = check_motion(CollisionScene(arm, 0.0, [board(0.0, 0.25)], BOTTLE), trajectory)
@@ -70,8 +70,8 @@ def test_the_bottle_meets_what_the_hand_does_not(arm: ArmModel) -> None:
     assert trajectory.keyframe_t[2] < found.t <= found.parted_t < trajectory.keyframe_t[3]
 
 
-def test_what_was_let_go_stays_in_the_way(arm: ArmModel) -> None:
-    """A rod is put down; a motion through that place, free before, meets it with a link that isn't the gripper."""
+def test_a_released_object_is_an_obstacle(arm: ArmModel) -> None:
+    """A rod is put down. A motion that was free before then touches it, with a link that is not the gripper."""
     rod = GraspedObject("cylinder", (0.02, 0.3))
     here, there = (0.5, -0.2, 0.15), (0.5, 0.2, 0.15)
     q = solve_path(arm, [Pose(np.array(place), DOWN) for place in (here, there)], arm.robot.home)
@@ -104,8 +104,8 @@ def test_a_contact_with_the_table_is_allowed_only_where_the_object_rests(arm: Ar
     assert (found.hit.first, found.hit.second) == ("the cylinder", TABLE)
 
 
-def test_fingers_that_open_against_something_are_seen(arm: ArmModel) -> None:
-    """The arm stands still; only the gripper's track moves."""
+def test_a_contact_of_opening_fingers_is_found(arm: ArmModel) -> None:
+    """Only the gripper moves; the arm stands still."""
     post = Obstacle("post", "cylinder", (0.02, 0.16), Pose.from_rpy((0.5 + 0.055, 0.2, 0.08), (0, 0, 0)))
     scene = CollisionScene(arm, None, [post])
     places = [(0.5, -0.2, 0.35), (0.5, 0.2, 0.35), (0.5, 0.2, 0.15), (0.5, 0.2, 0.35)]
@@ -119,8 +119,8 @@ def test_fingers_that_open_against_something_are_seen(arm: ArmModel) -> None:
 
 
 @pytest.mark.parametrize("thick", [1e-4, 1e-3])
-def test_nothing_is_too_thin_or_too_fast(arm: ArmModel, thick: float) -> None:
-    """A sheet across a move at full speed: both ends are free of it."""
+def test_a_thin_sheet_across_a_fast_move_is_found(arm: ArmModel, thick: float) -> None:
+    """A thin sheet across a move at full speed; both ends are free."""
     trajectory = through(arm, [(0.5, -0.3, 0.4), (0.5, 0.3, 0.4)], [None, None])
     found = check_motion(CollisionScene(arm, 0.0, [board(0.3, 0.6, thick)]), trajectory)
     assert found is not None
@@ -129,16 +129,16 @@ def test_nothing_is_too_thin_or_too_fast(arm: ArmModel, thick: float) -> None:
 
 
 def dense(arm: ArmModel, scene: CollisionScene, names: set[str], trajectory: JointTrajectory) -> tuple[Array, Array]:
-    """Instants (n,) no two of which a motion of more than 0.1 mm lies between, and the least distance (n,) at each."""
+    """Return instants (n,) with at most 0.1 mm of motion between them, and the least distance (n,) at each, m."""
     everything = scene.always
     rows = [row for row, pair in enumerate(everything.pairs) if everything.bodies[pair[1]].name in names]
     watched = Clearance(arm, everything.bodies, everything.pairs[rows])
-    path = along(trajectory, watched.rates * STEP_M / 1e-4)
+    path = sample_trajectory(trajectory, watched.rates * STEP_M / 1e-4)
     return path.t, np.array([watched.distances(x).min() for x in path.x])
 
 
 def test_against_dense_sampling(arm: ArmModel) -> None:
-    """Random joint moves past a thin board and a rod: none of the contacts that 0.1 mm sampling sees is missed."""
+    """Random moves past a thin board and a rod: no contact that sampling at 0.1 mm finds is missed."""
     rng, verdicts = np.random.default_rng(0), []
     for q in random_joints(arm.robot, 5, seed=1, margin=0.3):
         ends = np.array([q, q + rng.uniform(-0.1, 0.1, 7)])
@@ -181,7 +181,7 @@ def test_against_dense_sampling(arm: ArmModel) -> None:
         ),
     ],
 )
-def test_a_hit_is_told_in_one_line(arm: ArmModel, obstacle: Obstacle, message: str) -> None:
+def test_a_hit_is_described_in_one_line(arm: ArmModel, obstacle: Obstacle, message: str) -> None:
     scene, trajectory = CollisionScene(arm, None, [obstacle]), through(arm, PLACES[2:4], [None, None])
     with pytest.raises(PlanError, match=f"^{message}") as caught:
         refuse_collision(scene, trajectory)
@@ -190,7 +190,7 @@ def test_a_hit_is_told_in_one_line(arm: ArmModel, obstacle: Obstacle, message: s
     assert caught.value.fields.keys() == {"keyframe", "t", "bodies", "value", "p_base"}
 
 
-def test_what_only_comes_near_is_told_so(arm: ArmModel) -> None:
+def test_a_near_miss_is_described_by_its_distance(arm: ArmModel) -> None:
     trajectory = through(arm, PLACES[:2], [None, None])
     fingers = [body for body in link_bodies(arm) if "finger" in body.name]
     joints = placements(arm, np.append(trajectory.keyframe_q[1], 1.0))
@@ -246,7 +246,7 @@ def test_home_in_collision_is_refused(arm: ArmModel) -> None:
     assert caught.value.exit_code == 3
 
 
-def test_what_is_no_number_is_not_free(arm: ArmModel) -> None:
+def test_nan_is_an_error(arm: ArmModel) -> None:
     scene, q = CollisionScene(arm), arm.robot.home * np.nan
     with pytest.raises(ValueError, match="must be finite"):
         scene.hit(q)

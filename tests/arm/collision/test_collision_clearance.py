@@ -21,10 +21,11 @@ from pbd.arm.collision.geometry import Body, link_bodies
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.path_sampling import along, polyline
+from pbd.arm.path_sampling import sample_polyline, sample_trajectory
 from pbd.data import Gripper, JointTrajectory, Robot
 from pbd.pose import Array, Pose, quat_about_z
-from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, hull_distance, placements, points_of, rounding_of
+from tests.arm.bundled import NAMES, arm_of
+from tests.arm.collision_oracles import coordinates, hull_distance, placements, points_of, rounding_of
 from tests.arm.dense import joint_values
 from tests.audit.test_audit import spline
 
@@ -33,8 +34,8 @@ def links_only(arm: ArmModel) -> Clearance:
     return Clearance(arm, arm_bodies(arm), link_pairs(arm)[0])
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_coordinates_are_the_models(name: str) -> None:
+@pytest.mark.parametrize("name", NAMES)
+def test_coordinates_become_pinocchios_configurations(name: str) -> None:
     arm = arm_of(name)
     full, x = arm.full, coordinates(arm, 5)
     for *q, opening, found in zip(*x.T, arm.configurations(x), strict=True):
@@ -46,7 +47,7 @@ def test_coordinates_are_the_models(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_distances_are_exact(name: str) -> None:
-    """Hulls, boxes and capsules, against least squares over their corners."""
+    """For hulls, boxes and capsules, compared with least squares over their corners."""
     arm = arm_of(name)
     clearance = links_only(arm)
     for x in coordinates(arm, 4):
@@ -59,7 +60,7 @@ def test_distances_are_exact(name: str) -> None:
             assert got[pair] == pytest.approx(exact, abs=1e-5) or (got[pair] < 0.0 and exact < 1e-5) or asked
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_distances_change_no_faster_than_the_bound(name: str) -> None:
     arm = arm_of(name)
     clearance, rng = links_only(arm), np.random.default_rng(0)
@@ -72,7 +73,7 @@ def test_distances_change_no_faster_than_the_bound(name: str) -> None:
 
 
 def test_a_sliding_and_an_endless_joint_are_bounded_too(odd_arm: ArmModel) -> None:
-    """Bodies on every link of an arm with every kind of joint."""
+    """For bodies on every link of an arm with every kind of joint."""
     joints = range(odd_arm.full.njoints)
     bodies = [
         Body(str(i), i, Pose.from_rpy((0.1, 0.05 * i, 0.0), (0.3, 0.0, i)), "box", (0.1, 0.2, 0.02)) for i in joints
@@ -90,8 +91,8 @@ def test_a_sliding_and_an_endless_joint_are_bounded_too(odd_arm: ArmModel) -> No
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 7), st.floats(0.01, 1.0), st.integers(0, 2**32 - 1))
-def test_the_bound_holds_for_each_point_and_is_not_idle(joint: int, turn: float, seed: int) -> None:
-    """Points of the panda's hand move with each joint by at most its lever; with the last one by nearly as much."""
+def test_the_bound_of_motion_holds_for_each_point_and_is_tight(joint: int, turn: float, seed: int) -> None:
+    """Points of the panda's hand move by at most the bound for each joint, and for the last one by nearly as much."""
     arm = arm_of("panda")
     hand = next(body for body in link_bodies(arm) if body.name == "panda_hand")
     foot = Body("foot", 0, Pose.identity(), "floor")
@@ -106,7 +107,7 @@ def test_the_bound_holds_for_each_point_and_is_not_idle(joint: int, turn: float,
         assert way >= 0.95 * rate[6] * 2.0 * np.sin(abs(turn) / 2.0)
 
 
-def test_joints_below_both_bodies_do_not_count() -> None:
+def test_joints_before_both_bodies_do_not_count() -> None:
     arm = arm_of("panda")
     bodies = link_bodies(arm)
     names = [body.name for body in bodies]
@@ -115,12 +116,12 @@ def test_joints_below_both_bodies_do_not_count() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_nodes_are_close_enough(arm: ArmModel, seed: int) -> None:
-    """Between two nodes each joint goes one way, and no pair moves by more than a step."""
+def test_nodes_are_dense_enough(arm: ArmModel, seed: int) -> None:
+    """Between two nodes each joint is monotonic, and no pair moves by more than STEP_M."""
     trajectory, _ = spline(arm, seed)
     trajectory = replace(trajectory, gripper_t=np.array([0.0, 0.5, 0.9]), gripper_opening=np.array([1.0, 1.0, 0.2]))
     bound = links_only(arm).rates
-    path = along(trajectory, bound)
+    path = sample_trajectory(trajectory, bound)
     assert (path.t[0], path.t[-1]) == (0.0, trajectory.duration)
     assert (np.diff(path.t) > 0.0).all()
     motion = bound @ np.abs(np.diff(path.x.T))
@@ -136,13 +137,13 @@ def test_nodes_are_close_enough(arm: ArmModel, seed: int) -> None:
 
 def test_a_part_of_a_trajectory(arm: ArmModel) -> None:
     trajectory, _ = spline(arm, 0)
-    path = along(trajectory, links_only(arm).rates, 0.7, 1.1)
+    path = sample_trajectory(trajectory, links_only(arm).rates, 0.7, 1.1)
     assert (path.t[0], path.t[-1]) == (0.7, 1.1)
     assert_array_equal(path.x[:, :-1], trajectory.at(path.t).q)
 
 
 class Counted(Clearance):
-    """Counts how often a distance is asked for."""
+    """Counts the distances that are measured."""
 
     looks = 0
 
@@ -153,11 +154,11 @@ class Counted(Clearance):
 
 def swing(arm: ArmModel, angle: float) -> JointPath:
     home: Array = arm.robot.home
-    return polyline(np.stack((home, home + angle * np.eye(7)[0])), 1.0, np.ones((1, 8)))
+    return sample_polyline(np.stack((home, home + angle * np.eye(7)[0])), 1.0, np.ones((1, 8)))
 
 
 def beside(arm: ArmModel, gap: float, size: float = 0.1) -> Clearance:
-    """The panda's hand and a sphere that its path round the base stays `gap` away from, 0.6 rad along."""
+    """Return the panda's hand and a sphere; as joint 1 turns, the hand passes it at `gap`, m, after 0.6 rad."""
     hand = next(body for body in link_bodies(arm) if body.name == "panda_hand")
     x = np.append(arm.robot.home + 0.6 * np.eye(7)[0], 1.0)
     top = points_of(hand, placements(arm, x))
@@ -167,7 +168,7 @@ def beside(arm: ArmModel, gap: float, size: float = 0.1) -> Clearance:
     return Counted(arm, [hand, sphere], np.array([[0, 1]]))
 
 
-def test_a_path_that_passes_is_free_and_few_looks_are_taken() -> None:
+def test_a_free_path_needs_few_distances() -> None:
     arm = arm_of("panda")
     clearance = beside(arm, 1.1 * MARGIN_M)
     path = swing(arm, 1.2)
@@ -190,7 +191,7 @@ def test_a_contact_is_found_with_its_beginning_end_and_depth(depth: float) -> No
     assert clearance.distances(path.x[met.deepest])[0] == met.distance
 
 
-def test_what_is_allowed_is_passed_over() -> None:
+def test_an_allowed_contact_is_ignored() -> None:
     arm = arm_of("panda")
     clearance, path = beside(arm, -0.01), swing(arm, 1.2)
     clearance.rests = {0: lambda T_base_tool: True}
@@ -201,7 +202,7 @@ def test_what_is_allowed_is_passed_over() -> None:
     assert 0.6 <= path.x[met.first, 0] < 0.61
 
 
-def test_the_first_contact_comes_first_whichever_pair_is_asked_first() -> None:
+def test_the_first_contact_does_not_depend_on_the_order_of_pairs() -> None:
     arm = arm_of("panda")
     clearance = beside(arm, -0.02)
     ball = clearance.bodies[1]
@@ -217,7 +218,7 @@ def dropped(arm: ArmModel) -> dict[frozenset[str], str]:
     return {frozenset((pair.first, pair.second)): pair.why for pair in link_pairs(arm)[1]}
 
 
-def test_what_the_panda_drops() -> None:
+def test_the_unchecked_pairs_of_the_panda() -> None:
     arm = arm_of("panda")
     why = dropped(arm)
     assert why[frozenset(("panda_link2", "panda_link3"))] == "next to each other"
@@ -231,8 +232,8 @@ def test_what_the_panda_drops() -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_every_pair_is_watched_or_dropped_or_rigid(name: str) -> None:
+@pytest.mark.parametrize("name", NAMES)
+def test_every_pair_is_checked_or_listed_or_rigid(name: str) -> None:
     arm = arm_of(name)
     bodies, why = arm_bodies(arm), dropped(arm)
     watched = {tuple(pair) for pair in link_pairs(arm)[0]}
@@ -265,7 +266,7 @@ NESTED = """<robot name="nested">
 
 
 def nested(folder: Path, panda: Robot, radius: float = 0.05, foot: float = 0.3) -> ArmModel:
-    """An arm whose hand is inside its foot; between arm and hand there is a link with nothing solid."""
+    """Return an arm whose hand is inside its foot; a link without a shape lies between arm and hand."""
     path = folder / "nested.urdf"
     path.write_text(NESTED.format(foot, radius), encoding="utf-8")
     limits: Any = {name: np.ones(3) for name in ("upper", "velocity", "acceleration", "jerk")}
@@ -284,7 +285,7 @@ def nested(folder: Path, panda: Robot, radius: float = 0.05, foot: float = 0.3) 
     )
 
 
-def test_what_always_touches_is_dropped_and_told(tmp_path: Path, panda: Robot) -> None:
+def test_pairs_that_always_touch_are_listed_as_unchecked(tmp_path: Path, panda: Robot) -> None:
     why = dropped(nested(tmp_path, panda))
     assert why == {
         frozenset(("foot", "arm")): "next to each other",
@@ -295,8 +296,8 @@ def test_what_always_touches_is_dropped_and_told(tmp_path: Path, panda: Robot) -
     assert len(link_pairs(nested(tmp_path, panda))[0]) == 2  # the finger against foot and arm
 
 
-def test_what_touches_only_mostly_is_kept(tmp_path: Path, panda: Robot) -> None:
-    """The hand's middle is between 0.1 and 0.2 m from the foot's, whose radius is 0.3: so near only when tilted."""
+def test_a_pair_that_touches_less_often_is_checked(tmp_path: Path, panda: Robot) -> None:
+    """A smaller foot, which the hand touches only in some tilts."""
     arm = nested(tmp_path, panda)
     body = next(body for body in link_bodies(arm) if body.name == "foot")
     reach = [np.linalg.norm(placements(arm, np.array([0.0, tilt, 0, 1]))[3].p) for tilt in (-1.0, 0.0, 1.0)]
@@ -308,8 +309,8 @@ def test_what_touches_only_mostly_is_kept(tmp_path: Path, panda: Robot) -> None:
     assert (np.array([clearance.distances(x)[0] for x in allowed_collisions.samples(arm, 100)]) < 0.0).any()
 
 
-def test_what_touches_in_nearly_every_configuration_is_dropped_and_told(tmp_path: Path, panda: Robot) -> None:
-    """The hand is clear of a foot of 13.8 cm only where it is tilted least, in three of a hundred configurations."""
+def test_pairs_that_nearly_always_touch_are_listed_as_unchecked(tmp_path: Path, panda: Robot) -> None:
+    """The hand clears a foot of 13.8 cm only at the smallest tilts, in three of a hundred configurations."""
     why = dropped(nested(tmp_path, panda, foot=0.1378))[frozenset(("foot", "hand"))]
     found = re.fullmatch(r"touch in (\d+) of 200 random configurations", why)
     assert found is not None
@@ -319,8 +320,8 @@ def test_what_touches_in_nearly_every_configuration_is_dropped_and_told(tmp_path
 
 
 def test_a_trajectory_of_one_instant(arm: ArmModel) -> None:
-    """A stay may begin where it ends."""
+    """A stay of the object may have no duration."""
     trajectory: JointTrajectory = spline(arm, 0)[0]
-    path = along(trajectory, links_only(arm).rates, 0.7, 0.7)
+    path = sample_trajectory(trajectory, links_only(arm).rates, 0.7, 0.7)
     assert_array_equal(path.t, [0.7])
     assert links_only(arm).first_contact(path) is None

@@ -1,4 +1,4 @@
-"""What touches what: known contacts, the table, obstacles, and the object where it stands and where it is held."""
+"""Known contacts, the table, obstacles, and the object where it stands and where it is held."""
 
 from __future__ import annotations
 
@@ -15,23 +15,24 @@ from pbd.arm.collision.scene import REST_M, TABLE, CollisionScene, Leg
 from pbd.arm.gripper import arm_bodies
 from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel, from_se3, load_model
-from pbd.data import Calibration, GraspedObject, Obstacle
+from pbd.data import GraspedObject, Obstacle
 from pbd.data.world import Stay
 from pbd.pose import Array, Pose, quat_from_rpy
-from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, placements, points_of
+from tests.arm.bundled import NAMES, arm_of
+from tests.arm.collision_oracles import coordinates, placements, points_of
 
 DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
 BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
 
 
 def at(arm: ArmModel, x: float, y: float, z: float) -> Array:
-    """Joints at which the tool points down at a place in base, found from home."""
+    """Return joints with the tool pointing down at a position in base, m, solved from home."""
     result = solve(arm, Pose(np.array([x, y, z]), DOWN), arm.robot.home)
     assert result.reached
     return result.q
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_home_is_free(name: str) -> None:
     arm = arm_of(name)
     dock = arm.robot.dock
@@ -39,9 +40,9 @@ def test_home_is_free(name: str) -> None:
     assert CollisionScene(arm, dock.table_height, dock.obstacles).hit(arm.robot.home) is None
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_hit_is_what_the_distances_say(name: str) -> None:
-    """The least of the distances, and between the two links that it belongs to."""
+    """It is the smallest distance, and names the two links."""
     arm = arm_of(name)
     scene = CollisionScene(arm)
     hits = 0
@@ -60,7 +61,7 @@ def test_a_hit_is_what_the_distances_say(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "joints", "links"),
     [
-        # Elbow and wrist folded until the hand meets the shoulder; the forearm put through the turret.
+        # Folded until the hand touches the shoulder, or the wrist the upper arm.
         (
             "panda",
             {3: -3.0, 5: 0.0},
@@ -91,7 +92,7 @@ def test_known_contacts(name: str, joints: dict[int, float], links: set[str]) ->
     [("ur5", "forearm_link", "wrist_2_link"), ("panda", "panda_link5", "panda_hand")],
 )
 def test_what_the_srdf_does_not_call_adjacent_or_never_is_checked(name: str, first: str, second: str) -> None:
-    """Their SRDFs disable these pairs ("disabled", "Default"); folded, they meet."""
+    """Their SRDFs disable these pairs ("disabled", "Default"), but they touch when the arm is folded."""
     scene = CollisionScene(arm_of(name))
     found = {(hit.first, hit.second) for x in coordinates(arm_of(name), 300) if (hit := scene.hit(x[:-1]))}
     assert (first, second) in found
@@ -99,7 +100,7 @@ def test_what_the_srdf_does_not_call_adjacent_or_never_is_checked(name: str, fir
 
 @pytest.mark.parametrize("height", [-0.1, 0.0, 0.2])
 def test_the_table(arm: ArmModel, height: float) -> None:
-    """The lowest point of the hand's bodies is as far from the table as the height says."""
+    """The distance of the hand's lowest point from the table is as its height says."""
     scene = CollisionScene(arm, height)
     for gap in (0.004, 0.001, -0.03):
         q = at(arm, 0.5, 0.1, height + 0.3)
@@ -116,15 +117,8 @@ def test_the_table(arm: ArmModel, height: float) -> None:
             assert_allclose(hit.p_base, (0.5, 0.1, height), atol=0.06)
 
 
-def test_the_base_may_stand_on_the_table_but_nothing_that_moves(arm: ArmModel) -> None:
-    assert CollisionScene(arm, 0.0).hit(arm.robot.home) is None
-    hit = CollisionScene(arm, 0.6).hit(arm.robot.home)  # so high that the hand is in it at home
-    assert hit is not None
-    assert hit.second == TABLE
-
-
-def test_what_is_always_on_the_table_is_dropped_and_told(arm: ArmModel) -> None:
-    """Link 1 turns about the vertical at 0.33 m; a table at 0.35 m always cuts it, and that is said."""
+def test_a_link_that_always_touches_the_table_is_listed_as_unchecked(arm: ArmModel) -> None:
+    """Link 1 turns about the vertical at 0.33 m, so a table at 0.35 m always touches it; `unchecked` says so."""
     dropped = {(pair.first, pair.second): pair.why for pair in CollisionScene(arm, 0.35).unchecked}
     assert dropped["panda_link1", TABLE] == "on it in nearly every configuration"
     assert TABLE not in {pair.second for pair in CollisionScene(arm, 0.0).unchecked}
@@ -133,7 +127,7 @@ def test_what_is_always_on_the_table_is_dropped_and_told(arm: ArmModel) -> None:
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize(("shape", "size"), [("box", (0.1, 0.2, 0.3)), ("cylinder", (0.1, 0.3)), ("sphere", (0.15,))])
 def test_obstacles(arm: ArmModel, shape: str, size: tuple[float, ...], turned: bool) -> None:
-    """The tool comes down upon its top: exactly as near as its size says, and it is told by its name."""
+    """The tool comes down onto its top: the distance is as its size says, and the hit has its name."""
     rpy = (np.pi, 0.0, 0.7) if turned else (0.0, 0.0, 0.0)  # upside down it is as high
     obstacle = Obstacle("the thing", shape, size, Pose.from_rpy((0.5, 0.0, 0.1), rpy))
     scene = CollisionScene(arm, None, [obstacle])
@@ -152,7 +146,7 @@ def test_obstacles(arm: ArmModel, shape: str, size: tuple[float, ...], turned: b
 
 
 def test_an_obstacle_stands_in_base_not_in_the_urdfs_world(odd_arm: ArmModel) -> None:
-    """The odd robot's base is bolted to the wall; its links have no shape, but the obstacle's own place can be seen."""
+    """The base of the odd robot is not the URDF's root; its links have no shape, but the obstacle's pose is known."""
     obstacle = Obstacle("thing", "sphere", (0.1,), Pose.from_rpy((0.1, 0.2, 0.3), (0, 0, 0)))
     scene = CollisionScene(odd_arm, 0.0, [obstacle])
     bodies = {body.name: body for body in scene.always.bodies}
@@ -178,7 +172,7 @@ def tool_over(x: float, z: float) -> Pose:
     return Pose(np.array([x, 0.0, z]), DOWN)
 
 
-def test_legs_say_where_the_object_is_and_how_far_the_gripper_is_open(arm: ArmModel) -> None:
+def test_legs_have_the_place_of_the_object_and_the_gripper_opening(arm: ArmModel) -> None:
     scene = CollisionScene(arm, 0.0, grasped=BOTTLE)
     poses = [tool_over(0.4, 0.3), tool_over(0.4, 0.15), tool_over(0.5, 0.3), tool_over(0.5, 0.15), tool_over(0.4, 0.3)]
     legs = scene.legs(poses, [None, True, None, False, None])
@@ -204,8 +198,8 @@ def held(T_tool_object: Pose, *rests: Pose) -> Leg:
     return Leg(0.0, Stay(0.0, 1.0, True, T_tool_object, rests))
 
 
-def test_what_is_held_touches_what_the_arm_does_not(arm: ArmModel) -> None:
-    """A rod of 30 cm from the fingers down: it meets a box under it, and the box is free without it."""
+def test_a_held_object_touches_what_the_arm_does_not(arm: ArmModel) -> None:
+    """A rod of 30 cm hangs from the fingers and touches a box below; without the rod the arm is free."""
     rod = GraspedObject("cylinder", (0.02, 0.3))
     box = Obstacle("box", "box", (0.1, 0.1, 0.1), Pose.from_rpy((0.5, 0.0, 0.05), (0, 0, 0)))
     scene = CollisionScene(arm, None, [box], rod)
@@ -220,7 +214,7 @@ def test_what_is_held_touches_what_the_arm_does_not(arm: ArmModel) -> None:
     assert scene.hit(at(arm, 0.5, 0.2, 0.38), leg) is None
 
 
-def test_what_is_held_meets_the_arm_but_may_touch_the_gripper(arm: ArmModel) -> None:
+def test_a_held_object_may_touch_the_gripper_but_not_the_arm(arm: ArmModel) -> None:
     scene = CollisionScene(arm, grasped=GraspedObject("cylinder", (0.02, 1.2)))
     q = at(arm, 0.5, 0.0, 0.3)
     down, across = Pose.from_rpy((0, 0, 0.5), (0, 0, 0)), Pose.from_rpy((0, 0, 0), (0, np.pi / 2, 0))
@@ -231,7 +225,7 @@ def test_what_is_held_meets_the_arm_but_may_touch_the_gripper(arm: ArmModel) -> 
     assert hit.first in ("panda_link0", "panda_link1")
 
 
-def test_what_stands_is_met_by_the_arm_but_may_be_touched_by_the_gripper(arm: ArmModel) -> None:
+def test_a_standing_object_may_touch_the_gripper_but_not_the_arm(arm: ArmModel) -> None:
     standing = Stay(-np.inf, 1.0, False, Pose.from_rpy((0.5, 0.0, 0.1), (0, 0, 0)))
     scene = CollisionScene(arm, 0.0, grasped=BOTTLE)
     assert scene.hit(at(arm, 0.5, 0.0, 0.15), Leg(1.0, standing)) is None
@@ -243,8 +237,8 @@ def test_what_stands_is_met_by_the_arm_but_may_be_touched_by_the_gripper(arm: Ar
 
 
 @pytest.mark.parametrize("support", ["the table", "a shelf"])
-def test_what_is_held_may_touch_what_it_rests_on_near_where_it_rests(arm: ArmModel, support: str) -> None:
-    """It hangs 10 cm below the tool. Where it rests it may touch, even a centimetre deep; 4 cm aside it may not."""
+def test_a_held_object_may_touch_its_support_near_its_rest(arm: ArmModel, support: str) -> None:
+    """It hangs 10 cm below the tool. Near its rest it may touch, even 1 cm deep; 4 cm beside it may not."""
     shelf = Obstacle("a shelf", "box", (0.6, 0.6, 0.1), Pose.from_rpy((0.5, 0.0, 0.05), (0, 0, 0)))
     level = 0.0 if support == "the table" else 0.1
     scene = CollisionScene(arm, 0.0, [] if support == "the table" else [shelf], BOTTLE)
@@ -257,8 +251,8 @@ def test_what_is_held_may_touch_what_it_rests_on_near_where_it_rests(arm: ArmMod
             assert (hit.first, hit.second) == ("the cylinder", support)
 
 
-def test_what_stands_beside_is_no_rest(arm: ArmModel) -> None:
-    """Let go against a wall it touches it, but doesn't stand on it."""
+def test_a_wall_beside_the_object_is_no_support(arm: ArmModel) -> None:
+    """An object released against a wall touches the wall, but does not stand on it."""
     wall = Obstacle("wall", "box", (0.02, 0.4, 0.06), Pose.from_rpy((0.5, 0.0, 0.03), (0, 0, 0)))
     scene = CollisionScene(arm, 0.0, [wall], BOTTLE)
     leg = held(Pose.from_rpy((0, 0, 0), (np.pi, 0, 0)), Pose.from_rpy((0.465, 0.0, 0.1), (0, 0, 0)))
@@ -266,17 +260,6 @@ def test_what_stands_beside_is_no_rest(arm: ArmModel) -> None:
     assert hit is not None
     assert hit.second == "wall"
     assert scene.hit(at(arm, 0.455, 0.0, 0.1), leg) is None  # the table it may touch
-
-
-def test_a_calibration_makes_the_scene(arm: ArmModel) -> None:
-    obstacle = Obstacle("thing", "sphere", (0.1,), Pose(arm.forward(arm.robot.home).p, DOWN))
-    calibration = Calibration("mine", T_base_nav=Pose.identity(), table_height=0.01, obstacles=(obstacle,))
-    scene = CollisionScene(arm, calibration.table_height, calibration.obstacles, BOTTLE)
-    assert scene.obstacles == {"thing"}
-    hit = scene.hit(arm.robot.home)
-    assert hit is not None
-    assert hit.second == "thing"
-    assert TABLE in {body.name for body in scene.always.bodies}
 
 
 def test_both_ends_of_a_move_count(arm: ArmModel) -> None:

@@ -1,4 +1,4 @@
-"""A robot's links as convex bodies: against pinocchio's reading of the URDF and against the raw meshes."""
+"""A robot's links as convex bodies, compared with pinocchio's reading of the URDF and with the raw meshes."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ from pbd.arm.model import load_model
 from pbd.data import Robot
 from pbd.errors import RobotError
 from pbd.pose import Array, Pose
+from tests.arm.bundled import NAMES, arm_of
 from tests.arm.collision_oracles import (
-    ROBOTS,
-    arm_of,
     coordinates,
     hull_distance,
     links_touching,
@@ -31,14 +30,14 @@ from tests.arm.collision_oracles import (
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A user's cache of one's own."""
+    """A separate, empty cache."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return tmp_path / "cache" / "pbd" / "hulls"
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_every_mesh_lies_in_the_bodies_of_its_link(name: str) -> None:
-    """Placed and scaled by pinocchio: a corner of each mesh in 25 directions, and the middle of every other shape."""
+    """Checked for the extreme corner of each mesh in 25 directions, and the centre of other shapes, by pinocchio."""
     arm = arm_of(name)
     raw = raw_meshes(name)
     directions = np.random.default_rng(0).normal(size=(25, 3))
@@ -52,14 +51,14 @@ def test_every_mesh_lies_in_the_bodies_of_its_link(name: str) -> None:
 
 
 def gap(point: Array, body: Body) -> float:
-    """How far a point on the joint is outside a body; of other shapes than hulls, from their middle."""
+    """Return the distance of a point, in the joint's frame, from a hull, or from the centre of another shape, m."""
     if body.shape != "hull":
         return float(np.linalg.norm(point - body.T_joint_body.p))
     return hull_distance(point[None], body.T_joint_body.act(body.points)) - body.pad
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_no_contact_of_the_meshes_is_missed_and_few_are_made_up(name: str) -> None:
+@pytest.mark.parametrize("name", NAMES)
+def test_no_contact_of_the_meshes_is_missed_and_few_are_false(name: str) -> None:
     """Of the configurations that are free 2 in 100 at most are called contacts (by hulls alone it was up to 48)."""
     arm = arm_of(name)
     clearance = Clearance(arm, arm_bodies(arm), link_pairs(arm)[0])
@@ -75,7 +74,7 @@ def test_no_contact_of_the_meshes_is_missed_and_few_are_made_up(name: str) -> No
 
 
 def simple(tmp_path: Path, shapes: str) -> Robot:
-    """A robot of two joints about z; its hand has the shapes that are given."""
+    """Return a robot of two joints about z, whose hand has the given shapes."""
     path = tmp_path / "arm.urdf"
     path.write_text(SIMPLE_URDF.format(shapes), encoding="utf-8")
     panda = arm_of("panda").robot
@@ -120,7 +119,7 @@ def test_simple_shapes_stay_what_they_are(
     assert max(metres, rad) < 1e-12
 
 
-def test_what_is_seen_counts_only_where_nothing_else_is_given(tmp_path: Path) -> None:
+def test_visual_shapes_count_only_without_collision_shapes(tmp_path: Path) -> None:
     shapes = [
         SHAPES.format(e, g) for e, g in (("collision", '<sphere radius="1"/>'), ("visual", '<box size="1 1 1"/>'))
     ]
@@ -162,7 +161,9 @@ def test_a_mesh_is_found_and_scaled(tmp_path: Path, cache: Path, address: str) -
         ),
     ],
 )
-def test_a_fault_is_told(tmp_path: Path, cache: Path, content: str | None, collision: str, message: str) -> None:
+def test_a_faulty_shape_is_one_line(
+    tmp_path: Path, cache: Path, content: str | None, collision: str, message: str
+) -> None:
     good = simple(tmp_path, "")
     arm = load_model(good)  # before the fault: pinocchio reads some of it too
     (tmp_path / "meshes").mkdir()
@@ -179,7 +180,7 @@ def test_a_fault_is_told(tmp_path: Path, cache: Path, content: str | None, colli
 FLAT = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n"
 
 
-def test_what_is_flat_is_held_by_a_thin_box(tmp_path: Path, cache: Path) -> None:
+def test_a_flat_mesh_becomes_a_thin_box(tmp_path: Path, cache: Path) -> None:
     (tmp_path / "t.obj").write_text(FLAT, encoding="utf-8")
     mesh = '<collision><geometry><mesh filename="t.obj"/></geometry></collision>'
     (body,) = link_bodies(load_model(simple(tmp_path, mesh)))

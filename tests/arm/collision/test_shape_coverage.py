@@ -1,4 +1,4 @@
-"""What has no shape, or one far too small, is told."""
+"""Links without a shape, or with one far too small, are reported."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from xml.dom.minidom import parse
 import pytest
 
 from pbd.arm.collision.scene import TABLE, CollisionScene
-from pbd.arm.collision.shape_coverage import doubts
+from pbd.arm.collision.shape_coverage import doubtful_shapes
 from pbd.arm.gripper import THE_TOOL
 from pbd.arm.model import load_model
 from pbd.cli import main
@@ -17,16 +17,16 @@ from tests.arm.collision.test_geometry import simple
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_body_is_watched_against_something(name: str) -> None:
-    """Nothing on the arm is left out of all pairs, but for what never moves and what is next to it."""
+def test_every_body_is_in_some_checked_pair(name: str) -> None:
+    """Every body of the arm, except perhaps the rod, is in some checked pair."""
     watch = CollisionScene(arm_of(name), -10.0).always
     watched = {watch.bodies[i] for pair in watch.pairs for i in pair}
     assert {body.name for body in set(watch.bodies) - watched} <= {TABLE, THE_TOOL}
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_nothing_is_doubted_of_the_bundled_arms(name: str) -> None:
-    assert doubts(arm_of(name)) == {}
+def test_the_bundled_arms_have_no_doubtful_shapes(name: str) -> None:
+    assert doubtful_shapes(arm_of(name)) == {}
 
 
 BOX = '<{0}><geometry><box size="0.2 0.2 0.2"/></geometry></{0}>'
@@ -48,7 +48,7 @@ MESH = '<{0}><geometry><mesh filename="t.obj" scale="{1} {1} {1}"/></geometry></
 )
 def test_a_hand_without_a_shape_or_with_one_far_too_small(tmp_path: Path, hand: str, why: str | None) -> None:
     (tmp_path / "t.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
-    found = doubts(load_model(simple(tmp_path, hand)))
+    found = doubtful_shapes(load_model(simple(tmp_path, hand)))
     if why is None:
         assert "hand" not in found
     else:
@@ -56,19 +56,19 @@ def test_a_hand_without_a_shape_or_with_one_far_too_small(tmp_path: Path, hand: 
 
 
 @pytest.mark.parametrize(("size", "why"), [(0.13, "of 22.5 cm, but its joints are 50.0 cm apart"), (0.2, None)])
-def test_a_link_far_smaller_than_the_way_between_its_joints(tmp_path: Path, size: float, why: str | None) -> None:
+def test_a_shape_far_smaller_than_the_distance_between_the_joints(tmp_path: Path, size: float, why: str | None) -> None:
     robot = simple(tmp_path, BOX.format("collision"))
     own = BOX.format("collision").replace("0.2", str(size))
     text = robot.urdf.read_text().replace('<link name="arm"/>', f'<link name="arm">{own}</link>')
     robot.urdf.write_text(text)
-    found = doubts(load_model(robot))
+    found = doubtful_shapes(load_model(robot))
     assert found.get("arm") == (None if why is None else f"has a collision shape {why}")
 
 
-def test_a_link_without_a_shape_is_told_by_robots_and_before_a_motion(
+def test_a_link_without_a_shape_is_reported_by_robots_and_before_a_motion(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A panda whose forearm has lost its mesh; the motion is planned all the same."""
+    """For a panda whose forearm has no mesh; the motion is planned nevertheless."""
     monkeypatch.chdir(tmp_path)
     panda = arm_of("panda").robot
     toml = Path(__file__).parents[3] / "robots" / "panda.toml"

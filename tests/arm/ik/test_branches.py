@@ -1,4 +1,4 @@
-"""What a configuration costs, which of several is nearest, and how exactly a pose is met."""
+"""The cost of a configuration, the order of seeds, and the solutions of a pose."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def test_solutions_are_polished_to_rounding() -> None:
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
-def test_a_wide_search_goes_all_the_way_around_a_redundant_arms_elbow(name: str) -> None:
-    """Where what is near is barred by an obstacle, the way to hold it that is free may be anywhere."""
+def test_a_wide_search_covers_the_self_motion_of_a_redundant_arm(name: str) -> None:
+    """If an obstacle bars nearby configurations, the free one may be anywhere on the self-motion."""
     arm = arm_of(name)
     lower, upper = np.maximum(arm.limits.lower, -np.pi), np.minimum(arm.limits.upper, np.pi)
     for q in np.random.default_rng(3).uniform(lower, upper, (20, len(lower))):
@@ -52,9 +52,9 @@ def test_a_wide_search_goes_all_the_way_around_a_redundant_arms_elbow(name: str)
         assert way.max(axis=1).min() < 0.3
 
 
-def test_ways_of_a_redundant_arms_branch_are_a_third_of_a_turn_by_starts_apart_and_0_6_rad_at_most() -> None:
-    """From where the arm is to the next way along the branch, in the joint that moves most; the angles are tried in
-    steps of a twentieth of a radian or so."""
+def test_configurations_along_a_self_motion_are_spaced_by_the_number_of_starts_or_0_6_rad() -> None:
+    """Measured from the arm's joints to the next configuration on the branch, in the joint that moves most. The last
+    joint is sampled in steps of about 0.05 rad."""
     arm = arm_of("panda")
     for starts, apart_rad in ((12, 0.6), (81, 2.0 * np.pi / 27)):
         following = []
@@ -65,8 +65,8 @@ def test_ways_of_a_redundant_arms_branch_are_a_third_of_a_turn_by_starts_apart_a
 
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
-def test_no_way_of_five_joints_is_a_tenth_of_a_degree_worse_than_another(name: str) -> None:
-    """As the rule counts, which weighs a degree of the approach axis as ten about it."""
+def test_solutions_of_five_joints_differ_by_less_than_a_tenth_of_a_degree(name: str) -> None:
+    """By the rule: one degree of the approach axis counts as ten degrees about it."""
     arm = arm_of(name)
     before = random_joints(arm.robot, 12, seed=2)
     for q in before:

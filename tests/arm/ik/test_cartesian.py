@@ -1,4 +1,4 @@
-"""Joints along a path of the tool: they lead on, reach each pose, and never leap."""
+"""Joints along a path of the tool are continuous, reach each pose, and never leap."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from pbd.arm.ik import cartesian
 from pbd.arm.ik.branches import find_branches
 from pbd.arm.ik.cartesian import LEAP_RAD, SPACING_M, SPACING_RAD, follow, line, refine
+from pbd.arm.ik.closed_form import flipped_elbow
+from pbd.arm.ik.levenberg_marquardt import Residual
 from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.model import ArmModel
 from pbd.arm.tool_deviation import off_line
@@ -19,7 +22,7 @@ SIX_AND_MORE = [name for name in NAMES if not is_partial(arm_of(name))]
 
 
 def along(arm: ArmModel, distance: float) -> tuple[Pose, ...]:
-    """A line from home toward the base and down, with a turn about the tool's axis."""
+    """Return a line from home toward the base and down, with a rotation about the tool's axis."""
     home = arm.forward(arm.robot.home)
     inward = -home.p * (1.0, 1.0, 0.0) / np.linalg.norm(home.p[:2]) + (0.0, 0.0, -0.5)
     return line(home, Pose(home.p + distance * inward, (home @ Pose.from_rpy((0, 0, 0), (0, 0, 0.4))).wxyz))
@@ -51,7 +54,7 @@ def test_each_pose_is_reached_and_no_joint_leaps(name: str) -> None:
 
 @pytest.mark.parametrize("name", SIX_AND_MORE)
 def test_the_tool_stays_on_the_line(name: str) -> None:
-    """Straight in joint space it doesn't."""
+    """A straight move in joint space leaves the line."""
     arm = arm_of(name)
     poses = along(arm, 0.1)
     q = follow(arm, poses, *known_ends(arm, poses))
@@ -62,7 +65,7 @@ def test_the_tool_stays_on_the_line(name: str) -> None:
 
 
 def test_off_line_is_the_distance_from_a_line() -> None:
-    """By hand, place for place."""
+    """Computed by hand, point by point."""
     arm = arm_of("ur5")
     q = np.linspace(arm.robot.home, arm.robot.home + np.array([0.5, 0.3, -0.2, 0.1, 0.4, 0.0]), 20)
     places = arm.forward_many(q)[0]
@@ -72,8 +75,8 @@ def test_off_line_is_the_distance_from_a_line() -> None:
     assert off_line(np.repeat(places[:1], 3, axis=0)) == 0.0
 
 
-def test_another_way_to_hold_the_arm_is_a_leap() -> None:
-    """The same pose with another wrist or elbow: no path of the tool leads there."""
+def test_another_branch_is_a_leap() -> None:
+    """The same pose with another wrist or elbow cannot be reached along the path."""
     arm = arm_of("ur5")
     poses = along(arm, 0.1)
     start, end = known_ends(arm, poses)
@@ -83,7 +86,59 @@ def test_another_way_to_hold_the_arm_is_a_leap() -> None:
         assert follow(arm, poses, start, other) is None
 
 
-def test_a_pose_out_of_reach_on_the_way_is_told() -> None:
+def test_an_elbow_that_flips_by_a_fifth_of_a_radian_is_a_leap() -> None:
+    """The arm is stretched out except for 0.1 rad."""
+    arm, q = arm_of("ur5"), np.array([0.3, -1.2, 0.1, -1.0, -1.4, 0.2])
+    here = arm.forward(q)
+    lower = Pose(here.p - np.array([0.0, 0.0, 1e-3]), here.wxyz)
+    flipped = flipped_elbow(arm, q)
+    assert flipped is not None
+    end = refine(arm, lower, flipped)
+    assert end is not None
+    assert 0.1 < np.abs(end - q).max() < 0.25
+    assert follow(arm, (here, lower), q, end) is None
+
+
+@pytest.mark.parametrize(("rpy", "q5", "follows"), [((1.0, 0.0, 0.0), 0.002, True), ((0.0, 1.0, 0.0), 0.02, False)])
+def test_a_wrist_near_its_singularity_may_turn_fast(rpy: tuple[float, float, float], q5: float, follows: bool) -> None:
+    """Two degrees of the tool turn joints 4 and 6 by 3.4 or 1.2 rad; less than half of it in an eighth, or more."""
+    arm, middle = arm_of("ur5"), np.array([0.3, -1.2, 1.4, -1.0, q5, 0.2])
+    turns, ends = np.linspace(0.0, 0.0175, 101), []
+    for side in (-1.0, 1.0):
+        q = middle
+        for turn in side * turns:
+            found = refine(arm, arm.forward(middle) @ Pose.from_rpy((0, 0, 0), turn * np.array(rpy)), q)
+            assert found is not None
+            q = found
+        ends.append(q)
+    assert np.abs(ends[1] - ends[0]).max() > 1.2
+    poses = [arm.forward(q) for q in ends]
+    assert (follow(arm, poses, ends[0], ends[1]) is not None) == follows
+
+
+def test_newton_stops_once_a_pose_is_met_and_gives_up_after_twelve_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, calls = arm_of("ur5"), list[Array]()
+
+    class Counted(Residual):
+        def __call__(self, q: Array) -> tuple[Array, Array]:
+            calls.append(q)
+            return super().__call__(q)
+
+    monkeypatch.setattr(cartesian, "Residual", Counted)
+    home = arm.robot.home
+    far = Pose.from_rpy((3.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    for pose, seed, count in ((arm.forward(home), home, 1), (arm.forward(home), home + 1e-3, 3), (far, home, 12)):
+        calls.clear()
+        assert (refine(arm, pose, seed) is None) == (pose is far)
+        assert len(calls) == count
+
+
+def test_a_singular_seed_is_no_error() -> None:
+    """All joints of the arm are at zero."""
+    assert refine(arm_of("ur5"), Pose.from_rpy((0.3, 0.3, 0.3), (0.0, 0.0, 0.0)), np.zeros(6)) is None
+
+
+def test_a_path_out_of_reach_is_not_followed() -> None:
     arm = arm_of("ur5")
     home = arm.forward(arm.robot.home)
     far = Pose(home.p + np.array([2.0, 0.0, 0.0]), home.wxyz)
@@ -95,6 +150,7 @@ def test_lines_are_straight_and_their_poses_close() -> None:
     start, end = Pose.from_rpy((0.1, 0.2, 0.3), (3.0, 0.1, 0.2)), Pose.from_rpy((0.3, 0.0, 0.4), (2.0, 0.3, -0.4))
     poses = line(start, end)
     assert (poses[0], poses[-1]) == (start, end)
+    assert len(line(start, Pose(start.p + 1e-3, start.wxyz))) == 8
     steps = [a.distance(b) for a, b in pairwise(poses)]
     assert max(distance for distance, _ in steps) <= SPACING_M + 1e-12
     assert max(angle for _, angle in steps) <= SPACING_RAD + 1e-12
@@ -108,7 +164,7 @@ def test_lines_are_straight_and_their_poses_close() -> None:
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
 def test_a_redundant_arm_led_around_a_square_comes_back_as_it_left(name: str) -> None:
-    """Left alone its elbow has drifted by then, and the last step has to make up for that."""
+    """Otherwise its elbow would drift, and the last step would have to make up for it."""
     arm = arm_of(name)
     home = arm.forward(arm.robot.home)
     corners = [Pose(home.p + np.array((0.0, *yz)), home.wxyz)

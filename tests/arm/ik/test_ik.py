@@ -42,7 +42,7 @@ def test_every_arm_reaches_its_own_poses(name: str) -> None:
 
 
 def test_poses_at_the_joint_limits_are_reached(arm: ArmModel, oracle: Callable[[Array], Any]) -> None:
-    """Three joints at a bound, chosen at random: the corner that clipping alone gets stuck in."""
+    """Three random joints at a limit: a solver that only clips gets stuck there."""
     rng = np.random.default_rng(7)
     for truth in random_joints(arm.robot, 100, seed=8):
         for joint in rng.choice(7, size=3, replace=False):
@@ -62,12 +62,12 @@ def test_poses_at_the_joint_limits_are_reached(arm: ArmModel, oracle: Callable[[
     ],
 )
 def test_poses_that_are_approached_slowly_are_reached(arm: ArmModel, truth: list[float]) -> None:
-    """Found among 60,000 random ones, near the edge of what can be reached."""
+    """The slowest of 60,000 random poses, near the edge of the reach."""
     assert solve(arm, arm.forward(np.array(truth))).reached
 
 
 def test_odd_joints_are_solved_too(odd_arm: ArmModel) -> None:
-    """An arm of four joints reaches its own poses whole."""
+    """An arm of four joints reaches its own poses, position and rotation."""
     for truth in random_joints(odd_arm.robot, 50, seed=9):
         result = solve(odd_arm, odd_arm.forward(truth), odd_arm.robot.home)
         assert result.reached
@@ -110,7 +110,7 @@ def test_out_of_reach_gives_the_nearest_pose(arm: ArmModel, pose: Pose) -> None:
     here = pose.distance(arm.forward(result.q))
     np.testing.assert_allclose((result.position_error_m, result.rotation_error_rad), here, atol=1e-12)
 
-    # Oracle: scipy's bounded least squares, from the same place and from eight others, gets no nearer.
+    # Oracle: scipy's bounded least squares, from the solution and from eight other starts, gets no nearer.
     def error(q: Array) -> Array:
         at, wanted = to_se3(arm.forward(q)), to_se3(pose)
         return np.concatenate((at.translation - wanted.translation, pin.log3(at.rotation @ wanted.rotation.T)))
@@ -122,7 +122,7 @@ def test_out_of_reach_gives_the_nearest_pose(arm: ArmModel, pose: Pose) -> None:
     )
     assert error(result.q) @ error(result.q) <= 1.001 * least
 
-    # It is a minimum: no joint that is free to move would bring it nearer, to a thousandth of a metre per rad.
+    # It is a minimum: no joint that is free to move brings the tool nearer.
     for joint in range(7):
         for step in (-1e-3, 1e-3):
             q = result.q + step * np.eye(7)[joint]

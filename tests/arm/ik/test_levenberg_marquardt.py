@@ -1,4 +1,4 @@
-"""What a descent goes down on: the error between tool and goal, and its Jacobian."""
+"""The residual of a descent, its Jacobian, and when a descent ends."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_it_stops_at_the_first_seed_that_arrives(any_arm: ArmModel) -> None:
 
 @pytest.mark.parametrize(("patience", "reached"), [(PATIENCE, 4.0), (UNTIL_IT_STOPS, 10.0)])
 def test_a_seed_is_given_up_after_so_many_slow_steps(patience: int, reached: float) -> None:
-    """10 rad away, at 1 rad a step, each of the first steps leaves more than 70 % of the error."""
+    """From 10 rad away, at 1 rad a step, more than 70 % of the error remains after each of the first steps."""
     bounds = np.array([-20.0]), np.array([20.0])
     q, _ = descend(lambda q: (q - 10.0, np.eye(1)), bounds, np.zeros(1), patience=patience)
     np.testing.assert_allclose(q, reached, atol=1e-4)

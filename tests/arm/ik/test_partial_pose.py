@@ -1,4 +1,4 @@
-"""Arms of five joints hold the rule: the position exactly, then the approach axis, then the rotation about it."""
+"""Arms of five joints follow the rule: the position exactly, then the approach axis, then the rotation about it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
-from pbd.arm.ik.partial_pose import ABOUT_AXIS, NEAR_M, PartialPose, hold, is_partial, measure, solve_partial
+from pbd.arm.ik.partial_pose import (
+    ABOUT_AXIS_WEIGHT,
+    NEAR_M,
+    PartialPose,
+    held_poses,
+    is_partial,
+    measure,
+    solve_partial,
+)
 from pbd.arm.ik.solver import solve
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel, to_se3
@@ -22,7 +30,7 @@ from tests.arm.conftest import random_joints
 
 
 def turned(pose: Pose, rotation: Array) -> Pose:
-    """A pose that is turned in place, about the tool's own axes."""
+    """Rotate a pose about the tool's own axes."""
     return pose @ Pose.exp((0.0, 0.0, 0.0, *rotation))
 
 
@@ -31,7 +39,7 @@ def test_only_arms_of_fewer_than_six_joints_are_relaxed() -> None:
 
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
-def test_a_pose_that_can_be_met_whole_is(name: str) -> None:
+def test_a_full_pose_within_reach_is_met(name: str) -> None:
     arm = arm_of(name)
     for truth in random_joints(arm.robot, 60, seed=1):
         pose = arm.forward(truth)
@@ -39,7 +47,7 @@ def test_a_pose_that_can_be_met_whole_is(name: str) -> None:
         assert result.reached
         assert max(pose.distance(arm.forward(result.q))) < 1e-3
         assert result.position_error_m < 1e-5
-        assert solve_partial(arm, to_se3(pose), np.empty((0, 5)))[0].off < 1e-3
+        assert solve_partial(arm, to_se3(pose), np.empty((0, 5)))[0].weighted_rad < 1e-3
 
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
@@ -55,7 +63,7 @@ def test_the_position_is_met_whatever_the_rotation(name: str) -> None:
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
 def test_a_roll_that_cant_be_met_leaves_the_approach_axis_alone(name: str) -> None:
-    """Turning the wanted jaws about an approach that five joints can meet turns the wrist, and not the approach."""
+    """If the goal is rotated about an approach axis that five joints can meet, only the wrist turns."""
     arm = arm_of(name)
     wrist = len(arm.robot.joints) - 1
     for truth in random_joints(arm.robot, 40, seed=4, margin=0.4):
@@ -67,24 +75,24 @@ def test_a_roll_that_cant_be_met_leaves_the_approach_axis_alone(name: str) -> No
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
 def test_no_joints_do_better_by_the_rule(name: str) -> None:
-    """Oracle: scipy's SLSQP on the rule itself, its position an equality, from the solution and from around it."""
+    """Oracle: scipy's SLSQP on the rule itself, with the position as a constraint, from the solution and around it."""
     arm, rng = arm_of(name), np.random.default_rng(5)
     for truth, pose, found in solved(arm, 4, seed=6):
         assert found.reached
         for start in (found.q, truth, *(found.q + 0.3 * rng.normal(size=(3, 5)))):
-            assert best_by_slsqp(arm, pose, start) > found.off - np.radians(0.2)
+            assert best_by_slsqp(arm, pose, start) > found.weighted_rad - np.radians(0.2)
 
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
 def test_no_joints_nearby_do_better_by_a_fiftieth_of_a_degree(name: str) -> None:
-    """Where the position leaves the rotation hardly any choice too: the weight that leads there is small enough."""
+    """Also where the position leaves hardly any choice of rotation: the weight of the rotation is small enough."""
     arm = arm_of(name)
     for _, pose, found in solved(arm, 20, seed=8):
-        assert best_by_slsqp(arm, pose, found.q) > found.off - np.radians(0.02)
+        assert best_by_slsqp(arm, pose, found.q) > found.weighted_rad - np.radians(0.02)
 
 
 def solved(arm: ArmModel, count: int, seed: int) -> Iterator[tuple[Array, Pose, PartialPose]]:
-    """Joints, the tool's pose there turned by some 0.3 rad, and the solution for that."""
+    """Yield joints, the tool's pose there rotated by about 0.3 rad, and the solution for it."""
     rng = np.random.default_rng(seed)
     for truth in random_joints(arm.robot, count, seed, margin=0.3):
         pose = turned(arm.forward(truth), 0.3 * rng.normal(size=3))
@@ -97,7 +105,7 @@ def best_by_slsqp(arm: ArmModel, pose: Pose, start: Array) -> float:
     def off(q: Array) -> float:
         R = arm.forward_many(q[None])[1]
         z, x = (1.0 - float(R[0][:, column] @ wanted[:, column]) for column in (2, 0))
-        return z + ABOUT_AXIS**2 * x
+        return z + ABOUT_AXIS_WEIGHT**2 * x
 
     def place(q: Array) -> Array:
         return np.asarray(10.0 * (arm.forward_many(q[None])[0][0] - pose.p))
@@ -106,7 +114,7 @@ def best_by_slsqp(arm: ArmModel, pose: Pose, start: Array) -> float:
     bounds, exactly = Bounds(arm.limits.lower, arm.limits.upper), NonlinearConstraint(place, 0.0, 0.0)
     result = minimize(off, inside, method="SLSQP", bounds=bounds, constraints=exactly, options={"maxiter": 100})
     found = measure(arm, to_se3(pose), result.x)
-    return found.off if found.position_m < 1e-4 else np.inf
+    return found.weighted_rad if found.position_m < 1e-4 else np.inf
 
 
 def test_measures_are_the_angles_that_a_pose_was_turned_by() -> None:
@@ -120,13 +128,13 @@ def test_measures_are_the_angles_that_a_pose_was_turned_by() -> None:
         assert found.position_m < 1e-15
 
 
-def test_what_is_held_is_told() -> None:
+def test_poses_that_are_held_with_another_rotation_are_warned_of() -> None:
     arm = arm_of("so101")
     q = np.array([arm.robot.home, arm.robot.home])
     here = arm.forward(arm.robot.home)
     wanted = [turned(here, np.array([0.0, np.radians(4.0), 0.0])), turned(here, np.array([0.0, 0.0, 0.5]))]
     with pytest.warns(PbdWarning) as told:
-        held, off_rad = hold(arm, wanted, q)
+        held, off_rad = held_poses(arm, wanted, q)
     assert [str(warning.message) for warning in told] == [
         "so101 has 5 joints and can't match the hand's orientation: its approach axis is up to 4 degrees off,"
         " the rotation about it up to 29 degrees, worst at keyframe 0; use an arm with six joints, or move the dock"
@@ -135,14 +143,14 @@ def test_what_is_held_is_told() -> None:
     assert all(max(pose.distance(here)) < 1e-12 for pose in held)
 
 
-def test_little_is_not_told_and_six_joints_hold_what_was_asked_for() -> None:
+def test_small_rotation_errors_give_no_warning_and_six_joints_hold_the_pose() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         arm = arm_of("so101")
         wanted = turned(arm.forward(arm.robot.home), np.array([0.0, 0.0, np.radians(4.0)]))
-        assert hold(arm, [wanted], arm.robot.home[None])[1][0, 1] == pytest.approx(np.radians(4.0))
+        assert held_poses(arm, [wanted], arm.robot.home[None])[1][0, 1] == pytest.approx(np.radians(4.0))
         arm = arm_of("ur5")
-        held, off_rad = hold(arm, [wanted], arm.robot.home[None])
+        held, off_rad = held_poses(arm, [wanted], arm.robot.home[None])
         assert held == (wanted,)
         np.testing.assert_array_equal(off_rad, [[0.0, 0.0]])
 
@@ -159,7 +167,7 @@ def test_out_of_reach_is_the_nearest_place(name: str) -> None:
 
 @pytest.mark.parametrize("demo", DEMOS)
 @pytest.mark.parametrize("name", FIVE_JOINTS)
-def test_the_bundled_demonstrations_are_held(name: str, demo: str) -> None:
+def test_five_joints_hold_the_bundled_demonstrations(name: str, demo: str) -> None:
     """What docs/robots.md says of them."""
     arm, keyframes = arm_of(name), keyframes_of(demo)
     dock = arm.robot.dock
@@ -168,7 +176,7 @@ def test_the_bundled_demonstrations_are_held(name: str, demo: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         q = solve_path(arm, poses, arm.robot.home)
-        held, off_rad = hold(arm, poses, q)
+        held, off_rad = held_poses(arm, poses, q)
     approach, about = np.degrees(off_rad).max(axis=0)
     assert approach < (2.0 if demo == "pouring" else 4.0)
     assert about < 0.5

@@ -1,4 +1,4 @@
-"""What an arm can't reach is told with what stops it."""
+"""The reason why an arm can't reach a pose."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def hindrance(arm: ArmModel, pose: Pose) -> Unreached:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_beyond_reach_is_by_how_far_the_nearest_place_is(name: str) -> None:
-    """Oracle: none of many samples is nearer, and the nearest of them isn't much farther."""
+def test_the_distance_beyond_reach_is_that_of_the_nearest_position(name: str) -> None:
+    """Oracle: of many samples none is nearer, and the nearest is not much farther."""
     arm = arm_of(name)
     p, _ = arm.forward_many(random_joints(arm.robot, 100_000, seed=1))
     reach = float(np.linalg.norm(p, axis=1).max())
@@ -42,7 +42,7 @@ def test_beyond_reach_is_by_how_far_the_nearest_place_is(name: str) -> None:
 
 @pytest.fixture
 def stiff(panda: Robot) -> Callable[[float], ArmModel]:
-    """A panda that moves its joints by little about home."""
+    """Return a panda whose joints move only a little about home."""
 
     def make(by: float) -> ArmModel:
         limits = changed(panda.limits, lower=panda.home - by, upper=panda.home + by)
@@ -51,7 +51,7 @@ def stiff(panda: Robot) -> Callable[[float], ArmModel]:
     return make
 
 
-def test_too_near_is_inside_the_arms_reach(stiff: Callable[[float], ArmModel]) -> None:
+def test_a_pose_too_near_is_inside_the_reach(stiff: Callable[[float], ArmModel]) -> None:
     arm = stiff(0.3)
     shoulder, home = np.array([0.0, 0.0, 0.333]), arm.forward(arm.robot.home)
     near, far = (Pose(shoulder + share * (home.p - shoulder), home.wxyz) for share in (0.1, 1.9))
@@ -64,7 +64,7 @@ def test_too_near_is_inside_the_arms_reach(stiff: Callable[[float], ArmModel]) -
 
 @pytest.mark.parametrize("side", ["lower", "upper"])
 def test_the_limit_that_stops_it_is_named(stiff: Callable[[float], ArmModel], side: str) -> None:
-    """Each joint in turn would have to turn by more than it can, and the others can make up for little of it."""
+    """Each joint in turn would have to exceed its limit, and the others can compensate only a little."""
     arm = stiff(0.01)
     for i, joint in enumerate(arm.robot.joints):
         beyond = arm.robot.home + (0.3 if side == "upper" else -0.3) * np.eye(7)[i]
@@ -73,8 +73,8 @@ def test_the_limit_that_stops_it_is_named(stiff: Callable[[float], ArmModel], si
         assert (joint, side) in found.limits
 
 
-def test_a_named_limit_is_what_is_in_the_way(arm: ArmModel) -> None:
-    """With the limits that are named a little wider the arm gets nearer, for as long as it is they that stop it."""
+def test_a_named_limit_keeps_the_tool_from_the_pose(arm: ArmModel) -> None:
+    """If a joint moves a little beyond its named limit, the tool gets nearer."""
     checked = 0
     for truth in random_joints(arm.robot, 40, seed=4):
         pose = arm.forward(truth) @ Pose.from_rpy((0, 0, 0), (0.0, 1.5, 0.0))
@@ -112,12 +112,12 @@ def error(arm: ArmModel, pose: Pose, q: Array) -> float:
         (Unreached(0.0, False, ()), "reachable, but not with the tool at this angle"),
     ],
 )
-def test_it_is_told_in_words(found: Unreached, told: str) -> None:
+def test_the_reason_is_one_phrase(found: Unreached, told: str) -> None:
     assert str(found) == told
 
 
 @pytest.mark.parametrize("far", [1e9, 1e300])
-def test_a_place_beyond_all_measure_is_told_too(arm: ArmModel, far: float) -> None:
+def test_a_very_distant_pose_has_a_reason_too(arm: ArmModel, far: float) -> None:
     with np.errstate(all="ignore"):
         found = hindrance(arm, Pose.from_rpy((far, 0.0, 0.0), DOWN))
     assert not found.beyond_m < 0.9 * far

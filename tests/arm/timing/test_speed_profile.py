@@ -1,4 +1,4 @@
-"""The fastest pace along a path, beside toppra's and where it can be worked out by hand."""
+"""The fastest profile along a path, compared with toppra and with results by hand."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_no_joint_exceeds_its_limits_at_any_grid_point(seed: int, velocity: floa
     assert (pace.x[1:-1] > 0.0).all()
 
 
-def test_a_speed_limit_of_its_own_is_kept() -> None:
+def test_an_additional_speed_limit_is_kept() -> None:
     limits = limits_of(2.0, 8.0, 1e9)
     curve = Curve.through(random_waypoints(1), limits)
     assert curve is not None

@@ -1,4 +1,4 @@
-"""Joints to the servos' counts and back, as LeRobot's calibration has them."""
+"""Converts joint positions to the servos' encoder counts and back, as LeRobot's calibration defines them."""
 
 from __future__ import annotations
 
@@ -13,24 +13,29 @@ from pbd.files.servo_calibration import COUNTS, ServoCalibration
 from pbd.pose import Array
 
 SHORTEST_SHARE = 0.6
-"""Smallest share of a joint's range in the model that a calibration may have found, assumed: less is a joint that was
-not moved to both ends, and its middle, which is its zero, is anywhere."""
+"""Smallest calibrated range of a joint, as a share of the model's range (assumed). With less, the joint was not moved
+to both ends, so its zero, the middle of the range, is wrong."""
 
 
-class Counts:
-    """The counts of an arm's joints, with its gripper's last.
+class EncoderCounts:
+    """The calibrated encoder counts of an arm's k joints and, last, of its gripper.
 
     Attributes:
-        names: of the servos, base to gripper.
-        lower, upper: (k + 1,) counts, the ends of the calibrated range.
+        names: names of the servos, base to gripper.
+        lower, upper: (k + 1,) ends of the calibrated range, counts.
     """
 
     def __init__(self, robot: Robot, servos: Mapping[str, ServoCalibration]) -> None:
-        """Raises CalibrationError where a joint's range is much shorter than the model's, or counts backwards."""
+        """Check the calibration.
+
+        Raises:
+            RobotError: LeRobot does not know this arm.
+            CalibrationError: a joint's range is too short, or its direction is reversed.
+        """
         if robot.servos is None or robot.gripper is None:
             raise RobotError(f"{robot.name} has no [servos]: LeRobot does not know this arm; use `pbd export`")
         self._robot, self._table, self._gripper = robot, robot.servos, robot.gripper
-        self.names = names_of(robot)
+        self.names = servo_names(robot)
         self.servos = {name: servos[name] for name in self.names}
         self.ids = tuple(servo.id for servo in self.servos.values())
         self.lower = np.array([servo.range_min for servo in self.servos.values()])
@@ -43,13 +48,13 @@ class Counts:
             if self.servos[name].drive_mode:
                 what = f"drive_mode of {name} is 1, which LeRobot passes over, so which way it turns isn't certain"
                 raise CalibrationError(f"{what}; calibrate anew with `pbd run --calibrate`", joint=name)
-            found, whole = 360.0 * (high - low) / COUNTS, math.degrees(most - least)
-            if found < SHORTEST_SHARE * whole:
-                what = f"the calibration found a range of {found:.0f} degrees for {name}; the model has {whole:.0f}"
+            found, full = 360.0 * (high - low) / COUNTS, math.degrees(most - least)
+            if found < SHORTEST_SHARE * full:
+                what = f"the calibration found a range of {found:.0f} degrees for {name}; the model has {full:.0f}"
                 raise CalibrationError(f"{what}: calibrate anew, and move it from stop to stop", joint=name)
 
-    def of(self, q: Array, opening: Array) -> Array:
-        """Give joint positions (n, k) rad and gripper openings (n,), 1 open, as counts (n, k + 1)."""
+    def from_joints(self, q: Array, opening: Array) -> Array:
+        """Convert joint positions (n, k) rad and gripper openings (n,), 0 closed to 1 open, to counts (n, k + 1)."""
         arm = self._middle + self._table.to_degrees(q) * COUNTS / 360.0
         closed, opened = float(self._gripper.closed[0]), float(self._gripper.open[0])
         percent = np.clip(self._table.to_percent(closed + opening * (opened - closed)), 0.0, 100.0)
@@ -58,22 +63,22 @@ class Counts:
         fingers = self.lower[-1] + percent / 100.0 * (self.upper[-1] - self.lower[-1])
         return np.column_stack([arm, fingers])
 
-    def joints(self, counts: Array) -> Array:
-        """Give the arm's counts (..., k + 1) as joint positions (..., k) rad."""
+    def to_joints(self, counts: Array) -> Array:
+        """Convert counts (..., k + 1) to joint positions (..., k) rad."""
         return self._table.to_radians((counts[..., :-1] - self._middle) * 360.0 / COUNTS)
 
-    def percent(self, counts: Array) -> Array:
-        """Give the gripper's counts (..., k + 1) as LeRobot's 0, closed, to 100, open, (...)."""
+    def gripper_percent(self, counts: Array) -> Array:
+        """Convert counts (..., k + 1) to the gripper's opening (...), 0 closed to 100 open."""
         share: Array = 100.0 * (counts[..., -1] - self.lower[-1]) / (self.upper[-1] - self.lower[-1])
         return 100.0 - share if self.servos[self.names[-1]].drive_mode else share
 
-    def check_reach(self, t: Array, counts: Array) -> None:
-        """Refuse a motion that leaves the calibrated range, where the servo would stop.
+    def check_range(self, t: Array, counts: Array) -> None:
+        """Refuse a motion (n, k + 1) that leaves the calibrated range, where the servo would stop.
 
         Raises:
-            PlanError: the first joint that does, and when.
+            PlanError: names the first joint that does, and when.
         """
-        beyond = np.maximum(counts - self.upper, self.lower - counts) - 1.0  # a count is rounded
+        beyond = np.maximum(counts - self.upper, self.lower - counts) - 1.0  # rounding may exceed it by one count
         if not (beyond > 0.0).any():
             return
         row, joint = np.argwhere(beyond > 0.0)[0]
@@ -86,6 +91,6 @@ class Counts:
         )
 
 
-def names_of(robot: Robot) -> tuple[str, ...]:
-    """Name the servos: the arm's joints, then the finger's."""
+def servo_names(robot: Robot) -> tuple[str, ...]:
+    """Names of the servos: the arm's joints, then the gripper's."""
     return robot.joints + (robot.gripper.joints[:1] if robot.gripper else ())

@@ -1,4 +1,4 @@
-"""Where a result may be written: told before anything is planned, and nothing that a person made is written over."""
+"""Paths of output: refused before anything is planned; files that people edit are never overwritten."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Capture = pytest.CaptureFixture[str]
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A demonstration of which every file is there, a robot, a calibration."""
+    """A folder with a complete demonstration, a robot and a calibration."""
     monkeypatch.chdir(tmp_path)
     for name in (*(f"demos/tea/{name}" for name in DEMONSTRATION_FILES), "robots/mine.toml", "calibration/bench.toml"):
         file = Path(name)
@@ -26,7 +26,7 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def command(place: str) -> list[str]:
-    """As short as it gets: where the place were not refused, this robot would be, with other words."""
+    """A command that writes to a place. It fails soon: if not for the place, then for the unknown robot."""
     if place.endswith((".html", ".toml", "/")):
         return ["replay", "pouring", "--robot", "nobody", "--html", place]
     return ["export", "pouring", "--robot", "nobody", "--format", "csv", "-o", place]
@@ -88,7 +88,7 @@ def test_a_read_only_file(capsys: Capture) -> None:
 
 @pytest.mark.parametrize("place", ["new.csv", "demos/tea/tea.csv", "imu.csv"])
 def test_elsewhere_it_may_be(place: str) -> None:
-    """Beside a demonstration's files too, and over what was exported before."""
+    """Also beside a demonstration's files, and over an earlier export."""
     refuse_output(Path(place))
     Path(place).write_text("an earlier export")
     refuse_output(Path(place))

@@ -1,4 +1,4 @@
-"""The two verbs do what the commands do: `pbd.track` and `pbd.plan` give the bytes of `pbd export`."""
+"""`pbd.track` and `pbd.plan` give the same motion as `pbd export`, to the byte."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pbd.tracking.keyframes import keyframes_of
 pytestmark = pytest.mark.usefixtures("remembered")  # who asks the same is answered the same: tests/test_same_bytes.py
 
 AT_S = (5.7, 18.1)
-"""When the simulated pouring hand is at the bottle's place."""
+"""Times at which the simulated hand is at the bottle's place, s."""
 
 BENCH = """format = 1
 name = "bench"
@@ -34,12 +34,12 @@ name = "simulated modern"
 [sensor.acc]
 bias = [0.01, -0.01, 0.02]
 """
-"""What the sensor reads wrongly, with a table or without."""
+"""A calibration with a bias of the sensor, with a table or without."""
 
 
 @pytest.fixture(autouse=True)
 def tea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Demonstration:
-    """A pouring hand in ./demos/tea, that grips a bottle; ./calibration/bench.toml."""
+    """A simulated demonstration that grips a bottle; ./calibration/bench.toml is there too."""
     monkeypatch.chdir(tmp_path)
     Path("calibration").mkdir()
     Path("calibration/bench.toml").write_text(BENCH.format(table=""), encoding="utf-8")
@@ -52,20 +52,20 @@ def panda() -> Robot:
 
 
 def exported(*options: str) -> bytes:
-    """What `pbd export tea` writes."""
+    """The file that `pbd export tea` writes."""
     assert main(["export", "tea", "--robot", "panda", "--format", "ros2-json", "-o", "command.json", *options]) == 0
     return Path("command.json").read_bytes()
 
 
 def planned(path: HandPath, calibration: Calibration | None, robot: Robot) -> bytes:
-    """What a program writes."""
+    """The file that a program writes by `pbd.plan`."""
     assert calibration is not None
     export(pbd.plan(path, calibration, robot), robot, "ros2-json", Path("program.json"))
     return Path("program.json").read_bytes()
 
 
 def edit() -> None:
-    """Stay longer at one keyframe, go elsewhere at another."""
+    """Edit keyframes.toml: a longer dwell at one keyframe, another position of the next."""
     assert main(["keyframes", "tea", "--save"]) == 0
     file = Path("demos/tea/keyframes.toml")
     head, *tables = file.read_text(encoding="utf-8").split("\n[[keyframe]]")
@@ -87,7 +87,7 @@ def test_an_edited_demonstration_with_an_object(tea: Demonstration, panda: Robot
 @pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")  # of what is left out while no calibration is named
 @pytest.mark.parametrize("table", ["table_height = 0.0", ""])
 def test_known_places_and_a_calibrated_sensor(tea: Demonstration, panda: Robot, table: str) -> None:
-    """The calibration that `plan` is given counts for tracking too, and the robot's table where it names none."""
+    """`plan` applies its calibration to tracking too, and the robot's table if the calibration has none."""
     Path("calibration/bench.toml").write_text(BENCH.format(table=table), encoding="utf-8")
     known = replace(tea, places=(Place(AT_S, (0.57, -0.1, 0.16)),), contacts=(Contact(AT_S[0], sigma_m=0.1),))
     write_demo(known, Path("demos/tea"))
@@ -99,7 +99,7 @@ def test_known_places_and_a_calibrated_sensor(tea: Demonstration, panda: Robot, 
 
 
 def test_a_path_keeps_the_calibration_that_it_was_tracked_with(tea: Demonstration, panda: Robot) -> None:
-    """So does one that a program made or changed: it isn't tracked again behind its back."""
+    """Nor is a path tracked again that a program made or changed."""
     bench = pbd.load_calibration("bench")
     path = pbd.track(tea, calibration=bench)
     assert planned(path, replace(bench, sensor=None), panda) == planned(path, bench, panda)

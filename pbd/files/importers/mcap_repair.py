@@ -1,4 +1,4 @@
-"""An MCAP before rosbags opens it: one whose end is missing is mended in a copy, one that swells is refused."""
+"""Checks an MCAP file before rosbags opens it: a truncated file is repaired in a copy, a zip bomb is refused."""
 
 from __future__ import annotations
 
@@ -18,22 +18,23 @@ from pbd.io.read_file import LARGE, read_text
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 MCAP_FOOTER = b"\x02" + struct.pack("<Q", 20) + bytes(20) + MCAP_MAGIC
-"""What ends an MCAP that has no index (mcap.dev/spec)."""
+"""The end of an MCAP file without an index (mcap.dev/spec)."""
 
 FOOTER, CHUNK, CHUNK_HEAD = 2, 6, struct.Struct("<QQQII")
+"""Types of two records, and the fixed beginning of a chunk."""
 
-MOST_SWOLLEN = 50
-"""Largest ratio of a chunk's contents to its compressed bytes: numbers from a sensor shrink to a fifth at most."""
+LARGEST_RATIO = 50
+"""Largest compression ratio of a chunk. Samples of a sensor reach 5."""
 
 
 @contextmanager
-def whole_bag(path: Path) -> Iterator[Path]:
-    """Mend an MCAP whose end is missing, in a copy, and refuse one that swells."""
-    for file in _mcaps(path):
+def repaired_bag(path: Path) -> Iterator[Path]:
+    """Yield the bag, or the copy of an MCAP file whose missing end was repaired; RecordingError: a zip bomb."""
+    for file in _mcap_files(path):
         data = _mapped(file)
         if data[: len(MCAP_MAGIC)] != MCAP_MAGIC:
             raise RecordingError.at(file, "it is no MCAP (its first bytes say so); give another file")
-        parts, end = _whole_records(file, data)
+        parts, end = _complete_records(file, data)
         if data[-len(MCAP_MAGIC) :] == MCAP_MAGIC and end == len(data) - len(MCAP_MAGIC):
             continue
         what = f"{file}: its end is missing, as after a crash; it is read as far as it goes"
@@ -41,15 +42,15 @@ def whole_bag(path: Path) -> Iterator[Path]:
             raise RecordingError(f"{what} if you import it instead of its folder", path=file)
         warn(what)
         with TemporaryDirectory() as folder:
-            mended = Path(folder) / "mended.mcap"
-            mended.write_bytes(MCAP_MAGIC + b"".join(data[part] for part in parts) + MCAP_FOOTER)
-            yield mended
+            copy = Path(folder) / "repaired.mcap"
+            copy.write_bytes(MCAP_MAGIC + b"".join(data[part] for part in parts) + MCAP_FOOTER)
+            yield copy
         return
     yield path
 
 
-def _mcaps(path: Path) -> list[Path]:
-    """The MCAPs that rosbags will open; a bag of compressed files is refused, as rosbags has no bound on their size."""
+def _mcap_files(path: Path) -> list[Path]:
+    """Return the MCAP files that rosbags will open. Compressed files are refused: rosbags does not bound their size."""
     if not path.is_dir():
         return [path] if path.suffix.lower() == ".mcap" else []
     from ruamel.yaml import YAML
@@ -65,7 +66,7 @@ def _mcaps(path: Path) -> list[Path]:
 
 
 def _mapped(path: Path) -> mmap.mmap | bytes:
-    """A file's bytes, of which only those that are looked at are read: a bag may be larger than the memory."""
+    """Map a file into memory: a bag may be larger than the memory."""
     try:
         with path.open("rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
@@ -77,23 +78,26 @@ def _mapped(path: Path) -> mmap.mmap | bytes:
         raise RecordingError.at(path, f"can't be read ({in_words(reason)}); give a bag") from None
 
 
-def _whole_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MAGIC)) -> tuple[list[slice], int]:
-    """Where all whole records are from `at` on, and where they end; of a last chunk that is cut off its records too."""
+def _complete_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MAGIC)) -> tuple[list[slice], int]:
+    """Return the parts of the file with complete records, from byte `at` on, and the end of the last one.
+
+    An uncompressed last chunk that is cut off contributes its complete records.
+    """
     begin = at
     while at + 9 <= len(data):
         kind, (size,) = data[at], struct.unpack_from("<Q", data, at + 1)
         inside = at + 9 + CHUNK_HEAD.size + 8
         if kind == CHUNK and inside <= len(data):
             _, _, contents, _, compression = CHUNK_HEAD.unpack_from(data, at + 9)
-            if contents > min(LARGE, MOST_SWOLLEN * max(size, 10_000)):
-                what = f"a chunk of {size} bytes swells to {contents / 1e6:.0f} MB, which is refused; record it again"
-                raise RecordingError.at(path, what, value=contents)
-            if at + 9 + size > len(data) and compression == 0:  # its records can be copied out of it
-                inner, end = _whole_records(path, data, inside)
+            if contents > min(LARGE, LARGEST_RATIO * max(size, 10_000)):
+                what = f"a chunk of {size} bytes decompresses to {contents / 1e6:.0f} MB, which is refused"
+                raise RecordingError.at(path, f"{what}; record it again", value=contents)
+            if at + 9 + size > len(data) and compression == 0:
+                inner, end = _complete_records(path, data, inside)
                 return [slice(begin, at), *inner], end
             if at + 9 + size <= len(data) and compression:
                 packed = data[inside + compression : at + 9 + size]
-                if not _unpacks(data[inside - 8 : inside - 8 + compression], packed, contents):
+                if not _decompresses(data[inside - 8 : inside - 8 + compression], packed, contents):
                     what = f"a chunk of {size} bytes is damaged, or holds more than it says; record it again"
                     raise RecordingError.at(path, what, value=contents)
         if at + 9 + size > len(data):
@@ -104,8 +108,8 @@ def _whole_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MAGIC
     return [slice(begin, at)], at
 
 
-def _unpacks(compression: bytes, packed: bytes, size: int) -> bool:
-    """Whether these bytes are `size` when they are unpacked: rosbags has no bound on that."""
+def _decompresses(compression: bytes, packed: bytes, size: int) -> bool:
+    """Whether decompression gives exactly `size` bytes. rosbags does not bound it."""
     import lz4.frame  # type: ignore[import-untyped]
 
     zstd = zstd_package()
@@ -119,7 +123,7 @@ def _unpacks(compression: bytes, packed: bytes, size: int) -> bool:
 
 
 def zstd_package() -> Any:
-    """The package that rosbags unpacks with."""
+    """Return the package with which rosbags decompresses."""
     if sys.version_info >= (3, 14):
         from compression import zstd
     else:

@@ -1,4 +1,4 @@
-"""Every command that writes, in every place that may refuse it: one line, exit code 1, nothing left, nothing lost."""
+"""Every command that writes, where writing fails: one line, exit code 1, no file left behind, no file lost."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Capture = pytest.CaptureFixture[str]
 
 @dataclass(frozen=True)
 class Writer:
-    """A command, where {} is the place that it writes: a name in the folder `there`, whose end is `suffix`."""
+    """A command that writes to {}: a name in the folder `there`, with a `suffix`."""
 
     words: str
     suffix: str = ""
@@ -43,7 +43,7 @@ WRITERS = {
     "show": Writer("calibrate show default paper-test1 --save {}", ".png"),
 }
 LINKED = {"simulate": "link", "import": "link", "record": "link.new"}
-"""Where a new demonstration stands that took the name of a link. One without a rest gives it back."""
+"""Where a new demonstration is that replaced a link, by command. A recording without a rest restores the link."""
 
 OLD = "format = 1\nname = 'old'\n"
 
@@ -60,7 +60,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, walk: Path) -> Path:
-    """A folder with what every writer would write, as somebody left it; `old` is its name."""
+    """A folder with an older output of every writer, named `old`."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("pbd.plots.figures.names", lambda plot: ["position"])  # one of many figures
     shutil.copy(walk / "imu.csv", "walk.csv")
@@ -75,7 +75,7 @@ def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, walk: Path) -> Path:
 
 
 def tree(folder: Path) -> dict[str, bytes]:
-    """All that is in a folder, links as they are."""
+    """The content of a folder by path; of a link, its target."""
     found = {}
     for path in sorted(folder.rglob("*")):
         name = str(path.relative_to(folder))
@@ -163,7 +163,7 @@ def test_a_working_folder_that_was_deleted(
 
 @pytest.mark.parametrize("writer", WRITERS)
 def test_a_link(capsys: Capture, there: Path, writer: str) -> None:
-    """What a link to a file leads to is replaced; a link to a demonstration is, and what it leads to stays."""
+    """The target of a link to a file is replaced. A link to a demonstration is replaced itself; its target stays."""
     suffix = WRITERS[writer].suffix
     link = there / f"link{suffix}"
     link.symlink_to(f"old{suffix}")
@@ -199,7 +199,7 @@ def test_a_closed_stream(
 
 @pytest.mark.parametrize("writer", ["replay", "import", "plot"])
 def test_a_recording_whose_name_is_odd(there: Path, writer: str) -> None:
-    """What is read may have any name."""
+    """A file to read may have any name."""
     odd = os.fsdecode(b"w\xff.csv")
     Path("walk.csv").rename(odd)
     words = WRITERS[writer].command("there/new")

@@ -1,0 +1,67 @@
+"""pbd robots --for DEMO: which robots can do a demonstration, and what stops the others."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from pbd.arm.reach import farthest
+from pbd.cli.common import load_demonstration, print_result, track_demonstration
+from pbd.cli.console import working
+from pbd.data import HandPath
+from pbd.errors import PbdError, collected_warnings
+from pbd.files.find_by_name import names
+from pbd.view.terminal_tables import make_table
+from pbd.view.units import Units
+
+
+def rank_robots(args: argparse.Namespace) -> None:
+    """Plan the demonstration for each robot, on its own dock, and print the fastest first."""
+    demo = load_demonstration(args.demo)
+    path, _ = track_demonstration(demo, "default", None, accept_gap=False)
+    arms = [args.robot] if args.robot else names("robots", ".toml")
+    rows = []
+    for number, name in enumerate(arms, start=1):
+        with working(f"planning for {name}, {number} of {len(arms)}"):
+            rows.append(_row(name, path))
+    rows.sort(key=lambda row: (row["why"] is not None, row["duration_s"] or 0.0))
+    print_result(args, {"demo": demo.recording.info.name, "robots": rows}, _table(rows, args.units))
+
+
+def _row(name: str, path: HandPath) -> dict[str, Any]:
+    """What JSON says of one robot: the figures of its motion, or `why` it can't do it."""
+    from pbd.planning import arm_of, load_arm, plan_path
+
+    row: dict[str, Any] = {"name": name}
+    row |= dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "why"))
+    with collected_warnings() as row["warnings"]:
+        try:
+            robot, calibration = load_arm(name)
+            row |= {"reach_m": farthest(arm_of(robot)), "scale": calibration.scale}
+            plan = plan_path(path, calibration, robot)
+            row["farthest_m"] = max(float(np.hypot(*pose.p[:2])) for pose in plan.T_base_tool)
+            row["duration_s"] = plan.trajectory.duration
+            row["torque"] = plan.report.torque and plan.report.torque.share
+        except PbdError as error:
+            row["why"] = error.message
+    return row
+
+
+def _table(rows: list[dict[str, Any]], units: Units) -> Table:
+    m = units.length
+    figures = (f"time ({units.time})", f"goes to ({m})", f"reaches ({m})", "torque (%)", "scale")
+    remarks = "what stops it, or is told"
+    table = make_table("name", *figures, remarks, left=("name", remarks))
+    for row in rows:
+        table.add_row(
+            row["name"],
+            *units.times(row["duration_s"]),
+            *units.lengths((row["farthest_m"], row["reach_m"]), finer=-1),
+            "" if row["torque"] is None else f"{100.0 * row['torque']:.0f}",
+            "" if row["scale"] is None else f"{row['scale']:g}",
+            (row["why"] or "; ".join(row["warnings"])).partition("; ")[0],
+        )
+    return table
