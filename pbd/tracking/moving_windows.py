@@ -31,8 +31,8 @@ def window_moments(values: Array, n: int) -> tuple[Array, Array]:
 
 
 def moving_mean_variance(values: Array, n: int, k: int) -> Array:
-    """That variance of the `moving_means` over k samples, in each window of n samples."""
-    return window_moments(moving_means(values, k), n - MEANS * (k - 1))[0]
+    """That variance of the `smoothed` values, by means over k samples, in each window of n samples."""
+    return window_moments(smoothed(values, k), n)[0]
 
 
 def cumulative(steps: Array) -> Array:
@@ -49,7 +49,13 @@ def window_sums(values: Array, n: int) -> Array:
     return windows
 
 
-def moving_means(values: Array, n: int, means: int = MEANS) -> Array:
+def smoothed(values: Array, n: int) -> Array:
+    """Moving means over n samples, taken MEANS times: (l, k) -> (l, k). Beyond both ends the values stay the same."""
+    before, after = (np.broadcast_to(end, (MEANS * (n - 1) // 2, *end.shape)) for end in (values[0], values[-1]))
+    return moving_means(np.concatenate((before, values, after)), n, MEANS)
+
+
+def moving_means(values: Array, n: int, means: int) -> Array:
     """Moving means over n samples, taken `means` times: (l, k) -> (l - means (n - 1), k)."""
     if n == 1:
         return values

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from pbd.pose import Array
 from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, Rest
 from pbd.tracking.moving_windows import (
-    MEANS,
     moving_mean_variance,
-    moving_means,
     rows_of_mean,
+    smoothed,
     squares,
     window_maxima,
     window_sums,
@@ -36,15 +35,16 @@ still (QUIET_ACC, QUIET_GYR)."""
 
 LULL_SHARE, LULL_S = 10.0**-1.8, 1.0
 """In a lull, such as a foot's stance, the calmest window counts as still even if it isn't quiet. Energies in a lull are
-below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after. (FACTS has 10^-2.2 of the largest
-energy, with impacts. A step's impact has 10^0.3 to 10^0.9 times the lasting energy; the smallest factor is added.)"""
+below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after. (Of the largest energy, impacts
+included, 10^-2.2 separates stances from swings. A step's impact has 10^0.3 to 10^0.9 times the lasting energy, of which
+about the least is added.)"""
 
 SHORTEST_MOVE_S, SHORTEST_STOP_S = 0.1, 0.08
 """s: a shorter motion between two stops is a jolt and joins them; a shorter stop does not count."""
 
 
 def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
-    """Variance of specific force (m,) and mean square of rate (m,) in each window, both after `moving_means`.
+    """Variance of specific force (m,) and mean square of rate (m,) in each window, both `smoothed`.
 
     Args:
         u: (n, 3) m/s2, specific force in a frame that does not turn with the sensor.
@@ -52,8 +52,7 @@ def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
         n: number of rows in ENERGY_WINDOW_S.
     """
     k = rows_of_mean(n / ENERGY_WINDOW_S)
-    shake, n = moving_mean_variance(u, n, k), n - MEANS * (k - 1)
-    return shake, window_sums(squares(moving_means(gyr, k)), n) / n
+    return moving_mean_variance(u, n, k), window_sums(squares(smoothed(gyr, k)), n) / n
 
 
 def find_candidates(

@@ -81,7 +81,7 @@ def small_hulls(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def dropped_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
     nothing: Any = np.empty((0, 2), dtype=np.int64)
-    monkeypatch.setattr(CollisionScene, "_against", lambda *_: nothing)
+    monkeypatch.setattr(CollisionScene, "_pairs_between", lambda *_: nothing)
 
 
 def moved_keyframe(monkeypatch: pytest.MonkeyPatch) -> None:

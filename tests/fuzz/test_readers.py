@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.fuzz.readers import READERS
-from tests.fuzz.run import MUTATIONS, read_damaged
+from tests.fuzz.run import read_damaged
 
 
 @pytest.fixture(scope="session")
@@ -37,4 +37,4 @@ def test_only_our_errors_come_out(name: str, forked: ForkServerContext, tmp_path
     assert isinstance(said, tuple)
     faults, refused = said
     assert not faults, "\n".join(faults[:3])
-    assert refused >= MUTATIONS // 100
+    assert refused

@@ -12,6 +12,7 @@ from pbd.data import Keyframe, Stop
 from pbd.pose import Array, Pose
 from pbd.tracking.estimate import BOUNCE_M, BOUNCE_S
 from pbd.tracking.first_rest import STILL_ACC, Rest, restlessness
+from pbd.tracking.moving_windows import MEANS, rows_of_mean
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.online.events import LiveEvent, StopBegan, StopEnded
 from pbd.tracking.online.filter import OnlineFilter
@@ -78,7 +79,8 @@ class LiveHand:
         bias = rest.gyro_bias if has_gyro else np.zeros(3)
         self._strapdown = Strapdown(samples[0], interval, noise, bias, self._device)
         self._n = max(2, round(ENERGY_WINDOW_S / interval))
-        self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=self._n)
+        self._beside = MEANS * (rows_of_mean(1.0 / interval) - 1) // 2  # which the moving means need
+        self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=self._n + 2 * self._beside)
         self._past_stops: list[LiveStop] = []
         self._shaking: Array = np.zeros(3)
         self._angles = [np.zeros(3)]
@@ -127,14 +129,14 @@ class LiveHand:
     def _measure_stillness(self) -> bool:
         """Whether the last window is quiet. Also sets sigma and tremor of a zero-velocity update."""
         force, rate = (np.array(seen) for seen in zip(*((u, rate) for _, u, rate in self._window), strict=True))
-        (shake,), (turn,) = energies(force, rate, len(force))
+        shake, turn = (each[len(each) // 2] for each in energies(force, rate, min(self._n, len(force))))
         self.restless = float(restlessness(shake, turn))
         self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise))
         if not self._device:
             # The tremor's velocity is the residual of a straight line through the velocity in the window.
-            t = np.array([sample.t for sample, _, _ in self._window])
-            self._shaking = deviation_from_line(t - t[-1], integral_of_means(t, force))
-        return bool(shake < self._limits[0] and turn < self._limits[1]) and len(force) == self._n
+            t = np.array([sample.t for sample, _, _ in self._window])[-self._n :]
+            self._shaking = deviation_from_line(t - t[-1], integral_of_means(t, force[-self._n :]))
+        return bool(shake < self._limits[0] and turn < self._limits[1]) and len(force) == self._window.maxlen
 
     def _filters(self) -> list[OnlineFilter]:
         """The filter, and the one under test if there is one."""
@@ -200,7 +202,11 @@ class LiveHand:
 
     def _look_for_stop(self, sample: Sample, quiet: bool) -> list[LiveEvent]:
         """Test for a stop: run a copy of the filter under the hypothesis that the hand stands still."""
-        trial, last, first = self._trial, self._past_stops[-1].last, self._window[0][0]
+        trial, last, first = (
+            self._trial,
+            self._past_stops[-1].last,
+            self._window[min(self._beside, len(self._window) - 1)][0],
+        )
         if not quiet or first.t <= last.t or any(each.unseen for each, _, _ in self._window):
             self._trial = self._trial_filter = None
             return []
