@@ -5,6 +5,7 @@ from __future__ import annotations
 import tracemalloc
 from dataclasses import fields, replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,19 @@ from pbd.tracking.online.filter import UP
 from pbd.tracking.online.samples import Conditioner, Sample
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
-from pbd.tracking.smoother.preintegration import LAG, POS, VEL, GyroFrame, gyro_frame, preintegrate
+from pbd.tracking.smoother.preintegration import (
+    ACC_BIAS,
+    ACC_MATRIX,
+    GYR_BIAS,
+    GYR_MATRIX,
+    LAG,
+    POS,
+    ROT,
+    VEL,
+    GyroFrame,
+    gyro_frame,
+    preintegrate,
+)
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import pour, truth_at, uncalibrated, with_hole, with_rows
 
@@ -204,13 +217,13 @@ def test_a_wobble_turns_it_as_it_turns_the_batch() -> None:
     np.testing.assert_allclose(strapdown.C, quat_to_matrix(frame.wxyz[-1]), rtol=0.0, atol=1e-5)
 
 
-def test_a_lag_adds_as_much_as_in_the_batch() -> None:
+def test_each_error_of_the_sensor_adds_as_much_as_in_the_batch() -> None:
     _, legs, frame = from_rest_to_rest(wobble=3.0, up_to=61)
     rows, density = np.array([0, 56, 60]), np.ones((3, len(frame.t)))
     batch = preintegrate(frame, rows, (density, density)).J[-1]
-    for block in (VEL, POS):
-        size = float(np.abs(batch[block, LAG]).max())
-        np.testing.assert_allclose(legs[-1].J[block, LAG], batch[block, LAG], rtol=0.0, atol=0.05 * size)
+    for block, errors in product((ROT, VEL, POS), (LAG, GYR_MATRIX, ACC_MATRIX, GYR_BIAS, ACC_BIAS)):
+        size = float(np.abs(batch[block, errors]).max())
+        np.testing.assert_allclose(legs[-1].J[block, errors], batch[block, errors], rtol=0.0, atol=0.02 * size)
 
 
 def test_its_integrals_are_those_of_the_batch() -> None:

@@ -129,7 +129,7 @@ class Strapdown:
     def leg(self, up: Array) -> Leg:
         """The leg since the last call; `up` (3,) m/s2 is specific force at rest, in the gyro frame."""
         T, n = self.T, self.count
-        C = self._Cs[(n + 1) // 2]
+        C = self._Cs[n // 2]
         rate, force = np.mean(self._rates, axis=0), np.mean(self._accs, axis=0)
         J = np.zeros((9, ERRORS))
         (J[ROT, OF_GYR],), (J[VEL, OF_ACC],) = of_blocks_by_errors(C[None], rate[None], force[None], np.array([T]))
