@@ -96,7 +96,7 @@ class Calibration:
         robots: names of the robots that it is for; empty: any.
         obstacles: obstacles besides the table.
         sensor: the sensor's errors; None: readings are not corrected.
-        residuals: how well each part fitted when it was made, by "part.figure".
+        residuals: "part.figure" -> how well that part fitted when it was made.
     """
 
     name: str

@@ -23,10 +23,10 @@ class FusedTake:
         off: (n, 3) offset of the take's keyframes from the task's in nav, m; NaN where the take has none.
         outliers: the task's keyframes at which the take is not used.
         extra: keyframes of the take that few other takes have; they are not used.
-        yaw: rotation of the take's nav about z against the first take's, rad.
-        T_hand: pose of the sensor in the hand against the first take's; None if the take is left out.
+        yaw: rotation of the take's nav about z relative to the first take's, rad.
+        T_hand: pose of the sensor in the hand relative to the first take's; None if the take is left out.
         turn_sigma: one sigma of the rotation in T_hand about its least certain axis, rad.
-        device: number of the take's device among those of all takes.
+        device: index of the take's device among the devices of all takes.
         left_out: why the take is not used at all, or "".
     """
 
@@ -51,7 +51,7 @@ class MovedThing:
 
     Attributes:
         first, last: the first and the last keyframe of the run, both included.
-        moved_m: by take, distance from where the thing stood in the first take, m.
+        moved_m: take -> distance from where the thing stood in the first take, m.
     """
 
     first: int
@@ -68,7 +68,7 @@ class Fusion:
         scatter: (n, 3) standard deviation at each of the task's keyframes along nav's axes, m.
         turn: (n,) standard deviation of the attitude about each axis, rad.
         unsure: (n, 4) one sigma of the logarithms of `scatter` and `turn`.
-        overall: standard deviations (m, rad) of all keyframes but the first together.
+        overall: standard deviations (m, rad) over all keyframes but the first.
         overall_unsure: one sigma of the logarithms of `overall`.
         places: keyframes whose places in base the takes know, at the path's times.
         thing: the thing that stood elsewhere in some takes, or None.

@@ -10,8 +10,8 @@ import numpy as np
 from pbd.data.frozen_arrays import freeze_arrays
 from pbd.pose import Array
 
-MOST_STEPS = 2.5
-"""Longest interpolated step in usual steps: one lost sample is bridged, two are a gap."""
+MAX_GAP_STEPS = 2.5
+"""Longest interpolated gap in usual steps: one lost sample is bridged, two are a gap."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class Stream:
         after = np.clip(np.searchsorted(self.t, t), 0, len(self) - 1)
         before = np.maximum(after - 1, 0)
         known = (self.t[0] <= t) & (t <= self.t[-1])
-        known &= (self.t[after] == t) | (self.t[after] - self.t[before] <= MOST_STEPS * usual)
+        known &= (self.t[after] == t) | (self.t[after] - self.t[before] <= MAX_GAP_STEPS * usual)
         read = np.column_stack([np.interp(t, self.t, axis) for axis in self.values.T])
         read[~known] = np.nan
         return read

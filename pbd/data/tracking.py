@@ -103,8 +103,8 @@ class Demonstration:
     """A recording and everything else that is known about the demonstration.
 
     Attributes:
-        recording: of a fused demonstration, the first take's.
-        keyframes: those that a person edited; they replace the automatic ones.
+        recording: the recording; the first take's in a fused demonstration.
+        keyframes: those edited by a person, which replace the automatic ones.
         touch_ups: corrections of the keyframes.
         closed: the hand ended at the dock.
         places, contacts: known places and heights of stops.

@@ -61,7 +61,7 @@ class Stay:
     """Where the grasped object is from `start` to `end`: fixed in base, or fixed to the tool.
 
     Attributes:
-        start, end: s, or keyframe indices, as those of `object_stays`. The first starts at -inf, the last ends at inf.
+        start, end: s, or keyframe indices, as given to `object_stays`. The first starts at -inf, the last ends at inf.
         held: whether it is fixed to the tool.
         pose: T_tool_object if held, else T_base_object.
         rests: T_base_object where it is gripped and where it is let go; empty if it is not held.
@@ -75,11 +75,11 @@ class Stay:
 
 
 def gripped_spans(t: Array, opening: Array) -> list[tuple[float, float]]:
-    """Find when a gripper holds: from the end of each closing to the begin of the next opening (inf: none).
+    """Find when a gripper holds: from the end of each closing to the beginning of the next opening (inf: none).
 
     Args:
         t: (g,) s, or keyframe indices.
-        opening: (g,) the gripper's opening at those.
+        opening: (g,) the gripper's opening at each t.
     """
     spans: list[tuple[float, float]] = []
     change = np.sign(np.diff(opening))

@@ -33,10 +33,10 @@ GRIPPER_TORQUE = 500
 """Torque limit of the gripper, which closes on things, while pbd drives, 0 to 1000. Source: so101_follower.py."""
 
 GOAL_TOLERANCE = 20
-"""Largest distance of a goal from the servo's place when torque is switched on, counts. 1.8 degrees are no jump."""
+"""Largest distance of a goal from the servo's position when torque is switched on, counts: 1.8 degrees, no jump."""
 
 WRITE_TRIES = 3
-"""How often registers are written until they read back as written."""
+"""Largest number of attempts to write registers until they read back as written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +62,8 @@ class Bounds:
     """The servos' own limits of temperature and supply voltage, (n,) each."""
 
     celsius: Array
-    least_volts: Array
-    most_volts: Array
+    min_volts: Array
+    max_volts: Array
 
 
 class ServoArm:
@@ -85,8 +85,8 @@ class ServoArm:
         found = identify(bus, dict(zip(counts.names, counts.ids, strict=True)))
         self.bounds = Bounds(
             celsius=np.array([data[10] for data in found]),
-            least_volts=0.1 * np.array([data[12] for data in found]),
-            most_volts=0.1 * np.array([data[11] for data in found]),
+            min_volts=0.1 * np.array([data[12] for data in found]),
+            max_volts=0.1 * np.array([data[11] for data in found]),
         )
         for (name, servo), data in zip(counts.servos.items(), found, strict=True):
             stored = (decode_word(data, 28, OFFSET_SIGN), decode_word(data, 6), decode_word(data, 8))

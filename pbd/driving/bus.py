@@ -27,7 +27,7 @@ ANSWER_AT_REST_S = 0.05
 latency timer of 16 ms."""
 
 TRIES = 2
-"""How often a servo is asked before it counts as silent. Two tries and a period of 20 ms stop the arm within 50 ms."""
+"""Requests after which a servo counts as silent. Two tries and a period of 20 ms stop the arm within 50 ms."""
 
 WAIT_S = 0.001
 """Longest wait of one read of the port, s."""

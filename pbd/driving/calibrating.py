@@ -23,7 +23,7 @@ MIDDLE = COUNTS // 2 - 1
 """Count of a servo in the middle of its joint's range."""
 
 FULL_TURN_JOINT = "wrist_roll"
-"""The joint that LeRobot lets turn all the way, so its ends are not calibrated."""
+"""The joint that LeRobot lets rotate by a full turn, so its ends are not calibrated."""
 
 
 class Calibrating:

@@ -76,7 +76,7 @@ class EncoderCounts:
         """Refuse a motion (n, k + 1) that leaves the calibrated range, where the servo would stop.
 
         Raises:
-            PlanError: names the first joint that does, and when.
+            PlanError: names the first joint that leaves it, and when.
         """
         beyond = np.maximum(counts - self.upper, self.lower - counts) - 1.0  # rounding may exceed it by one count
         if not (beyond > 0.0).any():

@@ -19,15 +19,15 @@ from pbd.errors import PlanError, SensorError
 from pbd.pose import Array
 
 SLACK_DEG = 5.0
-"""How far beyond the model's limits an arm may stand and still be eased back, degrees (assumed: play, a zero set by
-eye)."""
+"""Largest angle by which an arm may start beyond the model's limits, degrees (assumed: play, a zero set by eye). It is
+eased back."""
 
 LEAD_S, SETTLE_S = 0.5, 0.3
 """Duration of the lead-in from where the arm stands to the plan's first joints, at most SLACK_DEG away, and of the hold
 at its last joints, s."""
 
 STALL_S = 0.1
-"""How late a goal may be, s. If it is later, the arm has stood still in the meantime, so the motion ends."""
+"""Longest delay of a goal, s. If it is later, the arm has stood still in the meantime, so the motion ends."""
 
 
 class Clock:

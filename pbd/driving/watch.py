@@ -1,4 +1,4 @@
-"""Watches a moving arm, and ends the motion when a servo is off its goal, overloaded, hot or badly supplied."""
+"""Watches a moving arm, and ends the motion when a servo is off its goal, overloaded, hot or at a wrong voltage."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from pbd.files.servo_calibration import COUNTS
 from pbd.pose import Array
 
 LAG_S = 0.25
-"""How far a servo may lag behind its goals, s (assumed: an STS3215 follows within 0.1 s)."""
+"""Longest lag of a servo behind its goals, s (assumed: an STS3215 follows within 0.1 s)."""
 
 MAX_LOAD, LOAD_S = 0.8, 0.5
-"""Largest share of a servo's strength, and how long it may be exceeded, s. The servo itself gives way at 0.8 after 2 s
+"""Largest share of a servo's strength, and the longest time above it, s. The servo itself gives way at 0.8 after 2 s
 (factory settings of Overload_Torque and Protection_Time)."""
 
 HEAT_MARGIN_C = 5.0
-"""The motion ends this far below the temperature at which a servo switches itself off and drops the arm, °C."""
+"""Margin below the temperature at which a servo switches itself off and drops the arm, °C."""
 
 MIN_VOLTS_SHARE = 0.8
 """Smallest voltage as a share of that at the start (assumed). Below it the power supply is overloaded."""
@@ -43,7 +43,7 @@ class Watch:
         """`start` is the arm at rest. An infinite tolerance switches the check of the positions off."""
         n = len(names)
         self._names, self._bounds, self._tolerance_deg = names, bounds, tolerance_deg
-        self._least_volts = np.maximum(bounds.least_volts, MIN_VOLTS_SHARE * start.volts)
+        self._min_volts = np.maximum(bounds.min_volts, MIN_VOLTS_SHARE * start.volts)
         self._goals: deque[Array] = deque([start.counts], maxlen=max(2, round(LAG_S * rate_hz)))
         self._loaded, self._most_loaded = np.zeros(n), LOAD_S * rate_hz
         self.error_deg, self.load = np.zeros(n), np.zeros(n)
@@ -68,7 +68,7 @@ class Watch:
         self._loaded = np.where(load > MAX_LOAD, self._loaded + 1, 0)
         check_health(self._names, self._bounds, state)
         arm = slice(0, len(self._names) - 1)
-        for name, volts, least in zip(self._names, state.volts, self._least_volts, strict=True):
+        for name, volts, least in zip(self._names, state.volts, self._min_volts, strict=True):
             if volts < least:
                 what = f"the voltage at {name} fell to {volts:.1f} V, below {least:.1f} V"
                 raise SensorError(f"{what}: use a stronger power supply", joint=name)
@@ -86,12 +86,12 @@ class Watch:
 
 
 def check_health(names: Sequence[str], bounds: Bounds, state: State) -> None:
-    """Refuse servos that are hot, badly supplied, or report an error; raises SensorError."""
+    """Refuse servos that are hot, have a wrong voltage, or report an error; raises SensorError."""
     for i, name in enumerate(names):
         if state.celsius[i] >= bounds.celsius[i] - HEAT_MARGIN_C:
             what = f"{name} is at {state.celsius[i]:.0f} °C, and switches off at {bounds.celsius[i]:.0f}"
             raise SensorError(f"{what}: let it cool down", joint=name)
-        least, most = bounds.least_volts[i], bounds.most_volts[i]
+        least, most = bounds.min_volts[i], bounds.max_volts[i]
         if not least <= state.volts[i] <= most:
             what = f"{name} has {state.volts[i]:.1f} V, outside its {least:g} to {most:g} V"
             raise SensorError(f"{what}: check the power supply", joint=name)

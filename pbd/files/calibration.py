@@ -17,7 +17,7 @@ SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
 """Shapes of an object, and the number of sizes of each."""
 
 REACH_M = 10.0
-"""Largest coordinate of a point or an obstacle, and largest size of an obstacle, m: out of any arm's reach."""
+"""Largest coordinate of a point or an obstacle, and largest size of an obstacle, m: beyond any arm's reach."""
 
 FARTHEST_M = 1000.0
 """Largest coordinate of a pose, m. A sensor, a tool or a dock is much nearer to its arm."""
@@ -30,7 +30,7 @@ def load_calibration(name: str | Path) -> Calibration:
     """Load a calibration by name (./calibration, then the bundled ones) or path.
 
     Raises:
-        CalibrationError: there is none of that name (the valid names are listed), or a key is missing, unknown or
+        CalibrationError: none has that name (the valid names are listed), or a key is missing, unknown or
             wrong.
     """
     return read_calibration(find("calibration", name, ".toml", CalibrationError))

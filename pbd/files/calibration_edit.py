@@ -46,7 +46,7 @@ def update_calibration(
     path: Path,
     parts: Mapping[str, Values],
     *,
-    instead: Mapping[str, str] = MappingProxyType({}),
+    renames: Mapping[str, str] = MappingProxyType({}),
     robots: Sequence[str] = (),
     scale: float | None = None,
 ) -> None:
@@ -57,7 +57,7 @@ def update_calibration(
     Args:
         path: the file; its folder is made.
         parts: table ("dock", "sensor.acc") -> key -> its value (None removes the key) and a comment for a new key.
-        instead: tables to rename first, old name -> new name.
+        renames: tables to rename first, old name -> new name.
         robots: the `robots` of a new file.
         scale: the new scale; None keeps the old one.
 
@@ -65,7 +65,7 @@ def update_calibration(
         CalibrationError: the file can't be read, or is not valid with the new parts.
         PbdError: the path can't be written.
     """
-    document = _document(path, instead, robots)
+    document = _document(path, renames, robots)
     if scale is not None:
         document["scale"] = round(scale, 5)
     for part, values in parts.items():
@@ -104,12 +104,12 @@ def _source(path: Path) -> Path | None:
     return next((file for file in (path, bundled("calibration") / path.name) if file.is_file()), None)
 
 
-def _document(path: Path, instead: Mapping[str, str], robots: Sequence[str]) -> tomlkit.TOMLDocument:
+def _document(path: Path, renames: Mapping[str, str], robots: Sequence[str]) -> tomlkit.TOMLDocument:
     """Parse the file, or its bundled original, or start a new one."""
     if source := _source(path):
         read_calibration(source)  # its errors tell the line
         text = read_text(source, CalibrationError, "give the path of a TOML file")
-        for old, new in instead.items():
+        for old, new in renames.items():
             text = re.sub(rf"(?m)^(\s*\[\s*){old}(\s*\])", rf"\g<1>{new}\g<2>", text)
         return tomlkit.parse(text)
     document = tomlkit.document()

@@ -28,7 +28,7 @@ from pbd.pose import Array
 
 FORMAT = 1
 RATES_HZ = (1e-6, 1e6)
-"""Lowest and highest rate of a recording, Hz: one sample in eleven days, and faster than any sensor."""
+"""Lowest and highest rate of a recording, Hz: one sample in eleven days; faster than any sensor."""
 
 TRUTH = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
 
@@ -37,7 +37,7 @@ def load_demo(name: str | Path) -> Demonstration:
     """Load a demonstration: a name (./demos, then the bundled ones), a folder, or a file that an importer knows.
 
     Raises:
-        RecordingError: there is none of that name (the valid names are listed), or it can't be read.
+        RecordingError: none has that name (the valid names are listed), or it can't be read.
     """
     path = find("demos", name, "", RecordingError)
     if path.is_dir():
@@ -194,7 +194,7 @@ def demo_toml(demo: Demonstration, name: str, folder: Path | None = None) -> str
     Args:
         demo: the demonstration.
         name: its name.
-        folder: its path, from which the paths of takes count.
+        folder: its path; the takes' paths are written relative to it.
 
     Raises:
         RecordingError: a take is not a demonstration's folder.

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 HEADER_CELLS = 4
-"""Least number of cells of a header (t, ax, ay, az). The lines of a preamble have fewer."""
+"""Smallest number of cells in a header (t, ax, ay, az). The lines of a preamble have fewer."""
 
 
 def find_header(lines: Sequence[str]) -> tuple[int, int] | None:

@@ -20,7 +20,7 @@ NAME, POSITION = "name", "position"
 """The fields of a sensor_msgs/JointState that are read. Its positions are in rad, or m for sliding joints."""
 
 LARGEST_POSITION = 1e6
-"""Largest joint position, in any unit: an endless joint turns less often."""
+"""Largest joint position, in any unit. Even an endless joint stays below it."""
 
 
 def read_joints(
@@ -32,7 +32,7 @@ def read_joints(
         given: JSON, or the path of a file.
         names: the arm's joints.
         unit: the unit's name, for errors; a message is always in rad and m.
-        per_si: each joint's number of units in a rad, or in a m; None: 1.
+        per_si: units per rad, or per m, of each joint; None: 1.
 
     Raises:
         PbdError: the file can't be read, a joint is missing, or a position is not a number.

@@ -27,7 +27,7 @@ FORMAT = 1
 NAME = "keyframes.toml"
 GRIPS = {"closes": True, "opens": False}
 ORIGIN_M = 1e-3
-"""Largest coordinate of the first keyframe, m. It is the origin of nav; this much is left for rounding."""
+"""Largest coordinate of the first keyframe, m. It is the origin of nav; this allows for rounding."""
 
 LEAST_M, LEAST_DEG = 1e-4, 0.01
 """Smallest tolerance that is written, m and degrees. A smaller one would be rounded to zero."""
@@ -74,7 +74,7 @@ def keyframes_toml(
     Args:
         name: the demonstration's name.
         keyframes: n keyframes.
-        magnetic: whether a magnetometer turns nav to the north.
+        magnetic: whether a magnetometer aligns nav with north.
         arm_dwell_s: (n,) s, how long the arm stays at each keyframe; None: as long as the hand.
         touch_ups: corrections by `pbd touch`.
     """

@@ -31,7 +31,7 @@ def load_robot(name: str | Path) -> Robot:
     """Load a robot by name (./robots, then the bundled ones) or path.
 
     Raises:
-        RobotError: there is none of that name (the valid names are listed), or as `read_robot`.
+        RobotError: none has that name (the valid names are listed), or as `read_robot`.
     """
     return read_robot(find("robots", name, ".toml", RobotError))
 

@@ -25,7 +25,7 @@ FOREIGN_ENCODINGS = ("utf-8-sig", "gb18030", "cp1252")
 NEXT_STEP = "give a CSV file"
 
 LONGEST_PREAMBLE = 100
-"""Most lines above the header."""
+"""Largest number of lines above the header."""
 
 BLOCK = 1_000_000
 """Characters that are parsed at once. A larger block needs more memory."""
@@ -48,7 +48,7 @@ class Table:
     values: Array
 
     def columns(self, *names: str) -> Array:
-        """Return columns (rows, len(names)); the RecordingError of a missing one lists those that are there."""
+        """Return columns (rows, len(names)); the RecordingError of a missing one lists the header."""
         require(self.path, self.header, names)
         return self.values[:, [self.header.index(name) for name in names]]
 
@@ -274,7 +274,7 @@ def read_table(path: Path) -> Table:
 
 
 def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tuple[int, ...] = ()) -> None:
-    """Write a table; `decimals`: to how many each column is rounded, if given. NaN becomes an empty cell."""
+    """Write a table; `decimals`: each column's number of decimals; empty: all. NaN becomes an empty cell."""
     import orjson
 
     with path.open("wb") as file:

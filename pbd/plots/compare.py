@@ -40,7 +40,7 @@ class SpreadKeyframe:
     """One keyframe of a task in several demonstrations.
 
     Attributes:
-        poses: of each demonstration, aligned; None where this keyframe is missing.
+        poses: its pose in each demonstration, aligned; None where it is missing.
         own: its number in each demonstration; None where it is missing.
         p: (3,) m, mean position.
         spread: (3,) m, standard deviation of the position along nav's axes; NaN for a single demonstration.

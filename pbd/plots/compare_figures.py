@@ -22,8 +22,8 @@ from pbd.pose import Array
 
 DASHES = ("-", "--", ":", "-.")
 """Line styles. With more demonstrations than colours, the colours are repeated in the next style."""
-MOST_NAMED, LONGEST_NAME = 16, 18
-"""Most demonstrations in a legend, and most characters of a name."""
+MAX_NAMED, LONGEST_NAME = 16, 18
+"""Largest number of demonstrations in a legend, and of characters in a name."""
 
 
 def draw_comparison(name: str, plot: ComparePlot) -> Figure:
@@ -154,10 +154,10 @@ def _runs(plot: ComparePlot) -> list[Artist]:
     """The legend's entries for the demonstrations."""
     named: list[Artist] = [
         Line2D([], [], **_line(k), label=plain_text(run.name, LONGEST_NAME))
-        for k, run in enumerate(plot.runs[:MOST_NAMED])
+        for k, run in enumerate(plot.runs[:MAX_NAMED])
     ]
-    if len(plot.runs) > MOST_NAMED:
-        named.append(Line2D([], [], linestyle="", label=f"and {len(plot.runs) - MOST_NAMED} more"))
+    if len(plot.runs) > MAX_NAMED:
+        named.append(Line2D([], [], linestyle="", label=f"and {len(plot.runs) - MAX_NAMED} more"))
     return named
 
 

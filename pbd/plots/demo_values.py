@@ -52,7 +52,7 @@ class FieldPlot:
     Attributes:
         strength: (n,) uT.
         dip: (n,) rad, positive downwards.
-        rest_strength, rest_dip: of the mean field in the first rest.
+        rest_strength, rest_dip: strength and dip of the mean field in the first rest.
     """
 
     strength: Array
@@ -113,14 +113,14 @@ class DemoPlot:
 
     @cached_property
     def sigma(self) -> Array:
-        """(n, 6) m and rad, along and about nav's axes. The variance is interpolated between stops; NaN outside."""
+        """(n, 6) m and rad, sigma along and about nav's axes, interpolated between stops; NaN outside."""
         ends = self.path.t[[row for stop in self.path.stops for row in (stop.start, stop.stop - 1)]]
         variances = np.repeat(np.diagonal(self.path.cov, axis1=1, axis2=2), 2, axis=0)
         along = [np.interp(self.path.t, ends, v, left=np.nan, right=np.nan) for v in variances.T]
         return np.asarray(np.sqrt(np.column_stack(along)))
 
     def is_known(self, keyframe: Keyframe) -> bool:
-        """Whether a claim about its stop (a known place or height) was used."""
+        """Whether its stop had a known place or height (a claim)."""
         return any(self._is_at(keyframe, self.path.stops[claim.stop]) for claim in self.path.claims)
 
     def is_doubted(self, keyframe: Keyframe) -> bool:

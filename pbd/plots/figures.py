@@ -43,7 +43,7 @@ VIEW_SIZE = (8.4, 6.4)
 A4 = (11.69, 8.27)
 """Landscape, inches."""
 FINDING_WIDTH, FINDING_LINES, LINES = 46, 5, 14
-"""Of the summary: characters in a line, lines of one finding, and lines of all findings."""
+"""In the summary: characters per line, lines of one finding, and lines of all findings."""
 
 
 def names(plot: DemoPlot) -> tuple[str, ...]:

@@ -35,8 +35,8 @@ TREMBLE_MEAN = 0.25
 OFF_SIGMAS = 4.0
 """Largest error of a keyframe, in sigmas, without a finding. The probability of a larger one is one in a thousand."""
 
-MOST_REMARKS, MOST_HIGHLIGHTED = 3, 10
-"""Most findings of one kind that are listed one by one. If they are summed up, most that are highlighted."""
+MAX_LISTED, MAX_HIGHLIGHTED = 3, 10
+"""Largest number of findings of one kind that are listed one by one, and of highlighted ones in a summed-up list."""
 
 Span = tuple[float, float]
 """Start and end, s."""
@@ -60,7 +60,7 @@ def find_problems(
     """Collect the findings of a demonstration.
 
     Args:
-        names: of the path's stops, from `stop_names`.
+        names: names of the path's stops, from `stop_names`.
         a_nav: (n, 3) m/s2, motion acceleration at the path's instants.
         error: (n, 3) m, path minus truth; None where the truth is unknown.
         remarks: warnings given while it was tracked.
@@ -115,13 +115,13 @@ def length_text(metres: float) -> str:
 
 
 def _grouped(found: Iterator[Weighed], together: str) -> list[Finding]:
-    """The findings, worst first; more than MOST_REMARKS are summed up in one."""
+    """The findings, worst first; more than MAX_LISTED are summed up in one."""
     worst = [finding for _, finding in sorted(found, key=lambda each: -each[0])]
-    if len(worst) > MOST_REMARKS:
+    if len(worst) > MAX_LISTED:
         return [
             Finding(
                 f"{len(worst)} {together}",
-                tuple(span for finding in worst[:MOST_HIGHLIGHTED] for span in finding.spans),
+                tuple(span for finding in worst[:MAX_HIGHLIGHTED] for span in finding.spans),
             )
         ]
     return worst
@@ -207,13 +207,13 @@ def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
     ]
     spans = [_move_span(path, k) for k in unsure]
     advice = "stop on the way, or move more calmly"
-    if len(moves) > MOST_REMARKS:
+    if len(moves) > MAX_LISTED:
         worst, sigma = moves[0]
         words = (
             f"{len(moves)} moves add an uncertainty of more than {length_text(UNSURE_MOVE_M)} each (one sigma), the "
             f"worst, {worst}, {sigma}: {advice}"
         )
-        return [Finding(words, tuple(spans[:MOST_HIGHLIGHTED]))]
+        return [Finding(words, tuple(spans[:MAX_HIGHLIGHTED]))]
     return [
         Finding(f"the move {move} adds an uncertainty of {sigma} (one sigma): {advice}", (span,))
         for (move, sigma), span in zip(moves, spans, strict=True)
@@ -242,7 +242,7 @@ def _residual_velocities(path: HandPath, names: Sequence[str], doubted: Sequence
 
 
 def _off_the_truth(path: HandPath, names: Sequence[str], error: Array | None) -> Iterator[Finding]:
-    """Find the keyframe whose error is the most sigmas, if these exceed OFF_SIGMAS."""
+    """Find the keyframe with the largest error in sigmas, if that exceeds OFF_SIGMAS."""
     if error is None:
         return
     off = np.linalg.norm(error[[(stop.start + stop.stop - 1) // 2 for stop in path.stops]], axis=1)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from pbd.data import Fusion, HandPath
 from pbd.data.one_line_repr import counted
-from pbd.plots.compare_figures import LONGEST_NAME, MOST_NAMED, standard_deviations
+from pbd.plots.compare_figures import LONGEST_NAME, MAX_NAMED, standard_deviations
 from pbd.plots.panels import XYZ
 from pbd.plots.style import GREY, RUNS_RGB, legend, new_figure, plain_text, style
 
@@ -23,7 +23,7 @@ def draw_fusion(name: str, path: HandPath) -> Figure:
 
 def match(fusion: Fusion) -> Figure:
     """Each take's keyframes minus the fused ones, along each axis. A cross is an outlier, which the fusion ignores."""
-    figure = new_figure("Keyframes of each take, less the task's", 10.0, 6.6)
+    figure = new_figure("Keyframes of each take, minus the task's", 10.0, 6.6)
     axes = figure.subplots(3, sharex=True, sharey=True)
     axes[0].set_title(_subtitle(fusion))
     k, used = np.arange(len(fusion.scatter)), [take for take in fusion.takes if not take.left_out]
@@ -32,7 +32,7 @@ def match(fusion: Fusion) -> Figure:
         for i, take in enumerate(used):
             look = {"color": RUNS_RGB[i % len(RUNS_RGB)], "linestyle": "", "markersize": 4.5}
             shift = 0.5 * (i + 0.5) / len(used) - 0.25
-            label = plain_text(take.name, LONGEST_NAME) if i < MOST_NAMED else None
+            label = plain_text(take.name, LONGEST_NAME) if i < MAX_NAMED else None
             out = np.isin(k, take.outliers)
             ax.plot(k[~out] + shift, 1e3 * take.off[~out, axis], marker="o", label=label, **look)
             ax.plot(k[out] + shift, 1e3 * take.off[out, axis], marker="x", **look)

@@ -17,8 +17,8 @@ from pbd.tracking.smoother.knots import STOP_KNOT_S
 XYZ = ("x", "y", "z")
 SMALLEST_VARIANCE = 1e-7
 """Least variance, (m/s2)^2, that is drawn; smaller than any sensor's."""
-MOST_VECTOR_POINTS = 5000
-"""Most points that are drawn as vector graphics. More are rasterized or thinned out."""
+MAX_VECTOR_POINTS = 5000
+"""Largest number of points that are drawn as vector graphics. More are rasterized or thinned out."""
 
 
 def _lines(ax: Axes, t: Array, values: Array, names: tuple[str, ...] = XYZ) -> None:
@@ -146,7 +146,7 @@ def sigma(ax: Axes, plot: DemoPlot, axis: int) -> None:
     scale, unit, most = _sigma_unit(plot)
     begin, end = plot.tracked.start, plot.tracked.stop
     # Vector graphics keep every point of a filled area.
-    rows = slice(begin, end, -(-(end - begin) // MOST_VECTOR_POINTS))
+    rows = slice(begin, end, -(-(end - begin) // MAX_VECTOR_POINTS))
     one = scale * plot.sigma[rows, axis]
     for factor, alpha in ((2.0, 0.12), (1.0, 0.22)):
         area = ax.fill_between(plot.path.t[rows], -factor * one, factor * one, label=f"± {factor:g} σ")
@@ -218,7 +218,7 @@ def intervals(ax: Axes, plot: DemoPlot) -> None:
     """Interval between each sample and the previous one."""
     ms, median = _intervals_ms(plot)
     (dots,) = ax.plot(plot.tracking.demo.recording.t[1:], ms, ".", color=BLUE, markersize=3.0, label="interval")
-    dots.set_rasterized(len(ms) > MOST_VECTOR_POINTS)
+    dots.set_rasterized(len(ms) > MAX_VECTOR_POINTS)
     ax.axhline(median, color=VERMILION, linestyle="--", linewidth=1.0, label="median")
     ax.set_ylim(*_limits(ms, median))
     ax.set_ylabel("interval (ms)")

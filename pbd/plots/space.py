@@ -27,8 +27,8 @@ LEAST_ASPECT = 0.3
 """Least side of the box, as a share of its longest side."""
 TRIAD_SHARE = 0.1
 """Length of a triad's axes, as a share of the path's extent."""
-MOST_NUMBERED = 100
-"""Most keyframes that are all numbered. Of more, only every second (third, ...) has a number, triad and ellipse."""
+MAX_NUMBERED = 100
+"""If more keyframes than this exist, only every second (third, ...) has a number, triad and ellipse."""
 ELEVATION, AZIMUTH = 26.0, -164.0
 """Direction of view, degrees: from behind, above and slightly right, so that x points away and y to the left."""
 
@@ -92,7 +92,7 @@ def _paths(plot: DemoPlot) -> tuple[Array, list[Array]]:
 
 
 def _step(plot: DemoPlot) -> int:
-    return -(-len(plot.keyframes) // MOST_NUMBERED)
+    return -(-len(plot.keyframes) // MAX_NUMBERED)
 
 
 def view(ax: Axes, shown: Sequence[Array], axes: tuple[int, int], aspect: float = 0.85) -> float:
@@ -167,8 +167,8 @@ _ANGLES = np.tile(np.radians([45, 135, 315, 225, 90, 0, 180, 270]), 4)
 DIRECTIONS = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
 RADII = np.repeat((8.0, 14.0, 22.0, 32.0), 8)[:, None]
 """Candidate positions of a label's box, relative to its keyframe; radii in points."""
-MOST_NUMBERS = 3
-"""Most numbers, or ranges of numbers, in one label."""
+MAX_RANGES = 3
+"""Largest number of keyframe numbers, or ranges of them, in one label."""
 
 
 def label_keyframes_3d(ax: Axes3D, at: Array, lines: Array) -> None:
@@ -193,7 +193,7 @@ def label_keyframes(ax: Axes, at: Array, lines: Array) -> None:
     (left, bottom), (right, top) = to_points * np.asarray(ax.bbox.get_points())
     size = FontProperties(size="small").get_size_in_points()
     taken = np.empty((0, 4))
-    every = -(-len(spots) // MOST_NUMBERED)
+    every = -(-len(spots) // MAX_NUMBERED)
     for members in _groups(spots[::every]):
         words, place = _ranges([every * k for k in members]), every * members[0]
         half = 0.5 * size * np.array([0.64 * len(words), 1.25])
@@ -228,7 +228,7 @@ def _ranges(numbers: Sequence[int]) -> str:
     """Write increasing numbers as ranges: 0, 4–6, 9."""
     runs = [[each for _, each in run] for _, run in groupby(enumerate(numbers), lambda pair: pair[1] - pair[0])]
     words = [str(run[0]) if len(run) == 1 else f"{run[0]}{', ' if len(run) == 2 else '–'}{run[-1]}" for run in runs]
-    return ", ".join(words if len(words) <= MOST_NUMBERS else [*words[: MOST_NUMBERS - 1], "…"])
+    return ", ".join(words if len(words) <= MAX_RANGES else [*words[: MAX_RANGES - 1], "…"])
 
 
 def _inside(places: Array, low: Array, high: Array) -> Array:

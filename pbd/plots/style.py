@@ -102,11 +102,11 @@ def lay_out(figure: Figure) -> None:
         figure.set_layout_engine("none")
 
 
-def plain_text(words: str, most: int) -> str:
-    """A user's text, cut to `most` characters, with a ? for characters that the font lacks, and $ escaped."""
+def plain_text(words: str, limit: int) -> str:
+    """A user's text, cut to `limit` characters, with a ? for characters that the font lacks, and $ escaped."""
     font = get_font(findfont(FAMILY))
     words = "".join(c if c.isprintable() and font.get_char_index(ord(c)) else "?" for c in words)
-    return (words if len(words) <= most else f"{words[: most - 1].rstrip()}…").replace("$", r"\$")
+    return (words if len(words) <= limit else f"{words[: limit - 1].rstrip()}…").replace("$", r"\$")
 
 
 def new_figure(title: str, width: float, height: float) -> Figure:

@@ -16,7 +16,7 @@ from pbd.tracking.estimate import GRIP_S
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 
 MAX_TRACKED_HZ = 250.0
-"""Highest rate of the live tracker, Hz. Faster samples are averaged to it, which loses nothing that it uses."""
+"""Highest rate of the live tracker, Hz. Faster samples are averaged to it, without loss for the tracker."""
 
 REMIND_AFTER_S = 1.5
 """Time without a first rest after which the person gets a reminder, s. One second of rest is enough."""

@@ -55,7 +55,7 @@ class Backup:
         return f"the old {self.folder} is back"
 
     def swap_back(self) -> tuple[Path, str]:
-        """Give it its old name back and the new one another name, because that has no rest.
+        """Give it its old name back and the new one another name, because the new one has no rest.
 
         Returns:
             The new one's folder, and a message for the person.

@@ -92,7 +92,7 @@ class Status:
         waiting: what the tracker waits for, or "".
         keyframes: one for each stop.
         p_nav_sensor, v_nav_sensor, wxyz_nav_sensor: (3,) m, (3,) m/s, (4,).
-        sigma_m: one sigma of the position if the hand stopped now.
+        sigma_m: one sigma of the position along its least certain axis if the hand stopped now.
         sigma_of_move_m: the part of it that the present move adds; 0 in a stop.
         tremble: standard deviation of the norm of the specific force over the last half second, m/s2.
         said: the messages since the last status.

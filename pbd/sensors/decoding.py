@@ -39,7 +39,7 @@ class Tally:
 
 
 class WrappingClock:
-    """A clock that restarts from zero at `wrap` (any unit; 0: never). Each step counts as less than half of `wrap`."""
+    """A clock that restarts from zero at `wrap` (any unit; 0: never). Steps are assumed shorter than half of `wrap`."""
 
     def __init__(self, wrap: float) -> None:
         self._wrap = wrap
@@ -60,14 +60,14 @@ class Decoder(Protocol):
     tally: Tally
 
     def feed(self, data: bytes) -> list[Sample]:
-        """Take the next bytes; return the samples that they complete. How the stream is cut changes nothing."""
+        """Take the next bytes; return the samples that they complete, however the stream is cut."""
 
 
 class PacketDecoder:
     """Finds packets in a stream: it tries each possible start, and goes on one byte later where no packet begins."""
 
     START: ClassVar[re.Pattern[bytes]]
-    """Matches the start of a packet, also one that the end of the data cuts off."""
+    """Matches the start of a packet, even one that the end of the data cuts off."""
 
     def __init__(self) -> None:
         self.tally = Tally()

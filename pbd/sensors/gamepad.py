@@ -48,7 +48,7 @@ PADS = {
     8192: Pad(1024, ((0, 1), (2, -1), (1, 1)), True),
     4096: Pad(14247, ((1, -1), (0, 1), (2, 1)), False),
 }
-"""Pads by their accelerometer's counts for 1 g. First DualSense and DualShock 4: x right, y up, z toward the player.
+"""Accelerometer's counts for 1 g -> the pad. First DualSense and DualShock 4: x right, y up, z toward the player.
 Then Joy-Con and Pro Controller: x toward the triggers, y left, z up. Their stamps are unusable: hid-nintendo makes them
 from the reports' arrival, and counts each report's time twice."""
 

@@ -1,7 +1,7 @@
 """Layout of a line of numbers, as the user gives it: the columns' names, order and units, and the separator.
 
-Columns: ax ay az (specific force, +g up at rest); gx gy gz; mx my mz; roll, pitch, yaw (turns about x, y, z; yaw from
-east to north) or roll, pitch, heading (as a compass: pitch nose up, heading clockwise from north); t (the device's own
+Columns: ax ay az (specific force, +g up at rest); gx gy gz; mx my mz; roll, pitch, yaw (about x, y, z; yaw from east to
+north) or roll, pitch, heading (as a compass: pitch nose up, heading clockwise from north); t (the device's own
 clock); _ for a column to skip. A minus before a name flips the sign: `-ax`. The axes must be right-handed.
 
 In TOML:
@@ -63,7 +63,7 @@ class LineLayout:
 
     Attributes:
         lines: the first begins a sample, the others complete it. If there are several, each needs its own prefix.
-        units: by quantity (acc, gyr, mag, angle, t), as "g" or "0.001 g".
+        units: quantity (acc, gyr, mag, angle, t) -> unit, such as "g" or "0.001 g".
         separator: one character; a space stands for any white space.
         wrap: value at which t restarts from zero, in t's unit; 0: never; None: as an Arduino's clock.
 

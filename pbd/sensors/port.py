@@ -41,7 +41,7 @@ class Port(Source):
         self._serial, self.device, self.baud, self._what = serial, device, baud, what
 
     def read(self) -> bytes:
-        """Return new bytes; wait as long as the port was opened for. SensorError: the device is gone."""
+        """Return new bytes; wait at most `open_port`'s `wait_s`. SensorError: the device is gone."""
         try:
             first = self._serial.read(1)
             waiting = self._serial.in_waiting if first else 0

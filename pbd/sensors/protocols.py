@@ -57,7 +57,7 @@ OS5000_RATES = {hz: (b"\x1bR%d " % hz,) for hz in range(1, 41)}
 """ESC R n and a space (Users Guide, command summary: 1 to 40 samples a second)."""
 
 _WITMOTION_CODES = {1: 0x03, 2: 0x04, 5: 0x05, 10: 0x06, 20: 0x07, 50: 0x08, 100: 0x09, 200: 0x0B}
-"""Values of register RRATE by rate in Hz, where the maker's data sheets agree. (One has 0x0A for 125 Hz.)"""
+"""Rate in Hz -> value of register RRATE, where the maker's data sheets agree. (One has 0x0A for 125 Hz.)"""
 
 WITMOTION_RATES = {
     hz: (b"\xff\xaa\x69\x88\xb5", bytes((0xFF, 0xAA, 0x03, code, 0x00)), b"\xff\xaa\x00\x00\x00")

@@ -9,8 +9,8 @@ rate in rad/s), VNIMU (as VNMAR, uncompensated), and the answers to reading regi
 Binary: 0xFA, a byte that names the groups, a 16-bit mask of fields for each group, the fields (little-endian), CRC16.
 
 The device's axes are forward, right and down; its attitude is yaw, pitch and roll in north-east-down. **Samples are
-turned by half a turn about x**: their axes are forward, left and up, so y and z change sign. Acceleration is a specific
-force, +g up at rest. Only binary packets have a time (`TimeStartup`).
+rotated by half a turn about x**: their axes are forward, left and up, so y and z change sign. Acceleration is a
+specific force, +g up at rest. Only binary packets have a time (`TimeStartup`).
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ FIELD_BYTES = (
     (2, 24, 24, 12, 12, 12, 12, 12, 12, 4, 4, 68, 64),
     (8, 8, 2, 1, 1, 24, 24, 12, 12, 12, 4, 4, 2, 28),
 )
-# Quantities that are read, by group and bit. The rest of a field is skipped.
+# (group, bit) -> quantities that are read. The rest of a field is skipped.
 FIELDS_READ = {
     (0, 0): ("time",),
     (0, 3): ("ypr",),
@@ -76,14 +76,14 @@ FORMATS = {"time": ("Q", 1), "quat": ("4f", 4)}
 """Struct format and number of values of a quantity; the others are three floats."""
 
 GROUPS_LENGTH = tuple(1 + 2 * groups.bit_count() for groups in range(256))
-"""Length of the byte of groups together with the masks that follow it, by the value of that byte."""
+"""Value of the byte that names the groups -> number of bytes in it and in the masks that follow it."""
 
 _SENTENCE = re.compile(rb"\$(VN(RRG,\d\d|[A-Z]{3})([ -#%-)+-~]*))\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2})\r?\n")
 _FIELDS = re.compile(rb"((?:,[+-]?\d{1,9}(?:\.\d{1,12})?)*)(?:,[A-Z].*)?")
 
 
 class VectorNavDecoder(PacketDecoder):
-    """Decodes a VectorNav. Samples are in forward-left-up axes; `t_device` is s since start-up, where it is sent."""
+    """Decodes a VectorNav. Samples are in forward-left-up axes; `t_device`: time since start-up, s, if sent."""
 
     START = re.compile(rb"[$\xfa]")
 
@@ -151,7 +151,7 @@ def _sample(numbers: tuple[float, ...], offsets: dict[str, int]) -> Sample:
 
 
 def _forward_left_up(numbers: tuple[float, ...], at: int | None, unit: float) -> Triple | None:
-    """Turn the vector at index `at` from forward-right-down to forward-left-up axes, and multiply it by `unit`."""
+    """Rotate the vector at index `at` from forward-right-down to forward-left-up axes, and multiply it by `unit`."""
     return None if at is None else (numbers[at] * unit, -numbers[at + 1] * unit, -numbers[at + 2] * unit)
 
 
@@ -176,7 +176,7 @@ def _packet_layout(header: bytes) -> tuple[Struct, dict[str, int]] | None:
                     code, count = FORMATS.get(what, ("3f", 3))
                     offsets[what], numbers, field = numbers, numbers + count, field + code
                 formats += f"{field}{size - calcsize('<' + field)}x"
-    for what in ("mag", "acc", "gyr"):  # uncompensated values count only where compensated ones are not sent
+    for what in ("mag", "acc", "gyr"):  # uncompensated values are used only where compensated ones are not sent
         raw = offsets.pop(f"raw {what}", None)
         if raw is not None:
             offsets.setdefault(what, raw)

@@ -5,7 +5,7 @@ sum of the first ten bytes. Types and their full scales: 0x51 acceleration (16 g
 roll, pitch, yaw (180 deg), 0x54 magnetic field (raw counts, whose unit differs between models), 0x59 quaternion w, x,
 y, z (1).
 
-Axes are right-handed with z up, +1 g at rest. Attitude is turns about z, y, x in east-north-up, as in this project.
+Axes are right-handed with z up, +1 g at rest. Attitude is rotations about z, y, x in east-north-up, as in this project.
 
 The packets of one instant have no time. They come in the order of their types, so a lower type begins the next group.
 After the first such change, the highest type seen so far completes a group at once. If that packet is lost, the group

@@ -6,8 +6,8 @@ letter, the device's time in microseconds and numbers, and ends with LF: `I,<us>
 the letter + 0x80, then uint64 and float32, little-endian. An LF inside is stuffed (0x0A -> DB DC, 0xDB -> DB DD), so
 each LF ends a message.
 
-Each I gives a sample. It gets the latest M and attitude (Q or A) by the device's clock that are not later than it and
-at most 0.2 s older. So a magnetometer at 20 Hz repeats, and an attitude that the device sends after its I is one
+Each I gives a sample. It gets the latest M and attitude (Q or A) that the device's clock puts at most 0.2 s before
+it, and not after. So a magnetometer at 20 Hz repeats, and an attitude that the device sends after its I is one
 message late. The attitude is taken as north-west-up, the device's default `ahrs_axes_convention`.
 
 Messages have no checksum. One counts if its form is right and its numbers are finite and within 1.5 times the device's
@@ -54,7 +54,7 @@ _BEGIN = re.compile(b"[IMQA" + bytes(_BINARY) + b"]")
 
 
 class XImu3Decoder:
-    """Decodes an x-IMU3. The field is in the device's own unit; `t_device` is s since its start."""
+    """Decodes an x-IMU3. The field is in the device's own unit; `t_device`: time since its start, s."""
 
     def __init__(self) -> None:
         self.tally = Tally()

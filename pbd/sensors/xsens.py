@@ -8,13 +8,13 @@ fixed 16.32, float64). For attitude the next two bits are the frame (east-north-
     1020 packet counter                        2010 quaternion w, x, y, z
     1060 sample time, 10 kHz                   2030 roll, pitch, yaw, deg
     4010 velocity since the last sample, m/s   8020 rate of turn, rad/s
-    4020 acceleration, m/s2                    8030 turn since the last sample, quaternion
+    4020 acceleration, m/s2                    8030 rotation since the last sample, quaternion
                                                C020 magnetic field
 
 Other items are skipped.
 
 Acceleration is a specific force, and the axes are right-handed with z up. The field keeps the device's unit (1 is about
-the earth's field). If acceleration or rate of turn is not sent, velocity or turn since the last sample is divided by
+the earth's field). If acceleration or rate of turn is missing, velocity or rotation since the last sample is divided by
 the sampling interval: the step of the sample time over the number of packets in it, lost ones included. The first
 packet has no interval, so it gives no such sample. Field and attitude may come less often than the rest: each sample
 has the latest ones, if they are at most 0.2 s old. The sample time wraps every five days, which is undone.
@@ -86,7 +86,7 @@ def _attitude(read: Read, count: int, frame: int) -> Read:
             rpy = rpy_from_quaternion(w, x, y, z)
         else:
             return (nan,)  # a zero quaternion is no rotation
-        if frame == NED:  # only the earth's frame is turned over, not the sensor's: undo half a turn of roll
+        if frame == NED:  # only the earth's frame is rotated, not the sensor's: undo half a turn of roll
             roll, pitch, yaw = from_north_east_down(rpy)
             return wrap_angle(roll + pi), pitch, yaw
         return from_north_west_up(rpy) if frame == NWU else rpy
@@ -120,7 +120,7 @@ ITEMS = _items()
 
 
 class XsensDecoder(PacketDecoder):
-    """Decodes an MTi. The field is in the device's own unit; `t_device` is s of its sample time."""
+    """Decodes an MTi. The field is in the device's own unit; `t_device`: sample time, s."""
 
     START = re.compile(rb"\xfa(?:\xff(?:\x36|\Z)|\Z)")
 
@@ -176,7 +176,7 @@ class XsensDecoder(PacketDecoder):
         counter = found["counter"][0] if "counter" in found else None
         if self._ticks is not None:
             packets = 1 if counter is None or self._counter is None else (counter - self._counter) % 2**16
-            if ticks > self._ticks and packets > 0:  # not after a restart of the device, which steps back
+            if ticks > self._ticks and packets > 0:  # skipped if the time stepped back (device restart)
                 self._interval = (ticks - self._ticks) / TICKS_HZ / packets
         self._ticks, self._counter = ticks, counter
         return ticks / TICKS_HZ
@@ -196,7 +196,7 @@ class XsensDecoder(PacketDecoder):
 def _rate_of_turn(dq: tuple[float, float, float, float], interval: float) -> Triple:
     w, x, y, z = dq
     sine = hypot(x, y, z)
-    # The shorter way round: a quaternion with w < 0 is the same turn as its negative.
+    # The smaller angle: a quaternion with w < 0 is the same rotation as its negative.
     scale = 2.0 * (atan2(sine, w) if w >= 0.0 else -atan2(sine, -w)) / sine / interval if sine else 0.0
     return x * scale, y * scale, z * scale
 

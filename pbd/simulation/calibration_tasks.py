@@ -74,7 +74,7 @@ def pivoting(seed: int, p_sensor_tip: tuple[float, float, float] = PIVOT_TIP) ->
 
 
 def turning_through(attitudes: Sequence[Array], rng: np.random.Generator) -> Task:
-    """Turn on the spot from level through attitudes (4,), with a rest at each."""
+    """Rotate on the spot from level through attitudes (4,), with a rest at each."""
     wxyz, waypoints = np.array([1.0, 0.0, 0.0, 0.0]), [Waypoint(rest_s=2.0)]
     for attitude in attitudes:
         turn = quat_log(quat_multiply(quat_inverse(wxyz), attitude))
@@ -84,7 +84,7 @@ def turning_through(attitudes: Sequence[Array], rng: np.random.Generator) -> Tas
 
 
 def _touch() -> Task:
-    """Every second touch is level, as at the dock; at the others the hand is tilted or turned a little."""
+    """Every second touch is level, as at the dock; at the others the hand is tilted or yawed a little."""
     lean = radians(12.0)
     turns = ((lean, 0.0, 0.0), (-lean, 0.0, 0.0), (0.0, lean, 0.0), (0.0, -lean, 0.0), (0.0, 0.0, lean))
     touches = [
@@ -96,7 +96,7 @@ def _touch() -> Task:
         (Waypoint(rest_s=2.5), *touches, Waypoint(move_s=1.1, rest_s=1.5)),
         f"Touch {len(TOUCHED)} known points with the sensor itself and return to the dock",
         start_rpy=(0.0, 0.0, HEADING),
-    ).turned(YAW_WORLD_BASE)
+    ).rotated(YAW_WORLD_BASE)
 
 
 def _turn_between(wanted: Array, now: Array) -> Array:

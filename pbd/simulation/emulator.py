@@ -16,7 +16,7 @@ from pbd.data import GRAVITY, Recording
 
 INERTIAL, MAGNETOMETER = 0x80 | ord("I"), 0x80 | ord("M")
 TICK_S = 0.01
-"""Time between two writes, s, as of a USB device."""
+"""Time between two writes, s, as in a USB device."""
 
 
 class Emulator:

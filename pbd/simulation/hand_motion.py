@@ -53,7 +53,7 @@ class HandState:
 
 
 def minimum_jerk(u: ArrayLike) -> tuple[Array, Array, Array]:
-    """Return the fraction of the path and its first two derivatives by u, at fractions u of the time, 0 to 1."""
+    """Return the fraction of the path and its two derivatives with respect to u, at fractions u of the time, 0 to 1."""
     u = np.asarray(u, dtype=np.float64)
     rest = 1.0 - u
     return u**3 * (10.0 - 15.0 * u + 6.0 * u**2), 30.0 * (u * rest) ** 2, 60.0 * u * rest * (1.0 - 2.0 * u)

@@ -159,7 +159,7 @@ _WT901 = SensorModel(
     # assumed: scale as the accelerometer's
     gyr=_triad(DEG, noise=0.02, bias=0.2, walk=5e-4, scale=1e-2, lean_deg=0.2, limit=2000.0, step=2000.0 / 32768),
     mag=Triad(noise=0.2 / sqrt(100.0), step=0.15),  # assumed: that of an AK8963
-    attitude=AttitudeOutput(time_constant_s=0.05, noise=0.1 * DEG, step=180.0 / 32768 * DEG),  # assumed, but the step
+    attitude=AttitudeOutput(time_constant_s=0.05, noise=0.1 * DEG, step=180.0 / 32768 * DEG),  # assumed except step
 )
 
 _MODERN = SensorModel(

@@ -64,7 +64,7 @@ def simulate(
     rate_hz: float | None = None,
     world: World = EARTH,
 ) -> Demonstration:
-    """Simulate a hand that does `task` with `sensor` in it.
+    """Simulate a hand that holds `sensor` and does `task`.
 
     Args:
         task: a name of TASKS or CALIBRATION_TASKS, or a task.

@@ -86,8 +86,8 @@ class Task:
                 events.append(GripEvent(end - 0.5 * w.rest_s, w.grip))
         return tuple(events)
 
-    def turned(self, yaw: float) -> Task:
-        """Return the same task turned about z by `yaw` rad, hand and path."""
+    def rotated(self, yaw: float) -> Task:
+        """Return the same task rotated about z by `yaw` rad, hand and path."""
         c, s = cos(yaw), sin(yaw)
         waypoints = (replace(w, p=(c * w.p[0] - s * w.p[1], s * w.p[0] + c * w.p[1], w.p[2])) for w in self.waypoints)
         roll, pitch, heading = self.start_rpy
@@ -189,7 +189,7 @@ def _pour() -> Task:
         "Fetch a bottle, pour by rolling the hand, put the bottle back and return to the dock",
         start_rpy=(0.0, 0.0, 0.0),
         grasped=BOTTLE,
-    ).turned(HEADING)
+    ).rotated(HEADING)
 
 
 TASKS: Mapping[str, Task] = MappingProxyType(

@@ -18,7 +18,7 @@ from pbd.view.terminal_tables import make_table, words_table
 def points_table(
     names: Sequence[str], stops: Sequence[int], residuals: Array, left_out: Array, sigma: Array, used: Sequence[bool]
 ) -> Table:
-    """One row a point: its residual in base, its distance from a fit without it, and its sigma.
+    """One row per point: its residual in base, its distance from a fit without it, and its sigma.
 
     Args:
         residuals, left_out, sigma: (n, 3) m; `left_out` is from a fit to the other points.

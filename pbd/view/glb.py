@@ -1,6 +1,6 @@
 """The replay's scene as a GLB file (glTF 2.0, binary), for Blender and other programs that show 3D models.
 
-glTF has y up and our scene z up, so the root node turns the scene. Players interpolate each joint's own rotation
+glTF has y up and our scene z up, so the root node rotates the scene. Players interpolate each joint's own rotation
 between two frames (slerp), so links keep their shape and stay connected.
 """
 
@@ -24,7 +24,7 @@ Z_UP = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
 """Quaternion xyzw of the rotation from z up to y up."""
 
 FEW_COLOURS = 8
-"""Most colours of a part that get a material each. A part with more has vertex colours, which fewer programs show."""
+"""Up to this number, each colour of a part is a material. More are vertex colours, which fewer programs show."""
 
 STILL = 1e-9
 """Least change over the motion, m or in a quaternion's components, that is animated."""

@@ -11,8 +11,8 @@ SPACING_M = 0.004
 """Distance, m, between two points of the path."""
 PIECE_POINTS = 32
 """Points of one piece. Only the last piece grows, so a new point costs at most one piece to send."""
-MOST_NEW_POINTS = 24
-"""Most points added at once, so that dead reckoning that diverges costs no more than a move."""
+MAX_NEW_POINTS = 24
+"""Largest number of points added at once, so that dead reckoning that diverges costs no more than a move."""
 CAMERA_REACH_M = 1.5
 """Largest distance, m, from the stops at which the camera follows the hand. Beyond it dead reckoning has diverged."""
 
@@ -44,7 +44,7 @@ class LivePath:
         # A rest before the move makes the time too long for the chord, so tangents are limited to three chords.
         before, after = (_shortened((t - self._t) * v, 3.0 * chord) for v in (self._v, v_nav_sensor))
         first = len(self._rows)
-        share = np.linspace(0.0, 1.0, min(int(np.ceil(chord / SPACING_M)), MOST_NEW_POINTS) + 1)[1:]
+        share = np.linspace(0.0, 1.0, min(int(np.ceil(chord / SPACING_M)), MAX_NEW_POINTS) + 1)[1:]
         s = share[:, None]
         points = self._p + s * s * (3.0 - 2.0 * s) * step + s * (1.0 - s) * ((1.0 - s) * before - s * after)
         speeds = (1.0 - share) * np.linalg.norm(self._v) + share * np.linalg.norm(v_nav_sensor)
@@ -56,7 +56,7 @@ class LivePath:
     def correct(self, t: float, p_nav_sensor: ArrayLike) -> None:
         """End the move at a stop that began at t s, and begin the next one there.
 
-        Dead reckoning ended elsewhere. The error is removed as that of a velocity error that grows linearly in time.
+        Dead reckoning missed that stop. Its error is removed as if the velocity error had grown linearly with time.
         """
         rows = np.array(self._rows)
         last = int(np.searchsorted(rows[:, 0], t, side="right")) - 1
@@ -68,9 +68,9 @@ class LivePath:
         self._mark(0)
         self.begin(t, p_nav_sensor)
 
-    def take(self, most: int) -> list[tuple[str, Array, Array]]:
-        """Return at most `most` changed pieces, oldest first: name, points (n, 3) m, speed (n,) m/s."""
-        names = list(self._changed)[:most]
+    def take(self, limit: int) -> list[tuple[str, Array, Array]]:
+        """Return at most `limit` changed pieces, oldest first: name, points (n, 3) m, speed (n,) m/s."""
+        names = list(self._changed)[:limit]
         return [(name, rows[:, 1:4], rows[:, 4]) for name in names for rows in [self._changed.pop(name)]]
 
     def corners(self) -> Array:
@@ -88,9 +88,9 @@ class LivePath:
             self._changed[f"{self._move}/{k}"] = np.array(self._rows[k * PIECE_POINTS : (k + 1) * PIECE_POINTS + 1])
 
 
-def _shortened(vector: Array, most: float) -> Array:
+def _shortened(vector: Array, limit: float) -> Array:
     length = float(np.linalg.norm(vector))
-    return vector * (most / length) if length > most else vector
+    return vector * (limit / length) if length > limit else vector
 
 
 def _corners(points: Array) -> Array:

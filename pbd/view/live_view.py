@@ -23,7 +23,7 @@ NAV_M, NAV_RADIUS_M = 0.12, 0.0022
 """Length and radius, m, of nav's axes."""
 
 PIECES_AT_ONCE = 2
-"""Most pieces of the path that are sent with one picture. The rest follows with the next."""
+"""Largest number of the path's pieces sent with one picture. The rest follows with the next."""
 
 SMALLEST_M, SMALLEST_RAD = 2e-4, 2e-3
 """Least motion, m and rad, that is drawn."""
@@ -47,7 +47,7 @@ class LivePicture:
         wxyz_nav_sensor: (4,).
         keyframes: one for each stop so far; the first is the rest at the start.
         state: what the hand does; it chooses the colour.
-        badge: the same in one or two words.
+        badge: that state in one or two words.
         line: the recorder's last message.
         figures: numbers about the recording, a few words each.
     """
@@ -66,7 +66,7 @@ class LivePicture:
 class LiveView:
     """A page on this machine that shows a recording while it runs.
 
-    It can be opened at any time. It keeps the last picture when the view is closed.
+    The page can be opened at any time. It keeps its last picture when the view is closed.
 
     Raises:
         PbdError: the viewer's server can't be started.
@@ -80,7 +80,7 @@ class LiveView:
         self._drawn: list[Pose] = []
         self._room = FIRST_ROOM_M
         self._T_nav_hand = Pose.identity()
-        self._viewer = LiveViewer(otherwise="record without --live")
+        self._viewer = LiveViewer(advice="record without --live")
         self._scene = self._viewer.visualizer
         self._triad = solid(shapes.triad(shapes.TRIAD_M, shapes.TRIAD_RADIUS_M))
         self._ball = solid(shapes.sphere(1.0, shapes.UNSURE_RGB), opacity=shapes.UNSURE_OPACITY)
@@ -171,5 +171,5 @@ class LiveView:
 
 
 def _has_moved(before: Pose, after: Pose) -> bool:
-    moved, turned = before.distance(after)
-    return moved > SMALLEST_M or turned > SMALLEST_RAD
+    metres, radians = before.distance(after)
+    return metres > SMALLEST_M or radians > SMALLEST_RAD

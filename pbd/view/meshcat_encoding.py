@@ -57,7 +57,7 @@ class MeshGeometry(Geometry):  # type: ignore[misc]  # meshcat has no types
         self.mesh = mesh
 
     def intrinsic_transform(self) -> Array:
-        """From the grid to metres. It is transposed, as meshcat flattens by rows what three.js reads by columns."""
+        """Transform from the grid to metres, transposed, as meshcat flattens by rows what three.js reads by columns."""
         T = np.diag([self.mesh.step] * 3 + [1.0])
         T[:3, 3] = self.mesh.centre
         return T.T

@@ -38,7 +38,7 @@ POLICY = (
 
 
 def write_page(scene: ReplayScene, path: Path) -> None:
-    """Write the replay to an HTML file, whole or not at all. The same scene gives the same bytes.
+    """Write the replay to an HTML file, atomically. The same scene gives the same bytes.
 
     Raises:
         RobotError: the robot's files can't be read.
@@ -56,7 +56,7 @@ def page_html(title: str, commands: bytes, connect: str = "'none'") -> str:
 
     Args:
         title: the window's title until the scene is loaded.
-        commands: meshcat's, each after its length (uint32, little-endian). If empty, the page asks its server for them.
+        commands: meshcat's commands, each after its uint32 length, little-endian; empty: the page asks its server.
         connect: the addresses that the page may connect to, as in a content security policy.
     """
     script = "\n".join(_web(name) for name in SCRIPTS)

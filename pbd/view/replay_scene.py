@@ -1,4 +1,4 @@
-"""Values that `pbd.view.scene.build` draws: a plan's own, and what follows from them."""
+"""Values that `pbd.view.scene.build` draws: those of a plan, and others computed from them."""
 
 from __future__ import annotations
 
@@ -41,23 +41,23 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ReplayScene:
-    """What a replay shows: a plan's own values, and what follows from them.
+    """The values that a replay shows: those of a plan, and others computed from them.
 
     Attributes:
-        motion: of all links, fingers included, during the trajectory.
+        motion: the motion of all links, fingers included, during the trajectory.
         keyframes: k, as demonstrated; the arm reaches them at `trajectory.keyframe_t`.
-        T_base_tool: (k) the tool's poses there.
-        cov: (k, 6, 6) m and rad, of these positions and rotation vectors in base, from tracking alone.
+        T_base_tool: (k) the tool's pose at each keyframe.
+        cov: (k, 6, 6) m and rad, covariance of those positions and rotation vectors in base, from tracking alone.
         tolerance: (k, 3, 3) m2 in base, the square of the keyframes' `tolerance_m`; NaN where there is none.
         inside: (k,) probability that the tool is within the keyframe's tolerance.
         hand_path_base: (n, 3) m, where the hand would have carried the tool.
-        hand_speed: (n,) m/s, there.
+        hand_speed: (n,) m/s, along that path.
         stays: where the grasped object is, by time; empty where nothing is grasped.
         rod: None where the model has a gripper.
         torque: largest share of a joint's torque limit; None where no limit is known.
-        detours: from when to when, s, the arm avoids an obstacle on its way to the next keyframe, or home.
-        contacts: by the time at which they begin; empty unless collisions were allowed.
-        notes: warnings, and what the demonstration says of itself.
+        detours: start and end, s, of each detour around an obstacle on the way to the next keyframe, or home.
+        contacts: in the order in which they begin; empty unless collisions were allowed.
+        notes: warnings, and the demonstration's own notes.
     """
 
     title: str

@@ -184,13 +184,13 @@ def _bounds(scene: ReplayScene, tool: Poses, visuals: tuple[Visual, ...], carrie
 
 
 def _outermost(points: Array) -> Array:
-    """Those of points (n, 3) that lie farthest out in one of 125 directions."""
+    """The points, of (n, 3), that are farthest in one of 125 directions."""
     directions = np.array(list(np.ndindex(5, 5, 5))) - 2.0
     return np.asarray(points[np.unique(np.argmax(directions @ points.T, axis=1))])
 
 
 def _swept(poses: Poses, corners: Array) -> Array:
-    """Positions (m, 3) of corners that move along, at about 40 instants."""
+    """Positions (m, 3) of corners that move with the poses, at about 40 instants."""
     every = max(len(poses.p) // 40, 1)
     return Poses(poses.p[::every], poses.wxyz[::every]).act(corners).reshape(-1, 3)
 

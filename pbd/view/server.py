@@ -36,17 +36,17 @@ class LiveViewer:
     """A running viewer: its page's `url`, and the `visualizer` that draws into every open page.
 
     Args:
-        otherwise: advice for the error message if the server can't be started.
+        advice: for the error message if the server can't be started.
 
     Raises:
         PbdError: the server can't be started.
     """
 
-    def __init__(self, otherwise: str = "use --html FILE instead") -> None:
+    def __init__(self, advice: str = "use --html FILE instead") -> None:
         try:
             sockets = bind_sockets(0, LOOPBACK)
         except OSError as error:
-            raise PbdError(f"the live viewer did not start ({error.strerror}); {otherwise}") from None
+            raise PbdError(f"the live viewer did not start ({error.strerror}); {advice}") from None
         self.url = f"http://{LOOPBACK}:{sockets[0].getsockname()[1]}/pbd"
         self.visualizer = Visualizer.view_into(self, ScenePath((SCENE_ROOT,)))
         self._scene: dict[tuple[str, str, str], bytes] = {}  # the commands that a new page needs, in order

@@ -21,7 +21,7 @@ SPEED_RGB = np.array([[0.29, 0.42, 0.93], [0.60, 0.36, 0.85], [0.93, 0.40, 0.48]
 PATH_RADIUS_M = 0.0025
 TRIAD_M, TRIAD_RADIUS_M = 0.05, 0.0012
 UNSURE_RGB, UNSURE_OPACITY = (0.10, 0.72, 0.85), 0.6
-"""Colour of the ellipsoids of two sigma. Nothing else has it, as they are often smaller than a fingertip."""
+"""Colour of the ellipsoids of two sigma. Nothing else has this colour, as they are often smaller than a fingertip."""
 TOLERANCE_RGB, TOLERANCE_OPACITY = (0.92, 0.59, 0.16), 0.3
 """Colour of the ellipsoids of keyframes' tolerances, which may contain those of two sigma."""
 
@@ -74,7 +74,7 @@ def triad(length: float, radius: float) -> Mesh:
     head = 2.7 * radius
     profile = ((0.0, 0.0), (radius, 0.0), (radius, length - 2.4 * head), (head, length - 2.4 * head), (0.0, length))
     arrow = _revolved(profile)
-    # A cyclic permutation of axes is a rotation: it turns z to x, to y, and to z again.
+    # A cyclic permutation of axes is a rotation: it takes z to x, to y, and to z again.
     arrows = np.concatenate([np.roll(arrow, axis + 1, axis=2) for axis in range(3)])
     return compact(Soup(arrows, np.repeat(AXES_RGB, len(arrow), axis=0)), AXES_RGB[0])
 

@@ -93,7 +93,7 @@ def test_every_part_is_read_again(bench: Path) -> None:
 
 def test_nav_replaces_the_dock_in_its_place(bench: Path) -> None:
     update_calibration(
-        bench, {"nav": pose_values(POSE, "in base", EXACT) | {"any_attitude": (None, "")}}, instead={"dock": "nav"}
+        bench, {"nav": pose_values(POSE, "in base", EXACT) | {"any_attitude": (None, "")}}, renames={"dock": "nav"}
     )
     text = bench.read_text(encoding="utf-8")
     assert text.index("# measured with a ruler") < text.index("[nav]") < text.index("# about the shelf")

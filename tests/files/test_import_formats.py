@@ -55,7 +55,7 @@ def test_movella_dot(tmp_path: Path) -> None:
     assert_allclose(recording.gyr[0], [np.pi / 2, 0.0, -np.pi])
     assert recording.mag is not None
     assert read.understood.program == "Movella (Xsens) DOT"
-    assert read.understood.unread["FreeAcc_X"] == "without gravity, or gravity"
+    assert read.understood.unread["FreeAcc_X"] == "gravity, or gravity removed"
     assert decided(read)["ax"] == "Acc_X"
 
 

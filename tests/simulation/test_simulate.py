@@ -94,7 +94,7 @@ def test_turning_hand_and_field_changes_nothing(seed: int, yaw: float) -> None:
     """Nav is defined by gravity and field, so the sensor can't tell, and neither can the truth."""
     task, (x, y, z) = random_task(seed), EARTH.field
     world = World(EARTH.gravity, (cos(yaw) * x - sin(yaw) * y, sin(yaw) * x + cos(yaw) * y, z))
-    here, there = ideal(task), ideal(task.turned(yaw), world=world)
+    here, there = ideal(task), ideal(task.rotated(yaw), world=world)
     for a, b in zip(here[:3], there[:3], strict=True):
         assert_near(b, a, 1e-9)
     assert_same_truth(here[3], there[3])
@@ -104,7 +104,7 @@ def test_turning_hand_and_field_changes_nothing(seed: int, yaw: float) -> None:
 @settings(max_examples=5)
 def test_turning_the_hand_turns_only_the_field(seed: int, yaw: float) -> None:
     task = random_task(seed)
-    here, there = ideal(task), ideal(task.turned(yaw))
+    here, there = ideal(task), ideal(task.rotated(yaw))
     assert_near(there[0], here[0], 1e-9)
     assert_near(there[1], here[1], 1e-9)
     assert_near(there[3].p_nav_sensor, quat_rotate(quat_about_z(yaw), here[3].p_nav_sensor), 1e-9)
@@ -114,7 +114,7 @@ def test_turning_the_hand_turns_only_the_field(seed: int, yaw: float) -> None:
 @settings(max_examples=5)
 def test_without_a_magnetometer_no_heading_is_seen(seed: int, yaw: float) -> None:
     task = random_task(seed)
-    here, there = simulate(task, NO_MAG), simulate(task.turned(yaw), NO_MAG)
+    here, there = simulate(task, NO_MAG), simulate(task.rotated(yaw), NO_MAG)
     assert here.recording.mag is None
     assert_near(there.recording.acc, here.recording.acc, 1e-9)
     assert here.truth is not None

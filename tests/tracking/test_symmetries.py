@@ -49,7 +49,7 @@ def test_turning_the_world_turns_the_result(method: str, sensor: SensorModel, se
     """With a compass nav is east and north, whichever way the hand faces. Without one nav rotates with the hand."""
     task, yaw = hand(method, seed), 1.0
     plain, _ = perfect(method, task, sensor)
-    turned, _ = perfect(method, task.turned(yaw), sensor)
+    turned, _ = perfect(method, task.rotated(yaw), sensor)
     row = middle(plain.stops[0])
     found = yaw_toward(plain.wxyz_nav_sensor[row], turned.wxyz_nav_sensor[row])
     # A tilt that is wrong while the hand moves turns the steep field, and how far depends on where north is.
@@ -71,7 +71,7 @@ def test_a_mirrored_hand_goes_the_mirrored_way(method: str, sensor: SensorModel)
     """
     task = hand(method, 3)
     if not sensor.mag:
-        task = task.turned(-task.start_rpy[2])
+        task = task.rotated(-task.start_rpy[2])
     recording = simulate(task, sensor, rate_hz=RATE_HZ[method]).recording
     polar = np.array((-1.0, 1.0, 1.0)) if sensor.mag else np.array((1.0, -1.0, 1.0))
     axial = np.concatenate(((1.0,), -polar))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pbd.pose import Array
-from pbd.view.live_path import CAMERA_REACH_M, MOST_NEW_POINTS, PIECE_POINTS, SPACING_M, LivePath
+from pbd.view.live_path import CAMERA_REACH_M, MAX_NEW_POINTS, PIECE_POINTS, SPACING_M, LivePath
 
 walks = arrays(np.float64, st.tuples(st.integers(2, 60), st.just(3)), elements=st.floats(-0.05, 0.05)).map(
     lambda steps: np.cumsum(steps, axis=0)
@@ -98,7 +98,7 @@ def test_diverging_dead_reckoning_has_a_bounded_cost() -> None:
     live = LivePath()
     live.begin(0.0, np.zeros(3))
     live.grow(0.05, np.array((1e4, 0.0, 0.0)), np.array((1e5, 0.0, 0.0)))
-    assert Picture(live).take() == MOST_NEW_POINTS + 1
+    assert Picture(live).take() == MAX_NEW_POINTS + 1
 
 
 @pytest.mark.parametrize("rest_s", [0.3, 30.0])

@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> None:
     update_calibration(
         path,
         {"dock": pose_values(T_base_dock, "in base", cov)},
-        instead=instead,
+        renames=instead,
         robots=(robot.name,) if robot else (),
     )
     rpy_deg = np.degrees(quat_to_rpy(T_base_dock.wxyz))

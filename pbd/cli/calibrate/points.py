@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
     if part == "nav" and heading is not None:
         cov[5, 5] += heading**2  # the heading of the next demonstration differs from this one by so much
     values = pose_values(pose, "in base", cov) | {"fit": (figures, ""), "any_attitude": (None, "")}
-    update_calibration(path, {part: values}, instead=instead, scale=fit.scale if args.find_scale else None)
+    update_calibration(path, {part: values}, renames=instead, scale=fit.scale if args.find_scale else None)
     if args.json:
         rpy_deg = np.degrees(quat_to_rpy(pose.wxyz))
         where = {"position_m": pose.p, "rpy_deg": rpy_deg} | sigma_json(cov)

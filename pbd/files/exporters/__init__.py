@@ -23,19 +23,19 @@ class Format(NamedTuple):
     """An export format.
 
     Attributes:
-        file: its module here. `write(request, samples, path)` writes it. `samples(request)`, if there, chooses the
-            instants, and `read(path)` reads a file that moves an arm.
-        counted: the name of its samples in messages.
-        filled_by: how receivers interpolate between its points; empty if it does not move an arm.
+        file: its module here. `write(request, samples, path)` writes it. `samples(request)`, if defined, chooses the
+            instants. `read(path)`, if defined, reads back a file that moves an arm.
+        counted: what messages call its samples.
+        rules: how receivers interpolate between its points; empty if it does not move an arm.
         suffix: the suffix of a file name that selects it; "": it must be named.
         also: further suffixes that its files may have.
         usual_hz: the default rate; 0: at its own instants unless a rate is given; None: always at its own instants.
-        for_some: its module's `check(robot)` refuses robots that it is not for, and a missing package.
+        for_some: its module's `check(robot)` refuses unsuitable robots, and a missing package.
     """
 
     file: str
     counted: str
-    filled_by: tuple[Rule, ...] = ()
+    rules: tuple[Rule, ...] = ()
     suffix: str = ""
     also: tuple[str, ...] = ()
     usual_hz: float | None = None
@@ -73,9 +73,9 @@ class Export:
 
     Attributes:
         samples: the arm's points.
-        counted: their name in messages.
+        counted: what messages call them.
         receiver: rule of the format's receivers -> largest used fraction of velocity, acceleration and jerk limits.
-        episode: its number in a dataset of several.
+        episode: the motion's index in a dataset; None in other formats.
     """
 
     samples: Samples
@@ -131,8 +131,8 @@ def export(
     Raises:
         UsageError: as `check_format`.
         PbdError: the file can't be written.
-        PlanError: as a receiver interpolates the file, the motion would exceed a limit, miss a keyframe or touch
-            something; nothing is written.
+        PlanError: interpolated as receivers do, the motion would exceed a limit, miss a keyframe or touch something;
+            nothing is written.
     """
     check_format(format_name, rate_hz, dense)
     path = Path(path)
@@ -146,13 +146,13 @@ def export(
     request = ExportRequest(format_name, trajectory, robot, path.suffix.lower(), rate_hz, dense, source)
     samples = getattr(file, "samples", ExportRequest.sampled)
     points = samples(request)
-    rules: tuple[Rule, ...] = ("hold",) if dense else request.format.filled_by  # servoj holds each row
+    rules: tuple[Rule, ...] = ("hold",) if dense else request.format.rules  # servoj holds each row
     receiver: Shares = {}
     with atomic_file(path) as unfinished:
         file.write(request, points, unfinished)
         if rules:
             receiver = check_received(request, file.read(unfinished), rules, sampled=samples)
-    if request.format.filled_by == ("hold",):  # warn of receivers that interpolate by cubics
+    if request.format.rules == ("hold",):  # warn of receivers that interpolate by cubics
         worst = max(limit_shares(points, "cubic", robot.limits), key=lambda share: share.value)
         if worst.value > 1.0 + CUBIC_EXCESS:
             warn(
@@ -193,6 +193,6 @@ def export_dataset(
         written = lerobot.read_episodes(unfinished, robot)[len(before) :]
         for request, sampled, episode in zip(requests, points, written, strict=True):
             received = lerobot.read(robot, episode)
-            used = check_received(request, received, request.format.filled_by, lerobot.FLOAT32_EPSILON)
+            used = check_received(request, received, request.format.rules, lerobot.FLOAT32_EPSILON)
             exports.append(Export(sampled, request.format.counted, used, len(before) + len(exports)))
     return exports

@@ -47,7 +47,7 @@ def check_received(
     """Interpolate a file's points by each rule, and check limits, keyframes and collisions.
 
     Args:
-        request: what was to be written; without its `made_from`, only limits are checked.
+        request: the planned motion; without its `made_from`, only limits are checked.
         points: as read from the file.
         rules: how the format's receivers interpolate.
         digits: relative size of the last digit of the file's numbers.

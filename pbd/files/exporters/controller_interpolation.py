@@ -2,7 +2,7 @@
 
 ROS 2's joint_trajectory_controller and others use cubics (points have velocities) or quintics (accelerations too). A
 receiver with the rule "hold" keeps each point until the next: its points are set points, which must not change faster
-than the limits allow. "trapezoid" continues with the point's own acceleration.
+than the limits allow. "trapezoid" keeps each point's acceleration until the next.
 """
 
 from __future__ import annotations

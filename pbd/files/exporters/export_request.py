@@ -22,7 +22,7 @@ class Source:
         hand: the tracked path of the hand.
         T_base_nav: nav in the robot's base.
         tool: joints (m, k) -> the tool's positions (m, 3), m, and wxyz (m, 4) in base.
-        links: joints (k,) and the gripper's opening (1 open, 0 closed) -> link -> its parent and its pose there.
+        links: joints (k,) and the gripper's opening (1 open, 0 closed) -> link -> its parent and its pose in it.
         audit: raises a PlanError if a motion misses a keyframe or would touch something.
         draw: writes the replay's scene at instants (n,) s as GLB.
     """
@@ -45,7 +45,7 @@ class ExportRequest:
         format_name: one of FORMATS.
         trajectory: the motion.
         robot: the robot.
-        suffix: of the file's name, in lower case.
+        suffix: the file name's suffix, in lower case.
         rate_hz: samples a second; None: the format's default.
         dense: urscript only: samples at the controller's period instead of keyframes.
         made_from: what the motion was made from, if known.

@@ -43,7 +43,7 @@ COLUMNS = {"timestamp": "float32", **dict.fromkeys(("frame_index", "episode_inde
 QUANTILES = {f"q{round(100 * share):02d}": share for share in (0.01, 0.1, 0.5, 0.9, 0.99)}
 
 AT_HOME_RAD = 1e-6
-"""Largest distance from home, rad, at which a motion ends there."""
+"""Largest distance from home, rad, that counts as at home."""
 
 
 class Episode(NamedTuple):
@@ -120,7 +120,7 @@ def read_episodes(folder: Path, robot: Robot) -> list[Episode]:
     """Read the episodes of a dataset that `write` made; an empty list if there is no folder, or it is empty.
 
     Raises:
-        PbdError: it is something else, or another robot's dataset.
+        PbdError: the folder is something else, or another robot's dataset.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -226,7 +226,7 @@ def _frames(i: int, each: Episode, words: Sequence[str], end: int) -> dict[str, 
 
 
 def _stats(frames: dict[str, Rows]) -> dict[str, dict[str, list[float]]]:
-    """Compute each column's statistics, by which LeRobot normalises."""
+    """Compute each column's statistics, with which LeRobot normalises."""
     stats = {}
     for name, column in frames.items():
         rows = column.reshape(len(column), -1).astype(np.float64)

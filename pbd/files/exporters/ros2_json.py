@@ -36,7 +36,7 @@ def samples(request: ExportRequest) -> Samples:
         off = np.minimum(np.abs(grid - t[after - 1]), np.abs(t[after] - grid))
         t = np.sort(np.append(t, grid[off >= max(_OFF_KNOTS / rate_hz, LEAST_GAP_S)]))
     exact, rounded = trajectory.at(t), np.round(1e9 * t) / 1e9
-    # Velocities at rest must be exactly zero: the controller refuses another final one, and they would add up.
+    # Velocities at rest must be exactly zero: the controller refuses any other final one, and small ones would add up.
     rest = ~(exact.qd.any(axis=1) | exact.qdd.any(axis=1))
     points = trajectory.at(np.where(rest, t, rounded))
     return Samples(rounded, points.q, points.qd, points.qdd, points.gripper)
@@ -79,7 +79,7 @@ def finger_message(trajectory: JointTrajectory, gripper: Gripper) -> dict[str, A
 
 
 def _apart(t: Array) -> Array:
-    """Leave out instants too close to the one before, but keep the first and the last."""
+    """Leave out instants too close to the previous one, but keep the first and the last."""
     kept = [float(t[0])]
     for instant in t[1:].tolist():
         if instant - kept[-1] >= LEAST_GAP_S:

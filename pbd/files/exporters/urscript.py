@@ -58,7 +58,7 @@ def pbd_{name}():
 
 
 class _Phase(NamedTuple):
-    """From `start` to `end`, s, the arm moves from rest to rest, or stands."""
+    """From `start` to `end`, s, the arm moves from rest to rest, or stands still."""
 
     start: float
     end: float
@@ -187,7 +187,7 @@ def _numbers(q: Array, decimals: int) -> str:
 def read(path: Path) -> Samples:
     """Simulate the controller that runs a program of `write`; sample at changes of acceleration or, dense, each period.
 
-    A servoj lasts a whole period, so a dense motion falls behind the planned one by up to one period a move.
+    A servoj lasts a whole period, so a dense motion falls behind the planned one by up to one period per move.
     """
     head, *body = path.read_text(encoding="utf-8").partition("\n  start = ")
     run = _Run(_floats(body[1].partition("\n")[0]), float(re.findall(r"sleep\((.+)\)", head)[0]))

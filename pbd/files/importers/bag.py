@@ -31,7 +31,7 @@ Imu: orientation xyzw, angular velocity in rad/s, specific force in m/s2. Magnet
 numbers of a vector's covariance follow it; the first is -1 if the vector is not known.
 """
 
-AT_ONCE = 20_000
+BATCH_MESSAGES = 20_000
 """Messages decoded in one batch: 7 MB."""
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -105,7 +105,7 @@ class _Decoder:
     def add(self, message: bytes) -> None:
         """Add the next message."""
         self._waiting.append(message)
-        if len(self._waiting) >= AT_ONCE:
+        if len(self._waiting) >= BATCH_MESSAGES:
             self._decode()
 
     def all(self) -> tuple[NDArray[np.int64], Array]:
@@ -170,7 +170,7 @@ def _choose_topics(path: Path, connections: list[Any], topic: str | None) -> set
         what = f"the topic {topic} has messages of type {kind}" if kind else f"no topic {topic}"
         have = f"those of type {IMU} are {listed(imus)}"
         raise RecordingError.at(path, f"{what}; {have}; choose one with --topic", value=topic)
-    # Of several fields, take the one whose name shares the longest beginning: /left/mag belongs to /left/imu.
+    # Of several fields, take the one with the Imu's longest prefix: /left/mag belongs to /left/imu.
     fields = {each.topic for each in connections if each.msgtype == FIELD}
     near = sorted(fields, key=lambda name: (-len(commonprefix((name, str(topic)))), name))  # noqa: RUF071 (letters)
     return {(topic, IMU), *((name, FIELD) for name in near[:1])}

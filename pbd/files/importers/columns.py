@@ -1,4 +1,4 @@
-"""What the columns of a table mean, by the caller, by their names and units, and by a known program's conventions."""
+"""Which column of a table contains what: by the caller's options, names, units, and known programs' conventions."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u"
 
 @dataclass(frozen=True)
 class Program:
-    """How a program writes its tables, as far as the columns' names don't tell.
+    """How a program writes its tables, beyond what the columns' names tell.
 
     Attributes:
         title: the program's name.
@@ -95,14 +95,14 @@ class Column:
 
 @dataclass(frozen=True)
 class Understood:
-    """How a file's columns were read: those that were, the others with the reason why not, and the known program."""
+    """How a file was understood: the columns that were read, the unread ones and why, and the program that wrote it."""
 
     columns: tuple[Column, ...] = ()
     unread: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     program: str = ""
 
     def of(self, channel: str) -> list[Column]:
-        """Return the columns of a channel, in the order of its axes. The file's own win over another file's."""
+        """Return the columns of a channel, in the order of its axes. The file's own replace those of `with_file`."""
         found = {column.ours: column for column in reversed(self.columns)}
         return [found[ours] for ours in CHANNELS[channel] if ours in found]
 
@@ -140,8 +140,8 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
 
     Args:
         sheet: the table.
-        columns: our name -> the file's column, by the caller; -NAME reverses the sign.
-        units: channel -> unit, by the caller; -UNIT reverses the sign.
+        columns: the caller's, our name -> the file's column; -NAME reverses the sign.
+        units: the caller's, channel -> unit; -UNIT reverses the sign.
 
     Raises:
         UsageError: the caller names an unknown channel or unit.

@@ -107,7 +107,7 @@ def _dated(sheet: Sheet) -> str:
 
 
 def _best_clock(table: Table, clocks: list[str]) -> str:
-    """Return the clock with the most distinct times; of equal ones prefer the device's own, one with a unit, the first.
+    """Return the clock with the most distinct times; of equals the device's own, then one with a unit, then the first.
 
     A clock that runs backwards is the last choice.
     """

@@ -39,13 +39,13 @@ _SUFFIXES = {"mps2": "m/s2", "ms2": "m/s2", "g": "g", "mg": "mg", "dps": "dps", 
 }
 """Units at the end of a name, as in `accel_x_mps2`."""
 
-_OTHER = (
-    (r"(?:.*_)?(?:user|free|cal_free|earth|world|global|lin)_?acc\w*|(?:.*_)?gravity", "without gravity, or gravity"),
+_NEVER_READ = (
+    (r"(?:.*_)?(?:user|free|cal_free|earth|world|global|lin)_?acc\w*|(?:.*_)?gravity", "gravity, or gravity removed"),
     (r"(?:.*_)?(?:raw|uncal\w*)(?:_.*)?", "raw counts"),
     (r"(?:.*_)?(?:quat|orientation|euler).*|(?:q|roll|pitch|yaw|mat)(?!.*rate).*", "an attitude that isn't used"),
     (r"d[qv]|i[qv]", "increments between samples"),
 )
-"""Patterns of columns with axes that are not read, and why."""
+"""Patterns of axis columns that aren't read, and why."""
 
 _DERIVED = (
     r"(?:.*_)?(?:time|time_?stamp|date|temp|temperature|norm|abs\w*|magnitude|total|resultant|bias|range|scale|fs|sens\w*|"
@@ -59,8 +59,7 @@ _INERTIAL = {
     "a": (r"acc(?!ur|ess|um|ount|ept)|specific_?force", r"force"),
     "m": (r"magn?(?:_|\d|$)|magnet", r"mag|field_?[xyz]$"),
 }
-"""Beginnings of words that look like a gyro (g), an accelerometer (a) or a magnetometer (m): in any name, and in a name
-with an axis."""
+"""Word beginnings of a gyro (g), accelerometer (a), magnetometer (m): first in any name, second only beside an axis."""
 
 
 def plain(name: str) -> str:
@@ -99,7 +98,7 @@ def our_name(name: str) -> tuple[str, str] | None:
         return word, "compass"
     if match := re.fullmatch(r"(.+?)_?([xyz])((?:_cal)?)", word):
         group = match[1] + match[3]
-        if any(re.fullmatch(pattern, match[1]) for pattern, _ in _OTHER):
+        if any(re.fullmatch(pattern, match[1]) for pattern, _ in _NEVER_READ):
             return None
         for first, words in _WORDS.items():
             if re.fullmatch(rf"(?:{words}){_PART}", match[1]):
@@ -121,5 +120,5 @@ def why_unread(name: str) -> str:
     """Return why a column of this name is never read; "" if the name doesn't tell."""
     word = plain(name)
     of_axes = re.sub(r"_?([xyz]|\d)(_cal)?$", "", word)
-    known = next((why for pattern, why in _OTHER if re.fullmatch(pattern, of_axes)), "")
+    known = next((why for pattern, why in _NEVER_READ if re.fullmatch(pattern, of_axes)), "")
     return known or ("about the sensor, or computed from its readings" if re.fullmatch(_DERIVED, word) else "")

@@ -50,8 +50,8 @@ LOGGER = "Sensor Logger"
 LARGEST_FILE = LARGE // 4
 """Largest file in a zip, bytes, so that a small zip can't fill the memory. An hour at 400 Hz has 120 MB."""
 
-MOST_FILES = 1000
-"""Most files of a recording that are read. Sensor Logger also stores pictures."""
+MAX_FILES = 1000
+"""Largest number of files that are read from a recording. Sensor Logger also stores pictures."""
 
 PHYPHOX_MOMENTS = "meta/time"
 """phyphox' table of starts and pauses. The other files in its folder `meta` describe the phone."""
@@ -87,7 +87,7 @@ def _files_in_zip(path: Path) -> Files:
         what = f"{path}: the zip is damaged or cut off ({in_words(reason)}); copy or export it again"
         raise RecordingError(what, path=path) from None
     files: Files = {}
-    for member in archive.infolist()[:MOST_FILES]:
+    for member in archive.infolist()[:MAX_FILES]:
         place = PurePosixPath(member.filename)
         if place.suffix.lower() != ".csv" or "__MACOSX" in place.parts:
             continue
@@ -129,7 +129,7 @@ def _files_in_folder(path: Path) -> Files:
         raise RecordingError.at(folder, f"can't be read ({in_words(reason)}); give another") from None
     return {
         str(file.relative_to(folder).with_suffix("")): partial(read_bytes, file, RecordingError, "give another")
-        for file in names[:MOST_FILES]
+        for file in names[:MAX_FILES]
     }
 
 

@@ -29,7 +29,7 @@ NAMED_LINES = 20
 """Number of first lines by which the format is recognised."""
 
 LONGEST_LINE = 1000
-"""Characters of a line that are read."""
+"""Number of characters that are read of a line."""
 
 
 def is_printed(text: str) -> bool:

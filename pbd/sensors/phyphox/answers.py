@@ -84,8 +84,8 @@ def read_buffers(answer: object) -> dict[str, Array]:
     """Read the answer to `/get`: for each sensor (n, 4) of time and axes; ValueError: another answer."""
     try:
         buffers = answer["buffer"]  # type: ignore[index]
-        there = {kind: names for kind, names in BUFFERS.items() if names[0] in buffers}
-        columns = {kind: [buffers[name]["buffer"] for name in names] for kind, names in there.items()}
+        sent = {kind: names for kind, names in BUFFERS.items() if names[0] in buffers}
+        columns = {kind: [buffers[name]["buffer"] for name in names] for kind, names in sent.items()}
         n = {kind: min(map(len, axes)) for kind, axes in columns.items()}  # in one answer all start at the same row
         return {kind: np.array([_floats(axis, n[kind]) for axis in axes]).T for kind, axes in columns.items()}
     except (TypeError, KeyError, OverflowError) as reason:
@@ -93,7 +93,7 @@ def read_buffers(answer: object) -> dict[str, Array]:
 
 
 def trusted_rows(t: Array, last: float) -> list[int]:
-    """Indices of a sensor's times (n,) s that continue from its `last` time.
+    """Indices of a sensor's times (n,) s that plausibly follow its `last` time.
 
     Each must be later than the one before. A step above MAX_STEP_S counts only if the next time confirms it. Otherwise
     it is left out here; the phone keeps the row and sends it again with the next request.
@@ -233,6 +233,6 @@ class PhyphoxDecoder:
 
 
 def _from_last_request(line: bytes) -> bytes:
-    """Return the line from its last request on, or nothing without a request. Text before it has lost its end."""
+    """Return the line from its last request on, or nothing without a request. Text before it is incomplete."""
     requests = list(_REQUEST.finditer(line))
     return line[requests[-1].start() :] if requests else b""

@@ -22,7 +22,7 @@ BUFFER_ROWS = 60_000
 long. Longer buffers would be slow, because the app copies them at each request."""
 
 MAX_QR_CODES = 12
-"""Most codes that one experiment is spread over."""
+"""Largest number of codes for the experiment."""
 
 _SENSORS = {
     "acc": ("accelerometer", "Acceleration", "m/s^2"),

@@ -1,7 +1,7 @@
 "use strict";
 
 // The table of keyframes, and their numbers in the scene. A click on one sets the time to that keyframe.
-class Keyframes {
+class KeyframeTable {
   constructor(keyframes, go) {
     this.keyframes = keyframes;
     this.toleranced = keyframes.some((k) => k.inside !== null);
@@ -14,7 +14,7 @@ class Keyframes {
     this.show(-1);
   }
 
-  // Its label; without one, what happens there.
+  // The label of keyframe i; without one, what happens at it.
   name(i) {
     const { label, grip } = this.keyframes[i];
     if (label) return label;

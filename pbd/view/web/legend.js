@@ -16,8 +16,8 @@ class Legend {
       ...(replay.detours.length ? [["detour", "detour", "var(--detour)"]] : []),
       ["keyframes", "keyframes", "linear-gradient(90deg, #e04540 33%, #38a85c 33% 66%, #3875eb 66%)"],
       ...(unsure ? [["two_sigma", `uncertainty, 2 σ${hidden}`, "var(--unsure)", this.magnifier()]] : []),
-      ...(stage.found("tolerance").length ? [["tolerance", "tolerance", "var(--tolerance)"]] : []),
-      ...(stage.found("placeholder").length ? [["placeholder", "the tool", "rgb(140 148 160 / 0.6)"]] : []),
+      ...(stage.nodesNamed("tolerance").length ? [["tolerance", "tolerance", "var(--tolerance)"]] : []),
+      ...(stage.nodesNamed("placeholder").length ? [["placeholder", "the tool", "rgb(140 148 160 / 0.6)"]] : []),
       ...(obstacles.length ? [["obstacles", obstacles.join(", "), "#9e8c78"]] : []),
     ];
     element("switches").replaceChildren(...rows.map((row) => this.row(...row)));
@@ -49,7 +49,7 @@ class Legend {
     button.onclick = () => {
       const larger = button.getAttribute("aria-pressed") === "false";
       button.setAttribute("aria-pressed", larger);
-      for (const node of this.stage.found("two_sigma")) {
+      for (const node of this.stage.nodesNamed("two_sigma")) {
         for (const ball of node.children) ball.scale.multiplyScalar(larger ? Legend.magnified : 1 / Legend.magnified);
       }
       this.stage.viewer.set_dirty();
@@ -59,7 +59,7 @@ class Legend {
 
   reveal(name, visible) {
     const { stage } = this;
-    for (const node of stage.found(name)) node.visible = visible && !this.tooLarge.has(node);
+    for (const node of stage.nodesNamed(name)) node.visible = visible && !this.tooLarge.has(node);
     if (name === "keyframes") element("labels").hidden = !visible;
     stage.viewer.set_dirty();
   }

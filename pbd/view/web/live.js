@@ -73,7 +73,7 @@ class LivePage {
     stage.framed = follow;
     stage.bounds = [x, X].flatMap((a) => [y, Y].flatMap((b) => [z, Z].map((c) => new stage.THREE.Vector3(a, b, c))));
     stage.resize();
-    stage.furnish(z);
+    stage.addSurroundings(z);
     if (!follow || first || matchMedia("(prefers-reduced-motion: reduce)").matches) return;
     this.glide(from, [camera.position.clone(), target.clone()]);
   }

@@ -8,7 +8,7 @@ class Page {
     this.player = new Player(replay.duration, replay.keyframes.map((k) => k.t), () => this.show());
     this.describe();
     const seek = (time) => this.player.seek(time);
-    this.keyframes = new Keyframes(replay.keyframes, seek);
+    this.keyframes = new KeyframeTable(replay.keyframes, seek);
     this.timeline = new Timeline(replay, seek);
     this.joints = new Joints(replay, seek);
     this.legend = new Legend(replay, stage);
@@ -20,10 +20,10 @@ class Page {
       query.onchange = () => this.fold(id, query.matches);
       this.fold(id, query.matches);
     }
-    stage.lift("two_sigma");
+    stage.drawOnTop("two_sigma");
     stage.start();
     stage.frame(replay.bounds);
-    stage.furnish(replay.table);
+    stage.addSurroundings(replay.table);
     stage.label(this.keyframes.labels, replay.keyframes.map((k) => k.p));
     this.player.seek(0);
   }

@@ -24,7 +24,7 @@ class SceneView {
     this.viewer.controls.addEventListener("start", () => { this.framed = false; });
     this.viewer.render = () => this.render();
     window.addEventListener("resize", () => this.resize());
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.furnish(this.table));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.addSurroundings(this.table));
   }
 
   // Replaces the viewer's own method.
@@ -42,13 +42,13 @@ class SceneView {
   }
 
   // All nodes with a name, anywhere in the scene.
-  found(name, tree = this.viewer.scene_tree) {
-    return Object.entries(tree.children).flatMap(([key, child]) => [...(key === name ? [child.object] : []), ...this.found(name, child)]);
+  nodesNamed(name, tree = this.viewer.scene_tree) {
+    return Object.entries(tree.children).flatMap(([key, child]) => [...(key === name ? [child.object] : []), ...this.nodesNamed(name, child)]);
   }
 
   // Draws all nodes with a name over everything else: small ellipsoids would be hidden inside other bodies.
-  lift(name) {
-    for (const node of this.found(name)) {
+  drawOnTop(name) {
+    for (const node of this.nodesNamed(name)) {
       node.traverse((part) => {
         part.renderOrder = 1;
         if (part.material) part.material.depthTest = false;
@@ -71,7 +71,7 @@ class SceneView {
   }
 
   // Makes light, ground and pedestal; `table` is its height in base, or null.
-  furnish(table) {
+  addSurroundings(table) {
     this.table = table;
     if (this.surroundings) this.viewer.scene.remove(this.surroundings.group);
     this.surroundings = new Surroundings(this.THREE, this.bounds, table, this.robot);
