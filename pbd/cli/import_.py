@@ -78,7 +78,7 @@ def _errors_in_file_names(args: argparse.Namespace, understood: Understood) -> I
         yield
     except RecordingError as error:
         _print_columns(args, understood)
-        raise RecordingError(understood.in_its_names(error.message), **error.fields) from None
+        raise RecordingError(understood.in_file_names(error.message), **error.fields) from None
 
 
 def _decode(args: argparse.Namespace) -> Demonstration:

@@ -133,5 +133,5 @@ class Calibration:
 
     def __repr__(self) -> str:
         parts = {"dock": self.T_base_dock, "nav": self.T_base_nav, "sensor": self.sensor, "table": self.table_height}
-        there = [name for name, part in parts.items() if part is not None]
-        return brief(self, *there, counted(len(self.obstacles), "obstacle"), name=self.name)
+        known = [name for name, part in parts.items() if part is not None]
+        return brief(self, *known, counted(len(self.obstacles), "obstacle"), name=self.name)

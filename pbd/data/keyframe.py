@@ -27,7 +27,7 @@ class Keyframe:
         grip: True if the grip closes at this stop, False if it opens, None if it does not change.
         label: a word for people.
         tolerance_m: (3,) allowed deviation along nav's axes: learned from several takes, or given; None: unknown.
-        tolerance_rad: allowed deviation of the attitude, likewise.
+        tolerance_rad: allowed deviation of the attitude, from the same sources.
         weight: the tracker's confidence that the hand stood still, 0 to 1.
         nudge_base_m: (3,) a person's correction of the tool's position, in base axes.
         nudge_tool_m: (3,) likewise, in tool axes.

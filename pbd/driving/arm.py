@@ -138,14 +138,14 @@ class ServoArm:
         self._write_verified(TORQUE_ENABLE, [b"\x01"] * len(self.counts.ids))
         self.hold(counts)
 
-    def _write_verified(self, address: int, values: list[bytes], alike: Callable[[bytes, bytes], bool] = eq) -> None:
-        write_verified(self._bus, address, dict(zip(self.counts.ids, values, strict=True)), alike)
+    def _write_verified(self, address: int, values: list[bytes], matches: Callable[[bytes, bytes], bool] = eq) -> None:
+        write_verified(self._bus, address, dict(zip(self.counts.ids, values, strict=True)), matches)
 
 
 def write_verified(
-    bus: Bus, address: int, values: dict[int, bytes], alike: Callable[[bytes, bytes], bool] = eq
+    bus: Bus, address: int, values: dict[int, bytes], matches: Callable[[bytes, bytes], bool] = eq
 ) -> None:
-    """Write registers (bytes by servo id) until they read back `alike`.
+    """Write registers (bytes by servo id) until what is read back `matches` them.
 
     Raises:
         SensorError: they did not arrive.
@@ -158,7 +158,7 @@ def write_verified(
         except NoAnswerError as error:
             silent = error
             continue
-        if all(alike(found[id_].data, data) for id_, data in values.items()):
+        if all(matches(found[id_].data, data) for id_, data in values.items()):
             return
         silent = None
     raise silent or SensorError(f"the servos on {bus.device} did not take what was written; check their cables")

@@ -34,7 +34,7 @@ class EncoderCounts:
         """
         if robot.servos is None or robot.gripper is None:
             raise RobotError(f"{robot.name} has no [servos]: LeRobot does not know this arm; use `pbd export`")
-        self._robot, self._table, self._gripper = robot, robot.servos, robot.gripper
+        self._robot, self._conversion, self._gripper = robot, robot.servos, robot.gripper
         self.names = servo_names(robot)
         self.servos = {name: servos[name] for name in self.names}
         self.ids = tuple(servo.id for servo in self.servos.values())
@@ -42,22 +42,22 @@ class EncoderCounts:
         self.upper = np.array([servo.range_max for servo in self.servos.values()])
         self._middle = 0.5 * (self.lower + self.upper)[:-1]
         limits = robot.limits
-        for name, least, most, low, high in zip(
+        for name, lower, upper, low, high in zip(
             robot.joints, limits.lower, limits.upper, self.lower, self.upper, strict=False
         ):
             if self.servos[name].drive_mode:
                 what = f"drive_mode of {name} is 1, which LeRobot passes over, so which way it turns isn't certain"
                 raise CalibrationError(f"{what}; calibrate anew with `pbd run --calibrate`", joint=name)
-            found, full = 360.0 * (high - low) / COUNTS, math.degrees(most - least)
+            found, full = 360.0 * (high - low) / COUNTS, math.degrees(upper - lower)
             if found < SHORTEST_SHARE * full:
                 what = f"the calibration found a range of {found:.0f} degrees for {name}; the model has {full:.0f}"
                 raise CalibrationError(f"{what}: calibrate anew, and move it from stop to stop", joint=name)
 
     def from_joints(self, q: Array, opening: Array) -> Array:
         """Convert joint positions (n, k) rad and gripper openings (n,), 0 closed to 1 open, to counts (n, k + 1)."""
-        arm = self._middle + self._table.to_degrees(q) * COUNTS / 360.0
+        arm = self._middle + self._conversion.to_degrees(q) * COUNTS / 360.0
         closed, opened = float(self._gripper.closed[0]), float(self._gripper.open[0])
-        percent = np.clip(self._table.to_percent(closed + opening * (opened - closed)), 0.0, 100.0)
+        percent = np.clip(self._conversion.to_percent(closed + opening * (opened - closed)), 0.0, 100.0)
         if self.servos[self.names[-1]].drive_mode:
             percent = 100.0 - percent
         fingers = self.lower[-1] + percent / 100.0 * (self.upper[-1] - self.lower[-1])
@@ -65,7 +65,7 @@ class EncoderCounts:
 
     def to_joints(self, counts: Array) -> Array:
         """Convert counts (..., k + 1) to joint positions (..., k) rad."""
-        return self._table.to_radians((counts[..., :-1] - self._middle) * 360.0 / COUNTS)
+        return self._conversion.to_radians((counts[..., :-1] - self._middle) * 360.0 / COUNTS)
 
     def gripper_percent(self, counts: Array) -> Array:
         """Convert counts (..., k + 1) to the gripper's opening (...), 0 closed to 100 open."""

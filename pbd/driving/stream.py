@@ -99,10 +99,10 @@ def sample_goals(
     eased = 0.5 * (1.0 - np.cos(np.pi * np.clip(1.0 + t / LEAD_S, 0.0, 1.0)))[:, None]
     goals[:, :-1] = state.counts[:-1] + eased * (goals[:, :-1] - state.counts[:-1])
     # The fingers may stand anywhere at the start, so their speed is limited instead.
-    most = (counts.upper[-1] - counts.lower[-1]) / (stroke_s * rate_hz)
+    max_step = (counts.upper[-1] - counts.lower[-1]) / (stroke_s * rate_hz)
     fingers = float(state.counts[-1])
     for goal in goals:
-        fingers += float(np.clip(goal[-1] - fingers, -most, most))
+        fingers += float(np.clip(goal[-1] - fingers, -max_step, max_step))
         goal[-1] = fingers
     return t, goals
 

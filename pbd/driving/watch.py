@@ -45,7 +45,7 @@ class Watch:
         self._names, self._bounds, self._tolerance_deg = names, bounds, tolerance_deg
         self._min_volts = np.maximum(bounds.min_volts, MIN_VOLTS_SHARE * start.volts)
         self._goals: deque[Array] = deque([start.counts], maxlen=max(2, round(LAG_S * rate_hz)))
-        self._loaded, self._most_loaded = np.zeros(n), LOAD_S * rate_hz
+        self._overloaded, self._max_overloaded = np.zeros(n), LOAD_S * rate_hz
         self.error_deg, self.load = np.zeros(n), np.zeros(n)
         self.celsius, self.volts = start.celsius.copy(), start.volts.copy()
 
@@ -65,12 +65,12 @@ class Watch:
         load = np.abs(state.load)
         self.error_deg, self.load = np.maximum(self.error_deg, error_deg), np.maximum(self.load, load)
         self.celsius, self.volts = np.maximum(self.celsius, state.celsius), np.minimum(self.volts, state.volts)
-        self._loaded = np.where(load > MAX_LOAD, self._loaded + 1, 0)
+        self._overloaded = np.where(load > MAX_LOAD, self._overloaded + 1, 0)
         check_health(self._names, self._bounds, state)
         arm = slice(0, len(self._names) - 1)
-        for name, volts, least in zip(self._names, state.volts, self._min_volts, strict=True):
-            if volts < least:
-                what = f"the voltage at {name} fell to {volts:.1f} V, below {least:.1f} V"
+        for name, volts, lowest in zip(self._names, state.volts, self._min_volts, strict=True):
+            if volts < lowest:
+                what = f"the voltage at {name} fell to {volts:.1f} V, below {lowest:.1f} V"
                 raise SensorError(f"{what}: use a stronger power supply", joint=name)
         if (error_deg[arm] > self._tolerance_deg).any():
             worst = int(np.argmax(error_deg[arm]))
@@ -78,8 +78,8 @@ class Watch:
                 f"{self._names[worst]} is {error_deg[worst]:.1f} degrees off its goal, beyond {self._tolerance_deg:g}"
             )
             raise SensorError(f"{what} (--tolerance): clear its way, or run slower (--speed)", joint=self._names[worst])
-        if (self._loaded[arm] > self._most_loaded).any():
-            worst = int(np.argmax(self._loaded[arm]))
+        if (self._overloaded[arm] > self._max_overloaded).any():
+            worst = int(np.argmax(self._overloaded[arm]))
             name, share = self._names[worst], 100.0 * MAX_LOAD
             what = f"{name} has pushed with more than {share:.0f} % of its strength for {LOAD_S:g} s"
             raise SensorError(f"{what}: clear its way, or carry less", joint=name)
@@ -91,9 +91,9 @@ def check_health(names: Sequence[str], bounds: Bounds, state: State) -> None:
         if state.celsius[i] >= bounds.celsius[i] - HEAT_MARGIN_C:
             what = f"{name} is at {state.celsius[i]:.0f} °C, and switches off at {bounds.celsius[i]:.0f}"
             raise SensorError(f"{what}: let it cool down", joint=name)
-        least, most = bounds.min_volts[i], bounds.max_volts[i]
-        if not least <= state.volts[i] <= most:
-            what = f"{name} has {state.volts[i]:.1f} V, outside its {least:g} to {most:g} V"
+        low, high = bounds.min_volts[i], bounds.max_volts[i]
+        if not low <= state.volts[i] <= high:
+            what = f"{name} has {state.volts[i]:.1f} V, outside its {low:g} to {high:g} V"
             raise SensorError(f"{what}: check the power supply", joint=name)
         if state.flags[i]:
             why = (

@@ -116,10 +116,10 @@ def _servo(path: Path, joint: str, value: Any) -> ServoCalibration:
         raise _wrong(path, f"{joint} is no object")
     numbers = {}
     for each in fields(ServoCalibration):
-        number, (least, most) = value.get(each.name), BOUNDS[each.name]
-        if type(number) is not int or not least <= number <= most:
+        number, (low, high) = value.get(each.name), BOUNDS[each.name]
+        if type(number) is not int or not low <= number <= high:
             fault = "is missing" if number is None else f"is {printable(json.dumps(number))}"
-            raise _wrong(path, f"{each.name} of {joint} {fault}, not a whole number from {least} to {most}")
+            raise _wrong(path, f"{each.name} of {joint} {fault}, not a whole number from {low} to {high}")
         numbers[each.name] = number
     servo = ServoCalibration(**numbers)
     if not servo.range_min < servo.range_max:

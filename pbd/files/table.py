@@ -140,15 +140,15 @@ class Sheet:
 
     def _filled(self, block: str) -> Iterator[str]:
         """Yield each row with nan in its empty cells; ValueError: a row of another length."""
-        mark, most = self.delimiter, len(self.header) - 1
+        mark, delimiters = self.delimiter, len(self.header) - 1
         empty, filled = mark + mark, f"{mark}nan{mark}"
         for row in block.split("\n"):
             count = row.count(mark)
-            if count != most or not row:
+            if count != delimiters or not row:
                 row = row.strip(" ")
                 if not row or row.isspace():
                     continue
-                if count != most + 1 or row[-1] != mark:
+                if count != delimiters + 1 or row[-1] != mark:
                     raise ValueError("a row of another length")
                 row = row[:-1]  # the line ends with a delimiter
             if not self.complete and (empty in row or row[0] == mark or row[-1] == mark):

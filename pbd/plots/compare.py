@@ -146,21 +146,21 @@ def _run(
 def _spread(
     own: Sequence[int | None], poses: Sequence[Sequence[Pose]], covs: Sequence[Sequence[Array]]
 ) -> SpreadKeyframe:
-    there = [(run, i) for run, i in enumerate(own) if i is not None]
-    p = np.array([poses[run][i].p for run, i in there])
-    wxyz = np.array([poses[run][i].wxyz for run, i in there])
+    present = [(run, i) for run, i in enumerate(own) if i is not None]
+    p = np.array([poses[run][i].p for run, i in present])
+    wxyz = np.array([poses[run][i].wxyz for run, i in present])
     away = np.linalg.norm(p - p.mean(axis=0), axis=1)
     angles = np.linalg.norm(quat_log(quat_multiply(quat_inverse(mean_quaternion(wxyz)), wxyz)), axis=1)
-    several = len(there) > 1
-    measured = [np.diagonal(covs[run][i]) for run, i in there if i == 0 or covs[run][i].any()]
+    several = len(present) > 1
+    measured = [np.diagonal(covs[run][i]) for run, i in present if i == 0 or covs[run][i].any()]
     return SpreadKeyframe(
         poses=tuple(None if i is None else poses[run][i] for run, i in enumerate(own)),
         own=tuple(own),
         p=p.mean(axis=0),
         spread=p.std(axis=0, ddof=1) if several else np.full(3, np.nan),
-        furthest=there[int(np.argmax(away))][0],
+        furthest=present[int(np.argmax(away))][0],
         furthest_m=float(away.max()),
-        turn=float(np.sqrt((angles**2).sum() / (len(there) - 1))) if several else float("nan"),
+        turn=float(np.sqrt((angles**2).sum() / (len(present) - 1))) if several else float("nan"),
         sigma=np.sqrt(np.mean(measured, axis=0)) if measured else np.full(3, np.nan),
     )
 

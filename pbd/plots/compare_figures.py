@@ -61,8 +61,8 @@ def views(plot: ComparePlot) -> Figure:
             ax.plot(*(scale * plot.positions(k)[:, columns]).T, **_dots(k))
         for keyframe in plot.keyframes:
             if keyframe.count > 1:
-                there = np.array([pose.p[columns] for pose in keyframe.poses if pose is not None])
-                covered.append(ellipse(scale * keyframe.p[columns], scale**2 * np.cov(there.T)))
+                points = np.array([pose.p[columns] for pose in keyframe.poses if pose is not None])
+                covered.append(ellipse(scale * keyframe.p[columns], scale**2 * np.cov(points.T)))
                 ax.plot(*covered[-1].T, color=INK, linewidth=0.8, zorder=6.0)
         numbered.append((ax, scale * np.array([keyframe.p[columns] for keyframe in plot.keyframes]), covered))
     more: Artist = Line2D([], [], color=INK, linewidth=0.8, label="2 standard\ndeviations")

@@ -63,7 +63,7 @@ class FieldPlot:
 
 @dataclass(frozen=True, eq=False)
 class DemoPlot:
-    """What the figures of one tracked demonstration show.
+    """Values that the figures of one tracked demonstration show.
 
     Attributes:
         truth: None if it is unknown.
@@ -132,7 +132,7 @@ class DemoPlot:
 
 
 def demo_plot(path: HandPath, remarks: Sequence[str] = ()) -> DemoPlot:
-    """Collect what the figures of a demonstration show.
+    """Collect the values that the figures of a demonstration show.
 
     Args:
         path: with its `tracking`, which has the demonstration, its truth and its edited keyframes.
@@ -214,24 +214,24 @@ def _facts(
     ]
     if len(stops) > 1:
         inside = path.p_nav_sensor[stops[0].start : stops[-1].stop]
-        longest, lasts = _largest([float(path.t[b.start] - path.t[a.stop - 1]) for a, b in pairwise(stops)])
-        worst, left_over = _largest(np.linalg.norm(path.closure, axis=1))
+        longest, duration = _largest([float(path.t[b.start] - path.t[a.stop - 1]) for a, b in pairwise(stops)])
+        worst, residual = _largest(np.linalg.norm(path.closure, axis=1))
         unsure, variance = _largest(path.cov[:, range(3), range(3)].max(axis=1))
         facts += [
-            ("longest move", f"{lasts:.2f} s, {names[longest]} to {names[longest + 1]}"),
+            ("longest move", f"{duration:.2f} s, {names[longest]} to {names[longest + 1]}"),
             ("length of the path", length_text(float(np.linalg.norm(np.diff(inside, axis=0), axis=1).sum()))),
-            ("largest closure", f"{length_text(left_over)}/s, at {at_stop(names[worst + 1])}"),
+            ("largest closure", f"{length_text(residual)}/s, at {at_stop(names[worst + 1])}"),
             ("largest sigma", f"{length_text(variance**0.5)}, at {at_stop(names[unsure])}"),
         ]
     if error is not None:
         off = np.linalg.norm(error[[(stop.start + stop.stop - 1) // 2 for stop in stops]], axis=1)
         if np.isfinite(off).any():
-            worst, most = _largest(off)
-            facts.append(("largest error", f"{length_text(most)}, at {at_stop(names[worst])}"))
+            worst, largest = _largest(off)
+            facts.append(("largest error", f"{length_text(largest)}, at {at_stop(names[worst])}"))
     if field is not None:
         change = np.abs(field.strength / field.rest_strength - 1.0).max() if field.rest_strength > 0.0 else np.nan
-        turned = np.degrees(np.abs(field.dip - field.rest_dip).max())
-        facts.append(("magnetic field", f"{field.rest_strength:.0f} µT ± {100.0 * change:.0f} %, dip ± {turned:.1f}°"))
+        dip = np.degrees(np.abs(field.dip - field.rest_dip).max())
+        facts.append(("magnetic field", f"{field.rest_strength:.0f} µT ± {100.0 * change:.0f} %, dip ± {dip:.1f}°"))
     if count := len(path.claims):
         facts.append(("known places", f"{count} claim{'' if count == 1 else 's'} used"))
     return facts

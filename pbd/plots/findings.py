@@ -28,7 +28,7 @@ DRIFT_ACC = 0.2
 TREMBLE_S, TREMBLE_WITHIN_M, TREMBLE_WITHIN_RAD = 0.5, 0.015, 0.3
 """A hand is held still if during TREMBLE_S seconds its pose varies by less than this distance, m, and angle, rad."""
 TREMBLE_RMS = 0.3
-"""Least acceleration, m/s2 rms, of a trembling hand. A short and slow move reaches at most 0.25."""
+"""Smallest acceleration, m/s2 rms, of a trembling hand. A short and slow move reaches at most 0.25."""
 TREMBLE_MEAN = 0.25
 """Largest ratio of squared mean to mean square of a trembling hand's acceleration, whose direction alternates."""
 
@@ -114,13 +114,13 @@ def length_text(metres: float) -> str:
     return f"{100.0 * metres:.1f} cm" if metres < 1.0 else f"{metres:.2f} m"
 
 
-def _grouped(found: Iterator[Weighed], together: str) -> list[Finding]:
+def _grouped(found: Iterator[Weighed], summary: str) -> list[Finding]:
     """The findings, worst first; more than MAX_LISTED are summed up in one."""
     worst = [finding for _, finding in sorted(found, key=lambda each: -each[0])]
     if len(worst) > MAX_LISTED:
         return [
             Finding(
-                f"{len(worst)} {together}",
+                f"{len(worst)} {summary}",
                 tuple(span for finding in worst[:MAX_HIGHLIGHTED] for span in finding.spans),
             )
         ]
@@ -194,8 +194,8 @@ def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
     steady = (uniform_filter1d(a_nav, n, axis=0, origin=ahead) ** 2).sum(axis=1)
     alternates = steady < TREMBLE_MEAN * uniform_filter1d(squares, n, origin=ahead)
     # The hand must tremble all the time: setting it down is a single bump.
-    least = minimum_filter1d(uniform_filter1d(squares, max(n // 2, 1)), n, origin=ahead)
-    return np.asarray((reach <= 1.0).all(axis=1) & (least > TREMBLE_RMS**2) & alternates)
+    smallest = minimum_filter1d(uniform_filter1d(squares, max(n // 2, 1)), n, origin=ahead)
+    return np.asarray((reach <= 1.0).all(axis=1) & (smallest > TREMBLE_RMS**2) & alternates)
 
 
 def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
@@ -229,16 +229,16 @@ def _added_sigma_m(path: HandPath) -> Array:
 def _residual_velocities(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
     """Find moves that end with more velocity than drift explains, and that have no other finding."""
     added = _added_sigma_m(path)
-    for k, left_over in enumerate(np.linalg.norm(path.closure, axis=1).tolist()):
-        lasts = _move_s(path, k)
+    for k, residual in enumerate(np.linalg.norm(path.closure, axis=1).tolist()):
+        duration = _move_s(path, k)
         remarked = added[k] > UNSURE_MOVE_M or k in doubted or k + 1 in doubted
-        if left_over > DRIFT_ACC * lasts and not remarked:
+        if residual > DRIFT_ACC * duration and not remarked:
             words = (
-                f"a residual velocity of {length_text(left_over)}/s at {at_stop(names[k + 1])}, after a move of "
-                f"{lasts:.1f} s, is more than drift: hold still at {names[k]} and {names[k + 1]}, and turn more "
+                f"a residual velocity of {length_text(residual)}/s at {at_stop(names[k + 1])}, after a move of "
+                f"{duration:.1f} s, is more than drift: hold still at {names[k]} and {names[k + 1]}, and turn more "
                 "slowly in between"
             )
-            yield left_over / lasts, Finding(words, (_move_span(path, k),))
+            yield residual / duration, Finding(words, (_move_span(path, k),))
 
 
 def _off_the_truth(path: HandPath, names: Sequence[str], error: Array | None) -> Iterator[Finding]:

@@ -16,7 +16,7 @@ from pbd.tracking.smoother.knots import STOP_KNOT_S
 
 XYZ = ("x", "y", "z")
 SMALLEST_VARIANCE = 1e-7
-"""Least variance, (m/s2)^2, that is drawn; smaller than any sensor's."""
+"""Smallest variance, (m/s2)^2, that is drawn; smaller than any sensor's."""
 MAX_VECTOR_POINTS = 5000
 """Largest number of points that are drawn as vector graphics. More are rasterized or thinned out."""
 

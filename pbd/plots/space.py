@@ -22,9 +22,9 @@ YX, YZ = (1, 0), (1, 2)
 behind the sensor, along x."""
 
 SMALLEST_BOX_M = 0.01
-"""Least side, m, of the box into which a path is drawn."""
+"""Smallest side, m, of the box into which a path is drawn."""
 LEAST_ASPECT = 0.3
-"""Least side of the box, as a share of its longest side."""
+"""Smallest side of the box, as a share of its longest side."""
 TRIAD_SHARE = 0.1
 """Length of a triad's axes, as a share of the path's extent."""
 MAX_NUMBERED = 100

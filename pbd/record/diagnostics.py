@@ -51,11 +51,11 @@ class Diagnostics:
             return []
         while self._recent[0][0] < t - WINDOW_S:
             self._recent.popleft()
-        looked, self._checked_t = self._checked_t, t
+        last_check, self._checked_t = self._checked_t, t
         window = _window(self._recent)
         if len(window) < MIN_SAMPLES:
             return []
-        faults = self._saturated_axes(window, looked) | self._stuck_channels(window)
+        faults = self._saturated_axes(window, last_check) | self._stuck_channels(window)
         new = [what for what in faults if t - self._warned_at.get(what, -np.inf) >= REPEAT_WARNING_S]
         self._warned_at |= dict.fromkeys(new, t)
         return [faults[what] for what in new]

@@ -37,17 +37,17 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
     if len(samples) < 2:
         what = f"no samples of {sensor} in its {len(data)} bytes; name the sensor that it came from"
         raise RecordingError.at(path, what)
-    beside = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
-    samples, t, clock = _sample_times(path, samples, None if beside is None else beside.recording, rate_hz)
-    created = None if beside is None else beside.recording.info.created
+    stored = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
+    samples, t, clock = _sample_times(path, samples, None if stored is None else stored.recording, rate_hz)
+    created = None if stored is None else stored.recording.info.created
     info = RecordingInfo(sensor=sensor, rate_hz=rate_hz, created=created, clock=clock)
-    grip = () if beside is None else beside.recording.grip
+    grip = () if stored is None else stored.recording.grip
     recording = recording_from_samples(t, samples, grip=grip, info=info)
-    return Demonstration(recording, closed=beside is not None and beside.closed)
+    return Demonstration(recording, closed=stored is not None and stored.closed)
 
 
 def _sample_times(
-    path: Path, samples: list[Sample], beside: Recording | None, rate_hz: float | None
+    path: Path, samples: list[Sample], stored: Recording | None, rate_hz: float | None
 ) -> tuple[list[Sample], Array, str]:
     """Return the samples that have a time, their times (n,) s, and the clock's description."""
     steps = np.diff([np.nan if sample.t_device is None else sample.t_device for sample in samples])
@@ -55,11 +55,11 @@ def _sample_times(
         clock = SampleClock[Sample](float(np.median(steps[steps > 0.0])))
         timed = [taken for sample in samples for taken in clock.take(sample, sample.t_device, 0.0)]
         samples = [sample for _, sample in timed]
-    if beside is not None and len(beside) == len(samples):
-        return samples, beside.t, beside.info.clock
+    if stored is not None and len(stored) == len(samples):
+        return samples, stored.t, stored.info.clock
     if has_clock:
         return samples, np.array([t for t, _ in timed]), DEVICE_CLOCK
-    rate_hz = rate_hz or (None if beside is None else beside.rate_hz)
+    rate_hz = rate_hz or (None if stored is None else stored.rate_hz)
     if rate_hz is None:
         raise RecordingError.at(path, "the sensor has no clock, and nothing tells its rate; give --rate")
     return samples, np.arange(len(samples)) / rate_hz, f"none: evenly spaced at {rate_hz:g} Hz"

@@ -151,7 +151,7 @@ class Session:
         seen = [sample for _, sample in self._first]
         given = {"gyr": any(s.gyr for s in seen), "acc": True, "mag": any(s.mag for s in seen)}
         given["device"] = any(s.rpy for s in seen)
-        self._channels = tuple(name for name, there in given.items() if there)
+        self._channels = tuple(name for name, present in given.items() if present)
         options = self.options
         info = RecordingInfo(sensor=options.sensor, created=options.created, clock=self._clock_name)
         if options.force:

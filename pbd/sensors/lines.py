@@ -123,9 +123,9 @@ class _LineReader:
             raise ValueError("not a number")
         values = tuple(map(float, picked))
         read: list[Triple | None] = [None, None, None, None]
-        for index, start, fx, fy, fz, most in self._vectors:
+        for index, start, fx, fy, fz, limit in self._vectors:
             x, y, z = values[start] * fx, values[start + 1] * fy, values[start + 2] * fz
-            if not (-most <= x <= most and -most <= y <= most and -most <= z <= most):  # NaN fails too
+            if not (-limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit):  # NaN fails too
                 raise ValueError("an implausible number")
             read[index] = (x, y, z)
         acc, gyr, mag, rpy = read

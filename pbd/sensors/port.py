@@ -107,8 +107,8 @@ def open_port(device: str, baud: int, what: str = "sensor", wait_s: float = READ
 def _cannot_open(device: str, baud: int, reason: Exception, what: str) -> str:
     number = getattr(reason, "errno", None)
     if number == errno.ENOENT or not Path(device).exists():
-        here = ", ".join(port.device for port in list_ports()) or "none"
-        return f"there is no port {device} (plugged in are: {here}); plug the {what} in, or name another"
+        ports = ", ".join(port.device for port in list_ports()) or "none"
+        return f"there is no port {device} (plugged in are: {ports}); plug the {what} in, or name another"
     if number == errno.EACCES:
         return f"no permission for {device}: {_permission_advice(device)}"
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(reason):

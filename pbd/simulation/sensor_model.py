@@ -27,7 +27,7 @@ class Triad:
         bias: constant bias of an axis, one sigma over devices, U.
         bias_walk: random walk of the bias, U/sqrt(s): one sigma after T seconds is bias_walk * sqrt(T).
         scale: relative scale error of an axis, one sigma over devices.
-        misalignment: each of the six angles by which an axis leans to another, one sigma over devices, rad.
+        misalignment: each of the six angles by which an axis leans towards another, one sigma over devices, rad.
         limit: largest absolute output, U. Larger values saturate.
         step: resolution of the output, U; 0: continuous.
     """
@@ -101,9 +101,9 @@ class SensorModel:
     Attributes:
         acc, gyr, mag: errors in m/s2, rad/s and uT; None: it has no such sensor.
         attitude: its own roll, pitch, yaw, or None.
-        jitter_s: one sigma of how far a border between two sampling intervals is off an even beat, at most 0.45
+        jitter_s: one sigma of the time error of a border between two sampling intervals; errors are at most 0.45
             intervals.
-        has_clock: whether `t` is the true middle of each interval; if not, `t` is the even beat in spite of the jitter.
+        has_clock: whether `t` is the true middle of each interval; if not, `t` is evenly spaced despite the jitter.
 
     Raises:
         SensorError: the rate is not above 0.

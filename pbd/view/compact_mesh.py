@@ -20,8 +20,7 @@ CREASE_RAD = np.radians(35.0)
 """Largest angle, rad, between two faces that are shaded as one smooth surface."""
 
 MOSTLY_CLOSED = 0.95
-"""Least share of edges with a face on both sides in a mesh that counts as closed. CAD exports have gaps (link6 of the
-panda: 0.97)."""
+"""Smallest share of edges with a face on both sides in a closed mesh. CAD exports have gaps (panda's link6: 0.97)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +105,9 @@ def compact(soup: Soup, default_rgb: ArrayLike) -> Mesh:
 def _is_closed(faces: NDArray[np.int64], corners: Array) -> bool:
     """Whether nearly all edges have a face on both sides, and the volume is positive, so that faces look outwards."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    there, back = edges @ np.array([2**32, 1]), edges @ np.array([1, 2**32])
+    forward, backward = edges @ np.array([2**32, 1]), edges @ np.array([1, 2**32])
     volume = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
-    return bool(volume > 0.0 and np.isin(there, back).mean() > MOSTLY_CLOSED)
+    return bool(volume > 0.0 and np.isin(forward, backward).mean() > MOSTLY_CLOSED)
 
 
 def _on_grid(points: Array) -> tuple[NDArray[np.int16], Array, float]:
@@ -133,11 +132,11 @@ def _split(faces: NDArray[np.int64], normals: Array, rgb: Array) -> NDArray[np.i
     edge[backwards], corner[backwards] = edge[backwards, ::-1], corner[backwards, ::-1]
     order = np.lexsort((edge[:, 1], edge[:, 0]))
     edge, corner, face = edge[order], corner[order], face[order]
-    here, there = face[:-1], face[1:]
+    face_a, face_b = face[:-1], face[1:]
     smooth = (
         (edge[:-1] == edge[1:]).all(axis=1)
-        & (np.einsum("ij,ij->i", normals[here], normals[there]) > np.cos(CREASE_RAD))
-        & (rgb[here] == rgb[there]).all(axis=1)
+        & (np.einsum("ij,ij->i", normals[face_a], normals[face_b]) > np.cos(CREASE_RAD))
+        & (rgb[face_a] == rgb[face_b]).all(axis=1)
     )
     i, j = corner[:-1][smooth].ravel(), corner[1:][smooth].ravel()
     graph = coo_array((np.ones(len(i), dtype=bool), (i, j)), shape=(3 * m, 3 * m))

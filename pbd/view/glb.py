@@ -27,7 +27,7 @@ FEW_COLOURS = 8
 """Up to this number, each colour of a part is a material. More are vertex colours, which fewer programs show."""
 
 STILL = 1e-9
-"""Least change over the motion, m or in a quaternion's components, that is animated."""
+"""Smallest change over the motion, m or in a quaternion's components, that is animated."""
 
 ARRAY, INDEX = 34962, 34963
 FLOAT, UINT16, UINT32, UINT8 = 5126, 5123, 5125, 5121

@@ -31,7 +31,7 @@ class LivePath:
         self._move += 1
         self._rows = [np.array((t, *np.asarray(p_nav_sensor), 0.0))]
         self._p, self._v, self._t = np.array(p_nav_sensor, dtype=np.float64), np.zeros(3), t
-        self._going = np.tile(self._p, (2, 1))
+        self._current = np.tile(self._p, (2, 1))
 
     def grow(self, t: float, p_nav_sensor: Array, v_nav_sensor: Array) -> None:
         """Extend the path to a point, once it is SPACING_M away, by a cubic with the given velocities at its ends."""
@@ -50,7 +50,7 @@ class LivePath:
         speeds = (1.0 - share) * np.linalg.norm(self._v) + share * np.linalg.norm(v_nav_sensor)
         self._rows += list(np.column_stack((self._t + share * (t - self._t), points, speeds)))
         self._p, self._v, self._t = np.array(p_nav_sensor), np.array(v_nav_sensor), t
-        self._going = _corners(np.vstack((self._going, points)))
+        self._current = _corners(np.vstack((self._current, points)))
         self._mark(max(first - 1, 0))
 
     def correct(self, t: float, p_nav_sensor: ArrayLike) -> None:
@@ -75,7 +75,7 @@ class LivePath:
 
     def corners(self) -> Array:
         """Return the corners (2, 3) m of a box around the path, at most CAMERA_REACH_M around the stops."""
-        return _corners(np.vstack((self._settled, _near(self._going, self._rows[0][None, 1:4]))))
+        return _corners(np.vstack((self._settled, _near(self._current, self._rows[0][None, 1:4]))))
 
     @property
     def more(self) -> bool:

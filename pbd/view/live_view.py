@@ -26,7 +26,7 @@ PIECES_AT_ONCE = 2
 """Largest number of the path's pieces sent with one picture. The rest follows with the next."""
 
 SMALLEST_M, SMALLEST_RAD = 2e-4, 2e-3
-"""Least motion, m and rad, that is drawn."""
+"""Smallest motion, m and rad, that is drawn."""
 
 ROOM_M, MARGIN_M = 0.1, 0.03
 """The camera's view grows by steps of ROOM_M, when the hand is nearer than MARGIN_M to its edge, m."""

@@ -40,7 +40,7 @@ FRONT_SIDE, DOUBLE_SIDE = 0, 2
 """three.js' constants."""
 
 LEAST_SIGMA_M = 5e-5
-"""Least sigma, m, of a drawn ellipsoid: the page can't read a rotation from the matrix of a flat one."""
+"""Smallest sigma, m, of a drawn ellipsoid: the page can't read a rotation from the matrix of a flat one."""
 
 
 def typed(values: NDArray[Any], kind: str) -> umsgpack.Ext:

@@ -247,7 +247,7 @@ def test_a_column_of_dates_may_have_any_name(tmp_path: Path, name: str, stamps: 
 
 def test_advice_has_the_files_names(tmp_path: Path) -> None:
     read = imported(tmp_path, "t,acc X [g],acc_y (g),acc_z (g)\n0,0,0,1\n")
-    assert read.understood.in_its_names("import with --column ax=ay --column ay=-ax") == (
+    assert read.understood.in_file_names("import with --column ax=ay --column ay=-ax") == (
         "import with --column 'ax=acc_y (g)' --column 'ay=-acc X [g]'"
     )
 

@@ -33,8 +33,8 @@ RATES_HZ = (20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 """Rates to propose instead of a refused one."""
 
 EXACT_RAD = 1e-5
-"""Largest deviation from the planned motion, rad, for which that motion's audit is valid. It is the audit's pose
-tolerance, and a tenth of its smallest distance on an arm of one metre."""
+"""Largest deviation from the planned motion, rad, for which the planned motion's audit is valid. It is the audit's
+pose tolerance, and a tenth of its smallest distance on an arm of one metre."""
 
 
 def check_received(

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 from pbd.data.units import UNITS, unit_factor
 from pbd.errors import RecordingError, UsageError, listed, printable
-from pbd.files.importers.header_names import TIME_UNITS, looks_inertial, our_name, plain, split_unit, why_unread
+from pbd.files.importers.header_names import TIME_UNITS, looks_inertial, our_name, plain, split_unit, why_never_read
 from pbd.files.imu_columns import ACC, DEVICE, GYR, MAG
 from pbd.files.table import Sheet
 
@@ -120,7 +120,7 @@ class Understood:
         """Add columns or files that were not read, and why."""
         return replace(self, unread={**self.unread, **unread})
 
-    def in_its_names(self, message: str) -> str:
+    def in_file_names(self, message: str) -> str:
         """Replace our names and signs in options `--column ax=-ay` of a message by the file's."""
         found = {column.ours: column for column in self.columns}
 
@@ -171,7 +171,7 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
         unit_sign, unit, unit_by = _unit(path, name, ours, units, program)
         read.append(Column(name, ours, sign * unit_sign, unit, by, unit_by))
     used = {column.name for column in read}
-    unread = {name: why_left(name, found) for name in header if name and name not in used}
+    unread = {name: why_not_read(name, found) for name in header if name and name not in used}
     _refuse_not_understood(path, unread)
     return Understood(tuple(read), unread, program.title if program else "")
 
@@ -222,10 +222,10 @@ def _unit(
     return sign, unit, by
 
 
-def why_left(name: str, found: Collection[str]) -> str:
+def why_not_read(name: str, found: Collection[str]) -> str:
     """Return why a column isn't read; "" if it looks like a gyro, accelerometer or magnetometer, but none is found."""
     given, letter = our_name(name), looks_inertial(name)
-    if given is None and ((why := why_unread(name)) or not letter):
+    if given is None and ((why := why_never_read(name)) or not letter):
         return why or "nothing inertial"
     channel = CHANNEL_OF[given[0] if given else f"{letter}x"]
     if channel in ("angle", "rpy"):

@@ -116,7 +116,7 @@ def looks_inertial(name: str) -> str:
     return ""
 
 
-def why_unread(name: str) -> str:
+def why_never_read(name: str) -> str:
     """Return why a column of this name is never read; "" if the name doesn't tell."""
     word = plain(name)
     of_axes = re.sub(r"_?([xyz]|\d)(_cal)?$", "", word)

@@ -26,7 +26,7 @@ import numpy as np
 from pbd.data import GRAVITY, Recording, RecordingInfo
 from pbd.data.streams import Moment, Moments, Stream, joined
 from pbd.errors import RecordingError, in_words, listed
-from pbd.files.importers.columns import CHANNEL_OF, UNUSED, Column, Understood, why_left
+from pbd.files.importers.columns import CHANNEL_OF, UNUSED, Column, Understood, why_not_read
 from pbd.files.table import Sheet, foreign_text, open_sheet
 from pbd.io.read_file import LARGE, read_bytes
 
@@ -256,7 +256,7 @@ def _columns(program: str, names: Sequence[str], kind: str, file: str, sign: flo
 
 def _unread(file: str, header: Sequence[str], used: Collection[str]) -> dict[str, str]:
     """Return the columns of a file that were not read, and why."""
-    return {f"{file}: {name}": why_left(name, CHANNEL_OF) for name in header if name not in used}
+    return {f"{file}: {name}": why_not_read(name, CHANNEL_OF) for name in header if name not in used}
 
 
 def _moments(path: Path, files: Files) -> Moments:
