@@ -64,7 +64,6 @@ class Fusion:
     """The takes of a task, and the hand's scatter from take to take. The tracker's own uncertainty is taken out.
 
     Attributes:
-
         scatter: (n, 3) standard deviation at each of the task's keyframes along nav's axes, m.
         turn: (n,) standard deviation of the attitude about each axis, rad.
         unsure: (n, 4) one sigma of the logarithms of `scatter` and `turn`.

@@ -115,7 +115,7 @@ def _read_takes(sections: Sequence[Section], folder: Path) -> tuple[Demonstratio
 
 
 def write_demo(
-    demo: Demonstration, folder: Path, force: bool = False, beside: Mapping[str, str] = MappingProxyType({})
+    demo: Demonstration, folder: Path, force: bool = False, extra_files: Mapping[str, str] = MappingProxyType({})
 ) -> None:
     """Write a demonstration's folder atomically.
 
@@ -123,7 +123,7 @@ def write_demo(
         demo: the demonstration.
         folder: its path.
         force: replace a demonstration of that name.
-        beside: further files, name -> text, that tracking does not read.
+        extra_files: name -> text of further files, which tracking does not read.
 
     Raises:
         RecordingError: the folder exists (without `force`), is one of the demonstration's takes, or can't be written.
@@ -131,7 +131,7 @@ def write_demo(
     refuse_demo_folder(folder, force)
     refuse_own_take(demo, folder)
     with atomic_folder(folder, replace=force) as new:
-        for name, text in ({"demo.toml": demo_toml(demo, folder.name, folder)} | dict(beside)).items():
+        for name, text in ({"demo.toml": demo_toml(demo, folder.name, folder)} | dict(extra_files)).items():
             (new / name).write_text(text, encoding="utf-8")
         if not demo.takes:
             write_table(new / "imu.csv", *_imu_columns(demo.recording))

@@ -74,7 +74,6 @@ class HandMotion:
             waypoints: at least one.
             start_rpy: (3,) attitude of the sensor in world at the first waypoint, rad.
             p_sensor_point: (3,) the point of the hand that follows the waypoints' `p`, m in sensor axes.
-
         """
         self._lever = np.asarray(p_sensor_point, dtype=np.float64)
         p = np.array([w.p for w in waypoints], dtype=np.float64)

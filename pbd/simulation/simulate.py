@@ -72,7 +72,6 @@ def simulate(
         seed: seed of the device's errors and noise. The same seed gives the same bytes.
         rate_hz: replaces the model's rate.
 
-
     Returns:
         The demonstration: recording, truth at each sample, grasped object. Its notes say that it is simulated.
 
@@ -90,12 +89,12 @@ def simulate(
     clock_rng, acc_rng, gyr_rng, mag_rng, attitude_rng = np.random.default_rng(seed).spawn(5)
 
     motion = task.motion
-    beat = np.arange(int(task.duration_s * model.rate_hz + 1e-6) + 1) / model.rate_hz
-    between = np.append(beat, len(beat) / model.rate_hz) - 0.5 / model.rate_hz
-    late = model.jitter_s * clock_rng.normal(size=len(between))
-    edges = between + np.clip(late, -0.45 / model.rate_hz, 0.45 / model.rate_hz)
+    even_t = np.arange(int(task.duration_s * model.rate_hz + 1e-6) + 1) / model.rate_hz
+    borders = np.append(even_t, len(even_t) / model.rate_hz) - 0.5 / model.rate_hz
+    jitter = model.jitter_s * clock_rng.normal(size=len(borders))
+    edges = borders + np.clip(jitter, -0.45 / model.rate_hz, 0.45 / model.rate_hz)
     middles = 0.5 * (edges[1:] + edges[:-1])
-    t = middles - middles[0] if model.has_clock else beat
+    t = middles - middles[0] if model.has_clock else even_t
 
     interval_s = np.diff(edges)
     acc, gyr, mag = np.split(

@@ -86,7 +86,7 @@ def read_buffers(answer: object) -> dict[str, Array]:
         buffers = answer["buffer"]  # type: ignore[index]
         sent = {kind: names for kind, names in BUFFERS.items() if names[0] in buffers}
         columns = {kind: [buffers[name]["buffer"] for name in names] for kind, names in sent.items()}
-        n = {kind: min(map(len, axes)) for kind, axes in columns.items()}  # in one answer all start at the same row
+        n = {kind: min(map(len, axes)) for kind, axes in columns.items()}  # an answer's buffers start at the same row
         return {kind: np.array([_floats(axis, n[kind]) for axis in axes]).T for kind, axes in columns.items()}
     except (TypeError, KeyError, OverflowError) as reason:
         raise ValueError("no buffers") from reason

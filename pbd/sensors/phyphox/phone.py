@@ -53,7 +53,7 @@ class PhonePort(Source):
         model: the phone's model name, or "".
     """
 
-    patience_s = PATIENCE_S + 2.0 * ANSWER_S  # longer than `read` waits, whose error says more
+    patience_s = PATIENCE_S + 2.0 * ANSWER_S  # longer than the wait of `read`, whose error says more
 
     def __init__(self, address: str) -> None:
         """Connect, and start the measurement if it does not run.

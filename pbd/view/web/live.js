@@ -1,7 +1,7 @@
 "use strict";
 
-// The page during a recording: the hand where it is now, and what it does, in letters that are legible from the place
-// where one demonstrates.
+// The page during a recording: where the hand is now, and what it does, in letters that are legible from where a person
+// demonstrates.
 class LivePage {
   static glide_ms = 700;
 
@@ -45,7 +45,7 @@ class LivePage {
     if (node.textContent !== text) node.textContent = text;
   }
 
-  // The connection has ended. If the recording said before that it ended, nothing is to be done.
+  // The connection has ended. There is nothing to do if the recording had announced its end.
   gone() {
     if (this.card.dataset.state === "ended") return;
     this.card.dataset.state = "ended";

@@ -38,8 +38,8 @@ class Player {
     this.show();
   }
 
-  // To the next or previous keyframe. During playback, shortly after a keyframe, "previous" is the one before that, as in
-  // music players.
+  // Goes to the next or previous keyframe. During playback, shortly after a keyframe, "previous" is the one before it, as
+  // in music players.
   step(direction) {
     const later = this.marks.filter((t) => t > this.time + 1e-3);
     const earlier = this.marks.filter((t) => t < this.time - (this.playing ? 0.5 : 1e-3));
