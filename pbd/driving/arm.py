@@ -145,7 +145,7 @@ class ServoArm:
 def write_verified(
     bus: Bus, address: int, values: dict[int, bytes], matches: Callable[[bytes, bytes], bool] = eq
 ) -> None:
-    """Write registers (bytes by servo id) until what is read back `matches` them.
+    """Write registers (servo id -> bytes) until what is read back `matches` them.
 
     Raises:
         SensorError: they did not arrive.
@@ -170,7 +170,7 @@ def release(bus: Bus, ids: Sequence[int]) -> None:
 
 
 def identify(bus: Bus, ids: Mapping[str, int]) -> list[bytes]:
-    """Read the identity of the servos, whose ids are given by joint.
+    """Read the identity of servos; `ids`: joint -> servo id.
 
     Returns:
         For each servo its IDENTITY_LENGTH registers from IDENTITY on.

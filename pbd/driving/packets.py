@@ -34,7 +34,7 @@ def sync_read(ids: tuple[int, ...], address: int, length: int) -> bytes:
 
 
 def sync_write(address: int, values: Mapping[int, bytes]) -> bytes:
-    """Encode a write of registers from `address` on in several servos at once (bytes by id). None answers."""
+    """Encode a write of registers from `address` on in several servos at once (id -> bytes). None answers."""
     length = len(next(iter(values.values())))
     return _packet(SYNC_WRITE, bytes([address, length]) + b"".join(bytes([id_]) + data for id_, data in values.items()))
 

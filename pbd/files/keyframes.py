@@ -202,7 +202,7 @@ def undo_touch_up(path: Path) -> None:
 
 
 def set_frames(path: Path, frames: Mapping[int, Sequence[str]]) -> None:
-    """Set `frames` of some keyframes, by their index; raises as `read_keyframes`."""
+    """Set `frames` of some keyframes (index -> frames); raises as `read_keyframes`."""
     with _edited(path) as document:
         for number, names in frames.items():
             document["keyframe"][number]["frames"] = list(names)

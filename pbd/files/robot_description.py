@@ -48,7 +48,7 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class Urdf:
-    """A URDF's links, its joints by name, and its meshes: (link, address in the URDF)."""
+    """A URDF's links, its joints (name -> joint), and its meshes: (link, address in the URDF)."""
 
     path: Path
     links: tuple[str, ...]

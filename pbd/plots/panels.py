@@ -143,7 +143,7 @@ def variance(ax: Axes, plot: DemoPlot) -> None:
 
 def sigma(ax: Axes, plot: DemoPlot, axis: int) -> None:
     """Sigma of the position along one axis, and the error where the truth is known. All axes have the same scale."""
-    scale, unit, most = _sigma_unit(plot)
+    scale, unit, limit = _sigma_unit(plot)
     begin, end = plot.tracked.start, plot.tracked.stop
     # Vector graphics keep every point of a filled area.
     rows = slice(begin, end, -(-(end - begin) // MAX_VECTOR_POINTS))
@@ -154,7 +154,7 @@ def sigma(ax: Axes, plot: DemoPlot, axis: int) -> None:
     if plot.truth is not None:
         error = scale * plot.truth.error[plot.tracked, axis]
         ax.plot(plot.path.t[plot.tracked], error, color=INK, label="error")
-    ax.set_ylim(-1.1 * scale * most, 1.1 * scale * most)
+    ax.set_ylim(-1.1 * scale * limit, 1.1 * scale * limit)
     ax.set_ylabel(f"{XYZ[axis]} ({unit})")
 
 

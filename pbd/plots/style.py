@@ -37,9 +37,9 @@ INK, GREY, REST = "#222222", "#6e6e6e", "#e9e9e9"
 KNOWN: dict[str, Any] = {"marker": "s", "markersize": 7.0, "markerfacecolor": "none", "markeredgecolor": PURPLE}
 KNOWN |= {"linestyle": "", "label": "known place"}
 CHECK: dict[str, Any] = {"facecolor": "#f4ec8c", "edgecolor": "#f4ec8c", "linewidth": 2.0}
-"""A finding looks highlighted. The edge keeps a very short one visible."""
+"""Highlight of a finding. The edge keeps a very short one visible."""
 PALE: dict[str, Any] = {"alpha": 0.35, "linewidth": 4.0, "solid_capstyle": "butt"}
-"""The truth is a broad, pale line below the thin line of the tracked value."""
+"""Look of the truth: a broad, pale line below the thin line of the tracked value."""
 
 FAMILY = "DejaVu Sans"
 """A font that comes with matplotlib, so that a plot looks the same everywhere."""
@@ -125,10 +125,10 @@ def legend(figure: Figure, axes: Iterable[Axes], more: Sequence[Artist] = ()) ->
 
 def length_unit(*metres: Array) -> tuple[float, str]:
     """The unit for lengths of this size (m, NaN ignored): how many of it make a metre, and its name."""
-    most = largest(*metres)
-    if most < 0.02:
+    size = largest(*metres)
+    if size < 0.02:
         return 1e3, "mm"
-    return (100.0, "cm") if most < 2.0 else (1.0, "m")
+    return (100.0, "cm") if size < 2.0 else (1.0, "m")
 
 
 def largest(*values: Array) -> float:

@@ -43,7 +43,7 @@ SENTENCES: dict[bytes, tuple[int, dict[str, int]]] = {
 }
 SENTENCES |= {b"RRG,27": SENTENCES[b"YMR"], b"RRG,20": SENTENCES[b"MAR"], b"RRG,54": SENTENCES[b"IMU"]}
 
-# Bytes of each field of the groups common, time, IMU, GPS, attitude, INS and GPS2, by bit.
+# Bytes of each field, in the order of the bits, of the groups common, time, IMU, GPS, attitude, INS and GPS2.
 FIELD_BYTES = (
     (8, 8, 8, 12, 16, 12, 24, 12, 12, 24, 20, 28, 2, 4, 8),
     (8, 8, 8, 2, 8, 8, 8, 4, 4, 1),

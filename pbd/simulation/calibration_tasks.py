@@ -117,4 +117,4 @@ def _triple(values: Array) -> tuple[float, float, float]:
 CALIBRATION_TASKS: Mapping[str, Task] = MappingProxyType(
     {task.name: task for task in (_touch(), pivoting(1), sides(1))}
 )
-"""The tasks by name. They grip nothing, and no robot replays them."""
+"""Name -> task. The tasks grip nothing, and no robot replays them."""

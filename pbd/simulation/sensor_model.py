@@ -191,5 +191,5 @@ _PRESETS = (
 )
 
 SENSOR_MODELS: Mapping[str, SensorModel] = MappingProxyType({model.name: model for model in _PRESETS})
-"""The presets by name. os5000: the paper's device plus a three-axis gyro. modern: the class of an MTi. phone: 8 g and
+"""Name -> preset. os5000: the paper's device plus a three-axis gyro. modern: the class of an MTi. phone: 8 g and
 its maker's calibration. ideal: no errors."""

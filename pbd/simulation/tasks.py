@@ -195,4 +195,4 @@ def _pour() -> Task:
 TASKS: Mapping[str, Task] = MappingProxyType(
     {task.name: task for task in (_pick_and_place_stops(), _pick_and_place_direct(), _pour())}
 )
-"""The tasks by name."""
+"""Name -> task."""
