@@ -41,7 +41,7 @@ UPRIGHT = float(np.cos(np.radians(45.0)))
 
 def gripper_joints(arm: AuditArm) -> frozenset[int]:
     """Return the joint that carries the tool, and all joints that it carries."""
-    return frozenset(each for each in range(1, arm.model.njoints) if arm.tool_joint in arm.carriers(each))
+    return frozenset(each for each in range(1, arm.model.njoints) if arm.tool_joint in arm.ancestors(each))
 
 
 def tool_rod(arm: AuditArm, links: Sequence[Solid]) -> Solid | None:

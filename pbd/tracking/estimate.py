@@ -43,8 +43,8 @@ class Estimate:
         path: at each row; the position is constant in a stop.
         stops: k stops, in order.
         closure: (k - 1, 3) m/s, velocity misclosure: integral of each move's acceleration, zero without errors.
-        covariance: joint, of the poses at the stops.
-        solution: of the smoother, after `with_own_noise`; None with the paper's method.
+        covariance: joint covariance of the poses at the stops.
+        solution: the smoother's, after `with_own_noise`; None with the paper's method.
         sensor: the sensor's errors; None: not estimated.
     """
 
@@ -87,7 +87,7 @@ def estimate(
     end = np.searchsorted(problem.stop_of[in_stops], [parts[-1] for parts in joined], "right")
     knots = in_stops[(first + end - 1) // 2].tolist()
     knots[0] = int(in_stops[first[0]])  # nav's origin is where the first rest begins
-    sensor = None if problem.device else _sensor_estimate(solution, knots[0])
+    sensor = None if problem.no_gyro else _sensor_estimate(solution, knots[0])
     solution = with_own_noise(solution)
     p_stop = solution.state.p[knots] - solution.state.p[knots[0]]
     covariance = PoseCovariance(len(knots), partial(_covariance_times, solution.solved, knots, p_stop))

@@ -37,15 +37,15 @@ def linearise(
 ) -> tuple[NormalEquations, Array]:
     """Linearise all factors: the normal equations, and the robust weight (m,), 0 to 1, of zero velocity at each knot.
 
-    `whiten` is of `whitener`; `anneal` multiplies the sigmas of no motion at a stop; `legs` is `leg_jacobian` at this
+    `whiten` is from `whitener`; `anneal` multiplies the sigmas of no motion at a stop; `legs` is `leg_jacobian` at this
     state, if it is already known.
     """
     equations = NormalEquations.empty(len(problem.rows), SHARED)
     _add_legs(equations, problem, x, fixed, whiten, legs)
     still = _add_stops(equations, problem, x, fixed, anneal)
     _add_hand(equations, problem, x)
-    if problem.device:
-        _add_device(equations, problem, x)
+    if problem.no_gyro:
+        _add_device_attitude(equations, problem, x)
     elif problem.field is not None:
         _add_compass(equations, problem, problem.field, x, fixed)
     _add_priors(equations, problem, x, fixed)
@@ -106,7 +106,7 @@ def _add_legs(
 
 
 def pivot_velocity(problem: Problem, x: State) -> tuple[Array, Array]:
-    """Velocity (m, 3) of the pivot r, v - R (w x r), and its derivative by r (m, 3, 3)."""
+    """Velocity (m, 3) of the pivot r, v - R (w x r), and its derivative with respect to r (m, 3, 3)."""
     swing = -(x.E @ problem.C @ skew(problem.rate))
     return x.v + swing @ x.shared[PIVOT], swing
 
@@ -165,7 +165,7 @@ def compass_heading(h: Array, strength: float, dip: float, noise: Noise) -> tupl
     return east, by_turn, np.where(level > LEAST_LEVEL_FIELD * lengths(h), 1.0 / (1.0 + off) ** 2, 0.0)
 
 
-def _add_device(equations: NormalEquations, problem: Problem, x: State) -> None:
+def _add_device_attitude(equations: NormalEquations, problem: Problem, x: State) -> None:
     """The device's own attitude. It lags, so its sigma grows with the rate."""
     noise = problem.noise
     rate = lengths(problem.frame.gyr[problem.rows])
@@ -183,7 +183,7 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, fixed: F
     at = np.zeros(len(problem.rows))
     at[fixed.origin] = GAUGE_WEIGHT
     equations.add_unary(POS, x.p, at)
-    if problem.field is None and not problem.device:
+    if problem.field is None and not problem.no_gyro:
         equations.diagonal[fixed.origin, 2, 2] += GAUGE_WEIGHT
     equations.corner += shared_prior(problem, x, fixed.prior)
 
@@ -198,7 +198,7 @@ def shared_prior(problem: Problem, x: State, prior: Prior) -> Array:
 
 @lru_cache(4)
 def _information(noise: Noise, worse: float, prior: Prior) -> Array:
-    """Information (SHARED, SHARED) of that prior. `worse` multiplies the accelerometer's sigmas."""
+    """Information (SHARED, SHARED) of the shared unknowns' prior. `worse` multiplies the accelerometer's sigmas."""
     covariance = np.zeros((SHARED, SHARED))
     i = np.arange(SHARED)
     covariance[i[LAG], i[LAG]] = prior.lag_sigma**2
