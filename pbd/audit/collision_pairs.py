@@ -83,7 +83,7 @@ class AuditScene:
         return [Pair(one, other) for one in ones for other in others if self._can_move(one, other)]
 
     def _object_pairs(self, stay: Stay, grasped: GraspedObject) -> list[Pair]:
-        """Pair the object with the links, except the gripper's; while it is held, also with the objects around."""
+        """Pair the object with the links, except the gripper's; while it is held, also with obstacles and table."""
         held = object_solid(self.arm, stay, grasped)
         links = [link for link in self.links if link.joint not in self._gripper and self._can_move(link, held)]
         pairs = [Pair(link, held, stay.start, stay.end) for link in links]
@@ -115,7 +115,7 @@ class AuditScene:
         return by_srdf | set(map(frozenset, robot.may_touch))
 
     def _drop_always_touching(self, pairs: list[Pair]) -> list[Pair]:
-        """Return the pairs without those that touch nearly always; an endless joint is sampled within two turns."""
+        """Return the pairs without those that touch nearly always; an endless joint is sampled over two turns."""
         limits, turns = self.arm.robot.limits, 2.0 * np.pi
         lower, upper = np.append(limits.lower.clip(-turns), 0.0), np.append(limits.upper.clip(None, turns), 1.0)
         touching = pairs

@@ -1,7 +1,7 @@
 """Match the keyframes of several takes, in order, by their moves, poses and grips.
 
 First a take is matched by features of its moves that depend neither on its nav frame nor on how the sensor is held:
-level distance, height and angle. Then it is registered about the vertical, and matched again by poses.
+horizontal distance, height and angle. Then it is registered about the vertical, and matched again by poses.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Keyframes:
     Attributes:
         p, R: (n, 3) m and (n, 3, 3), nav <- sensor.
         grip: True where the grip closes, False where it opens, None elsewhere.
-        sigma: (n,) m, of the position by the take alone.
+        sigma: (n,) m, sigma of the position, from the take alone.
     """
 
     p: Array
@@ -90,8 +90,8 @@ class Candidate:
     """A keyframe that some takes have in common.
 
     Attributes:
-        p, R, grip, sigma: of the first take that has it, in the reference's nav.
-        own: index of the keyframe in each take that has it, by take.
+        p, R, grip, sigma: as in the first take that has it, in the reference's nav.
+        own: take -> index of the keyframe in it, for each take that has it.
     """
 
     p: Array
@@ -107,7 +107,7 @@ class Alignment:
 
     Attributes:
         candidates: all keyframes in order, also those that few takes have.
-        registered: by take, the map to the reference's frame.
+        registered: take -> map to the reference's frame.
         strangers: takes of another task.
     """
 
@@ -252,7 +252,7 @@ def match_by_moves(here: Keyframes, there: Keyframes) -> list[tuple[int, int]]:
 
 
 def _move_features(keyframes: Keyframes) -> list[Array]:
-    """Return level distance (m), height (m) and angle (rad), (n - a, 3), of all moves over a = 1, 2, ... keyframes."""
+    """Return horizontal distance (m), height (m) and angle (rad), (n - a, 3), of moves over a = 1, 2, ... keyframes."""
     features = []
     for a in range(1, MAX_SKIPS + 2):
         move = keyframes.p[a:] - keyframes.p[:-a]

@@ -20,7 +20,7 @@ from pbd.pose import Array, lengths, matrix_log
 Index = NDArray[np.intp]
 
 REPEAT_M = 0.003
-"""Least sigma, m, of a hand that returns to a place. Larger residuals replace it."""
+"""Smallest sigma, m, of a hand that returns to a place. Larger residuals replace it."""
 
 LEAST_GAIN = 10.0
 """Log likelihood ratio above which an object has moved. With normal noise, chance exceeds it 1 in 20,000 times."""
@@ -41,8 +41,8 @@ class MovedKeyframes:
         first, last: keyframes of the takes that have them.
         gain: logarithm of the likelihood ratio.
         reference: the take that shows where the object belongs.
-        rest: by take, the map of its nav to the reference's.
-        back: by take, the map of the moved keyframes to where they are in the reference.
+        rest: take -> map of its nav to the reference's.
+        back: take -> map of the moved keyframes to where they are in the reference.
     """
 
     first: int
@@ -101,7 +101,7 @@ def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
 
 
 def _gain(together: float, apart: float, rows: int, frames: int) -> float:
-    """Return the log likelihood ratio less the penalty for the additional frames, which have four unknowns each.
+    """Return the log likelihood ratio minus the penalty for the additional frames, which have four unknowns each.
 
     Source: G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
 

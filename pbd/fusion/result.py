@@ -82,7 +82,7 @@ class Fused:
 
 
 def _take_path(fused: Fused, i: int) -> TakePath:
-    """Return a take's path in the first take's nav, of a sensor in the hand as in the first take."""
+    """Return a take's path in the first take's nav, with the sensor held as in the first take."""
     take, observations, x = fused.takes[fused.used[i]], fused.observations, fused.joint.state
     path = path_of(take.solution.problem, fused.states[i])
     wxyz = quat_multiply(quat_multiply(quat_about_z(float(x.yaw[0, i])), path.wxyz), quat_from_matrix(x.Q[i]))
