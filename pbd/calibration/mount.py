@@ -60,7 +60,7 @@ class TurnsFit:
 
     Attributes:
         wxyz_sensor_tool: (4,).
-        cov: (3, 3) rad2, of the rotation vector in sensor axes.
+        cov: (3, 3) rad2, covariance of the rotation vector in sensor axes.
         off: (m,) rad, angle between each turn's measured axis and its named axis.
         turned: (m,) rad, the angle of each turn.
         moves: (m,) index of the move of each turn.

@@ -219,7 +219,7 @@ class _Columns:
 
 
 def _prior_information(observations: Observations, columns: _Columns) -> tuple[Array, Array]:
-    """Return the information of damping, priors and the takes on their devices; for devices, also times their errors."""
+    """Return the information of damping, priors and the takes on their devices; for devices also times the errors."""
     information = np.diag(np.where(np.arange(columns.count) < columns.devices, DAMPING, 0.0))
     product = np.zeros(columns.count)
     for d in sorted(set(observations.device)):

@@ -66,7 +66,7 @@ def points_in_base(
     Args:
         takes: those in the estimate.
         own: for each take, its own keyframe at each of the task's keyframes, or None.
-        stops, t: of the fused path; (n,) s.
+        stops, t: the fused path's stops, and its times (n,) s.
     """
     found: dict[int, Place] = {}
     for take, indices in zip(takes, own, strict=True):

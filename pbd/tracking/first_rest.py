@@ -58,7 +58,7 @@ class Rest:
 def find_rest(recording: Recording) -> Rest:
     """Find the first quiet second of a recording without NaN. A shorter recording is taken as a whole.
 
-    A steady turn about the vertical is as quiet as a rest. So the gyro must read there what it reads in most quiet
+    A steady turn about the vertical is as quiet as a rest. So the gyro's mean there must be that of most quiet
     seconds.
 
     Raises:

@@ -60,7 +60,7 @@ class Strapdown:
         C: (3, 3) gyro frame <- sensor.
         u: (3,) m/s2, specific force in the gyro frame.
         rate: (3,) rad/s, without the first rest's mean.
-        T, U, P: of the block so far: duration s, change of velocity (3,) m/s, displacement from standing (3,) m.
+        T, U, P: the block so far: duration s, change of velocity (3,) m/s, displacement from standing (3,) m.
         clipped: whether the gyro was at the end of its range; the reader resets it.
     """
 

@@ -33,7 +33,7 @@ ERRORS = ACC_BIAS.stop
 """The sensor's errors x: lag; M with w_true = (1 - M) w; lower triangular N with f_true = (1 - N) f; both biases."""
 
 OF_GYR, OF_ACC = np.r_[GYR_BIAS, GYR_MATRIX], np.r_[ACC_BIAS, ACC_MATRIX]
-"""The errors of each sensor alone."""
+"""Indices of each sensor's own errors."""
 
 LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 """Entries of N. It is lower triangular, because the accelerometer's axes define the sensor's."""
@@ -126,7 +126,7 @@ class Impulse:
     """Motion lost at one row: a sudden change of angle or velocity of unknown size, in sensor axes.
 
     Attributes:
-        row: where.
+        row: the row.
         gyr: (3,) rad, one sigma along the axis of the turn, or zero.
         acc: (3,) m/s, one sigma along the change of velocity, or zero.
     """
