@@ -166,7 +166,7 @@ def _prior(solution: Solution, x: State) -> tuple[Array, Array]:
     information = np.zeros((DEVICE, DEVICE))
     information[SHARED, SHARED] = prior[:, SHARED]
     b = np.arange(BIAS.start, BIAS.stop)
-    information[b, b] = (acc_sigma_factor(noise, problem.rest) * noise.device.acc_bias) ** -2.0
+    information[b, b] = (acc_sigma_factor(noise, problem.rest) * noise.sensor.acc_bias) ** -2.0
     mean = np.zeros(DEVICE)
     mean[SHARED] = x.shared[SHARED] - np.linalg.solve(prior[:, SHARED], prior[:, -1])
     return information, mean

@@ -28,7 +28,7 @@ def apply_constraints(
 ) -> HandPath:
     """Move the stops, and the path between them, to their most likely places given what is known.
 
-    With the claims' misfits d (m,), their Jacobian G^T for the k poses (G is (k, 6, m)), the poses' covariance P and the
+    With the claims' misfits d (m,), their Jacobian G^T for k poses (G is (k, 6, m)), the poses' covariance P and the
     claims' own R: the poses change by P G S^-1 d with S = G^T P G + R. The covariance has Joseph's form, which stays
     positive for any P and R.
 

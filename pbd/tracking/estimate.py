@@ -122,19 +122,19 @@ def refuse_doubted_rest(t: Array, rest: Rest, stops: Sequence[Stop]) -> None:
 def _sensor_estimate(solution: Solution, first: int) -> SensorEstimate:
     """The sensor's errors, including those removed before smoothing; biases are those at the knot `first`."""
     solved, x, noise, rest = solution.solved, solution.state, solution.problem.noise, solution.problem.rest
-    device, doubt, prior = noise.device, acc_sigma_factor(noise, rest), solution.fixed.prior
+    sensor, doubt, prior = noise.sensor, acc_sigma_factor(noise, rest), solution.fixed.prior
     sigma = np.sqrt(np.diagonal(solved.shared))
     biases = slice(GYR_BIAS.start, ACC_BIAS.stop)
     right = np.zeros((*solved.scale.shape, 6))
     right[first, biases] = np.eye(6)
     of_biases = np.sqrt(np.diagonal(solved.columns(right)[first, biases]))
-    acc_scale, none = doubt * device.acc_scale, np.array(0.0)
+    acc_scale, none = doubt * sensor.acc_scale, np.array(0.0)
     M = x.shared[GYR_MATRIX].reshape(3, 3) - solution.scale * np.eye(3)
     N = lower_matrix(x.shared[ACC_MATRIX])
     return SensorEstimate(
         ErrorEstimate(rest.gyro_bias + x.gyr_bias[first], of_biases[:3], rest.gyro_bias, np.array(noise.gyr_bias)),
-        ErrorEstimate(M, sigma[GYR_MATRIX].reshape(3, 3), none, np.array(device.gyr_scale)),
-        ErrorEstimate(x.acc_bias[first], of_biases[3:], none, np.array(doubt * device.acc_bias)),
+        ErrorEstimate(M, sigma[GYR_MATRIX].reshape(3, 3), none, np.array(sensor.gyr_scale)),
+        ErrorEstimate(x.acc_bias[first], of_biases[3:], none, np.array(doubt * sensor.acc_bias)),
         ErrorEstimate(N, lower_matrix(sigma[ACC_MATRIX], acc_scale), none, np.array(acc_scale)),
         ErrorEstimate(solution.lag + x.shared[LAG][0], sigma[LAG][0], np.array(noise.lag), np.array(prior.lag_sigma)),
     )
@@ -155,8 +155,8 @@ def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[flo
         (begun, left), (arrived, gone) = t[np.array([problem.stops[before], problem.stops[k]]) - (0, 1)]
         soon = arrived - left < BOUNCE_S
         gripped = arrived - left < GRIP_S and any(left - GRIP_S < at <= arrived for at in grips)
-        there, here = (median(p[problem.stop_of == stop]) for stop in (before, k))
-        moved = float(np.linalg.norm(here - there))
+        p_before, p_k = (median(p[problem.stop_of == stop]) for stop in (before, k))
+        moved = float(np.linalg.norm(p_k - p_before))
         turned = float(np.linalg.norm(quat_log(quat_multiply(wxyz[k], quat_inverse(wxyz[before])))))
         knocked = soon and moved < strays and turned < strays / problem.noise.pivot
         bounced = soon and min(left - begun, gone - arrived) < BOUNCE_S

@@ -68,7 +68,7 @@ CLASSES = {
 class Noise:
     """One sigma per axis, or densities, in SI.
 
-    The white densities are measured at rest, `device` depends on the sensor, all else holds for every sensor and hand.
+    The white densities are measured at rest, `sensor` depends on its class, all else holds for every sensor and hand.
     """
 
     gyr_density: float
@@ -77,8 +77,8 @@ class Noise:
     acc_density: float
     """m/s2/sqrt(Hz), white; measured at rest."""
 
-    device: SensorClass
-    """Priors of the device's errors."""
+    sensor: SensorClass
+    """Priors of the sensor's errors."""
 
     gyr_turn: float = 0.0007
     """rad/sqrt(rad): random walk of attitude per angle turned (nonlinearity: 0.1 % of 0.5 rad)."""
@@ -163,21 +163,21 @@ def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = Non
         rest: its first quiet second.
         errors: the calibration's, already corrected in the recording. It also gives the local gravity.
     """
-    device = next((found for word, found in CLASSES.items() if word in recording.info.sensor), FACTORY)
+    sensor = next((found for word, found in CLASSES.items() if word in recording.info.sensor), FACTORY)
     gravity = Noise.gravity
     if errors is not None and errors.acc is not None:
-        device, gravity = CALIBRATED, errors.gravity
+        sensor, gravity = CALIBRATED, errors.gravity
     white = 3.0 * white_noise_variance(rows_of_mean(recording.rate_hz))
     gyr, gyr_held = (0.0, 0.0) if recording.gyr is None else _rounding(recording.gyr, np.sqrt(rest.turn / white))
     acc, acc_held = _rounding(recording.acc, np.sqrt(rest.shake / white))
-    device = replace(
-        device,
-        acc_bias=float(np.hypot(device.acc_bias, acc_held)),
-        gyr_walk=float(np.hypot(device.gyr_walk, gyr_held)),
-        acc_walk=float(np.hypot(device.acc_walk, acc_held)),
+    sensor = replace(
+        sensor,
+        acc_bias=float(np.hypot(sensor.acc_bias, acc_held)),
+        gyr_walk=float(np.hypot(sensor.gyr_walk, gyr_held)),
+        acc_walk=float(np.hypot(sensor.acc_walk, acc_held)),
     )
     root = recording.rate_hz**-0.5
-    return Noise(gyr * root, acc * root, device, gravity=gravity)
+    return Noise(gyr * root, acc * root, sensor, gravity=gravity)
 
 
 def _rounding(values: Array, rms: float) -> tuple[float, float]:
@@ -204,7 +204,7 @@ def _rounding(values: Array, rms: float) -> tuple[float, float]:
 def acc_sigma_factor(noise: Noise, rest: Rest) -> float:
     """Factor on the class' accelerometer sigmas, 1 or more: it grows with the error of gravity at rest."""
     shown = abs(rest.gravity - noise.gravity)
-    return float(np.hypot(1.0, max(shown - 2.0 * noise.gravity_sigma, 0.0) / noise.device.acc_bias))
+    return float(np.hypot(1.0, max(shown - 2.0 * noise.gravity_sigma, 0.0) / noise.sensor.acc_bias))
 
 
 def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = None) -> tuple[Array, Array]:

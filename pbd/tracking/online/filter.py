@@ -68,7 +68,7 @@ class OnlineFilter:
 
     def __init__(self, noise: Noise, rest: Rest, C: Array, field: Array | None, no_gyro: bool) -> None:
         """Begin at rest at the origin, with the mean field (3,) or None; `no_gyro`: C is the device's attitude."""
-        device = noise.device
+        sensor = noise.sensor
         self.noise = noise
         self.E: Array = np.eye(3) if no_gyro else _level(rest.up_sensor, field)
         self.v, self.p = np.zeros(3), np.zeros(3)
@@ -79,12 +79,12 @@ class OnlineFilter:
         sigma = np.zeros(STATES)
         sigma[:2], sigma[VEL] = LEVEL_SIGMA, noise.still_speed
         worse, errors = acc_sigma_factor(noise, rest), np.zeros(ERRORS)
-        errors[GYR_BIAS], errors[ACC_BIAS] = noise.gyr_bias, worse * device.acc_bias
-        errors[LAG], errors[GYR_MATRIX] = noise.lag_sigma, device.gyr_scale
-        errors[ACC_MATRIX] = worse * device.acc_scale
+        errors[GYR_BIAS], errors[ACC_BIAS] = noise.gyr_bias, worse * sensor.acc_bias
+        errors[LAG], errors[GYR_MATRIX] = noise.lag_sigma, sensor.gyr_scale
+        errors[ACC_MATRIX] = worse * sensor.acc_scale
         sigma[SENSOR_ERRORS], sigma[GRAVITY], sigma[NORTH] = errors, noise.gravity_sigma, noise.compass
         self.P = np.diag(sigma**2)
-        self._walks = np.repeat((device.gyr_walk**2, device.acc_walk**2), 3)
+        self._walks = np.repeat((sensor.gyr_walk**2, sensor.acc_walk**2), 3)
         self.clone_pose()
 
     def fork(self) -> OnlineFilter:

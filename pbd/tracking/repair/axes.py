@@ -67,8 +67,8 @@ class Reading:
     def causes(self) -> int:
         """Number of mistakes that explain it. One sign, two swapped columns, or all three signs, count as one."""
         moved = sum(axis != k for k, axis in enumerate(self.order))
-        turned = sum(sign < 0 for sign in self.signs)
-        return (moved + 1) // 2 + (1 if turned == 3 else turned)
+        flipped = sum(sign < 0 for sign in self.signs)
+        return (moved + 1) // 2 + (1 if flipped == 3 else flipped)
 
     def remedy(self, channel: str) -> str:
         """The options of `pbd import` that correct it, with our names for the columns."""

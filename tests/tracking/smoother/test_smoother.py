@@ -66,7 +66,7 @@ def test_the_first_knots_biases_are_as_large_as_such_a_device_has_them(sensor: s
     _add_priors(equations, problem, x, solution.fixed)
     for block, bias, sigma in (
         (GYR_BIAS, x.gyr_bias, noise.gyr_bias),
-        (ACC_BIAS, x.acc_bias, acc_sigma_factor(noise, problem.rest) * noise.device.acc_bias),
+        (ACC_BIAS, x.acc_bias, acc_sigma_factor(noise, problem.rest) * noise.sensor.acc_bias),
     ):
         information = np.diagonal(equations.diagonal, axis1=1, axis2=2)[:, block]
         assert information[0] == pytest.approx(np.full(3, sigma**-2.0))
