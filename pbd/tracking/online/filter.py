@@ -78,10 +78,10 @@ class OnlineFilter:
         self.C = C
         sigma = np.zeros(STATES)
         sigma[:2], sigma[VEL] = LEVEL_SIGMA, noise.still_speed
-        worse, errors = acc_sigma_factor(noise, rest), np.zeros(ERRORS)
-        errors[GYR_BIAS], errors[ACC_BIAS] = noise.gyr_bias, worse * sensor.acc_bias
+        acc_factor, errors = acc_sigma_factor(noise, rest), np.zeros(ERRORS)
+        errors[GYR_BIAS], errors[ACC_BIAS] = noise.gyr_bias, acc_factor * sensor.acc_bias
         errors[LAG], errors[GYR_MATRIX] = noise.lag_sigma, sensor.gyr_scale
-        errors[ACC_MATRIX] = worse * sensor.acc_scale
+        errors[ACC_MATRIX] = acc_factor * sensor.acc_scale
         sigma[SENSOR_ERRORS], sigma[GRAVITY], sigma[NORTH] = errors, noise.gravity_sigma, noise.compass
         self.P = np.diag(sigma**2)
         self._walks = np.repeat((sensor.gyr_walk**2, sensor.acc_walk**2), 3)

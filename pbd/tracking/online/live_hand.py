@@ -121,7 +121,7 @@ class LiveHand:
         events = (
             self._look_for_stop(sample, quiet) if self._stop is None else self._continue_stop(self._stop, sample, quiet)
         )
-        # Not together with a knot, which is work enough for one sample.
+        # Not in the sample of a knot, which has work enough.
         if sample.t - self._t_compass >= STOP_KNOT_S and self._t_knot < sample.t:
             self._update_heading(sample)
         return events
@@ -151,24 +151,24 @@ class LiveHand:
                 each.update_compass(np.mean(self._field, axis=0), sample.t - self._t_compass)
         self._t_compass, self._field = sample.t, None if self._field is None else []
 
-    def _add_knot(self, at: OnlineFilter, t: float, same: bool, robust: bool = True) -> None:
-        """Zero velocity; in the same stop as the last knot (`same`), also no motion since then."""
+    def _add_knot(self, kalman: OnlineFilter, t: float, same: bool, robust: bool = True) -> None:
+        """Add a knot of zero velocity; `same`: it is in the last knot's stop, so nothing moved since then."""
         if same:
             angle = np.array(self._angles) - self._angles[0]
             sway = angle - np.linspace(0.0, 1.0, len(angle))[:, None] * angle[-1]
-            at.update_no_motion(float(np.hypot(self._noise.still_turn, 2.0 * np.abs(sway).max())))
-        at.update_zero_velocity(self._sigma, self._shaking, robust)
+            kalman.update_no_motion(float(np.hypot(self._noise.still_turn, 2.0 * np.abs(sway).max())))
+        kalman.update_zero_velocity(self._sigma, self._shaking, robust)
         if not self._past_stops:
-            at.set_origin()
-        at.clone_pose()
+            kalman.set_origin()
+        kalman.clone_pose()
         self._t_knot, self._angles, self._acc_knot = t, [np.zeros(3)], self._window[-1][0].acc
 
     def _knot_is_due(self, sample: Sample) -> bool:
         return sample.t - self._t_knot >= STOP_KNOT_S - 1e-6
 
-    def _is_moving(self, at: OnlineFilter) -> tuple[float, bool]:
-        """Squared Mahalanobis distance of the velocity from zero; whether the hand surely moves."""
-        off, speed = at.velocity_test(self._sigma, self._shaking)
+    def _is_moving(self, kalman: OnlineFilter) -> tuple[float, bool]:
+        """Squared Mahalanobis distance of the velocity from zero; whether the hand certainly moves."""
+        off, speed = kalman.velocity_test(self._sigma, self._shaking)
         return off, off > VELOCITY_GATE and speed > max(SLOW_SPEED, OUTLIER_SIGMAS * self._sigma)
 
     def _continue_stop(self, stop: LiveStop, sample: Sample, quiet: bool) -> list[LiveEvent]:
@@ -268,8 +268,8 @@ class LiveHand:
 
     def sigmas(self) -> tuple[float, float]:
         """One sigma, m, of the position if the hand stops now; and the part that the present move adds, 0 in a stop."""
-        here, way = self._filter.sigma_if_stopped(self._noise.still_speed)
-        return here, 0.0 if self.still else way
+        position, shift = self._filter.sigma_if_stopped(self._noise.still_speed)
+        return position, 0.0 if self.still else shift
 
 
 def deviation_from_line(s: Array, values: Array) -> Array:

@@ -150,9 +150,9 @@ class Strapdown:
         if self._no_gyro:
             s_g += self.noise.device_lag * float((lengths(rate[-n:]) ** 2).sum()) * dt
         g, a = np.add((s_g, s_a), self._gap_noise)
-        g, a, togo, h = np.array([g, a, 0.5 * T, T])[:, None]
-        covariance: Array = block_noise(self.U[None] / T, g, a, togo, h, np.array([0]))[0] + ROUNDING * T / MOVE_KNOT_S
-        return covariance
+        g, a, to_end, h = np.array([g, a, 0.5 * T, T])[:, None]
+        white: Array = block_noise(self.U[None] / T, g, a, to_end, h, np.array([0]))[0]
+        return white + ROUNDING * T / MOVE_KNOT_S
 
 
 def _middles(dt: float, earlier: Array, before: Array, own: Array) -> Array:

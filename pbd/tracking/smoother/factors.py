@@ -177,9 +177,9 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, fixed: F
     noise, sensor = problem.noise, problem.noise.sensor
     first = np.zeros(len(problem.rows))
     first[0] = 1.0
-    worse = acc_sigma_factor(noise, problem.rest)
+    acc_factor = acc_sigma_factor(noise, problem.rest)
     equations.add_unary(GYR_BIAS, x.gyr_bias, first / noise.gyr_bias**2)
-    equations.add_unary(ACC_BIAS, x.acc_bias, first / (worse * sensor.acc_bias) ** 2)
+    equations.add_unary(ACC_BIAS, x.acc_bias, first / (acc_factor * sensor.acc_bias) ** 2)
     at = np.zeros(len(problem.rows))
     at[fixed.origin] = GAUGE_WEIGHT
     equations.add_unary(POS, x.p, at)
@@ -197,13 +197,13 @@ def shared_prior(problem: Problem, x: State, prior: Prior) -> Array:
 
 
 @lru_cache(4)
-def _information(noise: Noise, worse: float, prior: Prior) -> Array:
-    """Information (SHARED, SHARED) of the shared unknowns' prior. `worse` multiplies the accelerometer's sigmas."""
+def _information(noise: Noise, acc_factor: float, prior: Prior) -> Array:
+    """Information (SHARED, SHARED) of the shared unknowns' prior. `acc_factor`: on the accelerometer's sigmas."""
     covariance = np.zeros((SHARED, SHARED))
     i = np.arange(SHARED)
     covariance[i[LAG], i[LAG]] = prior.lag_sigma**2
     covariance[i[GYR_MATRIX], i[GYR_MATRIX]] = noise.sensor.gyr_scale**2
-    covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (worse * noise.sensor.acc_scale) ** 2
+    covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (acc_factor * noise.sensor.acc_scale) ** 2
     covariance[i[GRAVITY], i[GRAVITY]] = noise.gravity_sigma**2
     covariance[i[PIVOT], i[PIVOT]] = noise.pivot**2
     diagonal = i[GYR_MATRIX][::4]
