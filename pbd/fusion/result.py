@@ -72,7 +72,7 @@ class Fused:
 
     @cached_property
     def T_nav_first(self) -> Pose:
-        """The first take's nav in the task's nav. The task's origin is its first keyframe, where the sensor's heading is
+        """The first take's nav in the task's nav. Its origin is the first keyframe, where the sensor's heading is
         as in the first take."""
         R = self.joint.state.A[0]
         yaw = heading(self.first.keyframes[0].T_nav_sensor.wxyz[None]) - heading(quat_from_matrix(R)[None])
