@@ -18,7 +18,7 @@ import numpy as np
 from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.unreachable import out_of_reach
-from pbd.arm.joint_path import Unreachable, add_turns, build_ladder, joints_to_unwind, widen
+from pbd.arm.ladder_building import Unreachable, add_turns, build_ladder, joints_to_unwind, widen
 from pbd.arm.ladder_checks import WIDE_COST
 from pbd.arm.ladder_graph import Barred, Ladder
 from pbd.arm.ladder_links import Link, MoveState, assemble_motion

@@ -12,7 +12,7 @@ from pbd.arm.collision.scene import CollisionScene, Hit, Leg
 from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.ik.cartesian import follow, line, refine
 from pbd.arm.ik.partial_pose import is_partial
-from pbd.arm.joint_path import turn_variants, widen
+from pbd.arm.ladder_building import turn_variants, widen
 from pbd.arm.ladder_graph import Ladder
 from pbd.arm.ladder_links import (
     BETWEEN_TWO,

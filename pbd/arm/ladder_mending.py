@@ -8,7 +8,7 @@ from itertools import pairwise
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.partial_pose import FULL_POSE
-from pbd.arm.joint_path import CONTINUOUS_RAD, MOST_STEPS, STARTS, STARTS_NULL_SPACE, layers_along, widen
+from pbd.arm.ladder_building import CONTINUOUS_RAD, MOST_STEPS, STARTS, STARTS_NULL_SPACE, layers_along, widen
 from pbd.arm.ladder_checks import LinkChecks
 from pbd.arm.ladder_graph import Ladder
 from pbd.arm.ladder_links import DETOUR_EXTRA, MOST_DETOURS, MOST_PATHS, Link

@@ -15,7 +15,7 @@ _ON_AXIS_M = 1e-9  # keeps the gradient finite for a tool on the axis
 def sample(arm: ArmModel, count: int) -> Array:
     """Draw configurations (count, k) uniformly between the joint limits, the same ones each time.
 
-    A joint with a range of more than one turn is sampled over one turn; joint_path.py chooses whole turns later.
+    A joint with a range of more than one turn is sampled over one turn; ladder_building.py chooses whole turns later.
     """
     lower, upper = arm.limits.lower, arm.limits.upper
     further = upper - lower > 2.0 * np.pi

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.arm.ik.solver import check
-from pbd.arm.joint_path import STARTS, build_ladder, widen
+from pbd.arm.ladder_building import STARTS, build_ladder, widen
 from pbd.arm.ladder_graph import UNCHECKED_COST, Barred, Ladder, Layer
 from pbd.pose import Array
 from tests.arm.bundled import arm_of

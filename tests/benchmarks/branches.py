@@ -30,7 +30,7 @@ from pbd.arm.ik.branches import find_branches
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import SLACK_RAD, is_partial, refine_partial
 from pbd.arm.ik.starts import starts_of
-from pbd.arm.joint_path import STARTS, STARTS_WIDE
+from pbd.arm.ladder_building import STARTS, STARTS_WIDE
 from pbd.arm.model import ArmModel, load_model, to_se3
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot

@@ -29,7 +29,7 @@ import pinocchio as pin
 
 from pbd.arm.ik.solver import solve
 from pbd.arm.ik.unreachable import find_reason
-from pbd.arm.joint_path import solve_path
+from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import ArmModel, from_se3, load_model, to_se3
 from pbd.arm.reach import farthest
 from pbd.errors import PlanError

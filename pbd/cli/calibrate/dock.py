@@ -130,7 +130,7 @@ def _pose_at_keyframe(args: argparse.Namespace, calibration: Calibration) -> tup
 
 def _refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:
     """Raise PlanError if the robot does not reach the pose."""
-    from pbd.arm.joint_path import solve_path
+    from pbd.arm.ladder_building import solve_path
     from pbd.arm.model import load_model
 
     try:
