@@ -82,7 +82,7 @@ class SampleClock(Generic[T]):
     """Gives each sample its time, s since the first. The device's clock is used if the first sample has its time.
 
     Attributes:
-        times: s, of the samples so far: the device's times, or the arrival times on the host.
+        times: times of the samples so far, s: the device's times, or the arrival times on the host.
         doubted: number of samples that were left out because of their time.
         lost: number of samples that never arrived, by the latest count.
         straightened: (n,) s, the arrival times as straightened by the latest count; None with a device's clock.

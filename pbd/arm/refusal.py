@@ -1,4 +1,4 @@
-"""Messages if no motion is found, or one with a drawback: what was tried, and what came closest."""
+"""Messages if no motion is found, or only one with a drawback: the moves tried, and the one that came closest."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _wanted_shift(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp) -> Array:
-    """The displacement of the tool that --by or --at asks for, (3,) m in base."""
+    """Return the displacement of the tool that --by or --at asks for, (3,) m in base."""
     count = len(placed.keyframes)
     if not 0 <= args.keyframe < count:
         raise RecordingError(f"there is no keyframe {args.keyframe}; they are 0 to {count - 1}", value=args.keyframe)
@@ -75,7 +75,7 @@ def _wanted_shift(args: argparse.Namespace, placed: KeyframesInBase, before: Tou
 
 
 def _undo_command(args: argparse.Namespace) -> str:
-    """The command that undoes this touch-up."""
+    """Return the command that undoes this touch-up."""
     return f"`pbd touch {shlex.quote(args.demo)} --robot {shlex.quote(args.robot)} --undo`"
 
 

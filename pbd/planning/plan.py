@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 DEVIATION_SHARES = 1.0, 0.1
-"""Shares of the usual deviation from a curve: the second is tried if the motion touches something beside the curve."""
+"""Shares of the usual deviation from a curve; the second is tried if the motion touches something."""
 
 
 def plan(

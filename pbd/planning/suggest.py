@@ -30,10 +30,10 @@ SCALES = (1.0, 0.7, 0.5, 0.35, 0.25)
 GRIP_M = 0.15
 """Height of the lowest keyframe over the table, m: the bundled bottle is 0.2 m high."""
 PLACES, MORE_PLACES, TRIED, HOMES = 40, 160, 3, 2
-"""Docks that are ranked at each scale, in the first and in the second round; of these, the best that are planned; homes
-that are planned for each dock."""
+"""Number of docks ranked at each scale, in the first and in the second round; of the best docks that are planned; of
+homes that are planned at each dock."""
 NEAR_M = 0.1
-"""Largest distance of a sampled height from the wanted height over the table, m; the dock is then moved to that."""
+"""Largest distance of a sampled height from the wanted one over the table, m; the dock is moved to the wanted one."""
 YAWS_DEG = (0.0, -90.0, 90.0, 180.0)
 AHEAD_COST = 0.2
 """Cost of a dock beside or behind the base's x axis, rad of joint travel per rad."""
@@ -54,10 +54,10 @@ class Suggestion:
 
     Attributes:
         robot: the robot with this home and dock.
-        plan: of the demonstration.
+        plan: the plan of the demonstration.
         at: the joint that is nearest to a limit at home: its name and the distance, rad or m.
         dexterity: manipulability at home, relative to the arm's 25th percentile.
-        weighed, within_reach: number of docks ranked at this scale, and of those with all keyframes within reach.
+        ranked, within_reach: number of docks ranked at this scale, and of those with all keyframes within reach.
         own_table: the user gave the table's height.
         touching: pairs of links added to `may_touch`, with the number of random configurations in which they touch.
     """
@@ -66,7 +66,7 @@ class Suggestion:
     plan: Plan
     at: tuple[str, float]
     dexterity: float
-    weighed: int
+    ranked: int
     within_reach: int
     own_table: bool
     touching: dict[tuple[str, str], int]
@@ -82,8 +82,8 @@ def suggest(
 
     Args:
         robot: as `read_robot` reads a draft; its dock has only the table's height, or there is none.
-        keyframes: of the demonstration that the arm must be able to do.
-        grasped: the object that it grasps.
+        keyframes: keyframes of the demonstration that the arm must be able to do.
+        grasped: the object that the arm grasps.
         tell: called with a line of progress after each stage of the search.
 
     Raises:
@@ -120,7 +120,7 @@ def suggest(
 
 
 def _often_touching(arm: ArmModel) -> dict[tuple[str, str], int]:
-    """Return the pairs of links that touch in most random configurations, and in how many they do."""
+    """Return pair of links -> in how many random configurations it touches, if in most."""
     from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
     from pbd.arm.collision.allowed_collisions import samples
     from pbd.arm.collision.scene import CollisionScene
@@ -216,8 +216,7 @@ def _rank(arm: ArmModel, docks: Sequence[Calibration], keyframes: Sequence[Keyfr
 
 
 def _solve_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
-    """Return joints (m, k) for the m different poses, those farthest from the first one first; None if one is out of
-    reach."""
+    """Return joints (m, k) for m different poses, farthest from the first pose first; None if one is out of reach."""
     from pbd.arm.ik.partial_pose import is_partial, measure
     from pbd.arm.ik.solver import solve
     from pbd.arm.model import to_se3

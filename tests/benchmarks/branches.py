@@ -98,7 +98,7 @@ def branches(arm: ArmModel, goal: Any, q: Array) -> list[Array]:
 
 
 def _all(arm: ArmModel, goal: Any, seeds: Array) -> Iterable[Array]:
-    ended, squares = descend_each(arm, goal, seeds, all_of_them=True)
+    ended, squares = descend_each(arm, goal, seeds, all_seeds=True)
     for each in ended[squares < SOLVED]:
         # Where the arm is singular there are any number of ways.
         if np.linalg.svd(arm.jacobian(each), compute_uv=False)[-1] > SINGULAR:

@@ -20,7 +20,7 @@ RECENT, CACHED = 4, 2000
 """Number of recently touching pairs that are measured first; number of coordinates whose distances are cached."""
 
 FIRST_SHARES = 0.5, 0.25, 0.75
-"""Shares of a straight move at which those pairs are measured first."""
+"""Shares of a straight move at which recently touching pairs are measured first."""
 
 
 class QuickClearance(Clearance):

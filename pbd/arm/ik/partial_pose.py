@@ -49,8 +49,8 @@ alike."""
 
 _ROUGH, _FINE = 0.3, 0.003  # m: weight of 1 rad of the approach axis, in the first descents and in the last
 _ROUGH_STEPS, _FINE_STEPS = 8, 200
-_KEPT = 4  # starts from which the last descents are made
-_APART_RAD = 0.2  # starts that end closer to each other than this in every joint are one
+_KEPT = 4  # number of starts from which the last descents are made
+_APART_RAD = 0.2  # descents that end closer to each other than this in every joint count as one
 _STILL_RAD = 1e-7  # the last descent ends with a smaller step
 
 

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array, diags_array, kron, vstack
 from pbd.arm.timing.speed_profile import SpeedProfile
 from pbd.pose import Array
 
-ROUNDS = 4  # most linear programs
+ROUNDS = 4  # largest number of linear programs
 _ENOUGH = 1e-3  # a round that reduces the duration by a smaller share is the last
 _SLOW = 1e-6  # lower bound of x, as a share of the highest x, so that times stay finite
 
@@ -45,7 +45,7 @@ def jerk_limited_profile(
     accelerations = csr_array((by_x.ravel(), (rows, columns.ravel())), shape=(n * k, n + 1))
     rest = csr_array((k, n + 1))
     changes = vstack((accelerations, rest)) - vstack((rest, accelerations))  # ((n + 1) k, n + 1)
-    # Maps the times of segments to those between their midpoints (n + 1, n); at the ends, at rest, a full segment.
+    # Maps the segments' times to the times between their midpoints (n + 1, n); at the ends, at rest, a full segment.
     weights = np.full((2, n), 0.5)
     weights[0, 0] = weights[1, -1] = 1.0
     between = diags_array(weights, offsets=(0, -1), shape=(n + 1, n), format="csr")

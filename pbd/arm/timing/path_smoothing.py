@@ -46,7 +46,7 @@ class Curve:
     """A smooth path through waypoints.
 
     Attributes:
-        s: (n,) path parameter of the waypoints, s: the shortest time to get there within the velocity limits.
+        s: (n,) s, path parameter: the shortest time to reach each waypoint within the velocity limits.
         q: the joints (k,) rad over s.
         t: (n,) s, when the demonstration passed the waypoints, or None.
     """

@@ -1,8 +1,8 @@
 """Point-to-point (PTP) moves: straight in joint space, from rest to rest, as fast as the limits allow.
 
-Ruckig plans one degree of freedom, the distance along the line, within the limits that all joints leave it. So the
-move is straight, which it often would not be with one degree of freedom per joint, and ruckig's cubic pieces become
-those of the joints by a factor. Ruckig's waypoints are not used, since they call a web service.
+Ruckig plans one degree of freedom, the distance along the line, so that all joints keep their limits. With one degree
+of freedom per joint, the move would often not be straight. A joint's cubic pieces are ruckig's, times a factor.
+Ruckig's waypoints are not used, since they call a web service.
 """
 
 from __future__ import annotations

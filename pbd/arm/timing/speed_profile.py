@@ -85,7 +85,7 @@ def fastest_profile(
 def _bounds(step: Array, dq: Array, ddq: Array, acceleration: Array) -> tuple[Array, Array, Array]:
     """Return c and m (n - 1, 2 k) of the bounds on u, and the highest x (n,) at which some u satisfies them all."""
     at_start = (dq[:-1], ddq[:-1])
-    at_end = (dq[1:] + 2.0 * step[:, None] * ddq[1:], ddq[1:])  # x there is x + 2 step u
+    at_end = (dq[1:] + 2.0 * step[:, None] * ddq[1:], ddq[1:])  # x at the end is x + 2 step u
     a, b = (np.concatenate(pair, axis=1) for pair in zip(at_start, at_end, strict=True))
     limit = np.concatenate((acceleration, acceleration))
     flat = np.abs(a) < _FLAT
