@@ -57,15 +57,15 @@ def find_detour(
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(settings.seed)
     search = _Search(scene, leg, np.vstack((starts, goals)), settings.winding_rad)
-    ways = _known_paths_from(starts, known)
-    found = next((ways[q.tobytes()] for q in goals if q.tobytes() in ways), None)
+    paths = _known_paths_from(starts, known)
+    found = next((paths[q.tobytes()] for q in goals if q.tobytes() in paths), None)
     if found is None:
-        marks = {q.tobytes() for way in known for q in (*way[::_START_EVERY], way[-1])}
-        begun = np.array([*starts, *(way[-1] for way in [*ways.values()][len(starts) :] if way[-1].tobytes() in marks)])
+        marks = {q.tobytes() for path in known for q in (*path[::_START_EVERY], path[-1])}
+        begun = np.array([*starts, *(p[-1] for p in [*paths.values()][len(starts) :] if p[-1].tobytes() in marks)])
         corners = search.connect(begun, goals, settings.step_rad, most_checks)
         if corners is None:
             return None, search.checker.checks
-        found = np.vstack((ways[corners[0].tobytes()], corners[1:]))
+        found = np.vstack((paths[corners[0].tobytes()], corners[1:]))
     return search.smooth(found), search.checker.checks
 
 
@@ -80,21 +80,21 @@ def bend_detour(scene: CollisionScene, leg: Leg, start: Array, goal: Array, know
     straight: Array = np.stack((start, goal))
     if scene.is_free(straight, leg):
         return straight
-    ways: list[tuple[float, Array]] = []
-    for way in known:
-        share = np.linspace(0.0, 1.0, len(way))[:, None]
-        most = _MOST_GROWTH * _length(straight) * _length(way) / max(_length(way[[0, -1]]), 1e-9)
-        for path in (way, way[::-1]):
-            bent: Array = path + (1.0 - share) * (start - path[0]) + share * (goal - path[-1])
+    detours: list[tuple[float, Array]] = []
+    for path in known:
+        share = np.linspace(0.0, 1.0, len(path))[:, None]
+        most = _MOST_GROWTH * _length(straight) * _length(path) / max(_length(path[[0, -1]]), 1e-9)
+        for directed in (path, path[::-1]):
+            bent: Array = directed + (1.0 - share) * (start - directed[0]) + share * (goal - directed[-1])
             bent[0], bent[-1] = start, goal
             if (length := _length(bent)) < most:
-                ways.append((length, bent))
-    ways.sort(key=itemgetter(0))
-    for _, way in ways[:_MOST_BENT]:
-        if _is_free_curve(scene, leg, way):
-            direct = start + np.linspace(0.0, 1.0, len(way))[:, None] * (goal - start)
-            nearer = (direct + share * (way - direct) for share in _OFFSET_SHARES)
-            return next((each for each in nearer if _is_free_curve(scene, leg, each)), way)
+                detours.append((length, bent))
+    detours.sort(key=itemgetter(0))
+    for _, bent in detours[:_MOST_BENT]:
+        if _is_free_curve(scene, leg, bent):
+            direct = start + np.linspace(0.0, 1.0, len(bent))[:, None] * (goal - start)
+            nearer = (direct + share * (bent - direct) for share in _OFFSET_SHARES)
+            return next((each for each in nearer if _is_free_curve(scene, leg, each)), bent)
     return None
 
 
@@ -108,19 +108,19 @@ def _known_paths_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Arra
 
     The key is the bytes of the configuration at the end of the path; the starts themselves come first.
     """
-    beside: dict[bytes, list[Array]] = {}
-    for way in known:
-        for before, after in pairwise(way):
-            beside.setdefault(before.tobytes(), []).append(after)
-            beside.setdefault(after.tobytes(), []).append(before)
-    ways = {q.tobytes(): q[None] for q in starts}
+    neighbours: dict[bytes, list[Array]] = {}
+    for path in known:
+        for before, after in pairwise(path):
+            neighbours.setdefault(before.tobytes(), []).append(after)
+            neighbours.setdefault(after.tobytes(), []).append(before)
+    paths = {q.tobytes(): q[None] for q in starts}
     ends = list(starts)
     for q in ends:
-        for after in beside.get(q.tobytes(), ()):
-            if after.tobytes() not in ways:
-                ways[after.tobytes()] = np.vstack((ways[q.tobytes()], after))
+        for after in neighbours.get(q.tobytes(), ()):
+            if after.tobytes() not in paths:
+                paths[after.tobytes()] = np.vstack((paths[q.tobytes()], after))
                 ends.append(after)
-    return ways
+    return paths
 
 
 def _is_free_curve(scene: CollisionScene, leg: Leg, q: Array) -> bool:

@@ -94,10 +94,10 @@ def states_at(arm: ArmModel, pose: Pose, before: States, starts: int) -> States:
     found = find_branches(arm, pose, before.q, starts)
     if not len(found):
         return States(found, np.empty(0), np.empty(0))
-    turned = turn_toward(arm, found, before.q[:, None])
-    total = before.travel[:, None] + np.linalg.norm(turned - before.q[:, None], axis=2)
+    nearest = turn_toward(arm, found, before.q[:, None])
+    total = before.travel[:, None] + np.linalg.norm(nearest - before.q[:, None], axis=2)
     via, each = total.argmin(axis=0), np.arange(len(found))
-    q = turned[via, each]
+    q = nearest[via, each]
     cost = configuration_cost(arm, q)
     travel = total[via, each] + cost
     order = np.argsort(travel)
@@ -205,4 +205,4 @@ def _move_along_null_space(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: L
 
 
 def _travel(*path: Array) -> float:
-    return sum(math.sqrt(way.dot(way)) for way in (b - a for a, b in pairwise(path)))
+    return sum(math.sqrt(dq.dot(dq)) for dq in (b - a for a, b in pairwise(path)))

@@ -51,8 +51,8 @@ def choose_joints(
 
 def _without_home(options: PlanOptions) -> tuple[str, PlanOptions]:
     if options.approach and options.start is None:
-        said = "skip home (--no-approach --no-retreat), or start elsewhere (--from, --no-retreat)"
-        return said, replace(options, approach=False, retreat=False)
+        what = "skip home (--no-approach --no-retreat), or start elsewhere (--from, --no-retreat)"
+        return what, replace(options, approach=False, retreat=False)
     return "do not go back home (--no-retreat)", replace(options, retreat=False)
 
 

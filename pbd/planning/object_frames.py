@@ -80,10 +80,10 @@ def nearest_working_place(wanted: ThingPlace, shown: Array, works: Callable[[Thi
     None if not even the place where it was shown works.
     """
     start = np.array([*shown, 0.0])
-    way = np.array([*wanted.p_base, wanted.turn_rad]) - start
+    change = np.array([*wanted.p_base, wanted.turn_rad]) - start
 
     def at(share: float) -> ThingPlace:
-        x, y, z, turn = (start + share * way).tolist()
+        x, y, z, turn = (start + share * change).tolist()
         return ThingPlace(wanted.name, (x, y, z), turn)
 
     if not works(at(0.0)):

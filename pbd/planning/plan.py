@@ -113,7 +113,7 @@ def plan_keyframes(
     found = _attempt(task, options or PlanOptions())
     if isinstance(found, Plan):
         return found
-    others = [said for said, alternatives in found.alternatives if _works(task, alternatives)]
+    others = [what for what, alternatives in found.alternatives if _works(task, alternatives)]
     others += _suggest_place(task, options or PlanOptions(), found.error)
     raise type(found.error)(", or ".join((found.error.message, *others)), **found.error.fields)
 

@@ -109,13 +109,13 @@ def find_stretched(took_s: Array, keyframes: Sequence[Keyframe]) -> tuple[Stretc
         if arm_s > max(STRETCHED * hand_s, hand_s + STRETCHED_S)
     ]
     if found:
-        told = [
+        moves = [
             f"to keyframe {each.keyframe} {each.planned_s:.2f} s instead of {each.demonstrated_s:.2f} s"
             for each in sorted(found, key=lambda each: each.demonstrated_s / each.planned_s)[:3]
         ]
         rest = f", and {len(found) - 3} more" if len(found) > 3 else ""
         warn(
             f"{len(found)} of {len(keyframes) - 1} moves are slower than the hand's, to keep the joint limits: "
-            f"{', '.join(told)}{rest}"
+            f"{', '.join(moves)}{rest}"
         )
     return tuple(found)

@@ -84,7 +84,7 @@ class Clearance:
         bodies, pairs: the bodies, and the pairs (p, 2) of their indices to check.
         rates: (p, k + 1), see motion_bounds.py.
         margin_m: bodies closer than this, m, count as touching.
-        rests: pairs that may touch at some places.
+        rests: pairs of the object and a support, which may touch at some places.
     """
 
     def __init__(

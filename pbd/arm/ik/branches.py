@@ -56,9 +56,9 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
     earlier = distinct(before, third, EARLIER_APART_RAD)
     around = min(ALONG_APART_RAD, 2.0 * np.pi / third)
     curves = (branch[_nearest_first(arm, branch, earlier)] for branch in seven_joints(arm, goal))
-    ways = np.vstack((closed_form(arm, goal), *(distinct(branch, third, around) for branch in curves)))
+    analytic = np.vstack((closed_form(arm, goal), *(distinct(branch, third, around) for branch in curves)))
     # A singular pose has more solutions; descents from `before` find those.
-    if len(ways) and len(found := _solutions(arm, goal, np.vstack((ways, earlier)))):
+    if len(analytic) and len(found := _solutions(arm, goal, np.vstack((analytic, earlier)))):
         return found
     seeds = starts_of(arm).nearest(goal, NEARBY)
     distance = FRESH_APART_REDUNDANT_RAD if len(arm.robot.joints) > FULL_POSE else FRESH_APART_RAD
@@ -80,9 +80,9 @@ def _solutions(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> Array:
 
 def _nearest_first(arm: ArmModel, q: Array, earlier: Array) -> Array:
     """Return the order of configurations q (m, k) by the distance, modulo whole turns, to the nearest in `earlier`."""
-    way = q[:, None] - earlier
-    way -= (2.0 * np.pi) * arm.turns * np.round(way / (2.0 * np.pi))
-    order: Array = np.einsum("smk,smk->sm", way, way).min(axis=1).argsort()
+    dq = q[:, None] - earlier
+    dq -= (2.0 * np.pi) * arm.turns * np.round(dq / (2.0 * np.pi))
+    order: Array = np.einsum("smk,smk->sm", dq, dq).min(axis=1).argsort()
     return order
 
 
@@ -131,12 +131,12 @@ def polish(arm: ArmModel, goal: pin.SE3, q: Array) -> Array:
 
 def _partial_pose_solutions(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:
     goal, earlier = to_se3(T_base_tool), distinct(before, EARLIER_PARTIAL, EARLIER_APART_RAD)
-    ways = solve_partial(arm, goal, earlier) + [refine_partial(arm, goal, q) for q in earlier]
-    reached = [way for way in ways if way.reached]
-    least = min((way.weighted_rad for way in reached), default=0.0)
-    found = np.array([way.q for way in reached if way.weighted_rad <= least + SLACK_RAD]).reshape(-1, before.shape[1])
+    solutions = solve_partial(arm, goal, earlier) + [refine_partial(arm, goal, q) for q in earlier]
+    reached = [each for each in solutions if each.reached]
+    least = min((each.weighted_rad for each in reached), default=0.0)
+    found = np.array([one.q for one in reached if one.weighted_rad <= least + SLACK_RAD]).reshape(-1, before.shape[1])
     found = distinct(found, len(found), SAME_RAD)
-    flipped = [refine_partial(arm, goal, q) for each in found if (q := flipped_elbow(arm, each)) is not None]
-    also = [way.q for way in flipped if way.reached and way.weighted_rad <= least + SLACK_RAD]
+    flipped = [refine_partial(arm, goal, q) for q_found in found if (q := flipped_elbow(arm, q_found)) is not None]
+    also = [each.q for each in flipped if each.reached and each.weighted_rad <= least + SLACK_RAD]
     found = np.vstack((found, *also))
     return distinct(found, len(found), SAME_RAD)

@@ -46,8 +46,8 @@ def closed_form(arm: ArmModel, goal: pin.SE3) -> Array:
     every = np.stack(np.broadcast_arrays(*q), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 6)
     found = wrap_to_limits(arm, every * kind.signs)
     reached = np.max(np.broadcast_arrays(*short), axis=0).T.repeat(2) <= STRETCHED_RAD
-    ways: Array = found[reached & (limit_excess(arm, found) <= BEYOND_RAD)]
-    return ways
+    solutions: Array = found[reached & (limit_excess(arm, found) <= BEYOND_RAD)]
+    return solutions
 
 
 def flipped_elbow(arm: ArmModel, q: Array) -> Array | None:

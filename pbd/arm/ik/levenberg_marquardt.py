@@ -73,8 +73,8 @@ def residual_norms(arm: ArmModel, target: pin.SE3, q: Array) -> tuple[float, flo
     """Return the tool's distance and rotation from a target at joints q (k,): m, rad."""
     T_base_tool = arm.placement(q)
     off = T_base_tool.translation - target.translation
-    turned = pin.log3(T_base_tool.rotation @ target.rotation.T)
-    return math.sqrt(off.dot(off)), math.sqrt(turned.dot(turned))
+    rotation = pin.log3(T_base_tool.rotation @ target.rotation.T)
+    return math.sqrt(off.dot(off)), math.sqrt(rotation.dot(rotation))
 
 
 class Residual:

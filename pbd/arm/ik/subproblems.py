@@ -92,8 +92,8 @@ def sines(q: Array) -> tuple[Array, Array]:
 
 def _rotated(K: Array, by: tuple[Array, Array], v: Array) -> Array:
     across = v @ K
-    turned: Array = v + by[0] * across + by[1] * (across @ K)
-    return turned
+    rotated: Array = v + by[0] * across + by[1] * (across @ K)
+    return rotated
 
 
 def _dot(v: Array, w: Array) -> Array:

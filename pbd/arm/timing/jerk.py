@@ -21,21 +21,21 @@ _SLOW = 1e-6  # lower bound of x, as a share of the highest x, so that times sta
 
 
 def jerk_limited_profile(
-    s: Array, x_most: Array, dq: Array, ddq: Array, acceleration: Array, jerk: Array
+    s: Array, x_max: Array, dq: Array, ddq: Array, acceleration: Array, jerk: Array
 ) -> SpeedProfile | None:
     """Find the fastest profile of a path from rest to rest.
 
     Args:
         s: (n + 1,) grid points; best spaced about equally in time.
-        x_most: (n + 1,) upper bound of x: the profile without jerk limits; zero at both ends.
+        x_max: (n + 1,) upper bound of x: the profile without jerk limits; zero at both ends.
         dq, ddq: (n, k) first and second derivatives of the joints by s, midway between grid points.
         acceleration, jerk: (k,) limits.
 
     Returns:
         The best profile; None if the solver finds none.
     """
-    scale = float(x_most.max())
-    step, most = np.diff(s), x_most / scale
+    scale = float(x_max.max())
+    step, most = np.diff(s), x_max / scale
     n, k = dq.shape
     # Maps x to each joint's acceleration in each segment, as a share of its limit: (n k, n + 1).
     by_x = scale * np.stack((0.5 * ddq - 0.5 * dq / step[:, None], 0.5 * ddq + 0.5 * dq / step[:, None]), axis=2)

@@ -28,16 +28,16 @@ def ptp_move(q_start: Array, q_end: Array, limits: JointLimits, factor: float) -
         q_start, q_end: (k,) rad.
         factor: share of the velocity, acceleration and jerk limits.
     """
-    way = q_end - q_start
-    length = float(np.abs(way).max())
+    dq = q_end - q_start
+    length = float(np.abs(dq).max())
     if length == 0.0:
-        return PiecewiseCubic(np.empty(0), np.empty((0, 4, len(way))))
-    way = way / length
-    profile = _profile(length, np.abs(way), limits, factor)
+        return PiecewiseCubic(np.empty(0), np.empty((0, 4, len(dq))))
+    direction = dq / length
+    profile = _profile(length, np.abs(direction), limits, factor)
     durations = np.array(profile.t)
     # Seven phases begin at the first seven of eight states; the last state is the end.
     s, v, a, j = (np.array(values)[: len(durations), None] for values in (profile.p, profile.v, profile.a, profile.j))
-    coefficients = np.stack((q_start + s * way, v * way, a / 2.0 * way, j / 6.0 * way), axis=1)
+    coefficients = np.stack((q_start + s * direction, v * direction, a / 2.0 * direction, j / 6.0 * direction), axis=1)
     return PiecewiseCubic.of(durations, coefficients).lasting(LEAST_S)
 
 
