@@ -28,7 +28,7 @@ class Refusal:
 
 def refuse_pose(i: int, tried: int, hit: Hit) -> Refusal:
     """Refuse keyframe i, where the arm touches something in each of the `barred_pairs` configurations."""
-    return _collision(i, f"arm pose at keyframe {i} among {tried}: {describe(hit)}", STRAIGHT, hit)
+    return _collision(i, f"arm pose at keyframe {i} among {tried} tried: {describe(hit)}", STRAIGHT, hit)
 
 
 def refuse_move(i: int, move: MoveState, infeasible_kind: str | None) -> Refusal:

@@ -28,7 +28,7 @@ def check_count(keyframes: Sequence[Keyframe]) -> None:
     """Refuse fewer than two keyframes (TrackingError)."""
     if len(keyframes) < 2:
         raise TrackingError(
-            f"the demonstration has {len(keyframes)} stop, a motion needs two; hold still, move, and hold still again",
+            f"the demonstration has {len(keyframes)} stop, but a motion needs two; hold still, move, and hold still again",
             value=len(keyframes),
             bound=2,
         )

@@ -29,8 +29,10 @@ def next_command(args: argparse.Namespace, folder: Path) -> str:
     """Return the command that follows a recording; after a take, the next take, or `pbd fuse`."""
     if args.take is None:
         return f"pbd keyframes {shell_word(folder)}"
-    more, takes = f"pbd record {args.name} --take {args.take + 1}", range(1, args.take + 1)
+    sensor = f" --sensor {args.sensor}" if args.sensor else ""
+    more = f"pbd record {shlex.quote(args.name)} --take {args.take + 1}{sensor}"
     if args.take < 2:
         return more
-    words = " ".join(shell_word(folder.with_name(f"{Path(args.name).name}{take}")) for take in takes)
+    takes = (folder.with_name(f"{Path(args.name).name}{take}") for take in range(1, args.take + 1))
+    words = " ".join(map(shell_word, takes))
     return f"{more}; or pbd fuse {words} -o {shlex.quote(args.name)}"

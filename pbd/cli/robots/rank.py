@@ -53,7 +53,7 @@ def _row(name: str, path: HandPath) -> dict[str, Any]:
 def _table(rows: list[dict[str, Any]], units: Units) -> Table:
     m = units.length
     figures = (f"time ({units.time})", f"goes to ({m})", f"reaches ({m})", "torque (%)", "scale")
-    remarks = "what stops it, or is told"
+    remarks = "problems and remarks"
     table = make_table("name", *figures, remarks, left=("name", remarks))
     for row in rows:
         table.add_row(
