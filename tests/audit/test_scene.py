@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from pbd.arm.gripper import tool_rod as planned_rod
-from pbd.arm.joint_path import solve_path
+from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
 from pbd.audit.collision_pairs import AuditScene
