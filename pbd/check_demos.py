@@ -23,11 +23,11 @@ FEWEST_SIBLINGS = 4
 """Smallest number of demonstrations of one task that are compared. Among three, a wrong one shifts the median."""
 
 TURNED_RAD = np.radians(30.0)
-"""Smallest yaw against the siblings, rad, that is taken for a sensor held in another way. It is removed before
-positions are compared. A smaller yaw stays, and shows as a difference of positions."""
+"""Smallest yaw relative to the siblings, rad, that is taken for a sensor held in another way. Such a yaw is removed
+before positions are compared. A smaller yaw stays, and shows as a difference of positions."""
 
 CHI3_MEDIAN = 1.538
-"""Median of the chi distribution with three degrees of freedom: of a 3-D distance from the mean, in sigmas per axis."""
+"""Median of the chi distribution with 3 degrees of freedom: for a 3-D distance from the mean, in sigmas per axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class DemoCheck:
         duration_s: duration of the recording, s.
         p_dock_sensor: (k, 3) m, the sensor at each keyframe, relative to its position and heading at the first one.
         sigma_m: the largest sigma of a keyframe along an axis, m.
-        grips: (keyframe, closes) of each keyframe at which the grip closes (True) or opens (False).
+        grips: (keyframe, closes) for each keyframe at which the grip closes (True) or opens (False).
         findings: what a person should look at, in words.
         motion_s: duration of the robot's motion, s; nan without a robot, or if the robot can't do it.
         refused: why the robot can't do it; "" if it can, or if no robot was named.

@@ -29,10 +29,10 @@ from pbd.tracking.smoother.attitude import mean_quaternion
 from pbd.tracking.smoother.preintegration import Impulse
 
 SAME_DOCK_RAD = np.radians(1.0)
-"""Largest rotation of an edited first keyframe against the tracked one, rad: the first keyframe must stay the dock."""
+"""Largest rotation from the tracked to the edited first keyframe, rad: the first keyframe must stay the dock."""
 
 OPEN_END_S = 0.2
-"""Longest motion, s, before the first stop or after the last one that is not warned of."""
+"""Longest motion, s, before the first stop or after the last one, without a warning."""
 
 METHODS = ("default", "paper")
 """Names of the tracking methods: pbd's own, and the paper's."""
@@ -52,7 +52,7 @@ def fuse(takes: Sequence[Demonstration], calibration: Calibration | None = None,
         accept_gap: as `track` takes it.
 
     Raises:
-        RecordingError: there are fewer than two takes, or one is there twice.
+        RecordingError: fewer than two takes, or the same take twice.
         WrongTypeError: a take is not a Demonstration, for example a name.
         TrackingError: the takes are of different tasks, or one of them can't be tracked.
     """
@@ -99,15 +99,15 @@ def track(
     Args:
         source: the samples, or a demonstration with them.
         method: one of METHODS. The paper's method does not use known places.
-        known: what is known of the stops (places, heights); None: as the demonstration says.
+        known: known places and heights of the stops; None: as the demonstration says.
         calibration: the sensor's errors, which either method removes; places known in the robot's base; the lever
-            from sensor to tool. `plan` tracks again if there is none here and its own calibration has any of these.
+            from sensor to tool. Without it, `plan` tracks again if its own calibration has any of these.
         accept_gap: the user says that the hand stood still wherever data are missing in a rest. A gap that is long
             enough to hide a move is then a warning, not an error.
 
     Raises:
         CalibrationError: the calibration belongs to another sensor.
-        RecordingError: the samples are not valid (units, clock, no data), or the edited first keyframe was turned.
+        RecordingError: the samples are not valid (units, clock, no data), or the edited first keyframe was rotated.
         TrackingError: no path can be estimated (the hand is never still, data are missing where it may have moved), or
             a known place contradicts the samples.
         WrongTypeError: the source is neither, for example a name.
@@ -180,7 +180,7 @@ def track_alone(
 
 
 def _refuse_turned_dock(demo: Demonstration, path: HandPath, method: str) -> None:
-    """Refuse an edited first keyframe whose attitude changed: it orients nav in base, so all keyframes would turn."""
+    """Refuse an edited first keyframe whose attitude changed: it orients nav in base, so all keyframes would rotate."""
     if demo.keyframes is None:
         return
     found = mean_quaternion(path.wxyz_nav_sensor[path.stops[0].start : path.stops[0].stop])

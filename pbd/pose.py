@@ -292,6 +292,6 @@ class Pose:
 
 
 def level_onto(own: Pose, wanted: Pose) -> Pose:
-    """The yaw and translation, as a pose, that bring `own` to the position of `wanted` and nearest to its attitude."""
+    """Return the yaw and translation, as a pose, that bring `own` to `wanted`'s position, nearest to its attitude."""
     turn = quat_about_z(yaw_toward(own.wxyz, wanted.wxyz))
     return Pose(wanted.p - quat_rotate(turn, own.p), turn)

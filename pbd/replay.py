@@ -61,13 +61,13 @@ def robot_motion(arm: ArmModel, samples: Samples) -> RobotMotion:
 
 
 def _demonstrated(plan: Plan) -> slice:
-    """The samples of the hand's path from the first stop to the last."""
+    """Return the samples of the hand's path from the first stop to the last."""
     stops = plan.tracked[0].stops
     return slice(stops[0].start, stops[-1].stop)
 
 
 def _hand_path(plan: Plan) -> Array:
-    """Where the hand would have carried the tool, (n, 3) m in base, scaled as the motion is."""
+    """Return where the hand would have carried the tool, (n, 3) m in base, scaled as the motion is."""
     path, rows, T_base_nav = plan.tracked[0], _demonstrated(plan), plan.T_base_nav
     p_base_sensor = T_base_nav.act(plan.options.scale * plan.calibration.scale * path.p_nav_sensor[rows])
     if plan.options.orientation == "fixed":
@@ -77,7 +77,7 @@ def _hand_path(plan: Plan) -> Array:
 
 
 def detours(plan: Plan) -> tuple[tuple[float, float], ...]:
-    """From when to when, s, the arm avoids an obstacle: from a keyframe to the next one, or to the end."""
+    """Return start and end of each detour, s: from a keyframe to the next one, or to the end."""
     from pbd.arm.motion_request import DETOUR
 
     ends = (0.0, *plan.trajectory.keyframe_t.tolist(), plan.trajectory.duration)
@@ -96,7 +96,7 @@ def _rod(arm: ArmModel) -> Rod | None:
 
 
 def _contacts(plan: Plan) -> tuple[Contact, ...]:
-    """All contacts; the message of the first one is the plan's, which says what to change."""
+    """Return all contacts; the first one's message is the plan's, which says what to change."""
     from pbd.arm.collision.motion_check import describe
 
     if plan.touching is None:

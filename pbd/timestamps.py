@@ -20,7 +20,7 @@ import numpy as np
 from pbd.pose import Array
 
 LOST_SHARE = 0.6
-"""Least delay of a sample, as a share of the interval, that counts as a lost sample before it."""
+"""Smallest delay of a sample, as a share of the interval, that counts as a lost sample before it."""
 
 LONGEST_BURST_S = 0.5
 """Longest burst of arrivals, s. A delay that lasts longer means a lost sample."""
@@ -82,7 +82,7 @@ class SampleClock(Generic[T]):
     """Gives each sample its time, s since the first. The device's clock is used if the first sample has its time.
 
     Attributes:
-        times: s, of the samples so far: the device's times, or the arrival times on the host.
+        times: times of the samples so far, s: the device's times, or the arrival times on the host.
         doubted: number of samples that were left out because of their time.
         lost: number of samples that never arrived, by the latest count.
         straightened: (n,) s, the arrival times as straightened by the latest count; None with a device's clock.
@@ -254,7 +254,7 @@ def _lost_before(delay: Array, interval: float) -> Array:
 
 
 def _slope_below(k: Array, arrival: Array) -> float:
-    """Slope of the line below the arrivals: a robust fit to the least delayed sample of each block."""
+    """Return the slope of the line below the arrivals: a robust fit to the least delayed sample of each block."""
     slope = _slope(k, arrival, len(k) // 2)
     delay = arrival - slope * k
     rows = [
@@ -264,5 +264,5 @@ def _slope_below(k: Array, arrival: Array) -> float:
 
 
 def _slope(k: Array, arrival: Array, span: int) -> float:
-    """Median slope of the pairs that are `span` rows apart, as in Theil and Sen's estimator."""
+    """Return the median slope of the pairs that are `span` rows apart, as in Theil and Sen's estimator."""
     return float(np.median((arrival[span:] - arrival[:-span]) / (k[span:] - k[:-span])))

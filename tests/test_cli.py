@@ -110,7 +110,7 @@ def test_a_recording_that_never_moves(capsys: Capture, elsewhere: Path) -> None:
     assert len(run_json(capsys, "keyframes", "still.csv")["keyframes"]) == 1
     for command in (("replay",), ("export", "--format", "csv", "-o", "out.csv")):
         assert refused(capsys, 1, *command, "still.csv", "--robot", "panda") == (
-            "pbd: the demonstration has 1 stop, a motion needs two; hold still, move, and hold still again"
+            "pbd: the demonstration has 1 stop, but a motion needs two; hold still, move, and hold still again"
         )
     assert not (elsewhere / "out.csv").exists()
 

@@ -334,7 +334,7 @@ def test_a_curve_that_touches_is_followed_more_closely(monkeypatch: pytest.Monke
 
 
 def test_one_keyframe_only() -> None:
-    with pytest.raises(TrackingError, match="the demonstration has 1 stop, a motion needs two") as caught:
+    with pytest.raises(TrackingError, match="the demonstration has 1 stop, but a motion needs two") as caught:
         plan_keyframes([keyframe(0.0)], dock(), PANDA)
     assert caught.value.exit_code == 1
 

@@ -18,7 +18,7 @@ import numpy as np
 from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.unreachable import out_of_reach
-from pbd.arm.joint_path import Unreachable, add_turns, build_ladder, joints_to_unwind, widen
+from pbd.arm.ladder_building import Unreachable, add_turns, build_ladder, joints_to_unwind, widen
 from pbd.arm.ladder_checks import WIDE_COST
 from pbd.arm.ladder_graph import Barred, Ladder
 from pbd.arm.ladder_links import Link, MoveState, assemble_motion
@@ -37,8 +37,8 @@ from pbd.arm.refusal import (
 from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
 from pbd.pose import Array
 
-MOST_STRAIGHT, MOST_ONLY_STRAIGHT = 12, 36
-"""Number of barred straight moves between two keyframes after which the link is mended: with detours, without."""
+MEND_AFTER_STRAIGHT, MEND_AFTER_ONLY_STRAIGHT = 12, 36
+"""Number of barred straight moves between two keyframes after which the link is mended: detours allowed; not."""
 WINDOW, KEPT = 64, 32
 """Layers in one search window; of these, the last KEPT layers are searched again in the next window."""
 
@@ -50,8 +50,8 @@ def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene |
         PbdWarning: the retreat is left out, the arm makes a detour, or the motion only keeps the margin CLOSE_M.
     """
     poses, wide_cost = request.T_base_tool, WIDE_COST if request.kind == STRAIGHT else 0.0
-    most_barred = MOST_STRAIGHT if request.detour else MOST_ONLY_STRAIGHT
-    ladder = build_ladder(arm, poses, request.q_start, request.q_retreat, most_barred, wide_cost)
+    mend_after = MEND_AFTER_STRAIGHT if request.detour else MEND_AFTER_ONLY_STRAIGHT
+    ladder = build_ladder(arm, poses, request.q_start, request.q_retreat, mend_after, wide_cost)
     if isinstance(ladder, Unreachable):
         return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
     search = _Search(arm, request, scene, ladder.copy())
@@ -78,7 +78,7 @@ class _Search(Mending):
 
     def run(self) -> Motion | Refusal:
         while True:
-            path = self.ladder.search(self.stands, self.cost, self.wide_costs)
+            path = self.ladder.search(self.is_free, self.cost, self.wide_costs)
             if isinstance(path, Barred):
                 refused = self._mend_all(path)
                 if refused is not None and self.before_trial is not None:
@@ -95,37 +95,37 @@ class _Search(Mending):
                 return assemble_motion(self.arm, self.links, self.moves, self.ladder.joints(path), self.n)
 
     def _mend_all(self, barred: Barred) -> Callable[[], Refusal] | None:
-        """Mend the barred layers, the last one first.
+        """Mend the barred layers, from the last to the first.
 
         Stop once a remedy has inserted or removed layers, since the other indices are then stale. Return None, or a
         function that makes the refusal if a layer has no remedy left.
         """
         refused, count = None, len(self.ladder.layers)
-        for place, standing in reversed([*zip(barred.layers, barred.standing, strict=True)]):
-            refused = self._mend(place, standing) or refused
+        for place, has_free_state in reversed([*zip(barred.layers, barred.has_free_state, strict=True)]):
+            refused = self._mend(place, has_free_state) or refused
             if len(self.ladder.layers) != count:
                 break
         return refused
 
-    def _mend(self, place: int, standing: bool) -> Callable[[], Refusal] | None:
+    def _mend(self, place: int, has_free_state: bool) -> Callable[[], Refusal] | None:
         """Apply the next remedy to the link to a layer; if none is left, return a function that makes the refusal.
 
-        `standing`: the layer has a free configuration, so the moves to it are barred.
+        `has_free_state`: the layer has a free configuration, so the moves to it are barred.
         """
         link, move = self.at(place)
         i = link.keyframe
-        if standing and link.free_moves and move.detour and self.ladder.layers[place].unchecked_cost < np.inf:
-            self.ladder.set_unchecked_cost(place, np.inf)  # use only the detours that are known, and search for no more
+        if has_free_state and link.free_moves and move.detour and self.ladder.layers[place].unchecked_cost < np.inf:
+            self.ladder.set_unchecked_cost(place, np.inf)  # use the known detours; search for no more
             return None
-        if not standing and not move.widened and {"widen", "connect"} & {*move.remedies}:
+        if not has_free_state and not move.widened and {"widen", "connect"} & {*move.remedies}:
             move.widened, move.remedies = True, [each for each in move.remedies if each != "widen"]
             widen(self.arm, self._pose(place), self.ladder, place)
             return None
-        if not standing and move.pose_hit is not None and link.at_keyframe:
-            if self._look_closely(i, place):
+        if not has_free_state and move.pose_hit is not None and link.at_keyframe:
+            if self._search_null_space(i, place):
                 return None
             return partial(refuse_pose, i, len(self.ladder.layers[place].q), move.pose_hit)
-        if not (move.remedies if standing else move.keep_detours_only()):
+        if not (move.remedies if has_free_state else move.keep_detours_only()):
             if i < self.n:
                 return partial(self._refuse, i)
             self.retreat_hit = move.hits[STRAIGHT]
@@ -146,7 +146,7 @@ class _Search(Mending):
         return None
 
     def _make_lines(self, path: Sequence[int]) -> bool:
-        """Replace straight moves on which the tool leaves the tolerance, or goes wide, by lines of the tool.
+        """Replace straight moves on which the tool leaves the tolerance, or the move is wide, by lines of the tool.
 
         Return whether the ladder changed. A line for a wide move is a trial: if it cannot be made, `before_trial` is
         restored.

@@ -1,4 +1,4 @@
-"""A detour around what bars a straight move: RRT-Connect, then shortcuts, then a smooth curve, all of it checked.
+"""A detour where a straight move is barred: RRT-Connect, then shortcuts, then a smooth curve, all of it checked.
 
 Kuffner and LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Planning", 2000, as OMPL implements it.
 The search is reproducible: its seed is fixed, and it ends after a number of collision checks, not after a time.
@@ -19,8 +19,8 @@ from pbd.arm.timing.path_smoothing import Curve
 from pbd.pose import Array
 
 _START_EVERY = 20  # every 20th point of a known path is a start state of the search
-_SHORTCUTS = 40  # most attempts to shorten a path
-_MOST_WARPED = 8  # most bent detours that are checked, the shortest first
+_SHORTCUTS = 40  # largest number of attempts to shorten a path
+_MOST_BENT = 8  # largest number of bent detours that are checked, the shortest first
 _MOST_GROWTH = 1.2  # largest growth of a bent detour's length, relative to that of the straight move
 _OFFSET_SHARES = (
     0.5,
@@ -36,7 +36,7 @@ def find_detour(
     leg: Leg,
     starts: Array,
     goals: Array,
-    effort: DetourSearch,
+    settings: DetourSearch,
     most_checks: int,
     known: Sequence[Array] = (),
 ) -> tuple[Array | None, int]:
@@ -47,29 +47,29 @@ def find_detour(
         known: free paths (m, k) of the same leg; the detour may follow part of one, in either direction.
 
     Returns:
-        Joints (m, k) on a smooth curve from a start to a goal, or just these two if the straight move is free, or None
-        if nothing was found. Then the number of collision checks.
+        Joints (m, k) on a smooth curve from a start to a goal, or only these two if the straight move is free, or None
+        if nothing was found; and the number of collision checks.
     """
     starts = np.array([q for q in starts if scene.is_free(q[None], leg)]).reshape(-1, goals.shape[1])
     goals = np.array([q for q in goals if scene.is_free(q[None], leg)]).reshape(-1, goals.shape[1])
     if not len(starts) or not len(goals) or most_checks <= 0:
         return None, 0
     util.setLogLevel(util.LogLevel.LOG_NONE)
-    util.RNG.setSeed(effort.seed)
-    search = _Search(scene, leg, np.vstack((starts, goals)), effort.winding_rad)
-    ways = _known_paths_from(starts, known)
-    there = next((ways[q.tobytes()] for q in goals if q.tobytes() in ways), None)
-    if there is None:
-        marks = {q.tobytes() for way in known for q in (*way[::_START_EVERY], way[-1])}
-        begun = np.array([*starts, *(way[-1] for way in [*ways.values()][len(starts) :] if way[-1].tobytes() in marks)])
-        corners = search.connect(begun, goals, effort.step_rad, most_checks)
+    util.RNG.setSeed(settings.seed)
+    search = _Search(scene, leg, np.vstack((starts, goals)), settings.winding_rad)
+    paths = _known_paths_from(starts, known)
+    found = next((paths[q.tobytes()] for q in goals if q.tobytes() in paths), None)
+    if found is None:
+        marks = {q.tobytes() for path in known for q in (*path[::_START_EVERY], path[-1])}
+        begun = np.array([*starts, *(p[-1] for p in [*paths.values()][len(starts) :] if p[-1].tobytes() in marks)])
+        corners = search.connect(begun, goals, settings.step_rad, most_checks)
         if corners is None:
             return None, search.checker.checks
-        there = np.vstack((ways[corners[0].tobytes()], corners[1:]))
-    return search.smooth(there), search.checker.checks
+        found = np.vstack((paths[corners[0].tobytes()], corners[1:]))
+    return search.smooth(found), search.checker.checks
 
 
-def warp_detour(scene: CollisionScene, leg: Leg, start: Array, goal: Array, known: Sequence[Array]) -> Array | None:
+def bend_detour(scene: CollisionScene, leg: Leg, start: Array, goal: Array, known: Sequence[Array]) -> Array | None:
     """Bend a known detour (m, k) of the same leg to new ends (k,).
 
     Most detours around one obstacle are similar. This needs one or two collision checks, a search about fifty.
@@ -80,21 +80,21 @@ def warp_detour(scene: CollisionScene, leg: Leg, start: Array, goal: Array, know
     straight: Array = np.stack((start, goal))
     if scene.is_free(straight, leg):
         return straight
-    ways: list[tuple[float, Array]] = []
-    for way in known:
-        share = np.linspace(0.0, 1.0, len(way))[:, None]
-        most = _MOST_GROWTH * _length(straight) * _length(way) / max(_length(way[[0, -1]]), 1e-9)
-        for there in (way, way[::-1]):
-            warped: Array = there + (1.0 - share) * (start - there[0]) + share * (goal - there[-1])
-            warped[0], warped[-1] = start, goal
-            if (length := _length(warped)) < most:
-                ways.append((length, warped))
-    ways.sort(key=itemgetter(0))
-    for _, way in ways[:_MOST_WARPED]:
-        if _is_free_curve(scene, leg, way):
-            direct = start + np.linspace(0.0, 1.0, len(way))[:, None] * (goal - start)
-            nearer = (direct + share * (way - direct) for share in _OFFSET_SHARES)
-            return next((each for each in nearer if _is_free_curve(scene, leg, each)), way)
+    detours: list[tuple[float, Array]] = []
+    for path in known:
+        share = np.linspace(0.0, 1.0, len(path))[:, None]
+        most = _MOST_GROWTH * _length(straight) * _length(path) / max(_length(path[[0, -1]]), 1e-9)
+        for directed in (path, path[::-1]):
+            bent: Array = directed + (1.0 - share) * (start - directed[0]) + share * (goal - directed[-1])
+            bent[0], bent[-1] = start, goal
+            if (length := _length(bent)) < most:
+                detours.append((length, bent))
+    detours.sort(key=itemgetter(0))
+    for _, bent in detours[:_MOST_BENT]:
+        if _is_free_curve(scene, leg, bent):
+            direct = start + np.linspace(0.0, 1.0, len(bent))[:, None] * (goal - start)
+            nearer = (direct + share * (bent - direct) for share in _OFFSET_SHARES)
+            return next((each for each in nearer if _is_free_curve(scene, leg, each)), bent)
     return None
 
 
@@ -108,19 +108,19 @@ def _known_paths_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Arra
 
     The key is the bytes of the configuration at the end of the path; the starts themselves come first.
     """
-    beside: dict[bytes, list[Array]] = {}
-    for way in known:
-        for before, after in pairwise(way):
-            beside.setdefault(before.tobytes(), []).append(after)
-            beside.setdefault(after.tobytes(), []).append(before)
-    ways = {q.tobytes(): q[None] for q in starts}
+    neighbours: dict[bytes, list[Array]] = {}
+    for path in known:
+        for before, after in pairwise(path):
+            neighbours.setdefault(before.tobytes(), []).append(after)
+            neighbours.setdefault(after.tobytes(), []).append(before)
+    paths = {q.tobytes(): q[None] for q in starts}
     ends = list(starts)
     for q in ends:
-        for after in beside.get(q.tobytes(), ()):
-            if after.tobytes() not in ways:
-                ways[after.tobytes()] = np.vstack((ways[q.tobytes()], after))
+        for after in neighbours.get(q.tobytes(), ()):
+            if after.tobytes() not in paths:
+                paths[after.tobytes()] = np.vstack((paths[q.tobytes()], after))
                 ends.append(after)
-    return ways
+    return paths
 
 
 def _is_free_curve(scene: CollisionScene, leg: Leg, q: Array) -> bool:

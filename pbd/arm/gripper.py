@@ -27,7 +27,7 @@ ROD_SHORT_M = 0.005
 LEAST_GAP_M = 0.02
 """The rod is added if all links end farther behind the tool's origin than this, m."""
 
-_AHEAD, _TURNED = Body("ahead", 0, Pose.identity(), "floor"), Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
+_AHEAD, _FLIPPED = Body("ahead", 0, Pose.identity(), "floor"), Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
 _POINT = Body("point", 0, Pose.identity(), "sphere", (0.0,))
 
 
@@ -65,7 +65,7 @@ def tool_rod(arm: ArmModel) -> Body | None:
         if link.name not in gripper:
             continue
         T_tool_body = T_tool_base @ from_se3(data.oMi[link.joint]) @ link.T_joint_body
-        if body_distance(link, T_tool_body, _AHEAD, _TURNED)[0] < LEAST_GAP_M:
+        if body_distance(link, T_tool_body, _AHEAD, _FLIPPED)[0] < LEAST_GAP_M:
             return None
         distance, p_tool, _ = body_distance(link, T_tool_body, _POINT, Pose.identity())
         if distance < nearest:

@@ -12,7 +12,7 @@ from pbd.arm.collision.scene import CollisionScene, Hit, Leg
 from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.ik.cartesian import follow, line, refine
 from pbd.arm.ik.partial_pose import is_partial
-from pbd.arm.joint_path import turn_variants, widen
+from pbd.arm.ladder_building import turn_variants, widen
 from pbd.arm.ladder_graph import Ladder
 from pbd.arm.ladder_links import (
     BETWEEN_TWO,
@@ -33,7 +33,7 @@ from pbd.arm.tool_deviation import tool_deviations
 from pbd.pose import Array, Pose
 
 WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
-"""Cost of a wide move, rad of joint travel; after MOST_WIDE wide moves between two keyframes no more are measured."""
+"""Cost of a wide move, rad of joint travel; number of wide moves between two keyframes after which none is measured."""
 APPROACH_M = 0.08, 0.16
 """Distances of a via point before keyframe 0, m, along the tool's approach axis.
 
@@ -51,7 +51,7 @@ class LinkChecks:
         legs: legs[i] leads to keyframe i, legs[n] away from the last one.
         moves: moves[i] leads to keyframe i, moves[n] back home.
         checks_left: collision checks that all detour searches of this motion may still use.
-        detours: the detours (m, k) that searches between two configurations found, by leg.
+        detours: leg -> the detours (m, k) that searches between two configurations found.
         close: the scene uses the smaller margin CLOSE_M.
     """
 
@@ -75,7 +75,7 @@ class LinkChecks:
         link = self.links[place - 1]
         return link, self.moves[link.keyframe]
 
-    def stands(self, place: int, q: Array) -> bool:
+    def is_free(self, place: int, q: Array) -> bool:
         """Whether the arm is free at joints (k,) in a layer."""
         link, move = self.at(place)
         i = link.keyframe
@@ -132,7 +132,7 @@ class LinkChecks:
                     self.ladder.set_unchecked_cost(place, OTHER_DETOUR_COST)
         if move.tool_barred:  # no configuration of the arm can help
             layer = self.ladder.layers[place]
-            layer.barred_moves = layer.most_barred
+            layer.barred_moves = layer.mend_after
             move.drop_path_remedies()
         return cost
 
@@ -155,7 +155,7 @@ class LinkChecks:
             ends = {along[-1].tobytes() for along in self.links[place - 2].free_moves.values()}
             known = np.array([q.tobytes() in ends for q in starts], dtype=bool)
             starts = starts[known] if known.any() else starts
-        goals = np.array([q for q in layer.q[np.isfinite(layer.cost)] if self.stands(place, q)])
+        goals = np.array([q for q in layer.q[np.isfinite(layer.cost)] if self.is_free(place, q)])
         found = self._detour_between_any(i, move, starts, goals) if len(starts) and len(goals) else None
         if found is None:
             ladder.keep_only(place, before.q[0], layer.q[0], np.inf)
@@ -176,30 +176,30 @@ class LinkChecks:
             if legs[link.keyframe] == legs[i]
             for ends, along in link.free_moves.items()
         ]
-        for effort in FROM_ANY_TO_ANY:
-            ends = goals if i == self.n else turn_variants(self.arm, goals, starts, effort.turned)
-            if (found := self._find_detour(i, move, starts, ends, effort, known)) is not None:
+        for settings in FROM_ANY_TO_ANY:
+            ends = goals if i == self.n else turn_variants(self.arm, goals, starts, settings.variants)
+            if (found := self._find_detour(i, move, starts, ends, settings, known)) is not None:
                 return found
         return None
 
     def _find_detour(
-        self, i: int, move: MoveState, starts: Array, goals: Array, effort: DetourSearch, known: Sequence[Array] = ()
+        self, i: int, move: MoveState, starts: Array, goals: Array, settings: DetourSearch, known: Sequence[Array] = ()
     ) -> Array | None:
         from pbd.arm.detour import find_detour  # OMPL loads slowly
 
         assert self.scene is not None
-        most_checks = min(effort.most_checks, self.checks_left)
-        found, checks = find_detour(self.scene, self.legs[i], starts, goals, effort, most_checks, known)
+        most_checks = min(settings.most_checks, self.checks_left)
+        found, checks = find_detour(self.scene, self.legs[i], starts, goals, settings, most_checks, known)
         move.detour_checks, self.checks_left = move.detour_checks + checks, self.checks_left - checks
         return found
 
     def _detour_between(self, i: int, move: MoveState, q_before: Array, q: Array) -> Array | None:
         """Return joints (m, k) of a detour to keyframe i: a known detour bent to these ends, else a new one."""
-        from pbd.arm.detour import warp_detour
+        from pbd.arm.detour import bend_detour
 
         assert self.scene is not None
         known = self.detours.setdefault(self.legs[i], [])
-        found = warp_detour(self.scene, self.legs[i], q_before, q, known)
+        found = bend_detour(self.scene, self.legs[i], q_before, q, known)
         if found is None:
             found = self._find_detour(i, move, q_before[None], q[None], BETWEEN_TWO)
             if found is not None and len(found) > 2:

@@ -38,11 +38,11 @@ UNCHECKED_COST = 0.2
 class Barred:
     """Why no path was found: the indices of the layers that no free move leads to.
 
-    `standing`: for each, whether it has a free state; then the moves to it are barred, not its states.
+    `has_free_state`: whether each has a free state; then the moves to it are barred, not its states.
     """
 
     layers: tuple[int, ...]
-    standing: tuple[bool, ...]
+    has_free_state: tuple[bool, ...]
 
 
 @dataclass(eq=False)
@@ -52,7 +52,7 @@ class Layer:
     Attributes:
         q: (m, k) rad.
         cost: (m,) cost of each state, in rad of joint travel; infinite for a state that is not free.
-        most_barred: number of barred moves after which the layer is returned for mending.
+        mend_after: number of barred moves after which the layer is returned for mending.
         costly: moves to it are checked last, once all other moves on the path are free.
         in_order: a move to it is checked only if no earlier move on the path was barred in the same pass.
         most_step: rad, largest motion of a joint on a move to this layer.
@@ -66,7 +66,7 @@ class Layer:
 
     q: Array
     cost: Array
-    most_barred: int
+    mend_after: int
     most_step: float = np.inf
     costly: bool = False
     in_order: bool = False
@@ -156,7 +156,7 @@ class Ladder:
     def reset_moves(
         self,
         place: int,
-        most_barred: int,
+        mend_after: int,
         *,
         costly: bool,
         in_order: bool = False,
@@ -164,8 +164,8 @@ class Ladder:
     ) -> None:
         """Mark the moves to a layer as unchecked, since they are made in another way from now on."""
         layer = self.layers[place]
-        layer.most_barred, layer.costly, layer.in_order, layer.unchecked_cost = (
-            most_barred,
+        layer.mend_after, layer.costly, layer.in_order, layer.unchecked_cost = (
+            mend_after,
             costly,
             in_order,
             unchecked_cost,
@@ -243,7 +243,7 @@ class Ladder:
             if not self._check_moves(path, moves, costly=False) and not self._check_moves(path, moves, costly=True):
                 return path
             within = range(self.first + 1, self.end)
-            exhausted = tuple(i for i in within if self.layers[i].barred_moves >= self.layers[i].most_barred)
+            exhausted = tuple(i for i in within if self.layers[i].barred_moves >= self.layers[i].mend_after)
             if exhausted:
                 return Barred(exhausted, (True,) * len(exhausted))
 

@@ -14,14 +14,14 @@ from pbd.arm.motion_request import DETOUR, STRAIGHT, Motion, MotionRequest, Segm
 from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
 from pbd.pose import Array, Pose
 
-MOST_PATHS = 4
+MEND_AFTER_PATHS = 4
 """Number of barred paths of the tool, from keyframe to keyframe, after which a link is mended."""
-MOST_DETOURS = 4
+MEND_AFTER_DETOURS = 4
 """Number of pairs of configurations without a detour after which a link is mended."""
 DETOUR_EXTRA = 1.0
 """Assumed extra length of a detour over the straight move, rad, until the detour is found."""
 ENOUGH_DETOURS, OTHER_DETOUR_COST = 1, 100.0
-"""After ENOUGH_DETOURS detours on a link, any other costs OTHER_DETOUR_COST rad more: it is searched for last."""
+"""After ENOUGH_DETOURS detours on a link, a further one costs OTHER_DETOUR_COST rad extra, to come last."""
 
 
 class DetourSearch(NamedTuple):
@@ -29,32 +29,32 @@ class DetourSearch(NamedTuple):
 
     Attributes:
         most_checks: number of collision checks after which the search gives up.
-        seed: of the random joints.
+        seed: seed of the random search.
         step_rad: longest edge of a tree, as the norm over all joints.
         winding_rad: how far a joint may go beyond the range of all starts and goals.
-        turned: number of goals made from each configuration by whole turns of joints.
+        variants: largest number of variants of each goal, which differ by whole turns.
     """
 
     most_checks: int
     seed: int = 1
     step_rad: float = 1.0
     winding_rad: float = np.pi
-    turned: int = 1
+    variants: int = 1
 
 
 BETWEEN_TWO = DetourSearch(400)
 FROM_ANY_TO_ANY = (
     DetourSearch(1000, winding_rad=0.5 * np.pi),
-    DetourSearch(1000, turned=8),
+    DetourSearch(1000, variants=8),
     DetourSearch(1000, winding_rad=0.5 * np.pi, seed=2),
     DetourSearch(1500, winding_rad=0.5 * np.pi, seed=3, step_rad=0.5),
     DetourSearch(1500, seed=4, step_rad=0.5),
 )
-"""Searches from any configuration to any other, in this order: several short, different ones find more than a long
-one, since most end soon or never."""
+"""Searches from any configuration to any other, in this order: several short ones find more than a long one: a
+search succeeds soon or never."""
 CHECKS, CHECKS_EACH, CHECKS_CLOSE = 6000, 1000, 0.5
-"""Collision checks for all detours of a motion: a constant, plus CHECKS_EACH per keyframe; with the smaller margin
-CLOSE_M only this share of the sum."""
+"""Collision checks for all detours of a motion: CHECKS, plus CHECKS_EACH per keyframe; with the smaller margin CLOSE_M,
+CHECKS_CLOSE times that sum."""
 
 
 @dataclass(eq=False)
@@ -63,15 +63,15 @@ class MoveState:
 
     Attributes:
         kind: STRAIGHT, LINE or DEMO: how the move is made at present.
-        remedies: what is left to try, in order: "follow", "widen", "split", "detour", "connect".
-        hits: by kind of move, the first hit that was found.
+        remedies: methods of Mending to try next, in order: "follow" (a path), "widen", "split", "detour", "connect".
+        hits: kind of move -> the first hit that was found.
         pose_hit: a hit of the arm at the keyframe itself.
         barred_pairs: number of barred pairs of configurations.
         wide_pairs: number of pairs of configurations between which the tool deviates widely.
-        wide: the tool's deviation on the straight move that a line replaces.
+        wide: the tool's deviation on the wide straight move that a path replaced.
         tool_barred: the tool or its load touches something on the path, in every configuration of the arm.
         detour: nothing else was free, so a detour is searched for.
-        detour_checks: number of collision checks of those searches.
+        detour_checks: number of collision checks of the searches for a detour.
         widened: more configurations were added at the keyframe.
         null_space_searched: configurations along the entire null space were added at the keyframe.
     """
@@ -104,7 +104,7 @@ class MoveState:
         return self.remedies[self.remedies.index("detour") :] if "detour" in self.remedies else self.remedies[:0]
 
     def segment(self, q: Array) -> Segment:
-        """Make a segment of joints (m, k); a detour of one row is a straight move."""
+        """Make a segment of joints (m, k); a detour with m = 1 is a straight move."""
         kind = (DETOUR if len(q) > 1 else STRAIGHT) if self.detour else self.kind
         return Segment(kind, q, avoided=None if kind == STRAIGHT else self.hits.get(STRAIGHT), wide=self.wide)
 
@@ -114,8 +114,8 @@ class Link:
     """The link to a layer: a part of the move to a keyframe.
 
     Attributes:
-        keyframe: its index; n for the retreat.
-        poses: of the tool along the link; None: straight in joint space.
+        keyframe: index of the keyframe; n for the retreat.
+        poses: the tool's poses along the link; None: straight in joint space.
         at_keyframe: the layer is the keyframe itself, not a pose on the way.
         free_moves: joints (m, k) of the free moves, without the first; the key is the bytes of the joints at both ends.
         tool_free: the tool and its load are known to touch nothing on the path.
@@ -136,7 +136,7 @@ def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str
         return ["split", "widen"]
     if not may_detour or request.tolerance_m is not None:
         return ["follow", "widen", "split"]
-    # Search less for an optional line than for the hand's path.
+    # A line is optional, so it gets fewer remedies.
     path = ["follow", "widen", "split"] if request.hand else ["follow"]
     return [*path, "detour", "connect"]
 

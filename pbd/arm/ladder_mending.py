@@ -8,18 +8,18 @@ from itertools import pairwise
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.partial_pose import FULL_POSE
-from pbd.arm.joint_path import CONTINUOUS_RAD, MOST_STEPS, STARTS, STARTS_NULL_SPACE, layers_along, widen
+from pbd.arm.ladder_building import CONTINUOUS_RAD, MEND_AFTER_STEPS, STARTS, STARTS_NULL_SPACE, layers_along, widen
 from pbd.arm.ladder_checks import LinkChecks
 from pbd.arm.ladder_graph import Ladder
-from pbd.arm.ladder_links import DETOUR_EXTRA, MOST_DETOURS, MOST_PATHS, Link
+from pbd.arm.ladder_links import DETOUR_EXTRA, MEND_AFTER_DETOURS, MEND_AFTER_PATHS, Link
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, MotionRequest
 from pbd.pose import Pose
 
-MOST_STRAIGHT_WIDENED = 150
+MEND_AFTER_STRAIGHT_WIDENED = 150
 """Number of barred straight moves between two widened keyframes after which the link is mended again."""
 COARSE = 4
-"""Number of poses from one layer to the next, where a path is split."""
+"""Number of poses between two layers of a split path."""
 LOOK_BACK = 8
 """Number of paths before a barred one that are split with it."""
 
@@ -40,7 +40,7 @@ class Mending(LinkChecks):
         self.moves[i].kind = DEMO if hand else LINE
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
         link.tool_free, self.ladder.layers[place].wide_cost = False, 0.0
-        self.ladder.reset_moves(place, MOST_PATHS, costly=True)
+        self.ladder.reset_moves(place, MEND_AFTER_PATHS, costly=True)
 
     def _detour(self, i: int) -> None:
         """Replace the move to keyframe i by a detour in joint space; the tool's path is then free."""
@@ -48,12 +48,12 @@ class Mending(LinkChecks):
         self.moves[i].detour = True
         self.ladder.drop(places[0], places[-1])
         self.links[places[0] - 1 : places[-1]] = [Link(i)]
-        self.ladder.reset_moves(places[0], MOST_DETOURS, costly=True, in_order=True, unchecked_cost=DETOUR_EXTRA)
+        self.ladder.reset_moves(places[0], MEND_AFTER_DETOURS, costly=True, in_order=True, unchecked_cost=DETOUR_EXTRA)
 
     def _widen(self, i: int) -> None:
         """Add configurations at all layers of the move to keyframe i.
 
-        A move of one link becomes straight in joint space again.
+        A one-link move is reset to straight in joint space.
         """
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
         for place in (places[0] - 1, *places):
@@ -62,12 +62,12 @@ class Mending(LinkChecks):
         if len(places) == 1:
             self.links[places[0] - 1].poses, self.moves[i].kind = None, STRAIGHT
         for place in places:
-            self.ladder.reset_moves(place, MOST_STRAIGHT_WIDENED, costly=len(places) > 1)
+            self.ladder.reset_moves(place, MEND_AFTER_STRAIGHT_WIDENED, costly=len(places) > 1)
 
-    def _look_closely(self, i: int, place: int) -> bool:
+    def _search_null_space(self, i: int, place: int) -> bool:
         """Add free configurations from the entire null space at a keyframe; return whether any was found.
 
-        Only a redundant arm has one, and only the search with the smaller margin does this.
+        Only for a redundant arm, in the search with the smaller margin.
         """
         move = self.moves[i]
         if not self.close or move.null_space_searched or self.arm.model.nv <= FULL_POSE:
@@ -81,9 +81,9 @@ class Mending(LinkChecks):
         )
 
     def _split(self, place: int) -> bool:
-        """Split a path by layers on the way, and the paths just before it.
+        """Insert layers along a path and the paths just before it, which decide the configuration it starts from.
 
-        Those decide in which configuration the arm arrives. Return False if a pose on the way has no solution.
+        Return False if a pose on the way has no solution.
         """
         if self.links[place - 1].poses is None:  # widening made it straight
             self._follow_path(place)
@@ -114,7 +114,7 @@ class Mending(LinkChecks):
         if layers is None:
             return None
         last = self.ladder.layers[place]
-        last.most_barred, last.most_step = MOST_STEPS, CONTINUOUS_RAD
+        last.mend_after, last.most_step = MEND_AFTER_STEPS, CONTINUOUS_RAD
         self.ladder.insert(place, layers)
         self.links[place - 1 : place] = [
             Link(link.keyframe, poses[a : b + 1], b == len(poses) - 1, tool_free=True) for a, b in pairwise(marks)

@@ -46,12 +46,12 @@ class ArmModel:
 
     Attributes:
         full: pinocchio's model of the entire URDF, for the viewer and for collision checks.
-        axes: by joint of `full`: its axis (3,) in its own frame, and whether it is prismatic.
-        drives: by moving joint of `full`: its column of x, slope, at_zero; the joint's value is at_zero + slope * x.
+        axes: joint of `full` -> its axis (3,) in its own frame, and whether it is prismatic.
+        drives: driven joint of `full` -> its column of x, slope, at_zero; the joint's value is at_zero + slope * x.
         model, data: pinocchio's model of the arm's joints alone, and its buffers.
         configuration: converts joints (k,) to pinocchio's configuration of `model`.
         tool_id: the tool's frame in `model`.
-        turns: (k,) 1 for a revolute joint, which a whole turn leaves in the same place; 0 for a prismatic one.
+        turns: (k,) 1 for a revolute joint, whose whole turns change no pose; 0 for a prismatic joint.
     """
 
     def __init__(self, robot: Robot, full: Any) -> None:
@@ -110,7 +110,7 @@ class ArmModel:
         return from_se3(self.placement(q))
 
     def placement(self, q: Array) -> Any:
-        """Return the same as pinocchio's SE3."""
+        """Return T_base_tool at q (k,) as pinocchio's SE3."""
         pin.forwardKinematics(self.model, self.data, self.configuration(q))
         return pin.updateFramePlacement(self.model, self.data, self.tool_id)
 
@@ -124,7 +124,7 @@ class ArmModel:
         R = np.repeat(np.eye(3, dtype=q.dtype)[:, :, None], len(q), axis=2)
         for i, step in enumerate(self.steps):
             p += step.offset.astype(q.dtype, copy=False) @ R
-            R = step.turn.T.astype(q.dtype, copy=False) @ R
+            R = step.rotation.T.astype(q.dtype, copy=False) @ R
             if step.joint == "slides":
                 p += R[:, 2] * joints[i]
             elif step.joint == "turns":
@@ -194,7 +194,7 @@ def _move_world(model: Any, T_new_old: Any) -> None:
 
 
 def _configuration_of(model: Any) -> Callable[[Array], Array]:
-    """Return the conversion of joint values (..., n) to pinocchio's: it has cosine and sine of a continuous joint."""
+    """Return the conversion of joint values (..., n) to pinocchio's: cosine and sine for a continuous joint."""
     joints = list(model.joints)[1:]
     if model.nq == len(joints):
         return lambda q: q
@@ -233,10 +233,10 @@ def _axes(model: Any) -> dict[int, tuple[Array, bool]]:
 
 
 class _Step(NamedTuple):
-    """A fixed transform along the arm, then a joint about (or along) the z axis of the frame that this leads to."""
+    """A fixed transform along the arm, then a joint about (or along) the transformed frame's z axis."""
 
     offset: Array
-    turn: Array
+    rotation: Array
     joint: Literal["turns", "slides", "none"]
 
 

@@ -23,8 +23,8 @@ class MotionRequest:
         q_start: (k,) rad, the arm's present joints; configurations near them are preferred.
         approach: the motion begins at q_start; else at keyframe 0.
         q_retreat: (k,) rad, where the arm retreats to after the last keyframe; None: it stays there.
-        kind: of the moves between keyframes: STRAIGHT, LINE or DEMO.
-        hand: returns the n - 1 demonstrated paths of the tool; None if they are unknown.
+        kind: kind of the moves between keyframes: STRAIGHT, LINE or DEMO.
+        hand: function that returns the n - 1 demonstrated paths of the tool; None if they are unknown.
         tolerance_m: a straight move on which the tool leaves the straight line by more becomes a LINE. Without a
             tolerance, a wide move (see tool_deviation.py) does if possible.
         detour: search for a DETOUR if nothing else is free; between keyframes only if `kind` is STRAIGHT and there is
@@ -53,7 +53,7 @@ class Segment:
         q: (m, k) rad, without the joints at which the move begins; the last row is the keyframe's.
         off_line_m: for a STRAIGHT move, the tool's largest distance from the straight line.
         avoided: what a straight move would have touched, if that is the reason for another kind.
-        wide: the tool's deviation on a wide STRAIGHT move, or on the one that a LINE replaces.
+        wide: the tool's deviation on a wide STRAIGHT move, or on the one that a path replaced.
     """
 
     kind: str

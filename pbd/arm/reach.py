@@ -13,22 +13,22 @@ _ON_AXIS_M = 1e-9  # keeps the gradient finite for a tool on the axis
 
 
 def sample(arm: ArmModel, count: int) -> Array:
-    """Draw configurations (count, k) uniformly between the joint limits, the same ones each time.
+    """Draw configurations (count, k) uniformly between the joint limits, with a fixed seed.
 
-    A joint with a range of more than one turn is sampled over one turn; joint_path.py chooses whole turns later.
+    A joint with a range of more than one turn is sampled over one turn; ladder_building.py chooses whole turns later.
     """
     lower, upper = arm.limits.lower, arm.limits.upper
-    further = upper - lower > 2.0 * np.pi
+    endless = upper - lower > 2.0 * np.pi
     middle = np.clip(0.0, lower + np.pi, np.maximum(lower, upper - np.pi))
-    lower, upper = np.where(further, middle - np.pi, lower), np.where(further, middle + np.pi, upper)
+    lower, upper = np.where(endless, middle - np.pi, lower), np.where(endless, middle + np.pi, upper)
     return np.random.default_rng(seed=0).uniform(lower, upper, (count, len(lower)))
 
 
-def farthest(arm: ArmModel) -> float:
+def reach(arm: ArmModel) -> float:
     """Return the largest distance of the tool from base's z axis, m, optimized from the best samples."""
     from scipy.optimize import Bounds, minimize  # loads slowly
 
-    def inward(q: Array) -> tuple[float, Array]:
+    def minus_distance(q: Array) -> tuple[float, Array]:
         p, _, J = arm.tool(q)
         distance = max(float(np.hypot(p[0], p[1])), _ON_AXIS_M)
         return -distance, -(p[:2] / distance) @ J[:2]
@@ -37,4 +37,4 @@ def farthest(arm: ArmModel) -> float:
     p, _ = arm.forward_many(q)
     best = q[np.argsort(-np.hypot(p[:, 0], p[:, 1]))[:_STARTS]]
     bounds = Bounds(arm.limits.lower, arm.limits.upper)
-    return max(-float(minimize(inward, each, jac=True, bounds=bounds, method="L-BFGS-B").fun) for each in best)
+    return max(-float(minimize(minus_distance, each, jac=True, bounds=bounds, method="L-BFGS-B").fun) for each in best)

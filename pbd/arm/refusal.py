@@ -1,4 +1,4 @@
-"""Messages if no motion is found, or one with a drawback: what was tried, and what came closest."""
+"""Messages if no motion is found, or only one with a drawback: the moves tried, and the one that came closest."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Refusal:
 
 def refuse_pose(i: int, tried: int, hit: Hit) -> Refusal:
     """Refuse keyframe i, where the arm touches something in each of the `barred_pairs` configurations."""
-    return _collision(i, f"arm pose at keyframe {i} among {tried}: {describe(hit)}", STRAIGHT, hit)
+    return _collision(i, f"arm pose at keyframe {i} among {tried} tried: {describe(hit)}", STRAIGHT, hit)
 
 
 def refuse_move(i: int, move: MoveState, infeasible_kind: str | None) -> Refusal:
@@ -46,16 +46,16 @@ def refuse_move(i: int, move: MoveState, infeasible_kind: str | None) -> Refusal
         )
         return Refusal(CANNOT_FOLLOW, error)
     closest = max(hits, key=lambda kind: hits[kind].distance)
-    told = [
+    attempts = [
         f"{_KIND_NAMES[kind]}{' (closest)' if len(hits) > 1 and kind == closest else ''}: {describe(hit)}"
         for kind, hit in hits.items()
     ]
     if infeasible_kind is not None:
-        told.append(f"{_KIND_NAMES[infeasible_kind]}: the arm can't follow it")
+        attempts.append(f"{_KIND_NAMES[infeasible_kind]}: the arm can't follow it")
     where = f"from keyframe {i - 1} to keyframe {i}" if i > 0 else "to keyframe 0"
     pairs = f"{move.barred_pairs} pairs of arm poses" if move.barred_pairs > 1 else "1 pair of arm poses"
     search = f", and no detour found in {move.detour_checks} checks" if move.detour_checks else ""
-    return _collision(i, f"motion {where} among {pairs}{search}. {'. '.join(told)}", closest, hits[closest])
+    return _collision(i, f"motion {where} among {pairs}{search}. {'. '.join(attempts)}", closest, hits[closest])
 
 
 def warn_about_motion(motion: Motion, retreat_hit: Hit | None) -> None:

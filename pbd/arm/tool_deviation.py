@@ -64,9 +64,9 @@ def tool_deviations(arm: ArmModel, q_before: Array, q: Array) -> list[ToolDeviat
 
 def off_line(p: FloatArray) -> FloatArray:
     """Return the largest distance (...) m of points (..., n, 3) from the line segment from the first to the last."""
-    away, way = p - p[..., :1, :], p[..., -1:, :] - p[..., :1, :]
-    share = np.clip((away * way).sum(axis=-1) / np.maximum((way * way).sum(axis=-1), 1e-18), 0.0, 1.0)
-    farthest: FloatArray = np.linalg.norm(away - share[..., None] * way, axis=-1).max(axis=-1)
+    away, line = p - p[..., :1, :], p[..., -1:, :] - p[..., :1, :]
+    share = np.clip((away * line).sum(axis=-1) / np.maximum((line * line).sum(axis=-1), 1e-18), 0.0, 1.0)
+    farthest: FloatArray = np.linalg.norm(away - share[..., None] * line, axis=-1).max(axis=-1)
     return farthest
 
 

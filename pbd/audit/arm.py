@@ -33,7 +33,7 @@ class AuditArm:
         self.robot = robot
         self.model: Any = pin.buildModelFromUrdf(str(robot.urdf))
         self._data = self.model.createData()
-        # By joint: its column in x, slope and offset. Joint value = offset + slope * x[column].
+        # Joint -> (column of x, slope, offset). Joint value = offset + slope * x[column].
         self._drives: dict[int, tuple[int, float, float]] = {}
         for column, name in enumerate(robot.joints):
             self._drives[self.model.getJointId(name)] = (column, 1.0, 0.0)
@@ -46,7 +46,7 @@ class AuditArm:
         scalar = np.array([self.model.joints[joint].nq == 1 for joint in self._drives])
         self._scalar, self._scalar_at = scalar, at[scalar]
         self._endless_at = at[~scalar]  # pinocchio represents an endless joint by cosine and sine
-        joint, T_joint_base = self.link_on_joint(robot.base)  # a joint that never moves, but not always the root
+        joint, T_joint_base = self.link_on_joint(robot.base)  # undriven joint, but not always the universe
         pin.forwardKinematics(self.model, self._data, self._neutral)
         self.T_universe_base = self._data.oMi[joint] * T_joint_base
         self.tool_joint, T_joint_body = self.link_on_joint(robot.body)
@@ -80,29 +80,29 @@ class AuditArm:
         T_universe_tool = self.joint_poses(x)[self.tool_joint] * self.T_joint_tool
         return Pose.from_matrix((self.T_universe_base.inverse() * T_universe_tool).homogeneous)
 
-    def carriers(self, joint: int) -> list[int]:
-        """Return a joint and those that carry it, down to the base."""
+    def ancestors(self, joint: int) -> list[int]:
+        """Return a joint and its ancestors, child first."""
         return list(self.model.supports[joint])[:0:-1]
 
-    def driven_carriers(self, joint: int) -> frozenset[int]:
-        """Return those of `carriers` that the arm or the gripper drives."""
-        return frozenset(self.carriers(joint)) & self._drives.keys()
+    def driven_ancestors(self, joint: int) -> frozenset[int]:
+        """Return those of `ancestors` that the arm or the gripper drives."""
+        return frozenset(self.ancestors(joint)) & self._drives.keys()
 
     def motion_bounds(self, joint: int, reach: float) -> dict[int, Array]:
-        """Bound how far each driven carrier of `joint` moves a point: (k + 1,) m per unit of x, by carrier.
+        """Bound how far each driven ancestor of `joint` moves a point: ancestor -> (k + 1,) m per unit of x.
 
         Args:
             reach: m, largest distance of the point from the joint's origin.
         """
         bounds = {}
-        for carrier in self.carriers(joint):
-            slides = self.model.joints[carrier].shortname().startswith("JointModelP")
-            column, slope, offset = self._drives.get(carrier, (0, 0.0, 0.0))
+        for ancestor in self.ancestors(joint):
+            slides = self.model.joints[ancestor].shortname().startswith("JointModelP")
+            column, slope, offset = self._drives.get(ancestor, (0, 0.0, 0.0))
             if slope:
-                bounds[carrier] = np.zeros(len(self.robot.joints) + 1)
-                bounds[carrier][column] = abs(slope) * (1.0 if slides else reach)
+                bounds[ancestor] = np.zeros(len(self.robot.joints) + 1)
+                bounds[ancestor][column] = abs(slope) * (1.0 if slides else reach)
             # The point's distance from the previous joint grows at most by the link's length and this joint's slide.
-            reach += float(np.linalg.norm(self.model.jointPlacements[carrier].translation))
+            reach += float(np.linalg.norm(self.model.jointPlacements[ancestor].translation))
             if slides and slope:
                 limits = self.robot.limits
                 ends = (limits.lower[column], limits.upper[column]) if column < len(self.robot.joints) else (0.0, 1.0)

@@ -37,8 +37,8 @@ class AuditReport:
     """How much of the limits a sound trajectory uses, and how exact it is.
 
     Attributes:
-        velocity, acceleration, jerk: the largest share of the limit, over joints and time.
-        max_position_error_m, max_rotation_error_rad: of the tool's pose, over the keyframes.
+        velocity, acceleration, jerk: largest used share of the limit, over joints and time.
+        max_position_error_m, max_rotation_error_rad: largest errors of the tool's pose at a keyframe.
         torque: the largest share of a joint's torque limit. It may be above 1: the caller decides, by the source of
             the limit, whether to warn or to refuse. None where no limit is known.
     """
@@ -62,13 +62,13 @@ def audit(
     """Check a trajectory.
 
     Args:
-        limits: the full limits of the joints, whatever share of them the planner used.
+        limits: the joints' full limits, even if the planner used a share of them.
         T_base_tool_keyframes: the tool's required poses at `trajectory.keyframe_t`.
         world: the calibration, with the obstacles, and the grasped object; None: contacts are allowed.
 
     Raises:
         PlanError: a check fails; the fields are joint, keyframe, t (s), value, bound and bodies, as they apply.
-        TouchError: the same, where the motion would touch something.
+        TouchError: the motion would touch something; the fields are the same.
     """
     _check_form(trajectory, robot, len(T_base_tool_keyframes))
     check_smoothness(trajectory, limits)
@@ -140,7 +140,7 @@ def _check_form(trajectory: JointTrajectory, robot: Robot, keyframes: int) -> No
 
 
 def _check_poses(trajectory: JointTrajectory, arm: AuditArm, required: Sequence[Pose]) -> tuple[float, float]:
-    """Return the tool's largest error at the keyframes, m and rad, by the model of the whole URDF."""
+    """Return the tool's largest error at the keyframes, m and rad, computed from the whole URDF."""
     worst_m = worst_rad = 0.0
     x = coordinates(trajectory, trajectory.keyframe_t)
     for keyframe, (t, pose) in enumerate(zip(trajectory.keyframe_t, required, strict=True)):
@@ -163,7 +163,7 @@ def _check_poses(trajectory: JointTrajectory, arm: AuditArm, required: Sequence[
 def _refuse(trajectory: JointTrajectory, touch: Touch) -> NoReturn:
     """Refuse a motion that touches something.
 
-    This needs no report of a bug: the planner's own list of pairs may leave out what the audit checks.
+    The message asks for no bug report: the planner's list of pairs may leave out pairs that the audit checks.
     """
     first, second = touch.bodies
     keyframe = int(np.searchsorted(trajectory.keyframe_t, touch.t))

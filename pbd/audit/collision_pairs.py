@@ -21,13 +21,13 @@ from pbd.io.xml import read_xml
 TABLE = "the table"
 
 TRUSTED_REASONS = ("Adjacent", "Never")
-"""Reasons for which an SRDF may exclude a pair. Pairs that it excludes for another reason are checked all the same."""
+"""Reasons for which an SRDF may exclude a pair. Pairs that it excludes for another reason are checked."""
 
 SAMPLES = 200
 """Number of random configurations that show which solids touch nearly always."""
 
 NEARLY_ALWAYS = 0.95
-"""Share of the samples in which two solids touch, from which on they touch by design and are not checked."""
+"""Solids that touch in at least this share of the samples touch by design and are not checked."""
 
 
 class AuditScene:
@@ -65,7 +65,7 @@ class AuditScene:
         return pairs
 
     def _self_pairs(self) -> list[Pair]:
-        """Pair the arm's solids with each other, except those of the gripper and those that may touch by name."""
+        """Pair the arm's solids with each other, except within the gripper and pairs allowed to touch."""
         may_touch = self._adjacent_links() | self._trusted_pairs()
         return [
             Pair(first, second)
@@ -76,14 +76,14 @@ class AuditScene:
         ]
 
     def _can_move(self, first: Solid, second: Solid) -> bool:
-        """Say whether two solids can move against each other: a driven joint is between them."""
-        return self.arm.driven_carriers(first.joint) != self.arm.driven_carriers(second.joint)
+        """Say whether two solids can move relative to each other, by a driven joint."""
+        return self.arm.driven_ancestors(first.joint) != self.arm.driven_ancestors(second.joint)
 
     def _moving_pairs(self, ones: Sequence[Solid], others: Sequence[Solid]) -> list[Pair]:
         return [Pair(one, other) for one in ones for other in others if self._can_move(one, other)]
 
     def _object_pairs(self, stay: Stay, grasped: GraspedObject) -> list[Pair]:
-        """Pair the object with the links, except the gripper's; while it is held, also with the objects around."""
+        """Pair the object with the links, except the gripper's; while it is held, also with obstacles and table."""
         held = object_solid(self.arm, stay, grasped)
         links = [link for link in self.links if link.joint not in self._gripper and self._can_move(link, held)]
         pairs = [Pair(link, held, stay.start, stay.end) for link in links]
@@ -115,7 +115,7 @@ class AuditScene:
         return by_srdf | set(map(frozenset, robot.may_touch))
 
     def _drop_always_touching(self, pairs: list[Pair]) -> list[Pair]:
-        """Return the pairs without those that touch nearly always; an endless joint is sampled within two turns."""
+        """Return the pairs without those that touch nearly always; an endless joint is sampled over two turns."""
         limits, turns = self.arm.robot.limits, 2.0 * np.pi
         lower, upper = np.append(limits.lower.clip(-turns), 0.0), np.append(limits.upper.clip(None, turns), 1.0)
         touching = pairs

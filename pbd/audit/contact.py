@@ -1,8 +1,8 @@
 """Find the first contact of two solids during a motion, by conservative advancement.
 
-Two solids can't touch before they have moved against each other by their distance, so the distance is measured again
-only then. The relative motion is bounded by how far the joints turn, times how far the solids reach. Where bounding
-spheres are too far apart for a contact, the distance is not measured at all.
+Two solids can't touch before they have moved by their distance relative to each other, so the distance is measured
+again only then. The relative motion is bounded by how far the joints turn, times how far the solids reach. Where
+bounding spheres are too far apart for a contact, the distance is not measured at all.
 
 Sources: B. Mirtich, Impulse-based dynamic simulation of rigid body systems, 1996; M. Tang, Y. J. Kim and D. Manocha,
 C2A: controlled conservative advancement, ICRA 2009.
@@ -28,9 +28,9 @@ GRID_S = 4e-3
 """Spacing, s, of the time grid. In each interval one bound holds for the joints' speeds."""
 
 SPAN = 16
-"""Intervals of the time grid that share one test of the bounding spheres."""
+"""Number of intervals of the time grid that share one test of the bounding spheres."""
 
-MOST_GRID = 200_000
+MAX_GRID = 200_000
 """Largest number of instants in the time grid, however slow the motion is."""
 
 
@@ -38,7 +38,7 @@ class Placement:
     """Poses of the solids at one configuration of the arm, each computed once for all its pairs.
 
     Attributes:
-        T_universe_joint: of all joints, in pinocchio's order.
+        T_universe_joint: poses of all joints, in pinocchio's order.
     """
 
     def __init__(self, T_universe_joint: Any) -> None:
@@ -91,7 +91,7 @@ class Motion:
 
     def __init__(self, arm: AuditArm, trajectory: JointTrajectory) -> None:
         self.arm, self.trajectory = arm, trajectory
-        count = min(int(trajectory.duration / GRID_S) + 2, MOST_GRID)
+        count = min(int(trajectory.duration / GRID_S) + 2, MAX_GRID)
         even = np.linspace(0.0, trajectory.duration, count)
         t = np.unique(np.concatenate((even, trajectory.knots, trajectory.gripper_t)))
         self.t = t[(t >= 0.0) & (t <= trajectory.duration)]
@@ -118,12 +118,12 @@ class Motion:
         return float(self.t[row] + share * (self.t[min(row + 1, len(self.t) - 1)] - self.t[row]))
 
     def travel(self, pair: Pair) -> Array:
-        """Bound how far two solids have moved against each other since the start: (n,) m."""
+        """Bound how far two solids have moved relative to each other since the start: (n,) m."""
         for solid in (pair.first, pair.second):
             if solid not in self._bounds:
                 self._bounds[solid] = self.arm.motion_bounds(solid.joint, solid.reach)
         one, other = self._bounds[pair.first], self._bounds[pair.second]
-        # A joint that carries both moves neither against the other.
+        # A joint that carries both does not change their relative pose.
         rates = [(one | other)[joint] for joint in one.keys() ^ other.keys()]
         return np.asarray(self.travelled @ np.sum(rates, axis=0))
 
@@ -146,7 +146,7 @@ class Motion:
         trajectory, step = self.trajectory, np.diff(self.t)[:, None]
         piece = np.searchsorted(trajectory.knots, 0.5 * (self.t[:-1] + self.t[1:])) - 1
         start, end = (np.abs(_derivatives(trajectory, piece, t)) for t in (self.t[:-1], self.t[1:]))
-        # The acceleration is linear in time, and each moment is within half an interval of one of its ends.
+        # The acceleration is linear in time, and each instant is within half an interval of one of its ends.
         speed = np.maximum(start[1], end[1]) + 0.5 * step * np.maximum(start[2], end[2])
         opening = np.abs(np.diff(np.interp(self.t, trajectory.gripper_t, trajectory.gripper_opening)))
         return np.vstack((np.zeros(speed.shape[1] + 1), np.cumsum(np.column_stack((step * speed, opening)), axis=0)))

@@ -1,8 +1,8 @@
 """The audit's own view of the gripper and of the object that it carries; docs/motion.md has the rules.
 
-The object's pose follows from the tool's (pbd.data.world), which the audit computes itself. The gripper is what the
-arm's last joint carries; it may touch the grasped object. Where the model has no solid at the tool's point, a rod
-stands for the tool.
+The object's pose follows from the tool's (pbd.data.world), which the audit computes itself. The gripper, which is
+all links beyond the arm's last joint, may touch the grasped object. Where the model has no solid at the tool's point,
+a rod stands for the tool.
 """
 
 from __future__ import annotations
@@ -32,16 +32,15 @@ ROD_GAP_M = 0.02
 """Distance, m, from the gripper to the tool's point, below which no rod is needed."""
 
 REST_M = 0.03
-"""Largest distance, m, of a held object from where it is gripped or let go, at which it may touch what it stands on
-there."""
+"""A held object may touch its support within this distance, m, of where it is gripped or let go."""
 
 UPRIGHT = float(np.cos(np.radians(45.0)))
-"""Least z of the normal of a surface on which an object can stand."""
+"""Smallest z of the normal of a surface on which an object can stand."""
 
 
 def gripper_joints(arm: AuditArm) -> frozenset[int]:
-    """Return the joint that carries the tool, and all joints that it carries."""
-    return frozenset(each for each in range(1, arm.model.njoints) if arm.tool_joint in arm.carriers(each))
+    """Return the joint that carries the tool, and all joints beyond it."""
+    return frozenset(each for each in range(1, arm.model.njoints) if arm.tool_joint in arm.ancestors(each))
 
 
 def tool_rod(arm: AuditArm, links: Sequence[Solid]) -> Solid | None:
@@ -91,7 +90,7 @@ def object_solid(arm: AuditArm, stay: Stay, grasped: GraspedObject) -> Solid:
 
 
 def resting_contact(arm: AuditArm, stay: Stay, held: Solid, support: Solid) -> Callable[[Any], bool] | None:
-    """Return at which T_universe_joint a held object may touch a support; None where it never stands on the support."""
+    """Return a function of T_universe_joint: may the held object touch a support? None if it never stands on it."""
     up = arm.T_universe_base.rotation[:, 2]
     places = []
     for rest in (arm.T_universe_base * se3(pose) for pose in stay.rests):

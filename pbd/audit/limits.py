@@ -14,8 +14,8 @@ from pbd.errors import PlanError
 from pbd.pose import Array
 
 ROUNDING = 1e-6
-"""Rounding error allowed beyond a limit, as a share of it (of a position: rad). A velocity or an acceleration may jump
-by the same share of its limit."""
+"""Rounding error allowed beyond a limit, as a share of it (rad for a position). Velocity and acceleration may jump by
+this share of their limits."""
 
 JUMP_RAD = 1e-9
 """Largest jump, rad, of a position between two pieces."""

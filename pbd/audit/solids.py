@@ -29,7 +29,7 @@ class Solid:
     """A solid that moves with a joint.
 
     Attributes:
-        name: of its link, or of an object in the world.
+        name: name of its link, or of an object in the world.
         joint: index of the joint that carries it; 0 if it never moves.
         T_joint_solid: its pose in the joint's frame.
         hull: coal's geometry of its convex hull; for a primitive shape, the shape itself.
@@ -55,7 +55,7 @@ class Solid:
 
     @cached_property
     def exact(self) -> Any:
-        """coal's geometry of the solid itself. For a mesh that is its surface only."""
+        """coal's geometry of the solid itself. For a mesh, this is its surface only."""
         if self.mesh is None:
             return self.hull
         corners = self.triangles.reshape(-1, 3)
@@ -113,7 +113,7 @@ def simple_solid(name: str, joint: int, T_joint_solid: Any, shape: str, size: tu
 
 
 def half_space(name: str, T_universe_surface: Any) -> Solid:
-    """Make a table of unlimited size: all that is below z = 0 of its surface's frame."""
+    """Make a table of unlimited size: all points below z = 0 in its surface's frame."""
     solid = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
     return Solid(name, 0, T_universe_surface, solid, np.inf, (T_universe_surface.translation.copy(), np.inf))
 

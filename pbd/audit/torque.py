@@ -1,7 +1,7 @@
 """Torques that a motion needs: inverse dynamics of the whole URDF, with what the tool carries.
 
 Method: the recursive Newton-Euler algorithm (Featherstone, 2008, chapter 5; pinocchio's rnea), with the URDF's masses.
-Friction and the motors' own inertia are left out, because what URDFs say of them is not reliable.
+Friction and the motors' own inertia are left out, because their values in URDFs are not reliable.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from pbd.pose import Array
 GRID_S = 0.01
 """Spacing, s, of the times at which torques are computed, besides the trajectory's knots."""
 
-MOST_GRID = 5_000
-"""Largest number of times of that spacing, however slow the motion is."""
+MAX_GRID = 5_000
+"""Largest number of these times, however slow the motion is."""
 
 G = 9.81
 """Gravity, m/s2."""
@@ -33,7 +33,7 @@ class Torque:
     """The largest share of a joint's torque limit that a motion needs.
 
     Attributes:
-        share: of the limit; above 1 the limit is exceeded.
+        share: needed share of the limit; above 1 the limit is exceeded.
         joint, t: name of the joint, and time (s).
         value, bound: torque and limit, in `unit`: N m, or N for a sliding joint.
         weightless: joints whose link has no mass in the URDF.
@@ -55,7 +55,7 @@ def find_torque(arm: AuditArm, trajectory: JointTrajectory, load: Load, effort: 
         effort: (k,) limits, N m, or N for a sliding joint.
         pace: speed of the motion, see `torques`.
     """
-    even = np.linspace(0.0, trajectory.duration, min(int(trajectory.duration / GRID_S) + 2, MOST_GRID))
+    even = np.linspace(0.0, trajectory.duration, min(int(trajectory.duration / GRID_S) + 2, MAX_GRID))
     t = np.union1d(even, trajectory.knots)
     values = np.abs(torques(arm, trajectory, t, load, pace))
     i, joint = np.unravel_index(int(np.argmax(values / effort)), values.shape)

@@ -15,7 +15,7 @@ PRIOR_BIAS, PRIOR_SCALE, PRIOR_MISALIGNMENT = 0.05 * GRAVITY, 0.02, np.radians(1
 """Prior sigma of bias (m/s2), scale (a share) and misalignment (rad) of a low-cost part."""
 
 MEAN_SIGMA = 0.0005 * GRAVITY
-"""Least sigma, m/s2, of the mean over a rest, because the table yields and the bias wanders."""
+"""Smallest sigma, m/s2, of the mean over a rest, because the table yields and the bias wanders."""
 
 DETERMINED = 0.3
 """Ratio of an error's sigma to its prior sigma, below which the data determine the error."""
@@ -37,7 +37,7 @@ class AccelerometerFit:
         sigma: (9,) one sigma of each error in NAMES.
         determined: the errors of NAMES that the orientations determine. The others stay near the prior.
         orientations: number of different orientations.
-        before, after: m/s2, rms of the norm less gravity over the rests, without and with the correction.
+        before, after: m/s2, rms over the rests of norm minus gravity, without and with the correction.
     """
 
     linear: Linear
@@ -68,7 +68,7 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     external equipments, ICRA 2014 (there with a triangular matrix: another choice of the free rotation).
 
     Args:
-        gravity: m/s2, local gravity. An error of it appears as an error of scale.
+        gravity: m/s2, local gravity. Its error looks like an error of scale.
 
     Raises:
         CalibrationError: too few orientations.
@@ -99,7 +99,7 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
 
     result = least_squares(residuals, np.zeros(9), method="lm")
     jacobian = np.asarray(result.jac)
-    relative = np.sqrt(np.diagonal(np.linalg.inv(jacobian.T @ jacobian)))  # to the prior sigma
+    relative = np.sqrt(np.diagonal(np.linalg.inv(jacobian.T @ jacobian)))  # to prior sigma
     bias, matrix = _unpack(result.x * prior)
     sigma = relative * prior
     return AccelerometerFit(

@@ -14,13 +14,13 @@ from pbd.errors import CalibrationError
 from pbd.pose import Array, Pose
 
 STOP_SIGMA_M = 0.005
-"""Least sigma of a stop, m, so that a hypothesis from two stops is not too strict."""
+"""Smallest sigma of a stop, m, so that a hypothesis from two stops is not too strict."""
 
 OUTLIER_COST = 16.0
 """Largest cost of one stop (four sigmas, squared), so that one wrong point does not outweigh the others."""
 
 HEADING_BASE_M = 0.03
-"""Least horizontal distance, m, between two stops or points that give a heading."""
+"""Smallest horizontal distance, m, between two stops or points that give a heading."""
 
 AMBIGUOUS_COST = 12.0
 """Difference in cost below which two matches count as equally likely. A correct point costs about 3."""
@@ -34,7 +34,7 @@ REFINED_MATCHES = 20
 
 @dataclass(frozen=True, eq=False)
 class _Match:
-    """Which stop touched each point, with the pose that this assumes, and the sum of squared sigmas."""
+    """The stop that touched each point, the pose of nav that fits best, and the sum of squared sigmas."""
 
     cost: float
     stops: tuple[int, ...]
@@ -50,7 +50,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
 
     Args:
         p_nav_tip: (n, 3) m, the tip at each stop.
-        sigma: (n,) m per axis, of the tip.
+        sigma: (n,) m per axis, sigma of the tip.
         points: (m, 3) m in base.
         in_order: the points were touched in their order, possibly with other stops in between.
 
@@ -94,7 +94,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
 
 
 def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool) -> Iterator[Pose]:
-    """Yield T_base_nav for all two stops and two points whose level distances and heights agree within three sigmas."""
+    """Yield T_base_nav for two stops and two points whose horizontal distance and height agree within three sigmas."""
     for i, j in combinations(range(len(p)), 2):
         move, tolerance = p[j] - p[i], 3.0 * np.hypot(sigma[i], sigma[j])
         moved = np.hypot(*move[:2])

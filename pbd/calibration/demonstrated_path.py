@@ -82,7 +82,7 @@ def demonstrated_moves(
 
 
 def _samples_of_move(path: HandPath, before: Keyframe, after: Keyframe) -> tuple[Array, Array, Array]:
-    """Return t, p_nav_sensor and wxyz_nav_sensor of a move, from the last sample at rest to the first at rest."""
+    """Return t, p_nav_sensor and wxyz_nav_sensor of a move, from the last sample of a rest to the first of the next."""
     start, end = before.t + 0.5 * before.dwell_s, after.t - 0.5 * after.dwell_s
     inside = (path.t >= start - 1e-6) & (path.t <= end + 1e-6)
     if inside.sum() < 2:
@@ -120,7 +120,7 @@ def led_between(share: Array, p: Array, wxyz: Array, start: Pose, end: Pose) -> 
     The corrections of both ends are spread over the move such that the velocities at the ends stay as they are.
 
     Args:
-        share: (n,) of the move's duration, from 0 to 1.
+        share: (n,) elapsed share of the move's duration, from 0 to 1.
     """
     shifts = [pose.p - p[i] for pose, i in ((start, 0), (end, -1))]
     turns = [quat_log(quat_multiply(pose.wxyz, quat_inverse(wxyz[i]))) for pose, i in ((start, 0), (end, -1))]

@@ -75,7 +75,7 @@ def dock_at(keyframes: Sequence[Keyframe], index: int, calibration: Calibration)
     The covariance has no tilt, because only position and heading of a dock are used.
 
     Args:
-        keyframes: of a demonstration; the first is where it started.
+        keyframes: a demonstration's; it started at the first.
     """
     no_tool = replace(calibration, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
     placed = replace(in_base(keyframes, no_tool), keyframes=[keyframes[index]])

@@ -1,4 +1,4 @@
-"""Estimate a gyro's bias, scale and misalignment: at rest it reads zero, else it turns as the vertical does."""
+"""Estimate a gyro's bias, scale and misalignment: at rest it reads zero, in a move it turns as the vertical does."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PRIOR_SIGMA = 0.02
 """Prior sigma of the gyro's scale errors (a share) and of its axes' misalignment with the accelerometer's (rad)."""
 
 VERTICAL_SIGMA = np.radians(0.1)
-"""Least sigma, rad, of the vertical's direction after a move, by the gyro and by the accelerometer together."""
+"""Smallest sigma, rad, of the vertical's direction after a move, of gyro and accelerometer together."""
 
 LEAST_TURN = np.radians(20.0)
 """Smallest rotation, rad, of a move that is used."""
@@ -28,7 +28,7 @@ LARGEST_ERROR = 10.0
 """Largest estimated error, in prior sigmas. A larger one shows a wrong unit or wrong axes."""
 
 BIAS_SIGMA = np.radians(0.003)
-"""Least sigma of the bias, rad/s, because it wanders."""
+"""Smallest sigma of the bias, rad/s, because it wanders."""
 
 
 def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None, up_sigma: float = 0.0) -> Linear:
@@ -61,7 +61,7 @@ def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None,
 
 
 def _matrix(recording: Recording, rests: Rests, up_sensor: Array, sigma: float, bias: Array) -> Array:
-    """Fit the gyro's matrix to the moves between rests; `sigma` is that of each residual of the vertical, rad."""
+    """Fit the gyro's matrix to the moves between rests; `sigma`, rad, is of each residual of the vertical."""
     from scipy.optimize import least_squares
 
     assert recording.gyr is not None
@@ -76,7 +76,7 @@ def _matrix(recording: Recording, rests: Rests, up_sensor: Array, sigma: float, 
         return np.eye(3)
 
     def linearised(x: Array) -> tuple[Array, Array]:
-        """Return the residuals and their Jacobian, which takes the attitude in the middle of each sample."""
+        """Return the residuals and their Jacobian, with the attitude at the middle of each sample."""
         matrix = np.eye(3) + PRIOR_SIGMA * x.reshape(3, 3)
         off, changes = [], []
         for k, turns in moves:

@@ -15,13 +15,13 @@ SAMPLES_USED = 1500
 """Number of samples in the fit, spread evenly over the recording."""
 
 FIELD_SIGMA_UT = 0.1
-"""Least sigma of the field, uT, because a room's field is uneven."""
+"""Smallest sigma of the field, uT, because a room's field is uneven."""
 
 LEAST_SPREAD = 10.0
-"""Least standard deviation of the readings along any axis, in units of their noise."""
+"""Smallest standard deviation of the readings along any axis, in units of their noise."""
 
 LEAST_COVER = 0.04
-"""Least mean square of the field's unit directions along any axis: 1/3 if they cover the sphere, 0 if they lie in a
+"""Smallest mean square of the field's unit directions along any axis: 1/3 if they cover the sphere, 0 if they lie in a
 plane."""
 
 PRIOR_TURN = 0.05
@@ -30,7 +30,7 @@ PRIOR_TURN = 0.05
 TURN_IT = "turn the sensor slowly in all directions, each side up and down once, or leave it out with --only acc"
 
 ROBUST_SIGMAS = 3.0
-"""Misfit, in sigmas, beyond which it counts linearly (soft L1), because iron disturbs the field in places."""
+"""A misfit of more sigmas counts linearly (soft L1), because iron disturbs the field in places."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class MagnetometerFit:
     Attributes:
         linear: bias (hard iron) and matrix (soft iron). The determinant is 1, because the true strength is not known.
         field: uT, strength of the field.
-        dip: rad, of the field below the horizon.
+        dip: rad, angle of the field below the horizon.
         uneven: relative rms variation of the corrected strength over the recording.
         dip_uneven: rad, rms variation of the dip over the rests.
         before: relative rms variation of the strength without the correction.
@@ -82,7 +82,7 @@ def fit_ellipsoid(points: Array) -> tuple[Array, Array]:
 def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float = 0.0) -> MagnetometerFit:
     """Fit hard and soft iron: an ellipsoid first, then least squares of strength and dip.
 
-    The strength alone does not determine a rotation of the magnetometer's axes relative to the accelerometer's, nor so
+    The strength alone determines neither the rotation of the magnetometer's axes relative to the accelerometer's nor
     the heading. The dip does: at all rests, where the vertical is known, the field's vertical part must be the same.
 
     Source: M. Kok and T. Schön, Magnetometer calibration using inertial sensors, IEEE Sensors Journal 16(14), 2016
@@ -90,7 +90,7 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
 
     Args:
         mag: (n, 3) uT, all samples while the sensor is turned.
-        rests: with `mag`.
+        rests: their `mag` is not None.
         up_sensor: (k, 3) unit vertical at the rests, by a calibrated accelerometer.
         up_sigma: rad, one sigma of the vertical's direction.
 

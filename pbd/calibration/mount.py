@@ -20,7 +20,7 @@ SLIPPED_CHI2 = 10.0
 sigmas allow."""
 
 LARGEST_SIGMA_M = 0.01
-"""Largest sigma of the lever along any axis, m. It is larger if the tool was not turned about the other axes."""
+"""Largest accepted sigma of the lever along any axis, m. Turning about one axis only exceeds it."""
 
 LEAST_TURN = np.radians(20.0)
 """Smallest turn, rad, whose axis is meaningful."""
@@ -44,8 +44,8 @@ class PivotFit:
     Attributes:
         p_sensor_tip: (3,) m in sensor axes.
         cov: (3, 3) m2.
-        residuals: (k, 3) m in nav, the point less the tip at each stop.
-        chi2: per degree of freedom; 1 is expected if the tracker's sigmas are right.
+        residuals: (k, 3) m in nav, point minus tip at each stop.
+        chi2: chi-square per degree of freedom; 1 is expected if the tracker's sigmas are right.
     """
 
     p_sensor_tip: Array
@@ -60,8 +60,8 @@ class TurnsFit:
 
     Attributes:
         wxyz_sensor_tool: (4,).
-        cov: (3, 3) rad2, of the rotation vector in sensor axes.
-        off: (m,) rad, the angle between each turn's axis and the tool's axis that it was named after.
+        cov: (3, 3) rad2, covariance of the rotation vector in sensor axes.
+        off: (m,) rad, angle between each turn's measured axis and its named axis.
         turned: (m,) rad, the angle of each turn.
         moves: (m,) index of the move of each turn.
     """
@@ -76,15 +76,15 @@ class TurnsFit:
 def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> PivotFit:
     """Estimate the lever l: while the tip stands on a point c of nav, p_k + R_k l = c at every stop k.
 
-    Linear least squares in l and c, with the joint covariance of all stops. A bias or a scale that turns with the
-    sensor looks like a lever; through the joint covariance the lever's sigma includes that. The covariance of R_k l
-    needs the lever, so there is a second pass.
+    Linear least squares in l and c, with the joint covariance of all stops. Errors of bias or scale turn with
+    the sensor and look like a lever; through the joint covariance, the lever's sigma includes them. The covariance of
+    R_k l needs the lever, so there is a second pass.
 
     Source: Z. Yaniv, Which pivot calibration?, Proc. SPIE 9415, 2015 ("algebraic one step").
 
     Args:
-        keyframes: of a path that is not conditioned on known places. The tip stood on the point at all of them.
-        covariance: joint covariance of the keyframes, by the path.
+        keyframes: a path's keyframes, not conditioned on known places. At all of them the tip stood on the point.
+        covariance: the keyframes' joint covariance.
 
     Raises:
         CalibrationError: too few stops, turns about one axis only, or the tip slipped.

@@ -26,8 +26,8 @@ FEWEST = 3
 """Smallest number of points."""
 
 LEAST_SPREAD_M = 0.05
-"""Least rms horizontal distance, m, of the points from their middle. Where the tilt is estimated too, half of it is the
-least rms distance from a line."""
+"""Smallest rms horizontal distance, m, of the points from their middle. If the tilt is estimated too, half of it is the
+smallest rms distance from a line."""
 
 WRONG_CHANCE = 1e-4
 """Probability of a point's misfit to all others, below which the point is wrong."""
@@ -44,13 +44,13 @@ class PointFit:
     """Nav in base, from m touched points.
 
     Attributes:
-        cov: (6, 6) m and rad, of position and rotation vector in base; zero for the tilt if gravity gave it.
+        cov: (6, 6) m and rad, covariance of position and rotation vector in base; zero for the tilt if gravity gave it.
         scale, scale_sigma: scale of the hand's positions, and one sigma; 1 and 0 unless it was fitted.
-        residuals: (m, 3) m in base, point less touch, for all points, also those that were found wrong.
+        residuals: (m, 3) m in base, point minus touch, for all points, also those that were found wrong.
         left_out: (m, 3) m in base, the same if the point itself is left out of the fit.
         left_out_sigma: (m, 3) m, one sigma of `left_out`.
         used: (m,) False for a point that was found wrong.
-        chi2: of the fit, per degree of freedom; 1 is expected if the tracker's sigmas are right.
+        chi2: chi-square per degree of freedom; 1 is expected if the tracker's sigmas are right.
     """
 
     T_base_nav: Pose
@@ -145,7 +145,7 @@ def _enough(problem: Problem, left_out: Sequence[int]) -> bool:
 def _left_out(
     problem: Problem, k: int, wrong: Sequence[int], fit: Fit, without: Mapping[int, Fit]
 ) -> tuple[Array, Array]:
-    """Return point k less its touch by the fit of the others, and one sigma, (3,) m each.
+    """Return point k minus its touch by the fit of the others, and one sigma, (3,) m each.
 
     If the others do not suffice for a fit, it is by the fit of all.
     """

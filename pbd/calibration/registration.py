@@ -64,10 +64,10 @@ def observe_points(
     """Return the tip's positions p + R l at all stops, with errors of p, R and l.
 
     Args:
-        keyframes: all of a path that is not conditioned on known places.
-        covariance: joint covariance of the keyframes, by the path.
+        keyframes: all keyframes of a path that is not conditioned on known places.
+        covariance: the keyframes' joint covariance.
         p_sensor_tip: (3,) m, the tip l in sensor axes.
-        cov_tip: (3, 3) m2, of l; None: l is exact.
+        cov_tip: (3, 3) m2, covariance of l; None: l is exact.
     """
     m, poses = len(keyframes), [keyframe.T_nav_sensor for keyframe in keyframes]
     R = quat_to_matrix(np.array([pose.wxyz for pose in poses]))
@@ -108,16 +108,16 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A least-squares solution. Covariances are by the tracker's sigmas.
+    """A least-squares solution. Covariances assume the tracker's sigmas.
 
     Attributes:
         pose: T_base_nav.
-        scale: of the hand's positions.
-        cov: (7, 7) of position, rotation vector in base and log of the scale.
+        scale: factor on the hand's positions.
+        cov: (7, 7), covariance of position, rotation vector in base and log of the scale.
         chi2: sum of the squared residuals, in sigmas.
         freedom: degrees of freedom.
-        left_out: (l, 3) m in base, each point that was left out, less its touch by the fit of the others.
-        cov_left_out: (l, 3, 3) m2, of `left_out`.
+        left_out: (l, 3) m in base, each point that was left out, minus its touch by the fit of the others.
+        cov_left_out: (l, 3, 3) m2, covariance of `left_out`.
     """
 
     pose: Pose
@@ -134,14 +134,14 @@ class Fit:
 
 
 def variance_factor(chi2: float, freedom: int) -> float:
-    """Estimate by which factor the tracker's variances are too small, from a fit's residuals and a prior of 1."""
+    """Estimate the factor by which the tracker's variances are too small, from a fit's residuals and a prior of 1."""
     return (PRIOR_FREEDOM + chi2) / (PRIOR_FREEDOM + freedom)
 
 
 def widened(cov: Array, chi2: float, freedom: int) -> Array:
-    """Widen a covariance by the tracker's sigmas such that two sigma hold 95 %.
+    """Widen a covariance that assumes the tracker's sigmas, so that two sigma hold 95 %.
 
-    If the sigmas are right up to a factor, whose prior is worth PRIOR_FREEDOM degrees of freedom, the unknowns have
+    If the sigmas are right up to a factor, whose prior has PRIOR_FREEDOM degrees of freedom, the unknowns have
     Student's t distribution (A. Zellner, An introduction to Bayesian inference in econometrics, 1971, III).
     """
     from scipy.special import stdtrit
@@ -206,7 +206,7 @@ def register(problem: Problem, left_out: Sequence[int] = ()) -> Fit:
 
 
 def misfit(problem: Problem, pose: Pose, scale: float) -> Array:
-    """Return the error of each touch in nav, (m, 3) m: the tracked position less that of the point."""
+    """Return the error of each touch in nav, (m, 3) m: tracked position minus the point's."""
     tips = pose.inverse().act(problem.points)
     return problem.touched.p_nav_sensor - (tips - problem.touched.lever) / scale
 

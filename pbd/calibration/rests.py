@@ -12,18 +12,17 @@ from pbd.errors import CalibrationError
 from pbd.pose import Array
 
 STILL_WINDOW_S, SHORTEST_REST_S, REST_EDGE_S = 0.5, 1.0, 0.2
-"""Durations, s: of the window in which stillness is measured, of the shortest rest, and of what is cut off at each end
-of a rest."""
+"""Durations, s: the windows in which stillness is measured, the shortest rest, the margin cut off at each end of it."""
 
 STILL_RATIO = 9.0
 """Largest variance of a still window, relative to the quietest window."""
 
 STILL_ACC, STILL_GYR = 0.1, np.radians(1.0)
-"""Upper bound, m/s2 and rad/s rms over a window, all axes together, of what a still sensor reads. A sensor that lies on
-a table shakes less."""
+"""A sensor that shakes more than this, m/s2 and rad/s rms over a window, all axes together, is not still. On a table it
+shakes less."""
 
 SURELY_STILL_ACC, SURELY_STILL_GYR = 0.02, np.radians(0.1)
-"""Lower bound, m/s2 and rad/s rms over a window, all axes together: a sensor that shakes less is always still."""
+"""A sensor that shakes less than this, m/s2 and rad/s rms over a window, all axes together, is always still."""
 
 RATE_DEVIATION = np.radians(0.3)
 """Largest deviation, rad/s, of a window's mean rate from the median over still windows, beyond noise. A sensor that
@@ -142,7 +141,7 @@ def _still(
     Args:
         what: name of the sensor.
         variance: summed over the axes.
-        still, floor: upper and lower bound of its root, in SI units.
+        still, floor: upper and lower bound of the threshold on its root, in SI units.
         unit, factor: for the message, and its ratio to the SI unit.
 
     Raises:

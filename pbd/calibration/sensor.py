@@ -53,7 +53,7 @@ def calibrate_sensor(
         only: those of KINDS to fit, which must succeed. Empty: all that the sensor has; then a magnetometer that was
             not turned far enough is left out with a remark.
         known: earlier errors of the same sensor. Those that are not fitted now are kept.
-        temperature_c: of the sensor, noted in the result.
+        temperature_c: the sensor's temperature, noted in the result.
 
     Raises:
         CalibrationError: the sensor was never still, its orientations are too similar, it was not turned far enough, or

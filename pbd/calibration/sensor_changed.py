@@ -23,7 +23,7 @@ def disagreements(
     """Report, a line each, the deviations of a sensor at rest that exceed their bounds.
 
     Args:
-        errors: of the calibration; None: there is none, and only gravity is known.
+        errors: the calibration's; None: without one only gravity is known.
         acc: (3,) m/s2, the mean over a rest, corrected.
         gyr: (3,) rad/s, the same.
         mag: (3,) uT, the same.

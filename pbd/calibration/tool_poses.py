@@ -19,7 +19,7 @@ class KeyframesInBase:
         keyframes: k of them. The first is the first rest, at the dock.
         calibration: its own scale multiplies `scale`.
         scale: multiplies p_nav_sensor and nothing else.
-        path: of the keyframes, with their joint covariance and touch-ups; None: the keyframes' errors are independent.
+        path: their path, with joint covariance and touch-ups; None: the keyframes' errors are independent.
     """
 
     keyframes: Sequence[Keyframe]
@@ -65,6 +65,6 @@ def _nudged(T_base_tool: Pose, keyframe: Keyframe) -> Pose:
 
 
 def pointing_down(wxyz_base_tool: Array) -> Array:
-    """Return the rotation with z straight down that is nearest to that of a tool."""
+    """Return the rotation with z straight down that is nearest to a tool's."""
     down = np.array([0.0, 1.0, 0.0, 0.0])
     return quat_multiply(quat_about_z(yaw_toward(down, wxyz_base_tool)), down)

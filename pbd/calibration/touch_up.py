@@ -56,7 +56,7 @@ def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base
 
     Args:
         touch_ups: in order. Those that were undone, or whose keyframe is gone, are ignored.
-        cov: (6k, 6k) of the tool's poses in base, before the touch-ups.
+        cov: (6k, 6k), covariance of the tool's poses in base, before the touch-ups.
     """
     k = len(keyframes)
     own_shift, common_shift = np.zeros((k, 3)), np.zeros((k, 3))

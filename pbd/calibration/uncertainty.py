@@ -16,7 +16,7 @@ PARTS = {"start": "where the hand starts", "mount": "the mount", "tracking": "tr
 
 
 def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
-    """Return the covariance (k, 6, 6) of the tool's position and rotation vector in base, m and rad, by PARTS.
+    """Return the covariance (k, 6, 6) of the tool's position and rotation vector in base, m and rad, for each of PARTS.
 
     The sum of the parts is the total. From p_base_tool = t + R (s p + R_k l), with t and R nav in base, p and R_k the
     sensor in nav, l the tool in sensor axes: the uncertainty of each of them, propagated to first order. A mount that
@@ -35,7 +35,7 @@ def joint_tool_covariance(cov_nav_sensor: Array, placed: KeyframesInBase) -> Arr
     """Return the joint covariance (6k, 6k) of all tool poses. Errors of dock and mount are the same at all keyframes.
 
     Args:
-        cov_nav_sensor: (6k, 6k) of the keyframes, in nav.
+        cov_nav_sensor: (6k, 6k), covariance of the keyframes in nav.
     """
     J, calibration = _jacobians(placed), placed.calibration
     start, mount = J["start"].reshape(-1, 6), J["mount"].reshape(-1, 6)
@@ -52,7 +52,7 @@ def _mount_covariance(calibration: Calibration) -> Array:
 
 
 def _jacobians(placed: KeyframesInBase) -> dict[str, Array]:
-    """Return the Jacobian (k, 6, 6) of the tool's pose at each keyframe by the pose of each part."""
+    """Return the Jacobian (k, 6, 6) of the tool's pose at each keyframe with respect to the pose of each part."""
     calibration, R = placed.calibration, quat_to_matrix(placed.T_base_nav.wxyz)
     scale = placed.scale * calibration.scale
     J = {part: np.zeros((len(placed.keyframes), 6, 6)) for part in PARTS}

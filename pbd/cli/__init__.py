@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _os_error_message(reason: OSError) -> str | None:
-    """The message for an OSError that is the user's or the machine's fault; None if it is a bug."""
+    """Return the message for an OSError that is the user's or the machine's fault; None if it is a bug."""
     if reason.filename is not None and reason.errno in FORBIDDEN:
         return f"{os.fsdecode(reason.filename)}: {in_words(reason)}; check the path, and who may read and write there"
     if in_deleted_folder():

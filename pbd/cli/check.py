@@ -18,7 +18,7 @@ from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units
 
 MOST_REMARKS = 2
-"""Largest number of remarks on one demonstration in the table; --json has all of them."""
+"""Largest number of remarks on one demonstration in the table; --json lists all."""
 
 
 def run(args: argparse.Namespace) -> None:

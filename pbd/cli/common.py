@@ -93,7 +93,7 @@ def replaced_part(path: Path, calibration: Calibration, part: str, force: bool) 
 
 
 def sigma_json(cov: Array) -> dict[str, Any]:
-    """One sigma per axis from a pose's covariance (6, 6), as JSON has it; NaN, null in JSON, where it is unknown."""
+    """Return one sigma per axis of a pose's covariance (6, 6), for JSON; NaN (null in JSON) where it is unknown."""
     sigma = one_sigma(cov)
     return {"sigma_m": sigma[:3], "sigma_deg": np.degrees(sigma[3:])}
 
@@ -141,7 +141,7 @@ def _start_joints(args: argparse.Namespace, robot: Robot) -> tuple[float, ...]:
 
 
 def plan_demonstration(args: argparse.Namespace, measured: tuple[float, ...] | None = None) -> Plan:
-    """Load, track and plan args.demo; the motion is audited. `measured` is that of `plan_options`."""
+    """Load, track and plan args.demo; the motion is audited. `measured`: see `plan_options`."""
     from pbd.planning import load_arm, plan_path
 
     demo = load_demonstration(args.demo)

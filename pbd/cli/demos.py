@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _row(demo: Demonstration, folder: Path, default: str) -> dict[str, Any]:
-    """A demonstration as JSON has it; `default` is the name of the one that commands use if none is named."""
+    """Return a demonstration's row of the JSON; `default`: the demonstration that commands use if none is named."""
     recording, info = demo.recording, demo.recording.info
     return {
         "name": folder.name,

@@ -78,7 +78,7 @@ def _json(args: argparse.Namespace, format_name: str, plan: Plan, done: Export) 
 
 
 def _format(args: argparse.Namespace) -> str:
-    """The format by --format, or by the ending of the file's name."""
+    """Return the format given by --format, or by the ending of the file's name."""
     by_ending = SUFFIXES.get(args.output.suffix.lower())
     if args.output == STDOUT:
         if args.json:

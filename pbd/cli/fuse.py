@@ -11,7 +11,15 @@ from pbd.cli.console import say, working
 from pbd.data.one_line_repr import counted
 from pbd.errors import UsageError
 from pbd.files.calibration_edit import calibration_file, update_calibration
-from pbd.files.demo import demo_folder, load_demo, refuse_demo_folder, refuse_own_take, shell_word, utc_now, write_demo
+from pbd.files.demo import (
+    demo_folder,
+    load_demo,
+    refuse_demo_folder,
+    refuse_lost_recording,
+    shell_word,
+    utc_now,
+    write_demo,
+)
 from pbd.fusion.calibration import device_errors
 from pbd.fusion.tables import fusion_rows, fusion_table, takes_table
 from pbd.pipeline import fused_demo, track
@@ -27,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
     if len(takes) == 1 and not takes[0].takes:
         raise UsageError("name two takes or more; one alone is a demonstration already")
     demo = fused_demo(takes)
-    refuse_own_take(demo, folder)
+    refuse_lost_recording(demo, folder)
     info = replace(demo.recording.info, name=folder.name, created=utc_now())
     demo = replace(demo, recording=replace(demo.recording, info=info))
     calibration = named_calibration(args)

@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> None:
 def _success(
     args: argparse.Namespace, path: HandPath, keyframes: tuple[Keyframe, ...], calibration: Calibration | None
 ) -> Success | None:
-    """How likely the tool is within --tolerance, or within the keyframes' own tolerances; None if there are none."""
+    """Compute how likely the tool is within --tolerance, or else the keyframes' tolerances; None without any."""
     docked = calibration is not None and calibration.knows_start
     if args.tolerance is None and not (docked and any(each.tolerance_m is not None for each in keyframes)):
         return None
@@ -104,7 +104,7 @@ def _pose(pose: Pose) -> dict[str, Any]:
 
 
 def _sensor_errors(found: SensorEstimate) -> dict[str, Any]:
-    """The sensor's errors as estimated from the recording, with sigmas; the names say the units."""
+    """Return the sensor's errors as estimated from the recording, with sigmas; the names say the units."""
     named = {
         "gyro_bias_deg_s": (found.gyr_bias, math.degrees(1.0)),
         "gyro_matrix_percent": (found.gyr_matrix, 100.0),

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _LENGTHS, _ANGLES, _TIMES = "m, cm or mm", "deg or rad", "s or ms"
 CHOICES = {"m": _LENGTHS, "cm": _LENGTHS, "mm": _LENGTHS, "deg": _ANGLES, "rad": _ANGLES, "s": _TIMES, "ms": _TIMES}
-"""The units to choose from, as the help lists them, by the default unit."""
+"""Default unit -> the units to choose from, as the help lists them."""
 
 
 class Parser(argparse.ArgumentParser):

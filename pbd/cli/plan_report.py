@@ -46,7 +46,7 @@ def say_torque(plan: Plan) -> None:
 
 
 def moves_json(plan: Plan) -> list[dict[str, Any]]:
-    """How the arm moves to each keyframe after the first; detours to the first keyframe and back home (null) too."""
+    """Return how the arm moves to each keyframe after the first; detours to the first one and back home (null) too."""
     moves = enumerate([*plan.segments, plan.retreat] if plan.retreat else plan.segments)
     return [
         {"keyframe": i if i < len(plan.segments) else None, "kind": move.kind, "off_line_m": move.off_line_m}
@@ -56,7 +56,7 @@ def moves_json(plan: Plan) -> list[dict[str, Any]]:
 
 
 def touching_json(plan: Plan) -> dict[str, Any] | None:
-    """The first contact, if --allow-collision was given and there is one."""
+    """Return the first contact, if --allow-collision was given and there is one."""
     if plan.touching is None:
         return None
     found = plan.touching.found

@@ -92,7 +92,7 @@ def _tracked(
 
 
 def _titles(demos: list[Demonstration]) -> list[str]:
-    """The demonstrations' names; a repeated name gets a number from the second on."""
+    """Return the demonstrations' names; a repeated name gets a number from the second on."""
     titles: list[str] = []
     for demo in demos:
         name = demo.recording.info.name
@@ -102,7 +102,7 @@ def _titles(demos: list[Demonstration]) -> list[str]:
 
 
 def _folder_name(demo: Demonstration) -> str:
-    """A demonstration's name, without characters that a folder's name can't have."""
+    """Return a demonstration's name, without characters that a folder's name can't have."""
     if demo.folder is not None:
         return demo.folder.resolve().name
     word = "".join(c if c.isalnum() or c in "-_. " else "_" for c in demo.recording.info.name).strip(". ")
@@ -110,7 +110,7 @@ def _folder_name(demo: Demonstration) -> str:
 
 
 def _figures_folder(save: Path | None, name: str) -> Path:
-    """The folder for the figures; refuse it before anything is drawn if it can't be written."""
+    """Return the folder for the figures; refuse it before anything is drawn if it can't be written."""
     folder = save or Path("plots") / name
     refuse_folder(folder, other="--save")
     return folder

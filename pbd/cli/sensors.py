@@ -21,8 +21,7 @@ from pbd.view.terminal import for_rich
 from pbd.view.terminal_tables import ports_table, print_csv, print_table, words_table
 
 BORDER = 2
-"""Width of the light border around a QR code, in modules. The standard asks for four; the app reads codes with two,
-and a terminal has few lines."""
+"""Width of a QR code's light border, modules. The standard says four; the app reads two, and a terminal is small."""
 
 PIXELS = 6
 """Pixels per module in a picture of the code."""

@@ -45,8 +45,8 @@ def run(args: argparse.Namespace) -> None:
         by_nav = quat_rotate(quat_inverse(placed.T_base_nav.wxyz), by_base)
         if not np.abs(by_nav).max() <= LARGEST_NUDGE_M:  # keyframes.toml with it could not be read again
             raise RecordingError(
-                f"that is {np.linalg.norm(by_base):.2f} m away, and a touch-up may be {LARGEST_NUDGE_M} m along each "
-                "of nav's axes; --by and --at are in metres: correct them"
+                f"that is {np.linalg.norm(by_base):.2f} m away, and a touch-up may be at most {LARGEST_NUDGE_M} m along "
+                "each of nav's axes; --by and --at are in metres: correct them"
             )
         added = TouchUp(keyframes[args.keyframe].t, by_nav, args.only)
     if demo.keyframes is None or demo.folder is None:
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _wanted_shift(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp) -> Array:
-    """The displacement of the tool that --by or --at asks for, (3,) m in base."""
+    """Return the displacement of the tool that --by or --at asks for, (3,) m in base."""
     count = len(placed.keyframes)
     if not 0 <= args.keyframe < count:
         raise RecordingError(f"there is no keyframe {args.keyframe}; they are 0 to {count - 1}", value=args.keyframe)
@@ -75,7 +75,7 @@ def _wanted_shift(args: argparse.Namespace, placed: KeyframesInBase, before: Tou
 
 
 def _undo_command(args: argparse.Namespace) -> str:
-    """The command that undoes this touch-up."""
+    """Return the command that undoes this touch-up."""
     return f"`pbd touch {shlex.quote(args.demo)} --robot {shlex.quote(args.robot)} --undo`"
 
 

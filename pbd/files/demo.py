@@ -122,15 +122,16 @@ def write_demo(
     Args:
         demo: the demonstration.
         folder: its path.
-        force: replace a demonstration of that name.
+        force: replace a demonstration of that name. If its keyframes were edited, it is kept under another name.
         extra_files: name -> text of further files, which tracking does not read.
 
     Raises:
         RecordingError: the folder exists (without `force`), is one of the demonstration's takes, or can't be written.
     """
     refuse_demo_folder(folder, force)
-    refuse_own_take(demo, folder)
-    with atomic_folder(folder, replace=force) as new:
+    refuse_lost_recording(demo, folder)
+    edited = is_file(folder / keyframes.NAME) and not folder.is_symlink()  # a link's target stays as it is
+    with atomic_folder(folder, replace=force, keep=edited) as new:
         for name, text in ({"demo.toml": demo_toml(demo, folder.name, folder)} | dict(extra_files)).items():
             (new / name).write_text(text, encoding="utf-8")
         if not demo.takes:
@@ -161,12 +162,11 @@ def refuse_demo_folder(folder: Path, force: bool) -> None:
     return refuse_folder(folder.parent, RecordingError)
 
 
-def refuse_own_take(demo: Demonstration, folder: Path) -> None:
-    """Refuse a path that is one of the demonstration's takes: the take's recording would be lost."""
-    for take in demo.takes:
-        if take.folder is not None and take.folder.resolve() == folder.resolve():
-            what = f"{folder} is one of the takes, and its recording would be lost; give another name"
-            raise RecordingError(what, path=folder)
+def refuse_lost_recording(demo: Demonstration, folder: Path) -> None:
+    """Refuse to put a fused demonstration, which has no recording of its own, where a recording is."""
+    if demo.takes and is_file(folder / "imu.csv"):
+        what = f"{folder} is a recording, which would be lost; give the fused demonstration another name"
+        raise RecordingError(what, path=folder)
 
 
 def demo_folder(name: str) -> Path:

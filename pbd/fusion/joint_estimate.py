@@ -66,7 +66,7 @@ class TaskState:
         is a quarter of (M + N) - (M + N)', with M the gyro's matrix.
 
         Args:
-            device: of the first take.
+            device: number of the first take's device.
         """
         M, N = self.devices[device][GYR_MATRIX].reshape(3, 3), lower_matrix(self.devices[device][ACC_MATRIX])
         skewed = M + N - (M + N).T
@@ -109,12 +109,12 @@ class JointEstimate:
     """The joint estimate of a task.
 
     Attributes:
-        cov: (6J, 6J), of position (m) and rotation vector (rad) of the task's keyframes in nav.
-        scatter: the hand's.
-        residuals: (N,) of all takes.
-        precision: (N, N) of the residuals, with the unknowns integrated out.
-        cov_devices: (D, DEVICE, DEVICE), of each device's errors.
-        turn_sigma: (K,) rad, of each sensor's rotation in the hand, about its most uncertain axis.
+        cov: (6J, 6J), covariance of the keyframes' positions (m) and rotation vectors (rad) in nav.
+        scatter: the hand's scatter.
+        residuals: (N,), those of all takes.
+        precision: (N, N), inverse covariance of the residuals, with the unknowns marginalised out.
+        cov_devices: (D, DEVICE, DEVICE), covariance of each device's errors.
+        turn_sigma: (K,) rad, sigma of each sensor's rotation in the hand about its least certain axis.
     """
 
     state: TaskState
@@ -126,7 +126,7 @@ class JointEstimate:
     turn_sigma: Array
 
     def chi_squares(self, sets: Sequence[NDArray[np.intp]]) -> Array:
-        """Return what each set of residuals adds to the misfit: chi-square with as many degrees of freedom."""
+        """Return the fall of chi-square without each set of residuals; the set's size is its degrees of freedom."""
         weighted = self.precision @ self.residuals
         return np.array([weighted[i] @ np.linalg.solve(self.precision[np.ix_(i, i)], weighted[i]) for i in sets])
 
@@ -184,7 +184,7 @@ def _in_task_frame(observations: Observations, covs: Sequence[Array], Rz: Array)
 
 
 def _relative_covariance(marginal: Marginal, own: NDArray[np.intp]) -> Array:
-    """Return the covariance (6n, 6n) of some of a take's keyframes relative to its first one, its device given.
+    """Return the covariance (6n, 6n) of some of a take's keyframes relative to its first one, given its device.
 
     Errors of the first keyframe's position and heading move all of nav, which yaw and c absorb.
     """
@@ -219,9 +219,7 @@ class _Columns:
 
 
 def _prior_information(observations: Observations, columns: _Columns) -> tuple[Array, Array]:
-    """Return the information of all that is known besides the keyframes, and for the devices its product with the
-    errors as known.
-    """
+    """Return the information of damping, priors and the takes on their devices; for devices also times the errors."""
     information = np.diag(np.where(np.arange(columns.count) < columns.devices, DAMPING, 0.0))
     product = np.zeros(columns.count)
     for d in sorted(set(observations.device)):

@@ -25,9 +25,9 @@ def condition_on_known_stops(
     Points given in base are not used here but for the fused path (`points_in_base`).
 
     Args:
-        marginal: of the take, not conditioned yet.
+        marginal: the take's, not conditioned yet.
         Q, lever: (3, 3) and (3,) m, the sensor's rotation and shift in the hand relative to the first take.
-        calibration: whose mount is that of the first take.
+        calibration: its mount is that of the first take.
         refuse: raise an error where a claim contradicts the take. Not for first guesses of Q and lever.
 
     Raises:
@@ -59,15 +59,14 @@ def condition_on_known_stops(
 def points_in_base(
     takes: Sequence[Take], own: Sequence[Sequence[int | None]], stops: Sequence[Stop], t: Array
 ) -> tuple[Place, ...]:
-    """Return keyframes that takes know to be at points of base, at the times of the fused path.
+    """Return the places in base that takes know, each at the time of its keyframe in the fused path.
 
     Each keyframe counts once, because the dock's error is the same in all takes.
 
     Args:
-        takes: those that are used.
+        takes: those in the estimate.
         own: for each take, its own keyframe at each of the task's keyframes, or None.
-        stops: of the fused path.
-        t: (n,) s, of the fused path.
+        stops, t: the fused path's stops, and its times (n,) s.
     """
     found: dict[int, Place] = {}
     for take, indices in zip(takes, own, strict=True):

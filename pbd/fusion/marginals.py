@@ -25,7 +25,7 @@ SHARED = slice(0, GRAVITY.stop)
 
 BIAS = slice(SHARED.stop, SHARED.stop + 3)
 """The accelerometer's bias among the device's unknowns: that of a take's first knot, the same in all takes of a device.
-A model in which it differs from take to take gained nothing in simulations, whose bias shifted by 0 to 3 mg."""
+Letting it differ between takes gained nothing in simulations with bias shifts of 0 to 3 mg."""
 
 DEVICE = BIAS.stop
 """Number of unknowns of a device."""
@@ -38,9 +38,9 @@ class Marginal:
     Attributes:
         p: (n, 3) m, in the take's own nav.
         R: (n, 3, 3), nav <- sensor.
-        by_device: (6n, DEVICE), derivatives of position and rotation vector (in nav) by the device's errors.
-        cov: (6n, 6n) m and rad, of position and rotation vector, the device's errors given.
-        device: (DEVICE,) the device's errors at which p and R hold.
+        by_device: (6n, DEVICE), derivatives of position and rotation vector in nav by the device's errors.
+        cov: (6n, 6n) m and rad, of position and rotation vector, given the device's errors.
+        device: (DEVICE,) the device's errors that p and R assume.
         information, gradient: (DEVICE, DEVICE) and (DEVICE,), what the take shows of the device, without the prior;
             gradient is information times the errors that the take shows.
         prior, mean: (DEVICE, DEVICE) information and (DEVICE,), the prior of the device's class.
@@ -62,7 +62,7 @@ class Marginal:
 
     @property
     def cov_poses(self) -> Array:
-        """Covariance (6n, 6n) of the keyframes with the device's errors integrated out, by the take and its prior."""
+        """Covariance (6n, 6n) of the keyframes with the device's errors (take and prior) marginalised out."""
         return np.asarray(self.cov + self.by_device @ self._cov_device @ self.by_device.T)
 
     @property
@@ -74,15 +74,15 @@ def marginal_of(solution: Solution, knots: Sequence[int], x: State | None = None
     """Marginalise a take onto its keyframes and its device's errors.
 
     Args:
-        solution: of the smoother.
+        solution: the smoother's.
         knots: indices of the keyframes' knots.
-        x: where to linearise, an estimate with given errors of the device; None: at the solution.
+        x: linearisation point, estimated with given device errors; None: the solution.
     """
     problem, solved = solution.problem, solution.solved
     if x is None:
         x = solution.state
     else:
-        if not problem.device:
+        if not problem.no_gyro:
             problem = without_noise(problem, x, solution.fixed)
         equations, _ = linearise(problem, x, solution.fixed, whitener(problem, solution.fixed))
         solved = equations.solve()
@@ -108,7 +108,7 @@ def conditioned(marginal: Marginal, H: Array, noise: Array, misfit: Array) -> Ma
     Args:
         H: (6n, m), derivatives of the measurement by each position and rotation vector.
         noise: (m, m), covariance of the measurement.
-        misfit: (m,), measured less predicted value.
+        misfit: (m,), measured minus predicted value.
     """
     n, cross = len(H), marginal.by_device @ marginal._cov_device
     cov = np.block([[marginal.cov_poses, cross], [cross.T, marginal._cov_device]])
@@ -166,7 +166,7 @@ def _prior(solution: Solution, x: State) -> tuple[Array, Array]:
     information = np.zeros((DEVICE, DEVICE))
     information[SHARED, SHARED] = prior[:, SHARED]
     b = np.arange(BIAS.start, BIAS.stop)
-    information[b, b] = (acc_sigma_factor(noise, problem.rest) * noise.device.acc_bias) ** -2.0
+    information[b, b] = (acc_sigma_factor(noise, problem.rest) * noise.sensor.acc_bias) ** -2.0
     mean = np.zeros(DEVICE)
     mean[SHARED] = x.shared[SHARED] - np.linalg.solve(prior[:, SHARED], prior[:, -1])
     return information, mean

@@ -1,7 +1,7 @@
 """Match the keyframes of several takes, in order, by their moves, poses and grips.
 
 First a take is matched by features of its moves that depend neither on its nav frame nor on how the sensor is held:
-level distance, height and angle. Then it is registered about the vertical, and matched again by poses.
+horizontal distance, height and angle. Then it is registered about the vertical, and matched again by poses.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Keyframes:
     Attributes:
         p, R: (n, 3) m and (n, 3, 3), nav <- sensor.
         grip: True where the grip closes, False where it opens, None elsewhere.
-        sigma: (n,) m, of the position by the take alone.
+        sigma: (n,) m, sigma of the position, from the take alone.
     """
 
     p: Array
@@ -90,8 +90,8 @@ class Candidate:
     """A keyframe that some takes have in common.
 
     Attributes:
-        p, R, grip, sigma: of the first take that has it, in the reference's nav.
-        own: index of the keyframe in each take that has it, by take.
+        p, R, grip, sigma: as in the first take that has it, in the reference's nav.
+        own: take -> index of the keyframe in it, for each take that has it.
     """
 
     p: Array
@@ -107,7 +107,7 @@ class Alignment:
 
     Attributes:
         candidates: all keyframes in order, also those that few takes have.
-        registered: by take, the map to the reference's frame.
+        registered: take -> map to the reference's frame.
         strangers: takes of another task.
     """
 
@@ -142,17 +142,17 @@ def align(takes: Sequence[Keyframes]) -> Alignment:
 
 
 def _align_to(takes: Sequence[Keyframes], reference: int) -> Alignment:
-    here = takes[reference]
+    ref = takes[reference]
     registered = {reference: Registration(0.0, np.zeros(3), np.eye(3))}
     candidates = [
         Candidate(p, R, grip, sigma, {reference: i})
-        for i, (p, R, grip, sigma) in enumerate(zip(here.p, here.R, here.grip, here.sigma.tolist(), strict=True))
+        for i, (p, R, grip, sigma) in enumerate(zip(ref.p, ref.R, ref.grip, ref.sigma.tolist(), strict=True))
     ]
     strangers = []
     for k, take in enumerate(takes):
         if k == reference:
             continue
-        if (registration := _try_register(here, take)) is None:
+        if (registration := _try_register(ref, take)) is None:
             strangers.append(k)
         else:
             registered[k] = registration
@@ -160,52 +160,52 @@ def _align_to(takes: Sequence[Keyframes], reference: int) -> Alignment:
     return Alignment(tuple(candidates), registered, tuple(strangers))
 
 
-def _try_register(here: Keyframes, there: Keyframes) -> Registration | None:
+def _try_register(ref: Keyframes, other: Keyframes) -> Registration | None:
     """Register a take; None if too few keyframes match, or not the first one: some match by chance in any two tasks."""
-    pairs = match_by_moves(here, there)
-    least = LEAST_SHARE * max(min(len(here), len(there)), 1)
+    pairs = match_by_moves(ref, other)
+    least = LEAST_SHARE * max(min(len(ref), len(other)), 1)
     for _ in range(ROUNDS):
-        if len(pairs) < max(least, min(2, len(here), len(there))):
+        if len(pairs) < max(least, min(2, len(ref), len(other))):
             return None
-        found = register(here, there, pairs)
-        before, pairs = pairs, match_by_pose(here, found.apply(there))
+        found = register(ref, other, pairs)
+        before, pairs = pairs, match_by_pose(ref, found.apply(other))
         if pairs == before:
             break
-    return found if len(pairs) >= least and _pose_costs(here, found.apply(there))[0, 0] <= 2.0 * SKIP else None
+    return found if len(pairs) >= least and _pose_costs(ref, found.apply(other))[0, 0] <= 2.0 * SKIP else None
 
 
-def _merge(candidates: list[Candidate], take: int, there: Keyframes) -> None:
+def _merge(candidates: list[Candidate], take: int, other: Keyframes) -> None:
     """Add each keyframe of a registered take to its candidate, or insert it as a new candidate in its order."""
-    partner = {j: i for i, j in match_by_pose(Keyframes.of_candidates(candidates), there)}
+    partner = {j: i for i, j in match_by_pose(Keyframes.of_candidates(candidates), other)}
     merged, done = list[Candidate](), 0
-    for j in range(len(there)):
+    for j in range(len(other)):
         if j in partner:
             merged += candidates[done : partner[j] + 1]
             merged[-1].own[take] = j
             done = partner[j] + 1
         else:
-            merged.append(Candidate(there.p[j], there.R[j], there.grip[j], float(there.sigma[j]), {take: j}))
+            merged.append(Candidate(other.p[j], other.R[j], other.grip[j], float(other.sigma[j]), {take: j}))
     candidates[:] = [*merged, *candidates[done:]]
 
 
-def register(here: Keyframes, there: Keyframes, pairs: Sequence[tuple[int, int]], in_hand: bool = True) -> Registration:
-    """Find the map that brings matched keyframes of `there` closest to those of `here`, in the sum of squares.
+def register(ref: Keyframes, other: Keyframes, pairs: Sequence[tuple[int, int]], in_hand: bool = True) -> Registration:
+    """Find the map that brings matched keyframes of `other` closest to those of `ref`, in the sum of squares.
 
     The yaw is searched on a grid and refined by parabolas; shift and rotation in the hand follow from each yaw.
 
     With `in_hand` the sensor's rotation in the hand is estimated too; else it is the identity.
     """
     i, j = np.transpose(pairs)
-    p, q, R, S = here.p[i], there.p[j], here.R[i], there.R[j]
+    p, q, R, S = ref.p[i], other.p[j], ref.R[i], other.R[j]
     mean = p.mean(axis=0), q.mean(axis=0)
 
     def tried(yaws: Array) -> tuple[Array, Array]:
         """Return the sum of squares (n,), m2, and the rotation in the hand (n, 3, 3) for each yaw."""
         Rz = quat_to_matrix(quat_about_z(yaws))
-        turned = Rz[:, None] @ S
-        Q = _mean_rotation(turned.swapaxes(-1, -2) @ R) if in_hand else np.tile(np.eye(3), (len(yaws), 1, 1))
+        rotated = Rz[:, None] @ S
+        Q = _mean_rotation(rotated.swapaxes(-1, -2) @ R) if in_hand else np.tile(np.eye(3), (len(yaws), 1, 1))
         off = p - mean[0] - (q - mean[1]) @ Rz.swapaxes(-1, -2)
-        angles = matrix_log(turned @ Q[:, None] @ R.swapaxes(-1, -2))
+        angles = matrix_log(rotated @ Q[:, None] @ R.swapaxes(-1, -2))
         return (off**2).sum(axis=(1, 2)) + TURN_LEVER_M**2 * (angles**2).sum(axis=(1, 2)), Q
 
     yaws, step = np.linspace(-np.pi, np.pi, YAWS, endpoint=False), 2.0 * np.pi / YAWS
@@ -227,13 +227,13 @@ def _mean_rotation(rotations: Array) -> Array:
     return np.asarray(U @ V)
 
 
-def match_by_moves(here: Keyframes, there: Keyframes) -> list[tuple[int, int]]:
+def match_by_moves(ref: Keyframes, other: Keyframes) -> list[tuple[int, int]]:
     """Match in order, by the moves between matched keyframes, over up to MAX_SKIPS others. Dynamic programming."""
-    n, m = len(here), len(there)
-    grip = _grip_cost(here, there)
+    n, m = len(ref), len(other)
+    grip = _grip_cost(ref, other)
     cost = grip + SKIP * (np.arange(n)[:, None] + np.arange(m))
     back = np.zeros((n, m, 2), dtype=np.intp)
-    ours, theirs = _move_features(here), _move_features(there)
+    ours, theirs = _move_features(ref), _move_features(other)
     for i in range(1, n):
         for a in range(1, min(i, MAX_SKIPS + 1) + 1):
             for b in range(1, min(m - 1, MAX_SKIPS + 1) + 1):
@@ -252,7 +252,7 @@ def match_by_moves(here: Keyframes, there: Keyframes) -> list[tuple[int, int]]:
 
 
 def _move_features(keyframes: Keyframes) -> list[Array]:
-    """Return level distance (m), height (m) and angle (rad), (n - a, 3), of all moves over a = 1, 2, ... keyframes."""
+    """Return horizontal distance (m), height (m) and angle (rad), (n - a, 3), of moves over a = 1, 2, ... keyframes."""
     features = []
     for a in range(1, MAX_SKIPS + 2):
         move = keyframes.p[a:] - keyframes.p[:-a]
@@ -268,14 +268,14 @@ def _move_misfit(one: Array, others: Array) -> Array:
     return np.asarray((((others - one) / sigma) ** 2).sum(axis=1))
 
 
-def _grip_cost(here: Keyframes, there: Keyframes) -> Array:
-    return np.array([[0.0 if a == b else GRIP for b in there.grip] for a in here.grip]).reshape(len(here), len(there))
+def _grip_cost(ref: Keyframes, other: Keyframes) -> Array:
+    return np.array([[0.0 if a == b else GRIP for b in other.grip] for a in ref.grip]).reshape(len(ref), len(other))
 
 
-def match_by_pose(here: Keyframes, there: Keyframes) -> list[tuple[int, int]]:
+def match_by_pose(ref: Keyframes, other: Keyframes) -> list[tuple[int, int]]:
     """Match keyframes of one frame, in order, by pose and grip. Dynamic programming."""
-    n, m = len(here), len(there)
-    match = _pose_costs(here, there)
+    n, m = len(ref), len(other)
+    match = _pose_costs(ref, other)
     cost = SKIP * (np.arange(n + 1)[:, None] + np.arange(m + 1.0))
     for i in range(n):
         for j in range(m):
@@ -292,9 +292,9 @@ def match_by_pose(here: Keyframes, there: Keyframes) -> list[tuple[int, int]]:
     return pairs[::-1]
 
 
-def _pose_costs(here: Keyframes, there: Keyframes) -> Array:
+def _pose_costs(ref: Keyframes, other: Keyframes) -> Array:
     """Return the cost of matching each keyframe with each, by pose and grip, in squared sigmas: (n, m)."""
-    turn = matrix_log(here.R[:, None] @ there.R[None].transpose(0, 1, 3, 2))
-    square = ((here.p[:, None] - there.p) ** 2).sum(axis=2)
-    variance = HAND_M**2 + here.sigma[:, None] ** 2 + there.sigma**2
-    return np.asarray(square / variance + (turn**2).sum(axis=2) / HAND_RAD**2 + _grip_cost(here, there))
+    turn = matrix_log(ref.R[:, None] @ other.R[None].transpose(0, 1, 3, 2))
+    square = ((ref.p[:, None] - other.p) ** 2).sum(axis=2)
+    variance = HAND_M**2 + ref.sigma[:, None] ** 2 + other.sigma**2
+    return np.asarray(square / variance + (turn**2).sum(axis=2) / HAND_RAD**2 + _grip_cost(ref, other))

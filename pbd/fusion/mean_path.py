@@ -15,7 +15,7 @@ from pbd.pose import Array, Pose, quat_canonical, quat_from_matrix, quat_slerp
 
 @dataclass(frozen=True, eq=False)
 class TakePath:
-    """The path of one take in the task's nav, of the first take's sensor pose in the hand.
+    """The path of one take in the task's nav, with the sensor held as in the first take.
 
     Attributes:
         t, p, wxyz: (n,) s, (n, 3) m and (n, 4).
@@ -49,9 +49,9 @@ def average_paths(paths: Sequence[TakePath], m: Array, A: Array, interval: float
     """Average takes between keyframes; dwells and durations are medians.
 
     Args:
-        paths: of the takes. A move is the mean of the takes that have both its ends.
+        paths: the takes' paths. A move is the mean of the takes that have both its ends.
         m, A: (J, 3) m and (J, 3, 3), the task's keyframes, at which the mean path stops.
-        interval: s, between two rows.
+        interval: s, time between two rows.
     """
     edges = np.array([path.stops for path in paths])  # (K, J, 2)
     dwell = np.nanmedian(edges[:, :, 1] - edges[:, :, 0], axis=0)

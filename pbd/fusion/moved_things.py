@@ -20,7 +20,7 @@ from pbd.pose import Array, lengths, matrix_log
 Index = NDArray[np.intp]
 
 REPEAT_M = 0.003
-"""Least sigma, m, of a hand that returns to a place. Larger residuals replace it."""
+"""Smallest sigma, m, of a hand that returns to a place. Larger residuals replace it."""
 
 LEAST_GAIN = 10.0
 """Log likelihood ratio above which an object has moved. With normal noise, chance exceeds it 1 in 20,000 times."""
@@ -41,8 +41,8 @@ class MovedKeyframes:
         first, last: keyframes of the takes that have them.
         gain: logarithm of the likelihood ratio.
         reference: the take that shows where the object belongs.
-        rest: by take, the map of its nav to the reference's.
-        back: by take, the map of the moved keyframes to where they are in the reference.
+        rest: take -> map of its nav to the reference's.
+        back: take -> map of the moved keyframes to where they are in the reference.
     """
 
     first: int
@@ -56,11 +56,11 @@ class MovedKeyframes:
         """Return the keyframes of a take as if the object stood where it stands in the reference."""
         if take not in self.back:
             return keyframes
-        there = self.rest[take].inverse().after(self.back[take]).apply(keyframes)
+        moved = self.rest[take].inverse().after(self.back[take]).apply(keyframes)
         own = np.arange(len(keyframes))
         inside = (own >= self.first) & (own <= self.last)
-        p = np.where(inside[:, None], there.p, keyframes.p)
-        R = np.where(inside[:, None, None], there.R, keyframes.R)
+        p = np.where(inside[:, None], moved.p, keyframes.p)
+        R = np.where(inside[:, None, None], moved.R, keyframes.R)
         return Keyframes(p, R, keyframes.grip, keyframes.sigma)
 
 
@@ -72,12 +72,12 @@ def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
     usual = Counter((len(take), take.grip) for take in takes).most_common(1)[0][0]
     members = [k for k, take in enumerate(takes) if (len(take), take.grip) == usual]
     count, reference = usual[0], members[0]
-    here, others = takes[reference], members[1:]
+    ref, others = takes[reference], members[1:]
     if not others:
         return None
     everything = np.arange(count)
     rows = 6 * count * len(others)
-    together = sum(_misfit_in_frames(here, takes[k], everything, everything[:0])[0] for k in others)
+    together = sum(_misfit_in_frames(ref, takes[k], everything, everything[:0])[0] for k in others)
     if _gain(together, 0.0, rows, len(others)) < LEAST_GAIN:
         return None  # no run can gain enough, even if it left no misfit
     best: MovedKeyframes | None = None
@@ -86,14 +86,14 @@ def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
         alone = len(run) == 1
         if len(rest) < LEAST_OTHERS or (alone and len(members) < LEAST_TAKES):
             continue
-        found = {k: _misfit_in_frames(here, takes[k], rest, run) for k in others}
+        found = {k: _misfit_in_frames(ref, takes[k], rest, run) for k in others}
         apart = sum(misfit for misfit, _, _ in found.values())
         gain = _gain(together, apart, rows, len(others))
         if gain < (LEAST_GAIN if best is None else best.gain):
             continue
         registered = {k: one for k, (_, one, _) in found.items()}
         back = {k: one for k, (_, _, one) in found.items()}
-        shifts = _shifts(here, takes, run, registered)
+        shifts = _shifts(ref, takes, run, registered)
         far = lengths(shifts) > HAND_M
         if (far.all() and np.abs(shifts[:, 2]).max() < LEVEL_M) if alone else far.any():
             best = MovedKeyframes(first, end - 1, gain, reference, registered, back)
@@ -101,7 +101,7 @@ def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
 
 
 def _gain(together: float, apart: float, rows: int, frames: int) -> float:
-    """Return the log likelihood ratio less the penalty for the additional frames, which have four unknowns each.
+    """Return the log likelihood ratio minus the penalty for the additional frames, which have four unknowns each.
 
     Source: G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
 
@@ -113,24 +113,24 @@ def _gain(together: float, apart: float, rows: int, frames: int) -> float:
     return float(0.5 * rows * np.log(max(together, rows) / max(apart, rows)) - 2.0 * frames * np.log(rows))
 
 
-def _shifts(here: Keyframes, takes: Sequence[Keyframes], run: Index, registered: dict[int, Registration]) -> Array:
+def _shifts(ref: Keyframes, takes: Sequence[Keyframes], run: Index, registered: dict[int, Registration]) -> Array:
     """Return how far the middle of the run is shifted in each registered take, (n, 3) m."""
-    middle = here.p[run].mean(axis=0)
+    middle = ref.p[run].mean(axis=0)
     return np.array([one.apply(takes[k]).p[run].mean(axis=0) - middle for k, one in registered.items()])
 
 
 def _misfit_in_frames(
-    here: Keyframes, there: Keyframes, rest: Index, run: Index
+    ref: Keyframes, other: Keyframes, rest: Index, run: Index
 ) -> tuple[float, Registration, Registration]:
     """Return the misfit in squared sigmas, and the maps of the rest and of the run, each in a frame of its own."""
-    first = second = register(here, there, [(i, i) for i in rest.tolist()])
+    first = second = register(ref, other, [(i, i) for i in rest.tolist()])
     if len(run):
-        second = register(here, first.apply(there), [(i, i) for i in run.tolist()], in_hand=False).after(first)
+        second = register(ref, first.apply(other), [(i, i) for i in run.tolist()], in_hand=False).after(first)
     square = 0.0
     for one, at in ((first, rest), (second, run)):
-        moved = one.apply(there)
-        off = lengths(moved.p[at] - here.p[at]) ** 2
-        turn = lengths(matrix_log(moved.R[at] @ here.R[at].transpose(0, 2, 1))) ** 2
-        variance = REPEAT_M**2 + here.sigma[at] ** 2 + there.sigma[at] ** 2
+        moved = one.apply(other)
+        off = lengths(moved.p[at] - ref.p[at]) ** 2
+        turn = lengths(matrix_log(moved.R[at] @ ref.R[at].transpose(0, 2, 1))) ** 2
+        variance = REPEAT_M**2 + ref.sigma[at] ** 2 + other.sigma[at] ** 2
         square += float(((off + TURN_LEVER_M**2 * turn) / variance).sum())
     return square, first, second

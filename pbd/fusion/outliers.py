@@ -26,7 +26,7 @@ RAISED_SIGMAS = 2.0
 """How far the scatter is raised for the test, in sigmas of its logarithm, because few takes show it inaccurately."""
 
 SUSPECT = 2.0
-"""Ratio of a take's median residual to the median take's, from which on the take is tested."""
+"""A take is tested if its median residual is at least this many times the median take's."""
 
 FIXED_SPREAD = 1e-3
 """Prior sigma of the logarithm of a scatter that is held fixed."""
@@ -50,7 +50,7 @@ def remove_outliers(observations: Observations, joint: JointEstimate) -> tuple[J
     out: list[tuple[int, int]] = []
     while (worst := _outlying_keyframe(observations, joint, LEAST_TAKES)) is not None:
         out.append(worst)
-        observations = observations.subset(~_is(observations, *worst))
+        observations = observations.subset(~_where(observations, *worst))
         joint = estimate_jointly(observations, joint.state, common_scatter(len(joint.state.m)))
     return joint, observations, Outliers(None, tuple(out))
 
@@ -77,11 +77,11 @@ def _outlying_keyframe(observations: Observations, joint: JointEstimate, takes: 
     rows = 6 * tested[:, None] + np.arange(6)
     worst = int(np.argmax(joint.chi_squares(list(rows))))
     which = int(observations.take[tested[worst]]), int(observations.at[tested[worst]])
-    rest = observations.subset(~_is(observations, *which))
+    rest = observations.subset(~_where(observations, *which))
     return which if _is_outlier(observations, joint, rest, rows[worst], len(tested)) else None
 
 
-def _is(observations: Observations, take: int, keyframe: int) -> NDArray[np.bool_]:
+def _where(observations: Observations, take: int, keyframe: int) -> NDArray[np.bool_]:
     return np.asarray((observations.take == take) & (observations.at == keyframe))
 
 

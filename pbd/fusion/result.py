@@ -45,7 +45,7 @@ class Fused:
     Attributes:
         takes: all takes.
         used: indices of the takes in the estimate. The first of them defines the frame.
-        left_out: why each other take is not used, by index.
+        left_out: index of each other take -> why it is not used.
         kept: the task's keyframes.
         outliers: keyframes of takes that are not believed: (index in `used`, the task's keyframe).
         observations, joint: input and result of the joint estimate.
@@ -72,9 +72,8 @@ class Fused:
 
     @cached_property
     def T_nav_first(self) -> Pose:
-        """The first take's nav in the task's nav, whose origin is the first keyframe. There the sensor's heading is as
-        in the first take.
-        """
+        """The first take's nav in the task's nav. Its origin is the first keyframe, where the sensor's heading is
+        as in the first take."""
         R = self.joint.state.A[0]
         yaw = heading(self.first.keyframes[0].T_nav_sensor.wxyz[None]) - heading(quat_from_matrix(R)[None])
         wxyz = quat_about_z(yaw)
@@ -82,7 +81,7 @@ class Fused:
 
 
 def _take_path(fused: Fused, i: int) -> TakePath:
-    """Return a take's path in the first take's nav, of a sensor in the hand as in the first take."""
+    """Return a take's path in the first take's nav, with the sensor held as in the first take."""
     take, observations, x = fused.takes[fused.used[i]], fused.observations, fused.joint.state
     path = path_of(take.solution.problem, fused.states[i])
     wxyz = quat_multiply(quat_multiply(quat_about_z(float(x.yaw[0, i])), path.wxyz), quat_from_matrix(x.Q[i]))

@@ -63,7 +63,7 @@ class Scatter:
         """Return the scatter after a step of Fisher scoring.
 
         Args:
-            precision: (N, N) of the residuals, with the unknowns integrated out.
+            precision: (N, N), inverse covariance of the residuals, with the unknowns marginalised out.
             weighted: (N,) precision times the residuals.
             rows: (N,) group of each residual.
             tracking: (N, N) the tracker's covariance, times the present factor.

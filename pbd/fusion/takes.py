@@ -36,7 +36,7 @@ class Take:
 
     @property
     def device(self) -> tuple[str, float, float]:
-        """What takes of one device have in common: the sensor's name, and the lag and scale corrected before."""
+        """Equal for takes of one device: the sensor's name, and the lag and scale corrected before smoothing."""
         assert self.path.tracking is not None
         return self.path.tracking.recording.info.sensor, self.solution.lag, self.solution.scale
 

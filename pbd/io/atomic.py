@@ -46,11 +46,11 @@ def atomic_file(path: Path, parents: bool = False) -> Iterator[Path]:
 
 
 @contextmanager
-def atomic_folder(folder: Path, replace: bool = True) -> Iterator[Path]:
+def atomic_folder(folder: Path, replace: bool = True, keep: bool = False) -> Iterator[Path]:
     """Yield a temporary folder beside `folder`. On success it takes the name `folder`, on an error it is removed.
 
-    With `replace`, an existing folder is first renamed (`name_aside`) and then removed; of a link only the link is
-    removed. Without `replace`, a folder that another program makes meanwhile is an error.
+    With `replace`, an existing folder is first renamed (`name_aside`), and then removed unless `keep` is set; of a link
+    only the link is removed. Without `replace`, a folder that another program makes meanwhile is an error.
 
     Raises:
         RecordingError: the folder can't be written.
@@ -66,7 +66,9 @@ def atomic_folder(folder: Path, replace: bool = True) -> Iterator[Path]:
             if aside is not None:
                 aside.rename(folder)
             raise
-        if aside is not None and (left := remove_folder(aside)):
+        if aside is not None and keep:
+            warn(f"the old {folder}, whose keyframes were edited, is kept in {aside}")
+        elif aside is not None and (left := remove_folder(aside)):
             warn(f"{folder} is replaced, but {left}")
 
 

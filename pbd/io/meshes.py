@@ -31,10 +31,10 @@ MOST_BYTES = 200_000_000
 """Largest mesh file, bytes: four million triangles as a binary STL."""
 
 MOST_TRIANGLES = 4_000_000
-"""Most triangles of a mesh. A small DAE file can repeat one geometry any number of times."""
+"""Largest number of triangles of a mesh. A small DAE file can repeat one geometry any number of times."""
 
 MOST_NODES = 20_000
-"""Most nodes of a DAE scene; a node that is shown several times counts as often."""
+"""Largest number of nodes of a DAE scene; a node that is shown n times counts n times."""
 
 LARGEST = 1e6
 """Largest coordinate of a mesh, in the file's unit: a kilometre in mm."""
@@ -78,9 +78,9 @@ def from_mesh(
 
     Args:
         path: the mesh file.
-        what: the name of the result ("hulls"): its folder in the cache.
+        what: the result's name ("hulls") and folder in the cache.
         make: computes named arrays.
-        options: what else the result depends on.
+        options: other values on which the result depends.
 
     Raises:
         RobotError: the file can't be read, has no face or too many, or a coordinate is not finite or too large.
@@ -160,7 +160,7 @@ def _collada(data: bytes) -> Iterator[tuple[Array, Array]]:
 
 
 def _diffuse(material: Any) -> Array:
-    """RGB in 0..1; NaN where there is none, or a texture, which pycollada would call black."""
+    """Return RGB in 0..1; NaN without a colour or with a texture, which pycollada would call black."""
     effect = getattr(material, "effect", None)
     if effect is None or effect.xmlnode.find(".//{*}diffuse/{*}color") is None:
         return np.full(3, np.nan)

@@ -15,13 +15,13 @@ from pbd.io.numbers import finite_list
 from pbd.io.xml import read_xml
 
 MOST_LINKS = 500
-"""Most links, and most joints, of a robot. The largest robot in example-robot-data has 130 links."""
+"""Largest number of links, or joints, of a robot. The largest robot in example-robot-data has 130 links."""
 
 MOST_MOVING = 150
-"""Most moving joints: the pairs of links to check grow with their square. At most 101 in example-robot-data."""
+"""Largest number of moving joints: the pairs of links grow with its square. example-robot-data has at most 101."""
 
 MOST_SHAPES = 2000
-"""Most visual and collision shapes of a robot."""
+"""Largest number of visual and collision shapes of a robot."""
 
 LONGEST_M = 100.0
 """Largest coordinate of an <origin>, and largest size of a shape, m."""

@@ -25,7 +25,7 @@ class Shape:
         element: "visual" or "collision".
         kind: "box", "cylinder", "sphere" or "mesh".
         size: m; box: x, y, z; cylinder: diameter, height; sphere: diameter; mesh: empty.
-        scale: of the mesh's coordinates, along x, y, z.
+        scale: scale of the mesh's coordinates, along x, y, z.
         rgb: the colour of the URDF's material, 0..1, or None.
     """
 

@@ -51,8 +51,8 @@ def choose_joints(
 
 def _without_home(options: PlanOptions) -> tuple[str, PlanOptions]:
     if options.approach and options.start is None:
-        said = "skip home (--no-approach --no-retreat), or start elsewhere (--from, --no-retreat)"
-        return said, replace(options, approach=False, retreat=False)
+        what = "skip home (--no-approach --no-retreat), or start elsewhere (--from, --no-retreat)"
+        return what, replace(options, approach=False, retreat=False)
     return "do not go back home (--no-retreat)", replace(options, retreat=False)
 
 
@@ -77,7 +77,7 @@ def solve_keyframes(
 
     Returns:
         The tool's pose in base at each keyframe; the joints (n, k) there; and the rotation errors (n, 2), rad, of an
-        arm with too few joints: of the approach axis, and about it.
+        arm with too few joints: of the approach axis, and of the rotation about it.
     """
     from pbd.arm.choose_motion import choose_motion
     from pbd.arm.ik.partial_pose import held_poses

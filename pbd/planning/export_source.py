@@ -26,7 +26,7 @@ def source_of(plan: Plan) -> Source:
 
     arm, hand = arm_of(plan.robot), plan.hand_path
     if hand is None:
-        raise PlanError("a plan of keyframes alone doesn't tell how the hand went; plan from what pbd.track gives")
+        raise PlanError("a plan of keyframes alone has no path of the hand; plan from what pbd.track gives")
 
     def tool(q: Array) -> tuple[Array, Array]:
         p, R = arm.forward_many(q)

@@ -17,7 +17,7 @@ HALVINGS = 6
 
 
 class ThingPlace(NamedTuple):
-    """Where a thing stands now: the tool's position in base at its first keyframe, m; rotation about z since, rad."""
+    """Where a thing stands now: the tool's position in base at its first keyframe, m; its rotation about z, rad."""
 
     name: str
     p_base: tuple[float, float, float]
@@ -48,7 +48,7 @@ def things(keyframes: Sequence[Keyframe]) -> dict[str, tuple[int, ...]]:
 def place_things(
     T_base_tool: Sequence[Pose], keyframes: Sequence[Keyframe], places: Sequence[ThingPlace]
 ) -> tuple[Pose, ...]:
-    """Move the keyframes of each thing, and of what it carries, to where it stands now.
+    """Move the keyframes of each thing, and of the things it carries, to where it stands now.
 
     Raises:
         UsageError: no keyframe belongs to the thing of a place.
@@ -80,10 +80,10 @@ def nearest_working_place(wanted: ThingPlace, shown: Array, works: Callable[[Thi
     None if not even the place where it was shown works.
     """
     start = np.array([*shown, 0.0])
-    way = np.array([*wanted.p_base, wanted.turn_rad]) - start
+    change = np.array([*wanted.p_base, wanted.turn_rad]) - start
 
     def at(share: float) -> ThingPlace:
-        x, y, z, turn = (start + share * way).tolist()
+        x, y, z, turn = (start + share * change).tolist()
         return ThingPlace(wanted.name, (x, y, z), turn)
 
     if not works(at(0.0)):

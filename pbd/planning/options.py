@@ -16,7 +16,7 @@ PATHS = ("keyframes", "line", "demo")
 """The path between keyframes: straight in joint space, a straight line of the tool, or the demonstrated path."""
 
 TIMES = ("limits", "demo")
-"""The speed: as fast as the limits allow, or the hand's own time where they allow it."""
+"""The durations of moves: as short as the limits allow, or the hand's own where the limits allow them."""
 
 ORIENTATIONS = ("demo", "fixed")
 

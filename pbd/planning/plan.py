@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 DEVIATION_SHARES = 1.0, 0.1
-"""Shares of the usual deviation from a curve: the second is tried if the motion touches something beside the curve."""
+"""Shares of the usual deviation from a curve; the second is tried if the motion touches something."""
 
 
 def plan(
@@ -113,7 +113,7 @@ def plan_keyframes(
     found = _attempt(task, options or PlanOptions())
     if isinstance(found, Plan):
         return found
-    others = [said for said, alternatives in found.alternatives if _works(task, alternatives)]
+    others = [what for what, alternatives in found.alternatives if _works(task, alternatives)]
     others += _suggest_place(task, options or PlanOptions(), found.error)
     raise type(found.error)(", or ".join((found.error.message, *others)), **found.error.fields)
 

@@ -28,7 +28,8 @@ def check_count(keyframes: Sequence[Keyframe]) -> None:
     """Refuse fewer than two keyframes (TrackingError)."""
     if len(keyframes) < 2:
         raise TrackingError(
-            f"the demonstration has {len(keyframes)} stop, a motion needs two; hold still, move, and hold still again",
+            f"the demonstration has {len(keyframes)} stop, but a motion needs two; hold still, move, and hold still "
+            "again",
             value=len(keyframes),
             bound=2,
         )
@@ -83,8 +84,8 @@ def warn_of_shapes(arm: ArmModel) -> None:
     from pbd.arm.collision.shape_coverage import doubtful_shapes
 
     if found := doubtful_shapes(arm):
-        told = "; ".join(f"{link} {why}" for link, why in found.items())
-        warn(f"contacts may be missed: {told}; correct the shapes in {arm.robot.urdf}")
+        shapes = "; ".join(f"{link} {why}" for link, why in found.items())
+        warn(f"contacts may be missed: {shapes}; correct the shapes in {arm.robot.urdf}")
 
 
 def warn_of_table(scene: CollisionScene) -> None:
@@ -105,21 +106,21 @@ def warn_of_wide_moves(arm: ArmModel, motion: Motion) -> None:
 
     wide = [(i, way.wide) for i, way in enumerate(motion.segments) if way.wide is not None and way.kind == STRAIGHT]
     if wide:
-        told = ", ".join(
+        text = ", ".join(
             f"to keyframe {i} it will {deviation}{_turns_back(arm, motion, i)}" for i, deviation in wide[:3]
         )
         more = f", and {len(wide) - 3} more" if len(wide) > 3 else ""
         warn(
-            f"the tool goes out of its way: {told}{more}; {arm.robot.name} found no line there, so look at it before it"
+            f"the tool goes out of its way: {text}{more}; {arm.robot.name} found no line there, so look at it before it"
             " runs; demonstrate with smaller turns, or place the dock elsewhere"
         )
 
 
 def _turns_back(arm: ArmModel, motion: Motion, i: int) -> str:
     """Name a joint that turns back by more than half a turn to keyframe i because its range is below a whole turn."""
-    way, ranges = np.abs(motion.q[i] - motion.q[i - 1]), arm.limits.upper - arm.limits.lower
-    joint = int(way.argmax())
-    if not arm.turns[joint] or way[joint] <= np.pi or ranges[joint] >= 2.0 * np.pi:
+    travel, ranges = np.abs(motion.q[i] - motion.q[i - 1]), arm.limits.upper - arm.limits.lower
+    joint = int(travel.argmax())
+    if not arm.turns[joint] or travel[joint] <= np.pi or ranges[joint] >= 2.0 * np.pi:
         return ""
     holds = f"its range of {np.degrees(ranges[joint]):.0f} degrees is no whole turn"
     return f" ({arm.robot.joints[joint]} turns back: {holds})"

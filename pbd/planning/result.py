@@ -26,7 +26,7 @@ STRETCHED_S = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """A move to a keyframe that takes longer than the hand did, s."""
+    """A move to a keyframe that takes longer than the hand took: both durations, s."""
 
     keyframe: int
     demonstrated_s: float
@@ -49,11 +49,11 @@ class Plan:
     Attributes:
         hand_path: the hand's path between the keyframes; None: unknown.
         T_base_tool: the tool's demonstrated pose at each keyframe.
-        off_rad: (n, 2) rotation errors of an arm with too few joints: of the approach axis, and about it.
+        off_rad: (n, 2) errors of an arm with too few joints: of the approach axis, and of the rotation about it.
         segments: the moves to the keyframes.
         stretched: with time "demo", moves that take longer than the hand did.
         touching: the contacts of the motion, if they were allowed; None: there are none.
-        retreat: the retreat, or None.
+        retreat: the move home at the end; None: there is none.
     """
 
     keyframes: tuple[Keyframe, ...]
@@ -76,7 +76,7 @@ class Plan:
     def tracked(self) -> tuple[HandPath, Demonstration]:
         """The hand's path and the demonstration; PlanError if only keyframes are known."""
         if self.hand_path is None or self.hand_path.tracking is None:
-            raise PlanError("keyframes alone don't tell the demonstration that they are of; track one with pbd.track")
+            raise PlanError("these keyframes come without their demonstration; track one with pbd.track")
         return self.hand_path, self.hand_path.tracking.demo
 
     @property
@@ -109,13 +109,13 @@ def find_stretched(took_s: Array, keyframes: Sequence[Keyframe]) -> tuple[Stretc
         if arm_s > max(STRETCHED * hand_s, hand_s + STRETCHED_S)
     ]
     if found:
-        told = [
+        moves = [
             f"to keyframe {each.keyframe} {each.planned_s:.2f} s instead of {each.demonstrated_s:.2f} s"
             for each in sorted(found, key=lambda each: each.demonstrated_s / each.planned_s)[:3]
         ]
         rest = f", and {len(found) - 3} more" if len(found) > 3 else ""
         warn(
             f"{len(found)} of {len(keyframes) - 1} moves are slower than the hand's, to keep the joint limits: "
-            f"{', '.join(told)}{rest}"
+            f"{', '.join(moves)}{rest}"
         )
     return tuple(found)

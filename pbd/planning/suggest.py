@@ -29,11 +29,11 @@ SCALES = (1.0, 0.7, 0.5, 0.35, 0.25)
 """Scales of the demonstration, in the order in which they are tried."""
 GRIP_M = 0.15
 """Height of the lowest keyframe over the table, m: the bundled bottle is 0.2 m high."""
-PLACES, MORE_PLACES, TRIED, HOMES = 40, 160, 3, 2
-"""Docks that are ranked at each scale, in the first and in the second round; of these, the best that are planned; homes
-that are planned for each dock."""
+DOCKS, MORE_DOCKS, DOCKS_PLANNED, HOMES_PLANNED = 40, 160, 3, 2
+"""Number of docks ranked at each scale, in the first and in the second round; of the best docks that are planned; of
+homes that are planned at each dock."""
 NEAR_M = 0.1
-"""Largest distance of a sampled height from the wanted height over the table, m; the dock is then moved to that."""
+"""Largest distance of a sampled height from the wanted one over the table, m; the dock is moved to the wanted one."""
 YAWS_DEG = (0.0, -90.0, 90.0, 180.0)
 AHEAD_COST = 0.2
 """Cost of a dock beside or behind the base's x axis, rad of joint travel per rad."""
@@ -54,10 +54,10 @@ class Suggestion:
 
     Attributes:
         robot: the robot with this home and dock.
-        plan: of the demonstration.
+        plan: the plan of the demonstration.
         at: the joint that is nearest to a limit at home: its name and the distance, rad or m.
         dexterity: manipulability at home, relative to the arm's 25th percentile.
-        weighed, within_reach: number of docks ranked at this scale, and of those with all keyframes within reach.
+        ranked, within_reach: number of docks ranked at this scale, and of those with all keyframes within reach.
         own_table: the user gave the table's height.
         touching: pairs of links added to `may_touch`, with the number of random configurations in which they touch.
     """
@@ -66,7 +66,7 @@ class Suggestion:
     plan: Plan
     at: tuple[str, float]
     dexterity: float
-    weighed: int
+    ranked: int
     within_reach: int
     own_table: bool
     touching: dict[tuple[str, str], int]
@@ -82,8 +82,8 @@ def suggest(
 
     Args:
         robot: as `read_robot` reads a draft; its dock has only the table's height, or there is none.
-        keyframes: of the demonstration that the arm must be able to do.
-        grasped: the object that it grasps.
+        keyframes: keyframes of the demonstration that the arm must be able to do.
+        grasped: the object that the arm grasps.
         tell: called with a line of progress after each stage of the search.
 
     Raises:
@@ -101,26 +101,26 @@ def suggest(
     why += "" if table is None else ", or table_height"
     for table_known, scale, places in _search_order(table, p[R[:, 2, 2] < -DOWN, 2], lowest):
         docks = list(islice(_possible_docks(arm, (p, R), keyframes, table_known, scale), places))
-        held = _rank(arm, docks, keyframes)
-        tell(f"{len(held)} of {len(docks)} docks have all keyframes within reach at {scale:g} of the size")
-        planned, stopped = _plan_at_best(robot, held, keyframes, grasped)
-        if stopped and not planned and not touching and (touching := _often_touching(arm)):
+        reachable = _rank(arm, docks, keyframes)
+        tell(f"{len(reachable)} of {len(docks)} docks have all keyframes within reach at {scale:g} of the size")
+        planned, refusals = _plan_at_best(robot, reachable, keyframes, grasped)
+        if refusals and not planned and not touching and (touching := _often_touching(arm)):
             robot = replace(robot, may_touch=(*robot.may_touch, *touching))
             pairs = ", ".join(f"{first} and {second}" for first, second in touching)
             tell(f"links that overlap in most configurations are taken to do so by design: {pairs}")
-            planned, stopped = _plan_at_best(robot, held, keyframes, grasped)
+            planned, refusals = _plan_at_best(robot, reachable, keyframes, grasped)
         if planned:
             own, plan = min(planned, key=lambda each: each[1].trajectory.duration)
             room = margins(arm, own.home)
             nearest = robot.joints[int(room.argmin())], float(room.min())
             dexterity = float(manipulability(arm.jacobian(own.home)[None])[0]) / starts_of(arm).low_manipulability
-            return Suggestion(own, plan, nearest, dexterity, len(docks), len(held), table is not None, touching)
-        why = next(iter(stopped), why)
+            return Suggestion(own, plan, nearest, dexterity, len(docks), len(reachable), table is not None, touching)
+        why = next(iter(refusals), why)
     raise RobotError(f"{robot.name}: no home and dock found: {why}", robot=robot.name)
 
 
 def _often_touching(arm: ArmModel) -> dict[tuple[str, str], int]:
-    """Return the pairs of links that touch in most random configurations, and in how many they do."""
+    """Return pair of links -> in how many random configurations it touches, if in most."""
     from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
     from pbd.arm.collision.allowed_collisions import samples
     from pbd.arm.collision.scene import CollisionScene
@@ -136,7 +136,7 @@ def _plan_at_best(
     robot: Robot, docks: Sequence[Calibration], keyframes: Sequence[Keyframe], grasped: GraspedObject | None
 ) -> tuple[list[tuple[Robot, Plan]], list[str]]:
     """Plan at the best docks; return the robots and plans that worked, and why the others failed."""
-    tried = [_plan_at(robot, dock, keyframes, grasped) for dock in docks[:TRIED]]
+    tried = [_plan_at(robot, dock, keyframes, grasped) for dock in docks[:DOCKS_PLANNED]]
     return [each for each in tried if isinstance(each, tuple)], [each for each in tried if isinstance(each, str)]
 
 
@@ -145,7 +145,7 @@ def _sampled_tool_poses(arm: ArmModel) -> tuple[Array, Array]:
     from pbd.arm.reach import sample
 
     p, R = arm.forward_many(sample(arm, SAMPLES))
-    if (down := int((R[:, 2, 2] < -DOWN).sum())) < PLACES:
+    if (down := int((R[:, 2, 2] < -DOWN).sum())) < DOCKS:
         off_deg = np.degrees(np.arccos(np.clip(-R[:, 2, 2].min(), -1.0, 1.0)))
         raise RobotError(
             f"{arm.robot.name}: the tool points down in only {down} of {SAMPLES} random configurations (at best "
@@ -159,15 +159,15 @@ def _sampled_tool_poses(arm: ArmModel) -> tuple[Array, Array]:
 def _search_order(table: float | None, z_down: Array, lowest: float) -> Iterator[tuple[float | None, float, int]]:
     """Yield the table's height, m (None: any), the scale, and the number of docks, in the order of trial."""
     if table is not None:
-        yield from ((table, scale, PLACES) for scale in SCALES)
-        yield from ((table, scale, MORE_PLACES) for scale in SCALES[2:])
+        yield from ((table, scale, DOCKS) for scale in SCALES)
+        yield from ((table, scale, MORE_DOCKS) for scale in SCALES[2:])
         return
     # If the tool, pointing down, usually reaches the height of things on a table at z = 0, try that table first.
     low, high = np.quantile(z_down, (0.1, 0.9))
     if low <= GRIP_M + lowest <= high:
-        yield from ((0.0, scale, PLACES) for scale in SCALES[:3])
-    yield from ((None, scale, PLACES) for scale in SCALES)
-    yield from ((height, scale, MORE_PLACES) for height in (0.0, None) for scale in SCALES[2:])
+        yield from ((0.0, scale, DOCKS) for scale in SCALES[:3])
+    yield from ((None, scale, DOCKS) for scale in SCALES)
+    yield from ((height, scale, MORE_DOCKS) for height in (0.0, None) for scale in SCALES[2:])
 
 
 def _possible_docks(
@@ -183,16 +183,16 @@ def _possible_docks(
 
     at_origin = _tool_poses_at(dock(0.0, np.zeros(3), 0.0), keyframes)
     approach = [quat_rotate(pose.wxyz, (0.0, 0.0, 1.0)) for pose in at_origin]
-    tipped = int(np.argmax([z for _, _, z in approach]))
+    most_tilted = int(np.argmax([z for _, _, z in approach]))
     over = GRIP_M - min(pose.p[2] for pose in at_origin)
-    x, y, z = approach[tipped]
-    alike = np.abs(sampled[1][:, 2, 2] - z) < 1.0 - DOWN
-    for i, (p, R) in enumerate(zip(sampled[0][alike], sampled[1][alike], strict=True)):
+    x, y, z = approach[most_tilted]
+    similar = np.abs(sampled[1][:, 2, 2] - z) < 1.0 - DOWN
+    for i, (p, R) in enumerate(zip(sampled[0][similar], sampled[1][similar], strict=True)):
         yaw_deg = YAWS_DEG[i % len(YAWS_DEG)]
         if is_partial(arm):  # it can tilt its tool about one axis only
             yaw_deg = round(float(np.degrees(np.arctan2(R[1, 2], R[0, 2]) - np.arctan2(y, x))))
         yaw = float(np.radians(yaw_deg))
-        at = np.round(p - quat_rotate(quat_about_z(yaw), at_origin[tipped].p), 2)
+        at = np.round(p - quat_rotate(quat_about_z(yaw), at_origin[most_tilted].p), 2)
         if table is not None:
             if abs(at[2] - table - over) > NEAR_M:
                 continue
@@ -216,8 +216,7 @@ def _rank(arm: ArmModel, docks: Sequence[Calibration], keyframes: Sequence[Keyfr
 
 
 def _solve_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
-    """Return joints (m, k) for the m different poses, those farthest from the first one first; None if one is out of
-    reach."""
+    """Return joints (m, k) for m different poses, farthest from the first pose first; None if one is out of reach."""
     from pbd.arm.ik.partial_pose import is_partial, measure
     from pbd.arm.ik.solver import solve
     from pbd.arm.model import to_se3
@@ -265,7 +264,7 @@ def _homes(
     scene = scene_of(arm, dock, grasped)
     least_first = np.round(found[configuration_cost(arm, found).argsort()], 4)
     # If none is free, planning explains why.
-    return [q for q in least_first if scene.hit(q) is None][:HOMES] or [least_first[0]]
+    return [q for q in least_first if scene.hit(q) is None][:HOMES_PLANNED] or [least_first[0]]
 
 
 def _tool_poses_at(dock: Calibration, keyframes: Sequence[Keyframe]) -> tuple[Pose, ...]:

@@ -67,7 +67,7 @@ def request_of(
 def moves_of(
     chosen: Motion, keyframes: Sequence[Keyframe], hand: Hand | None, options: PlanOptions
 ) -> tuple[list[Move], Move | None]:
-    """Make the moves to time from the segments, and the retreat or None."""
+    """Make the moves of the segments, which time_moves.py times, and the retreat or None."""
     from pbd.arm.motion_request import DEMO
     from pbd.arm.timing.time_moves import APPROACH_SPEED, Move
 
@@ -81,7 +81,7 @@ def moves_of(
 
 
 class Task(NamedTuple):
-    """What is planned: the arguments of `plan_keyframes` without the options."""
+    """The arguments of `plan_keyframes` without the options."""
 
     keyframes: tuple[Keyframe, ...]
     calibration: Calibration

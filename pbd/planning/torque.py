@@ -18,7 +18,7 @@ HIGH_SHARE = 0.8
 """Share of a torque limit above which a warning is given: the model lacks friction and the motors' inertia."""
 
 ASSUMED_FACTOR = 5.0
-"""Share of an assumed torque limit above which a motion is refused: no assumption is wrong by such a factor."""
+"""A motion above this multiple of an assumed torque limit is refused: no assumption is so wrong."""
 
 
 def check_torque(
@@ -26,14 +26,14 @@ def check_torque(
 ) -> Refused | None:
     """Warn of torques near the limit, or above an assumed one; return the refusal of larger ones.
 
-    `share_at`: returns the largest share of a torque limit at another speed; at speed 0, of the arm at rest.
+    `share_at`: returns the largest share of a torque limit at another speed; at speed 0, for the arm at rest.
     """
     if torque is None:
         if str(load):
-            warn(f"torques are not checked, {load} or not: add `effort` to the robot's [limits]")
+            warn(f"torques are not checked despite {load}: add `effort` to the robot's [limits]")
         return None
     if torque.weightless:
-        warn(f"torques are too low: the URDF gives no mass to what moves with {', '.join(torque.weightless)}; add it")
+        warn(f"torques are underestimated: the URDF gives no link mass on {', '.join(torque.weightless)}; add it")
     assumed = "effort" in limits.assumed
     bound = f"its {'assumed ' if assumed else ''}torque limit of {torque.bound:.3g} {torque.unit}"
     carrying = f", carrying {load}" if str(load) else ""

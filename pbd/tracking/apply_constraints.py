@@ -28,7 +28,7 @@ def apply_constraints(
 ) -> HandPath:
     """Move the stops, and the path between them, to their most likely places given what is known.
 
-    With the claims' misfits d (m,), their Jacobian G^T by the k poses (G is (k, 6, m)), the poses' covariance P and the
+    With the claims' misfits d (m,), their Jacobian G^T for k poses (G is (k, 6, m)), the poses' covariance P and the
     claims' own R: the poses change by P G S^-1 d with S = G^T P G + R. The covariance has Joseph's form, which stays
     positive for any P and R.
 
@@ -72,7 +72,7 @@ def _joseph_times(prior: PoseCovariance, gain: Array, G: Array, R: Array, column
 def measurement_of(
     claims: Sequence[Claim], p_stop: Array, calibration: Calibration | None
 ) -> tuple[Array, Array, Array]:
-    """The claims' Jacobian by k poses, transposed, (k, 6, m); their covariance R (m, m), m2; their misfits (m,), m."""
+    """The claims' transposed Jacobian for k poses (k, 6, m); their covariance R (m, m), m2; their misfits (m,), m."""
     rows = _rows(claims)
     m = rows[-1].stop
     G, R, misfit = np.zeros((len(p_stop), 6, m)), np.zeros((m, m)), np.concatenate([claim.value for claim in claims])

@@ -43,8 +43,8 @@ class Estimate:
         path: at each row; the position is constant in a stop.
         stops: k stops, in order.
         closure: (k - 1, 3) m/s, velocity misclosure: integral of each move's acceleration, zero without errors.
-        covariance: joint, of the poses at the stops.
-        solution: of the smoother, after `with_own_noise`; None with the paper's method.
+        covariance: joint covariance of the poses at the stops.
+        solution: the smoother's, after `with_own_noise`; None with the paper's method.
         sensor: the sensor's errors; None: not estimated.
     """
 
@@ -87,7 +87,7 @@ def estimate(
     end = np.searchsorted(problem.stop_of[in_stops], [parts[-1] for parts in joined], "right")
     knots = in_stops[(first + end - 1) // 2].tolist()
     knots[0] = int(in_stops[first[0]])  # nav's origin is where the first rest begins
-    sensor = None if problem.device else _sensor_estimate(solution, knots[0])
+    sensor = None if problem.no_gyro else _sensor_estimate(solution, knots[0])
     solution = with_own_noise(solution)
     p_stop = solution.state.p[knots] - solution.state.p[knots[0]]
     covariance = PoseCovariance(len(knots), partial(_covariance_times, solution.solved, knots, p_stop))
@@ -122,19 +122,19 @@ def refuse_doubted_rest(t: Array, rest: Rest, stops: Sequence[Stop]) -> None:
 def _sensor_estimate(solution: Solution, first: int) -> SensorEstimate:
     """The sensor's errors, including those removed before smoothing; biases are those at the knot `first`."""
     solved, x, noise, rest = solution.solved, solution.state, solution.problem.noise, solution.problem.rest
-    device, doubt, prior = noise.device, acc_sigma_factor(noise, rest), solution.fixed.prior
+    sensor, acc_factor, prior = noise.sensor, acc_sigma_factor(noise, rest), solution.fixed.prior
     sigma = np.sqrt(np.diagonal(solved.shared))
     biases = slice(GYR_BIAS.start, ACC_BIAS.stop)
     right = np.zeros((*solved.scale.shape, 6))
     right[first, biases] = np.eye(6)
     of_biases = np.sqrt(np.diagonal(solved.columns(right)[first, biases]))
-    acc_scale, none = doubt * device.acc_scale, np.array(0.0)
+    acc_scale, none = acc_factor * sensor.acc_scale, np.array(0.0)
     M = x.shared[GYR_MATRIX].reshape(3, 3) - solution.scale * np.eye(3)
     N = lower_matrix(x.shared[ACC_MATRIX])
     return SensorEstimate(
         ErrorEstimate(rest.gyro_bias + x.gyr_bias[first], of_biases[:3], rest.gyro_bias, np.array(noise.gyr_bias)),
-        ErrorEstimate(M, sigma[GYR_MATRIX].reshape(3, 3), none, np.array(device.gyr_scale)),
-        ErrorEstimate(x.acc_bias[first], of_biases[3:], none, np.array(doubt * device.acc_bias)),
+        ErrorEstimate(M, sigma[GYR_MATRIX].reshape(3, 3), none, np.array(sensor.gyr_scale)),
+        ErrorEstimate(x.acc_bias[first], of_biases[3:], none, np.array(acc_factor * sensor.acc_bias)),
         ErrorEstimate(N, lower_matrix(sigma[ACC_MATRIX], acc_scale), none, np.array(acc_scale)),
         ErrorEstimate(solution.lag + x.shared[LAG][0], sigma[LAG][0], np.array(noise.lag), np.array(prior.lag_sigma)),
     )
@@ -147,19 +147,19 @@ def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[flo
     hand is where it was. Of a put-down that bounced only the longer stop is kept.
     """
     problem, t, p = solution.problem, solution.problem.frame.t, solution.state.p
-    strays = OUTLIER_SIGMAS * problem.noise.still_shift
+    max_shift = OUTLIER_SIGMAS * problem.noise.still_shift
     wxyz = solution.path.wxyz[[(start + stop) // 2 for start, stop in problem.stops]]
     joined = [[believed[0]]]
     for k in believed[1:]:
         before = joined[-1][-1]
         (begun, left), (arrived, gone) = t[np.array([problem.stops[before], problem.stops[k]]) - (0, 1)]
-        soon = arrived - left < BOUNCE_S
+        short_gap = arrived - left < BOUNCE_S
         gripped = arrived - left < GRIP_S and any(left - GRIP_S < at <= arrived for at in grips)
-        there, here = (median(p[problem.stop_of == stop]) for stop in (before, k))
-        moved = float(np.linalg.norm(here - there))
+        p_before, p_k = (median(p[problem.stop_of == stop]) for stop in (before, k))
+        moved = float(np.linalg.norm(p_k - p_before))
         turned = float(np.linalg.norm(quat_log(quat_multiply(wxyz[k], quat_inverse(wxyz[before])))))
-        knocked = soon and moved < strays and turned < strays / problem.noise.pivot
-        bounced = soon and min(left - begun, gone - arrived) < BOUNCE_S
+        knocked = short_gap and moved < max_shift and turned < max_shift / problem.noise.pivot
+        bounced = short_gap and min(left - begun, gone - arrived) < BOUNCE_S
         if not (bounced or knocked or gripped) or moved > BOUNCE_M or turned > BOUNCE_RAD:
             joined.append([k])
         elif gripped or (knocked and not bounced):

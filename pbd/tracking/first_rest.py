@@ -9,7 +9,7 @@ import numpy as np
 from pbd.data import GRAVITY, Recording
 from pbd.errors import RecordingError, TrackingError
 from pbd.pose import Array, lengths, readonly
-from pbd.tracking.moving_windows import MEANS, median, moving_mean_variance, moving_means, rows_of_mean, window_sums
+from pbd.tracking.moving_windows import PASSES, median, moving_mean_variance, moving_means, rows_of_mean, window_sums
 
 REST_S = 1.0
 """s: length of the first rest."""
@@ -58,7 +58,7 @@ class Rest:
 def find_rest(recording: Recording) -> Rest:
     """Find the first quiet second of a recording without NaN. A shorter recording is taken as a whole.
 
-    A steady turn about the vertical is as quiet as a rest. So the gyro must read there what it reads in most quiet
+    A steady turn about the vertical is as quiet as a rest. So the gyro's mean there must be that of most quiet
     seconds.
 
     Raises:
@@ -102,8 +102,8 @@ def find_rest(recording: Recording) -> Rest:
         start=start,
         stop=stop,
         gravity=gravity,
-        shake=float(moving_means(acc, k, MEANS).var(axis=0).sum()),
-        turn=float(moving_means(gyr, k, MEANS).var(axis=0).sum()),
+        shake=float(moving_means(acc, k, PASSES).var(axis=0).sum()),
+        turn=float(moving_means(gyr, k, PASSES).var(axis=0).sum()),
         gyro_bias=readonly(gyr.mean(axis=0)),
         up_sensor=readonly(acc.mean(axis=0) / gravity),
     )

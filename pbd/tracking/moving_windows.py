@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array
 
-MEAN_S, MEANS = 0.0125, 4
-"""A hand's motion is judged by moving means over MEAN_S (s), taken MEANS times. Vibration of 60 Hz and more (a motor, a
-phone that vibrates, or its alias at a slower rate) does not move the hand, and less than 1 % of it passes. A sample of
-a 40 Hz sensor, which finds the same stops, is a mean over 2 MEAN_S."""
+MEAN_S, PASSES = 0.0125, 4
+"""A hand's motion is judged by moving means over MEAN_S (s), in PASSES passes. Vibration of 60 Hz and more (a motor, a
+phone that vibrates, or its alias at a slower rate) does not move the hand, and less than 1 % of it passes. A 40 Hz
+sensor, whose sample spans 2 MEAN_S, still finds the same stops."""
 
 
 def rows_of_mean(rate_hz: float) -> int:
@@ -31,7 +31,7 @@ def window_moments(values: Array, n: int) -> tuple[Array, Array]:
 
 
 def moving_mean_variance(values: Array, n: int, k: int) -> Array:
-    """That variance of the `smoothed` values, by means over k samples, in each window of n samples."""
+    """`window_moments`' variance over n samples, of values `smoothed` by means over k samples."""
     return window_moments(smoothed(values, k), n)[0]
 
 
@@ -50,28 +50,28 @@ def window_sums(values: Array, n: int) -> Array:
 
 
 def smoothed(values: Array, n: int) -> Array:
-    """Moving means over n samples, taken MEANS times: (l, k) -> (l, k). Beyond both ends the values stay the same."""
-    before, after = (np.broadcast_to(end, (MEANS * (n - 1) // 2, *end.shape)) for end in (values[0], values[-1]))
-    return moving_means(np.concatenate((before, values, after)), n, MEANS)
+    """Moving means over n samples, in PASSES passes: (l, k) -> (l, k). Beyond both ends the values stay the same."""
+    before, after = (np.broadcast_to(end, (PASSES * (n - 1) // 2, *end.shape)) for end in (values[0], values[-1]))
+    return moving_means(np.concatenate((before, values, after)), n, PASSES)
 
 
-def moving_means(values: Array, n: int, means: int) -> Array:
-    """Moving means over n samples, taken `means` times: (l, k) -> (l - means (n - 1), k)."""
+def moving_means(values: Array, n: int, passes: int) -> Array:
+    """Moving means over n samples, in `passes` passes: (l, k) -> (l - passes (n - 1), k)."""
     if n == 1:
         return values
-    weights = _weights(n, means)
+    weights = _weights(n, passes)
     return np.stack([np.convolve(column, weights, "valid") for column in values.T], axis=1)
 
 
-def white_noise_variance(n: int, means: int = MEANS) -> float:
+def white_noise_variance(n: int, passes: int = PASSES) -> float:
     """Variance of the `moving_means` of white noise of variance 1."""
-    weights = _weights(n, means)
+    weights = _weights(n, passes)
     return float(weights @ weights)
 
 
-def _weights(n: int, means: int) -> Array:
+def _weights(n: int, passes: int) -> Array:
     weights = np.ones(1)
-    for _ in range(means):
+    for _ in range(passes):
         weights = np.convolve(weights, np.full(n, 1.0 / n))
     return weights
 

@@ -18,7 +18,7 @@ from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import moving_means, rows_of_mean, squares, white_noise_variance
 
 OUTLIER_SIGMAS = 3.0
-"""More sigmas along an axis are no chance (0.27 %): a robust factor hardly counts, a claim is refused, a lag real."""
+"""More sigmas along an axis are no chance (0.27 %): a robust factor fades, a claim is refused, a lag is real."""
 
 
 @dataclass(frozen=True)
@@ -61,14 +61,14 @@ CLASSES = {
     **{"ideal": IDEAL, "os5000": COMPASS},
     **dict.fromkeys(("wt901", "witmotion", "razor", "phone", "phyphox"), BARE),
 }
-"""The class by a word in the recording's `info.sensor`."""
+"""Word in the recording's `info.sensor` -> class."""
 
 
 @dataclass(frozen=True)
 class Noise:
     """One sigma per axis, or densities, in SI.
 
-    The white densities are measured at rest, `device` depends on the sensor, all else holds for every sensor and hand.
+    The white densities are measured at rest, `sensor` depends on its class, all else holds for every sensor and hand.
     """
 
     gyr_density: float
@@ -77,8 +77,8 @@ class Noise:
     acc_density: float
     """m/s2/sqrt(Hz), white; measured at rest."""
 
-    device: SensorClass
-    """Priors of the device's errors."""
+    sensor: SensorClass
+    """Priors of the sensor's errors."""
 
     gyr_turn: float = 0.0007
     """rad/sqrt(rad): random walk of attitude per angle turned (nonlinearity: 0.1 % of 0.5 rad)."""
@@ -126,10 +126,10 @@ class Noise:
     """m: mean distance of the pivot from the sensor: a wrist, or the point on which a foot treads."""
 
     reach: float = 2.0
-    """m: distance of the hand from its first rest, as one measurement per second. Walks go further, so it is robust."""
+    """m: distance of the hand from its first rest, one measurement per second; robust, because walks go further."""
 
     compass: float = 0.15
-    """rad sqrt(s): heading by a room's magnetic field, averaged over a second."""
+    """rad sqrt(s): error of heading by a room's magnetic field, averaged over a second."""
 
     field: float = 0.08
     """Relative change of a room's magnetic field since the first rest. A larger change is a magnet's."""
@@ -145,7 +145,7 @@ class Noise:
     refused unless a person says that the hand stood still.)"""
 
     unseen_rate: float = 0.2
-    """rad/s: the same for its rotation, about an elbow half a metre away."""
+    """rad/s: mean rate of such a hand, which turns about an elbow half a metre away."""
 
 
 FINEST_STEP = 1e-12
@@ -163,21 +163,21 @@ def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = Non
         rest: its first quiet second.
         errors: the calibration's, already corrected in the recording. It also gives the local gravity.
     """
-    device = next((found for word, found in CLASSES.items() if word in recording.info.sensor), FACTORY)
+    sensor = next((found for word, found in CLASSES.items() if word in recording.info.sensor), FACTORY)
     gravity = Noise.gravity
     if errors is not None and errors.acc is not None:
-        device, gravity = CALIBRATED, errors.gravity
+        sensor, gravity = CALIBRATED, errors.gravity
     white = 3.0 * white_noise_variance(rows_of_mean(recording.rate_hz))
     gyr, gyr_held = (0.0, 0.0) if recording.gyr is None else _rounding(recording.gyr, np.sqrt(rest.turn / white))
     acc, acc_held = _rounding(recording.acc, np.sqrt(rest.shake / white))
-    device = replace(
-        device,
-        acc_bias=float(np.hypot(device.acc_bias, acc_held)),
-        gyr_walk=float(np.hypot(device.gyr_walk, gyr_held)),
-        acc_walk=float(np.hypot(device.acc_walk, acc_held)),
+    sensor = replace(
+        sensor,
+        acc_bias=float(np.hypot(sensor.acc_bias, acc_held)),
+        gyr_walk=float(np.hypot(sensor.gyr_walk, gyr_held)),
+        acc_walk=float(np.hypot(sensor.acc_walk, acc_held)),
     )
     root = recording.rate_hz**-0.5
-    return Noise(gyr * root, acc * root, device, gravity=gravity)
+    return Noise(gyr * root, acc * root, sensor, gravity=gravity)
 
 
 def _rounding(values: Array, rms: float) -> tuple[float, float]:
@@ -202,9 +202,9 @@ def _rounding(values: Array, rms: float) -> tuple[float, float]:
 
 
 def acc_sigma_factor(noise: Noise, rest: Rest) -> float:
-    """Factor on the class' accelerometer sigmas, 1 or more: by how far gravity at rest is from its true value."""
+    """Factor on the class' accelerometer sigmas, 1 or more: it grows with the error of gravity at rest."""
     shown = abs(rest.gravity - noise.gravity)
-    return float(np.hypot(1.0, max(shown - 2.0 * noise.gravity_sigma, 0.0) / noise.device.acc_bias))
+    return float(np.hypot(1.0, max(shown - 2.0 * noise.gravity_sigma, 0.0) / noise.sensor.acc_bias))
 
 
 def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = None) -> tuple[Array, Array]:
@@ -217,7 +217,7 @@ def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = 
         gyr: (n, 3) rad/s, without bias.
         u: (n, 3) m/s2, specific force in the gyro frame.
         dt: s, sampling interval.
-        up: (3,) m/s2, specific force at rest. By default the mean of u, as over a whole recording motion averages out.
+        up: (3,) m/s2, specific force at rest. By default the mean of u: in a whole recording motion averages out.
     """
     s_g, s_a = np.zeros((3, len(u))), np.zeros((3, len(u)))
     s_g[0], s_a[0] = noise.gyr_density**2, noise.acc_density**2
@@ -248,7 +248,7 @@ def _bends(means: Array, n: int, noise: Noise, dt: float) -> Array:
     """
     second = means[2 * n :] - 2.0 * means[n:-n] + means[: -2 * n]
     fourth = second[2 * n :] - 2.0 * second[n:-n] + second[: -2 * n]
-    # Of white noise the variance of fourth differences is 70 times its own, that of second differences 6 times.
+    # White noise of variance 1 has fourth differences of variance 70 and second differences of variance 6.
     white = 6.0 * 3.0 * noise.acc_density**2 / dt * white_noise_variance(n, 2)
     bends: Array = np.maximum(6.0 / 70.0 * squares(fourth) - white, 0.0)
     return bends

@@ -34,12 +34,11 @@ class Claim:
     Attributes:
         saying: the claim in words.
         entry: its entry in demo.toml.
-        stop: index.
-        other: index; None: nav's origin.
+        stop, other: indices of stops; `other` None: nav's origin.
         axes: (d, 3), directions in nav.
         value: (d,) m.
         levers: two (3,) m in nav, from the sensor to the tool, at `stop` and at `other`.
-        by_calibration: (d, 9), derivative of the misfit by the calibration's errors.
+        by_calibration: (d, 9), derivative of the misfit with respect to the calibration's errors.
         own, shared: m2 per axis, variance of this claim's own noise, and of noise common to all claims of its `group`.
         group: number of the group.
         differs: the misfit in words, with {} for its size.

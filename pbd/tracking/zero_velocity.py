@@ -36,8 +36,8 @@ still (QUIET_ACC, QUIET_GYR)."""
 LULL_SHARE, LULL_S = 10.0**-1.8, 1.0
 """In a lull, such as a foot's stance, the calmest window counts as still even if it isn't quiet. Energies in a lull are
 below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after. (Of the largest energy, impacts
-included, 10^-2.2 separates stances from swings. A step's impact has 10^0.3 to 10^0.9 times the lasting energy, of which
-about the least is added.)"""
+included, 10^-2.2 separates stances from swings. A step's impact has 10^0.3 to 10^0.9 times the lasting energy; the
+exponent here is larger by 0.4.)"""
 
 SHORTEST_MOVE_S, SHORTEST_STOP_S = 0.1, 0.08
 """s: a shorter motion between two stops is a jolt and joins them; a shorter stop does not count."""
@@ -63,7 +63,7 @@ def find_candidates(
     Args:
         t: (n,) s.
         dt: s, the sampling interval.
-        shake, turn: (m,) (m/s2)^2 and (m,) (rad/s)^2, of `energies`.
+        shake, turn: (m,) (m/s2)^2 and (m,) (rad/s)^2, from `energies`.
         rest: its energies set the thresholds.
         gaps: last row before and first row after each gap. A gap between two rests is part of them.
     """
@@ -100,7 +100,7 @@ def still_speed(shake: Array, turn: Array, n: int, rest: Rest, noise: Noise) -> 
     (rate above the sensor's noise).
 
     Args:
-        shake, turn: (m,) (m/s2)^2 and (m,) (rad/s)^2, of `energies`.
+        shake, turn: (m,) (m/s2)^2 and (m,) (rad/s)^2, from `energies`.
         n: number of rows.
         rest: gives the sensor's noise.
         noise: gives the hand's parameters.
@@ -111,7 +111,7 @@ def still_speed(shake: Array, turn: Array, n: int, rest: Rest, noise: Noise) -> 
 
 
 def speed_by_energies(shake: Array, turn: Array, rest: Rest, noise: Noise) -> Array:
-    """The same (k,), m/s, of windows with known `energies`."""
+    """Sigma of zero velocity (k,), m/s per axis, of windows with known `energies`."""
     shaken = np.maximum(shake - rest.shake, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
     turned = noise.still_lever**2 * np.maximum(turn - rest.turn, 0.0)
     speed: Array = np.sqrt(noise.still_speed**2 + shaken + turned)
@@ -124,7 +124,7 @@ def quiet_limits(rest: Rest) -> tuple[float, float]:
 
 
 def slow_parts(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> Spans:
-    """The parts of a span in which the hand is slow, by a flag for each row of the span."""
+    """The parts of a span in which the hand is slow, given a flag for each of its rows."""
     return _long_enough(t, _merge_close(t, [(span[0] + i, span[0] + j) for i, j in runs(slow)]))
 
 
@@ -154,7 +154,7 @@ def runs(flags: NDArray[np.bool_]) -> Spans:
 
 
 def run_edges(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """The same as an array (k, 2)."""
+    """`runs` as an array (k, 2)."""
     padded = np.concatenate(([False], flags, [False]))
     return np.flatnonzero(padded[1:] != padded[:-1]).reshape(-1, 2)
 

@@ -14,7 +14,7 @@ from pbd.arm.choose_motion import choose_motion
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.collision.scene import CollisionScene, Leg
-from pbd.arm.detour import warp_detour
+from pbd.arm.detour import bend_detour
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ladder_checks import APPROACH_M
@@ -214,8 +214,8 @@ def test_a_known_detour_is_bent_to_joints_nearby_without_getting_longer() -> Non
     way = np.vstack((found.q[0], found.segments[1].q))
     scene = CollisionScene(ARM, None, PLATE)
     start, goal = way[-1] + 0.02, way[0] - 0.02
-    assert warp_detour(scene, Leg(), start, goal, []) is None
-    back = warp_detour(scene, Leg(), start, goal, [way])
+    assert bend_detour(scene, Leg(), start, goal, []) is None
+    back = bend_detour(scene, Leg(), start, goal, [way])
     assert back is not None
     assert (back[[0, -1]] == (start, goal)).all()
     assert scene.is_free(back, Leg())

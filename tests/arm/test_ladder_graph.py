@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.arm.ik.solver import check
-from pbd.arm.joint_path import STARTS, build_ladder, widen
+from pbd.arm.ladder_building import STARTS, build_ladder, widen
 from pbd.arm.ladder_graph import UNCHECKED_COST, Barred, Ladder, Layer
 from pbd.pose import Array
 from tests.arm.bundled import arm_of
@@ -19,11 +19,11 @@ MANY = 10**6
 
 
 def random_layers(
-    rng: np.random.Generator, sizes: list[int], most_barred: int = MANY, unchecked_cost: float = 0.0
+    rng: np.random.Generator, sizes: list[int], mend_after: int = MANY, unchecked_cost: float = 0.0
 ) -> list[Layer]:
-    start = Layer(rng.normal(size=(1, 2)), np.zeros(1), most_barred)
+    start = Layer(rng.normal(size=(1, 2)), np.zeros(1), mend_after)
     drawn = ((rng.normal(size=(size, 2)), rng.uniform(0.0, 0.3, size)) for size in sizes)
-    return [start] + [Layer(q, cost, most_barred, unchecked_cost=unchecked_cost) for q, cost in drawn]
+    return [start] + [Layer(q, cost, mend_after, unchecked_cost=unchecked_cost) for q, cost in drawn]
 
 
 class World:
@@ -39,7 +39,7 @@ class World:
     def state(self, place: int, q: Array) -> int:
         return int(np.flatnonzero((self.q[place] == q).all(axis=1))[0])
 
-    def stands(self, place: int, q: Array) -> bool:
+    def is_free(self, place: int, q: Array) -> bool:
         self.asked.append((place, self.state(place, q)))
         return self.asked[-1] not in self.bad
 
@@ -71,13 +71,13 @@ def test_it_is_the_shortest_of_all_that_are_free(seed: int, sizes: list[int], st
     rng = np.random.default_rng(seed)
     layers = random_layers(rng, sizes)
     world = World(rng, layers, states, moves)
-    found = Ladder(layers).search(world.stands, world.free_move)
+    found = Ladder(layers).search(world.is_free, world.free_move)
     free = [path for path in world.every() if world.free(path)]
     if isinstance(found, Barred):
         assert not free
         (place,) = found.layers
         assert not any(world.free(path[: place + 1]) for path in world.every())
-        assert found.standing == (any((place, s) not in world.bad for s in range(sizes[place - 1])),)
+        assert found.has_free_state == (any((place, s) not in world.bad for s in range(sizes[place - 1])),)
     else:
         assert tuple(found) == min(free, key=world.length)
     assert len(world.asked) == len(set(world.asked))
@@ -90,7 +90,7 @@ def test_a_known_path_is_left_only_for_one_that_is_shorter_by_the_extra_cost() -
         rng = np.random.default_rng(seed)
         layers = random_layers(rng, [4] * 5, unchecked_cost=unchecked_cost)
         world = World(rng, layers, 0.1, 0.4)
-        found = Ladder(layers).search(world.stands, world.free_move)
+        found = Ladder(layers).search(world.is_free, world.free_move)
         best = min(filter(world.free, world.every()), key=world.length, default=None)
         assert isinstance(found, Barred) == (best is None)
         if best is not None and not isinstance(found, Barred):
@@ -111,18 +111,18 @@ def test_a_mended_ladder_gives_the_same_path_as_one_built_at_once(seed: int, pla
     later_q, later_cost = part.q[2:], part.cost[2:].copy()
     ladder = Ladder([*layers[:2], Layer(part.q[:2], part.cost[:2].copy(), MANY, unchecked_cost=0.0), layers[3]])
     ladder.search(
-        lambda at, q: at > 2 or world.stands(at, q), lambda at, *q: 0.0 if at > 2 else world.free_move(at, *q)
+        lambda at, q: at > 2 or world.is_free(at, q), lambda at, *q: 0.0 if at > 2 else world.free_move(at, *q)
     )
     ladder.add(2, later_q, later_cost)
     ladder.insert(3, [third])
     ladder.reset_moves(place, MANY, costly=place % 2 == 0, unchecked_cost=0.0)
     world.asked = [each for each in world.asked if each[0] != place or len(each) == 2]
-    found = ladder.search(lambda at, q: at > 3 or world.stands(at, q), world.free_move)
+    found = ladder.search(lambda at, q: at > 3 or world.is_free(at, q), world.free_move)
     best = min(filter(world.free, world.every()), key=world.length, default=None)
     assert isinstance(found, Barred) if best is None else found == list(best)
     assert len(world.asked) == len(set(world.asked))
     ladder.drop(len(ladder.layers) - 1, len(ladder.layers))
-    shorter = ladder.search(world.stands, world.free_move)
+    shorter = ladder.search(world.is_free, world.free_move)
     assert isinstance(shorter, Barred) or len(shorter) == 4
 
 
@@ -130,13 +130,13 @@ def test_only_the_path_is_checked_and_costly_moves_last() -> None:
     layers = random_layers(np.random.default_rng(0), [4, 4, 4])
     layers[1].costly = True
     world = World(np.random.default_rng(0), layers, 0.0, 0.0)
-    Ladder(layers).search(world.stands, world.free_move)
+    Ladder(layers).search(world.is_free, world.free_move)
     assert [place[0] for place in world.asked] == [1, 2, 3, 2, 3, 1]
 
 
 def test_layers_with_too_many_barred_moves_are_returned() -> None:
     """All such layers are returned at once."""
-    layers = random_layers(np.random.default_rng(0), [4, 4, 4, 4], most_barred=2)
+    layers = random_layers(np.random.default_rng(0), [4, 4, 4, 4], mend_after=2)
     asked = []
 
     def free(place: int, q: Array, q_next: Array) -> float:
@@ -193,7 +193,7 @@ def by_windows(layers: list[Layer], world: World, window: int) -> tuple[list[int
     ladder = Totalled(layers)
     ladder.end = min(window, len(layers))
     while True:
-        path = ladder.search(world.stands, world.free_move)
+        path = ladder.search(world.is_free, world.free_move)
         assert isinstance(path, list)
         if ladder.end == len(layers):
             return path, ladder.count
@@ -211,7 +211,7 @@ def test_the_cost_of_a_long_ladder_is_linear_in_its_layers() -> None:
         asked.append(len(set(world.asked)))
         counts.append(count)
         whole = random_layers(np.random.default_rng(3), [4] * length)
-        best = Ladder(whole).search(world.stands, world.free_move)
+        best = Ladder(whole).search(world.is_free, world.free_move)
         assert isinstance(best, list)
         assert world.length(tuple(path)) <= 1.05 * world.length(tuple(best))
     assert counts[1] < 2.4 * counts[0]

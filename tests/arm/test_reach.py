@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.reach import farthest, sample
+from pbd.arm.reach import reach, sample
 from pbd.data import Robot
 from tests.arm.conftest import changed, random_joints
 
@@ -48,10 +48,10 @@ def test_the_farthest_is_farther_than_any_sample_and_no_farther_than_the_arm_is_
     which: str, request: pytest.FixtureRequest
 ) -> None:
     arm: ArmModel = request.getfixturevalue(which)
-    reach = farthest(arm)
+    longest = reach(arm)
     p, _ = arm.forward_many(random_joints(arm.robot, 20_000, seed=6))
-    assert reach > np.hypot(p[:, 0], p[:, 1]).max()
+    assert longest > np.hypot(p[:, 0], p[:, 1]).max()
     placements = [arm.model.jointPlacements[i].translation for i in range(2, arm.model.njoints)]
     steps = [np.linalg.norm(step) for step in (*placements, arm.model.frames[arm.tool_id].placement.translation)]
     slides = 0.4 if which == "odd_arm" else 0.0
-    assert reach < sum(steps) + slides
+    assert longest < sum(steps) + slides

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from pbd.arm.gripper import tool_rod as planned_rod
-from pbd.arm.joint_path import solve_path
+from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
 from pbd.audit.collision_pairs import AuditScene
@@ -43,7 +43,7 @@ def test_no_point_moves_farther_than_its_bound(name: str, odd_robot: Robot) -> N
     arm, trajectory = AuditArm(robot), swing(robot)
     motion, rng = Motion(arm, trajectory), np.random.default_rng(0)
     still = simple_solid("still", 0, pin.SE3.Identity(), "sphere", (0.1,))
-    for joint in filter(arm.driven_carriers, range(1, arm.model.njoints)):
+    for joint in filter(arm.driven_ancestors, range(1, arm.model.njoints)):
         p = rng.normal(0.0, 0.1, 3)
         thing = simple_solid("thing", joint, pin.SE3(np.eye(3), p), "sphere", (1e-6,))
         travel = motion.travel(Pair(thing, still))

@@ -153,7 +153,7 @@ def test_without_torque_limits_a_payload_gives_a_warning() -> None:
     robot = arm_of("panda").robot
     robot = replace(robot, limits=replace(robot.limits, effort=None))
     assert robot.dock is not None
-    with pytest.warns(PbdWarning, match="torques are not checked, 2 kg or not"):
+    with pytest.warns(PbdWarning, match="torques are not checked despite 2 kg"):
         plan = plan_keyframes(keyframes_of("pouring"), robot.dock, robot, PlanOptions(payload=2.0))
     assert plan.report.torque is None
 

@@ -91,9 +91,9 @@ def of_noise(**values: float) -> tuple[Change, ...]:
 
     def changed(recording: Recording, rest: Rest, errors: SensorErrors | None = None) -> Noise:
         found = noise_of(recording, rest, errors)
-        of_class = {field.name for field in fields(found.device)}
-        device = replace(found.device, **{name: value for name, value in values.items() if name in of_class})
-        return replace(found, device=device, **{name: v for name, v in values.items() if name not in of_class})
+        of_class = {field.name for field in fields(found.sensor)}
+        sensor = replace(found.sensor, **{name: value for name, value in values.items() if name in of_class})
+        return replace(found, sensor=sensor, **{name: v for name, v in values.items() if name not in of_class})
 
     return (pipeline, "noise_of", changed), (windows, "noise_of", changed)
 

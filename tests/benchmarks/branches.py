@@ -30,7 +30,7 @@ from pbd.arm.ik.branches import find_branches
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import SLACK_RAD, is_partial, refine_partial
 from pbd.arm.ik.starts import starts_of
-from pbd.arm.joint_path import STARTS, STARTS_WIDE
+from pbd.arm.ladder_building import STARTS, STARTS_WIDE
 from pbd.arm.model import ArmModel, load_model, to_se3
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
@@ -98,7 +98,7 @@ def branches(arm: ArmModel, goal: Any, q: Array) -> list[Array]:
 
 
 def _all(arm: ArmModel, goal: Any, seeds: Array) -> Iterable[Array]:
-    ended, squares = descend_each(arm, goal, seeds, all_of_them=True)
+    ended, squares = descend_each(arm, goal, seeds, all_seeds=True)
     for each in ended[squares < SOLVED]:
         # Where the arm is singular there are any number of ways.
         if np.linalg.svd(arm.jacobian(each), compute_uv=False)[-1] > SINGULAR:

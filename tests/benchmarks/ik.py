@@ -29,9 +29,9 @@ import pinocchio as pin
 
 from pbd.arm.ik.solver import solve
 from pbd.arm.ik.unreachable import find_reason
-from pbd.arm.joint_path import solve_path
+from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import ArmModel, from_se3, load_model, to_se3
-from pbd.arm.reach import farthest
+from pbd.arm.reach import reach
 from pbd.errors import PlanError
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
@@ -212,7 +212,7 @@ def travel(path: Array) -> float:
 
 def unreachable_ms(arm: ArmModel, count: int) -> list[float]:
     """Times to decide and to explain, of poses all about, to half as far again as the arm reaches, turned anyhow."""
-    rng, far, times = np.random.default_rng(2), farthest(arm), list[float]()
+    rng, far, times = np.random.default_rng(2), reach(arm), list[float]()
     while len(times) < count:
         direction, wxyz = rng.normal(size=3), rng.normal(size=4)
         p = rng.uniform(0.05, 1.5) * far * direction / np.linalg.norm(direction)

@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import pbd
 from pbd.arm.collision.motion_check import check_motion
-from pbd.arm.joint_path import solve_path
+from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit

@@ -28,7 +28,7 @@ from ruckig import InputParameter, Ruckig, Trajectory
 import pbd
 from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.ik.partial_pose import is_partial
-from pbd.arm.joint_path import solve_path
+from pbd.arm.ladder_building import solve_path
 from pbd.arm.timing.path_smoothing import Curve, curved_move
 from pbd.arm.timing.ptp import ptp_move
 from pbd.audit.arm import AuditArm

@@ -52,7 +52,7 @@ def test_a_dock_that_is_moved_stays_turned_as_it_was(capsys: Capture) -> None:
     assert run(capsys, *DOCK, "--rpy", "1", "-2", "30")[0] == 0
     moved = ("calibrate", "dock", "bench", "--position", "0.5", "0.1", "0.2")
     err = run(capsys, *moved)[2]
-    assert "(1.0, -2.0, 30.0) degrees, as given, and turned as before (--rpy turns it); " in err
+    assert "(1.0, -2.0, 30.0) degrees, as given, with its former rotation (--rpy changes it); " in err
     dock = read_calibration(Path("calibration/bench.toml")).T_base_dock
     assert dock is not None
     asked = Pose.from_rpy((0.5, 0.1, 0.2), np.radians((1.0, -2.0, 30.0)))

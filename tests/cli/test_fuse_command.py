@@ -74,7 +74,7 @@ def test_a_take_is_never_replaced_by_what_is_made_of_it(capsys: Capture) -> None
     link = Path("demos/link")
     link.symlink_to("tea1")
     for name in ("tea1", "demos/../demos/tea1", "link"):
-        assert "its recording would be lost" in refused(capsys, 1, "fuse", "tea1", "tea2", "-o", name, "--force")
+        assert "a recording, which would be lost" in refused(capsys, 1, "fuse", "tea1", "tea2", "-o", name, "--force")
     link.unlink()
     assert Path("demos/tea1/imu.csv").exists()
 

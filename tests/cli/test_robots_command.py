@@ -65,7 +65,7 @@ def test_the_users_own_table_is_kept(capsys: Capture, guide: str) -> None:
 
 def test_where_few_docks_will_do_more_are_weighed(capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch) -> None:
     TOML.write_text(guide, encoding="utf-8")
-    monkeypatch.setattr("pbd.planning.suggest.PLACES", 0)
+    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 0)
     code, lines, told = run(capsys, "robots", "--suggest", TOML)
     assert code == 0
     assert "0 of 0 docks have all keyframes within reach at 0.25 of the size" in told

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Known, Place, Recording, RecordingInfo, Truth
-from pbd.errors import RecordingError
+from pbd.errors import PbdWarning, RecordingError
 from pbd.files import demo as demo_file
 from pbd.files.demo import demo_folder, load_demo, newest_demo, read_demo, write_demo
 from pbd.files.find_by_name import bundled
@@ -154,11 +154,20 @@ def test_an_existing_folder_is_refused_unless_forced(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"tea exists; give another name, or --force to replace it$"):
         write_demo(still(5), folder)
     assert len(read_demo(folder).recording) == 3
-    (folder / "keyframes.toml").touch()
     write_demo(still(5), folder, force=True)
     assert len(read_demo(folder).recording) == 5
-    assert not (folder / "keyframes.toml").exists()  # it belonged to the old demonstration
     assert [path.name for path in tmp_path.iterdir()] == ["tea"]
+
+
+def test_a_person_s_keyframes_are_kept(tmp_path: Path) -> None:
+    folder = tmp_path / "tea"
+    write_demo(still(3), folder)
+    (folder / "keyframes.toml").touch()
+    with pytest.warns(PbdWarning, match=r"the old .*tea, whose keyframes were edited, is kept in .*tea\.before$"):
+        write_demo(still(5), folder, force=True)
+    assert len(read_demo(folder).recording) == 5
+    assert not (folder / "keyframes.toml").exists()
+    assert (tmp_path / "tea.before" / "keyframes.toml").exists()
 
 
 def test_a_folder_that_another_program_makes_meanwhile_stays(tmp_path: Path) -> None:

@@ -202,7 +202,7 @@ def from_rest_to_rest(wobble: float, up_to: int = 120) -> tuple[Strapdown, list[
     assert recording.gyr is not None
     gyr = recording.gyr[part] + wobble * moving * np.cos(phase + np.arange(3.0))
     samples = [Sample(k, *row) for k, row in enumerate(zip(t.tolist(), acc, gyr, strict=True))]
-    strapdown = Strapdown(samples[0], 0.01, Noise(1e-4, 1e-3, FACTORY), np.zeros(3), device=False)
+    strapdown = Strapdown(samples[0], 0.01, Noise(1e-4, 1e-3, FACTORY), np.zeros(3), no_gyro=False)
     legs = []
     for sample in samples[1:up_to]:
         strapdown.push(sample)

@@ -21,7 +21,7 @@ TRUSTED = ("Adjacent", "Never")
 """The SRDF's reasons that are trusted. Others ("Default", "disabled") were set by hand or found at one pose only."""
 
 SAMPLES = 200
-"""Number of random configurations, the same each time, that decide whether two bodies nearly always touch."""
+"""Number of random configurations, with a fixed seed, that decide whether two bodies nearly always touch."""
 
 NEARLY_ALWAYS = 0.95
 """Bodies that touch in at least this share of the samples are not checked: their shapes overlap, but the links
@@ -62,8 +62,8 @@ def link_pairs(arm: ArmModel) -> tuple[Pairs, tuple[Unchecked, ...]]:
 
 
 def samples(arm: ArmModel, count: int) -> Array:
-    """Draw coordinates (count, k + 1) uniformly within the limits and within one turn to either side of zero; the same
-    ones each time."""
+    """Draw coordinates (count, k + 1) uniformly within the limits and within one turn to either side of zero, with a
+    fixed seed."""
     lower, upper = np.maximum(arm.limits.lower, -2.0 * np.pi), np.minimum(arm.limits.upper, 2.0 * np.pi)
     return np.random.default_rng(0).uniform(np.append(lower, 0.0), np.append(upper, 1.0), (count, len(lower) + 1))
 

@@ -35,7 +35,7 @@ STEP_M = 2.0 * MARGIN_M
 
 Pairs = NDArray[np.int64]
 Rests = Mapping[int, Callable[[Pose], bool]]
-"""For pairs that may touch at some places: says whether this one may, with the tool at T_base_tool."""
+"""Index of a pair that may touch at some places -> whether it may, with the tool at T_base_tool."""
 
 
 NOWHERE: Rests = MappingProxyType({})
@@ -81,10 +81,10 @@ class Clearance:
     """Distances between pairs of bodies. Not safe to share between threads: pinocchio computes in its buffers.
 
     Attributes:
-        bodies, pairs: what is checked; pairs (p, 2) index the bodies.
+        bodies, pairs: the bodies, and the pairs (p, 2) of their indices to check.
         rates: (p, k + 1), see motion_bounds.py.
         margin_m: bodies closer than this, m, count as touching.
-        rests: pairs that may touch at some places.
+        rests: pairs of the object and a support, which may touch at some places.
     """
 
     def __init__(

@@ -34,12 +34,12 @@ class Body:
     """A convex body that moves with a joint.
 
     Attributes:
-        name: of its link, or of an object in the world.
+        name: its link's name, or the name of an object in the world.
         joint: index in `arm.full` of the joint that carries it; 0: it does not move.
         T_joint_body: its pose in the joint's frame.
         shape: "hull", "box", "cylinder" or "capsule" (along z), "sphere", or "floor": everything below z = 0.
-        size: m; box: x, y, z; cylinder: diameter, height; capsule: the same, without its round ends; sphere: diameter;
-            hull, floor: empty.
+        size: m; box: x, y, z; cylinder: diameter, height; capsule: diameter, height without its round ends; sphere:
+            diameter; hull, floor: empty.
         points: (n, 3) m, the corners of a hull; (0, 3) for other shapes.
         pad: m, by how much the body is larger than its shape on all sides.
         mesh: file and scale of the mesh that a hull replaces, or None.
@@ -91,7 +91,7 @@ def bodies_of(arm: ArmModel, shapes: Iterable[Shape]) -> tuple[Body, ...]:
 
 
 def _hull(path: Path, scale: Triple) -> Array:
-    """Return the corners (k, 3) of the hull of a mesh's rounded points, m; of a flat mesh those of its bounding box."""
+    """Return the corners (k, 3) of the hull of a mesh's rounded points, m; for a flat mesh, of its bounding box."""
     return from_mesh(path, "hulls", lambda soup: _corners(soup.corners * scale), ROUNDED_M, scale)["points"]
 
 

@@ -44,7 +44,7 @@ def lever_arms(arm: ArmModel, body: Body) -> Array:
     if body.shape == "floor":
         return found  # infinitely large
     p, radius = outline(body)
-    # By joint: all positions of the body in the joint's frame, as balls around points.
+    # Joint -> all positions of the body in the joint's frame, as balls around points.
     balls = {body.joint: (body.T_joint_body.act(p), radius)}
     for joint in reversed(list(model.supports[body.joint])[1:]):
         found[joint], p, radius = _swept(arm, joint, *balls[joint])

@@ -134,11 +134,11 @@ def _by_design(scene: CollisionScene, hit: Hit) -> str:
 
 def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:
     """Describe a hit in one line; fields: keyframe, t (s), bodies, value (depth, m), p_base (m)."""
-    told = describe(found.hit)
+    text = describe(found.hit)
     if found.t == 0.0:  # the arm already stands there
-        told = told.replace("would touch", "touches").replace("would come", "comes")
+        text = text.replace("would touch", "touches").replace("would come", "comes")
     return PlanError(
-        f"{_when(trajectory, found)} (t = {found.t:.1f} s): {told}; {_advice(scene, trajectory, found)}",
+        f"{_when(trajectory, found)} (t = {found.t:.1f} s): {text}; {_advice(scene, trajectory, found)}",
         keyframe=found.keyframe,
         t=found.t,
         **_fields(found.hit),

@@ -20,7 +20,7 @@ RECENT, CACHED = 4, 2000
 """Number of recently touching pairs that are measured first; number of coordinates whose distances are cached."""
 
 FIRST_SHARES = 0.5, 0.25, 0.75
-"""Shares of a straight move at which those pairs are measured first."""
+"""Shares of a straight move at which recently touching pairs are measured first."""
 
 
 class QuickClearance(Clearance):
@@ -50,10 +50,10 @@ class QuickClearance(Clearance):
     def touches_inside(self, x: Array) -> bool:
         """Whether any pair touches inside a straight move between coordinates x (2, k + 1); not checked at its ends."""
         step, q = x[1] - x[0], self.arm.configurations(x)
-        way = q[1] - q[0]
+        dq = q[1] - q[0]
 
         def place(t: float) -> None:
-            self._place(q[0] + t * way if self._even else self.arm.configurations(x[0] + t * step))
+            self._place(q[0] + t * dq if self._even else self.arm.configurations(x[0] + t * step))
 
         for t in FIRST_SHARES:
             place(t)

@@ -32,7 +32,7 @@ REST_M = 0.03
 """Distance from where it is gripped or released, m, within which a held object may touch its support."""
 
 LEAST_NORMAL_Z = float(np.cos(np.radians(45.0)))
-"""Least z component of the normal of a supporting surface: its normal is within 45 degrees of the vertical."""
+"""Smallest z component of a supporting surface's normal: within 45 degrees of the vertical."""
 
 MOST_TOOL_CHECKS = 32
 """Largest number of poses of a path at which `tool_hit` checks the tool."""
@@ -49,7 +49,7 @@ class Hit:
         first, second: names of links or obstacles, TABLE, THE_TOOL, or the grasped object ("the cylinder").
         distance: m, negative by the depth of the overlap.
         p_base: (3,) m, the point of contact in base.
-        share: of the path, at which the contact begins.
+        share: share of the path at which the contact begins.
     """
 
     first: str
@@ -77,7 +77,7 @@ class CollisionScene:
 
     Attributes:
         unchecked: the pairs of links that are not checked, and why.
-        obstacles: their names.
+        obstacles: names of the obstacles.
         links: names of the links that have a body.
         margin_m: bodies closer than this, m, count as touching.
         always: the arm against itself, the table and the obstacles.

@@ -24,11 +24,11 @@ AT_LIMIT = 0.3
 SINGULAR = 0.3
 """Cost of a singular configuration, in rad of joint travel."""
 
-CARRIED_PARTIAL = 2
-"""Number of states before from which an arm with too few joints starts: it has few solutions and slow descents."""
-CARRIED_APART_RAD, FRESH_APART_RAD, FRESH_APART_REDUNDANT_RAD = 0.3, 2.0, 1.2
-"""Starts that differ by less than this in every joint count as one: states before; new seeds; new seeds of a redundant
-arm."""
+EARLIER_PARTIAL = 2
+"""Number of configurations in `before` from which an arm with too few joints starts: its descents are slow."""
+EARLIER_APART_RAD, FRESH_APART_RAD, FRESH_APART_REDUNDANT_RAD = 0.3, 2.0, 1.2
+"""Starts that differ by less than this in every joint count as one: those in `before`; new seeds; new seeds of a
+redundant arm."""
 ALONG_APART_RAD = 0.6
 """Largest spacing of the configurations taken along the self-motion of a redundant arm."""
 NEARBY = 256
@@ -53,17 +53,17 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
         return _partial_pose_solutions(arm, T_base_tool, before)
     goal = to_se3(T_base_tool)
     third = starts // 3
-    carried = distinct(before, third, CARRIED_APART_RAD)
+    earlier = distinct(before, third, EARLIER_APART_RAD)
     around = min(ALONG_APART_RAD, 2.0 * np.pi / third)
-    curves = (branch[_nearest_first(arm, branch, carried)] for branch in seven_joints(arm, goal))
-    ways = np.vstack((closed_form(arm, goal), *(distinct(branch, third, around) for branch in curves)))
-    # A singular pose has more solutions; descents from the states before find those.
-    if len(ways) and len(found := _solutions(arm, goal, np.vstack((ways, carried)))):
+    curves = (branch[_nearest_first(arm, branch, earlier)] for branch in seven_joints(arm, goal))
+    analytic = np.vstack((closed_form(arm, goal), *(distinct(branch, third, around) for branch in curves)))
+    # A singular pose has more solutions; descents from `before` find those.
+    if len(analytic) and len(found := _solutions(arm, goal, np.vstack((analytic, earlier)))):
         return found
     seeds = starts_of(arm).nearest(goal, NEARBY)
     distance = FRESH_APART_REDUNDANT_RAD if len(arm.robot.joints) > FULL_POSE else FRESH_APART_RAD
-    fresh = distinct(seeds[_nearest_first(arm, seeds, carried)], starts - third, distance)
-    found = _solutions(arm, goal, np.vstack((carried, fresh)))
+    fresh = distinct(seeds[_nearest_first(arm, seeds, earlier)], starts - third, distance)
+    found = _solutions(arm, goal, np.vstack((earlier, fresh)))
     if not len(found) and (result := solve(arm, T_base_tool, before[0])).reached:
         return polish(arm, goal, result.q[None])
     return found
@@ -71,24 +71,24 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
 
 def _solutions(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> Array:
     """Return the different solutions (m, k) to which seeds descend, exact to rounding errors."""
-    q, squares = descend_each(arm, goal, q_seeds, all_of_them=True)
+    q, squares = descend_each(arm, goal, q_seeds, all_seeds=True)
     solved = squares < SOLVED
     coarse = solved & (squares > EXACT**2)
     q[coarse] = polish(arm, goal, q[coarse])
     return distinct(q[solved], len(q), SAME_RAD)
 
 
-def _nearest_first(arm: ArmModel, q: Array, carried: Array) -> Array:
-    """Return the order of configurations q (m, k) by the distance, modulo whole turns, to the nearest carried one."""
-    way = q[:, None] - carried
-    way -= (2.0 * np.pi) * arm.turns * np.round(way / (2.0 * np.pi))
-    order: Array = np.einsum("smk,smk->sm", way, way).min(axis=1).argsort()
+def _nearest_first(arm: ArmModel, q: Array, earlier: Array) -> Array:
+    """Return the order of configurations q (m, k) by the distance, modulo whole turns, to the nearest in `earlier`."""
+    dq = q[:, None] - earlier
+    dq -= (2.0 * np.pi) * arm.turns * np.round(dq / (2.0 * np.pi))
+    order: Array = np.einsum("smk,smk->sm", dq, dq).min(axis=1).argsort()
     return order
 
 
-def turn_toward(arm: ArmModel, q: Array, there: Array) -> Array:
-    """Turn joints q by whole turns, within their limits, to be nearest to the joints `there`."""
-    turns = np.round((there - q) / (2.0 * np.pi)) * arm.turns
+def turn_toward(arm: ArmModel, q: Array, q_near: Array) -> Array:
+    """Turn joints q by whole turns, within their limits, to be nearest to the joints `q_near`."""
+    turns = np.round((q_near - q) / (2.0 * np.pi)) * arm.turns
     least, most = np.ceil((arm.limits.lower - q) / (2.0 * np.pi)), np.floor((arm.limits.upper - q) / (2.0 * np.pi))
     turned: Array = q + 2.0 * np.pi * np.clip(turns, np.minimum(least, 0.0), np.maximum(most, 0.0))
     return turned
@@ -130,13 +130,13 @@ def polish(arm: ArmModel, goal: pin.SE3, q: Array) -> Array:
 
 
 def _partial_pose_solutions(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:
-    goal, carried = to_se3(T_base_tool), distinct(before, CARRIED_PARTIAL, CARRIED_APART_RAD)
-    ways = solve_partial(arm, goal, carried) + [refine_partial(arm, goal, q) for q in carried]
-    reached = [way for way in ways if way.reached]
-    least = min((way.weighted_rad for way in reached), default=0.0)
-    found = np.array([way.q for way in reached if way.weighted_rad <= least + SLACK_RAD]).reshape(-1, before.shape[1])
+    goal, earlier = to_se3(T_base_tool), distinct(before, EARLIER_PARTIAL, EARLIER_APART_RAD)
+    solutions = solve_partial(arm, goal, earlier) + [refine_partial(arm, goal, q) for q in earlier]
+    reached = [each for each in solutions if each.reached]
+    least = min((each.weighted_rad for each in reached), default=0.0)
+    found = np.array([one.q for one in reached if one.weighted_rad <= least + SLACK_RAD]).reshape(-1, before.shape[1])
     found = distinct(found, len(found), SAME_RAD)
-    flipped = [refine_partial(arm, goal, q) for each in found if (q := flipped_elbow(arm, each)) is not None]
-    also = [way.q for way in flipped if way.reached and way.weighted_rad <= least + SLACK_RAD]
+    flipped = [refine_partial(arm, goal, q) for q_found in found if (q := flipped_elbow(arm, q_found)) is not None]
+    also = [each.q for each in flipped if each.reached and each.weighted_rad <= least + SLACK_RAD]
     found = np.vstack((found, *also))
     return distinct(found, len(found), SAME_RAD)

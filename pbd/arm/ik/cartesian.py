@@ -23,8 +23,8 @@ LEAP_RAD = 0.1
 """Largest joint motion between neighbouring poses that is not checked for a leap, rad."""
 
 _LEAP_STEPS = 8  # steps into which two poses are divided to check for a leap
-_LEAST_POSES = 8  # least number of poses on a line
-_STEPS = 12  # most Newton steps for a pose
+_LEAST_POSES = 8  # smallest number of poses on a line
+_STEPS = 12  # largest number of Newton steps for a pose
 _SETTLED = 1e-9  # |e| (m, rad) at which a pose is solved
 _RIDGE = 1e-10  # keeps the normal equations solvable where the arm is singular
 

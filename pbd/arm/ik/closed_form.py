@@ -20,7 +20,7 @@ from pbd.pose import Array
 STRETCHED_RAD = float(np.arccosh(1.001))
 """Largest shortfall of an angle, rad, as `to_plane` defines it: the arm is stretched out, and just reaches the pose."""
 BEYOND_RAD = 0.05
-"""A solution that exceeds a joint limit by more than this, rad, is left out: no descent leads back from there."""
+"""A solution that exceeds a joint limit by more than this, rad, is left out: descents don't bring it back."""
 
 
 _Solutions = tuple[tuple[Array, ...], tuple[Array, ...]]
@@ -46,8 +46,8 @@ def closed_form(arm: ArmModel, goal: pin.SE3) -> Array:
     every = np.stack(np.broadcast_arrays(*q), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 6)
     found = wrap_to_limits(arm, every * kind.signs)
     reached = np.max(np.broadcast_arrays(*short), axis=0).T.repeat(2) <= STRETCHED_RAD
-    ways: Array = found[reached & (limit_excess(arm, found) <= BEYOND_RAD)]
-    return ways
+    solutions: Array = found[reached & (limit_excess(arm, found) <= BEYOND_RAD)]
+    return solutions
 
 
 def flipped_elbow(arm: ArmModel, q: Array) -> Array | None:
@@ -103,7 +103,7 @@ def _kind(arm: ArmModel) -> _Kind | None:
 
 
 def _parallel(axes: list[Axis], R: Array, p: Array) -> _Solutions:
-    """Return six arrays of angles, by the side of elbow, wrist and shoulder (2, 2, 2), and three shortfalls, rad."""
+    """Return six arrays of angles, for both sides of elbow, wrist and shoulder (2, 2, 2), and three shortfalls, rad."""
     first, second, third, fourth, fifth, last = axes
     n, upper, fore = second.h, third.p - second.p, fourth.p - third.p
     q1, short1 = first.to_plane(p - first.p, n, n @ (last.p - first.p))
@@ -120,7 +120,7 @@ def _parallel(axes: list[Axis], R: Array, p: Array) -> _Solutions:
 
 
 def _spherical(axes: list[Axis], R: Array, p: Array) -> _Solutions:
-    """Return the same for a spherical wrist, by the side of wrist, elbow and shoulder."""
+    """Return the same for a spherical wrist, for both sides of wrist, elbow and shoulder."""
     first, second, third, fourth, fifth, last = axes
     n, upper, fore = second.h, third.p - second.p, fourth.p - third.p
     q1, short1 = first.to_plane(p - first.p, n, n @ (last.p - first.p))

@@ -20,22 +20,22 @@ from pbd.pose import Array
 _dposv = lapack().dposv
 
 SOLVED = 0.999e-5**2
-"""Threshold of |e|^2: below it the tool is within 1e-5 m and 1e-5 rad, however that is rounded."""
+"""Threshold of |e|^2: below it the tool is within 1e-5 m and 1e-5 rad. 0.999 allows for rounding."""
 MOST_STEPS = 100
 MOST_TURN = 1.0
 """Largest motion of a joint in one step, rad or m."""
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-6, 1e4
-"""Initial and smallest mu; and the largest mu |e|^2: beyond it no step lowers |e|^2 any more, so the descent ends."""
+"""Initial and smallest mu; largest damping mu |e|^2: the descent ends if no step up to it lowers |e|^2."""
 RIDGE = 1e-12
 """Keeps the normal equations solvable where the arm is singular."""
 SLOW = 0.49
-"""A step after which more than this share of |e|^2 (70 % of |e|) remains is slow."""
+"""A step is slow if it leaves more than this share of |e|^2 (70 % of |e|)."""
 STALLED = 1.0 - 1e-6
-"""A step after which more than this share of |e|^2 remains is the last."""
+"""A step that leaves more than this share of |e|^2 is the last."""
 
 PATIENCE = 4
 """Number of successive slow steps after which a seed is given up."""
-UNTIL_IT_STOPS = MOST_STEPS
+NEVER_GIVE_UP = MOST_STEPS
 """Patience with which no seed is given up."""
 
 
@@ -45,18 +45,18 @@ def descend_each(
     q_seeds: Array,
     *,
     patience: int = PATIENCE,
-    all_of_them: bool = False,
+    all_seeds: bool = False,
 ) -> tuple[Array, Array]:
     """Descend from one seed after the other until one reaches the target.
 
     Args:
         q_seeds: (m, k) rad.
         patience: number of successive slow steps after which a seed is given up.
-        all_of_them: descend from all seeds.
+        all_seeds: descend from all seeds.
 
     Returns:
-        The joints (n, k), within limits, at which the n descents ended, and |e|^2 there (n,). Those below SOLVED are
-        solutions; without `all_of_them`, only the last can be one.
+        The joints (n, k), within limits, at which the n descents ended, and |e|^2 (n,) at them. Those below SOLVED are
+        solutions; without `all_seeds`, only the last can be one.
     """
     found, squares = [], []
     residual, bounds = Residual(arm, target), (arm.limits.lower, arm.limits.upper)
@@ -64,7 +64,7 @@ def descend_each(
         q, square = descend(residual, bounds, seed, patience=patience)
         found.append(q)
         squares.append(square)
-        if square < SOLVED and not all_of_them:
+        if square < SOLVED and not all_seeds:
             break
     return np.array(found), np.array(squares)
 
@@ -73,8 +73,8 @@ def residual_norms(arm: ArmModel, target: pin.SE3, q: Array) -> tuple[float, flo
     """Return the tool's distance and rotation from a target at joints q (k,): m, rad."""
     T_base_tool = arm.placement(q)
     off = T_base_tool.translation - target.translation
-    turned = pin.log3(T_base_tool.rotation @ target.rotation.T)
-    return math.sqrt(off.dot(off)), math.sqrt(turned.dot(turned))
+    rotation = pin.log3(T_base_tool.rotation @ target.rotation.T)
+    return math.sqrt(off.dot(off)), math.sqrt(rotation.dot(rotation))
 
 
 class Residual:
@@ -101,7 +101,7 @@ def descend(
     bounds: tuple[Array, Array],
     q_seed: Array,
     *,
-    patience: int = UNTIL_IT_STOPS,
+    patience: int = NEVER_GIVE_UP,
     steps: int = MOST_STEPS,
     solved: float = SOLVED,
     stalled: float = STALLED,
@@ -115,7 +115,7 @@ def descend(
         patience: number of successive slow steps after which the descent ends.
         steps: largest number of steps.
         solved: |e|^2 below which the descent ends.
-        stalled: a step after which more than this share of |e|^2 remains is the last.
+        stalled: a step that leaves more than this share of |e|^2 is the last.
         still: the descent ends with a step in which no joint would move by this much, rad.
 
     Returns:

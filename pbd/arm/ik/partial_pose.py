@@ -49,8 +49,8 @@ alike."""
 
 _ROUGH, _FINE = 0.3, 0.003  # m: weight of 1 rad of the approach axis, in the first descents and in the last
 _ROUGH_STEPS, _FINE_STEPS = 8, 200
-_KEPT = 4  # starts from which the last descents are made
-_APART_RAD = 0.2  # starts that end closer to each other than this in every joint are one
+_KEPT = 4  # number of starts from which the last descents are made
+_APART_RAD = 0.2  # descents that end closer to each other than this in every joint count as one
 _STILL_RAD = 1e-7  # the last descent ends with a smaller step
 
 
@@ -97,10 +97,10 @@ def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialP
         places += [measure(arm, goal, q) for q in kept]
         if not any(place.reached for place in places):
             return [min(places, key=lambda place: place.position_m)]
-    ways = [refine_partial(arm, goal, q) for q in kept]
+    solutions = [refine_partial(arm, goal, q) for q in kept]
     # A descent that turns the tool may end at limits where the position cannot be met.
-    found = [way for way in ways if way.reached] or [place for place in places if place.reached]
-    return sorted(found, key=lambda way: way.weighted_rad)
+    found = [each for each in solutions if each.reached] or [place for place in places if place.reached]
+    return sorted(found, key=lambda each: each.weighted_rad)
 
 
 def refine_partial(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> PartialPose:

@@ -108,13 +108,13 @@ def _solutions(arm: ArmModel, axes: Sequence[Axis], R: Array, from_last: Array, 
     turn6 = sines(q6)
     q5 = -fifth.align(from_wrist, sixth.rotate(turn6, seen))
     turn5 = sines(q5)
-    # Joints 1 to 3 rotate the upper arm: it must take axis 3 to `there`, and its inverse must take axis 1 to `back`.
-    there = last.unrotate(turn7, sixth.unrotate(turn6, fifth.unrotate(turn5, fourth.unrotate(turn4, third.h)))) @ R.T
-    back = fourth.rotate(turn4, fifth.rotate(turn5, sixth.rotate(turn6, last.rotate(turn7, first.h @ R))))
-    q2, short2 = second.to_plane(first.h, third.h, there @ first.h)
+    # Joints 1 to 3 rotate the upper arm: it must take axis 3 to `axis3`, and its inverse must take axis 1 to `axis1`.
+    axis3 = last.unrotate(turn7, sixth.unrotate(turn6, fifth.unrotate(turn5, fourth.unrotate(turn4, third.h)))) @ R.T
+    axis1 = fourth.rotate(turn4, fifth.rotate(turn5, sixth.rotate(turn6, last.rotate(turn7, first.h @ R))))
+    q2, short2 = second.to_plane(first.h, third.h, axis3 @ first.h)
     turn2 = sines(q2)
-    q1 = first.align(second.rotate(turn2, third.h), there)
-    q3 = -third.align(second.unrotate(turn2, first.h), back)
+    q1 = first.align(second.rotate(turn2, third.h), axis3)
+    q3 = -third.align(second.unrotate(turn2, first.h), axis1)
     found = wrap_to_limits(arm, np.stack(np.broadcast_arrays(q1, q2, q3, q4, q5, q6, q7), axis=-1))
     off = np.maximum(np.maximum(limit_excess(arm, found), short2), np.maximum(short4, short6))
     return found.reshape(8, -1, 7), np.maximum(off, 0.0).reshape(8, -1)
@@ -128,7 +128,7 @@ def _last_joint_angles(arm: ArmModel, axes: Sequence[Axis], to_shoulder: Array, 
     across = to_wrist - (to_wrist @ h) * h
     a, b = float(to_shoulder @ across), -float(to_shoulder @ np.cross(h, across))
     size, nearest = math.hypot(a, b), math.atan2(b, a)
-    # |to_shoulder - turn(-q) to_wrist|^2 is `middle` less 2 `size` cos(q - nearest).
+    # |to_shoulder - turn(-q) to_wrist|^2 is `middle` - 2 `size` cos(q - nearest).
     middle = to_shoulder @ to_shoulder + to_wrist @ to_wrist - 2.0 * (to_shoulder @ h) * (to_wrist @ h)
     cosines = (middle - np.array([reach.min(), reach.max()]) ** 2) / max(2.0 * size, TINY)
     near, far = np.arccos(np.clip(cosines, -1.0, 1.0)) + np.array([-PAST_RAD, PAST_RAD])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.arm.ik.levenberg_marquardt import SOLVED, UNTIL_IT_STOPS, descend_each, residual_norms
+from pbd.arm.ik.levenberg_marquardt import NEVER_GIVE_UP, SOLVED, descend_each, residual_norms
 from pbd.arm.ik.partial_pose import is_partial, solve_partial
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel, to_se3
@@ -68,7 +68,7 @@ def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkRe
     # At the edge of the reach steps are small, so all descents may have been given up early: resume the best.
     for i in np.argsort(squares)[:RESUMED]:
         if squares.min() >= SOLVED:
-            (q[i],), (squares[i],) = descend_each(arm, goal, q[i : i + 1], patience=UNTIL_IT_STOPS)
+            (q[i],), (squares[i],) = descend_each(arm, goal, q[i : i + 1], patience=NEVER_GIVE_UP)
     if SOLVED <= squares.min() < NEAR_MISS**2:
         count = EVERYWHERE if squares.min() < NEARLY_THERE**2 else ANYWHERE
         others, their_squares = descend_each(arm, goal, starts.q[:count])

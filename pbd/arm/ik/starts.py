@@ -15,13 +15,13 @@ SAMPLES = 10_000
 ROTATION_WEIGHT_M = 0.3
 """Weight of a difference of 1 in an element of the rotation matrix, m."""
 LOW_SHARE = 0.25
-"""Share of configurations that count as nearly singular."""
+"""Share of the configurations that counts as nearly singular."""
 
 _MEASURED = 500  # samples from which that quantile of manipulability is computed
 
 
 class Starts:
-    """Uniform samples of an arm's configurations, the same ones each time.
+    """Uniform samples of an arm's configurations, with a fixed seed.
 
     Attributes:
         q: (n, k) rad.

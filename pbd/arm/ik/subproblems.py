@@ -18,7 +18,7 @@ from pbd.pose import Array
 PARALLEL, INTERSECTING_M = 1e-3, 1e-3
 """Largest sine of the angle between parallel axes; largest distance between intersecting axes, m."""
 TINY = 1e-12
-"""Least denominator, for a joint that has no influence."""
+"""Least denominator: v or n may lie along the axis."""
 
 
 @dataclass(eq=False)
@@ -34,11 +34,11 @@ class Axis:
         return np.cross(self.h, np.eye(3))
 
     def rotate(self, by: tuple[Array, Array], v: Array) -> Array:
-        """Rotate vectors (..., 3) by angles (...) given by their `sines`."""
+        """Rotate v (..., 3) by angles (...); `by`: `sines` of them."""
         return _rotated(self.K, by, v)
 
     def unrotate(self, by: tuple[Array, Array], v: Array) -> Array:
-        """Rotate vectors by the negative angles."""
+        """Rotate v (..., 3) by the negative angles."""
         return _rotated(self.K.T, by, v)
 
     def align(self, v: Array, w: Array) -> Array:
@@ -92,8 +92,8 @@ def sines(q: Array) -> tuple[Array, Array]:
 
 def _rotated(K: Array, by: tuple[Array, Array], v: Array) -> Array:
     across = v @ K
-    turned: Array = v + by[0] * across + by[1] * (across @ K)
-    return turned
+    rotated: Array = v + by[0] * across + by[1] * (across @ K)
+    return rotated
 
 
 def _dot(v: Array, w: Array) -> Array:
@@ -111,5 +111,5 @@ def wrap_to_limits(arm: ArmModel, q: Array) -> Array:
 
 def limit_excess(arm: ArmModel, q: Array) -> Array:
     """Return the largest limit excess (...) of joints (..., k), rad; negative within the limits."""
-    farthest: Array = np.maximum(arm.limits.lower - q, q - arm.limits.upper).max(axis=-1)
-    return farthest
+    excess: Array = np.maximum(arm.limits.lower - q, q - arm.limits.upper).max(axis=-1)
+    return excess

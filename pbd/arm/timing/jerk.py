@@ -15,27 +15,27 @@ from scipy.sparse import csr_array, diags_array, kron, vstack
 from pbd.arm.timing.speed_profile import SpeedProfile
 from pbd.pose import Array
 
-ROUNDS = 4  # most linear programs
+ROUNDS = 4  # largest number of linear programs
 _ENOUGH = 1e-3  # a round that reduces the duration by a smaller share is the last
 _SLOW = 1e-6  # lower bound of x, as a share of the highest x, so that times stay finite
 
 
 def jerk_limited_profile(
-    s: Array, x_most: Array, dq: Array, ddq: Array, acceleration: Array, jerk: Array
+    s: Array, x_max: Array, dq: Array, ddq: Array, acceleration: Array, jerk: Array
 ) -> SpeedProfile | None:
     """Find the fastest profile of a path from rest to rest.
 
     Args:
         s: (n + 1,) grid points; best spaced about equally in time.
-        x_most: (n + 1,) upper bound of x: the profile without jerk limits; zero at both ends.
+        x_max: (n + 1,) upper bound of x: the profile without jerk limits; zero at both ends.
         dq, ddq: (n, k) first and second derivatives of the joints by s, midway between grid points.
         acceleration, jerk: (k,) limits.
 
     Returns:
         The best profile; None if the solver finds none.
     """
-    scale = float(x_most.max())
-    step, most = np.diff(s), x_most / scale
+    scale = float(x_max.max())
+    step, most = np.diff(s), x_max / scale
     n, k = dq.shape
     # Maps x to each joint's acceleration in each segment, as a share of its limit: (n k, n + 1).
     by_x = scale * np.stack((0.5 * ddq - 0.5 * dq / step[:, None], 0.5 * ddq + 0.5 * dq / step[:, None]), axis=2)
@@ -45,7 +45,7 @@ def jerk_limited_profile(
     accelerations = csr_array((by_x.ravel(), (rows, columns.ravel())), shape=(n * k, n + 1))
     rest = csr_array((k, n + 1))
     changes = vstack((accelerations, rest)) - vstack((rest, accelerations))  # ((n + 1) k, n + 1)
-    # Maps the times of segments to those between their midpoints (n + 1, n); at the ends, at rest, a full segment.
+    # Maps the segments' times to the times between their midpoints (n + 1, n); at the ends, at rest, a full segment.
     weights = np.full((2, n), 0.5)
     weights[0, 0] = weights[1, -1] = 1.0
     between = diags_array(weights, offsets=(0, -1), shape=(n + 1, n), format="csr")

@@ -46,7 +46,7 @@ class Curve:
     """A smooth path through waypoints.
 
     Attributes:
-        s: (n,) path parameter of the waypoints, s: the shortest time to get there within the velocity limits.
+        s: (n,) s, path parameter: the shortest time to reach each waypoint within the velocity limits.
         q: the joints (k,) rad over s.
         t: (n,) s, when the demonstration passed the waypoints, or None.
     """
@@ -75,9 +75,9 @@ class Curve:
     def profile(self, limits: JointLimits, factor: float) -> SpeedProfile:
         """Return the fastest profile within a share `factor` of the limits, and no faster than the demonstration."""
         s = self.grid()
-        x_most = None if self.t is None else self._demonstrated(s, self.t) ** 2
+        x_max = None if self.t is None else self._demonstrated(s, self.t) ** 2
         velocity, acceleration = WITHIN * factor * limits.velocity, WITHIN * factor * limits.acceleration
-        return fastest_profile(s, self.q(s, 1), self.q(s, 2), velocity, acceleration, x_most)
+        return fastest_profile(s, self.q(s, 1), self.q(s, 2), velocity, acceleration, x_max)
 
     def _demonstrated(self, s: Array, passed: Array) -> Array:
         """Return the demonstration's speed ds/dt (n,) at grid points; `passed`: the times (n,) of the waypoints, s."""
@@ -127,8 +127,8 @@ def _jerk_limited(
     s[-1] = profile.s[-1]
     middle = 0.5 * (s[:-1] + s[1:])
     acceleration, jerk = WITHIN * factor * limits.acceleration, WITHIN * factor * limits.jerk
-    x_most = np.interp(s, profile.s, profile.x)
-    return jerk_limited_profile(s, x_most, curve.q(middle, 1), curve.q(middle, 2), acceleration, jerk)
+    x_max = np.interp(s, profile.s, profile.x)
+    return jerk_limited_profile(s, x_max, curve.q(middle, 1), curve.q(middle, 2), acceleration, jerk)
 
 
 def _averaged(curve: Curve, limits: JointLimits, profile: SpeedProfile, h: float, width: int) -> PiecewiseCubic:

@@ -13,7 +13,7 @@ from pbd.pose import Array
 WITHIN = 1.0 - 1e-9
 """Share of each limit that is used, so that rounding errors do not exceed it."""
 
-_NO_TIME = 1e-12  # s: shorter pieces are dropped; ruckig gives phases that it does not need no time
+_NO_TIME = 1e-12  # s; shorter pieces are dropped: unused phases of ruckig have no duration
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class PiecewiseCubic:
 
     @staticmethod
     def of(durations: Array, coefficients: Array) -> PiecewiseCubic:
-        """Make pieces from those that take time."""
+        """Make the pieces, without those of no duration."""
         lasting = durations >= _NO_TIME
         return PiecewiseCubic(durations[lasting], coefficients[lasting])
 
@@ -50,7 +50,7 @@ class PiecewiseCubic:
 
     @property
     def duration(self) -> float:
-        """In s."""
+        """Return the motion's duration, s."""
         return float(self.durations.sum())
 
     def slowed(self, factor: float) -> PiecewiseCubic:

@@ -1,8 +1,8 @@
 """Point-to-point (PTP) moves: straight in joint space, from rest to rest, as fast as the limits allow.
 
-Ruckig plans one degree of freedom, the distance along the line, within the limits that all joints leave it. So the
-move is straight, which it often would not be with one degree of freedom per joint, and ruckig's cubic pieces become
-those of the joints by a factor. Ruckig's waypoints are not used, since they call a web service.
+Ruckig plans one degree of freedom, the distance along the line, so that all joints keep their limits. With one degree
+of freedom per joint, the move would often not be straight. A joint's cubic pieces are ruckig's, times a factor.
+Ruckig's waypoints are not used, since they call a web service.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ def ptp_move(q_start: Array, q_end: Array, limits: JointLimits, factor: float) -
         q_start, q_end: (k,) rad.
         factor: share of the velocity, acceleration and jerk limits.
     """
-    way = q_end - q_start
-    length = float(np.abs(way).max())
+    dq = q_end - q_start
+    length = float(np.abs(dq).max())
     if length == 0.0:
-        return PiecewiseCubic(np.empty(0), np.empty((0, 4, len(way))))
-    way = way / length
-    profile = _profile(length, np.abs(way), limits, factor)
+        return PiecewiseCubic(np.empty(0), np.empty((0, 4, len(dq))))
+    direction = dq / length
+    profile = _profile(length, np.abs(direction), limits, factor)
     durations = np.array(profile.t)
     # Seven phases begin at the first seven of eight states; the last state is the end.
     s, v, a, j = (np.array(values)[: len(durations), None] for values in (profile.p, profile.v, profile.a, profile.j))
-    coefficients = np.stack((q_start + s * way, v * way, a / 2.0 * way, j / 6.0 * way), axis=1)
+    coefficients = np.stack((q_start + s * direction, v * direction, a / 2.0 * direction, j / 6.0 * direction), axis=1)
     return PiecewiseCubic.of(durations, coefficients).lasting(LEAST_S)
 
 

@@ -43,7 +43,7 @@ class SpeedProfile:
 
 
 def fastest_profile(
-    s: Array, dq: Array, ddq: Array, velocity: Array, acceleration: Array, x_most: Array | None = None
+    s: Array, dq: Array, ddq: Array, velocity: Array, acceleration: Array, x_max: Array | None = None
 ) -> SpeedProfile:
     """Find the fastest profile of a path from rest to rest.
 
@@ -51,14 +51,14 @@ def fastest_profile(
         s: (n,) grid points, increasing.
         dq, ddq: (n, k) first and second derivatives of the joints by s.
         velocity, acceleration: (k,) limits.
-        x_most: (n,) additional upper bound of x.
+        x_max: (n,) additional upper bound of x.
     """
     step = np.diff(s)
     c, m, x_highest = _bounds(step, dq, ddq, acceleration)
     with np.errstate(divide="ignore"):
         x_highest = np.minimum(x_highest, ((velocity / np.abs(dq)) ** 2).min(axis=1))
-    if x_most is not None:
-        x_highest = np.minimum(x_highest, x_most)
+    if x_max is not None:
+        x_highest = np.minimum(x_highest, x_max)
     x_highest[0] = x_highest[-1] = 0.0
     # Backward pass: x_next = x + 2 step u must not exceed the largest x there, nor be below zero.
     x = np.empty(len(s))
@@ -85,7 +85,7 @@ def fastest_profile(
 def _bounds(step: Array, dq: Array, ddq: Array, acceleration: Array) -> tuple[Array, Array, Array]:
     """Return c and m (n - 1, 2 k) of the bounds on u, and the highest x (n,) at which some u satisfies them all."""
     at_start = (dq[:-1], ddq[:-1])
-    at_end = (dq[1:] + 2.0 * step[:, None] * ddq[1:], ddq[1:])  # x there is x + 2 step u
+    at_end = (dq[1:] + 2.0 * step[:, None] * ddq[1:], ddq[1:])  # x at the end is x + 2 step u
     a, b = (np.concatenate(pair, axis=1) for pair in zip(at_start, at_end, strict=True))
     limit = np.concatenate((acceleration, acceleration))
     flat = np.abs(a) < _FLAT

@@ -33,8 +33,8 @@ class Move:
         curved: follow a smooth curve through the waypoints; else move straight to each, and stop there.
         t: (n + 1,) s, when the demonstration passed the start and each waypoint; a curve is nowhere faster.
         least_s: shortest duration of the move, s.
-        share: of the velocity, acceleration and jerk limits.
-        deviation_share: how closely it follows a curve; see `curved_move`.
+        share: share of the velocity, acceleration and jerk limits.
+        deviation_share: see `curved_move`.
     """
 
     q: Array

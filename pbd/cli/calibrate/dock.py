@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibration) -> tuple[Pose, Array, str]:
-    """T_base_dock, its covariance (6, 6) without that of putting the sensor down, and its source in words."""
+    """Return T_base_dock, its covariance (6, 6) without that of putting the sensor down, and its source in words."""
     if args.rpy is not None and args.position is None:
         raise UsageError("--rpy goes with --position; leave it out")
     if args.position is not None:
@@ -74,7 +74,7 @@ def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibratio
         if (far := max(map(abs, args.position))) > REACH_M:
             what = f"a dock {far:g} m from the robot's base is beyond every robot's reach; give metres"
             raise CalibrationError(what, value=far, bound=REACH_M)
-        turned = "" if args.rpy is not None or not kept.any() else ", and turned as before (--rpy turns it)"
+        turned = "" if args.rpy is not None or not kept.any() else ", with its former rotation (--rpy changes it)"
         return Pose.from_rpy(args.position, np.radians(rpy_deg)), np.zeros((6, 6)), f"as given{turned}"
     if args.joints is not None:
         pose = _tool_at_joints(args.joints, robot) @ calibration.T_sensor_tool.inverse()
@@ -84,7 +84,7 @@ def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibratio
 
 
 def _tool_at_joints(joints: list[float], robot: Robot | None) -> Pose:
-    """T_base_tool by forward kinematics; joints in degrees, sliding joints in m."""
+    """Return T_base_tool by forward kinematics; joints in degrees, sliding joints in m."""
     from pbd.arm.model import load_model
 
     if robot is None:
@@ -112,7 +112,7 @@ def _tool_at_joints(joints: list[float], robot: Robot | None) -> Pose:
 
 
 def _pose_at_keyframe(args: argparse.Namespace, calibration: Calibration) -> tuple[Pose, Array]:
-    """T_base_dock where a demonstration stopped, and its covariance (6, 6)."""
+    """Return T_base_dock where a demonstration stopped, and its covariance (6, 6)."""
     name, index = args.from_keyframe
     through = load_calibration(args.calibration) if args.calibration else calibration
     if not (args.calibration or calibration.knows_start):
@@ -130,7 +130,7 @@ def _pose_at_keyframe(args: argparse.Namespace, calibration: Calibration) -> tup
 
 def _refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:
     """Raise PlanError if the robot does not reach the pose."""
-    from pbd.arm.joint_path import solve_path
+    from pbd.arm.ladder_building import solve_path
     from pbd.arm.model import load_model
 
     try:

@@ -21,7 +21,7 @@ from pbd.tracking.keyframes import find_keyframes
 def report_heading(
     args: argparse.Namespace, recording: Recording, keyframes: Sequence[Keyframe], calibration: Calibration, part: str
 ) -> float | None:
-    """Say how well nav's heading repeats; return one sigma of it, rad, or None without a magnetometer."""
+    """Say how well nav's heading repeats; return its sigma, rad, or None without a magnetometer."""
     if recording.mag is None:
         if part == "nav":
             warn(

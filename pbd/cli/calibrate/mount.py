@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
 def _merged(
     calibration: Calibration, pivot: PivotFit | None, turns: TurnsFit | None
 ) -> tuple[Pose, Array, dict[str, float]]:
-    """T_sensor_tool, its covariance (6, 6) and the fits' figures. What was not fitted stays as it was."""
+    """Return T_sensor_tool, its covariance (6, 6) and the fits' figures; parts that were not fitted are kept."""
     mount = calibration.T_sensor_tool
     cov = np.zeros((6, 6)) if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool.copy()
     before = {name.removeprefix("mount."): x for name, x in calibration.residuals.items() if "mount." in name}
@@ -64,7 +64,7 @@ def _merged(
 
 
 def _certainty(mount: Pose, cov: Array) -> str:
-    """The tool's position on the sensor in words, with the sigmas that are known."""
+    """Say where the tool is on the sensor, with the sigmas that are known."""
     sigma = one_sigma(cov)
     x, y, z = 1e3 * mount.p
     place = f"the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm on the sensor"

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
     figures |= {} if heading is None else {"heading_deg": round(float(np.degrees(heading)), 2)}
     cov = fit.cov.copy()
     if part == "nav" and heading is not None:
-        cov[5, 5] += heading**2  # the heading of the next demonstration differs from this one by so much
+        cov[5, 5] += heading**2  # the heading differs between demonstrations by this sigma
     values = pose_values(pose, "in base", cov) | {"fit": (figures, ""), "any_attitude": (None, "")}
     update_calibration(path, {part: values}, renames=instead, scale=fit.scale if args.find_scale else None)
     if args.json:
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> None:
         )
     else:
         say(f"the points fit as expected ({worse} the tracker's uncertainty)")
-    turned = "" if part == "nav" else ", turned as in this one"
+    turned = "" if part == "nav" else " and with the same rotation"
     say(f"this holds for later demonstrations that start with the sensor's first rest at that point{turned}")
     return None
 

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _figures(fit: SensorFit) -> dict[str, float]:
-    """How well the errors fit: |a| less gravity (mg) and the field's strength (%), before and after."""
+    """Return how well the errors fit: |a| - g (mg) and the field's strength (%), before and after."""
     figures: dict[str, float] = {"rests": len(fit.rests)}
     if acc := fit.acc:
         figures |= {"orientations": acc.orientations, "acc_before_mg": round(acc.before / MG, 2)}
@@ -58,7 +58,7 @@ def _figures(fit: SensorFit) -> dict[str, float]:
 
 
 def sensor_parts(errors: SensorErrors, figures: Mapping[str, float]) -> dict[str, dict[str, Any]]:
-    """A sensor's errors as tables of the calibration's TOML; `figures` are those of the fit."""
+    """Return a sensor's errors as tables of the calibration's TOML; `figures`: the fit's figures."""
     parts: dict[str, dict[str, Any]] = {
         "sensor": {
             "name": (errors.sensor, "whose errors these are; another's recordings are refused"),
@@ -102,7 +102,7 @@ def _print(fit: SensorFit) -> None:
         shown += [f"{100.0 * (x - 1.0):+.2f} %" for x in np.diagonal(linear.matrix)] + [f"{x:+.2f}°" for x in lean]
         for name, value in zip(NAMES, shown, strict=True):
             rows.append((f"accelerometer {name}", value, "" if name in fit.acc.determined else "unknown"))
-        rows.append(("|a| less gravity", f"{fit.acc.before / MG:.1f} mg -> {fit.acc.after / MG:.2f} mg rms", ""))
+        rows.append(("|a| minus gravity", f"{fit.acc.before / MG:.1f} mg -> {fit.acc.after / MG:.2f} mg rms", ""))
     if fit.mag is not None:
         bias, matrix = fit.mag.linear.bias, fit.mag.linear.matrix
         rows.append(("hard iron", f"({', '.join(f'{x:.1f}' for x in bias)}) µT", ""))

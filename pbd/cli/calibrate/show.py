@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _placed(args: argparse.Namespace, calibration: Calibration) -> tuple[str, KeyframesInBase] | None:
-    """A demonstration's name, and its keyframes in base.
+    """Return a demonstration's name, and its keyframes in base.
 
     None if the calibration does not say where the hand starts, or if none was named and the newest can't be tracked.
     """

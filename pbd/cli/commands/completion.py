@@ -20,7 +20,7 @@ COMPLETED = {
     "M": ("models", ":"),
     "P": ("ports", "ls /dev | sed -n 's,^tty[AU][CS][MB],/dev/&,p'"),
 }
-"""How to complete an argument, by metavar: the name of a shell function, and a command that lists the user's own."""
+"""Metavar -> how to complete it: the name of a shell function, and a command that lists the user's own values."""
 
 _BASH = '_pbd_{name}() {{ compgen -W "{known} $({own})" -- "$1"; }}\n'
 _ZSH = "_pbd_{name}() {{ compadd -- {known} $({own}); }}\n"
@@ -57,7 +57,7 @@ class PrintCompletion(argparse.Action):
 
 
 def _arguments(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """All arguments of a parser and of its subcommands."""
+    """Yield all arguments of a parser and of its subcommands."""
     for action in parser._actions:
         yield action
         if isinstance(action, argparse._SubParsersAction):
@@ -68,7 +68,7 @@ def _arguments(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 
 
 def _bundled() -> dict[str, Sequence[str]]:
-    """The bundled names that complete an argument, by the name of its shell function."""
+    """Return the name of a shell function -> the bundled names that complete its argument."""
     from pbd.files.find_by_name import bundled_names
     from pbd.sensors.protocols import PROTOCOLS
     from pbd.simulation.simulate import CALIBRATION_TASKS, SENSOR_MODELS, TASKS

@@ -88,7 +88,7 @@ def import_(parser: ArgumentParser) -> None:
     Read a recording (a table with a header, a ROS 2 bag, a phone's zip, an x-IMU3's folder, a sketch's lines,
     an npz, a raw.bin of `pbd record --raw`; docs/imports.md has the programs) and store it as a demonstration.
     Names and units come from the header where it gives them; otherwise use --column and --unit. What was
-    understood is printed. A level sensor must read +1 g on z: where it reads -1 g, turn the signs with
+    understood is printed. A level sensor must read +1 g on z: where it reads -1 g, flip the signs with
     --unit acc=-g.
 
       pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms
@@ -98,8 +98,8 @@ def import_(parser: ArgumentParser) -> None:
     option(parser, "file", "FILE", "the recording", type=Path)
     option(parser, "name", "NAME", "the new demonstration's name (in ./demos) or folder")
     column = "t, gx, gy, gz, ax, ay, az, mx, my, mz, heading, pitch or roll, and the file's name for it"
-    option(parser, "--column", "OURS=THEIRS", f"{column}; -NAME turns its sign", type=pair, action="append", default=[])
-    unit = "unit of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT turns the signs"
+    option(parser, "--column", "OURS=THEIRS", f"{column}; -NAME flips its sign", type=pair, action="append", default=[])
+    unit = "unit of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT flips the signs"
     option(parser, "--unit", "WHAT=UNIT", unit, type=pair, action="append", default=[])
     option(parser, "--sensor", "SENSOR", "the sensor that recorded it; needed for a raw.bin")
     option(parser, "--rate", "HZ", "sample rate of a raw.bin, or of a table without times", type=positive)

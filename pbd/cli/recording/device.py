@@ -59,7 +59,7 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
 
 
 def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
-    """As `find_sensor`, for a phone. Its model is in the name, by which a calibration knows it."""
+    """Find a phone, as `find_sensor` does. Its model is in the name, by which a calibration knows it."""
     refuse_columns(args, PHONE)
     if args.sensor not in (PHONE, None):
         raise UsageError(f"{args.sensor} has a serial port; for a phone give --sensor {PHONE}", value=args.sensor)
@@ -103,7 +103,7 @@ def _detect(device: str) -> tuple[str, int]:
 
 
 def only_port(what: str = "sensor", instead: str = ", or try --sensor sim") -> str:
-    """Return the only USB serial port; SensorError, about a `what`, if there is none or several."""
+    """Return the only USB serial port; SensorError if there is none or several; it names the device `what`."""
     ports = [port for port in serial_port.list_ports() if port.usb]  # the built-in ttyS0 is always there
     if len(ports) == 1:
         return ports[0].device

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
 LINES_KEPT, OTHER_LINES = 6, 11
-"""Most messages in the panel; lines of the panel that are no messages."""
+"""Largest number of messages in the panel; number of its lines that are no messages."""
 
 KEYS = "Enter ends · space grips or lets go · q discards"
 PLAIN_EVERY_S = 2.0

@@ -14,7 +14,7 @@ HOLDS = (
     "turn the sensor by a quarter about a level axis, so that another side of it is up at the dock",
     "turn the sensor by another quarter about the vertical",
 )
-"""How to hold the sensor in takes 1, 2, 3 and 4. Later takes repeat those of 2, 3 and 4."""
+"""How to hold the sensor in takes 1, 2, 3 and 4. Later takes repeat 2, 3 and 4."""
 
 WHY = "its own errors then point elsewhere in each take, and fusing tells them from the motion"
 
@@ -26,11 +26,13 @@ def how_to_hold(take: int) -> str:
 
 
 def next_command(args: argparse.Namespace, folder: Path) -> str:
-    """The command that follows a recording; after a take, the next take, or `pbd fuse`."""
+    """Return the command that follows a recording; after a take, the next take, or `pbd fuse`."""
     if args.take is None:
         return f"pbd keyframes {shell_word(folder)}"
-    more, takes = f"pbd record {args.name} --take {args.take + 1}", range(1, args.take + 1)
+    sensor = f" --sensor {args.sensor}" if args.sensor else ""
+    more = f"pbd record {shlex.quote(args.name)} --take {args.take + 1}{sensor}"
     if args.take < 2:
         return more
-    words = " ".join(shell_word(folder.with_name(f"{Path(args.name).name}{take}")) for take in takes)
+    takes = (folder.with_name(f"{Path(args.name).name}{take}") for take in range(1, args.take + 1))
+    words = " ".join(map(shell_word, takes))
     return f"{more}; or pbd fuse {words} -o {shlex.quote(args.name)}"

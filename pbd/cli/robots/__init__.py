@@ -10,7 +10,7 @@ from pbd.arm.collision.allowed_collisions import link_pairs
 from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.collision.shape_coverage import doubtful_shapes
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.reach import farthest
+from pbd.arm.reach import reach
 from pbd.cli.common import print_result
 from pbd.cli.console import working
 from pbd.cli.robots.rank import rank_robots
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> None:
         return rank_robots(args)
     with working("reading the robots"):
         arms = [load_model(load_robot(args.robot))] if args.robot else _readable_arms()
-        robots, reach_m = [arm.robot for arm in arms], [farthest(arm) for arm in arms]
+        robots, reach_m = [arm.robot for arm in arms], [reach(arm) for arm in arms]
         collision = [_collision(arm) for arm in arms] if args.robot else []
     rows = [_row(robot, reach) for robot, reach in zip(robots, reach_m, strict=True)]
     for row, checked in zip(rows, collision, strict=False):
@@ -64,13 +64,13 @@ def _readable_arms() -> list[ArmModel]:
     return arms
 
 
-def _row(robot: Robot, reach: float) -> dict[str, Any]:
-    """A robot as JSON has it; `reach` is in m."""
+def _row(robot: Robot, reach_m: float) -> dict[str, Any]:
+    """Return a robot's row of the JSON."""
     return {
         "name": robot.name,
         "description": robot.description,
         "joints": list(robot.joints),
-        "reach_m": reach,
+        "reach_m": reach_m,
         "gripper": robot.gripper is not None,
         "gripper_joints": list(robot.gripper.joints) if robot.gripper else [],
         "limits_source": robot.limits.source,
@@ -82,7 +82,7 @@ def _row(robot: Robot, reach: float) -> dict[str, Any]:
 
 
 def _collision(arm: ArmModel) -> dict[str, Any]:
-    """Which links have a collision shape, and which pairs of links are not checked against each other."""
+    """Return which links have a collision shape, and which pairs of links are not checked against each other."""
     solid = dict.fromkeys(body.name for body in link_bodies(arm))
     _, unchecked = link_pairs(arm)
     return {

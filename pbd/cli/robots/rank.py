@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from pbd.arm.reach import farthest
+from pbd.arm.reach import reach
 from pbd.cli.common import load_demonstration, print_result, track_demonstration
 from pbd.cli.console import working
 from pbd.data import HandPath
@@ -32,7 +32,7 @@ def rank_robots(args: argparse.Namespace) -> None:
 
 
 def _row(name: str, path: HandPath) -> dict[str, Any]:
-    """What JSON says of one robot: the figures of its motion, or `why` it can't do it."""
+    """Return a robot's row of the JSON: the figures of its motion, or `why` it can't do it."""
     from pbd.planning import arm_of, load_arm, plan_path
 
     row: dict[str, Any] = {"name": name}
@@ -40,7 +40,7 @@ def _row(name: str, path: HandPath) -> dict[str, Any]:
     with collected_warnings() as row["warnings"]:
         try:
             robot, calibration = load_arm(name)
-            row |= {"reach_m": farthest(arm_of(robot)), "scale": calibration.scale}
+            row |= {"reach_m": reach(arm_of(robot)), "scale": calibration.scale}
             plan = plan_path(path, calibration, robot)
             row["farthest_m"] = max(float(np.hypot(*pose.p[:2])) for pose in plan.T_base_tool)
             row["duration_s"] = plan.trajectory.duration
@@ -53,7 +53,7 @@ def _row(name: str, path: HandPath) -> dict[str, Any]:
 def _table(rows: list[dict[str, Any]], units: Units) -> Table:
     m = units.length
     figures = (f"time ({units.time})", f"goes to ({m})", f"reaches ({m})", "torque (%)", "scale")
-    remarks = "what stops it, or is told"
+    remarks = "problems and remarks"
     table = make_table("name", *figures, remarks, left=("name", remarks))
     for row in rows:
         table.add_row(

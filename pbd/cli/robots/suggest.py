@@ -42,7 +42,7 @@ def suggest_home_and_dock(args: argparse.Namespace) -> None:
 
 
 def _values(found: Suggestion) -> dict[str, Any]:
-    """The sections [arm] and [dock] of the robot's TOML."""
+    """Return the sections [arm] and [dock] of the robot's TOML."""
     dock, at = found.plan.calibration, found.plan.calibration.T_base_dock
     place: dict[str, Any] = {}
     if at is not None:
@@ -56,7 +56,7 @@ def _values(found: Suggestion) -> dict[str, Any]:
 
 
 def _reasons(found: Suggestion, demo: str) -> list[str]:
-    """Sentences for people: why this home and this dock."""
+    """Explain this home and this dock in sentences."""
     joint, room = found.at
     dock, took_s = found.plan.calibration, found.plan.trajectory.duration
     table = "the table's height is the file's own"
@@ -74,7 +74,7 @@ def _reasons(found: Suggestion, demo: str) -> list[str]:
     slow = f"{slowest} alone takes {alone_s.max():.1f} s of that at top speed; left out of [arm] joints it stays at 0"
     return [
         *touching,
-        f"{found.within_reach} of {found.weighed} docks have all of {demo} within reach at {dock.scale:g} of its size; "
+        f"{found.within_reach} of {found.ranked} docks have all of {demo} within reach at {dock.scale:g} of its size; "
         f"of those farthest from limits and singularities this one is the fastest: {took_s:.1f} s",
         *([slow] if alone_s.max() > 0.5 * took_s else ()),
         f"{table}; nothing touches it or the arm itself, as far as the URDF has shapes",
@@ -84,7 +84,7 @@ def _reasons(found: Suggestion, demo: str) -> list[str]:
 
 
 def _toml(values: dict[str, Any], reasons: list[str]) -> str:
-    """The sections as TOML; the reasons follow as comments."""
+    """Format the sections as TOML; the reasons follow as comments."""
     lines = ["# In place of [arm] and [dock]."]
     for section, items in values.items():
         lines += [f"[{section}]", *(f"{key} = {json.dumps(value)}" for key, value in items.items()), ""]

@@ -100,7 +100,7 @@ def _release_servos(args: argparse.Namespace, robot: Robot) -> None:
 
 
 def _ids(robot: Robot) -> dict[str, int]:
-    """The servos' bus numbers, by joint, as LeRobot's setup assigns them."""
+    """Return joint -> its servo's bus number, as LeRobot's setup assigns it."""
     return {name: number for number, name in enumerate(servo_names(robot), start=1)}
 
 

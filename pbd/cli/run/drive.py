@@ -28,7 +28,7 @@ from pbd.files.servo_calibration import find_servo_calibration, read_servo_calib
 from pbd.view.terminal_tables import print_table
 
 MOVED_DEG = 2.0
-"""Largest motion of the arm by hand between its measurement and its start, degrees, by joint."""
+"""Largest motion of a joint by hand between the arm's measurement and its start, degrees."""
 
 TIMED_ANSWERS = 10
 """Number of answers that are timed before the arm moves."""

@@ -21,11 +21,11 @@ from pbd.pose import Array
 from pbd.view.terminal_tables import make_table
 
 STOPPED_BY_HAND = 130
-"""Exit code after a key stopped the arm: that of Ctrl-C."""
+"""Exit code after a key stopped the arm: the same as after Ctrl-C."""
 
 
 def preview_table(counts: EncoderCounts, state: State, goals: Array, t: Array, trajectory: JointTrajectory) -> Table:
-    """Each joint's present position, the demonstration's start, and the range of the motion and of the servo."""
+    """Tabulate each joint's present position, the start, and the range of the motion and of the servo."""
     table = make_table("joint", "now", "start", "lowest", "highest", "servo's range", left=("joint",))
     at = goals[int(np.searchsorted(t, trajectory.keyframe_t[0]))]
     rows = np.array([state.counts, at, goals.min(axis=0), goals.max(axis=0), counts.lower, counts.upper])
@@ -48,7 +48,7 @@ def timetable(trajectory: JointTrajectory, t: Array) -> str:
 
 
 def motion_json(done: StreamResult, watch: Watch, bus: Bus, names: Sequence[str], dry_run: bool) -> dict[str, Any]:
-    """What JSON says of the motion: its goals, their timing, and the largest values that the servos reported."""
+    """Return the motion's goals, their timing, and the largest values that the servos reported, for JSON."""
     period_ms = 1e3 * done.periods
     return {
         "goals": 0 if dry_run else done.sent,
@@ -69,7 +69,7 @@ def motion_json(done: StreamResult, watch: Watch, bus: Bus, names: Sequence[str]
 
 
 def report_end(done: StreamResult, watch: Watch, counts: EncoderCounts, args: argparse.Namespace, device: str) -> int:
-    """Say how it ended; return the exit code."""
+    """Say how the motion ended; return the exit code."""
     lets_go = f"`pbd run --release --robot {args.robot} --port {device}` lets go of it"
     holds = "the arm holds where it stopped"
     if not done.held:
@@ -82,7 +82,8 @@ def report_end(done: StreamResult, watch: Watch, counts: EncoderCounts, args: ar
         say(f"stopped by hand after {done.t:.2f} s: {holds}; {lets_go}")
         return STOPPED_BY_HAND
     worst = int(np.argmax(watch.error_deg[:-1]))
-    felt = f"load {100 * watch.load.max():.0f} %, {watch.celsius.max():.0f} °C, {watch.volts.min():.1f} V at least"
+    load, celsius, volts = watch.load.max(), watch.celsius.max(), watch.volts.min()
+    felt = f"load up to {100 * load:.0f} %, up to {celsius:.0f} °C, at least {volts:.1f} V"
     if args.dry_run:
         say(f"dry run done: the servos answered {done.sent} times; {felt}")
     else:

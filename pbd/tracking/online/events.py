@@ -21,7 +21,7 @@ class StopBegan:
     """The hand stands still and may move on.
 
     Attributes:
-        index: of the stop, from 0.
+        index: number of the stop, from 0.
         t: s, when the stop began.
         announced_t: s, time of the sample that gave this event.
         keyframe: the stop so far: time, dwell and pose.

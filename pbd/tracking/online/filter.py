@@ -66,11 +66,11 @@ class OnlineFilter:
         C: (3, 3), gyro frame <- sensor.
     """
 
-    def __init__(self, noise: Noise, rest: Rest, C: Array, field: Array | None, is_device: bool) -> None:
-        """Begin at rest at the origin, with a compass' mean field (3,) or none; with `is_device`, C is its attitude."""
-        device = noise.device
+    def __init__(self, noise: Noise, rest: Rest, C: Array, field: Array | None, no_gyro: bool) -> None:
+        """Begin at rest at the origin, with the mean field (3,) or None; `no_gyro`: C is the device's attitude."""
+        sensor = noise.sensor
         self.noise = noise
-        self.E: Array = np.eye(3) if is_device else _level(rest.up_sensor, field)
+        self.E: Array = np.eye(3) if no_gyro else _level(rest.up_sensor, field)
         self.v, self.p = np.zeros(3), np.zeros(3)
         self._undisturbed = self.E @ (UP if field is None else field)
         self.x, self.gravity, self.north = np.zeros(ERRORS), noise.gravity, 0.0
@@ -78,13 +78,13 @@ class OnlineFilter:
         self.C = C
         sigma = np.zeros(STATES)
         sigma[:2], sigma[VEL] = LEVEL_SIGMA, noise.still_speed
-        worse, errors = acc_sigma_factor(noise, rest), np.zeros(ERRORS)
-        errors[GYR_BIAS], errors[ACC_BIAS] = noise.gyr_bias, worse * device.acc_bias
-        errors[LAG], errors[GYR_MATRIX] = noise.lag_sigma, device.gyr_scale
-        errors[ACC_MATRIX] = worse * device.acc_scale
+        acc_factor, errors = acc_sigma_factor(noise, rest), np.zeros(ERRORS)
+        errors[GYR_BIAS], errors[ACC_BIAS] = noise.gyr_bias, acc_factor * sensor.acc_bias
+        errors[LAG], errors[GYR_MATRIX] = noise.lag_sigma, sensor.gyr_scale
+        errors[ACC_MATRIX] = acc_factor * sensor.acc_scale
         sigma[SENSOR_ERRORS], sigma[GRAVITY], sigma[NORTH] = errors, noise.gravity_sigma, noise.compass
         self.P = np.diag(sigma**2)
-        self._walks = np.repeat((device.gyr_walk**2, device.acc_walk**2), 3)
+        self._walks = np.repeat((sensor.gyr_walk**2, sensor.acc_walk**2), 3)
         self.clone_pose()
 
     def fork(self) -> OnlineFilter:
@@ -155,7 +155,7 @@ class OnlineFilter:
             self._update_heading(east, by_turn, self.noise.compass**2 / lasted / trust)
 
     def update_device_attitude(self, rate: Array) -> None:
-        """The gyro frame is nav, as it is the device's own attitude; this lags, by `rate` (3,) rad/s."""
+        """Without a gyro the gyro frame is nav, but the device's attitude errs, and lags at `rate` (3,) rad/s."""
         variance = self.noise.device_turn**2 + self.noise.device_lag**2 * float(rate @ rate)
         self._update_heading(float(matrix_log(self.E)[2]), UP, variance)
         self._update(H_TILT, -matrix_log(self.E)[:2], variance, robust=False)

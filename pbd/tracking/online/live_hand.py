@@ -12,7 +12,7 @@ from pbd.data import Keyframe, Stop
 from pbd.pose import Array, Pose
 from pbd.tracking.estimate import BOUNCE_M, BOUNCE_S
 from pbd.tracking.first_rest import STILL_ACC, Rest, restlessness
-from pbd.tracking.moving_windows import MEANS, rows_of_mean
+from pbd.tracking.moving_windows import PASSES, rows_of_mean
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.online.events import LiveEvent, StopBegan, StopEnded
 from pbd.tracking.online.filter import OnlineFilter
@@ -23,9 +23,9 @@ from pbd.tracking.smoother.knots import STOP_KNOT_S
 from pbd.tracking.smoother.preintegration import integral_of_means
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, energies, quiet_limits, speed_by_energies
 
-CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_DEVICE_S = 0.2, 2.0, 0.6
+CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_NO_GYRO_S = 0.2, 2.0, 0.6
 """s: time at rest before a stop is announced, if it is clear; doubtful (longer than half of a hand's slowest move);
-doubtful, with a device's own attitude."""
+doubtful, without a gyro."""
 
 VELOCITY_GATE, VELOCITY_MEAN = 14.2, 3.0
 """The 99.7 % quantile and the mean of a velocity's squared Mahalanobis distance (chi-square, 3 degrees of freedom)."""
@@ -75,11 +75,11 @@ class LiveHand:
     def __init__(self, samples: Sequence[Sample], interval: float, rest: Rest, noise: Noise, has_gyro: bool) -> None:
         """Begin with the samples of the first rest."""
         self.flaws: list[str] = []
-        self._device = not has_gyro
+        self._no_gyro = not has_gyro
         bias = rest.gyro_bias if has_gyro else np.zeros(3)
-        self._strapdown = Strapdown(samples[0], interval, noise, bias, self._device)
+        self._strapdown = Strapdown(samples[0], interval, noise, bias, self._no_gyro)
         self._n = max(2, round(ENERGY_WINDOW_S / interval))
-        self._beside = MEANS * (rows_of_mean(1.0 / interval) - 1) // 2  # which the moving means need
+        self._beside = PASSES * (rows_of_mean(1.0 / interval) - 1) // 2  # rows beside a window, for the moving means
         self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=self._n + 2 * self._beside)
         self._past_stops: list[LiveStop] = []
         self._shaking: Array = np.zeros(3)
@@ -91,7 +91,7 @@ class LiveHand:
         fields = [sample.mag for sample in samples if sample.mag is not None]
         self._field: list[Array] | None = [] if fields else None
         north = np.mean(fields, axis=0) if fields else None
-        self._filter = OnlineFilter(noise, rest, self._strapdown.C, north, self._device)
+        self._filter = OnlineFilter(noise, rest, self._strapdown.C, north, self._no_gyro)
         self._stop: LiveStop | None = LiveStop(samples[0], samples[0], *self._filter.pose())
         self.still, self._settled = True, True
         for sample in samples[1:]:
@@ -100,14 +100,14 @@ class LiveHand:
     def use_rest(self, rest: Rest, noise: Noise) -> None:
         """Take thresholds and noise from this rest."""
         self.rest, self._noise, self._limits = rest, noise, quiet_limits(rest)
-        if not self._device:
+        if not self._no_gyro:
             self._strapdown.noise = noise
 
     def advance(self, sample: Sample) -> list[LiveEvent]:
         """Take the next sample; return the events that it completes."""
         strapdown = self._strapdown
         strapdown.push(sample)
-        seen = (sample.acc, np.zeros(3)) if self._device else (strapdown.u, strapdown.rate)
+        seen = (sample.acc, np.zeros(3)) if self._no_gyro else (strapdown.u, strapdown.rate)
         self._window.append((sample, *seen))
         if sample.mag is not None and self._field is not None:
             self._field.append(strapdown.C @ sample.mag)
@@ -121,7 +121,7 @@ class LiveHand:
         events = (
             self._look_for_stop(sample, quiet) if self._stop is None else self._continue_stop(self._stop, sample, quiet)
         )
-        # Not together with a knot, which is work enough for one sample.
+        # Not in the sample of a knot, which has work enough.
         if sample.t - self._t_compass >= STOP_KNOT_S and self._t_knot < sample.t:
             self._update_heading(sample)
         return events
@@ -132,7 +132,7 @@ class LiveHand:
         shake, turn = (each[len(each) // 2] for each in energies(force, rate, min(self._n, len(force))))
         self.restless = float(restlessness(shake, turn))
         self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise))
-        if not self._device:
+        if not self._no_gyro:
             # The tremor's velocity is the residual of a straight line through the velocity in the window.
             t = np.array([sample.t for sample, _, _ in self._window])[-self._n :]
             self._shaking = deviation_from_line(t - t[-1], integral_of_means(t, force[-self._n :]))
@@ -145,30 +145,30 @@ class LiveHand:
     def _update_heading(self, sample: Sample) -> None:
         """Update the heading with the compass, or the attitude with the device's own."""
         for each in self._filters():
-            if self._device:
+            if self._no_gyro:
                 each.update_device_attitude(self._strapdown.rate)
             if self._field:
                 each.update_compass(np.mean(self._field, axis=0), sample.t - self._t_compass)
         self._t_compass, self._field = sample.t, None if self._field is None else []
 
-    def _add_knot(self, at: OnlineFilter, t: float, same: bool, robust: bool = True) -> None:
-        """Zero velocity; in the same stop as the last knot (`same`), also no motion since then."""
+    def _add_knot(self, kalman: OnlineFilter, t: float, same: bool, robust: bool = True) -> None:
+        """Add a knot of zero velocity; `same`: it is in the last knot's stop, so nothing moved since then."""
         if same:
             angle = np.array(self._angles) - self._angles[0]
             sway = angle - np.linspace(0.0, 1.0, len(angle))[:, None] * angle[-1]
-            at.update_no_motion(float(np.hypot(self._noise.still_turn, 2.0 * np.abs(sway).max())))
-        at.update_zero_velocity(self._sigma, self._shaking, robust)
+            kalman.update_no_motion(float(np.hypot(self._noise.still_turn, 2.0 * np.abs(sway).max())))
+        kalman.update_zero_velocity(self._sigma, self._shaking, robust)
         if not self._past_stops:
-            at.set_origin()
-        at.clone_pose()
+            kalman.set_origin()
+        kalman.clone_pose()
         self._t_knot, self._angles, self._acc_knot = t, [np.zeros(3)], self._window[-1][0].acc
 
     def _knot_is_due(self, sample: Sample) -> bool:
         return sample.t - self._t_knot >= STOP_KNOT_S - 1e-6
 
-    def _is_moving(self, at: OnlineFilter) -> tuple[float, bool]:
-        """Squared Mahalanobis distance of the velocity from zero; whether the hand surely moves."""
-        off, speed = at.velocity_test(self._sigma, self._shaking)
+    def _is_moving(self, kalman: OnlineFilter) -> tuple[float, bool]:
+        """Squared Mahalanobis distance of the velocity from zero; whether the hand certainly moves."""
+        off, speed = kalman.velocity_test(self._sigma, self._shaking)
         return off, off > VELOCITY_GATE and speed > max(SLOW_SPEED, OUTLIER_SIGMAS * self._sigma)
 
     def _continue_stop(self, stop: LiveStop, sample: Sample, quiet: bool) -> list[LiveEvent]:
@@ -179,7 +179,7 @@ class LiveHand:
         """
         ahead = self._filter if self._trial_filter is None else self._trial_filter
         off, fast = self._is_moving(ahead)
-        if self._device:  # its attitude still turns after the hand has stopped
+        if self._no_gyro:  # its attitude still turns after the hand has stopped
             fast = float(np.square(sample.acc - self._acc_knot).sum()) > STILL_ACC**2
         self.still = quiet and not fast
         if self.still:
@@ -211,7 +211,7 @@ class LiveHand:
             self._trial = self._trial_filter = None
             return []
         # A device's own attitude still turns after the hand has stopped, so it can't refute a stop.
-        off, fast = (0.0, False) if self._trial_filter is None or self._device else self._is_moving(self._trial_filter)
+        off, fast = (0.0, False) if self._trial_filter is None or self._no_gyro else self._is_moving(self._trial_filter)
         if trial is None or fast or off > VELOCITY_GATE:
             self._trial_filter = self._filter.fork()
             off, speed = self._trial_filter.velocity_test(self._sigma, self._shaking)
@@ -224,9 +224,8 @@ class LiveHand:
             self._add_knot(self._trial_filter, sample.t, same=jolted, robust=False)
             off = 0.0
         self._trial = trial = replace(trial, worst=max(trial.worst, off))
-        lasts = (
-            CONFIRM_S if trial.jolted or not trial.doubted else CONFIRM_DEVICE_S if self._device else CONFIRM_DOUBTED_S
-        )
+        if_doubted = CONFIRM_NO_GYRO_S if self._no_gyro else CONFIRM_DOUBTED_S
+        lasts = if_doubted if trial.doubted and not trial.jolted else CONFIRM_S
         if sample.t - trial.first.t >= lasts - 1e-6:
             return [self._begin_stop(trial, sample)]
         if self._trial_filter is not None and self._knot_is_due(sample):
@@ -268,9 +267,9 @@ class LiveHand:
         return (wxyz, self._stop.pose.p, np.zeros(3)) if self._stop is not None and self.still else (wxyz, p, v)
 
     def sigmas(self) -> tuple[float, float]:
-        """One sigma, m, of the position if the hand stops now; and what the present move adds to it, 0 in a stop."""
-        here, way = self._filter.sigma_if_stopped(self._noise.still_speed)
-        return here, 0.0 if self.still else way
+        """One sigma, m, of the position if the hand stops now; and the part that the present move adds, 0 in a stop."""
+        position, shift = self._filter.sigma_if_stopped(self._noise.still_speed)
+        return position, 0.0 if self.still else shift
 
 
 def deviation_from_line(s: Array, values: Array) -> Array:

@@ -20,7 +20,7 @@ class Sample:
     """One sample without missing numbers.
 
     Attributes:
-        row: index of the row that was fed, from 0; of a sample that fills a gap, the row after the gap.
+        row: index of the row that was fed, from 0; if the sample fills a gap, the row after it.
         t: s.
         acc: (3,) m/s2, specific force.
         gyr: (3,) rad/s; zeros without a gyro.
@@ -61,7 +61,7 @@ class Conditioner:
     def take(
         self, t: float, acc: Array | None, gyr: Array | None, mag: Array | None, device_rpy: Array | None
     ) -> tuple[list[Sample], str]:
-        """Take the next row; return the samples that it gives, and what is wrong with it (or "")."""
+        """Take the next row; return the samples that it gives, and its fault in words (or "")."""
         self._row += 1
         if not np.isfinite(t):
             return [], f"the time of row {self._row} is not a number; the row is left out"
@@ -99,7 +99,7 @@ class Conditioner:
         missing_s = lasts - interval
         unseen = missing_s > BRIDGED_S + 1e-6
         self.lost += steps - 1
-        # In a short gap the motion is between that of its neighbours; in a long gap, anything that a hand does.
+        # In a short gap the motion is between its neighbours'; in a long gap a hand may do anything.
         turn, push = (float(((b - a) ** 2).sum()) / 12.0 for a, b in ((last.gyr, sample.gyr), (last.acc, sample.acc)))
         if unseen:
             turn, push = GAP_RATE**2, GAP_ACC**2

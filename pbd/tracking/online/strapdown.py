@@ -53,22 +53,22 @@ class Leg:
 class Strapdown:
     """The gyro frame of `preintegration`, one sample at a time.
 
-    There, the integral from sample to sample also uses the sample after. Here its cubic goes through the edges of the
-    last three intervals. The difference in one step has the opposite sign in the next, so the error does not grow.
+    From sample to sample, `preintegration` integrates a cubic that also uses the next sample. Here the cubic uses the
+    edges of the last three intervals. Differences of consecutive steps have opposite signs, so they do not add up.
 
     Attributes:
         C: (3, 3) gyro frame <- sensor.
         u: (3,) m/s2, specific force in the gyro frame.
         rate: (3,) rad/s, without the first rest's mean.
-        T, U, P: of the block so far: duration s, change of velocity (3,) m/s, displacement from standing (3,) m.
+        T, U, P: the block so far: duration s, change of velocity (3,) m/s, displacement from standing (3,) m.
         clipped: whether the gyro was at the end of its range; the reader resets it.
     """
 
-    def __init__(self, first: Sample, interval: float, noise: Noise, gyro_bias: Array, device: bool) -> None:
+    def __init__(self, first: Sample, interval: float, noise: Noise, gyro_bias: Array, no_gyro: bool) -> None:
         self.noise = noise
-        self._interval, self._bias, self._device = interval, gyro_bias, device
+        self._interval, self._bias, self._no_gyro = interval, gyro_bias, no_gyro
         self.block = max(1, round(BLOCK_S / interval))
-        self.C: Array = np.eye(3) if first.device_rpy is None or not device else _device(first)
+        self.C: Array = np.eye(3) if first.device_rpy is None or not no_gyro else _device_attitude(first)
         self.rate = first.gyr - gyro_bias
         self._acc, self._t = first.acc, first.t
         self._before = self.rate
@@ -91,8 +91,8 @@ class Strapdown:
     def push(self, sample: Sample) -> None:
         """Take the next sample."""
         dt = sample.t - self._t
-        if self._device:
-            now = _device(sample)
+        if self._no_gyro:
+            now = _device_attitude(sample)
             rate = matrix_log(self.C.T @ now) / dt
             self.C = now
         else:
@@ -147,12 +147,12 @@ class Strapdown:
         recent = np.array(self._recent)[-(n + 2 * edge) :]
         u, rate = recent[:, 0], recent[:, 1]
         s_g, s_a = (each[:, edge:-edge].sum() * dt for each in densities(self.noise, rate, u, self._interval, up))
-        if self._device:
+        if self._no_gyro:
             s_g += self.noise.device_lag * float((lengths(rate[-n:]) ** 2).sum()) * dt
         g, a = np.add((s_g, s_a), self._gap_noise)
-        g, a, togo, h = np.array([g, a, 0.5 * T, T])[:, None]
-        covariance: Array = block_noise(self.U[None] / T, g, a, togo, h, np.array([0]))[0] + ROUNDING * T / MOVE_KNOT_S
-        return covariance
+        g, a, to_end, h = np.array([g, a, 0.5 * T, T])[:, None]
+        white: Array = block_noise(self.U[None] / T, g, a, to_end, h, np.array([0]))[0]
+        return white + ROUNDING * T / MOVE_KNOT_S
 
 
 def _middles(dt: float, earlier: Array, before: Array, own: Array) -> Array:
@@ -161,7 +161,7 @@ def _middles(dt: float, earlier: Array, before: Array, own: Array) -> Array:
     return integral
 
 
-def _device(sample: Sample) -> Array:
+def _device_attitude(sample: Sample) -> Array:
     return quat_to_matrix(quat_from_rpy(np.asarray(sample.device_rpy, dtype=np.float64)))
 
 

@@ -25,7 +25,7 @@ __all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "St
 class LiveTracker:
     """Tracks a hand sample by sample, once the sensor has rested for a second.
 
-    Feed it rows as they come. The result is the same to the bit for pieces of any length. Each row takes 0.1 to 0.3 ms.
+    Feed it rows as they come. Results don't depend on how many rows a call gets. Each row takes 0.1 to 0.3 ms.
     Only the filter's state and the list of stops are kept.
 
         tracker = LiveTracker()
@@ -39,12 +39,12 @@ class LiveTracker:
     beginning of the same stop (the sensor bounced when put down, or was knocked), and the newer keyframe replaces it.
 
     Model and noise are those of `pbd.track`. Only `pbd.track` uses later stops, the quietest second of the whole
-    recording, known places and lulls that are too restless for a stop (a foot's), and corrects a large lag of the gyro
+    recording, known places and short pauses too restless for a stop (of a foot), and corrects a large lag of the gyro
     and clipped axes.
     """
 
     def __init__(self, sensor: str = "") -> None:
-        """Begin; the sensor's name (as in `Recording.info`) gives the class of its errors."""
+        """Begin. `sensor` is its name, as in `Recording.info`; it selects the error model."""
         self._sensor = sensor
         self._conditioner = Conditioner()
         self._has_gyro: bool | None = None
@@ -126,7 +126,7 @@ class LiveTracker:
             recent.popleft()
 
     def _look_for_rest(self, samples: list[Sample]) -> list[LiveEvent]:
-        """Begin once the last second was a rest; later, take the thresholds from a far quieter rest."""
+        """Start tracking at the first 1 s rest; later, take thresholds from a far quieter rest."""
         hand, t = self._hand, samples[-1].t
         self._t_next_look = t + (ENERGY_WINDOW_S if hand is None else REST_S)
         if hand is not None:
@@ -202,7 +202,7 @@ class LiveTracker:
 
     @property
     def sigma_now(self) -> float:
-        """One sigma, m, along the least certain axis, that the position would have if the hand stopped now."""
+        """The position's sigma along its least certain axis, m, if the hand stopped now."""
         return 0.0 if self._hand is None else self._hand.sigmas()[0]
 
     @property

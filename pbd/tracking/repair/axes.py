@@ -2,7 +2,7 @@
 
 A direction that is fixed in the world (up, the magnetic field, the device's own up and north) must turn in sensor axes
 as the gyro says. If one doesn't, each channel in turn is read with another order and other signs of its axes, and the
-gyro in another unit. The reading that removes every contradiction shows what is wrong.
+gyro in another unit. The reading that removes every contradiction shows the mistake.
 
 A gyro turns a direction and its opposite alike, so gravity and gyro can only tell 24 of the 48 readings of the
 accelerometer apart. If the hand turned about one axis only, several readings fit; all of the simplest are named.
@@ -40,7 +40,7 @@ of the 48 readings, one of which may fit by chance."""
 AS_GOOD_DEG = 4.0
 """Readings whose angle is within this (degrees) of the best fit equally well."""
 
-MOST_NAMED = 5
+MAX_NAMED = 5
 """Largest number of readings that a message names."""
 
 UNITS = (
@@ -67,8 +67,8 @@ class Reading:
     def causes(self) -> int:
         """Number of mistakes that explain it. One sign, two swapped columns, or all three signs, count as one."""
         moved = sum(axis != k for k, axis in enumerate(self.order))
-        turned = sum(sign < 0 for sign in self.signs)
-        return (moved + 1) // 2 + (1 if turned == 3 else turned)
+        flipped = sum(sign < 0 for sign in self.signs)
+        return (moved + 1) // 2 + (1 if flipped == 3 else flipped)
 
     def remedy(self, channel: str) -> str:
         """The options of `pbd import` that correct it, with our names for the columns."""
@@ -81,10 +81,10 @@ class Reading:
     def fault(self, channel: str) -> str:
         """The mistake in words."""
         moved = [f"{channel}{'xyz'[k]}" for k, axis in enumerate(self.order) if axis != k]
-        turned = [f"{channel}{'xyz'[k]}" for k, sign in enumerate(self.signs) if sign < 0]
+        flipped = [f"{channel}{'xyz'[k]}" for k, sign in enumerate(self.signs) if sign < 0]
         said = [f"{moved[0]} and {moved[1]} are swapped"] if len(moved) == 2 else []
         said += [f"{', '.join(moved)} are in another order"] if len(moved) == 3 else []
-        said += [f"{', '.join(turned)} {'has' if len(turned) == 1 else 'have'} the wrong sign"] if turned else []
+        said += [f"{', '.join(flipped)} {'has' if len(flipped) == 1 else 'have'} the wrong sign"] if flipped else []
         return " and ".join(said)
 
 
@@ -112,7 +112,7 @@ class Contradiction(NamedTuple):
     """A witness that does not turn as the gyro says.
 
     Attributes:
-        witness: its channel.
+        witness: the witness' channel.
         off_deg: median angle by which it is off, degrees.
         fit_deg: the same with the best reading.
         pair: index of the first pair of moments that shows it.
@@ -133,7 +133,7 @@ def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]
 
     Args:
         witnesses: gravity first.
-        turn: gives the rotations (k, 3, 3) from the first moment's axes to the second's, by the gyro times a factor.
+        turn: factor on the gyro -> its rotations (k, 3, 3) from the first moment's axes to the second's.
 
     Returns:
         None if nothing contradicts the gyro, or no reading removes the contradictions.
@@ -184,7 +184,7 @@ def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]
 
 
 Fit = tuple[str, Reading, Array]
-"""A channel, a reading of it, and by how many degrees each witness is then off."""
+"""A channel, a reading of it, and the degrees by which each witness is then off."""
 
 
 def _find_remedy(
@@ -208,7 +208,7 @@ def _find_remedy(
     fewest = min(fit[1] for fit in good)
     # First those that a program's own convention explains: all signs flipped, or two columns swapped.
     named = sorted(((c, r) for _, causes, c, r in good if causes == fewest), key=lambda each: -len(set(each[1].signs)))
-    message = _message(named[:MOST_NAMED])
+    message = _message(named[:MAX_NAMED])
     return Contradiction(witnesses[wrong[0]].channel, off, best, int(np.argmax(telling[wrong[0]])), message)
 
 

@@ -127,7 +127,7 @@ def _held_too_long(recording: Recording, same: NDArray[np.bool_]) -> NDArray[np.
     rows = np.zeros(len(t), dtype=bool)
     for start, last in runs(same):
         if t[last] - t[start] > BRIDGED_S and last - start >= REPEATED_ROWS:
-            rows[start + 1 : last + 1] = True  # the first was measured
+            rows[start + 1 : last + 1] = True  # the first equal row was measured
     if rows.any() and (same & ~rows[1:]).mean() < COARSE_REPEATS and has_noise(recording.acc[~rows]):
         return rows
     return np.zeros(len(t), dtype=bool)
@@ -140,7 +140,7 @@ def refuse_freezes(recording: Recording, v_nav: Array, stops: tuple[Stop, ...]) 
 
     Args:
         recording: without NaN.
-        v_nav: (n, 3) m/s, of the path.
+        v_nav: (n, 3) m/s, the path's velocity.
         stops: in order.
 
     Raises:

@@ -167,7 +167,7 @@ def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, int, 
 
 
 def _stamp_fault(t: Array, interval: float) -> str:
-    """What is wrong with stamps (n,) s of samples without repetitions; "" if nothing is."""
+    """Fault, in words, of stamps (n,) s of samples without repetitions; "" if there is none."""
     steps = np.diff(t)
     if (steps < 0.25 * interval).mean() > OFF_BEAT:
         return "the time stamps come in batches"

@@ -78,8 +78,7 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
     The sensor's attitude after the gap proves nothing: the hand may be elsewhere, and as level as before.
 
     Args:
-        gaps: of `condition`.
-        recording: of `condition`.
+        gaps, recording: from `condition`.
         stops: in order.
         accept: only warn of gaps in rests, because a person knows that the hand stood still.
 

@@ -39,7 +39,7 @@ from pbd.tracking.repair.axes import (
 )
 
 UPSIDE_DOWN_COS = -0.9
-"""The sensor is upside down if the cosine between its z axis and up is below this: within 26 degrees."""
+"""The sensor is upside down if cos(its z axis, up) is below this: z within 26 degrees of down."""
 
 STEEP_FIELD = 0.5
 """A magnetic field surely points up if its upward share is larger."""
@@ -48,15 +48,15 @@ CHECK_HZ = 50.0
 """Samples are averaged down to about this rate, Hz, which is fast enough for a hand."""
 
 STEADY_S, STEADY_ACC = 0.2, 0.05
-"""A steady moment, in which the accelerometer shows gravity alone, lasts STEADY_S (s). The rms of specific force, and
-the difference of its norm from g, are below STEADY_ACC g. (A WT901's bias of 20 mg changes the norm by 4 % between two
-sides of the sensor.)"""
+"""A steady moment, in which the accelerometer shows gravity alone, lasts STEADY_S (s). The standard deviation of
+specific force, and ||mean| - g|, are below STEADY_ACC g. (A WT901's bias of 20 mg changes the norm by 4 % between
+two sides of the sensor.)"""
 
 PAIR_SHORTEST_S, PAIR_LONGEST_S = 0.5, 5.0
 """Shortest and longest time between the two steady moments of a pair, s; at most one pair begins per STEADY_S / 2."""
 
 SHOWN_BY = {"a": "gravity", "m": "the field", "": "the device's own attitude"}
-"""What a witness is, by its channel."""
+"""Channel of a witness -> its name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Steady:
     """Steady moments of a recording.
 
     Attributes:
-        rows: (m,) first row of the second half of each moment.
+        rows: (m,) middle row of each moment.
         up_sensor: (m, 3) unit, the vertical in sensor axes at each moment.
         gyro_bias: (3,) rad/s, the gyro's mean over the quietest second.
     """
@@ -108,17 +108,17 @@ def refuse_flipped_signs(recording: Recording) -> None:
     if off < CONTRADICTION_DEG or min(fits) > off / IMPROVEMENT:
         return
     good = [each for each, fit in zip(signs[1:], fits, strict=True) if fit <= min(fits) + AS_GOOD_DEG]
-    # A level axis shows no sign. If all others are flipped, it is taken as flipped too.
+    # A horizontal axis shows no sign. If all others are flipped, so is it, we assume.
     found = min(good, key=lambda each: (each.causes, sum(each.signs)))
     if recording.gyr is not None and found.signs[2] > 0:
         return  # the attitude's pitch or roll may have the other sign; `find_axis_error` asks the gyro
-    turned = [axis for axis, sign in zip("xyz", found.signs, strict=True) if sign < 0]
-    how = "--unit acc=-g (or -m/s2)" if len(turned) == 3 else " ".join(f"--column a{axis}=-NAME" for axis in turned)
-    wrong = "has the wrong sign: it contradicts" if len(turned) == 1 else "have the wrong sign: they contradict"
+    flipped = [axis for axis, sign in zip("xyz", found.signs, strict=True) if sign < 0]
+    how = "--unit acc=-g (or -m/s2)" if len(flipped) == 3 else " ".join(f"--column a{axis}=-NAME" for axis in flipped)
+    wrong = "has the wrong sign: it contradicts" if len(flipped) == 1 else "have the wrong sign: they contradict"
     raise RecordingError(
-        f"the accelerometer's {', '.join(turned)} {wrong} the device's own attitude (the axis that points up must read "
-        f"+{GRAVITY:.1f} m/s2 at rest); import the file with {how}",
-        axes="".join(turned),
+        f"the accelerometer's {', '.join(flipped)} {wrong} the device's own attitude (the axis that points up must "
+        f"read +{GRAVITY:.1f} m/s2 at rest); import the file with {how}",
+        axes="".join(flipped),
     )
 
 
@@ -136,10 +136,10 @@ def warn_upside_down(recording: Recording, up_sensor: Array, start: int, stop: i
     if recording.mag is not None:
         field = recording.mag[start:stop].mean(axis=0)  # with a NaN there is no hint
         if up_sensor @ field > STEEP_FIELD * np.linalg.norm(field):
-            hint = "; the magnetic field points up, as it does only south of the equator, so they likely are"
+            hint = " (likely, because the magnetic field points up, as it does only south of the equator)"
     warn(
         f"at the first rest the sensor lies upside down (z reads {GRAVITY * up_sensor[2]:.1f} m/s2), or the signs of "
-        f"its accelerometer are turned{hint}; if z was up, import the file with --unit acc=-g (or -m/s2), or "
+        f"its accelerometer are flipped{hint}; if z was up, import the file with --unit acc=-g (or -m/s2), or "
         "--column az=-NAME for that axis alone"
     )
 
@@ -161,16 +161,16 @@ def refuse_disagreement(recording: Recording) -> None:
     steady = find_steady(acc, gyr, rate_hz)
     gyr = gyr - steady.gyro_bias
     first, second = _pairs(steady.rows, rate_hz)
-    there, here = steady.rows[second], steady.rows[first]
+    row_after, row_before = steady.rows[second], steady.rows[first]
 
     def turn(factor: float) -> Array:
         attitude = np.vstack(((1.0, 0.0, 0.0, 0.0), quat_cumulative(quat_exp(factor * gyr / rate_hz))))
-        return quat_to_matrix(quat_multiply(quat_inverse(attitude[there]), attitude[here]))
+        return quat_to_matrix(quat_multiply(quat_inverse(attitude[row_after]), attitude[row_before]))
 
     up = Witness("a", steady.up_sensor[first], steady.up_sensor[second])
-    found = find_axis_error([up, *_other_witnesses(recording, every, here, there)], turn)
+    found = find_axis_error([up, *_other_witnesses(recording, every, row_before, row_after)], turn)
     if found is not None:
-        at = recording.t[here[found.pair] * every]
+        at = recording.t[row_before[found.pair] * every]
         raise RecordingError(
             f"the gyro does not turn as {SHOWN_BY[found.witness]} shows (by {found.off_deg:.0f} degrees, first at "
             f"t = {at:.1f} s): {found.message}",
@@ -179,19 +179,19 @@ def refuse_disagreement(recording: Recording) -> None:
 
 
 def _other_witnesses(
-    recording: Recording, every: int, here: NDArray[np.intp], there: NDArray[np.intp]
+    recording: Recording, every: int, row_before: NDArray[np.intp], row_after: NDArray[np.intp]
 ) -> Iterator[Witness]:
     """The magnetic field, and the device's own up and north, at the pairs of rows."""
     if recording.mag is not None:
         field = _block_means(recording.mag, every)
         norm = np.linalg.norm(field, axis=1, keepdims=True)
         if norm.all():
-            yield Witness("m", (field / norm)[here], (field / norm)[there])
+            yield Witness("m", (field / norm)[row_before], (field / norm)[row_after])
     if recording.device_rpy is not None:
         wxyz = quat_inverse(quat_from_rpy(recording.device_rpy[every // 2 :: every]))
         for axis in ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)):
             seen = quat_rotate(wxyz, np.broadcast_to(axis, (len(wxyz), 3)))
-            yield Witness("", seen[here], seen[there])
+            yield Witness("", seen[row_before], seen[row_after])
 
 
 def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -200,8 +200,8 @@ def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], ND
         return rows, rows
     _, first = np.unique(rows // max(1, round(0.5 * STEADY_S * rate_hz)), return_index=True)
     second = np.searchsorted(rows, rows[first] + PAIR_SHORTEST_S * rate_hz)
-    there = second < len(rows)
-    first, second = first[there], second[there]
+    exists = second < len(rows)
+    first, second = first[exists], second[exists]
     near = rows[second] - rows[first] <= PAIR_LONGEST_S * rate_hz
     return first[near], second[near]
 

@@ -5,12 +5,12 @@ error of the extrapolation: gravity at the stops shows the lost turn, the stop a
 
 A rounded peak may have a flat top too, if the resolution is coarse or by chance of the noise. With a coarse resolution
 m samples lie within one step, but then the sides fall by few steps. By chance, every reading after the first falls on
-the same step of all those within reach of noise and motion; the fall of the sides shows how many these are. With little
-noise, a rounded peak with such sides can't be flat; with much noise, its readings would scatter. For a parabola with
-white noise of any size the chance of m equal samples is at most (2.5 steps / fall)^(m - 1), from m = 3 on, where fall
-is that of the sides over two samples. (Two samples are always alike if the peak lies midway between them.)
+the same one of all steps within reach of noise and motion; the fall of the sides shows their number. With little noise,
+a rounded peak with such sides can't be flat; with much noise, its readings would scatter. For a parabola with
+white noise of any size the chance of m equal samples is at most (2.5 steps / fall)^(m - 1), from m = 3 on, with the
+fall of the sides over two samples. (Two samples are always alike if the peak lies midway between them.)
 
-Not found are clipped peaks of one or two samples, flat tops that differ too little from noise, and clips of an axis
+Some clips are not found: peaks of one or two samples, flat tops that differ too little from noise, and clips of an axis
 that was later averaged or mixed with others (corrected for misalignment).
 """
 
@@ -87,7 +87,7 @@ def find_clips(recording: Recording) -> tuple[Clip, ...]:
 
 
 def clips_of(recording: Recording) -> tuple[Clip, ...]:
-    """The same without a warning."""
+    """`find_clips` without its warning."""
     given = {name: values for name in SENSOR_NAMES if (values := getattr(recording, name)) is not None}
     # A row that was only repeated does not count as another sample of a flat top.
     new = np.concatenate(([True], row_changes(recording)))
@@ -126,7 +126,7 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
 
     Args:
         recording: without NaN.
-        clips: of `find_clips`.
+        clips: from `find_clips`.
 
     Returns:
         The recording, and one sigma of what may still be lost, for each half of a clip.

@@ -40,22 +40,22 @@ def doubted_stops(problem: Problem, still: Array, candidates: Spans) -> NDArray[
 
 
 def revised_stops(
-    problem: Problem, v: Array, solved: Solved, candidates: Spans, cut: NDArray[np.bool_], speed: Array
+    problem: Problem, v: Array, solved: Solved, candidates: Spans, cut: NDArray[np.bool_], still_sigma: Array
 ) -> tuple[Spans, Spans]:
-    """The stops by the estimated velocity, and the calm part of each.
+    """The stops according to the estimated velocity, and the calm part of each.
 
     A doubted candidate is cut to its slow parts. Ends at which the hand moves are trimmed. If less than a stop is left,
     the hand only reversed its direction there.
 
     Args:
-        problem: of the last iteration.
-        v: (n, 3) m/s, its estimate.
-        solved: its covariance.
+        problem: the last iteration's.
+        v: (n, 3) m/s, its estimate of velocity.
+        solved: its solution, for the covariance.
         candidates: spans that look still.
         cut: (c,) which of them were doubted.
-        speed: (n,) m/s per axis, sigma of zero velocity.
+        still_sigma: (n,) m/s per axis, sigma of zero velocity.
     """
-    t, fast = problem.frame.t, np.maximum(SLOW_SPEED, OUTLIER_SIGMAS * speed)
+    t, fast = problem.frame.t, np.maximum(SLOW_SPEED, OUTLIER_SIGMAS * still_sigma)
     if cut.any():
         sigma = np.sqrt(np.trace(solved.of_knots(VEL), axis1=1, axis2=2))
         fast = np.maximum(fast, UNDOUBTED_SIGMAS * np.interp(t, problem.t, sigma))
@@ -71,7 +71,7 @@ def revised_stops(
             between = blurred[first : max(last - 1, first + 1)]
             blur = float(np.sqrt(between.sum() / max(len(between), 1)))
             creep = lengths(v[inside] - median(v[inside]))
-            stop = trimmed(part, creep < OUTLIER_SIGMAS * (float(median(speed[inside])) + blur))
+            stop = trimmed(part, creep < OUTLIER_SIGMAS * (float(median(still_sigma[inside])) + blur))
             if not is_long_enough(t, stop):
                 continue
             stops.append(stop)

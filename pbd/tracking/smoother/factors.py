@@ -37,15 +37,15 @@ def linearise(
 ) -> tuple[NormalEquations, Array]:
     """Linearise all factors: the normal equations, and the robust weight (m,), 0 to 1, of zero velocity at each knot.
 
-    `whiten` is of `whitener`; `anneal` multiplies the sigmas of no motion at a stop; `legs` is `leg_jacobian` at this
+    `whiten` is from `whitener`; `anneal` multiplies the sigmas of no motion at a stop; `legs` is `leg_jacobian` at this
     state, if it is already known.
     """
     equations = NormalEquations.empty(len(problem.rows), SHARED)
     _add_legs(equations, problem, x, fixed, whiten, legs)
     still = _add_stops(equations, problem, x, fixed, anneal)
     _add_hand(equations, problem, x)
-    if problem.device:
-        _add_device(equations, problem, x)
+    if problem.no_gyro:
+        _add_device_attitude(equations, problem, x)
     elif problem.field is not None:
         _add_compass(equations, problem, problem.field, x, fixed)
     _add_priors(equations, problem, x, fixed)
@@ -99,14 +99,14 @@ def _add_legs(
         equations.add_legs(whiten[at] @ (leg_jacobian(problem, x, at) if legs is None else legs[at]), at.start)
     noise, T = problem.noise, problem.legs.T
     for block, values, walk, k in (
-        (GYR_BIAS, x.gyr_bias, noise.device.gyr_walk, fixed.components[3]),
-        (ACC_BIAS, x.acc_bias, noise.device.acc_walk, fixed.components[4]),
+        (GYR_BIAS, x.gyr_bias, noise.sensor.gyr_walk, fixed.components[3]),
+        (ACC_BIAS, x.acc_bias, noise.sensor.acc_walk, fixed.components[4]),
     ):
         equations.add_pairs(block, np.diff(values, axis=0), 1.0 / (k * walk**2 * T))
 
 
 def pivot_velocity(problem: Problem, x: State) -> tuple[Array, Array]:
-    """Velocity (m, 3) of the pivot r, v - R (w x r), and its derivative by r (m, 3, 3)."""
+    """Velocity (m, 3) of the pivot r, v - R (w x r), and its derivative with respect to r (m, 3, 3)."""
     swing = -(x.E @ problem.C @ skew(problem.rate))
     return x.v + swing @ x.shared[PIVOT], swing
 
@@ -130,8 +130,8 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fi
     equations.add_shared(POS, PIVOT, slice(1, None), swing, shift, stay / sigma_shift**2)
     equations.border[:-1, POS, PIVOT] -= (stay / sigma_shift**2)[:, None, None] * swing
     turned = matrix_log(R[1:] @ R[:-1].transpose(0, 2, 1))
-    turn = _robust(squares(turned) / problem.turn_sigma**2) * within
-    equations.add_pairs(ROT, turned, turn / problem.turn_sigma**2)
+    same_attitude = _robust(squares(turned) / problem.turn_sigma**2) * within
+    equations.add_pairs(ROT, turned, same_attitude / problem.turn_sigma**2)
     return still
 
 
@@ -160,12 +160,12 @@ def compass_heading(h: Array, strength: float, dip: float, noise: Noise) -> tupl
     east = np.arctan2(h[:, 0], h[:, 1])
     stronger, steeper = lengths(h) / strength - 1.0, np.arctan2(h[:, 2], level) - dip
     off = (stronger**2 + steeper**2 + (np.cos(dip) * east) ** 2) / noise.field**2
-    turned = -skew(h)  # d h / d theta
-    by_turn = (h[:, 1:2] * turned[:, 0] - h[:, :1] * turned[:, 1]) / level[:, None] ** 2
+    dh = -skew(h)  # d h / d theta
+    by_turn = (h[:, 1:2] * dh[:, 0] - h[:, :1] * dh[:, 1]) / level[:, None] ** 2
     return east, by_turn, np.where(level > LEAST_LEVEL_FIELD * lengths(h), 1.0 / (1.0 + off) ** 2, 0.0)
 
 
-def _add_device(equations: NormalEquations, problem: Problem, x: State) -> None:
+def _add_device_attitude(equations: NormalEquations, problem: Problem, x: State) -> None:
     """The device's own attitude. It lags, so its sigma grows with the rate."""
     noise = problem.noise
     rate = lengths(problem.frame.gyr[problem.rows])
@@ -174,16 +174,16 @@ def _add_device(equations: NormalEquations, problem: Problem, x: State) -> None:
 
 
 def _add_priors(equations: NormalEquations, problem: Problem, x: State, fixed: Fixed) -> None:
-    noise, device = problem.noise, problem.noise.device
+    noise, sensor = problem.noise, problem.noise.sensor
     first = np.zeros(len(problem.rows))
     first[0] = 1.0
-    worse = acc_sigma_factor(noise, problem.rest)
+    acc_factor = acc_sigma_factor(noise, problem.rest)
     equations.add_unary(GYR_BIAS, x.gyr_bias, first / noise.gyr_bias**2)
-    equations.add_unary(ACC_BIAS, x.acc_bias, first / (worse * device.acc_bias) ** 2)
+    equations.add_unary(ACC_BIAS, x.acc_bias, first / (acc_factor * sensor.acc_bias) ** 2)
     at = np.zeros(len(problem.rows))
     at[fixed.origin] = GAUGE_WEIGHT
     equations.add_unary(POS, x.p, at)
-    if problem.field is None and not problem.device:
+    if problem.field is None and not problem.no_gyro:
         equations.diagonal[fixed.origin, 2, 2] += GAUGE_WEIGHT
     equations.corner += shared_prior(problem, x, fixed.prior)
 
@@ -197,13 +197,13 @@ def shared_prior(problem: Problem, x: State, prior: Prior) -> Array:
 
 
 @lru_cache(4)
-def _information(noise: Noise, worse: float, prior: Prior) -> Array:
-    """Information (SHARED, SHARED) of that prior. `worse` multiplies the accelerometer's sigmas."""
+def _information(noise: Noise, acc_factor: float, prior: Prior) -> Array:
+    """Information (SHARED, SHARED) of the shared unknowns' prior. `acc_factor`: on the accelerometer's sigmas."""
     covariance = np.zeros((SHARED, SHARED))
     i = np.arange(SHARED)
     covariance[i[LAG], i[LAG]] = prior.lag_sigma**2
-    covariance[i[GYR_MATRIX], i[GYR_MATRIX]] = noise.device.gyr_scale**2
-    covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (worse * noise.device.acc_scale) ** 2
+    covariance[i[GYR_MATRIX], i[GYR_MATRIX]] = noise.sensor.gyr_scale**2
+    covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (acc_factor * noise.sensor.acc_scale) ** 2
     covariance[i[GRAVITY], i[GRAVITY]] = noise.gravity_sigma**2
     covariance[i[PIVOT], i[PIVOT]] = noise.pivot**2
     diagonal = i[GYR_MATRIX][::4]

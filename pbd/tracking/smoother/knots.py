@@ -16,7 +16,7 @@ from pbd.tracking.smoother.preintegration import BLOCK_S, GyroFrame, Impulse, Le
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans
 
 INSET_SHARE = 0.2
-"""A stop's knots keep this share of its duration away from its ends, but at most half of ENERGY_WINDOW_S."""
+"""Margin without knots at a stop's ends, as a share of its duration; at most ENERGY_WINDOW_S / 2."""
 
 STOP_KNOT_S, LONG_STOP_S, LONG_STOP_KNOT_S, MOVE_KNOT_S = 0.25, 20.0, 1.0, 0.5
 """s: knots are at most STOP_KNOT_S apart in a stop, LONG_STOP_KNOT_S in a stop longer than LONG_STOP_S, and MOVE_KNOT_S
@@ -39,10 +39,10 @@ class Problem:
         still_sigma: (m,) m/s per axis, sigma of zero velocity.
         C: (m, 3, 3), gyro frame <- sensor.
         rate: (m, 3) rad/s, mean around each knot in sensor axes; zero without a gyro.
-        turn_sigma: (m - 1,) rad per axis, sigma of no turn from knot to knot of a stop.
+        turn_sigma: (m - 1,) rad per axis, sigma of zero turn between a stop's knots.
         duration: (m,) s, the part of the recording that is nearest to each knot.
         field: (m, 3), mean magnetic field in the gyro frame, its largest component 1; None without a magnetometer.
-        device: the attitude is the device's own, because there is no gyro.
+        no_gyro: there is no gyro, so the attitude is the device's own.
     """
 
     frame: GyroFrame
@@ -59,7 +59,7 @@ class Problem:
     turn_sigma: Array
     duration: Array
     field: Array | None
-    device: bool
+    no_gyro: bool
 
     @property
     def t(self) -> Array:
@@ -68,13 +68,13 @@ class Problem:
 
 
 def row_noise(
-    frame: GyroFrame, rest: Rest, noise: Noise, gaps: Sequence[tuple[int, int]], device: bool
+    frame: GyroFrame, rest: Rest, noise: Noise, gaps: Sequence[tuple[int, int]], no_gyro: bool
 ) -> tuple[Array, Array]:
-    """`densities` at each row, with the unknown motion in gaps; `device` as in `Problem`."""
+    """`densities` at each row, with the unknown motion in gaps; `no_gyro` as in `Problem`."""
     t, (s_g, s_a) = frame.t, densities(noise, frame.gyr, frame.u, frame.dt)
-    if device:  # its attitude follows a turn late, then catches up
+    if no_gyro:  # the device's attitude follows a turn late, then catches up
         s_g[0] = noise.device_lag * (frame.gyr**2).sum(axis=1)
-        s_a[0] = frame.dt * frame.u[rest.start : rest.stop].var(axis=0).mean()  # gravity, tilted by its steps and noise
+        s_a[0] = frame.dt * frame.u[rest.start : rest.stop].var(axis=0).mean()  # gravity, tilted by attitude noise
     for first, last in gaps:
         lasts = float(t[last] - t[first])
         s_g[0, first : last + 1] += noise.unseen_rate**2 * lasts
@@ -82,30 +82,30 @@ def row_noise(
     return s_g, s_a
 
 
-def pose_problem(
+def build_problem(
     frame: GyroFrame,
     mag: Array | None,
     rest: Rest,
     noise: Noise,
     stops: Spans,
     calm: Spans,
-    speed: Array,
+    still_sigma: Array,
     density: tuple[Array, Array],
     extra_rows: Sequence[int] = (),
     impulses: Sequence[Impulse] = (),
     gaps: Sequence[tuple[int, int]] = (),
     *,
-    device: bool = False,
+    no_gyro: bool = False,
 ) -> Problem:
     """Place knots and integrate between them.
 
     Args:
-        frame, rest, noise, device: as in `Problem`.
+        frame, rest, noise, no_gyro: as in `Problem`.
         mag: (n, 3) in any unit, or None.
         stops: candidates.
-        calm: the part of each in which the hand surely stands still; knots of the stop lie there.
-        speed: (n,) m/s per axis, sigma of zero velocity.
-        density: of `row_noise`.
+        calm: the part of each stop in which the hand surely stands still; its knots lie there.
+        still_sigma: (n,) m/s per axis, sigma of zero velocity.
+        density: from `row_noise`.
         extra_rows: further rows at which a knot is wanted.
         impulses: motion lost above a sensor's range.
         gaps: last row before and first row after each gap in the data.
@@ -129,13 +129,13 @@ def pose_problem(
         stop_of,
         same_stop,
         preintegrate(frame, rows, density, impulses, _knot_velocity(frame, rows, stop_of)),
-        speed[rows],
+        still_sigma[rows],
         quat_to_matrix(frame.wxyz[rows]),
-        np.zeros((len(rows), 3)) if device else _mean_around(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),
+        np.zeros((len(rows), 3)) if no_gyro else _mean_around(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),
         _turn_sigma(frame, rows, same_stop, noise.still_turn),
         np.maximum(np.diff(borders), dt),
         None if mag is None else _mean_field(frame, mag, rows, max(1, round(STOP_KNOT_S / dt))),
-        device,
+        no_gyro,
     )
 
 
@@ -188,7 +188,7 @@ def _knot_velocity(frame: GyroFrame, rows: Rows, stop_of: NDArray[np.intp]) -> A
 
 
 def _turn_sigma(frame: GyroFrame, rows: Rows, same_stop: NDArray[np.bool_], least: float) -> Array:
-    """Sigma (m - 1,) rad of no turn from knot to knot of a stop: twice the largest excursion of the integrated rate."""
+    """Sigma (m - 1,) rad of zero turn between a stop's knots: twice the largest excursion of the integrated rate."""
     angle = cumulative(frame.gyr[1:] * np.diff(frame.t)[:, None])
     length = np.diff(rows)
     share = (np.arange(rows[-1]) - np.repeat(rows[:-1], length)) / np.repeat(length, length)

@@ -137,7 +137,7 @@ class Solved:
         scale: (m, 15), that scaling.
         half: (m * 15, s + 1), L^-1 times the scaled border and gradient.
         product: (s + 1, s + 1), half^T half.
-        corner: (s, s + 1), of the normal equations.
+        corner: (s, s + 1), that of the normal equations.
         shared: (s, s), covariance of the shared unknowns.
     """
 
@@ -164,7 +164,7 @@ class Solved:
         return step
 
     def plus(self, corner: Array) -> Solved:
-        """The same with more information and gradient (s, s + 1) on the shared unknowns."""
+        """The solution with more information and gradient (s, s + 1) on the shared unknowns."""
         return Solved.at_corner(self.cholesky, self.scale, self.half, self.product, self.corner + corner)
 
     def columns(self, right: Array) -> Array:
@@ -188,7 +188,7 @@ class Solved:
 
     @cached_property
     def by_shared(self) -> Array:
-        """Minus the derivative (m, 15, s) of the knots' estimate by the shared unknowns, by back substitution."""
+        """Minus the derivative (m, 15, s) of the knots' unknowns by the shared ones, by back substitution."""
         root, gain = self._factor
         by_shared: Array = root.transpose(0, 2, 1) @ self.half[:, :-1].reshape(len(root), STATE, -1)
         for here, after, G in zip(by_shared[-2::-1], by_shared[:0:-1], gain[::-1], strict=True):
@@ -232,9 +232,9 @@ class Solved:
         return covariance + by @ self.shared @ by.transpose(0, 2, 1)
 
     def of_legs(self, jacobian: Array, at: int = 0) -> Array:
-        """Covariance (., r, r) of what depends on a leg's two knots and on the shared unknowns, from the knot `at` on.
+        """Covariance (., r, r) of functions of a leg's two knots and the shared unknowns, from the knot `at` on.
 
-        Its Jacobian is (., r, 15 + 9 + s).
+        `jacobian` (., r, 15 + 9 + s) has their derivatives with respect to these.
         """
         by_shared, (own, lower) = self.by_shared, self.selected
         end = at + len(jacobian)

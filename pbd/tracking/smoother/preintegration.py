@@ -33,7 +33,7 @@ ERRORS = ACC_BIAS.stop
 """The sensor's errors x: lag; M with w_true = (1 - M) w; lower triangular N with f_true = (1 - N) f; both biases."""
 
 OF_GYR, OF_ACC = np.r_[GYR_BIAS, GYR_MATRIX], np.r_[ACC_BIAS, ACC_MATRIX]
-"""The errors of each sensor alone."""
+"""Indices of each sensor's own errors."""
 
 LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 """Entries of N. It is lower triangular, because the accelerometer's axes define the sensor's."""
@@ -126,7 +126,7 @@ class Impulse:
     """Motion lost at one row: a sudden change of angle or velocity of unknown size, in sensor axes.
 
     Attributes:
-        row: where.
+        row: the row.
         gyr: (3,) rad, one sigma along the axis of the turn, or zero.
         acc: (3,) m/s, one sigma along the change of velocity, or zero.
     """
@@ -180,8 +180,8 @@ def preintegrate(
     first = np.searchsorted(edges, rows)
     starts, leg = first[:-1], np.repeat(np.arange(len(rows) - 1), np.diff(first))
     h, T = np.diff(t[edges]), np.diff(t[rows])
-    togo = (t[rows[1:]][leg] - t[edges[1:]])[:, None]
-    middle = togo[:, 0] + 0.5 * h  # from a block's middle to the leg's end
+    to_end = (t[rows[1:]][leg] - t[edges[1:]])[:, None]
+    middle = to_end[:, 0] + 0.5 * h  # from a block's middle to the leg's end
 
     def per_leg(blocks: Array) -> Array:
         return np.add.reduceat(blocks, starts, axis=0)
@@ -195,7 +195,7 @@ def preintegrate(
     at_knots, velocity = frame.U[rows] if U is None else U, frame.U[edges]
     velocity[first] = at_knots
     dU = np.diff(velocity, axis=0)
-    dP = np.diff(frame.UU[edges], axis=0) - velocity[:-1] * h[:, None] + dU * togo
+    dP = np.diff(frame.UU[edges], axis=0) - velocity[:-1] * h[:, None] + dU * to_end
     C = quat_to_matrix(frame.wxyz[(edges[:-1] + edges[1:]) // 2])
 
     lasts = np.maximum(h, np.finfo(float).tiny)[:, None]  # samples with equal time stamps make an empty block
@@ -241,7 +241,7 @@ def of_blocks_by_errors(C: Array, rate: Array, force: Array, h: Array) -> tuple[
     return by_gyr * -h[:, None, None], by_acc * -h[:, None, None]
 
 
-def block_noise(force: Array, gyr: Array, acc: Array, togo: Array, h: Array, starts: Rows) -> Array:
+def block_noise(force: Array, gyr: Array, acc: Array, to_end: Array, h: Array, starts: Rows) -> Array:
     """Covariance (m, 9, 9) of white noise at the end of m legs.
 
     A rotation error e at a time s before the end also rotates the specific force after it. This adds the velocity -S e
@@ -250,16 +250,16 @@ def block_noise(force: Array, gyr: Array, acc: Array, togo: Array, h: Array, sta
     Args:
         force: (m, 3) m/s2, mean specific force of each leg.
         gyr, acc: (b,) rad2 and m2/s2, variance of each block.
-        togo: (b,) s, from each block's middle to the end of its leg.
+        to_end: (b,) s, from each block's middle to the end of its leg.
         h: (b,) s, duration of each block.
         starts: (m,) first block of each leg.
     """
     moments = [  # exact means over each block: with values at its middle the covariance may be indefinite
-        np.ones_like(togo),
-        togo,
-        togo**2 + h**2 / 12.0,
-        togo**3 + togo * h**2 / 4.0,
-        togo**4 + togo**2 * h**2 / 2.0 + h**4 / 80.0,
+        np.ones_like(to_end),
+        to_end,
+        to_end**2 + h**2 / 12.0,
+        to_end**3 + to_end * h**2 / 4.0,
+        to_end**4 + to_end**2 * h**2 / 2.0 + h**4 / 80.0,
     ]
     g = [np.add.reduceat(gyr * moment, starts)[:, None, None] for moment in moments]
     a = [np.add.reduceat(acc * moment, starts)[:, None, None] for moment in moments[:3]]
@@ -284,11 +284,11 @@ def _add_impulses(Q: Array, frame: GyroFrame, rows: Rows, impulses: Sequence[Imp
     k = np.clip(np.searchsorted(rows, at, side="right") - 1, 0, len(rows) - 2)
     end = rows[k + 1]
     at = np.clip(at, rows[k], end)
-    togo = (frame.t[end] - frame.t[at])[:, None]
+    to_end = (frame.t[end] - frame.t[at])[:, None]
     wxyz = frame.wxyz[at]
     turn = quat_rotate(wxyz, np.array([impulse.gyr for impulse in impulses]))
     push = quat_rotate(wxyz, np.array([impulse.acc for impulse in impulses]))
     dV = frame.U[end] - frame.U[at]
-    dP = frame.UU[end] - frame.UU[at] - frame.U[at] * togo
-    effect = np.hstack((turn, np.cross(turn, dV) + push, np.cross(turn, dP) + push * togo))
+    dP = frame.UU[end] - frame.UU[at] - frame.U[at] * to_end
+    effect = np.hstack((turn, np.cross(turn, dV) + push, np.cross(turn, dP) + push * to_end))
     np.add.at(Q, k, effect[:, :, None] * effect[:, None, :])

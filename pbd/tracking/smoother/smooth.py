@@ -20,7 +20,7 @@ from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
 from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revised_stops, settled
 from pbd.tracking.smoother.factors import pivot_velocity, shared_prior
 from pbd.tracking.smoother.gauss_newton import ANNEALING, descend
-from pbd.tracking.smoother.knots import Problem, pose_problem, row_noise
+from pbd.tracking.smoother.knots import Problem, build_problem, row_noise
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
 from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, Impulse
@@ -96,25 +96,25 @@ def smooth(
     """
     lag, scale = 0.0, 0.0
     stops: Spans | None = None
-    device = recording.gyr is None
+    no_gyro = recording.gyr is None
     prior = Prior(noise.lag, WIDE_LAG_SIGMA, WIDE_SCALE_SIGMA)
 
     # A knot right after lost motion: the unknown turn is too large to linearise over a longer leg.
     extra_rows = [*extra_rows, *(min(impulse.row + 1, len(recording) - 1) for impulse in impulses)]
 
     def build(stops: Spans, calm: Spans) -> Problem:
-        return pose_problem(
-            *(frame, recording.mag, rest, noise, stops, calm, speed, density, extra_rows, impulses, gaps),
-            device=device,
+        return build_problem(
+            *(frame, recording.mag, rest, noise, stops, calm, still_sigma, density, extra_rows, impulses, gaps),
+            no_gyro=no_gyro,
         )
 
     for _ in range(4):
         frame = frame_of(_without_lag_and_scale(recording, lag, scale), rest.gyro_bias * (1.0 + scale))
         window = min(max(2, round(ENERGY_WINDOW_S / frame.dt)), len(frame.t))
         # The device's own attitude follows a turn late. So without a gyro, specific force is judged in sensor axes.
-        energy = energies(*((frame.acc, np.zeros_like(frame.acc)) if device else (frame.u, frame.gyr)), window)
-        speed = still_speed(*energy, len(frame.t), rest, noise)
-        density = row_noise(frame, rest, noise, gaps, device)
+        energy = energies(*((frame.acc, np.zeros_like(frame.acc)) if no_gyro else (frame.u, frame.gyr)), window)
+        still_sigma = still_speed(*energy, len(frame.t), rest, noise)
+        density = row_noise(frame, rest, noise, gaps, no_gyro)
         if stops is None:
             stops = find_candidates(frame.t, frame.dt, *energy, rest, gaps)
         if not stops:
@@ -126,7 +126,7 @@ def smooth(
         found = descend(problem, initial, fixed, ANNEALING)
         more_lag, more_scale = _large_lag_and_scale(found.x, found.solved)
         # A lag outside the wide prior is another fault.
-        if device or (more_lag == 0.0 and more_scale == 0.0) or abs(lag + more_lag) > OUTLIER_SIGMAS * WIDE_LAG_SIGMA:
+        if no_gyro or (more_lag == 0.0 and more_scale == 0.0) or abs(lag + more_lag) > OUTLIER_SIGMAS * WIDE_LAG_SIGMA:
             break
         lag, scale = lag + more_lag, (1.0 + scale) * (1.0 + more_scale) - 1.0
     narrow = Prior(noise.lag if lag == 0.0 else 0.0, noise.lag_sigma)
@@ -139,7 +139,7 @@ def smooth(
     cut = np.zeros(len(candidates), dtype=np.bool_)
     for _ in range(MAX_RECUTS):
         cut = cut | doubted_stops(problem, found.still_weight, candidates)
-        stops, calm = revised_stops(problem, path.v, found.solved, candidates, cut, speed)
+        stops, calm = revised_stops(problem, path.v, found.solved, candidates, cut, still_sigma)
         if not stops:
             break
         if settled(problem.frame.t, problem.stops, stops):
@@ -187,7 +187,7 @@ def _initial_state(problem: Problem, prior: Prior) -> tuple[State, Fixed]:
     """Initial state: a hand that stands still, levelled by `first_guess`, with nav's heading."""
     m, origin = len(problem.rows), _origin_knot(problem)
     strength = dip = 0.0
-    if problem.device:
+    if problem.no_gyro:
         E = np.tile(np.eye(3), (m, 1, 1))
     else:
         wxyz = first_guess(problem.frame, problem.rows, problem.stops)

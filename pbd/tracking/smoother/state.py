@@ -62,8 +62,8 @@ class Fixed:
 
     Attributes:
         origin: index of the knot whose position, and without a compass whose heading, is fixed.
-        strength, dip: of the field at the first rest, in the unit of `Problem.field` and in rad.
-        prior: of lag and common scale.
+        strength, dip: the field's at the first rest, in the unit of `Problem.field` and in rad.
+        prior: prior of lag and common scale.
         components: (6,) factors on variances: the three parts of the legs' noise, the walks of the gyro's and the
             accelerometer's bias, the velocity at a stop.
     """

@@ -30,8 +30,8 @@ def with_own_noise(solution: Solution) -> Solution:
     all parts, r are the residuals, A is the Jacobian, P the posterior covariance and nu the weight of the prior k = 1.
     """
     problem, x, fixed, solved = solution.problem, solution.state, solution.fixed, solution.solved
-    device, T, still = problem.noise.device, problem.legs.T, solution.still_weight
-    walks = ((GYR_BIAS, x.gyr_bias, device.gyr_walk), (ACC_BIAS, x.acc_bias, device.acc_walk))
+    sensor, T, still = problem.noise.sensor, problem.legs.T, solution.still_weight
+    walks = ((GYR_BIAS, x.gyr_bias, sensor.gyr_walk), (ACC_BIAS, x.acc_bias, sensor.acc_walk))
     nu = np.array((*4 * (PRIOR_FREEDOM,), PRIOR_FREEDOM_STILL))
     stood, whiten = still / problem.still_sigma**2, whitener(problem, fixed)
     jacobian = leg_jacobian(problem, x)

@@ -11,7 +11,7 @@ from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance
 from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.collision.motion_check import check_motion, collision_error, object_stays, refuse_home
 from pbd.arm.collision.scene import TABLE, CollisionScene, Leg
-from pbd.arm.joint_path import solve_path
+from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import ArmModel
 from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import GraspedObject, JointTrajectory, Obstacle

@@ -8,7 +8,7 @@ import pytest
 from pbd.arm.ik.branches import _nearest_first, configuration_cost, find_branches, polish
 from pbd.arm.ik.levenberg_marquardt import Residual
 from pbd.arm.ik.partial_pose import measure
-from pbd.arm.joint_path import STARTS_WIDE
+from pbd.arm.ladder_building import STARTS_WIDE
 from pbd.arm.model import to_se3
 from pbd.pose import Pose
 from tests.arm.bundled import FIVE_JOINTS, arm_of

@@ -19,7 +19,7 @@ from pbd.arm.ik.partial_pose import (
     solve_partial,
 )
 from pbd.arm.ik.solver import solve
-from pbd.arm.joint_path import solve_path
+from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import ArmModel, to_se3
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import tool_poses

@@ -140,7 +140,7 @@ def test_steps_that_keep_the_jerk_are_as_long_as_the_curve_allows(
     monkeypatch: pytest.MonkeyPatch, spread: float, factor: float, bound: int | None
 ) -> None:
     """By hand: an average over three steps of h and the spline leave the curve by 13/24 h^2 times the acceleration."""
-    monkeypatch.setattr(jerk_module, "jerk_limited_profile", lambda s, x_most, *_: SpeedProfile(s, x_most))
+    monkeypatch.setattr(jerk_module, "jerk_limited_profile", lambda s, x_max, *_: SpeedProfile(s, x_max))
     limits, waypoints = limits_of(2.0, 8.0, 0.02), random_waypoints(2, spread=spread)
     curve = Curve.through(waypoints, limits)
     assert curve is not None

@@ -18,7 +18,7 @@ from pbd.tracking.noise import acc_sigma_factor, noise_of
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother import normal_equations
 from pbd.tracking.smoother.doubtful_stops import revised_stops
-from pbd.tracking.smoother.factors import _add_device, _add_priors
+from pbd.tracking.smoother.factors import _add_device_attitude, _add_priors
 from pbd.tracking.smoother.knots import Problem, _turn_sigma
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations, Solved
 from pbd.tracking.smoother.preintegration import GyroFrame
@@ -39,7 +39,7 @@ def test_a_devices_own_attitude_is_believed_at_rest_and_not_where_it_turns() -> 
     assert solution is not None
     problem, noise = solution.problem, solution.problem.noise
     equations = NormalEquations.empty(len(problem.rows), SHARED)
-    _add_device(equations, problem, solution.state)
+    _add_device_attitude(equations, problem, solution.state)
     sigma = np.diagonal(equations.diagonal, axis1=1, axis2=2)[:, 0] ** -0.5
     rate = lengths(problem.frame.gyr[problem.rows])
     assert sigma[0] == pytest.approx(noise.device_turn, rel=0.05)
@@ -66,7 +66,7 @@ def test_the_first_knots_biases_are_as_large_as_such_a_device_has_them(sensor: s
     _add_priors(equations, problem, x, solution.fixed)
     for block, bias, sigma in (
         (GYR_BIAS, x.gyr_bias, noise.gyr_bias),
-        (ACC_BIAS, x.acc_bias, acc_sigma_factor(noise, problem.rest) * noise.device.acc_bias),
+        (ACC_BIAS, x.acc_bias, acc_sigma_factor(noise, problem.rest) * noise.sensor.acc_bias),
     ):
         information = np.diagonal(equations.diagonal, axis1=1, axis2=2)[:, block]
         assert information[0] == pytest.approx(np.full(3, sigma**-2.0))

@@ -22,9 +22,9 @@ from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
 STARTS, STARTS_WIDE, STARTS_NULL_SPACE = 12, 81, 1000
-"""Descents for each keyframe: at first, if moves next to it are barred, and if no configuration was free."""
-CONTINUOUS_RAD, MOST_STEPS = 0.5, 60
-"""Largest motion of a joint between two layers along a path, rad; barred moves there before the link is mended."""
+"""Descents for each keyframe: at first; after moves next to it were barred; after no configuration was free."""
+CONTINUOUS_RAD, MEND_AFTER_STEPS = 0.5, 60
+"""Largest joint motion between two layers along a path, rad; number of barred moves after which the link is mended."""
 SWEEPS = 3
 """Passes over the path; in each, every configuration moves along its null space toward the mean of its neighbours."""
 
@@ -54,7 +54,7 @@ def solve_path(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array) -> Ar
     Raises:
         PlanError: a keyframe can't be reached; see `out_of_reach` for its fields.
     """
-    ladder = build_ladder(arm, T_base_tool, q_start, None, most_barred=1)
+    ladder = build_ladder(arm, T_base_tool, q_start, None, mend_after=1)
     if isinstance(ladder, Unreachable):
         raise out_of_reach(arm, ladder.keyframe, T_base_tool[ladder.keyframe], ladder.q_seed)
     path = ladder.shortest()
@@ -66,7 +66,7 @@ def build_ladder(
     T_base_tool: Sequence[Pose],
     q_start: Array,
     q_end: Array | None,
-    most_barred: int,
+    mend_after: int,
     wide_cost: float = 0.0,
 ) -> Ladder | Unreachable:
     """Build the ladder of n poses: layer 0 is `q_start`, layer i + 1 pose i, the last one `q_end`; both (k,).
@@ -74,15 +74,15 @@ def build_ladder(
     `wide_cost`: see `Layer`; it does not apply to keyframe 0.
     """
     at = States(q_start[None], np.zeros(1), np.zeros(1))
-    layers = [Layer(at.q, at.cost, most_barred)]
+    layers = [Layer(at.q, at.cost, mend_after)]
     for keyframe, pose in enumerate(T_base_tool):
         following = states_at(arm, pose, at, STARTS)
         if not len(following.q):
             return Unreachable(keyframe, at.q[0])
         at = following
-        layers.append(Layer(at.q, at.cost, most_barred, wide_cost=wide_cost if keyframe > 0 else 0.0))
+        layers.append(Layer(at.q, at.cost, mend_after, wide_cost=wide_cost if keyframe > 0 else 0.0))
     if q_end is not None:
-        layers.append(Layer(q_end[None], np.zeros(1), most_barred))
+        layers.append(Layer(q_end[None], np.zeros(1), mend_after))
     ladder = Ladder(layers)
     if len(q_start) > FULL_POSE:
         _move_along_null_space(arm, T_base_tool, ladder)
@@ -94,10 +94,10 @@ def states_at(arm: ArmModel, pose: Pose, before: States, starts: int) -> States:
     found = find_branches(arm, pose, before.q, starts)
     if not len(found):
         return States(found, np.empty(0), np.empty(0))
-    turned = turn_toward(arm, found, before.q[:, None])
-    total = before.travel[:, None] + np.linalg.norm(turned - before.q[:, None], axis=2)
+    nearest = turn_toward(arm, found, before.q[:, None])
+    total = before.travel[:, None] + np.linalg.norm(nearest - before.q[:, None], axis=2)
     via, each = total.argmin(axis=0), np.arange(len(found))
-    q = turned[via, each]
+    q = nearest[via, each]
     cost = configuration_cost(arm, q)
     travel = total[via, each] + cost
     order = np.argsort(travel)
@@ -113,7 +113,7 @@ def layers_along(arm: ArmModel, ladder: Ladder, place: int, T_base_tool: Sequenc
         at = states_at(arm, pose, at, STARTS) if len(at.q) else at
         if not len(at.q):
             return None
-        layers.append(Layer(at.q, at.cost, MOST_STEPS, CONTINUOUS_RAD, costly=True))
+        layers.append(Layer(at.q, at.cost, MEND_AFTER_STEPS, CONTINUOUS_RAD, costly=True))
     return layers
 
 
@@ -123,21 +123,21 @@ def widen(
     ladder: Ladder,
     place: int,
     starts: int = STARTS_WIDE,
-    stands: Callable[[Array], bool] = lambda q: True,
+    is_free: Callable[[Array], bool] = lambda q: True,
 ) -> int:
     """Search for more configurations of a layer, from the states of the layer before; add those that are new.
 
-    `stands`: says whether a configuration is free; others are left out. Return how many were added.
+    `is_free`: whether a configuration (k,) is free; others are left out. Return how many were added.
     """
     before, known = ladder.layers[place - 1].q, ladder.layers[place].q
     found = states_at(arm, pose, States(before, np.zeros(len(before)), np.zeros(len(before))), starts)
-    new = np.array([np.abs(known - q).max(axis=1).min() > SAME_RAD and stands(q) for q in found.q], dtype=bool)
+    new = np.array([np.abs(known - q).max(axis=1).min() > SAME_RAD and is_free(q) for q in found.q], dtype=bool)
     ladder.add(place, found.q[new], found.cost[new])
     return int(new.sum())
 
 
 def add_turns(arm: ArmModel, ladder: Ladder, place: int, joint: int) -> int:
-    """Add to a layer its states with one joint turned by a whole turn, if within limits; return how many."""
+    """Add a layer's states, with one joint rotated by a whole turn within its limits; return how many."""
     q = np.repeat(ladder.layers[place].q, 2, axis=0)
     q[::2, joint] += 2.0 * np.pi
     q[1::2, joint] -= 2.0 * np.pi
@@ -169,8 +169,8 @@ def joints_to_unwind(arm: ArmModel, T_base_tool: Pose, q_before: Array, q: Array
     first order, exceed its limits.
     """
     off, J = Residual(arm, to_se3(T_base_tool))(q_before)
-    there = q_before - np.linalg.lstsq(J, off, rcond=None)[0]
-    over = (there < arm.limits.lower) | (there > arm.limits.upper)
+    q_goal = q_before - np.linalg.lstsq(J, off, rcond=None)[0]
+    over = (q_goal < arm.limits.lower) | (q_goal > arm.limits.upper)
     back = np.abs(q - q_before) > np.pi
     return set(np.flatnonzero((over | back) & (arm.turns > 0.0)).tolist())
 
@@ -205,4 +205,4 @@ def _move_along_null_space(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: L
 
 
 def _travel(*path: Array) -> float:
-    return sum(math.sqrt(way.dot(way)) for way in (b - a for a, b in pairwise(path)))
+    return sum(math.sqrt(dq.dot(dq)) for dq in (b - a for a, b in pairwise(path)))

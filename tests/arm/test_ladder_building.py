@@ -7,7 +7,7 @@ import pytest
 
 from pbd.arm.ik.branches import AT_LIMIT, SINGULAR, configuration_cost, margins, turn_toward
 from pbd.arm.ik.solver import check
-from pbd.arm.joint_path import solve_path
+from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import ArmModel, load_model
 from pbd.data import Robot
 from pbd.errors import PlanError
@@ -72,7 +72,7 @@ def test_the_null_space_shortens_the_path(arm: ArmModel, monkeypatch: pytest.Mon
     truth = wander(arm.robot, 6, seed=40)
     poses = [arm.forward(q) for q in truth[1:]]
     slid = solve_path(arm, poses, truth[0])
-    monkeypatch.setattr("pbd.arm.joint_path.SWEEPS", 0)
+    monkeypatch.setattr("pbd.arm.ladder_building.SWEEPS", 0)
     unslid = solve_path(arm, poses, truth[0])
     assert travel(np.vstack((truth[0], slid))) < travel(np.vstack((truth[0], unslid)))
 
