@@ -45,8 +45,8 @@ def run(args: argparse.Namespace) -> None:
         by_nav = quat_rotate(quat_inverse(placed.T_base_nav.wxyz), by_base)
         if not np.abs(by_nav).max() <= LARGEST_NUDGE_M:  # keyframes.toml with it could not be read again
             raise RecordingError(
-                f"that is {np.linalg.norm(by_base):.2f} m away, and a touch-up may be at most {LARGEST_NUDGE_M} m along "
-                "each of nav's axes; --by and --at are in metres: correct them"
+                f"that is {np.linalg.norm(by_base):.2f} m away, and a touch-up may be at most {LARGEST_NUDGE_M} m "
+                "along each of nav's axes; --by and --at are in metres: correct them"
             )
         added = TouchUp(keyframes[args.keyframe].t, by_nav, args.only)
     if demo.keyframes is None or demo.folder is None:
