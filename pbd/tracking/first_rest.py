@@ -20,6 +20,10 @@ QUIET_RATIO = 4.0
 QUIET_ACC, QUIET_GYR = 0.08, 0.02
 """Largest rms of a hand that holds still, m/s2 and rad/s."""
 
+WITHOUT_GRAVITY = 0.5
+"""Largest specific force at rest, m/s2, from which gravity seems to have been removed: a bare part's bias (20 mg),
+and an attitude that was 2 degrees off."""
+
 STILL_ACC, STILL_GYR = 0.5, 0.15
 """rms above which a hand moves, m/s2 and rad/s."""
 
@@ -110,18 +114,20 @@ def find_rest(recording: Recording) -> Rest:
 
 
 def _refuse_wrong_units(norm_at_rest: float) -> None:
-    """Refuse specific force (its norm at rest, m/s2) that is not near gravity, and name the likely unit."""
+    """Refuse specific force (its norm at rest, m/s2) that is not near gravity, and name the likely reason."""
     if 0.85 < norm_at_rest / GRAVITY < 1.15:
         return
-    scales = {"g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2}
+    # The last one: m/s2 that were read as g.
+    scales = {"g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2, "m/s2": GRAVITY}
     likely = [unit for unit, scale in scales.items() if 0.85 < norm_at_rest / (GRAVITY * scale) < 1.15]
+    if likely:
+        why = f"the values are likely in {likely[0]}: import the file with --unit acc={likely[0]}"
+    elif norm_at_rest < WITHOUT_GRAVITY:
+        why = "gravity seems to have been removed: give what the accelerometer itself reads, not linear acceleration"
+    else:
+        why = "check the unit of the columns ax, ay, az"
     raise RecordingError(
-        f"at rest the accelerometer reads {norm_at_rest:.4g}, but gravity is {GRAVITY:.2f} m/s2; "
-        + (
-            f"the values are likely in {likely[0]}: import the file with --unit acc={likely[0]}"
-            if likely
-            else "check the unit of the columns ax, ay, az"
-        ),
+        f"at rest the accelerometer reads {norm_at_rest:.4g}, but gravity is {GRAVITY:.2f} m/s2; {why}",
         value=norm_at_rest,
         bound=GRAVITY,
         unit=likely[0] if likely else None,

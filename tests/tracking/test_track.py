@@ -99,12 +99,16 @@ def test_without_any_attitude_it_is_refused() -> None:
         track(replace(simulate("pour", "modern").recording, gyr=None, device_rpy=None))
 
 
-def test_g_is_refused_as_a_unit_and_named() -> None:
+def test_a_wrong_unit_is_refused_and_named() -> None:
     recording = pour().recording
     with pytest.raises(RecordingError, match=r"likely in g: import the file with --unit acc=g"):
         track(replace(recording, acc=recording.acc / GRAVITY))
     with pytest.raises(RecordingError, match="likely in mg: "):
         track(replace(recording, acc=1e3 * recording.acc / GRAVITY))
+    with pytest.raises(RecordingError, match="likely in m/s2: import the file with --unit acc=m/s2"):
+        track(replace(recording, acc=GRAVITY * recording.acc))
+    with pytest.raises(RecordingError, match="gravity seems to have been removed"):
+        track(replace(recording, acc=recording.acc - recording.acc[0] + 0.1))
 
 
 def test_time_running_backwards_is_refused() -> None:
