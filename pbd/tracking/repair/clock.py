@@ -162,7 +162,9 @@ def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, int, 
     if nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL_TOLERANCE:
         return mean, reach, True
     spans = t[reach:] - t[:-reach]
-    usual = float(np.median(spans))
+    usual = float(np.sort(spans)[len(spans) // 2])  # not the mean of two, which may be far from both
+    if usual <= 0.0:
+        return mean, reach, False
     return float(spans[np.abs(spans - usual) < 0.5 * usual / reach].mean()) / reach, reach, False
 
 
