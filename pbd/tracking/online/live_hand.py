@@ -135,7 +135,7 @@ class LiveHand:
         if not self._no_gyro:
             # The tremor's velocity is the residual of a straight line through the velocity in the window.
             t = np.array([sample.t for sample, _, _ in self._window])[-self._n :]
-            self._shaking = deviation_from_line(t - t[-1], integral_of_means(t, force[-self._n :]))
+            self._shaking = deviation_from_line(t, integral_of_means(t, force[-self._n :]))
         return bool(shake < self._limits[0] and turn < self._limits[1]) and len(force) == self._window.maxlen
 
     def _filters(self) -> list[OnlineFilter]:
@@ -202,12 +202,12 @@ class LiveHand:
 
     def _look_for_stop(self, sample: Sample, quiet: bool) -> list[LiveEvent]:
         """Test for a stop: run a copy of the filter under the hypothesis that the hand stands still."""
-        trial, last, first = (
-            self._trial,
-            self._past_stops[-1].last,
-            self._window[min(self._beside, len(self._window) - 1)][0],
-        )
-        if not quiet or first.t <= last.t or any(each.unseen for each, _, _ in self._window):
+        trial, last = self._trial, self._past_stops[-1].last
+        if (
+            not quiet
+            or (first := self._window[self._beside][0]).t <= last.t
+            or any(each.unseen for each, _, _ in self._window)
+        ):
             self._trial = self._trial_filter = None
             return []
         # A device's own attitude still turns after the hand has stopped, so it can't refute a stop.
@@ -272,9 +272,9 @@ class LiveHand:
         return position, 0.0 if self.still else shift
 
 
-def deviation_from_line(s: Array, values: Array) -> Array:
-    """Residual (3,) of the last of values (n, 3) from the line fitted to all of them over s (n,), which ends at 0."""
-    about = s - s.mean()
+def deviation_from_line(t: Array, values: Array) -> Array:
+    """Residual (3,) of the last of values (n, 3) from the line fitted to all of them over t (n,)."""
+    about = t - t.mean()
     mean = values.mean(axis=0)
     slope = about @ values / max(float(about @ about), np.finfo(float).tiny)
     off: Array = values[-1] - mean - about[-1] * slope
