@@ -131,7 +131,7 @@ def write_demo(
     refuse_demo_folder(folder, force)
     refuse_lost_recording(demo, folder)
     edited = is_file(folder / keyframes.NAME) and not folder.is_symlink()  # a link's target stays as it is
-    with atomic_folder(folder, replace=force, keep=edited) as new:
+    with atomic_folder(folder, replace=force, keep="whose keyframes were edited" if edited else "") as new:
         for name, text in ({"demo.toml": demo_toml(demo, folder.name, folder)} | dict(extra_files)).items():
             (new / name).write_text(text, encoding="utf-8")
         if not demo.takes:
