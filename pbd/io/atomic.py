@@ -49,8 +49,8 @@ def atomic_file(path: Path, parents: bool = False) -> Iterator[Path]:
 def atomic_folder(folder: Path, replace: bool = True, keep: str = "") -> Iterator[Path]:
     """Yield a temporary folder beside `folder`. On success it takes the name `folder`, on an error it is removed.
 
-    With `replace`, an existing folder is first renamed (`name_aside`), and then removed unless `keep` says why not. Of a
-    link only the link is removed. Without `replace`, a folder that another program makes meanwhile is an error.
+    With `replace`, an existing folder is first renamed (`name_aside`), and then removed unless `keep` says why not; of
+    a link only the link is removed. Without `replace`, a folder that another program makes meanwhile is an error.
 
     Raises:
         RecordingError: the folder can't be written.
