@@ -38,8 +38,9 @@ POINTS_FILE = "points.csv"
 def load_demonstration(name: str | None) -> Demonstration:
     """Load the demonstration of this name; without one load the newest, and say which it is."""
     if name is None:
-        name = newest_demo()
-        say(f"no demonstration named: using '{name}'")
+        name, latest = newest_demo(), newest_demo(failed=True)
+        newer = "" if latest == name else f"; the newer '{latest}' has fewer than two stops"
+        say(f"no demonstration named: using '{name}'{newer}")
     with working(f"reading {name}"):
         return load_demo(name)
 

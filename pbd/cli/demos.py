@@ -11,6 +11,7 @@ from pbd.data import Demonstration
 from pbd.errors import RecordingError, warn
 from pbd.files.demo import load_demo, newest_demo
 from pbd.files.find_by_name import names
+from pbd.files.set_aside import is_aside
 from pbd.view.terminal_tables import make_table
 
 
@@ -28,7 +29,8 @@ def run(args: argparse.Namespace) -> None:
     columns = ("name", "created", "sensor", f"lasts ({args.units.time})", "keyframes", "is")
     table = make_table(*columns, left=("name", "created", "sensor", "keyframes", "is"))
     for row in rows:
-        words = {"bundled": row["bundled"], "fused": row["takes"], "the default": row["default"]}
+        words = {"fused": row["takes"], "the default": row["default"], "set aside": row["aside"]}
+        words |= {name: row[name] for name in ("bundled", "failed")}
         edited = "edited" if row["edited"] else "as found"
         lasts = args.units.times(row["duration_s"])
         table.add_row(
@@ -56,5 +58,7 @@ def _row(demo: Demonstration, folder: Path, default: str) -> dict[str, Any]:
         "takes": len(demo.takes),
         "bundled": demo.bundled,
         "default": folder.name == default,
+        "failed": demo.failed,
+        "aside": is_aside(folder),
         "notes": demo.notes,
     }

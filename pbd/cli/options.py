@@ -95,7 +95,10 @@ def add_json(parser: argparse._ActionsContainer) -> None:
     flag(parser, "--json", "print one JSON object on stdout")
 
 
-def add_force(parser: argparse.ArgumentParser, what: str = "replace a demonstration of that name") -> None:
+REPLACE = "replace a demonstration of that name; a recording, or one with a person's edits, stays in NAME.before"
+
+
+def add_force(parser: argparse.ArgumentParser, what: str = REPLACE) -> None:
     """Add --force."""
     flag(parser, "--force", what)
 

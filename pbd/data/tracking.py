@@ -107,6 +107,7 @@ class Demonstration:
         keyframes: those edited by a person, which replace the automatic ones.
         touch_ups: corrections of the keyframes.
         closed: the hand ended at the dock.
+        failed: the recording ended with fewer than two stops.
         places, contacts: known places and heights of stops.
         takes: the takes of a fused demonstration.
     """
@@ -123,6 +124,7 @@ class Demonstration:
     grasped: GraspedObject | None = None
     folder: Path | None = None
     takes: tuple[Demonstration, ...] = ()
+    failed: bool = False
 
     def __repr__(self) -> str:
         return brief(

@@ -21,6 +21,7 @@ from pbd.files import keyframes
 from pbd.files.calibration import read_shape
 from pbd.files.find_by_name import find
 from pbd.files.imu_columns import ACC, CHANNELS, compass_angles, device_rpy
+from pbd.files.set_aside import is_aside, why_kept
 from pbd.files.table import Table, read_table, write_table
 from pbd.io.atomic import atomic_folder, is_file, is_folder, may_write, refuse_folder
 from pbd.io.toml import Section, read_toml
@@ -47,13 +48,17 @@ def load_demo(name: str | Path) -> Demonstration:
     return import_file(path)
 
 
-def newest_demo() -> str:
-    """Return the name of the default demonstration: the newest recorded one in ./demos, else the bundled `pouring`."""
+def newest_demo(failed: bool = False) -> str:
+    """Return the name of the default demonstration: the newest recorded one in ./demos, else the bundled `pouring`.
+
+    One that was set aside is never the default; one whose recording failed, only with `failed`.
+    """
     recorded: list[tuple[str, str]] = []
     for file in Path("demos").glob("*/demo.toml"):
         with suppress(RecordingError):
             top = read_toml(file, RecordingError)
-            if not top.flag("bundled", False):
+            left_out = top.flag("bundled", False) or (top.flag("failed", False) and not failed)
+            if not left_out and not is_aside(file.parent):
                 recorded.append((top.text("created"), file.parent.name))
     return max(recorded)[1] if recorded else "pouring"
 
@@ -63,8 +68,9 @@ def read_demo(folder: Path) -> Demonstration:
     _refuse_without(folder, "demo.toml")
     top = read_toml(folder / "demo.toml", RecordingError)
     top.format(FORMAT)
+    top.text("name")  # the folder's name is used: a copy has another one
     info = RecordingInfo(
-        name=top.text("name"),
+        name=as_text(os.path.basename(os.path.abspath(folder))),  # noqa: PTH100, PTH119 (a link's own name, "." too)
         sensor=top.text("sensor"),
         rate_hz=top.number("rate_hz", None, positive=True, within=RATES_HZ[1]),
         created=top.text("created", None),
@@ -76,6 +82,7 @@ def read_demo(folder: Path) -> Demonstration:
         "notes": top.text("notes", ""),
         "bundled": top.flag("bundled", False),
         "closed": top.flag("closed", False),
+        "failed": top.flag("failed", False),
         "places": tuple(map(_read_place, top.tables("place"))),
         "contacts": tuple(map(_read_contact, top.tables("contact"))),
         "grasped": grasped and GraspedObject(*read_shape(grasped), grasped.number("mass_kg", None, positive=True)),
@@ -122,7 +129,8 @@ def write_demo(
     Args:
         demo: the demonstration.
         folder: its path.
-        force: replace a demonstration of that name. If its keyframes were edited, it is kept under another name.
+        force: replace a demonstration of that name. If something of a person would be lost (`why_kept`), it is kept
+            under another name.
         extra_files: name -> text of further files, which tracking does not read.
 
     Raises:
@@ -130,8 +138,7 @@ def write_demo(
     """
     refuse_demo_folder(folder, force)
     refuse_lost_recording(demo, folder)
-    edited = is_file(folder / keyframes.NAME) and not folder.is_symlink()  # a link's target stays as it is
-    with atomic_folder(folder, replace=force, keep="whose keyframes were edited" if edited else "") as new:
+    with atomic_folder(folder, replace=force, why_kept=why_kept) as new:
         for name, text in ({"demo.toml": demo_toml(demo, folder.name, folder)} | dict(extra_files)).items():
             (new / name).write_text(text, encoding="utf-8")
         if not demo.takes:
@@ -183,6 +190,11 @@ def shell_word(folder: Path) -> str:
     return shlex.quote(f"./{folder}" if word[0] in "-~" else word)
 
 
+def as_text(name: str) -> str:
+    """Return a file's name as text; bytes that are not UTF-8 become escapes."""
+    return os.fsencode(name).decode("utf-8", "backslashreplace")
+
+
 def utc_now() -> str:
     """Return the present time in UTC, in demo.toml's format."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -214,6 +226,7 @@ def demo_toml(demo: Demonstration, name: str, folder: Path | None = None) -> str
         "notes": demo.notes.strip() and demo.notes,
         "bundled": demo.bundled,
         "closed": demo.closed,
+        "failed": demo.failed,
         "object": grasped and _without_none(shape=grasped.shape, size=grasped.size, mass_kg=grasped.mass),
         "take": [{"demo": _relative_path(folder, take)} for take in demo.takes],
         "grip": [{"t_s": round(event.t, 4), "closed": event.closed} for event in recording.grip if not demo.takes],

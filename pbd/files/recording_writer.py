@@ -41,6 +41,7 @@ class RecordingWriter:
         refuse_demo_folder(folder, force=False)
         self.folder, self.rows = folder, 0
         self._info, self._closed = replace(info, name=folder.name), closed
+        self._failed = False
         self._grip: list[GripEvent] = []
         written = [CHANNELS[name] for name in CHANNELS if name in channels]
         header = ",".join(["t", *(column for columns, _ in written for column in columns)])
@@ -81,15 +82,22 @@ class RecordingWriter:
         self._grip.append(grip)
         write_text(self.folder / "demo.toml", self._toml())
 
-    def finish(self, rate_hz: float | None, clock: str, t: Array | None = None) -> None:
-        """Close the files, and write what is known at the end: the rate, the clock, and better times t (n,) s."""
+    def finish(self, rate_hz: float | None, clock: str, t: Array | None = None, failed: bool = False) -> None:
+        """Close the files, and write what is known at the end.
+
+        Args:
+            rate_hz: the measured rate.
+            clock: the clock of the times.
+            t: (n,) s, better times.
+            failed: whether the recording has fewer than two stops.
+        """
         self.close()
         if t is not None:
             imu = self.folder / "imu.csv"
             with atomic_file(imu) as file, imu.open(encoding="ascii") as old, file.open("w", encoding="ascii") as new:
                 new.write(next(old))
                 new.writelines(f"{at:.6f},{line.partition(',')[2]}" for at, line in zip(t, old, strict=True))
-        self._info = replace(self._info, rate_hz=rate_hz, clock=clock)
+        self._info, self._failed = replace(self._info, rate_hz=rate_hz, clock=clock), failed
         write_text(self.folder / "demo.toml", self._toml())
 
     def close(self) -> None:
@@ -121,7 +129,7 @@ class RecordingWriter:
 
     def _toml(self) -> str:
         recording = Recording(np.zeros(0), np.zeros((0, 3)), grip=tuple(self._grip), info=self._info)
-        return demo_toml(Demonstration(recording, closed=self._closed), self.folder.name)
+        return demo_toml(Demonstration(recording, closed=self._closed, failed=self._failed), self.folder.name)
 
 
 def _append(handle: int, data: bytes) -> None:

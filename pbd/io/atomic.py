@@ -46,11 +46,13 @@ def atomic_file(path: Path, parents: bool = False) -> Iterator[Path]:
 
 
 @contextmanager
-def atomic_folder(folder: Path, replace: bool = True, keep: str = "") -> Iterator[Path]:
+def atomic_folder(
+    folder: Path, replace: bool = True, why_kept: Callable[[Path, Path], str] = lambda old, new: ""
+) -> Iterator[Path]:
     """Yield a temporary folder beside `folder`. On success it takes the name `folder`, on an error it is removed.
 
-    With `replace`, an existing folder is first renamed (`name_aside`), and then removed unless `keep` says why not; of
-    a link only the link is removed. Without `replace`, a folder that another program makes meanwhile is an error.
+    With `replace`, an existing folder is first renamed (`name_aside`), and then removed unless `why_kept` says why not;
+    of a link only the link is removed. Without `replace`, a folder that another program makes meanwhile is an error.
 
     Raises:
         RecordingError: the folder can't be written.
@@ -66,8 +68,8 @@ def atomic_folder(folder: Path, replace: bool = True, keep: str = "") -> Iterato
             if aside is not None:
                 aside.rename(folder)
             raise
-        if aside is not None and keep:
-            warn(f"the old {folder}, {keep}, is kept in {aside}")
+        if aside is not None and (why := why_kept(aside, folder)):
+            warn(f"the old {folder}, {why}, is kept in {aside}")
         elif aside is not None and (left := remove_folder(aside)):
             warn(f"{folder} is replaced, but {left}")
 

@@ -46,7 +46,7 @@ def record(
 
     With `options.force`, an old demonstration of that name is renamed to NAME.before, or a free name like it, when the
     first samples have come. What becomes of it depends on the new one:
-    - two stops or more: the old one is removed;
+    - two stops or more: the old one is removed, unless something of a person would be lost (`why_kept`);
     - discarded: the old one gets its name back;
     - no rest in it: the same, and the new one is kept as NAME.new;
     - fewer than two stops, a crash or an error: the old one stays in NAME.before.

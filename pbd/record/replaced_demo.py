@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pbd.errors import RecordingError, in_words
-from pbd.files import keyframes
 from pbd.files.demo import refuse_demo_folder
+from pbd.files.set_aside import why_kept
 from pbd.io.atomic import name_aside, remove_folder
 
 
@@ -19,30 +19,28 @@ class Backup:
     Attributes:
         folder: its old folder, where the new one is.
         aside: its present folder, where a person finds it whatever happens to the recording.
-        edited: whether it has a keyframes.toml.
+        why_kept: why it stays there when the new one has ended well, or "".
     """
 
     folder: Path
     aside: Path
-    edited: bool
+    why_kept: str
 
     @property
     def notice(self) -> str:
         """Say where it is while the new one is recorded."""
-        goes = "; its edited keyframes.toml goes with it" if self.edited else ""
-        return f"the old one is in {self.aside} until this one has ended well{goes}"
+        return f"the old one is in {self.aside}{'' if self.why_kept else ' until this one has ended well'}"
 
-    def remove(self) -> str:
-        """Remove it, because the new one has ended well; return a message for the person."""
-        if left := remove_folder(self.aside):
-            return left
-        return f"the old {self.folder} is replaced{', its edited keyframes.toml too' if self.edited else ''}"
+    def replace(self) -> str:
+        """Remove it, unless it is kept, because the new one has ended well; return a message for the person."""
+        if self.why_kept:
+            return f"the old {self.folder}, {self.why_kept}, is kept in {self.aside}"
+        return remove_folder(self.aside) or f"the old {self.folder} is replaced"
 
     def keep(self) -> str:
         """Leave it where it is, because the new one is too short to replay; return a message for the person."""
-        edited = ", its edited keyframes.toml too" if self.edited else ""
         return (
-            f"fewer than two stops in the new one, so the old one is kept in {self.aside}{edited}; to have it back, "
+            f"fewer than two stops in the new one, so the old one is kept in {self.aside}; to have it back, "
             f"remove {self.folder} and rename {self.aside} to {self.folder}"
         )
 
@@ -77,7 +75,7 @@ def set_aside(folder: Path) -> Backup | None:
     if not os.path.lexists(folder):
         return None
     refuse_demo_folder(folder, force=True)
-    before = Backup(folder, name_aside(folder, "before"), (folder / keyframes.NAME).is_file())
+    before = Backup(folder, name_aside(folder, "before"), why_kept(folder))
     try:
         folder.rename(before.aside)
     except OSError as reason:

@@ -136,7 +136,7 @@ class Session:
         elif self.feedback.stops < FEWEST_STOPS:
             self._backup_note = self.backup.keep()
         else:
-            self._backup_note = self.backup.remove()
+            self._backup_note = self.backup.replace()
 
     def backup_message(self) -> str:
         """Say after an error where the demonstration is that this one replaces; "" for none."""
@@ -194,7 +194,8 @@ class Session:
         times = self._clock.straightened if demo.rows == len(self._clock.times) else None
         duration = self.t if times is None else float(times[-1])
         rows = demo.rows + self._clock.lost
-        demo.finish(float(f"{(rows - 1) / duration:.5g}") if duration > 0.0 else None, self._clock_name, times)
+        rate_hz = float(f"{(rows - 1) / duration:.5g}") if duration > 0.0 else None
+        demo.finish(rate_hz, self._clock_name, times, failed=self.feedback.stops < FEWEST_STOPS)
 
     def status(self) -> Status:
         """Return the status, with the messages since the last one."""

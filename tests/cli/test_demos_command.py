@@ -42,3 +42,16 @@ def test_one_that_cannot_be_read_is_warned_of_and_the_others_are_listed(capsys: 
     assert code == 0
     assert "pouring" in out
     assert "demos/broken/demo.toml:2" in err
+
+
+def test_a_command_without_a_name_takes_none_that_failed_or_was_set_aside(capsys: Capture) -> None:
+    assert run(capsys, "simulate", "pick-and-place-stops", "tea")[0] == 0
+    for name, failed in (("tea.before", ""), ("short", "failed = true\n")):
+        assert run(capsys, "simulate", "pick-and-place-stops", name)[0] == 0
+        toml = Path("demos", name, "demo.toml")
+        toml.write_text(failed + toml.read_text().replace('created = "20', 'created = "21'))
+    told = "no demonstration named: using 'tea'; the newer 'short' has fewer than two stops\n"
+    assert told in run(capsys, "segments")[2]
+    rows = {row["name"]: row for row in run_json(capsys, "demos")["demos"]}
+    assert [name for name, row in rows.items() if row["failed"]] == ["short"]
+    assert [name for name, row in rows.items() if row["aside"]] == ["tea.before"]

@@ -103,6 +103,7 @@ def demonstrations(draw: st.DrawFn) -> Demonstration:
         notes=draw(words),
         bundled=draw(st.booleans()),
         closed=draw(st.booleans()),
+        failed=draw(st.booleans()),
         places=tuple(draw(st.lists(places, max_size=2))),
         contacts=tuple(draw(st.lists(contacts, max_size=2))),
         grasped=draw(st.none() | objects),
@@ -119,7 +120,7 @@ def test_a_demonstration_is_read_as_written(written: Demonstration) -> None:
     assert_same_arrays(read, written)
     assert read.recording.info == written.recording.info
     assert read.recording.grip == written.recording.grip
-    for field in ("notes", "bundled", "closed", "places", "contacts", "known", "grasped"):
+    for field in ("notes", "bundled", "closed", "failed", "places", "contacts", "known", "grasped"):
         assert getattr(read, field) == getattr(written, field)
     assert read.folder == folder
 
@@ -133,6 +134,8 @@ def test_the_folder_names_the_demonstration_and_the_rate_is_measured(tmp_path: P
     write_demo(still(name="run7"), tmp_path / "tea")
     info = read_demo(tmp_path / "tea").recording.info
     assert (info.name, info.rate_hz) == ("tea", 10.0)
+    (tmp_path / "tea").rename(tmp_path / "coffee")
+    assert read_demo(tmp_path / "coffee").recording.info.name == "coffee"
 
 
 @pytest.mark.parametrize(
@@ -154,20 +157,44 @@ def test_an_existing_folder_is_refused_unless_forced(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"tea exists; give another name, or --force to replace it$"):
         write_demo(still(5), folder)
     assert len(read_demo(folder).recording) == 3
-    write_demo(still(5), folder, force=True)
+    with pytest.warns(PbdWarning):
+        write_demo(still(5), folder, force=True)
     assert len(read_demo(folder).recording) == 5
+
+
+@pytest.mark.parametrize("sensor", ["simulated modern", "sim (x-IMU3)"])
+def test_force_removes_what_is_simulated(tmp_path: Path, sensor: str) -> None:
+    write_demo(still(3, sensor=sensor), tmp_path / "tea")
+    write_demo(still(5), tmp_path / "tea", force=True)
     assert [path.name for path in tmp_path.iterdir()] == ["tea"]
 
 
-def test_a_person_s_keyframes_are_kept(tmp_path: Path) -> None:
+def test_force_removes_what_is_the_same(tmp_path: Path) -> None:
+    for day in "123":
+        write_demo(still(created=f"2026-01-0{day}T03:04:05Z"), tmp_path / "tea", force=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["tea"]
+
+
+@pytest.mark.parametrize(
+    ("sensor", "file", "why"),
+    [
+        ("witmotion", "", "a recording"),
+        ("simulated modern", "keyframes.toml", "whose keyframes were edited"),
+        ("simulated modern", "notes.txt", "with notes.txt in it"),
+        ("simulated modern", "demo.toml", "whose demo.toml was edited"),
+    ],
+)
+def test_force_keeps_what_a_person_made(tmp_path: Path, sensor: str, file: str, why: str) -> None:
     folder = tmp_path / "tea"
-    write_demo(still(3), folder)
-    (folder / "keyframes.toml").touch()
-    with pytest.warns(PbdWarning, match=r"the old .*tea, whose keyframes were edited, is kept in .*tea\.before$"):
-        write_demo(still(5), folder, force=True)
+    write_demo(still(3, sensor=sensor), folder)
+    if file:
+        with (folder / file).open("a") as opened:
+            opened.write("[[contact]]\nt_s = 0.1\n")
+    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with pytest.warns(PbdWarning, match=rf"the old .*tea, {why}, is kept in .*tea\.before$"):
+        write_demo(still(5, sensor=sensor), folder, force=True)
     assert len(read_demo(folder).recording) == 5
-    assert not (folder / "keyframes.toml").exists()
-    assert (tmp_path / "tea.before" / "keyframes.toml").exists()
+    assert {path.name: path.read_bytes() for path in (tmp_path / "tea.before").iterdir()} == files
 
 
 def test_a_folder_that_another_program_makes_meanwhile_stays(tmp_path: Path) -> None:
@@ -359,6 +386,11 @@ def test_the_newest_is_the_one_recorded_last() -> None:
     record("a", "2026-05-03T00:00:00Z")
     record("c", "2025-12-31T23:59:59Z")
     assert newest_demo() == "a"
+    record("a.before", "2026-05-04T00:00:00Z")
+    record("a.new-2", "2026-05-04T00:00:00Z")
+    write_demo(replace(still(created="2026-05-05T00:00:00Z"), failed=True), demo_folder("short"))
+    assert newest_demo() == "a"
+    assert newest_demo(failed=True) == "short"
     (Path("demos") / "a" / "demo.toml").write_text("not a demonstration")
     assert newest_demo() == "b"
 

@@ -117,13 +117,13 @@ def test_a_forced_recording_without_a_second_stop_does_not_cost_the_old_one(
     """It ends before the hand has moved, or after it has stopped somewhere."""
     tea = tmp_path / "tea"
     write_demo(simulate("pour"), tea)
-    (tea / "keyframes.toml").write_text("as a person left it")
     outcome = recorded(hurried, Watched(), options(tea, duration_s=duration_s, force=True))
     assert (outcome.stops < 2) is kept
     assert outcome.folder == tea
     assert len(read_demo(tea).recording) == outcome.samples
     assert (f"the old one is kept in {tea}.before" in outcome.before) is kept
-    assert (tmp_path / "tea.before" / "keyframes.toml").exists() is kept
+    assert read_demo(tea).failed is kept
+    assert (tmp_path / "tea.before" / "truth.csv").exists() is kept
 
 
 def test_a_forced_recording_that_never_begins_leaves_the_old_one(tmp_path: Path, silent: tuple[int, str]) -> None:

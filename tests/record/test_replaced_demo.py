@@ -50,23 +50,21 @@ def test_what_is_no_demonstration_stays(tmp_path: Path) -> None:
     assert (tmp_path / "photos").exists()
 
 
-def test_edited_keyframes_are_told(tea: Path) -> None:
-    (tea / "keyframes.toml").write_text("")
+def test_a_recording_stays_where_it_is_said_to_be(tea: Path) -> None:
     before = set_aside(tea)
     assert before is not None
-    assert before.notice.endswith("; its edited keyframes.toml goes with it")
-    assert before.remove() == f"the old {tea} is replaced, its edited keyframes.toml too"
-    assert beside(tea) == {}
+    assert before.notice == f"the old one is in {tea}.before"
+    assert before.replace() == f"the old {tea}, a recording, is kept in {tea}.before"
+    assert beside(tea) == {"tea.before": "the old one"}
 
 
 def test_one_that_is_kept_says_how_to_get_it_back(tea: Path) -> None:
-    (tea / "keyframes.toml").write_text("")
     before = set_aside(tea)
     assert before is not None
     told = before.keep()
     assert told == (
-        f"fewer than two stops in the new one, so the old one is kept in {tea}.before, its edited keyframes.toml too; "
-        f"to have it back, remove {tea} and rename {tea}.before to {tea}"
+        f"fewer than two stops in the new one, so the old one is kept in {tea}.before; to have it back, "
+        f"remove {tea} and rename {tea}.before to {tea}"
     )
     assert beside(tea) == {"tea.before": "the old one"}
 
@@ -76,7 +74,7 @@ def test_a_link_goes_and_what_it_leads_to_stays(tea: Path) -> None:
     link.symlink_to(tea)
     before = set_aside(link)
     assert before is not None
-    before.remove()
+    before.replace()
     assert beside(tea) == {"tea": "the old one"}
     assert [path.name for path in tea.parent.iterdir()] == ["tea"]
 

@@ -51,8 +51,8 @@ def record(parser: ArgumentParser) -> None:
     )
     add_force(
         parser,
-        "replace a demonstration of that name; the old one stays in NAME.before until the new one has ended with two "
-        "stops or more",
+        "replace a demonstration of that name. The old one stays in NAME.before; if simulated and unedited, until the "
+        "new one has ended with two stops or more",
     )
     flag(parser, "--live", "show the hand in the browser, served on this machine only")
     flag(parser, "--no-open", "with --live: open no browser; print the address")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from pbd.data import Demonstration
 from pbd.errors import RecordingError
-from pbd.files.demo import RATES_HZ
+from pbd.files.demo import RATES_HZ, as_text
 
 if TYPE_CHECKING:
     from pbd.files.importers.columns import Understood
@@ -97,8 +96,8 @@ def import_recording(
         from pbd.files.importers.headerless import remapped
 
         recording, understood = remapped(path, recording, understood, columns, units)
-    info = replace(recording.info, name=_as_text(path.stem), sensor=f"{'phone' if phone else 'unknown'} (imported)")
-    demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {_as_text(path.name)}.")
+    info = replace(recording.info, name=as_text(path.stem), sensor=f"{'phone' if phone else 'unknown'} (imported)")
+    demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {as_text(path.name)}.")
     return Imported(demo, understood)
 
 
@@ -108,8 +107,3 @@ def check_rate(path: Path, rate_hz: float, what: str) -> None:
     if not slowest <= rate_hz <= fastest:
         bound = "above zero" if not rate_hz > 0.0 else f"{slowest:g} to {fastest:g} Hz"
         raise RecordingError.at(path, f"{what} {rate_hz:g}; it must be {bound}", value=rate_hz)
-
-
-def _as_text(name: str) -> str:
-    """Return a file's name as text; bytes that are not UTF-8 become escapes."""
-    return os.fsencode(name).decode("utf-8", "backslashreplace")

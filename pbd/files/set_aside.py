@@ -1,0 +1,52 @@
+"""Demonstrations that were set aside under another name, because `--force` replaced them: which, and why."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from pbd.errors import RecordingError, listed
+from pbd.files import keyframes
+from pbd.io.atomic import DEMONSTRATION_FILES
+from pbd.io.toml import read_toml
+
+SIMULATED = ("sim", "simulated")
+"""First word of the sensor's name in a simulated recording: of `pbd record --sensor sim`, and of `pbd simulate`."""
+
+ASIDE = re.compile(r".+\.(before|new)(-\d+)?")
+"""Name of a demonstration that was set aside (`name_aside`)."""
+
+
+def is_aside(folder: Path) -> bool:
+    """Whether a demonstration has the name of one that was set aside, such as tea.before."""
+    return ASIDE.fullmatch(folder.name) is not None
+
+
+def why_kept(old: Path, new: Path | None = None) -> str:
+    """Say why the demonstration `old` is not removed when `new` replaces it; "" if nothing of a person would be lost.
+
+    Nothing is lost of an unedited demonstration that is simulated, fused, a link, or the same as the new one.
+    """
+    if old.is_symlink():
+        return ""
+    names = {path.name for path in old.iterdir()}
+    if keyframes.NAME in names:
+        return "whose keyframes were edited"
+    if others := sorted(names.difference(DEMONSTRATION_FILES)):
+        return f"with {listed(others)} in it"
+    try:
+        top = read_toml(old / "demo.toml", RecordingError)
+        if "place" in top or "contact" in top:
+            return "whose demo.toml was edited"
+        if "take" in top or top.text("sensor").split()[0] in SIMULATED:
+            return ""
+    except RecordingError:
+        pass
+    same = new is not None and all(_content(old / name) == _content(new / name) for name in names)
+    return "" if same else "a recording"
+
+
+def _content(file: Path) -> bytes:
+    """Return a file's bytes, without the date in a demo.toml; b"" if there is none."""
+    content = file.read_bytes() if file.is_file() else b""
+    return re.sub(rb"(?m)^created = .*$", b"", content) if file.name == "demo.toml" else content
