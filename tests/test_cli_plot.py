@@ -59,10 +59,19 @@ def test_json_lists_the_files(capsys: Capture, elsewhere: Path, format_name: str
 
 
 @pytest.mark.usefixtures("few")
-def test_a_second_time_replaces_the_first(capsys: Capture, elsewhere: Path) -> None:
-    (elsewhere / "position.png").write_text("old")
-    run_json(capsys, "plot", "pouring", "--save", ".")
-    assert (elsewhere / "position.png").read_bytes().startswith(b"\x89PNG")
+@pytest.mark.parametrize("format_name", ["png", "svg", "pdf"])
+def test_a_second_time_replaces_the_first_but_no_other_program_s(
+    capsys: Capture, elsewhere: Path, format_name: str
+) -> None:
+    words, file = ("--save", ".", "--format", format_name), elsewhere / f"position.{format_name}"
+    run_json(capsys, "plot", "paper-test1", *words)
+    first = file.read_bytes()
+    assert run(capsys, "plot", "paper-test2", *words)[2].endswith("wrote 1 files into ., 1 of them over older ones\n")
+    assert file.read_bytes() != first
+    file.write_text("another program's")
+    code, _, err = run(capsys, "plot", "paper-test1", *words)
+    assert (code, file.read_text()) == (1, "another program's")
+    assert err.endswith("is not a figure of pbd, so it is not overwritten; give another folder\n")
 
 
 def test_two_are_compared(capsys: Capture, elsewhere: Path) -> None:
@@ -127,10 +136,11 @@ def test_what_cannot_be_known_is_drawn_all_the_same(capsys: Capture, elsewhere: 
 def test_what_goes_wrong_is_one_line(capsys: Capture, elsewhere: Path) -> None:
     (elsewhere / "file").write_text("")
     write_recording(elsewhere / "g.csv", norm=1.0)
+    needed = "is a file, and a folder is needed there"
     for args, end in (
         (("tee",), "no demonstration named 'tee', nor a file or folder of that path; known are"),
-        (("pouring", "--save", "file"), "file can't be written (File exists); give another --save"),
-        (("pouring", "--save", "file/in"), "file/in can't be written (Not a directory); give another --save"),
+        (("pouring", "--save", "file"), f"file can't be written (it {needed}); give another --save"),
+        (("pouring", "--save", "file/in"), f"file/in can't be written (file {needed}); give another --save"),
         (("pouring", "g.csv"), "g: at rest the accelerometer reads 1, but gravity is 9.81 m/s2; the values are"),
     ):
         code, out, err = run(capsys, "plot", *args)

@@ -16,11 +16,11 @@ import numpy as np
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Recording, Robot
 from pbd.data.covariance import one_sigma
-from pbd.errors import CalibrationError, SensorError, UsageError
+from pbd.errors import CalibrationError, PbdError, SensorError, UsageError
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_demo
 from pbd.files.points import Points, points_csv
-from pbd.io.atomic import atomic_file, refuse_file
+from pbd.io.atomic import atomic_file, is_file, refuse_file
 from pbd.io.read_file import read_text
 from pbd.pose import Array
 
@@ -194,18 +194,25 @@ def print_result(args: argparse.Namespace, result: dict[str, Any], *tables: Tabl
 
 
 def write_figures(folder: Path, format_name: str, names: Collection[str], draw: Callable[[str], Figure]) -> list[str]:
-    """Draw figures into files, all of them or none; say where they are, and return their paths."""
-    from pbd.plots.style import write
+    """Draw figures into files, all of them or none; say where they are, and return their paths.
+
+    Raises:
+        PbdError: a file of such a name is there that pbd did not make, or it can't be written.
+    """
+    from pbd.plots.style import is_made_by_pbd, write
 
     files = {name: folder / f"{name}.{format_name}" for name in names}
     for file in files.values():
         refuse_file(file)
+        if is_file(file) and not is_made_by_pbd(file):
+            raise PbdError(f"{file} is not a figure of pbd, so it is not overwritten; give another folder", path=file)
+    replaced = sum(map(is_file, files.values()))
     with ExitStack() as all_or_none:
         for number, (name, file) in enumerate(files.items(), 1):
             new = all_or_none.enter_context(atomic_file(file, parents=True))
             with working(f"drawing {number} of {len(files)}: {name}"), new.open("wb") as stream:
                 write(draw(name), stream, format_name)
-    say(f"wrote {len(files)} files into {folder}")
+    say(f"wrote {len(files)} files into {folder}{f', {replaced} of them over older ones' if replaced else ''}")
     return list(map(str, files.values()))
 
 

@@ -166,7 +166,12 @@ def unwritable(path: Path, reason: OSError, error: type[PbdError], other: str = 
     """Make the error for a path that can't be written; it ends with "give another `other`"."""
     if reason.errno == errno.ENOENT and not path.is_absolute() and in_deleted_folder():
         return error(f"{path} can't be written: {DELETED}", path=path)
-    return error(f"{path} can't be written ({in_words(reason)}); give another {other}", path=path)
+    why = in_words(reason)
+    if reason.errno in (errno.EEXIST, errno.ENOTDIR):
+        in_the_way = next((each for each in (path, *path.parents) if exists(each) and not is_folder(each)), None)
+        if in_the_way is not None:
+            why = f"{'it' if in_the_way == path else in_the_way} is a file, and a folder is needed there"
+    return error(f"{path} can't be written ({why}); give another {other}", path=path)
 
 
 def in_deleted_folder() -> bool:

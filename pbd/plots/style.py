@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import matplotlib.style
@@ -24,6 +25,9 @@ from pbd.pose import Array
 
 DPI = 110
 """Pixels per inch of a PNG."""
+
+MADE_BY = "pbd, with matplotlib"
+"""The program that made a figure, in the figure's file."""
 
 ORANGE, SKY, GREEN = "#e69f00", "#56b4e9", "#009e73"
 BLUE, VERMILION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
@@ -88,10 +92,19 @@ def style() -> AbstractContextManager[None]:
 
 def write(figure: Figure, file: BinaryIO, format_name: str) -> None:
     """Write a figure as png, svg or pdf. The same figure gives the same bytes."""
-    stamps: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
+    stamps: dict[str, dict[str, Any]] = {
+        "svg": {"Date": None, "Creator": MADE_BY},
+        "pdf": {"CreationDate": None, "Creator": MADE_BY},
+        "png": {"Software": MADE_BY},
+    }
     with style():
         lay_out(figure)
         figure.savefig(file, format=format_name, dpi=DPI, metadata=stamps[format_name])
+
+
+def is_made_by_pbd(file: Path) -> bool:
+    """Whether `write` made a file."""
+    return MADE_BY.encode() in file.read_bytes()
 
 
 def lay_out(figure: Figure) -> None:

@@ -98,7 +98,7 @@ def plot(parser: ArgumentParser) -> None:
     """
     several = "names (in ./demos, or bundled), folders, or recordings (.csv, .npz); two or more are compared"
     option(parser, "demos", "DEMO", f"{several}; default: the newest in ./demos, else 'pouring'", nargs="*")
-    option(parser, "--save", "DIR", "folder for the files (./plots/NAME)", type=Path)
+    option(parser, "--save", "DIR", "folder for the files (./plots/NAME); older figures are replaced", type=Path)
     option(parser, "--format", None, "format of the files (png)", choices=FIGURE_FORMATS, default="png")
     add_table(parser, units="cm,deg")
     add_tracking(parser, calibration="none")
@@ -122,7 +122,8 @@ def fuse(parser: ArgumentParser) -> None:
     option(parser, "-o --output", "NAME", "the new demonstration's name (in ./demos) or folder", required=True)
     kept = "write the device's errors, as all takes show them, into the [sensor] of calibration/NAME.toml"
     option(parser, "--save-calibration", "NAME", kept)
-    option(parser, "--plot", "DIR", "draw the takes' match and the hand's scatter into this folder", type=Path)
+    drawn = "draw the takes' match and the hand's scatter into this folder; older figures are replaced"
+    option(parser, "--plot", "DIR", drawn, type=Path)
     add_force(parser)
     add_table(parser, units="m,deg")
     wanted = "name (in ./calibration, or bundled) or file: its [sensor] is taken out of each take first"
