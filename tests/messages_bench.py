@@ -50,6 +50,7 @@ FILES = {
     "bad/word.csv": f"{HEADER}{SAMPLE}0.01,0,0,zero,0,0,9.81\n",
     "bad/short.csv": f"{HEADER}{SAMPLE}0.01,0,0,0,0,9.81\n",
     "bad/back.csv": f"{HEADER}1,0,0,0,0,0,9.81\n{SAMPLE}",
+    "bad/bare.csv": SAMPLE + SAMPLE,
     "bad/one.csv": HEADER + SAMPLE,
     "bad/sheet.xlsx": "",
     "bad/line.csv": POINTS,

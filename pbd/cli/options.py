@@ -45,6 +45,23 @@ class Parser(argparse.ArgumentParser):
             )
 
 
+class AppendOnce(argparse.Action):
+    """Appends a pair of a name and a value, and refuses a name that was given before."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        name: str | None = None,
+    ) -> None:
+        """Append the pair."""
+        given = getattr(namespace, self.dest)
+        if values[0] in dict(given):
+            raise argparse.ArgumentError(self, f"'{values[0]}' is given twice; give it once")
+        setattr(namespace, self.dest, [*given, values])
+
+
 def option(
     to: argparse._ActionsContainer, names: str, metavar: str | tuple[str, ...] | None, text: str, **more: Any
 ) -> None:

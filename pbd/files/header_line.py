@@ -1,9 +1,13 @@
-"""Find the header of a table that another program wrote."""
+"""Find the header of a table that another program wrote, or say how to import one without a header."""
 
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Sequence
+from pathlib import Path
+
+from pbd.files.imu_columns import ACC, GYR, MAG
 
 HEADER_CELLS = 4
 """Smallest number of cells in a header (t, ax, ay, az). The lines of a preamble have fewer."""
@@ -41,3 +45,12 @@ def with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
     """Append each unit to its column's name: `acc_x` and `g` become `acc_x (g)`."""
     given = [*units, *[""] * (len(header) - len(units))]
     return [f"{name} ({unit})" if unit and name else name for name, unit in zip(header, given, strict=False)]
+
+
+def import_command(path: Path, count: int, delimiter: str) -> str:
+    """Return the command that imports a table of `count` columns without a header, with likely names of the columns."""
+    t = ["t"] if count % 3 else []
+    axes = [*ACC, *GYR, *MAG][: (count - len(t)) // 3 * 3]
+    columns = ",".join([*t, *axes, *"_" * (count - len(t) - len(axes))])
+    more = {";": " --separator ';'", "\t": " --separator tab"}.get(delimiter, "") + ("" if t else " --rate HZ")
+    return f"pbd import {shlex.quote(str(path))} NAME --sensor lines --columns {columns}{more}"

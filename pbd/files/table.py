@@ -9,12 +9,13 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from pbd.errors import PbdError, RecordingError, listed, printable
-from pbd.files.header_line import find_header, with_units
+from pbd.files.header_line import find_header, import_command, with_units
 from pbd.io.numbers import number, seconds
 from pbd.io.read_file import decoded, read_bytes
 from pbd.pose import Array
@@ -83,6 +84,11 @@ class Sheet:
         """Return the cells of a column of text."""
         k = self.header.index(name)
         return [row[k].strip() for _, row in self._rows(self.body, self.line) if row[k:]]
+
+    def cell(self, name: str, row: int) -> tuple[int, str]:
+        """Return the line number and the text of a column's cell in a row, counted from 0."""
+        line, cells = next(islice(self._rows(self.body, self.line), row, None))
+        return line, cells[self.header.index(name)].strip()
 
     def read(self, names: Sequence[str] | None = None, times: Collection[str] = ()) -> Table:
         """Read columns.
@@ -259,9 +265,8 @@ def open_sheet(
     if skipped:
         header = with_units(header, [cell.strip().strip('"') for cell in lines[above + 1].split(delimiter)])
     if foreign and re.fullmatch(r"[-+.,\deE\s]+", "".join(header)):
-        what = "numbers where the column names should be"
-        add = "add a line with the column names above them, such as t,ax,ay,az,gx,gy,gz"
-        raise error.at(path, f"{what}; {add}", above + 1)
+        what = "numbers where the column names should be; add a line with the names above them, or give the right names"
+        raise error.at(path, f"{what}: {import_command(path, len(header), delimiter)}", above + 1)
     if not header[-1]:
         header.pop()
     line, preamble = above + 2 + skipped, "\n".join(lines[:above])

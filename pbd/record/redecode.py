@@ -35,8 +35,8 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
     data = read_bytes(path, RecordingError, "name a raw.bin")
     samples = [sample for sample in decoder.feed(data) if sample.acc is not None]
     if len(samples) < 2:
-        what = f"no samples of {sensor} in its {len(data)} bytes; name the sensor that it came from"
-        raise RecordingError.at(path, what)
+        correct = "name each number of a line" if sensor == "lines" else "name the sensor that it came from"
+        raise RecordingError.at(path, f"no samples of {sensor} in its {len(data)} bytes; {correct}")
     stored = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
     samples, t, clock = _sample_times(path, samples, None if stored is None else stored.recording, rate_hz)
     created = None if stored is None else stored.recording.info.created

@@ -96,6 +96,7 @@ def test_our_imu_csv_in_any_order_of_columns(tmp_path: Path) -> None:
         ("seconds,accel.x,accel.y,accel.z", 1.0),
         ("Time,Linear Acceleration x (m/s²),Linear Acceleration y (m/s²),Linear Acceleration z (m/s²)", 1.0),
         ("TIME,ACCELEROMETER-X [m/s^2],ACCELEROMETER-Y [m/s^2],ACCELEROMETER-Z [m/s^2]", 1.0),
+        ("Zeit (s),Beschleunigung x (m/s^2),Beschleunigung y (m/s^2),Beschleunigung z (m/s^2)", 1.0),
     ],
 )
 def test_spellings_of_specific_force(tmp_path: Path, header: str, scale: float) -> None:
@@ -110,6 +111,7 @@ def test_spellings_of_specific_force(tmp_path: Path, header: str, scale: float) 
         ("gyr", "gyro_x [dps],gyro_y [dps],gyro_z [dps]", DEG),
         ("gyr", "Angular Velocity X (°/s),Angular Velocity Y (°/s),Angular Velocity Z (°/s)", DEG),
         ("gyr", "wx (rad/s),wy (rad/s),wz (rad/s)", 1.0),
+        ("gyr", "Drehrate x (°/s),Drehrate y (°/s),Drehrate z (°/s)", DEG),
         ("mag", "Magnetometer X (µT),Magnetometer Y (µT),Magnetometer Z (µT)", 1.0),
         ("mag", "mag_x (mGauss),mag_y (mGauss),mag_z (mGauss)", 0.1),
         ("mag", "mx (mG),my (mG),mz (mG)", 0.1),
@@ -306,3 +308,8 @@ def test_strides(data_folder: Path) -> None:
         assert demo.truth is not None
         assert np.median(np.diff(demo.truth.t)) == pytest.approx(0.01)
         assert demo.truth.t[-1] == pytest.approx(demo.recording.t[-1], abs=0.1)
+
+
+def test_a_clock_that_runs_backwards_is_named_in_the_file_s_words(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r":4: time runs backwards from 105 to 104\.5 in column 't'; sort the"):
+        import_text(tmp_path, "t,ax,ay,az\n\n105,0,0,9.81\n104.5,0,0,9.81\n", units={"t": "ms"})

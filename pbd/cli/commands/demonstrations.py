@@ -6,7 +6,7 @@ import sys
 from argparse import ArgumentParser
 from pathlib import Path
 
-from pbd.cli.options import add_force, add_json, add_lines, add_table, flag, integer, option, pair, positive
+from pbd.cli.options import AppendOnce, add_force, add_json, add_lines, add_table, flag, integer, option, pair, positive
 
 
 def record(parser: ArgumentParser) -> None:
@@ -57,7 +57,7 @@ def record(parser: ArgumentParser) -> None:
     flag(parser, "--live", "show the hand in the browser, served on this machine only")
     flag(parser, "--no-open", "with --live: open no browser; print the address")
     unit = "unit of acc, gyr, mag, angle or t, such as acc=g"
-    option(add_lines(parser), "--unit", "Q=U", unit, type=pair, action="append", default=[])
+    option(add_lines(parser), "--unit", "Q=U", unit, type=pair, action=AppendOnce, default=[])
     add_json(parser)
 
 
@@ -98,10 +98,12 @@ def import_(parser: ArgumentParser) -> None:
     option(parser, "file", "FILE", "the recording", type=Path)
     option(parser, "name", "NAME", "the new demonstration's name (in ./demos) or folder")
     column = "t, gx, gy, gz, ax, ay, az, mx, my, mz, heading, pitch or roll, and the file's name for it"
-    option(parser, "--column", "OURS=THEIRS", f"{column}; -NAME flips its sign", type=pair, action="append", default=[])
+    column += "; -NAME flips its sign"
+    option(parser, "--column", "OURS=THEIRS", column, type=pair, action=AppendOnce, default=[])
     unit = "unit of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT flips the signs"
-    option(parser, "--unit", "WHAT=UNIT", unit, type=pair, action="append", default=[])
-    option(parser, "--sensor", "SENSOR", "the sensor that recorded it; needed for a raw.bin")
+    option(parser, "--unit", "WHAT=UNIT", unit, type=pair, action=AppendOnce, default=[])
+    sensor = "name of the sensor that recorded it, by which its calibration knows it; of a raw.bin, its protocol"
+    option(parser, "--sensor", "SENSOR", sensor)
     option(parser, "--rate", "HZ", "sample rate of a raw.bin, or of a table without times", type=positive)
     option(parser, "--grip", None, "find the grips that two quick taps on the sensor's back marked", choices=("tap",))
     option(parser, "--topic", "TOPIC", "topic of a bag's sensor_msgs/Imu messages; default: the only one")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -240,10 +241,10 @@ def _refuse_not_understood(path: Path, unread: Mapping[str, str]) -> None:
         if alike:
             one = len(alike) == 1
             look, are, them = ("looks", "is", "it") if one else ("look", "are", "them")
+            column = f"--column {letter}x={shlex.quote(printable(alike[0]))}"
             raise RecordingError.at(
                 path,
                 f"{listed(alike)} {look} like {'a gyro' if letter == 'g' else 'inertial data'}, but {are} not "
-                f"understood; say which is which with --column {letter}x={printable(alike[0])} and its like, or "
-                f"remove {them}",
+                f"understood; say which is which with {column} and its like, or remove {them}",
                 value=alike[0],
             )

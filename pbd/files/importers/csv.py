@@ -84,6 +84,8 @@ def read_csv(
         channels = {channel: _values(table, found.of(channel)) for channel in CHANNELS if found.of(channel)}
         clock, mag, compass = (channels.get(name) for name in ("t", "mag", "angle"))
         t = np.arange(len(table.values)) / (rate_hz or 1.0) if clock is None else _unwrapped(clock[:, 0], found)
+        if clock is not None:
+            _refuse_backwards(sheet, found.of("t")[0].name, t)
         recording = Recording(
             t=t - t[0],
             acc=channels["acc"],
@@ -128,6 +130,15 @@ def _unwrapped(t: Array, found: Understood) -> Array:
     if not wraps:
         return t
     return t + wraps * np.cumsum(np.diff(t, prepend=t[0]) < -0.5 * wraps)
+
+
+def _refuse_backwards(sheet: Sheet, name: str, t: Array) -> None:
+    """Refuse a clock of t (n,) s that runs backwards, in the words and with the line of the file."""
+    if (backwards := np.flatnonzero(np.diff(t) < 0.0)).size:
+        row = int(backwards[0])
+        (_, before), (line, after) = sheet.cell(name, row), sheet.cell(name, row + 1)
+        what = f"time runs backwards from {before} to {after} in column '{name}'; sort the file, or cut it there"
+        raise RecordingError.at(sheet.path, what, line, row=row + 1, value=after, bound=before)
 
 
 def _values(table: Table, columns: list[Column]) -> Array:

@@ -2,7 +2,8 @@
 
 Examples are `Gyroscope X (deg/s)`, `acc_x [g]`, `rotationRateX`. The names are those of x-io, WitMotion (they differ
 between versions, two are Chinese), SensorLog, Shimmer's Consensys, Movella's DOT app, ROS and Arduino sketches. No such
-device was at hand; docs/imports.md lists the published readers, examples and files that were used.
+device was at hand; docs/imports.md lists the published readers, examples and files that were used. German names are
+plain translations.
 """
 
 from __future__ import annotations
@@ -13,16 +14,16 @@ from pbd.files.imu_columns import DEVICE
 
 _WORDS = {
     "g": r"(?:.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|angular_?velocity|angular_?rate)|"
-    r"g|w|omega|as|rotation|rot|ω|角速度",
-    "a": r"(?:.*_)?(?:acc|accel|acceleration|accelerometer|specific_?force)|a|加速度",
-    "m": r"(?:.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|h|磁场",
+    r"g|w|omega|as|rotation|rot|ω|角速度|drehrate|winkelgeschwindigkeit|gyroskop",
+    "a": r"(?:.*_)?(?:acc|accel|acceleration|accelerometer|specific_?force)|a|加速度|beschleunigung",
+    "m": r"(?:.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|h|磁场|magnetfeld",
     "angle": r"angle|角度",
 }
 _PART = r"(?:_(?:ln|wr|ag|data|cal|calibrated))*"
 """Suffixes of a quantity: the chip (Shimmer has a low-noise and a wide-range accelerometer), or `calibrated`."""
 
 _TIME = (
-    r"t|ts|time|timestamp|time_?stamp|seconds|secs?|时间|(?:seconds_|time_)?elapsed|millis|micros|date_?time|"
+    r"t|ts|time|timestamp|time_?stamp|seconds|secs?|时间|zeit|zeitstempel|(?:seconds_|time_)?elapsed|millis|micros|date_?time|"
     r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|(?:system_|unix_|logging_)?time(?:_?stamp)?"
 )
 _DEVICE_TIME = r"chip_?time|片上时间|(?:.*_)?header_stamp"
@@ -40,7 +41,10 @@ _SUFFIXES = {"mps2": "m/s2", "ms2": "m/s2", "g": "g", "mg": "mg", "dps": "dps", 
 """Units at the end of a name, as in `accel_x_mps2`."""
 
 _NEVER_READ = (
-    (r"(?:.*_)?(?:user|free|cal_free|earth|world|global|lin)_?acc\w*|(?:.*_)?gravity", "gravity, or gravity removed"),
+    (
+        r"(?:.*_)?(?:user|free|cal_free|earth|world|global|lin)_?acc\w*|linear\w*_beschleunigung|(?:.*_)?gravity",
+        "gravity, or gravity removed",
+    ),
     (r"(?:.*_)?(?:raw|uncal\w*)(?:_.*)?", "raw counts"),
     (r"(?:.*_)?(?:quat|orientation|euler).*|(?:q|roll|pitch|yaw|mat)(?!.*rate).*", "an attitude that isn't used"),
     (r"d[qv]|i[qv]", "increments between samples"),
@@ -55,8 +59,11 @@ _DERIVED = (
 """Patterns of columns about a sensor, or computed from its readings: `gyroTimestamp_sinceReboot`, `acc_norm`."""
 
 _INERTIAL = {
-    "g": (r"gyr|omega|ang(?:ular)?_?(?:vel|rate|speed)|(?:rotation|turn|roll|pitch|yaw)_?rate", r"rot|ang|turn|rate"),
-    "a": (r"acc(?!ur|ess|um|ount|ept)|specific_?force", r"force"),
+    "g": (
+        r"gyr|omega|drehrate|winkelgeschw|ang(?:ular)?_?(?:vel|rate|speed)|(?:rotation|turn|roll|pitch|yaw)_?rate",
+        r"rot|ang|turn|rate",
+    ),
+    "a": (r"acc(?!ur|ess|um|ount|ept)|specific_?force|beschleunigung", r"force"),
     "m": (r"magn?(?:_|\d|$)|magnet", r"mag|field_?[xyz]$"),
 }
 """Word beginnings of a gyro (g), accelerometer (a), magnetometer (m): first in any name, second only beside an axis."""
