@@ -21,7 +21,7 @@ from pbd.files.demo import (
     write_demo,
 )
 from pbd.fusion.calibration import device_errors
-from pbd.fusion.tables import fusion_rows, fusion_table, takes_table
+from pbd.fusion.tables import fusion_rows, fusion_table, held_alike, takes_table
 from pbd.pipeline import fused_demo, track
 from pbd.view.terminal_tables import print_table
 
@@ -58,6 +58,11 @@ def run(args: argparse.Namespace) -> None:
         say(f"{file}: [sensor] of '{errors.sensor}' from {counted(int(figures['takes']), 'take')}")
     keyframes = counted(len(path.stops), "keyframe")
     say(f"wrote {folder}: {len(demo.takes)} takes, {keyframes}; it is a demonstration like any other")
+    if held_alike(fusion.takes):
+        say(
+            "the sensor was held alike in all takes, so fusing can't remove its own errors; turn it by a quarter "
+            "in the hand between takes, once about a level axis (`pbd record --take N` says how)"
+        )
     if thing := fusion.thing:
         far = ", ".join(f"{100.0 * by:.0f} cm in {name}" for name, by in thing.moved_m.items())
         members = f"{thing.first}..{thing.last}"

@@ -54,7 +54,7 @@ def estimated(takes: Sequence[Take], calibration: Calibration | None = None) -> 
         keyframes = [moved.put_back(k, one) for k, one in enumerate(keyframes)]
     alignment = align(keyframes)
     refuse_other_tasks(takes, alignment)
-    left_out = dict.fromkeys(alignment.strangers, "another task")
+    left_out = dict.fromkeys(alignment.strangers, "another task, or only a part of it")
     while True:
         used, observations, joint, outliers = _without_outliers(takes, alignment, moved, calibration)
         if outliers.take is None:

@@ -31,7 +31,7 @@ YAWS, ROUNDS = 72, 3
 """Number of headings tried over a full turn; number of rounds of registration and matching."""
 
 LEAST_SHARE = 0.5
-"""Share of keyframes with a match below which two takes are of different tasks."""
+"""Share of keyframes with a match, of the take that has more, below which two takes are of different tasks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,7 @@ def _align_to(takes: Sequence[Keyframes], reference: int) -> Alignment:
 def _try_register(ref: Keyframes, other: Keyframes) -> Registration | None:
     """Register a take; None if too few keyframes match, or not the first one: some match by chance in any two tasks."""
     pairs = match_by_moves(ref, other)
-    least = LEAST_SHARE * max(min(len(ref), len(other)), 1)
+    least = LEAST_SHARE * max(len(ref), len(other))
     for _ in range(ROUNDS):
         if len(pairs) < max(least, min(2, len(ref), len(other))):
             return None

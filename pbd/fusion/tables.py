@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -12,6 +13,9 @@ from pbd.data import FusedTake, Fusion, HandPath
 from pbd.pose import Array, quat_log
 from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units
+
+ALIKE_RAD = np.radians(20.0)
+"""Largest rotation of a sensor in the hand between takes in which it was held alike, rad. A quarter was asked for."""
 
 
 def takes_table(fusion: Fusion, units: Units) -> Table:
@@ -108,6 +112,13 @@ def fusion_rows(path: HandPath) -> dict[str, Any]:
         "scatter_unsure": list(fusion.overall_unsure),
         "thing": None if fusion.thing is None else asdict(fusion.thing),
     }
+
+
+def held_alike(takes: Sequence[FusedTake]) -> bool:
+    """Whether all takes that are used are of one device, held alike: its own errors are then the same in each."""
+    used = [take for take in takes if not take.left_out]
+    one_device = len({take.device for take in used}) == 1
+    return one_device and all(_turned(take) < ALIKE_RAD for take in used)
 
 
 def _turned(take: FusedTake) -> float:

@@ -21,6 +21,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fuse")
     for k, demo in enumerate(takes_of(Scenario("wt901", 3), 3)[0]):
         write_demo(demo, folder / "demos" / f"tea{k + 1}")
+    write_demo(takes_of(Scenario("wt901", 2, turned=False), 3)[0][1], folder / "demos" / "alike")
     write_demo(takes_of(Scenario("wt901", 1), 4)[0][0], folder / "demos" / "other")
     return folder
 
@@ -50,6 +51,12 @@ def test_a_fused_demonstration_is_one_like_any_other(capsys: Capture) -> None:
     Path("demos/tea/keyframes.toml").unlink()
     code, _, err = run(capsys, "export", "tea", "--robot", "ur5", "-o", "tea.npz", "--path", "demo")
     assert code == 0, err
+
+
+def test_a_sensor_that_was_never_turned_is_said_to_keep_its_errors(capsys: Capture) -> None:
+    told = "the sensor was held alike in all takes, so fusing can't remove its own errors"
+    assert told in run(capsys, "fuse", "tea1", "alike", "-o", "unturned")[2]
+    assert told not in run(capsys, "fuse", "tea1", "alike", "tea2", "-o", "turned")[2]
 
 
 def test_a_take_is_added_by_a_line_in_demo_toml(capsys: Capture) -> None:

@@ -71,6 +71,12 @@ def test_a_take_that_starts_elsewhere_is_a_stranger_whatever_matches_by_chance()
     assert align([subset(task, [0, 2, 3, 4]), ELSEWHERE.apply(task)]).strangers == ()
 
 
+def test_a_take_that_was_cut_short_is_a_stranger() -> None:
+    task = keyframes(count=8)
+    assert align([task, ELSEWHERE.apply(task), subset(task, [0, 1, 2])]).strangers == (2,)
+    assert align([task, ELSEWHERE.apply(task), subset(task, [0, 1, 2, 3])]).strangers == ()
+
+
 def test_grips_distinguish_stops_side_by_side() -> None:
     one = keyframes(count=6)
     p = one.p.copy()
