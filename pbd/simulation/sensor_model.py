@@ -40,12 +40,18 @@ class Triad:
     limit: float = inf
     step: float = 0.0
 
-    def measure(self, true: Array, interval_s: Array, rng: np.random.Generator) -> Array:
-        """Draw a device from `rng` and return its readings (n, 3) of true means (n, 3) over intervals (n,) s."""
+    def measure(
+        self, true: Array, interval_s: Array, rng: np.random.Generator, device: np.random.Generator | None = None
+    ) -> Array:
+        """Draw a device and its noise; return its readings (n, 3) of true means (n, 3) over intervals (n,) s.
+
+        The device's gain and bias come from `device`, if that is given, and all else from `rng`.
+        """
         # All random numbers are drawn in any case, so that models that differ in one figure differ in its effect only.
-        gain = np.eye(3) + np.diag(self.scale * rng.normal(size=3))
-        gain += self.misalignment * rng.normal(size=(3, 3)) * (1.0 - np.eye(3))
-        bias = self.bias * rng.normal(size=3)
+        made = rng if device is None else device
+        gain = np.eye(3) + np.diag(self.scale * made.normal(size=3))
+        gain += self.misalignment * made.normal(size=(3, 3)) * (1.0 - np.eye(3))
+        bias = self.bias * made.normal(size=3)
         root = np.sqrt(interval_s)[:, None]
         white, steps = rng.normal(size=(2, *true.shape))
         drift = np.cumsum(self.bias_walk * root * steps, axis=0)

@@ -63,6 +63,7 @@ def simulate(
     *,
     rate_hz: float | None = None,
     world: World = EARTH,
+    device: int | None = None,
 ) -> Demonstration:
     """Simulate a hand that holds `sensor` and does `task`.
 
@@ -71,6 +72,7 @@ def simulate(
         sensor: a name of SENSOR_MODELS, or a model (`dataclasses.replace` changes one).
         seed: seed of the device's errors and noise. The same seed gives the same bytes.
         rate_hz: replaces the model's rate.
+        device: seed of the device's errors; default: `seed`. Recordings with the same one are of the same device.
 
     Returns:
         The demonstration: recording, truth at each sample, grasped object. Its notes say that it is simulated.
@@ -87,6 +89,7 @@ def simulate(
         model = replace(model, rate_hz=rate_hz)
     # One random stream per part, so that a model without a part has the same errors in the others.
     clock_rng, acc_rng, gyr_rng, mag_rng, attitude_rng = np.random.default_rng(seed).spawn(5)
+    acc_device, gyr_device, mag_device = [None] * 3 if device is None else np.random.default_rng(device).spawn(3)
 
     motion = task.motion
     even_t = np.arange(int(task.duration_s * model.rate_hz + 1e-6) + 1) / model.rate_hz
@@ -108,9 +111,9 @@ def simulate(
     return Demonstration(
         recording=Recording(
             t=t,
-            acc=model.acc.measure(acc, interval_s, acc_rng),
-            gyr=None if model.gyr is None else model.gyr.measure(gyr, interval_s, gyr_rng),
-            mag=None if model.mag is None else model.mag.measure(mag, interval_s, mag_rng),
+            acc=model.acc.measure(acc, interval_s, acc_rng, acc_device),
+            gyr=None if model.gyr is None else model.gyr.measure(gyr, interval_s, gyr_rng, gyr_device),
+            mag=None if model.mag is None else model.mag.measure(mag, interval_s, mag_rng, mag_device),
             device_rpy=None if attitude is None else attitude.measure(wxyz_nav_sensor, model.rate_hz, attitude_rng),
             grip=task.grip,
             info=RecordingInfo(name=task.name, sensor=f"simulated {model.name}", rate_hz=model.rate_hz),

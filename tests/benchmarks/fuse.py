@@ -96,8 +96,10 @@ class OneDevice(Triad):
         gain += self.misalignment * drawn.normal(size=(3, 3)) * (1.0 - np.eye(3))
         return gain, self.bias * drawn.normal(size=3)
 
-    def measure(self, true: Array, interval_s: Array, rng: np.random.Generator) -> Array:
-        """What it reads: see Triad."""
+    def measure(
+        self, true: Array, interval_s: Array, rng: np.random.Generator, device: np.random.Generator | None = None
+    ) -> Array:
+        """What it reads: see Triad. Its errors are its own."""
         gain, bias = self.errors
         rest = Triad(self.noise, 0.0, self.bias_walk, 0.0, 0.0, self.limit, self.step)
         return rest.measure(true @ gain.T + bias, interval_s, rng)

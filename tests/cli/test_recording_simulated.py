@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pbd.cli.recording.simulated import SimulatedHand, simulated_hand
-from pbd.data import GRAVITY, GripEvent, Recording
+from pbd.data import GRAVITY, Demonstration, GripEvent, Recording
 from pbd.errors import SensorError, UsageError
 from pbd.record import Command, Outcome, Status
 from pbd.sensors.decoding import Sample
@@ -109,6 +109,20 @@ def test_it_begins_when_its_port_is_opened_and_is_unplugged_at_the_end() -> None
                 samples += len(decoder.feed(port.read()))
     with pytest.raises(SensorError):
         hand.open()
+
+
+def test_it_is_the_same_device_each_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[int | None] = []
+
+    def simulate(task: str, sensor: str, seed: int, device: int | None = None) -> Demonstration:
+        made.append(device)
+        return Demonstration(HAND)
+
+    monkeypatch.setattr("pbd.cli.recording.simulated.simulate", simulate)
+    for task in ("pour", "sides"):
+        with ExitStack() as stack:
+            simulated_hand(task, stack)
+    assert made == [0, 0]
 
 
 def test_a_task_of_no_name() -> None:

@@ -100,6 +100,14 @@ def test_turning_hand_and_field_changes_nothing(seed: int, yaw: float) -> None:
     assert_same_truth(here[3], there[3])
 
 
+def test_a_device_keeps_its_errors_and_not_its_noise() -> None:
+    """At rest the difference of two recordings is noise alone, which averages out."""
+    first, second = (simulate("sides", "wt901", seed, device=7).recording.acc[:150] for seed in (1, 2))
+    other = simulate("sides", "wt901", 1, device=8).recording.acc[:150]
+    assert np.abs(first - second).max() > 0.0
+    assert np.abs((first - second).mean(axis=0)).max() < 0.005 < np.abs((first - other).mean(axis=0)).max()
+
+
 @given(seeds, st.floats(-3.0, 3.0))
 @settings(max_examples=5)
 def test_turning_the_hand_turns_only_the_field(seed: int, yaw: float) -> None:

@@ -76,7 +76,14 @@ def simulate(parser: ArgumentParser) -> None:
         parser, "--sensor-model", "M", "os5000, os5000-nogyro, wt901, modern, phone or ideal (modern)", default="modern"
     )
     seed = integer("zero or a whole number above", range(sys.maxsize))
-    option(parser, "--seed", "N", "random seed of the sensor's errors and noise (0)", type=seed, default=0)
+    option(
+        parser,
+        "--seed",
+        "N",
+        "random seed of the sensor's errors and noise (0): another seed, another device",
+        type=seed,
+        default=0,
+    )
     option(parser, "--rate", "HZ", "sample rate (the sensor model's own)", type=positive)
     add_force(parser)
     add_json(parser)

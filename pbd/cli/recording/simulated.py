@@ -18,6 +18,8 @@ from pbd.simulation.simulate import simulate
 
 BAUD = 115200
 FIRST_TASK = "pour"
+DEVICE = 0
+"""Seed of the simulated device's errors."""
 ENDED_BY = "simulated task finished"
 
 Show = Callable[[Status], None]
@@ -86,12 +88,12 @@ class SimulatedHand:
 
 
 def simulated_hand(task: str, stack: ExitStack) -> SimulatedHand:
-    """Make a hand that does a task of pbd.simulation; the sensor's errors are random, and differ each time.
+    """Make a hand that does a task of pbd.simulation. The sensor is always the same device; its noise differs.
 
     Raises:
         UsageError: no task has this name.
     """
-    recording = simulate(task or FIRST_TASK, "modern", seed=int(time.time())).recording
+    recording = simulate(task or FIRST_TASK, "modern", seed=int(time.time()), device=DEVICE).recording
     emulator = Emulator(recording)
     stack.callback(emulator.unplug)
     return SimulatedHand(emulator, recording.grip)
