@@ -36,6 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             discard_rest(sys.stdout)  # its reader has gone (`pbd ... | head`)
             return 141
         except KeyboardInterrupt:
+            say("stopped by Ctrl-C")
             return 130
         except OSError as reason:
             message = _os_error_message(reason)

@@ -89,9 +89,10 @@ def test_a_result_without_stdout_is_not_said_to_be_written(tmp_path: Path) -> No
     assert run.stderr.splitlines()[-1] == "pbd: standard output is closed: name a file"
 
 
-def test_ctrl_c_while_the_words_are_parsed_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     monkeypatch.setattr("pbd.cli.parse", Mock(side_effect=KeyboardInterrupt))
     assert main(["robots"]) == 130
+    assert capsys.readouterr() == ("", "pbd: stopped by Ctrl-C\n")
 
 
 def test_ctrl_c_while_the_command_line_is_loaded_is_no_traceback(tmp_path: Path) -> None:
