@@ -33,11 +33,16 @@ ELEVATION, AZIMUTH = 26.0, -164.0
 """Direction of view, degrees: from behind, above and slightly right, so that x points away and y to the left."""
 
 
-def fit_3d(ax: Axes3D, shown: Sequence[Array]) -> float:
-    """Set 3-D axes to one scale that fits paths (m, 3) in m; return how many of their units make a metre."""
+def fit_3d(ax: Axes3D, shown: Sequence[Array], around: Array | None = None) -> float:
+    """Set 3-D axes to one scale that fits paths (m, 3) in m; return how many of their units make a metre.
+
+    The paths are in the middle; points `around` them (k, 3), m, are inside too.
+    """
     points = np.vstack(shown)
     scale, unit = length_unit(points)
     middle, extent = _middle_and_extent(scale * points, scale * SMALLEST_BOX_M)
+    if around is not None:
+        extent = np.maximum(extent, 2.0 * np.abs(scale * around - middle).max(axis=0))
     sides = 1.12 * np.maximum(extent, LEAST_ASPECT * extent.max())
     low, high = middle - 0.5 * sides, middle + 0.5 * sides
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
@@ -56,22 +61,22 @@ def fit_3d(ax: Axes3D, shown: Sequence[Array]) -> float:
 def path_3d(ax: Axes3D, plot: DemoPlot) -> tuple[Array, Array]:
     """Draw the path, its shadow, and the sensor's axes at keyframes; return the arguments of `label_keyframes_3d`."""
     inside, truth = _paths(plot)
-    scale = fit_3d(ax, [inside, *truth])
-    p, floor = scale * inside, ax.get_zlim()[0]
+    at, every = np.array([keyframe.T_nav_sensor.p for keyframe in plot.keyframes]), _step(plot)
+    size = TRIAD_SHARE * max(float(np.ptp(inside, axis=0).max()), SMALLEST_BOX_M)
+    R = quat_to_matrix(np.array([keyframe.T_nav_sensor.wxyz for keyframe in plot.keyframes[::every]]))
+    triads = at[::every, None] + size * R.transpose(0, 2, 1)  # keyframe, axis, (3,)
+    scale = fit_3d(ax, [inside, *truth], triads.reshape(-1, 3))
+    p, at, triads, floor = scale * inside, scale * at, scale * triads, ax.get_zlim()[0]
     ax.plot(p[:, 0], p[:, 1], floor, color="#c8c8c8", linewidth=1.0, zorder=1.0)
     for each in truth:
         ax.plot(*(scale * each).T, color=SKY, zorder=2.0, label="truth", **PALE)
     ax.plot(*p.T, color=INK, zorder=4.0, label="path")
-    size = TRIAD_SHARE * max(float(np.ptp(p, axis=0).max()), scale * SMALLEST_BOX_M)
-    at, every = scale * np.array([keyframe.T_nav_sensor.p for keyframe in plot.keyframes]), _step(plot)
     ax.plot(*at.T, color=INK, marker="o", markersize=3.5, linestyle="", zorder=6.0, label="keyframe")
     origins = at[::every]
     below = np.column_stack((origins[:, :2], np.full(len(origins), floor)))
     ax.plot(*_strokes(origins, below).T, color=GREY, linewidth=0.6, linestyle=":", zorder=1.5)
-    axes = quat_to_matrix(np.array([keyframe.T_nav_sensor.wxyz for keyframe in plot.keyframes[::every]]))
     covered = [p]
-    for k, (name, colour) in enumerate(zip("xyz", AXES_RGB, strict=True)):
-        ends = origins + size * axes[:, :, k]
+    for ends, name, colour in zip(triads.transpose(1, 0, 2), "xyz", AXES_RGB, strict=True):
         ax.plot(*_strokes(origins, ends).T, color=colour, linewidth=1.8, zorder=5.0, label=f"sensor's {name}")
         covered += [origins + share * (ends - origins) for share in np.linspace(0.0, 1.0, 20)]
     return at, np.vstack(covered)

@@ -15,6 +15,7 @@ import matplotlib.style
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, get_font
 from matplotlib.lines import Line2D
@@ -92,14 +93,19 @@ def style() -> AbstractContextManager[None]:
 
 def write(figure: Figure, file: BinaryIO, format_name: str) -> None:
     """Write a figure as png, svg or pdf. The same figure gives the same bytes."""
-    stamps: dict[str, dict[str, Any]] = {
-        "svg": {"Date": None, "Creator": MADE_BY},
-        "pdf": {"CreationDate": None, "Creator": MADE_BY},
-        "png": {"Software": MADE_BY},
-    }
     with style():
         lay_out(figure)
-        figure.savefig(file, format=format_name, dpi=DPI, metadata=stamps[format_name])
+        # The canvases' own functions; `Figure.savefig` would draw the figure once more.
+        if format_name == "svg":
+            from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+            FigureCanvasSVG(figure).print_svg(file, metadata={"Date": None, "Creator": MADE_BY})
+        elif format_name == "pdf":
+            from matplotlib.backends.backend_pdf import FigureCanvasPdf
+
+            FigureCanvasPdf(figure).print_pdf(file, metadata={"CreationDate": None, "Creator": MADE_BY})
+        else:
+            FigureCanvasAgg(figure).print_png(file, metadata={"Software": MADE_BY})
 
 
 def is_made_by_pbd(file: Path) -> bool:

@@ -94,10 +94,12 @@ def test_the_path_in_space_and_its_triads(pouring: DemoPlot, sheets: dict[str, t
     assert isinstance(ax, Axes3D)
     drawn = {str(line.get_label()): np.column_stack(line.get_data_3d()) for line in ax.get_lines()}
     assert drawn["path"] == pytest.approx(100.0 * pouring.path.p_nav_sensor[pouring.tracked])
+    low, high = np.transpose((ax.get_xlim(), ax.get_ylim(), ax.get_zlim()))
     keyframe = pouring.keyframes[5]  # the hand is rolled there
     for k, name in enumerate("xyz"):
         begins, ends, gaps = drawn[f"sensor's {name}"].reshape(-1, 3, 3).swapaxes(0, 1)
         assert np.isnan(gaps).all()
+        assert ((ends > low) & (ends < high)).all()
         assert begins[5] == pytest.approx(100.0 * keyframe.T_nav_sensor.p)
         arrow = ends[5] - begins[5]
         assert arrow / np.linalg.norm(arrow) == pytest.approx(quat_rotate(keyframe.T_nav_sensor.wxyz, np.eye(3)[k]))
