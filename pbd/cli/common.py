@@ -60,7 +60,7 @@ def track_demonstration(
         up_sensor = up_in_sensor(keyframes[0].T_nav_sensor.wxyz)
         warn_upside_down(demo.recording, up_sensor, path.stops[0].start, path.stops[0].stop)
     if demo.keyframes is not None:
-        say(f"keyframes as edited in {demo.folder}/keyframes.toml")
+        say(f"keyframes as edited in {demo.folder}/keyframes.toml; dwell is how long the arm stays there")
     return path, keyframes
 
 

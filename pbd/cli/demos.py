@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> None:
     rows = [_row(demo, demo.folder, default) for demo in found if demo.folder is not None]
     rows.sort(key=lambda row: (not row["bundled"], row["created"] or ""), reverse=True)
     columns = ("name", "created", "sensor", f"lasts ({args.units.time})", "keyframes", "is")
-    table = make_table(*columns, left=("name", "created", "sensor", "keyframes", "is"))
+    table = make_table(*columns, left=("name", "sensor", "keyframes", "is"))
     for row in rows:
         words = {"fused": row["takes"], "the default": row["default"], "set aside": row["aside"]}
         words |= {name: row[name] for name in ("bundled", "failed")}
@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
         lasts = args.units.times(row["duration_s"])
         table.add_row(
             row["name"],
-            row["created"] or "",
+            (row["created"] or "") if args.csv else (row["created"] or "")[:16].replace("T", " "),
             row["sensor"],
             *lasts,
             edited,

@@ -93,19 +93,23 @@ def style() -> AbstractContextManager[None]:
 
 def write(figure: Figure, file: BinaryIO, format_name: str) -> None:
     """Write a figure as png, svg or pdf. The same figure gives the same bytes."""
+    canvas: Any
     with style():
         lay_out(figure)
         # The canvases' own functions; `Figure.savefig` would draw the figure once more.
         if format_name == "svg":
             from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-            FigureCanvasSVG(figure).print_svg(file, metadata={"Date": None, "Creator": MADE_BY})
+            canvas = FigureCanvasSVG(figure)
+            canvas.print_svg(file, metadata={"Date": None, "Creator": MADE_BY})
         elif format_name == "pdf":
             from matplotlib.backends.backend_pdf import FigureCanvasPdf
 
-            FigureCanvasPdf(figure).print_pdf(file, metadata={"CreationDate": None, "Creator": MADE_BY})
+            canvas = FigureCanvasPdf(figure)
+            canvas.print_pdf(file, metadata={"CreationDate": None, "Creator": MADE_BY})
         else:
-            FigureCanvasAgg(figure).print_png(file, metadata={"Software": MADE_BY})
+            canvas = FigureCanvasAgg(figure)
+            canvas.print_png(file, metadata={"Software": MADE_BY})
 
 
 def is_made_by_pbd(file: Path) -> bool:

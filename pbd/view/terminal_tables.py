@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from io import StringIO
 from typing import Any, TextIO
 
@@ -25,8 +26,8 @@ from pbd.view.units import Units
 PIPE_WIDTH = 200
 """Width of the output, in characters, if it is no terminal. Rows then stay on one line for programs that read them."""
 
-COLUMN_GAP = 3
-"""Characters between two columns of a table."""
+COLUMN_GAP, NARROW_GAP = 3, 2
+"""Characters between two columns of a table, and of one that is made narrow for the terminal."""
 
 
 def print_csv(*tables: Table) -> None:
@@ -51,27 +52,44 @@ def print_table(table: Table, stream: TextIO | None = None) -> None:
 
 
 def _fitting(table: Table, width: int) -> list[Table]:
-    """Split a table between columns into parts that fit; each begins with the first column."""
-    first, *others = table.columns
+    """Return a table that fits unwrapped, or a narrow one, split between columns into parts that fit.
+
+    Each part begins with the first column.
+    """
+    if sum(max(map(cell_len, _lines(column))) + COLUMN_GAP for column in table.columns) - COLUMN_GAP <= width:
+        return [table]
+    first, *others = map(_narrow, table.columns)
     parts = [[first]]
     for column in others:
         wider = [*parts[-1], column]
-        if len(wider) == 2 or sum(map(_narrowest, wider)) + COLUMN_GAP * (len(wider) - 1) <= width:
+        if len(wider) == 2 or sum(map(_narrowest, wider)) + NARROW_GAP * (len(wider) - 1) <= width:
             parts[-1] = wider
         else:
             parts.append([first, column])
     return [_rebuilt(part) for part in parts]
 
 
+def _narrow(column: Column) -> Column:
+    """Return a column with each word of its header in a line of its own."""
+    return replace(column, header=str(column.header).replace(" ", "\n"))
+
+
 def _rebuilt(columns: Sequence[Column]) -> Table:
     left = [str(column.header) for column in columns if not column.no_wrap]
     cells: list[list[Any]] = [list(column.cells) for column in columns]
-    return make_table(*(str(column.header) for column in columns), left=left, rows=zip(*cells, strict=True))
+    table = make_table(*(str(column.header) for column in columns), left=left, rows=zip(*cells, strict=True))
+    table.collapse_padding = True  # NARROW_GAP
+    return table
 
 
 def _narrowest(column: Column) -> int:
-    texts = [str(text) for text in (column.header, *column.cells)]
-    return max(cell_len(word) for text in texts for word in ([text] if column.no_wrap else [*text.split(), ""]))
+    return max(
+        cell_len(word) for line in _lines(column) for word in ([line] if column.no_wrap else [*line.split(), ""])
+    )
+
+
+def _lines(column: Column) -> list[str]:
+    return [line for text in (column.header, *column.cells) for line in str(text).split("\n")]
 
 
 def make_table(*columns: str, left: Sequence[str] = (), rows: Iterable[Iterable[str | Text]] = ()) -> Table:

@@ -79,7 +79,10 @@ def test_csv_has_the_figures_of_json_in_the_units_asked_for(capsys: pytest.Captu
         factor, _ = LENGTHS[units.length]
         for row, keyframe in zip(rows, exact, strict=True):
             told = [row[f"{axis} ({units.length})"] for axis in "xyz"]
-            assert [float(x) for x in told] == [factor * x for x in keyframe["position_m"]]  # to the last digit
+            assert [float(x) for x in told] == pytest.approx([factor * x for x in keyframe["position_m"]], rel=1e-11)
+            assert max(map(len, row.values())) <= len(
+                "-0.000123456789012"
+            )  # no rounding errors such as 3.8449999999999998
             assert f"yaw ({units.angle_sign})" in row
 
 
@@ -199,6 +202,15 @@ def test_what_all_joints_names_begin_with_is_said_once(
     assert (f"\nthe joints' names begin with {prefix}\n" in shown) == bool(prefix)
     (header,) = (line for line in shown.splitlines() if "tool x (m)" in line)
     assert header.split()[-2 * len(names) :: 2] == [name.removeprefix(prefix) for name in names]
+
+
+@pytest.mark.parametrize("command", [("keyframes", "tea"), ("demos",)])
+def test_a_common_table_fits_into_80_columns(capsys: pytest.CaptureFixture[str], command: tuple[str, ...]) -> None:
+    assert main(list(command)) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()[2:]]
+    shown = in_terminal(80, *command).splitlines()
+    assert max(map(len, shown)) <= 80
+    assert [line.split() for line in shown[-len(rows) :]] == rows
 
 
 @pytest.mark.parametrize("columns", [60, 160])
