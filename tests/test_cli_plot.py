@@ -66,7 +66,7 @@ def test_a_second_time_replaces_the_first_but_no_other_program_s(
     words, file = ("--save", ".", "--format", format_name), elsewhere / f"position.{format_name}"
     run_json(capsys, "plot", "paper-test1", *words)
     first = file.read_bytes()
-    assert run(capsys, "plot", "paper-test2", *words)[2].endswith("wrote 1 files into ., 1 of them over older ones\n")
+    assert run(capsys, "plot", "paper-test2", *words)[2].endswith("wrote 1 file into ., 1 of them over older ones\n")
     assert file.read_bytes() != first
     file.write_text("another program's")
     code, _, err = run(capsys, "plot", "paper-test1", *words)

@@ -16,6 +16,7 @@ import numpy as np
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Recording, Robot
 from pbd.data.covariance import one_sigma
+from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, PbdError, SensorError, UsageError
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_demo
@@ -212,7 +213,8 @@ def write_figures(folder: Path, format_name: str, names: Collection[str], draw: 
             new = all_or_none.enter_context(atomic_file(file, parents=True))
             with working(f"drawing {number} of {len(files)}: {name}"), new.open("wb") as stream:
                 write(draw(name), stream, format_name)
-    say(f"wrote {len(files)} files into {folder}{f', {replaced} of them over older ones' if replaced else ''}")
+    over = f", {replaced} of them over older ones" if replaced else ""
+    say(f"wrote {counted(len(files), 'file')} into {folder}{over}")
     return list(map(str, files.values()))
 
 

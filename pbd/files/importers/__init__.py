@@ -52,6 +52,8 @@ def import_recording(
     Raises:
         RecordingError: the format is not known, or the file can't be read as a recording.
     """
+    if (path / "demo.toml").is_file():
+        raise RecordingError.at(path, "it is a demonstration already; use it as it is, or copy the folder")
     source = path / XIO_FILE if (path / XIO_FILE).is_file() else path
     suffix, truth = source.suffix.lower(), None
     is_bag = suffix in (".mcap", ".db3") or (source / "metadata.yaml").is_file()
