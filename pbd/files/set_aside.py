@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from pathlib import Path
 
 from pbd.errors import RecordingError, listed
@@ -29,21 +30,20 @@ def why_kept(old: Path, new: Path | None = None) -> str:
     """
     if old.is_symlink():
         return ""
-    names = {path.name for path in old.iterdir()}
-    if keyframes.NAME in names:
-        return "whose keyframes were edited"
-    if others := sorted(names.difference(DEMONSTRATION_FILES)):
-        return f"with {listed(others)} in it"
-    try:
+    with suppress(OSError, RecordingError):  # one that can't be read may be a recording
+        names = {path.name for path in old.iterdir()}
+        if keyframes.NAME in names:
+            return "whose keyframes were edited"
+        if others := sorted(names.difference(DEMONSTRATION_FILES)):
+            return f"with {listed(others)} in it"
+        if new is not None and all(_content(old / name) == _content(new / name) for name in names):
+            return ""
         top = read_toml(old / "demo.toml", RecordingError)
         if "place" in top or "contact" in top:
             return "whose demo.toml was edited"
         if "take" in top or top.text("sensor").split()[0] in SIMULATED:
             return ""
-    except RecordingError:
-        pass
-    same = new is not None and all(_content(old / name) == _content(new / name) for name in names)
-    return "" if same else "a recording"
+    return "a recording"
 
 
 def _content(file: Path) -> bytes:
