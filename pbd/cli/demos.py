@@ -29,8 +29,8 @@ def run(args: argparse.Namespace) -> None:
     columns = ("name", "created", "sensor", f"lasts ({args.units.time})", "keyframes", "is")
     table = make_table(*columns, left=("name", "sensor", "keyframes", "is"))
     for row in rows:
-        words = {"fused": row["takes"], "the default": row["default"], "set aside": row["aside"]}
-        words |= {name: row[name] for name in ("bundled", "failed")}
+        words = {"bundled": row["bundled"], "fused": row["takes"], "the default": row["default"]}
+        words |= {"failed": row["failed"], "set aside": row["aside"]}
         edited = "edited" if row["edited"] else "as found"
         lasts = args.units.times(row["duration_s"])
         table.add_row(
