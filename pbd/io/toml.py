@@ -16,6 +16,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
+from pbd.data.world import IN_METRES, REACH_M, beyond_reach
 from pbd.errors import PbdError, printable
 from pbd.io.read_file import read_text
 
@@ -171,6 +172,18 @@ class Section:
             self.fail(key, f"must have {count} numbers, got {len(values)}")
         return self._bounded(key, values, positive, within, "hold only numbers ", values)
 
+    def length(self, key: str, default: T = _REQUIRED) -> float | T:
+        """Return a length or a coordinate in base, m; one that is beyond any arm's reach is not in metres: refused."""
+        value = self.number(key, default)
+        return value if value is default else self._within_reach(key, [value], REACH_M)[0]
+
+    def lengths(
+        self, key: str, count: int, default: T = _REQUIRED, *, positive: bool = False, within: float = REACH_M
+    ) -> tuple[float, ...] | T:
+        """Return a list of `count` lengths or coordinates, m, each as `length`."""
+        values: tuple[float, ...] | T = self.numbers(key, count, default, positive=positive)
+        return values if values is default else self._within_reach(key, values, within)
+
     def figures(self, key: str) -> dict[str, float]:
         """Return a table of finite numbers under any names; empty without the key."""
         kind = "must be a table of finite numbers, got {}"
@@ -228,6 +241,11 @@ class Section:
             least = f"{SMALLEST_POSITIVE:g}" if positive else f"-{within:g}"
             self.fail(key, f"must {must}from {least} to {within:g}, got {_shown(got)}")
         return tuple(map(float, values))
+
+    def _within_reach(self, key: str, values: Any, most_m: float) -> tuple[float, ...]:
+        if far := beyond_reach(values, most_m):
+            self.fail(key, f"has {far}", IN_METRES)
+        return tuple(values)
 
     def _unread(self) -> list[str]:
         return [given for given in self._values if given not in self._asked]
