@@ -119,7 +119,7 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None) -> DemoCh
             path = track(demo)
             plot = demo_plot(path, remarks)
         except PbdError as error:
-            return replace(check, why=error.message)
+            return replace(check, why=error.message.partition("; known are ")[0])
         keyframes = plot.keyframes
         T_dock_nav = level_onto(keyframes[0].T_nav_sensor, Pose.identity())  # the sensor's heading there is 0
         check = replace(

@@ -154,6 +154,10 @@ LONGEST_WORD = 80
 """Longest word of a file that a message quotes uncut, characters."""
 
 
+SIMILAR = 0.65
+"""Least similarity (difflib's ratio) of a suggested name: `cub` to `cup` has 0.67, `position` to `orientation` 0.63."""
+
+
 def printable(text: str) -> str:
     """Quote a word of a file for a message: control characters are escaped, a long word is cut."""
     shown = text if text.isprintable() else repr(text)[1:-1]
@@ -171,6 +175,6 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """Return "; did you mean ...?" with the known name that is most similar to this one; "" if none is."""
     from difflib import get_close_matches
 
-    folded = {each.lower(): each for each in known}
-    near = get_close_matches(name.lower(), folded, n=1)
+    folded = {each.lower().lstrip("-"): each for each in known}
+    near = get_close_matches(name.lower().lstrip("-"), folded, n=1, cutoff=SIMILAR)
     return f"; did you mean {folded[near[0]]}?" if near else ""

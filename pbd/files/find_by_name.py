@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from pbd.errors import PbdError, nearest, require_kind
+from pbd.errors import PbdError, listed, nearest, require_kind
 from pbd.io.atomic import exists, is_folder
 
 
@@ -43,7 +43,7 @@ def find(kind: str, name: str | Path, suffix: str, error: type[PbdError]) -> Pat
     if not suffix and is_folder(Path(kind) / name):
         return Path(kind) / name  # not a demonstration: reading it tells what is missing
     valid = names(kind, suffix)
-    known = f"known are {', '.join(valid)}{nearest(name, valid)}" if valid else f"none is known; put one into ./{kind}"
+    known = f"known are {listed(valid)}{nearest(name, valid)}" if valid else f"none is known; put one into ./{kind}"
     if is_folder(given):
         raise error(f"{name} is a folder: give a name, or a file; {known}", value=name, valid=valid)
     raise error(f"no {what} named '{name}', nor a file or folder of that path; {known}", value=name, valid=valid)
