@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Callable, Container, Iterable
 from contextlib import suppress
@@ -204,7 +205,8 @@ def number(wanted: str, holds: Callable[[float], bool]) -> Callable[[str], float
         with suppress(ValueError):
             if holds(value := numbers.finite(text)):
                 return value
-        raise argparse.ArgumentTypeError(f"must be {wanted}, got '{text}'")
+        comma = "; write a decimal point" if re.fullmatch(r"-?\d+,\d+", text) else ""
+        raise argparse.ArgumentTypeError(f"must be {wanted}, got '{text}'{comma}")
 
     return parse
 
@@ -242,8 +244,8 @@ def frame(text: str) -> tuple[tuple[str, ...], int, int]:
 
 def thing_place(text: str) -> tuple[str, tuple[float, ...]]:
     """Parse THING=X,Y,Z or THING=X,Y,Z,DEG."""
-    thing, words = pair(text)
-    with suppress(ValueError):
+    with suppress(ValueError, argparse.ArgumentTypeError):
+        thing, words = pair(text)
         values = tuple(map(numbers.finite, words.split(",")))
         if len(values) in (3, 4):
             return thing, values

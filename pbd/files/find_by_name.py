@@ -32,7 +32,8 @@ def find(kind: str, name: str | Path, suffix: str, error: type[PbdError]) -> Pat
     """Find a name in ./KIND, then among the bundled ones, then as a path; `error` lists the valid names."""
     what = {"demos": "demonstration", "robots": "robot"}.get(kind, kind)
     require_kind(f"the {what}", name, "a name or a path", isinstance(name, str | Path))
-    name = os.fspath(name)
+    if not (name := os.fspath(name)):
+        raise error(f"the {what}'s name is empty: give one", value=name)
     for folder in (Path(kind), bundled(kind)):
         for entry in _entries(folder, suffix):
             if entry.name in (name, name + suffix):
