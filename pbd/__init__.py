@@ -20,17 +20,19 @@ if TYPE_CHECKING:
     from pbd.check_demos import check_all
     from pbd.files.calibration import load_calibration
     from pbd.files.demo import load_demo
+    from pbd.files.exporters import export
     from pbd.files.robot import load_robot
     from pbd.pipeline import fuse, track
     from pbd.planning import PlanOptions, plan
 
 __version__ = "0.1.0"
 
-__all__ = ["PlanOptions", "check_all", "fuse", "load_calibration", "load_demo", "load_robot", "plan", "track"]
+__all__ = ["PlanOptions", "check_all", "export", "fuse", "load_calibration", "load_demo", "load_robot", "plan", "track"]
 
 _MODULES = {
     "PlanOptions": "pbd.planning",
     "check_all": "pbd.check_demos",
+    "export": "pbd.files.exporters",
     "fuse": "pbd.pipeline",
     "load_calibration": "pbd.files.calibration",
     "load_demo": "pbd.files.demo",

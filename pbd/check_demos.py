@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Calibration, Robot
-from pbd.errors import PbdError, WrongTypeError, collected_warnings
+from pbd.errors import PbdError, WrongTypeError, collected_warnings, require_kind
 from pbd.files.demo import load_demo
 from pbd.fusion.matching import HAND_M
 from pbd.pipeline import track
@@ -98,6 +98,8 @@ def check_all(
 
     if isinstance(demos, str | Path):
         raise WrongTypeError(f"check_all takes a list of demonstrations: check_all([{str(demos)!r}])")
+    require_kind("demos", demos, "a list of demonstrations' names", isinstance(demos, Iterable))
+    require_kind("jobs", jobs, "a whole number", jobs is None or isinstance(jobs, int))
     arm = None if robot is None else load_arm(robot)
     found: list[DemoCheck] = []
     for check in Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(str(name), arm) for name in demos):
@@ -117,7 +119,7 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None) -> DemoCh
             path = track(demo)
             plot = demo_plot(path, remarks)
         except PbdError as error:
-            return replace(check, why=error.message)
+            return replace(check, why=error.message.partition("; known are ")[0])
         keyframes = plot.keyframes
         T_dock_nav = level_onto(keyframes[0].T_nav_sensor, Pose.identity())  # the sensor's heading there is 0
         check = replace(

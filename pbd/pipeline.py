@@ -12,7 +12,7 @@ from pbd.calibration.dock import nav_in_base
 from pbd.calibration.sensor import corrected
 from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, SensorErrors, Stop, Tracking
-from pbd.errors import PbdWarning, RecordingError, TrackingError, require_type, warn
+from pbd.errors import PbdWarning, RecordingError, TrackingError, require_kind, require_type, warn
 from pbd.lapack import one_blas_thread
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.alarm import alarms
@@ -61,6 +61,7 @@ def fuse(takes: Sequence[Demonstration], calibration: Calibration | None = None,
 
 def fused_demo(takes: Sequence[Demonstration]) -> Demonstration:
     """Make the demonstration that lists these takes; a fused one adds its own takes. Raises as `fuse` does."""
+    require_kind("takes", takes, "a list of demonstrations", isinstance(takes, Sequence) and not isinstance(takes, str))
     for take in takes:
         require_type("fuse", take, "pbd.load_demo", Demonstration)
     takes = [one for take in takes for one in (take.takes or (take,))]
@@ -113,6 +114,8 @@ def track(
         WrongTypeError: the source is neither, for example a name.
     """
     require_type("track", source, "pbd.load_demo", Recording, Demonstration)
+    require_type("track", known, "pbd.data.Known", Known, optional=True)
+    require_type("track", calibration, "pbd.load_calibration", Calibration, optional=True)
     demo = source if isinstance(source, Demonstration) else Demonstration(source)
     if known is not None:
         demo = replace(demo, closed=known.closed, places=known.places, contacts=known.contacts)

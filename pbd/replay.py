@@ -50,7 +50,8 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
         torque=None if plan.report.torque is None else plan.report.torque.share,
         detours=detours(plan),
         contacts=_contacts(plan),
-        notes=tuple(note for note in (demo.notes, likely, *warnings) if note),
+        notes=tuple(note for note in (demo.notes, likely) if note),
+        warnings=tuple(warnings),
     )
 
 

@@ -19,9 +19,10 @@ from pbd.audit.arm import AuditArm
 from pbd.audit.contact import Pair, Touch, find_touch
 from pbd.data import Calibration, Demonstration, HandPath, JointTrajectory, Keyframe, Obstacle, Robot, Stop
 from pbd.data.covariance import PoseCovariance
-from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
+from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError, UsageError
 from pbd.files.demo import load_demo
 from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes
+from pbd.planning.object_frames import ThingPlace
 from pbd.planning.preconditions import check_certainty
 from pbd.pose import Array, Pose, quat_exp
 from pbd.tracking.keyframes import find_keyframes
@@ -351,10 +352,18 @@ def test_keyframes_within_a_millimetre_of_each_other() -> None:
 
 
 def test_options_have_names() -> None:
-    with pytest.raises(PbdError, match="unknown value 'curve'; choose one of keyframes, line, demo"):
+    with pytest.raises(PbdError, match="path must be one of keyframes, line, demo, got 'curve'"):
         PlanOptions(path="curve")
-    with pytest.raises(PbdError, match="unknown value 'fast'; choose one of limits, demo"):
+    with pytest.raises(PbdError, match="time must be one of limits, demo, got 'fast'"):
         PlanOptions(time="fast")
+
+
+def test_options_in_millimetres_are_refused() -> None:
+    far = "is at 450 m, beyond any arm's reach; give metres, not cm or mm"
+    with pytest.raises(UsageError, match=f"^the place of 'cup' {far}$"):
+        PlanOptions(at=(ThingPlace("cup", (450.0, -150.0, 250.0)),))
+    with pytest.raises(UsageError, match=f"^the payload's centre of mass {far}$"):
+        PlanOptions(payload=0.5, p_tool_payload=(0.0, 20.0, 450.0))
 
 
 def knob(yaw_deg: float, turn_deg: float) -> list[Keyframe]:

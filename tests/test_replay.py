@@ -28,7 +28,7 @@ def test_a_plan_becomes_a_scene(scale: float) -> None:
     scene = replay_scene(plan, ("a warning",))
     assert scene.calibration.obstacles == (shelf,)
     assert scene.contacts == ()
-    assert "a warning" in scene.notes
+    assert scene.warnings == ("a warning",)
     for cov, keyframe, pose in zip(scene.cov, plan.keyframes, plan.T_base_tool, strict=True):
         # The tool's frame lies in the sensor's origin here: its ellipsoid is the hand's, scaled and turned.
         np.testing.assert_allclose(

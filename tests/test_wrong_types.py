@@ -3,19 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import Any, cast
 
+import numpy as np
 import pytest
 
 import pbd
-from pbd.data import Calibration
+from pbd.data import Calibration, Recording
 from pbd.errors import UsageError, WrongTypeError
+from pbd.planning import plan_keyframes, source_of
+from pbd.pose import Array
+from pbd.tracking.keyframes import keyframes_of
+
+STILL = Recording(np.arange(3) / 100.0, np.zeros((3, 3)))
+EMPTY: Any = {}
 
 WRONG: dict[str, Callable[[Any], object]] = {
     "track takes a Recording or a Demonstration, got 'tea'; pbd.load_demo returns one": pbd.track,
+    "track takes a Calibration, got 'tea'; pbd.load_calibration returns one": lambda name: pbd.track(
+        STILL, calibration=name
+    ),
+    "track takes a Known, got 'tea'; pbd.data.Known returns one": lambda name: pbd.track(STILL, known=name),
     "fuse takes a Demonstration, got 'tea'; pbd.load_demo returns one": lambda name: pbd.fuse([name]),
+    "takes must be a list of demonstrations, got 'tea'": pbd.fuse,
     "plan takes a HandPath, got 'tea'; pbd.track returns one": lambda name: pbd.plan(name, name, name),
+    "keyframes_of takes a HandPath, got 'tea'; pbd.track returns one": keyframes_of,
+    "source_of takes a Plan, got 'tea'; pbd.planning.plan_path returns one": source_of,
+    "keyframes must be a sequence of Keyframe, got 'tea'": lambda name: plan_keyframes(name, name, name),
+    "export takes a JointTrajectory, got 'tea'; pbd.plan returns one": lambda name: pbd.export(name, name, "csv", "x"),
     "check_all takes a list of demonstrations: check_all(['tea'])": pbd.check_all,
+    "jobs must be a whole number, got 'tea'": lambda name: pbd.check_all([], jobs=name),
+    "the robot must be a name or a path, got None": lambda _: pbd.load_robot(cast(str, None)),
+    "Recording.gyr must be an array of numbers, got 'tea'": lambda name: Recording(STILL.t, STILL.acc, name),
+    "Recording.acc must be an array of numbers, got None": lambda _: Recording(STILL.t, cast(Array, None)),
+    "speed must be a number, got 'tea'": lambda name: pbd.PlanOptions(speed=name),
+    "speed must be a number, got None": lambda _: pbd.PlanOptions(speed=cast(float, None)),
+    "detour must be True or False, got 'tea'": lambda name: pbd.PlanOptions(detour=name),
+    "start must be the joints' numbers, got 'tea'": lambda name: pbd.PlanOptions(start=name),
+    "p_tool_payload must be three numbers, got {}": lambda _: pbd.PlanOptions(p_tool_payload=EMPTY),
+    "at must be a tuple of ThingPlace(name, (x, y, z), turn_rad), got {'cup': (1, 2, 3)}": lambda _: pbd.PlanOptions(
+        at=cast(Any, {"cup": (1, 2, 3)})
+    ),
 }
 
 
@@ -37,3 +66,29 @@ def test_plan_refuses_a_robots_name_and_a_robot_without_a_dock() -> None:
         WrongTypeError, match=r"^plan takes a Calibration, got None; pbd\.load_calibration returns one$"
     ):
         plan(path, None, pbd.load_robot("ur5"))
+    with pytest.raises(WrongTypeError, match=r"^plan takes a PlanOptions, got \{\}; pbd\.PlanOptions returns one$"):
+        plan(path, Calibration("x"), pbd.load_robot("ur5"), {})  # an empty dict is not "no options"
+
+
+@pytest.mark.usefixtures("remembered")
+def test_export_refuses_a_robots_name_and_a_rate_in_quotes(tmp_path: Path) -> None:
+    export: Callable[..., object] = pbd.export
+    robot, file = pbd.load_robot("panda"), tmp_path / "motion.csv"
+    assert robot.dock is not None
+    trajectory = pbd.plan(pbd.track(pbd.load_demo("pouring")), robot.dock, robot)
+    with pytest.raises(WrongTypeError, match=r"^export takes a Robot, got 'panda'; pbd\.load_robot returns one$"):
+        export(trajectory, "panda", "csv", file)
+    with pytest.raises(
+        WrongTypeError, match=r"^export takes a Source, got 'tea'; pbd\.planning\.source_of returns one$"
+    ):
+        export(trajectory, robot, "csv", file, source="tea")
+    for wrong, message in (
+        ({"rate_hz": "500"}, "rate_hz must be a number, got '500'"),
+        ({"format_name": 3}, "format_name must be one of csv, npz, "),
+        ({"path": None}, "path must be a file's name, got None"),
+    ):
+        with pytest.raises(WrongTypeError) as caught:
+            export(**({"trajectory": trajectory, "robot": robot, "format_name": "csv", "path": file} | wrong))
+        assert str(caught.value).startswith(message)
+    with pytest.raises(WrongTypeError, match=r"^t must be an array of numbers, got 'tea'$"):
+        trajectory.at(cast(float, "tea"))

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from importlib import import_module
 
 from pbd.cli.commands import parse, parser
@@ -66,7 +67,9 @@ def _run(argv: Sequence[str] | None) -> int:
     if getattr(args, "csv", False) and "units" in args:
         args.units = replace(args.units, exact=True)  # tables are rounded for people, CSV is not
     try:
-        with collected_warnings(lambda message: say(f"warning: {message}")) as args.warnings:
+        # A warning is said once, however often it is given.
+        said = cache(lambda message: say(f"warning: {message}"))
+        with collected_warnings(said) as args.warnings:
             return int(import_module(args.module).run(args) or 0)
     except PbdError as error:
         say(str(error))

@@ -26,12 +26,12 @@ def run(args: argparse.Namespace) -> None:
     default = newest_demo()
     rows = [_row(demo, demo.folder, default) for demo in found if demo.folder is not None]
     rows.sort(key=lambda row: (not row["bundled"], row["created"] or ""), reverse=True)
-    columns = ("name", "created", "sensor", f"lasts ({args.units.time})", "keyframes", "is")
-    table = make_table(*columns, left=("name", "sensor", "keyframes", "is"))
+    columns = ("name", "created", "sensor", f"lasts ({args.units.time})", "keyframes", "remarks")
+    table = make_table(*columns, left=("name", "sensor", "keyframes", "remarks"))
     for row in rows:
         words = {"bundled": row["bundled"], "fused": row["takes"], "the default": row["default"]}
         words |= {"failed": row["failed"], "set aside": row["aside"]}
-        edited = "edited" if row["edited"] else "as found"
+        edited = "edited" if row["edited"] else "automatic"
         lasts = args.units.times(row["duration_s"])
         table.add_row(
             row["name"],

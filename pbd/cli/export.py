@@ -13,8 +13,8 @@ import numpy as np
 
 from pbd.cli.common import plan_demonstration
 from pbd.cli.console import print_json, say, working
-from pbd.cli.plan_report import moves_json, say_moves, say_torque
-from pbd.errors import PbdError, PlanError, UsageError
+from pbd.cli.plan_report import moves_json, remarks
+from pbd.errors import PbdError, PlanError, UsageError, listed
 from pbd.files.exporters import FOLDERS, FORMATS, SUFFIXES, Export, check_format, export, export_dataset
 from pbd.files.exporters.lerobot import first_frame, refuse_dataset
 from pbd.files.robot import load_robot
@@ -34,6 +34,7 @@ def run(args: argparse.Namespace) -> None:
     elif args.output != STDOUT:
         refuse_output(args.output, (*args.demos, args.robot, args.calibration, args.start))
     plans = [_plan(args, name) for name in args.demos or (None,)]
+    _say_remarks(plans)
     done = _write(args, plans, format_name)
     count, duration = sum(len(each.samples.t) for each in done), sum(plan.trajectory.duration for plan in plans)
     name = "to standard output" if args.output == STDOUT else args.output
@@ -52,14 +53,27 @@ def run(args: argparse.Namespace) -> None:
 
 def _plan(args: argparse.Namespace, name: str | None) -> Plan:
     args.demo = name
-    plan = plan_demonstration(args)
+    try:
+        plan = plan_demonstration(args)
+    except PbdError as error:
+        if len(args.demos) < 2:
+            raise
+        raise type(error)(f"{name}: {error.message}", **error.fields) from None
     if plan.touching is not None:
         error = plan.touching.error
         what = f"{error.message}; no such motion is exported: --allow-collision is for pbd replay, which shows it"
         raise PlanError(what, **error.fields)
-    say_torque(plan)
-    say_moves(plan)
     return plan
+
+
+def _say_remarks(plans: list[Plan]) -> None:
+    """Say the remarks on the motions: one on all of them once, one on some of them with their names."""
+    named: dict[str, list[str]] = {}
+    for plan in plans:
+        for remark in remarks(plan):
+            named.setdefault(remark, []).append(plan.name)
+    for remark, names in named.items():
+        say(remark if len(names) == len(plans) else f"{listed(names)}: {remark}")
 
 
 def _json(args: argparse.Namespace, format_name: str, plan: Plan, done: Export) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Callable, Container, Iterable
 from contextlib import suppress
@@ -10,13 +11,17 @@ from dataclasses import replace
 from inspect import cleandoc
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from pbd.errors import nearest
+from pbd.errors import listed, nearest
+from pbd.files.find_by_name import names
 from pbd.io import numbers
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
 
     from pbd.view.units import Units
+
+DRIVEN = ("so100", "so101")
+"""The robots that `pbd run` drives."""
 
 _LENGTHS, _ANGLES, _TIMES = "m, cm or mm", "deg or rad", "s or ms"
 CHOICES = {"m": _LENGTHS, "cm": _LENGTHS, "mm": _LENGTHS, "deg": _ANGLES, "rad": _ANGLES, "s": _TIMES, "ms": _TIMES}
@@ -27,7 +32,10 @@ class Parser(argparse.ArgumentParser):
     """An argparse parser whose errors are one line that says where the help is."""
 
     def error(self, message: str) -> NoReturn:
-        """Leave with exit code 2."""
+        """Leave with exit code 2. If --robot is missing, the message names the robots."""
+        if "required: " in message and "--robot" in message:
+            robots = DRIVEN if self.prog == "pbd run" else names("robots", ".toml")
+            message = f"{message} (one of {listed(robots)}, or a file)"
         self.exit(2, f"{self.prog}: {message}{'' if message.endswith('?') else ';'} see {self.prog} --help\n")
 
     def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
@@ -217,7 +225,8 @@ def number(wanted: str, holds: Callable[[float], bool]) -> Callable[[str], float
         with suppress(ValueError):
             if holds(value := numbers.finite(text)):
                 return value
-        raise argparse.ArgumentTypeError(f"must be {wanted}, got '{text}'")
+        comma = "; write a decimal point" if re.fullmatch(r"-?\d+,\d+", text) else ""
+        raise argparse.ArgumentTypeError(f"must be {wanted}, got '{text}'{comma}")
 
     return parse
 
@@ -255,8 +264,8 @@ def frame(text: str) -> tuple[tuple[str, ...], int, int]:
 
 def thing_place(text: str) -> tuple[str, tuple[float, ...]]:
     """Parse THING=X,Y,Z or THING=X,Y,Z,DEG."""
-    thing, words = pair(text)
-    with suppress(ValueError):
+    with suppress(ValueError, argparse.ArgumentTypeError):
+        thing, words = pair(text)
         values = tuple(map(numbers.finite, words.split(",")))
         if len(values) in (3, 4):
             return thing, values

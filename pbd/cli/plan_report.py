@@ -1,11 +1,11 @@
-"""Reports a plan's moves, torques and contacts, for people and as JSON."""
+"""Describes a plan's moves, torques and contacts, for people and as JSON."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
 
-from pbd.cli.console import say, working
+from pbd.cli.console import working
 from pbd.data import Load
 from pbd.planning import Plan, can_plan
 
@@ -13,36 +13,38 @@ STRAY_M = 0.01
 """Smallest distance of the tool from a straight line, m, that is reported."""
 
 
-def say_moves(plan: Plan) -> None:
-    """Say which moves are not straight in joint space and why, and how to keep the tool nearer to a straight line."""
+def remarks(plan: Plan) -> list[str]:
+    """Return what to say of a plan: torques, moves that are not straight in joint space, how far the tool strays."""
+    found = [torque_remark(plan)]
     for i, move in enumerate(plan.segments):
         if (hit := move.avoided) is not None and move.kind != "detour":  # planning reports detours
             how = "as the hand went" if move.kind == "demo" else "along a line"
-            say(f"the move to keyframe {i} goes {how}: on the straight move {hit.first} would touch {hit.second}")
+            found.append(
+                f"the move to keyframe {i} goes {how}: on the straight move {hit.first} would touch {hit.second}"
+            )
         elif move.wide is not None and move.kind == "line":
-            say(f"the move to keyframe {i} is made as a line: straight in joint space the tool would {move.wide}")
+            found.append(
+                f"the move to keyframe {i} is made as a line: straight in joint space the tool would {move.wide}"
+            )
     worst = max(range(len(plan.segments)), key=lambda i: plan.segments[i].off_line_m)
     off_m = plan.segments[worst].off_line_m
     if off_m < STRAY_M or plan.options.tolerance_m is not None or plan.segments[worst].wide is not None:
-        return  # planning reports a wide move
+        return found  # planning reports a wide move
     with working("trying a straight line"):
         straight = can_plan(plan, replace(plan.options, tolerance_m=STRAY_M))
-    say(
-        f"between keyframes {worst - 1} and {worst} the tool strays {100.0 * off_m:.1f} cm from a straight line; "
-        + (f"--path-tolerance {STRAY_M} keeps it straight" if straight else f"{plan.robot.name} can't keep it straight")
-    )
+    how = f"--path-tolerance {STRAY_M} keeps it straight" if straight else f"{plan.robot.name} can't keep it straight"
+    strays = f"the tool strays {100.0 * off_m:.1f} cm from a straight line"
+    return [*found, f"between keyframes {worst - 1} and {worst} {strays}; {how}"]
 
 
-def say_torque(plan: Plan) -> None:
-    """Say how much of the torque limits the motion uses, and with which load."""
+def torque_remark(plan: Plan) -> str:
+    """Return how much of the torque limits the motion uses, and with which load."""
     torque, thing = plan.report.torque, plan.grasped
     if torque is None:
-        return say(f"torques are not checked: {plan.robot.name} has no `effort` in its [limits]")
+        return f"torques are not checked: {plan.robot.name} has no `effort` in its [limits]"
     carried = str(Load(plan.options.payload, grasped=thing)) or "nothing"
     unknown = f"; what the {thing.shape} weighs isn't known (mass_kg in demo.toml)" if thing and not thing.mass else ""
-    return say(
-        f"torques: at most {100.0 * torque.share:.0f} % of the limit ({torque.joint}), carrying {carried}{unknown}"
-    )
+    return f"torques: at most {100.0 * torque.share:.0f} % of the limit ({torque.joint}), carrying {carried}{unknown}"
 
 
 def moves_json(plan: Plan) -> list[dict[str, Any]]:

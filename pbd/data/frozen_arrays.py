@@ -2,7 +2,20 @@
 
 from __future__ import annotations
 
-from pbd.pose import readonly
+from contextlib import suppress
+
+from numpy.typing import ArrayLike
+
+from pbd.errors import WrongTypeError
+from pbd.pose import Array, readonly
+
+
+def numeric(name: str, value: ArrayLike) -> Array:
+    """Return a read-only array of numbers; WrongTypeError: `name`, the argument, is something else."""
+    with suppress(TypeError, ValueError):
+        if value is not None:
+            return readonly(value)
+    raise WrongTypeError(f"{name} must be an array of numbers, got {value!r:.60}")
 
 
 def freeze_arrays(owner: object, **shapes: tuple[int, ...]) -> None:
@@ -11,7 +24,7 @@ def freeze_arrays(owner: object, **shapes: tuple[int, ...]) -> None:
         value = getattr(owner, name)
         if value is None:
             continue
-        array = readonly(value)
+        array = numeric(f"{type(owner).__name__}.{name}", value)
         if array.shape != shape:
             raise ValueError(f"{type(owner).__name__}.{name} must have shape {shape}, got {array.shape}")
         object.__setattr__(owner, name, array)

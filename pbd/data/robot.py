@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.data.calibration import Calibration
-from pbd.data.frozen_arrays import freeze_arrays
+from pbd.data.frozen_arrays import freeze_arrays, numeric
 from pbd.data.one_line_repr import brief, counted, span
 from pbd.pose import Array, Pose
 
@@ -203,7 +203,7 @@ class JointTrajectory:
 
     def at(self, t: ArrayLike) -> Samples:
         """Evaluate at one instant or at instants (n,), s: n rows. Before and after the motion the arm stands still."""
-        t = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        t = np.atleast_1d(numeric("t", t))
         inside = np.clip(t, 0.0, self.duration)
         piece = np.clip(np.searchsorted(self.knots, inside, side="right") - 1, 0, len(self.coefficients) - 1)
         s = (inside - self.knots[piece])[:, None]

@@ -11,12 +11,13 @@ import numpy as np
 from pbd.data.calibration import Calibration
 from pbd.data.constraints import ClaimFit, Contact, Known, Place
 from pbd.data.covariance import PoseCovariance
-from pbd.data.frozen_arrays import freeze_arrays
+from pbd.data.frozen_arrays import freeze_arrays, numeric
 from pbd.data.fusion import Fusion
 from pbd.data.keyframe import Keyframe, TouchUp
 from pbd.data.one_line_repr import brief, counted, span
 from pbd.data.sensor_estimate import SensorEstimate
 from pbd.data.world import GraspedObject
+from pbd.errors import require_kind
 from pbd.pose import Array
 
 DOUBTED_WEIGHT = 0.8
@@ -66,7 +67,8 @@ class Recording:
     info: RecordingInfo = field(default_factory=RecordingInfo)
 
     def __post_init__(self) -> None:
-        n = len(self.t)
+        n = numeric("Recording.t", self.t).size
+        require_kind("Recording.acc", self.acc, "an array of numbers", self.acc is not None)
         freeze_arrays(self, t=(n,), acc=(n, 3), gyr=(n, 3), mag=(n, 3), device_rpy=(n, 3))
 
     def __len__(self) -> int:

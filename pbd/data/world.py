@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
+
+REACH_M = 10.0
+"""Largest coordinate of a place in a robot's base, and largest size of an object, m: beyond any arm's reach."""
+
+
+IN_METRES = "give metres, not cm or mm"
+"""What to do about a length that `beyond_reach` found."""
+
+
+def beyond_reach(lengths_m: Iterable[float], most_m: float = REACH_M) -> str:
+    """Describe the largest of these lengths if it is beyond any arm's reach, as cm or mm would be; "" if it is not."""
+    far = max(lengths_m, key=abs, default=0.0)
+    return "" if abs(far) <= most_m else f"{far:g} m, beyond any arm's reach"
 
 
 @dataclass(frozen=True)

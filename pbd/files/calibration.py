@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import GRAVITY, TOOL_DOWN, Calibration, Linear, Obstacle, SensorErrors
+from pbd.data.world import REACH_M
 from pbd.errors import CalibrationError
 from pbd.files.find_by_name import find
 from pbd.io.toml import Section, read_toml
@@ -15,12 +16,6 @@ from pbd.pose import Array, Pose
 FORMAT = 1
 SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
 """Shapes of an object, and the number of sizes of each."""
-
-REACH_M = 10.0
-"""Largest coordinate of a point or an obstacle, and largest size of an obstacle, m: beyond any arm's reach."""
-
-FARTHEST_M = 1000.0
-"""Largest coordinate of a pose, m. A sensor, a tool or a dock is much nearer to its arm."""
 
 FULL_TURN_DEG = 360.0
 """Largest angle of a pose, degrees."""
@@ -52,7 +47,7 @@ def read_calibration(path: Path) -> Calibration:
         cov_base=_covariance(base),
         T_sensor_tool=TOOL_DOWN if mount is None else read_pose(mount),
         cov_sensor_tool=_covariance(mount),
-        table_height=top.number("table_height", None),
+        table_height=top.length("table_height", None),
         scale=top.number("scale", 1.0, positive=True),
         robots=top.texts("robots", ()),
         obstacles=_obstacles(top.tables("obstacle")),
@@ -70,16 +65,16 @@ def read_calibration(path: Path) -> Calibration:
     return calibration
 
 
-def read_pose(section: Section, position: str = "position", within_m: float = FARTHEST_M) -> Pose:
+def read_pose(section: Section, position: str = "position", within_m: float = REACH_M) -> Pose:
     """Read a table with a position, m, and `rpy_deg`, degrees about x, then fixed y, then fixed z."""
-    p, rpy_deg = section.numbers(position, 3, within=within_m), section.numbers("rpy_deg", 3, within=FULL_TURN_DEG)
+    p, rpy_deg = section.lengths(position, 3, within=within_m), section.numbers("rpy_deg", 3, within=FULL_TURN_DEG)
     return Pose.from_rpy(p, np.radians(rpy_deg))
 
 
 def read_shape(section: Section) -> tuple[str, tuple[float, ...]]:
     """Read an object's `shape` and its `size`, m."""
     count = section.choice("shape", SHAPES)
-    return section.text("shape"), section.numbers("size", count, positive=True)
+    return section.text("shape"), section.lengths("size", count, positive=True)
 
 
 def _covariance(section: Section | None) -> Array | None:
@@ -127,10 +122,7 @@ def _obstacles(sections: list[Section]) -> tuple[Obstacle, ...]:
         name, (shape, size) = section.text("name"), read_shape(section)
         if name in obstacles:
             section.fail("name", f"{name!r} is another obstacle's too", next_step="rename one of them")
-        position = section.numbers("position", 3)
-        for key, values in (("size", size), ("position", position)):
-            if max(map(abs, values)) > REACH_M:
-                section.fail(key, f"has {max(values, key=abs):g}, but is in metres", "divide it by 100 if it is in cm")
+        position = section.lengths("position", 3)
         rpy_deg = section.numbers("rpy_deg", 3, (0.0, 0.0, 0.0), within=FULL_TURN_DEG)
         obstacles[name] = Obstacle(name, shape, size, Pose.from_rpy(position, np.radians(rpy_deg)))
     return tuple(obstacles.values())

@@ -278,7 +278,7 @@ def _imu_columns(recording: Recording) -> tuple[tuple[str, ...], Array, tuple[in
 
 
 def _read_place(section: Section) -> Place:
-    t, position = section.numbers("t_s", None), section.numbers("position_m", 3, None)
+    t, position = section.numbers("t_s", None), section.lengths("position_m", 3, None)
     sigma_m = section.number("sigma_m", None, positive=True)
     try:
         return Place(t, None if position is None else (position[0], position[1], position[2]), sigma_m)
@@ -287,7 +287,7 @@ def _read_place(section: Section) -> Place:
 
 
 def _read_contact(section: Section) -> Contact:
-    t, as_at, height = section.number("t_s"), section.number("as_at_s", None), section.number("height_m", None)
+    t, as_at, height = section.number("t_s"), section.number("as_at_s", None), section.length("height_m", None)
     sigma_m = section.number("sigma_m", None, positive=True)
     try:
         return Contact(t, as_at, height, sigma_m)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from pbd.errors import PbdError, nearest
+from pbd.errors import PbdError, listed, nearest, require_kind
 from pbd.io.atomic import exists, is_folder
 
 
@@ -30,7 +30,10 @@ def bundled_names(kind: str, suffix: str) -> list[str]:
 
 def find(kind: str, name: str | Path, suffix: str, error: type[PbdError]) -> Path:
     """Find a name in ./KIND, then among the bundled ones, then as a path; `error` lists the valid names."""
-    name = os.fspath(name)
+    what = {"demos": "demonstration", "robots": "robot"}.get(kind, kind)
+    require_kind(f"the {what}", name, "a name or a path", isinstance(name, str | Path))
+    if not (name := os.fspath(name)):
+        raise error(f"the {what}'s name is empty: give one", value=name)
     for folder in (Path(kind), bundled(kind)):
         for entry in _entries(folder, suffix):
             if entry.name in (name, name + suffix):
@@ -41,8 +44,7 @@ def find(kind: str, name: str | Path, suffix: str, error: type[PbdError]) -> Pat
     if not suffix and is_folder(Path(kind) / name):
         return Path(kind) / name  # not a demonstration: reading it tells what is missing
     valid = names(kind, suffix)
-    what = {"demos": "demonstration", "robots": "robot"}.get(kind, kind)
-    known = f"known are {', '.join(valid)}{nearest(name, valid)}" if valid else f"none is known; put one into ./{kind}"
+    known = f"known are {listed(valid)}{nearest(name, valid)}" if valid else f"none is known; put one into ./{kind}"
     if is_folder(given):
         raise error(f"{name} is a folder: give a name, or a file; {known}", value=name, valid=valid)
     raise error(f"no {what} named '{name}', nor a file or folder of that path; {known}", value=name, valid=valid)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data.frozen_arrays import freeze_arrays
+from pbd.data.world import REACH_M
 from pbd.errors import CalibrationError, listed, printable
-from pbd.files.calibration import REACH_M
 from pbd.files.table import open_sheet
 from pbd.pose import Array
 

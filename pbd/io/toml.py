@@ -10,14 +10,14 @@ import difflib
 import math
 import re
 import tomllib
-from collections import Counter
 from collections.abc import Callable, Mapping
-from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
+from pbd.data.world import IN_METRES, REACH_M, beyond_reach
 from pbd.errors import PbdError, printable
 from pbd.io.read_file import read_text
+from pbd.io.toml_source import DECIMAL_POINTS, TO_THE_TOP, TomlSource, inside
 
 MOST_BYTES = 1_000_000
 """Largest TOML file, bytes: 2000 keyframes."""
@@ -42,7 +42,7 @@ def read_toml(path: Path, error: type[PbdError]) -> Section:
 
 def parse_toml(path: Path, text: str, error: type[PbdError]) -> Section:
     """Parse the text of a TOML file; `error`: it is not valid TOML."""
-    source = _Source(path, text, error)
+    source = TomlSource(path, text, error)
     if long := next((number for number, line in enumerate(text.split("\n"), 1) if len(line) > LONGEST_LINE), None):
         source.refuse(long, f"a line of more than {LONGEST_LINE} characters", "break it")
     try:
@@ -50,48 +50,9 @@ def parse_toml(path: Path, text: str, error: type[PbdError]) -> Section:
     except tomllib.TOMLDecodeError as reason:
         place = re.search(r"at line (\d+)", str(reason))
         line = int(place[1]) if place else text.rstrip().count("\n") + 1
-        source.refuse(line, f"not valid TOML: {reason}", "correct it")
+        source.refuse(line, f"not valid TOML: {reason}", source.advice(line, str(reason)))
     except (RecursionError, ValueError):
         source.refuse(None, "not valid TOML: nested too deeply, or a number with thousands of digits", "correct it")
-
-
-class _Source:
-    """A TOML file's text, to find the line of a key: tomllib does not tell it."""
-
-    def __init__(self, path: Path, text: str, error: type[PbdError]) -> None:
-        self.path, self._text, self._error = path, text, error
-
-    def refuse(self, line: int | None, what: str, next_step: str, **fields: object) -> NoReturn:
-        """Raise the error that `read_toml` was given."""
-        raise self._error.at(self.path, f"{what}; {next_step}", line, **fields)
-
-    def line(self, section: str, key: str, index: int = 0) -> int | None:
-        """Return the line, counted from 1, of `key` in `section`, or else of the innermost table around it.
-
-        `index` is the number of the [[section]] table, counted from 0.
-        """
-        keys, headers = self._lines
-        found = [keys.get((section, index, key)), headers.get((_inside(section, key), 0))]
-        if any(found):
-            return min(filter(None, found))
-        outer, _, name = section.rpartition(".")
-        return headers.get((section, index)) or (self.line(outer, name) if section else None)
-
-    @cached_property
-    def _lines(self) -> tuple[dict[tuple[str, int, str], int], dict[tuple[str, int], int]]:
-        """Lines of the keys by (section, index, key), and of the headers by (section, index)."""
-        keys: dict[tuple[str, int, str], int] = {}
-        headers: dict[tuple[str, int], int] = {}
-        count: Counter[str] = Counter()
-        section = ""
-        for number, line in enumerate(self._text.split("\n"), start=1):
-            if header := re.match(r"\s*\[\[?\s*([\w.\-]+)\s*\]", line):
-                section = header[1]
-                headers[section, count[section]] = number
-                count[section] += 1
-            elif key := re.match(r"""\s*["']?([^"'=]*?)["']?\s*=""", line):
-                keys.setdefault((section, max(0, count[section] - 1), key[1]), number)
-        return keys, headers
 
 
 class Section:
@@ -100,8 +61,15 @@ class Section:
     Each method that reads a key raises the file's error if the key is missing and no `default` is given.
     """
 
-    def __init__(self, source: _Source, name: str, values: Mapping[str, Any], index: int = 0) -> None:
-        self.path, self.name = source.path, name
+    def __init__(
+        self,
+        source: TomlSource,
+        name: str,
+        values: Mapping[str, Any],
+        index: int = 0,
+        top: Section | None = None,
+    ) -> None:
+        self.path, self.name, self._top = source.path, name, top or self
         self._source, self._values, self._index = source, values, index
         self._asked: dict[str, None] = {}
         self._sections: list[Section] = []
@@ -114,14 +82,16 @@ class Section:
         """Return the table under `key`."""
         if key not in self and default is not _REQUIRED:
             return default
-        inner = Section(self._source, _inside(self.name, key), self._get(key, "must be a table", _is_table))
+        values = self._get(key, "must be a table", _is_table)
+        inner = Section(self._source, inside(self.name, key), values, 0, self._top)
         self._sections.append(inner)
         return inner
 
     def tables(self, key: str) -> list[Section]:
         """Return the `[[key]]` tables; an empty list without the key."""
         values = self._get(key, f"must be [[{key}]] tables", _list_of(_is_table), [])
-        inner = [Section(self._source, _inside(self.name, key), value, i) for i, value in enumerate(values)]
+        name = inside(self.name, key)
+        inner = [Section(self._source, name, value, i, self._top) for i, value in enumerate(values)]
         self._sections.extend(inner)
         return inner
 
@@ -168,8 +138,21 @@ class Section:
         if values is default:
             return values
         if count is not None and len(values) != count:
-            self.fail(key, f"must have {count} numbers, got {len(values)}")
+            comma = len(values) > count and self._source.has_decimal_comma(self.line(key))
+            self.fail(key, f"must have {count} numbers, got {len(values)}", DECIMAL_POINTS if comma else "correct it")
         return self._bounded(key, values, positive, within, "hold only numbers ", values)
+
+    def length(self, key: str, default: T = _REQUIRED) -> float | T:
+        """Return a length or a coordinate in base, m; one that is beyond any arm's reach is not in metres: refused."""
+        value = self.number(key, default)
+        return value if value is default else self._within_reach(key, [value], REACH_M)[0]
+
+    def lengths(
+        self, key: str, count: int, default: T = _REQUIRED, *, positive: bool = False, within: float = REACH_M
+    ) -> tuple[float, ...] | T:
+        """Return a list of `count` lengths or coordinates, m, each as `length`."""
+        values: tuple[float, ...] | T = self.numbers(key, count, default, positive=positive)
+        return values if values is default else self._within_reach(key, values, within)
 
     def figures(self, key: str) -> dict[str, float]:
         """Return a table of finite numbers under any names; empty without the key."""
@@ -194,6 +177,8 @@ class Section:
     def done(self) -> None:
         """Refuse keys that were not read, here and in the tables inside."""
         for key in self._unread():
+            if key in self._top._asked and key not in self._top._values:
+                self.fail(key, "is about the whole file", TO_THE_TOP)
             self.fail(key, f"is unknown; the keys here are {', '.join(self._asked)}", "remove or rename it")
         for inner in self._sections:
             inner.done()
@@ -229,6 +214,11 @@ class Section:
             self.fail(key, f"must {must}from {least} to {within:g}, got {_shown(got)}")
         return tuple(map(float, values))
 
+    def _within_reach(self, key: str, values: Any, most_m: float) -> tuple[float, ...]:
+        if far := beyond_reach(values, most_m):
+            self.fail(key, f"has {far}", IN_METRES)
+        return tuple(values)
+
     def _unread(self) -> list[str]:
         return [given for given in self._values if given not in self._asked]
 
@@ -239,10 +229,6 @@ def _shown(value: object) -> str:
         return printable(repr(value))
     except ValueError:
         return "a number with thousands of digits"
-
-
-def _inside(section: str, key: str) -> str:
-    return f"{section}.{key}".lstrip(".")
 
 
 def _is_table(value: object) -> bool:

@@ -11,6 +11,7 @@ from pbd.errors import PbdError, PlanError
 from pbd.planning.options import PlanOptions
 from pbd.planning.preconditions import start_joints
 from pbd.planning.task import Task, arm_of, place_keyframes, request_of
+from pbd.planning.undo_advice import undo_advice
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -84,8 +85,15 @@ def solve_keyframes(
     from pbd.arm.motion_request import Motion
 
     arm = arm_of(robot)
-    _, T_base_tool = place_keyframes(Task(tuple(keyframes), calibration, robot, hand_path, None), options)
-    found = choose_motion(arm, request_of(arm, T_base_tool, start_joints(arm, options), None, PlanOptions()), None)
+    q_start = start_joints(arm, options)
+
+    def solved(task: Task) -> tuple[tuple[Pose, ...], Motion | Refusal]:
+        _, T_base_tool = place_keyframes(task, options)
+        return T_base_tool, choose_motion(arm, request_of(arm, T_base_tool, q_start, None, PlanOptions()), None)
+
+    task = Task(tuple(keyframes), calibration, robot, hand_path, None)
+    T_base_tool, found = solved(task)
     if not isinstance(found, Motion):
-        raise found.error
+        advice = undo_advice(task, options, found.error, lambda without: isinstance(solved(without)[1], Motion))
+        raise PlanError(", or ".join((found.error.message, *advice)), **found.error.fields)
     return T_base_tool, found.q, held_poses(arm, T_base_tool, found.q)[1]

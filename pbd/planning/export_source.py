@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.data import JointTrajectory
-from pbd.errors import PlanError
+from pbd.errors import PlanError, require_type
 from pbd.planning.result import Plan
 from pbd.planning.task import arm_of
 from pbd.pose import Array, quat_from_matrix
@@ -24,6 +24,7 @@ def source_of(plan: Plan) -> Source:
     from pbd.audit.audit import audit_received
     from pbd.files.exporters.export_request import Source
 
+    require_type("source_of", plan, "pbd.planning.plan_path", Plan)
     arm, hand = arm_of(plan.robot), plan.hand_path
     if hand is None:
         raise PlanError("a plan of keyframes alone has no path of the hand; plan from what pbd.track gives")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
 
 from pbd.data import Keyframe
-from pbd.errors import UsageError
+from pbd.data.world import IN_METRES, beyond_reach
+from pbd.errors import UsageError, is_number, nearest, require_kind
 from pbd.planning.object_frames import ThingPlace
 
 PATHS = ("keyframes", "line", "demo")
@@ -19,6 +20,9 @@ TIMES = ("limits", "demo")
 """The durations of moves: as short as the limits allow, or the hand's own where the limits allow them."""
 
 ORIENTATIONS = ("demo", "fixed")
+
+CHOICES = {"path": PATHS, "time": TIMES, "orientation": ORIENTATIONS}
+"""Values of each option that is a word."""
 
 BOUNDS = {
     "speed": (0.01, 1.0),
@@ -74,17 +78,47 @@ class PlanOptions:
     at: tuple[ThingPlace, ...] = ()
 
     def __post_init__(self) -> None:
-        for value, known in ((self.path, PATHS), (self.time, TIMES), (self.orientation, ORIENTATIONS)):
-            if value not in known:
-                raise UsageError(f"unknown value '{value}'; choose one of {', '.join(known)}", value=value)
+        self._refuse_wrong_types()
+        for name, known in CHOICES.items():
+            if (word := getattr(self, name)) not in known:
+                what = f"{name} must be one of {', '.join(known)}, got '{word}'{nearest(str(word), known)}"
+                raise UsageError(what, value=word, valid=known)
         for name, (least, most) in BOUNDS.items():
             value = getattr(self, name)
             if value is not None and not least <= value <= most:
                 raise UsageError(f"{name} must be from {least:g} to {most:g}, got {value:g}", value=value, bound=most)
         if not (0.0 <= self.payload < np.inf and np.isfinite(self.p_tool_payload).all()):
             raise UsageError(f"the payload is {self.payload} kg; give a number, zero or above", value=self.payload)
-        if not np.isfinite([(*place.p_base, place.turn_rad) for place in self.at]).all():
-            raise UsageError("the place of a thing must have finite numbers", value=self.at)
+        if far := beyond_reach(self.p_tool_payload):
+            raise UsageError(f"the payload's centre of mass is at {far}; {IN_METRES}", value=self.p_tool_payload)
+        for place in self.at:
+            if not np.isfinite([*place.p_base, place.turn_rad]).all():
+                raise UsageError("the place of a thing must have finite numbers", value=self.at)
+            if far := beyond_reach(place.p_base):
+                raise UsageError(f"the place of '{place.name}' is at {far}; {IN_METRES}", value=place.p_base)
+
+    def _refuse_wrong_types(self) -> None:
+        for option in fields(self):
+            name, value, usual = option.name, getattr(self, option.name), option.default
+            if isinstance(usual, bool):
+                require_kind(name, value, "True or False", isinstance(value, bool | np.bool_))
+            elif isinstance(usual, float) or name in BOUNDS:
+                require_kind(name, value, "a number", is_number(value) or (value is usual is None))
+        require_kind("start", self.start, "the joints' numbers", self.start is None or _are_numbers(self.start))
+        centre = self.p_tool_payload
+        require_kind("p_tool_payload", centre, "three numbers", _are_numbers(centre) and len(centre) == 3)
+        kind = "a tuple of ThingPlace(name, (x, y, z), turn_rad)"
+        require_kind("at", self.at, kind, isinstance(self.at, tuple | list) and all(map(_is_place, self.at)))
+
+
+def _are_numbers(values: object) -> bool:
+    return isinstance(values, tuple | list | np.ndarray) and all(map(is_number, values))
+
+
+def _is_place(value: object) -> bool:
+    if not isinstance(value, ThingPlace):
+        return False
+    return _are_numbers(value.p_base) and len(value.p_base) == 3 and is_number(value.turn_rad)
 
 
 def dwells(keyframes: Sequence[Keyframe], options: PlanOptions) -> list[float]:

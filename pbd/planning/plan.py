@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from pbd.calibration.demonstrated_path import demonstrated_moves
 from pbd.calibration.tool_poses import with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Load, Robot
-from pbd.errors import PbdError, PlanError, require_type
+from pbd.errors import PbdError, PlanError, require_kind, require_type
 from pbd.pipeline import track
 from pbd.planning.choose_joints import Refused, choose_joints
 from pbd.planning.object_frames import nearest_working_place, things
@@ -29,6 +29,7 @@ from pbd.planning.preconditions import (
 from pbd.planning.result import Plan, find_stretched, find_touching
 from pbd.planning.task import Task, arm_of, moves_of, place_keyframes, request_of, scene_of
 from pbd.planning.torque import check_torque
+from pbd.planning.undo_advice import undo_advice
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import keyframes_of
 
@@ -46,19 +47,21 @@ DEVIATION_SHARES = 1.0, 0.1
 def plan(
     hand_path: HandPath, calibration: Calibration, robot: Robot, options: PlanOptions | None = None
 ) -> JointTrajectory:
-    """Plan an audited motion of a robot through the keyframes of a hand path; see `plan_path`."""
-    made = plan_path(hand_path, calibration, robot, options)
-    if made.touching is not None:
-        raise made.touching.error  # a JointTrajectory has no field for contacts
-    return made.trajectory
+    """Plan the motion of a robot through the keyframes of a hand path, and audit it.
 
+    The motion honours keyframes.toml, the dwells in it, the grasped object and places that are known in the robot's
+    base, as `pbd replay` and `pbd export` do.
 
-def plan_path(hand_path: HandPath, calibration: Calibration, robot: Robot, options: PlanOptions | None = None) -> Plan:
-    """Plan as the commands do: with edited keyframes and their dwells, the grasped object, and known places in base.
+    Args:
+        hand_path: what `pbd.track` returns. A path that was tracked without a calibration is tracked again with this
+            one, if the calibration corrects the sensor's errors, or locates known places or the table.
+        calibration: where the demonstration lies in the robot's base, the table and obstacles: `robot.dock`, or what
+            `pbd.load_calibration` returns.
+        robot: what `pbd.load_robot` returns.
+        options: speed, path, payload, start and so on, as the commands' options; see `help(pbd.PlanOptions)`.
 
-    A path that was tracked without a calibration is tracked again with this one, if the calibration corrects the
-    sensor's errors, or locates known places or the table. A program that changes a path with `dataclasses.replace`
-    must also set its `tracking` to None, so that its changes are kept.
+    Returns:
+        The joint trajectory, which passed the audit: `t`, `q`, `qd`, `qdd` and `gripper` at 1 kHz, or `at` any time.
 
     Raises:
         TrackingError: fewer than two stops, or all at one place.
@@ -66,9 +69,21 @@ def plan_path(hand_path: HandPath, calibration: Calibration, robot: Robot, optio
         PlanError: a keyframe is out of reach, something is in the way, or the motion breaks a limit.
         WrongTypeError: an argument has the wrong type, for example a robot's name.
     """
+    made = plan_path(hand_path, calibration, robot, options)
+    if made.touching is not None:
+        raise made.touching.error  # a JointTrajectory has no field for contacts
+    return made.trajectory
+
+
+def plan_path(hand_path: HandPath, calibration: Calibration, robot: Robot, options: PlanOptions | None = None) -> Plan:
+    """Plan as `plan` does; return the path from keyframe to keyframe and the results of the audit too.
+
+    With `options.allow_collision`, a motion that touches something is returned too, and says what it touches. A program
+    that changes a hand path with `dataclasses.replace` must also set its `tracking` to None, so that its changes are
+    kept.
+    """
     require_type("plan", hand_path, "pbd.track", HandPath)
-    require_type("plan", calibration, "pbd.load_calibration", Calibration)
-    require_type("plan", robot, "pbd.load_robot", Robot)
+    _require_types(calibration, robot, options)
     options = options or PlanOptions()
     hand_path = _tracked_with(hand_path, calibration, robot)
     demo = None if hand_path.tracking is None else hand_path.tracking.demo
@@ -76,6 +91,12 @@ def plan_path(hand_path: HandPath, calibration: Calibration, robot: Robot, optio
         options = replace(options, dwell_s=math.inf)  # keyframes.toml gives the dwells
     grasped = None if demo is None else demo.grasped
     return plan_keyframes(keyframes_of(hand_path), calibration, robot, options, hand_path, grasped)
+
+
+def _require_types(calibration: Calibration, robot: Robot, options: PlanOptions | None) -> None:
+    require_type("plan", calibration, "pbd.load_calibration", Calibration)
+    require_type("plan", robot, "pbd.load_robot", Robot)
+    require_type("plan", options, "pbd.PlanOptions", PlanOptions, optional=True)
 
 
 def _tracked_with(path: HandPath, calibration: Calibration, robot: Robot) -> HandPath:
@@ -109,13 +130,25 @@ def plan_keyframes(
         calibration: where the demonstration lies in the robot's base, and the table and obstacles.
         hand_path: the hand's path between the keyframes; None: unknown.
     """
-    task = Task(tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped)
-    found = _attempt(task, options or PlanOptions())
+    require_kind("keyframes", keyframes, "a sequence of Keyframe", _are_keyframes(keyframes))
+    _require_types(calibration, robot, options)
+    require_type("plan_keyframes", hand_path, "pbd.track", HandPath, optional=True)
+    require_type("plan_keyframes", grasped, "pbd.data.GraspedObject", GraspedObject, optional=True)
+    task, options = (
+        Task(tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped),
+        options or PlanOptions(),
+    )
+    found = _attempt(task, options)
     if isinstance(found, Plan):
         return found
     others = [what for what, alternatives in found.alternatives if _works(task, alternatives)]
-    others += _suggest_place(task, options or PlanOptions(), found.error)
+    others += _suggest_place(task, options, found.error)
+    others += undo_advice(task, options, found.error, lambda without: _works(without, options))
     raise type(found.error)(", or ".join((found.error.message, *others)), **found.error.fields)
+
+
+def _are_keyframes(values: object) -> bool:
+    return isinstance(values, Sequence) and all(isinstance(each, Keyframe) for each in values)
 
 
 def can_plan(plan: Plan, options: PlanOptions) -> bool:

@@ -179,7 +179,7 @@ def _possible_docks(
     def dock(yaw: float, p: Array, table_height: float) -> Calibration:
         name = arm.robot.name
         place = Pose(p, quat_about_z(yaw))
-        return Calibration(f"{name}'s own dock", place, table_height=table_height + 0.0, scale=scale, robots=(name,))
+        return Calibration(name, place, table_height=table_height + 0.0, scale=scale, robots=(name,))
 
     at_origin = _tool_poses_at(dock(0.0, np.zeros(3), 0.0), keyframes)
     approach = [quat_rotate(pose.wxyz, (0.0, 0.0, 1.0)) for pose in at_origin]

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from pbd.data import GripEvent, HandPath, Keyframe, Segment, Stop
-from pbd.errors import warn
+from pbd.errors import require_type, warn
 from pbd.pose import Array, Pose, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.smoother.attitude import mean_quaternion
 
@@ -20,6 +20,7 @@ ROTATION_RAD, ROTATION_SHIFT_M = np.radians(10.0), 0.03
 
 def keyframes_of(path: HandPath) -> tuple[Keyframe, ...]:
     """The keyframes to use: those that a person edited, else those found."""
+    require_type("keyframes_of", path, "pbd.track", HandPath)
     edited = None if path.tracking is None else path.tracking.demo.keyframes
     return find_keyframes(path) if edited is None else edited
 

@@ -58,7 +58,8 @@ def describe(scene: ReplayScene, bounds: Array) -> Mapping[str, Any]:
         "table": calibration.table_height,
         "obstacles": [obstacle.name for obstacle in calibration.obstacles],
         "bounds": bounds.tolist(),
-        "notes": [note for note in scene.notes if not any(message in note for message in messages)],
+        "notes": list(scene.notes),
+        "warnings": [warning for warning in scene.warnings if not any(message in warning for message in messages)],
         "touching": [contact._asdict() for contact in scene.contacts],
     }
 

@@ -116,7 +116,7 @@ def test_makers_figures() -> None:
 def test_a_calibration_named_by_the_user_wins_over_the_robots_own(name: str, tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text('format = 1\nname = "c"\n[dock]\nposition = [0.4, 0, 0.2]\nrpy_deg = [0, 0, 0]\n')
     chosen = [load_arm(name, c)[1] for c in (None, str(tmp_path / "c.toml"))]
-    assert [calibration.name for calibration in chosen] == [f"{name}'s own dock", "c"]
+    assert [calibration.name for calibration in chosen] == [name, "c"]
     no_dock = (FOLDER / f"{name}.toml").read_text(encoding="utf-8")
     (tmp_path / "free.toml").write_text(no_dock[: no_dock.index("[dock]")], encoding="utf-8")
     _, calibration = load_arm(str(tmp_path / "free.toml"))

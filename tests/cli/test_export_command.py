@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from pbd.cli import main
+from pbd.files.demo import load_demo, write_demo
 from pbd.files.exporters import FOLDERS, FORMATS, SUFFIXES
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
@@ -81,6 +82,17 @@ def test_several_demonstrations_become_one_dataset(elsewhere: Path, capsys: pyte
     assert (info["total_episodes"], info["total_tasks"]) == (2, 1)
     assert main(["export", "paper-test1", "--robot", "so101", "--format", "lerobot", "-o", "tea"]) == 0
     assert "pbd: episode 2 (lerobot-replay --dataset.episode=2)\n" in capsys.readouterr().err
+
+
+def test_what_is_said_of_all_demonstrations_is_said_once(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_demo(load_demo("pouring"), Path("demos/again"))
+    several = ["export", "pouring", "again", "paper-test1", "--robot", "so101", "--format", "lerobot", "-o", "tea"]
+    assert main(several) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(set(lines)) == len(lines)
+    assert [line for line in lines if line.startswith("pbd: pouring, again: torques: at most 40 %")]
+    assert main([*several, "--scale", "9"]) == 3
+    assert capsys.readouterr().err.splitlines()[-1].startswith("pbd: pouring: keyframe 2 is out of reach: ")
 
 
 def test_a_reader_that_goes_away_is_no_error() -> None:

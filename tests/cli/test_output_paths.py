@@ -9,6 +9,7 @@ import pytest
 from pbd.cli import main
 from pbd.errors import PbdError
 from pbd.io.atomic import DEMONSTRATION_FILES, refuse_output
+from pbd.view.page import page_html
 from tests.unprivileged import as_a_user
 
 Capture = pytest.CaptureFixture[str]
@@ -92,3 +93,13 @@ def test_elsewhere_it_may_be(place: str) -> None:
     refuse_output(Path(place))
     Path(place).write_text("an earlier export")
     refuse_output(Path(place))
+
+
+def test_a_page_replaces_a_page_and_nothing_else(capsys: Capture) -> None:
+    Path("mine.html").write_text("<html>mine</html>", encoding="utf-8")
+    assert "mine.html is not a page of pbd, so it is not overwritten; give another name" in refused(capsys, "mine.html")
+    Path("mine.html").write_text(page_html("tea", b""), encoding="utf-8")
+    Path("empty.html").touch()
+    for place in ("mine.html", "empty.html"):
+        main(command(place))
+        assert "no robot named 'nobody'" in capsys.readouterr().err

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pbd.audit.arm import AuditArm
+from pbd.files.find_by_name import names
 from pbd.files.robot import read_robot
 from pbd.planning import arm_of
 from tests.arm.test_own_robot import own_toml, own_urdf
@@ -108,6 +109,15 @@ def test_the_fastest_arm_comes_first_and_the_others_say_why(capsys: Capture, gui
     replayed = run_json(capsys, "replay", "pouring", "--robot", "panda", "--html", "x.html")
     assert panda["duration_s"] == replayed["duration_s"]
     assert panda["farthest_m"] < panda["reach_m"]
+
+
+def test_the_list_is_short_and_one_robot_has_its_notes(capsys: Capture) -> None:
+    notes = run_json(capsys, "robots", "panda")["robots"][0]["notes"]
+    assert notes
+    _, listed, told = run(capsys, "robots")
+    assert len(listed.splitlines()) == 2 + len(names("robots", ".toml"))
+    assert "`pbd robots NAME`" in told
+    assert run(capsys, "robots", "panda")[1].endswith("\n\n".join(notes) + "\n")
 
 
 def test_a_base_may_be_carried_by_a_locked_joint(tmp_path: Path) -> None:

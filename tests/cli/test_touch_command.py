@@ -149,6 +149,19 @@ def test_out_of_reach_names_a_place_that_works(tea: Path, capsys: Capture) -> No
     assert run(capsys, *command, works)[0] == 0
 
 
+@pytest.mark.parametrize("command", [("replay", "tea", "--html", "x.html"), ("keyframes", "tea")])
+def test_out_of_reach_after_a_touch_up_tells_how_to_undo_it(
+    tea: Path, capsys: Capture, command: tuple[str, ...]
+) -> None:
+    run(capsys, "touch", "tea", "0", "--robot", "panda", "--by", "0.45", "0", "0")
+    _, _, err = run(capsys, *command, "--robot", "panda")
+    advice = "undo the touch-up that moved keyframe 0 by 45.0 cm (`pbd touch tea --robot panda --undo`)"
+    assert err.splitlines()[-1].endswith(f", or {advice}")
+    assert "undo" not in run(capsys, *command, "--robot", "panda", "--scale", "5")[2]  # it would not help
+    assert run(capsys, "touch", "tea", "--robot", "panda", "--undo")[0] == 0
+    assert run(capsys, *command, "--robot", "panda")[0] == 0
+
+
 def test_success_is_told_with_the_joint_distribution(tea: Path, capsys: Capture) -> None:
     loose, tight = (
         run_json(capsys, "keyframes", "tea", "--robot", "panda", "--tolerance", within) for within in ("0.05", "0.005")

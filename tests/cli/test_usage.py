@@ -34,6 +34,8 @@ def test_nothing_alike_is_no_question() -> None:
     assert nearest("xyz", ("pour", "stir")) == ""
     assert nearest("", ("pour",)) == ""
     assert nearest("pour", ()) == ""
+    assert nearest("--position", ("--orientation", "--scale")) == ""
+    assert nearest("--potision", ("--orientation", "--position")) == "; did you mean --position?"
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "", "1,5"])

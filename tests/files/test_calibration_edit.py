@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from pbd.data.world import REACH_M
 from pbd.errors import CalibrationError
 from pbd.files.calibration import read_calibration
 from pbd.files.calibration_edit import calibration_file, pose_values, update_calibration
@@ -153,15 +154,18 @@ def test_the_path_of_a_name() -> None:
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(st.sampled_from(["dock", "mount", "sensor.acc", "sensor.gyr"]), min_size=1, max_size=4),
-    st.lists(st.floats(-1e3, 1e3), min_size=6, max_size=6),
+    st.lists(st.floats(-REACH_M, REACH_M), min_size=3, max_size=3),
+    st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3),
 )
-def test_any_edits_leave_what_a_person_wrote(bench: Path, parts: list[str], numbers: list[float]) -> None:
+def test_any_edits_leave_what_a_person_wrote(
+    bench: Path, parts: list[str], p: list[float], rpy_deg: list[float]
+) -> None:
     """Every comment and every line of the obstacle stays, and the last values are read."""
     bench.write_text(BENCH, encoding="utf-8")
-    pose = Pose.from_rpy(numbers[:3], np.radians(numbers[3:]))
+    pose = Pose.from_rpy(p, np.radians(rpy_deg))
     for part in parts:
         if part.startswith("sensor"):
-            update_calibration(bench, {"sensor": {"name": ("mine", "")}, part: {"bias": (numbers[:3], "")}})
+            update_calibration(bench, {"sensor": {"name": ("mine", "")}, part: {"bias": (p, "")}})
         else:
             update_calibration(bench, {part: pose_values(pose, "somewhere", np.eye(6))})
     text = bench.read_text(encoding="utf-8")

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Known, Place, Recording, RecordingInfo, Truth
+from pbd.data.world import REACH_M
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files import demo as demo_file
 from pbd.files.demo import demo_folder, load_demo, newest_demo, read_demo, write_demo
@@ -58,7 +59,7 @@ objects = (
     | st.builds(GraspedObject, st.just("cylinder"), st.tuples(sizes, sizes))
     | st.builds(GraspedObject, st.just("sphere"), st.tuples(sizes))
 )
-metres = st.floats(-1e3, 1e3)
+metres = st.floats(-REACH_M, REACH_M)
 sigmas = st.none() | st.floats(1e-6, 1.0)
 instants = st.lists(st.floats(0.0, 1e4), min_size=2, max_size=4, unique=True).map(tuple)
 places = st.builds(Place, instants, st.none() | st.tuples(metres, metres, metres), sigmas)
@@ -336,6 +337,14 @@ def test_places_and_heights_are_read_as_documented(tmp_path: Path) -> None:
         (
             "[[place]]\nt_s = [1.0, 2.0]\n[[place]]\nt = [2.0, 3.0]\n",
             ":8: [place] t_s is missing; add it",
+        ),
+        *(
+            (text, f":{line} has {far} m, beyond any arm's reach; give metres, not cm or mm")
+            for text, line, far in (
+                ("[[place]]\nt_s = [1.0]\nposition_m = [450, -150, 250]\n", "8: [place] position_m", 450),
+                ("[[contact]]\nt_s = 1.0\nheight_m = -20\n", "8: [contact] height_m", -20),
+                ('[object]\nshape = "sphere"\nsize = [60]\n', "8: [object] size", 60),
+            )
         ),
         (
             "[[place]]\nt_s = [1.0, 2.0]\nsigma_m = 0\n",

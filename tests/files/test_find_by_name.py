@@ -29,6 +29,12 @@ def test_bundled_files_are_found_from_any_folder() -> None:
     assert find("demos", "pouring", "", RecordingError) == bundled("demos") / "pouring"
 
 
+def test_an_empty_name_is_named() -> None:
+    """A shell's variable that is not set; as a path, it would be the working folder."""
+    with pytest.raises(RecordingError, match=r"^the demonstration's name is empty: give one$"):
+        find("demos", "", "", RecordingError)
+
+
 def test_a_name_may_be_a_path_object() -> None:
     assert load_demo(bundled("demos") / "pouring").recording.info.name == "pouring"
     assert load_robot(bundled("robots") / "ur5.toml").name == load_robot(Path("ur5")).name == "ur5"

@@ -144,7 +144,9 @@ def test_a_keyframe_out_of_reach_is_refused_with_its_line(tmp_path: Path, axis: 
     third = [k for k, line in enumerate(lines) if line.startswith("position_m")][3]
     lines[third] = f"position_m = {place}"
     path.write_text("\n".join(lines), encoding="utf-8")
-    with pytest.raises(RecordingError, match=r"position_m must hold only numbers from -5 to 5") as caught:
+    with pytest.raises(
+        RecordingError, match=r"position_m has -44 m, beyond any arm's reach; give metres, not cm or mm"
+    ) as caught:
         read_keyframes(path)
     assert caught.value.fields["line"] == third + 1
 

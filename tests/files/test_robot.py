@@ -35,7 +35,7 @@ def test_panda_has_the_limits_of_its_data_sheet() -> None:
     np.testing.assert_array_equal(robot.gripper.open, [0.04, 0.04])
     assert robot.dock is not None
     assert robot.dock.T_base_dock is not None
-    assert robot.dock.name == "panda's own dock"
+    assert robot.dock.name == "panda"
     assert robot.dock.robots == ("panda",)
     np.testing.assert_array_equal(robot.dock.T_base_dock.wxyz, [1, 0, 0, 0])
     # package:// in the URDF is found in package_dirs

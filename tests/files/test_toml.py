@@ -69,6 +69,18 @@ def test_each_key_that_is_not_read_is_refused_with_its_line(tmp_path: Path) -> N
         assert caught.value.fields["key"] == "extra"
 
 
+def test_a_key_of_the_whole_file_below_a_table_is_moved_to_the_top(tmp_path: Path) -> None:
+    """Whoever adds a line at the end of a file adds it to the last table."""
+    path = tmp_path / "file.toml"
+    path.write_text('name = "x"\n[[row]]\nt = 1\nflag = true\n', encoding="utf-8")
+    top = read_toml(path, CalibrationError)
+    top.text("name")
+    top.flag("flag", False)
+    top.tables("row")[0].number("t")
+    with pytest.raises(CalibrationError, match=r":4: \[row\] flag is about the whole file; move it above the first \["):
+        top.done()
+
+
 def test_a_key_is_found_in_its_own_table(top: Section) -> None:
     """There is a `name` at the top level too; `wrong` is on the line of its outer table."""
     with pytest.raises(CalibrationError, match=r"file\.toml:7: \[table\.below\] name must be a non-empty string"):
@@ -94,6 +106,21 @@ def test_the_wrong_type(top: Section, call: str, key: str, message: str) -> None
     with pytest.raises(CalibrationError) as caught:
         getattr(top, call)(key)
     assert caught.value.message.endswith(message)
+
+
+@pytest.mark.parametrize(
+    ("text", "next_step"),
+    [
+        ("[0,4, 0,15, 0,25]", "write decimal points, not commas: 0.5"),
+        ("[0.4, 0.15, 0,25]", "write decimal points, not commas: 0.5"),
+        ("[0.4, 0.15, 0, 25]", "correct it"),
+    ],
+)
+def test_a_list_with_decimal_commas(tmp_path: Path, text: str, next_step: str) -> None:
+    path = tmp_path / "file.toml"
+    path.write_text(f"p = {text}", encoding="utf-8")
+    with pytest.raises(CalibrationError, match=rf"p must have 3 numbers, got \d; {next_step}$"):
+        read_toml(path, CalibrationError).numbers("p", 3)
 
 
 @pytest.mark.parametrize(
@@ -130,6 +157,24 @@ def test_the_keys_of_a_table_of_figures_may_have_any_names(tmp_path: Path) -> No
     [
         ("a = 1\nb = ", ":2: not valid TOML: Invalid value (at end of document); correct it"),
         (
+            "a = True",
+            ":1: not valid TOML: Invalid value (at line 1, column 5); correct it: a value is a number, true, false, ",
+        ),
+        (
+            "a = 1\nb = -0,5 # m",
+            ":2: not valid TOML: Expected newline or end of document after a statement (at line 2, column 7); write "
+            "decimal points, not commas: 0.5",
+        ),
+        (
+            "a = 1\n[[b]]\nc = 1\nc = 2",
+            ":4: not valid TOML: Cannot overwrite a value (at end of document); [[b]] has this key twice: remove one, "
+            "or move it above the first [table] if it is about the whole file",
+        ),
+        (
+            "a = 1\na = 2",
+            ":2: not valid TOML: Cannot overwrite a value (at end of document); this key is there twice: remove one",
+        ),
+        (
             "a = 1\nb = 9" + "9" * 5000,
             ": not valid TOML: nested too deeply, or a number with thousands of digits; correct",
         ),
@@ -139,7 +184,7 @@ def test_the_keys_of_a_table_of_figures_may_have_any_names(tmp_path: Path) -> No
         ),
         ("a = 1\n" + "b." * 400_000 + "b = 1", ":2: a line of more than 20000 characters; break it"),
     ],
-    ids=["syntax", "digits", "lists", "dots"],
+    ids=["syntax", "capital", "comma", "twice in a table", "twice", "digits", "lists", "dots"],
 )
 def test_what_would_break_tomllib_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "file.toml"

@@ -159,7 +159,7 @@ def in_the_way() -> ReplayScene:
         Contact(("panda_link6", "the table"), 7.0, 7.25, "t = 7.0 s: panda_link6 would touch the table, 3.0 mm deep"),
     )
     calibration = Calibration("bench", table_height=0.0, obstacles=(post, wall))
-    return replace(pouring(), calibration=calibration, contacts=contacts, notes=(f"collision: {message}",))
+    return replace(pouring(), calibration=calibration, contacts=contacts, warnings=(f"collision: {message}",))
 
 
 @cache

@@ -379,7 +379,8 @@ def odd_scene(scene: ReplayScene) -> ReplayScene:
     cov = np.array([uncertain if k in (2, 5) else each for k, each in enumerate(scene.cov)])
     in_the_way = scenes.in_the_way()
     robot = replace(scene.robot, limits=replace(scene.robot.limits, lower=LOWER, upper=UPPER))
-    return replace(in_the_way, title=EVIL, notes=(EVIL, *in_the_way.notes), keyframes=keyframes, cov=cov, robot=robot)
+    said = replace(in_the_way, title=EVIL, notes=(EVIL,), warnings=(EVIL, *in_the_way.warnings))
+    return replace(said, keyframes=keyframes, cov=cov, robot=robot)
 
 
 @pytest.fixture(scope="module")
@@ -393,6 +394,12 @@ def test_text_from_files_is_never_code(odd: Replay) -> None:
     assert odd.read("#title") == odd("return document.title") == EVIL
     assert odd("return document.querySelectorAll('img, b:not(#time b, #joints b)').length") == 0
     assert odd.errors() == []
+
+
+def test_warnings_stand_out_from_notes(odd: Replay) -> None:
+    colours = "return [...document.querySelectorAll('#notes li:not(.alarm)')].map((li) => getComputedStyle(li).color)"
+    warning, note = odd(colours)
+    assert warning != note
 
 
 def test_contacts_are_shown(odd: Replay, odd_scene: ReplayScene) -> None:

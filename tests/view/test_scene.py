@@ -160,7 +160,7 @@ def test_bodies_that_touch_are_red() -> None:
         "0",
     }  # obstacle 0 is the post
     described = sent[-1]["value"]
-    assert described["notes"] == []  # the note would repeat the first contact
+    assert described["warnings"] == []  # the warning would repeat the first contact
     assert [each["bodies"] for each in described["touching"]] == [
         ("panda_hand", "the post"),
         ("panda_link6", "the table"),

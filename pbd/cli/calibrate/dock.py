@@ -11,8 +11,9 @@ from pbd.calibration.dock import dock_at
 from pbd.cli.common import replaced_part
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Robot
+from pbd.data.world import IN_METRES, REACH_M, beyond_reach
 from pbd.errors import CalibrationError, PlanError, UsageError
-from pbd.files.calibration import REACH_M, load_calibration
+from pbd.files.calibration import load_calibration
 from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.files.robot import load_robot
@@ -71,9 +72,8 @@ def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibratio
         before = calibration.T_base_dock
         kept = np.zeros(3) if before is None else np.degrees(quat_to_rpy(before.wxyz))
         rpy_deg = kept if args.rpy is None else args.rpy
-        if (far := max(map(abs, args.position))) > REACH_M:
-            what = f"a dock {far:g} m from the robot's base is beyond every robot's reach; give metres"
-            raise CalibrationError(what, value=far, bound=REACH_M)
+        if far := beyond_reach(args.position):
+            raise CalibrationError(f"--position has {far}; {IN_METRES}", value=args.position, bound=REACH_M)
         turned = "" if args.rpy is not None or not kept.any() else ", with its former rotation (--rpy changes it)"
         return Pose.from_rpy(args.position, np.radians(rpy_deg)), np.zeros((6, 6)), f"as given{turned}"
     if args.joints is not None:

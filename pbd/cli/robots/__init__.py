@@ -12,7 +12,7 @@ from pbd.arm.collision.shape_coverage import doubtful_shapes
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.reach import reach
 from pbd.cli.common import print_result
-from pbd.cli.console import working
+from pbd.cli.console import say, working
 from pbd.cli.robots.rank import rank_robots
 from pbd.cli.robots.suggest import suggest_home_and_dock
 from pbd.data import Robot
@@ -44,12 +44,10 @@ def run(args: argparse.Namespace) -> None:
             print(f"contacts may be missed: {doubt['link']} {doubt['why']}")
         print("\nnot checked against each other:")
         print_table(words_table(("link", "and link", "why"), (each.values() for each in checked["left_out"])))
-    robots_with: dict[str, list[str]] = {}
-    for robot in robots:
-        for note in robot.notes:
-            robots_with.setdefault(note, []).append(robot.name)
-    for note, named in robots_with.items():
-        print(f"\n{', '.join(named)}: {note}")
+    if args.robot:
+        print("".join(f"\n{note}\n" for note in robots[0].notes), end="")
+    else:
+        say("`pbd robots NAME` adds what to know about one robot, and which of its links are checked for collisions")
     return None
 
 

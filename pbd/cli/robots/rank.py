@@ -52,7 +52,7 @@ def _row(name: str, path: HandPath) -> dict[str, Any]:
 
 def _table(rows: list[dict[str, Any]], units: Units) -> Table:
     m = units.length
-    figures = (f"time ({units.time})", f"goes to ({m})", f"reaches ({m})", "torque (%)", "scale")
+    figures = (f"time ({units.time})", f"farthest keyframe ({m})", f"reach ({m})", "torque (%)", "scale")
     remarks = "problems and remarks"
     table = make_table("name", *figures, remarks, left=("name", remarks))
     for row in rows:

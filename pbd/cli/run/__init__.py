@@ -12,6 +12,7 @@ from typing import Any
 from rich.table import Table
 
 from pbd.cli.console import print_json, say
+from pbd.cli.options import DRIVEN
 from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import POLL_S, Keys
 from pbd.cli.run.drive import drive_arm
@@ -25,8 +26,6 @@ from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import COUNTS, own_servo_calibration, write_servo_calibration
 from pbd.io.atomic import refuse_output
 from pbd.view.terminal_tables import make_table, print_table
-
-DRIVEN = ("so100", "so101")
 
 OTHER_PROGRAMS = {
     "panda": ("npz", "franky"),

@@ -11,7 +11,7 @@ import numpy as np
 
 from pbd.cli.common import plan_demonstration
 from pbd.cli.console import print_json, say
-from pbd.cli.plan_report import say_torque
+from pbd.cli.plan_report import torque_remark
 from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import Keys
 from pbd.cli.run.report import motion_json, preview_table, report_end, timetable
@@ -53,7 +53,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
         say(f"'{plan.name}' on {robot.name} at {device}, its servos calibrated in {file}")
         print_table(preview_table(counts, before, goals, t, plan.trajectory), sys.stderr)
         say(timetable(plan.trajectory, t))
-        say_torque(plan)
+        say(torque_remark(plan))
         with Keys() as keys:
             if args.dry_run:
                 say("dry run: the servos are read, and given no goals")

@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from pbd.errors import UsageError, nearest, warn
+from pbd.errors import UsageError, is_number, nearest, require_kind, require_type, warn
 from pbd.io.atomic import atomic_file, atomic_folder
 
 if TYPE_CHECKING:
@@ -94,6 +94,8 @@ def check_format(
         PlanError: the format is not for this robot.
         PbdError: a package is missing.
     """
+    require_kind("format_name", format_name, f"one of {', '.join(FORMATS)}", isinstance(format_name, str))
+    require_kind("rate_hz", rate_hz, "a number", rate_hz is None or is_number(rate_hz))
     if format_name not in FORMATS:
         known = f"{', '.join(FORMATS)}{nearest(format_name, FORMATS)}"
         raise UsageError(f"no format '{format_name}'; known are {known}", value=format_name)
@@ -133,14 +135,21 @@ def export(
         PbdError: the file can't be written.
         PlanError: interpolated as receivers do, the motion would exceed a limit, miss a keyframe or touch something;
             nothing is written.
+        WrongTypeError: an argument has the wrong type, for example a robot's name.
     """
+    from pbd.data import JointTrajectory, Robot
+    from pbd.files.exporters.export_request import ExportRequest, Source
+
+    require_type("export", trajectory, "pbd.plan", JointTrajectory)
+    require_type("export", robot, "pbd.load_robot", Robot)
+    require_type("export", source, "pbd.planning.source_of", Source, optional=True)
+    require_kind("path", path, "a file's name", isinstance(path, str | Path))
     check_format(format_name, rate_hz, dense)
     path = Path(path)
     if format_name in FOLDERS:
         return export_dataset([(trajectory, source)], robot, path)[0]
     from pbd.files.exporters.check_export import check_received, reached
     from pbd.files.exporters.controller_interpolation import limit_shares
-    from pbd.files.exporters.export_request import ExportRequest
 
     file = import_module(f"{__name__}.{FORMATS[format_name].file}")
     request = ExportRequest(format_name, trajectory, robot, path.suffix.lower(), rate_hz, dense, source)

@@ -56,7 +56,7 @@ class Page {
   }
 
   describe() {
-    const { title, robot, duration, torque, notes, touching } = this.replay;
+    const { title, robot, duration, torque, notes, warnings, touching } = this.replay;
     document.title = title;
     element("title").textContent = title;
     element("license").textContent = `The robot's model and meshes: ${this.replay.license}.`;
@@ -68,8 +68,12 @@ class Page {
       alarm.append(make("button", message, { title: "Go there", onclick: () => this.player.seek(start) }));
       return alarm;
     });
-    element("notes").replaceChildren(...alarms, ...notes.map((note) => make("li", note)));
-    element("notes").hidden = notes.length + alarms.length === 0;
+    element("notes").replaceChildren(
+      ...alarms,
+      ...warnings.map((warning) => make("li", warning, { className: "warning" })),
+      ...notes.map((note) => make("li", note)),
+    );
+    element("notes").hidden = element("notes").children.length === 0;
     element("speed").replaceChildren(...Player.speeds.map((speed) => make("option", `${speed}×`, { value: speed })));
   }
 
