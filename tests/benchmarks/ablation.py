@@ -115,7 +115,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "attitude held in a stop": of_noise(still_turn=LARGE),
     "lulls between strides": ((zero_velocity, "LULL_SHARE", 0.0),),
     "(lulls, but 10^-2.6 of a move)": ((zero_velocity, "LULL_SHARE", 10.0**-2.6),),
-    "(lulls, but 10^-1 of a move)": ((zero_velocity, "LULL_SHARE", 0.1),),
+    "(lulls, but 10^-1.4 of a move)": ((zero_velocity, "LULL_SHARE", 10.0**-1.4),),
     "gyro's lag (then none)": (*of_noise(lag=0.0, lag_sigma=TINY), (smoother, "WIDE_LAG_SIGMA", TINY)),
     "gyro's lag (then 1 ms)": (*of_noise(lag_sigma=TINY), (smoother, "WIDE_LAG_SIGMA", TINY)),
     "a large lag taken out": ((smoother, "REMOVED_LAG", LARGE),),
