@@ -264,7 +264,7 @@ def sensor() -> Figure:
     bars.axhline(0.0, color=GREY, linewidth=0.8)
     bars.legend(frameon=False)
     bars.set_xticks(number)
-    bars.set(xlabel="orientation", ylabel="|specific force| less gravity (mg)")
+    bars.set(xlabel="orientation", ylabel="|specific force| minus gravity (mg)")
     return figure
 
 

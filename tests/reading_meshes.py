@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from unittest.mock import patch
 
-from pbd.io.meshes import Soup, from_mesh
+from pbd.io.meshes import TriangleSoup, from_mesh
 
 
-def read_mesh(path: Path) -> Soup:
-    soups: list[Soup] = []
+def read_mesh(path: Path) -> TriangleSoup:
+    soups: list[TriangleSoup] = []
 
-    def keep(soup: Soup) -> dict[str, object]:
+    def keep(soup: TriangleSoup) -> dict[str, object]:
         soups.append(soup)
         return {}
 

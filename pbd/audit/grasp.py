@@ -31,7 +31,7 @@ ROD_SHORT_M = 0.005
 ROD_GAP_M = 0.02
 """Distance, m, from the gripper to the tool's point, below which no rod is needed."""
 
-REST_M = 0.03
+NEAR_SUPPORT_M = 0.03
 """A held object may touch its support within this distance, m, of where it is gripped or let go."""
 
 UPRIGHT = float(np.cos(np.radians(45.0)))
@@ -96,14 +96,14 @@ def resting_contact(arm: AuditArm, stay: Stay, held: Solid, support: Solid) -> C
     for rest in (arm.T_universe_base * se3(pose) for pose in stay.rests):
         distance, found = _distance(held.hull, support.T_joint_solid.inverse() * rest, support.hull)
         # coal's normal points from the object to the support.
-        if abs(distance) <= REST_M and -(support.T_joint_solid.rotation @ found.normal) @ up >= UPRIGHT:
+        if abs(distance) <= NEAR_SUPPORT_M and -(support.T_joint_solid.rotation @ found.normal) @ up >= UPRIGHT:
             places.append(rest.translation)
     if not places:
         return None
 
     def allowed(T_universe_joint: Any) -> bool:
         p = (T_universe_joint[held.joint] * held.T_joint_solid).translation
-        return any(float(np.linalg.norm(p - place)) <= REST_M for place in places)
+        return any(float(np.linalg.norm(p - place)) <= NEAR_SUPPORT_M for place in places)
 
     return allowed
 

@@ -44,7 +44,7 @@ _VERSION = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Soup:
+class TriangleSoup:
     """Triangles: corners (m, 3, 3); sRGB colours (m, 3) in 0..1, NaN where the file has no colour."""
 
     corners: Array
@@ -70,7 +70,7 @@ def mesh_file(address: str, urdf: Path, package_dirs: Sequence[Path]) -> Path:
 
 
 def from_mesh(
-    path: Path, what: str, make: Callable[[Soup], Mapping[str, Any]], *options: object
+    path: Path, what: str, make: Callable[[TriangleSoup], Mapping[str, Any]], *options: object
 ) -> dict[str, NDArray[Any]]:
     """Return `make(triangles)` for a mesh file, from the user's cache where possible.
 
@@ -99,7 +99,7 @@ def mesh_triangles(path: Path, scale: Sequence[float]) -> Array:
     return triangles
 
 
-def _parse(path: Path, data: bytes) -> Soup:
+def _parse(path: Path, data: bytes) -> TriangleSoup:
     kind = path.suffix.lower()
     try:
         with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -113,7 +113,7 @@ def _parse(path: Path, data: bytes) -> Soup:
     corners, rgb = (np.concatenate(each) for each in zip(*parts, strict=True))
     if not (np.abs(corners) <= LARGEST).all():
         raise RobotError(f"mesh {path} has a vertex that is not a number or too far away; export it anew", path=path)
-    return Soup(corners, rgb)
+    return TriangleSoup(corners, rgb)
 
 
 def _trimesh(data: bytes, kind: str) -> Iterator[tuple[Array, Array]]:

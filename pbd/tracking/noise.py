@@ -141,7 +141,7 @@ class Noise:
     """rad: error of a device's own attitude (data sheets of compasses: 0.5 to 1 degree)."""
 
     unseen_speed: float = 0.1
-    """m/s: mean speed of a hand in a hole of the data: from rest to rest in 0.12 s with 5 m/s2. (A longer hole is
+    """m/s: mean speed of a hand in a gap in the data: from rest to rest in 0.12 s with 5 m/s2. (A longer gap is
     refused unless a person says that the hand stood still.)"""
 
     unseen_rate: float = 0.2

@@ -33,14 +33,14 @@ QUIET_ENERGY = 10.0
 """A window is quiet if its energy is below this many times that of the first rest, or below that of a hand that holds
 still (QUIET_ACC, QUIET_GYR)."""
 
-LULL_SHARE, LULL_S = 10.0**-1.8, 1.0
+LULL_SHARE, LULL_S = 0.01, 1.0
 """In a lull, such as a foot's stance, the calmest window counts as still even if it isn't quiet. Energies in a lull are
-below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after. (Of the largest energy, impacts
-included, 10^-2.2 separates stances from swings. A step's impact has 10^0.3 to 10^0.9 times the lasting energy; the
-exponent here is larger by 0.4.)"""
+below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after: acceleration and rate are a tenth of
+the move's. (Below 10^-2.6, stances are missed; above 10^-1.9, a fast hand that turns back seems to rest.)"""
 
-SHORTEST_MOVE_S, SHORTEST_STOP_S = 0.1, 0.08
-"""s: a shorter motion between two stops is a jolt and joins them; a shorter stop does not count."""
+SHORTEST_MOVE_S, SHORTEST_STOP_S = 0.1, 0.5 * ENERGY_WINDOW_S
+"""s: a shorter motion between two stops is a jolt and joins them; a shorter stop does not count. (A window that looks
+still is a stop if the hand stands still in half of it.)"""
 
 
 def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
@@ -145,7 +145,8 @@ def calm_part(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple
 
 def is_long_enough(t: Array, span: tuple[int, int]) -> bool:
     """Whether a span is long enough to be a stop."""
-    return bool(t[span[1] - 1] - t[span[0]] > SHORTEST_STOP_S - 1e-9)
+    rows = span[1] - span[0]  # each lasts as long as the interval to the next
+    return rows > 1 and bool((t[span[1] - 1] - t[span[0]]) * rows / (rows - 1) > SHORTEST_STOP_S - 1e-9)
 
 
 def runs(flags: NDArray[np.bool_]) -> Spans:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from pbd.io.meshes import Soup
+from pbd.io.meshes import TriangleSoup
 from pbd.pose import Array
 
 CREASE_RAD = np.radians(35.0)
@@ -67,7 +67,7 @@ class Mesh:
         return np.array([np.where(mask, high, low) for mask in np.ndindex(2, 2, 2)])
 
 
-def compact(soup: Soup, default_rgb: ArrayLike) -> Mesh:
+def compact(soup: TriangleSoup, default_rgb: ArrayLike) -> Mesh:
     """Merge equal vertices, split them along sharp edges and colour borders, and drop faces without an area.
 
     Args:

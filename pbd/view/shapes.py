@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pbd.io.meshes import Soup
+from pbd.io.meshes import TriangleSoup
 from pbd.pose import Array
 from pbd.view.compact_mesh import Mesh, compact
 
@@ -76,7 +76,7 @@ def triad(length: float, radius: float) -> Mesh:
     arrow = _revolved(profile)
     # A cyclic permutation of axes is a rotation: it takes z to x, to y, and to z again.
     arrows = np.concatenate([np.roll(arrow, axis + 1, axis=2) for axis in range(3)])
-    return compact(Soup(arrows, np.repeat(AXES_RGB, len(arrow), axis=0)), AXES_RGB[0])
+    return compact(TriangleSoup(arrows, np.repeat(AXES_RGB, len(arrow), axis=0)), AXES_RGB[0])
 
 
 def tube(points: Array, rgb: Array, radius: float, sides: int = 8) -> Mesh:
@@ -145,4 +145,4 @@ def _revolved(profile: ArrayLike) -> Array:
 
 def _uniform(triangles: Array, rgb: ArrayLike) -> Mesh:
     """Compact triangles (m, 3, 3) m of one colour."""
-    return compact(Soup(triangles, np.full((len(triangles), 3), np.nan)), rgb)
+    return compact(TriangleSoup(triangles, np.full((len(triangles), 3), np.nan)), rgb)

@@ -12,7 +12,7 @@ import numpy as np
 
 from pbd.data import Robot
 from pbd.errors import RobotError
-from pbd.io.meshes import Soup, from_mesh
+from pbd.io.meshes import TriangleSoup, from_mesh
 from pbd.io.urdf_shapes import Triple, read_shapes
 from pbd.pose import Pose
 from pbd.view import shapes
@@ -54,12 +54,12 @@ def load_mesh(path: Path, scale: Triple, default_rgb: Triple) -> Mesh:
         RobotError: the file can't be read as a mesh, or no triangle of it has an area.
     """
 
-    def compacted(soup: Soup) -> dict[str, object]:
+    def compacted(soup: TriangleSoup) -> dict[str, object]:
         corners = soup.corners * np.array(scale)
         if np.prod(scale) < 0.0:  # a mirrored mesh
             corners = corners[:, ::-1]
         try:
-            return vars(compact(Soup(corners, soup.rgb), default_rgb))
+            return vars(compact(TriangleSoup(corners, soup.rgb), default_rgb))
         except ValueError as reason:
             raise RobotError(f"mesh {path} can't be drawn ({reason}); export it anew", path=path) from None
 

@@ -31,6 +31,7 @@ import numpy as np
 from pbd import pipeline
 from pbd.data import Demonstration, Recording, SensorErrors
 from pbd.errors import PbdError, PbdWarning
+from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import Array, quat_canonical, quat_exp, quat_inverse, quat_log, quat_multiply
 from pbd.simulation.simulate import TASKS, random_task, simulate
@@ -113,6 +114,8 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "place held in a stop": of_noise(still_shift=LARGE),
     "attitude held in a stop": of_noise(still_turn=LARGE),
     "lulls between strides": ((zero_velocity, "LULL_SHARE", 0.0),),
+    "(lulls, but 10^-2.6 of a move)": ((zero_velocity, "LULL_SHARE", 10.0**-2.6),),
+    "(lulls, but 10^-1.4 of a move)": ((zero_velocity, "LULL_SHARE", 10.0**-1.4),),
     "gyro's lag (then none)": (*of_noise(lag=0.0, lag_sigma=TINY), (smoother, "WIDE_LAG_SIGMA", TINY)),
     "gyro's lag (then 1 ms)": (*of_noise(lag_sigma=TINY), (smoother, "WIDE_LAG_SIGMA", TINY)),
     "a large lag taken out": ((smoother, "REMOVED_LAG", LARGE),),
@@ -204,7 +207,7 @@ def real(data: Path) -> dict[str, float]:
             errors[kind_of(file.stem), window.length].append(100.0 * float(np.linalg.norm(window.error)))
             z_scores.extend(window.z)
     found = {name: float(np.percentile(errors[window], percent)) for name, window, percent in COLUMNS}
-    strides = stride_errors(next(iter((data / "strides").glob("*.npz"))))[2]
+    strides = stride_errors(import_file(next(iter((data / "strides").glob("*.npz")))))[2]
     return found | {
         "inside": inside(z_scores)["inside_1_sigma"],
         "at the heel p95": float(np.percentile(strides, 95)) if strides else np.inf,

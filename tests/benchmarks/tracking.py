@@ -11,7 +11,8 @@ polynomial over 0.12 s (that loses half of a tremor of 12 Hz, which a tracker at
 `windows_jointly`, where all windows of a length share theirs, as the stops of one recording do; and `windows_free`,
 where none is given: how far the trial's true stops, 17 to 34 s apart, reach.
 
-`strides_at_heel` fits the lever from the sensor to the optics' heel, which the strides as such ignore.
+`strides_at_heel` fits the lever from the sensor to the optics' heel, which the strides as such ignore. Strides are
+scored at lower rates too (`rates_hz`).
 
 Medians and 95th percentiles have a band (`from`, `to`): what 95 % of a thousand other sets of as many windows have,
 drawn from these with replacement (bootstrap). Of 19 to 49 windows the 95th percentile is the second or third worst.
@@ -28,6 +29,7 @@ import sys
 import time
 import warnings
 from collections import defaultdict
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -36,17 +38,20 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
-from pbd.data import HandPath, Recording
+from pbd.data import Demonstration, HandPath, Recording
 from pbd.errors import PbdError, PbdWarning
 from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import Array, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
 from tests.benchmarks.report import add_data, arguments, finish
-from tests.benchmarks.trials import RATES, Trial, at_sensor, fit_lever, kind_of, read_broad
+from tests.benchmarks.trials import RATES, Trial, at_sensor, averaged, fit_lever, kind_of, read_broad
 from tests.benchmarks.windows import heading_off, motion_of, turn_z_scores, window_errors
 
 HEEL_M, STRIDE_M = 0.15, 0.01
 """One sigma, m: how far the optics' heel is from the sensor along each axis, and of a stride's error besides."""
+
+STRIDES_EVERY = (2, 3, 4)
+"""Samples that are averaged: rates at which strides are scored too."""
 
 RESAMPLES = 1000
 """Of the bootstrap."""
@@ -121,12 +126,20 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
         except PbdError as error:
             refused[file.stem] = error.message
     for file in sorted((data / "strides").glob("*.npz")):
+        demo = import_file(file)
         try:
-            absolute, scaled, heel, heel_scaled = stride_errors(file)
+            absolute, scaled, heel, heel_scaled = stride_errors(demo)
         except PbdError as error:
             refused[file.stem] = error.message
             continue
         strides[file.stem], at_heel[file.stem] = spread(absolute, "_abs"), spread(heel, "_abs")
+        strides[file.stem]["rates_hz"], at_heel[file.stem]["rates_hz"] = {}, {}
+        for every in STRIDES_EVERY:
+            slower = slower_strides(demo, every)
+            rate = f"{slower.recording.rate_hz:.0f}"
+            slow, _, slow_heel, _ = stride_errors(slower)
+            strides[file.stem]["rates_hz"][rate] = spread(slow, "_abs")
+            at_heel[file.stem]["rates_hz"][rate] = spread(slow_heel, "_abs")
         z_scores["all"].extend(scaled)
         z_scores["strides"].extend(scaled)
         z_scores["strides_at_heel"].extend(heel_scaled)
@@ -197,9 +210,16 @@ def walk(path: HandPath) -> dict[str, float]:
     }
 
 
-def stride_errors(file: Path) -> tuple[list[float], ...]:
+def slower_strides(demo: Demonstration, every: int) -> Demonstration:
+    """The strides as a slower sensor records them, with the truth on its clock."""
+    recording, truth = averaged(demo.recording, every), demo.truth
+    assert truth is not None
+    first = recording.t[0]
+    return replace(demo, recording=replace(recording, t=recording.t - first), truth=replace(truth, t=truth.t - first))
+
+
+def stride_errors(demo: Demonstration) -> tuple[list[float], ...]:
     """Of moves of 0.3 to 2 s and over 0.2 m the horizontal distance's error in cm, in sigmas, and both at the heel."""
-    demo = import_file(file)
     path, truth = track(demo.recording), demo.truth
     assert truth is not None
 

@@ -63,22 +63,31 @@ def read_broad(path: Path) -> dict[str, Trial]:
     velocity[~np.isfinite(arrays["true_position"]).all(axis=1)] = np.nan
     trials = {}
     for name, every in RATES.items():
-        n = len(t) // every
-        middle = t[: n * every].reshape(n, every).mean(axis=1)
-        acc, gyr, mag = (
-            arrays[key][: n * every].reshape(n, every, 3).mean(axis=1) if key in arrays else None
-            for key in ("acc", "gyr", "mag")
-        )
-        assert acc is not None
-        optics = middle - OPTICS_AHEAD_S
+        recording = averaged(Recording(t, arrays["acc"], arrays.get("gyr"), arrays.get("mag")), every)
+        n = len(recording)
+        optics = recording.t - OPTICS_AHEAD_S
         trials[name] = Trial(
-            recording=Recording(middle - middle[0], acc, gyr, mag),
+            recording=replace(recording, t=recording.t - recording.t[0]),
             p_true=_at(optics, t, arrays["true_position"]),
             v_true=_at(optics, t, velocity),
             wxyz_true=_nearest(optics, rate, arrays["true_wxyz"]),
             moving=arrays["moving"][: n * every].reshape(n, every).mean(axis=1) > 0.5,
         )
     return trials
+
+
+def averaged(recording: Recording, every: int) -> Recording:
+    """As a slower sensor with a low-pass of its own would record: means of `every` samples, each at its middle."""
+    n = len(recording) // every
+
+    def mean(values: Array) -> Array:
+        found: Array = values[: n * every].reshape(n, every, *values.shape[1:]).mean(axis=1)
+        return found
+
+    channels = {name: None if (values := getattr(recording, name)) is None else mean(values) for name in ("gyr", "mag")}
+    rate = recording.info.rate_hz
+    info = replace(recording.info, rate_hz=rate and rate / every)
+    return replace(recording, t=mean(recording.t), acc=mean(recording.acc), info=info, **channels)
 
 
 def slope(p: Array, rate_hz: float) -> Array:

@@ -7,14 +7,17 @@ import pytest
 
 from pbd.simulation.simulate import simulate
 from pbd.tracking.first_rest import find_rest
-from pbd.tracking.zero_velocity import find_candidates
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, find_candidates
 
 
+@pytest.mark.parametrize("rate", [40, 100, 286])
 @pytest.mark.parametrize(("lasts_s", "found"), [(0.05, 0), (0.3, 2)], ids=["a knock", "a stride"])
-def test_the_calmest_moments_beside_a_stride_may_be_stops_but_not_beside_a_knock(lasts_s: float, found: int) -> None:
-    rate, window = 100, 10
+def test_the_calmest_moments_beside_a_stride_may_be_stops_but_not_beside_a_knock(
+    rate: int, lasts_s: float, found: int
+) -> None:
+    window = round(ENERGY_WINDOW_S * rate)
     t = np.arange(4 * rate) / rate
     rest = find_rest(simulate("pour", "modern").recording)
     energy = 0.05 * (1.0 + 0.1 * np.cos(2.0 * np.pi * t[: 1 - window]))  # of a hand on its way, never quiet
-    energy[200 : 200 + round(lasts_s * rate) + window] = 1e3
+    energy[2 * rate : 2 * rate + round(lasts_s * rate) + window] = 1e3
     assert len(find_candidates(t, 1.0 / rate, energy, energy, rest)) == found

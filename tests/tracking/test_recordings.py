@@ -11,6 +11,7 @@ from pbd.errors import PbdWarning
 from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.tracking.keyframes import find_keyframes
+from tests.benchmarks.tracking import slower_strides, stride_errors
 
 
 def test_broad_14_has_five_rests(data_folder: Path) -> None:
@@ -35,3 +36,10 @@ def test_the_short_walk_has_its_stops(data_folder: Path) -> None:
         path = track(import_file(data_folder / "walks" / "short_walk.csv").recording)
     assert len(path.stops) >= 14
     assert np.linalg.norm(path.p_nav_sensor[path.stops[-1].start]) < 1.0
+
+
+@pytest.mark.filterwarnings("ignore:no motion between the stops fits:pbd.errors.PbdWarning")  # impacts
+@pytest.mark.parametrize("every", [1, 2, 4], ids=["205 Hz", "102 Hz", "51 Hz"])
+def test_each_of_32_strides_is_found_whatever_the_rate(data_folder: Path, every: int) -> None:
+    (file,) = (data_folder / "strides").glob("*.npz")
+    assert len(stride_errors(slower_strides(import_file(file), every))[0]) == 32

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pbd.errors import RobotError
-from pbd.io.meshes import Soup
+from pbd.io.meshes import TriangleSoup
 from pbd.pose import Array
 from pbd.view import shapes
 from pbd.view.compact_mesh import Mesh, compact
@@ -41,7 +41,7 @@ def page_normals(mesh: Mesh) -> Array:
 def test_faces_stay_where_they_are(corners: Array) -> None:
     rgb = np.linspace(0.0, 1.0, 36).reshape(12, 3)
     try:
-        mesh = compact(Soup(corners, rgb), GREY)
+        mesh = compact(TriangleSoup(corners, rgb), GREY)
     except ValueError:
         sizes = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         extent = np.ptp(corners.reshape(-1, 3), axis=0).max()
@@ -74,8 +74,8 @@ def test_a_hole_makes_both_sides_visible() -> None:
     corners = whole.vertices[whole.faces]
     unknown = np.full((12, 3), np.nan)
     assert whole.closed
-    assert not compact(Soup(corners[2:], unknown[2:]), GREY).closed
-    assert not compact(Soup(corners[:, ::-1], unknown), GREY).closed  # inside out
+    assert not compact(TriangleSoup(corners[2:], unknown[2:]), GREY).closed
+    assert not compact(TriangleSoup(corners[:, ::-1], unknown), GREY).closed  # inside out
 
 
 def test_a_mirrored_mesh_keeps_its_outside() -> None:

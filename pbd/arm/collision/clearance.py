@@ -34,11 +34,11 @@ MARGIN_M, CLOSE_M = 2.5e-3, 5e-4
 STEP_M = 2.0 * MARGIN_M
 
 Pairs = NDArray[np.int64]
-Rests = Mapping[int, Callable[[Pose], bool]]
+AllowedTouches = Mapping[int, Callable[[Pose], bool]]
 """Index of a pair that may touch at some places -> whether it may, with the tool at T_base_tool."""
 
 
-NOWHERE: Rests = MappingProxyType({})
+NOWHERE: AllowedTouches = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Contact:
     distance: float
 
 
-class Walk(NamedTuple):
+class SampledPath(NamedTuple):
     """A path, pinocchio's configuration q (n, nq) at each node, and each coordinate's total travel up to that node,
     `moved` (k + 1, n)."""
 
@@ -84,13 +84,18 @@ class Clearance:
         bodies, pairs: the bodies, and the pairs (p, 2) of their indices to check.
         rates: (p, k + 1), see motion_bounds.py.
         margin_m: bodies closer than this, m, count as touching.
-        rests: pairs of the object and a support, which may touch at some places.
+        allowed: pairs of the object and a support, which may touch at some places.
     """
 
     def __init__(
-        self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs, margin_m: float = MARGIN_M, rests: Rests = NOWHERE
+        self,
+        arm: ArmModel,
+        bodies: Sequence[Body],
+        pairs: Pairs,
+        margin_m: float = MARGIN_M,
+        allowed: AllowedTouches = NOWHERE,
     ) -> None:
-        self.arm, self.bodies, self.margin_m, self.rests = arm, tuple(bodies), margin_m, rests
+        self.arm, self.bodies, self.margin_m, self.allowed = arm, tuple(bodies), margin_m, allowed
         self.pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         self.rates = rates(arm, bodies, self.pairs)
         self._pads = np.array([self.bodies[a].pad + self.bodies[b].pad for a, b in self.pairs])
@@ -124,7 +129,7 @@ class Clearance:
 
     def may_touch(self, pair: int, x: Array) -> bool:
         """Whether a pair may touch at coordinates (k + 1,)."""
-        return pair in self.rests and self.rests[pair](self.arm.forward(x[:-1]))
+        return pair in self.allowed and self.allowed[pair](self.arm.forward(x[:-1]))
 
     def witness(self, x: Array, pair: int) -> Array:
         """Return the point (3,) in base, m, at which a pair touches or is nearest, at coordinates (k + 1,)."""
@@ -153,65 +158,67 @@ class Clearance:
 
         The path's nodes must be dense enough for `rates`, see path_sampling.py.
         """
-        walk, found = self._walk(path), None
-        stop = len(walk.q) - 1
-        for pair, distance in self._near(walk):
-            met = self._follow(walk, pair, 0, distance, stop)
+        sampled, found = self._sampled(path), None
+        stop = len(sampled.q) - 1
+        for pair, distance in self._near(sampled):
+            met = self._follow(sampled, pair, 0, distance, stop)
             if met is not None and (found is None or met[0] < stop or met[1] < found.distance):
                 stop = met[0]
                 found = Contact(pair, stop, stop, stop, met[1])
-        return found and self._until_clear(walk, found)
+        return found and self._until_clear(sampled, found)
 
     def contacts(self, path: JointPath) -> list[Contact]:
         """Return all contacts of a path, pair by pair."""
-        walk, found = self._walk(path), []
-        stop = len(walk.q) - 1
-        for pair, distance in self._near(walk):
-            met = self._follow(walk, pair, 0, distance, stop)
+        sampled, found = self._sampled(path), []
+        stop = len(sampled.q) - 1
+        for pair, distance in self._near(sampled):
+            met = self._follow(sampled, pair, 0, distance, stop)
             while met is not None:
-                found.append(self._until_clear(walk, Contact(pair, met[0], met[0], met[0], met[1])))
+                found.append(self._until_clear(sampled, Contact(pair, met[0], met[0], met[0], met[1])))
                 node = found[-1].last + 1
                 if node > stop:
                     break
-                self._place(walk.q[node])
-                met = self._follow(walk, pair, node, self._distance(pair), stop)
+                self._place(sampled.q[node])
+                met = self._follow(sampled, pair, node, self._distance(pair), stop)
         return found
 
-    def _walk(self, path: JointPath) -> Walk:
+    def _sampled(self, path: JointPath) -> SampledPath:
         moved = np.zeros_like(path.x.T)
         np.cumsum(np.abs(np.diff(path.x.T)), axis=1, out=moved[:, 1:])
-        return Walk(path, self.arm.configurations(path.x), moved)
+        return SampledPath(path, self.arm.configurations(path.x), moved)
 
-    def _near(self, walk: Walk) -> list[tuple[int, float]]:
+    def _near(self, sampled: SampledPath) -> list[tuple[int, float]]:
         """Return the pairs that may touch on a path by their bound of motion, with their distances at its start."""
-        at_start = self.distances(walk.path.x[0])
-        near = np.flatnonzero(~(at_start - self.margin_m >= self.rates @ walk.moved[:, -1])).tolist()
+        at_start = self.distances(sampled.path.x[0])
+        near = np.flatnonzero(~(at_start - self.margin_m >= self.rates @ sampled.moved[:, -1])).tolist()
         return [(pair, float(at_start[pair])) for pair in near]
 
-    def _follow(self, walk: Walk, pair: int, node: int, distance: float, stop: int) -> tuple[int, float] | None:
+    def _follow(
+        self, sampled: SampledPath, pair: int, node: int, distance: float, stop: int
+    ) -> tuple[int, float] | None:
         """Return the first node from `node` to `stop` at which a pair touches, and its distance there; or None.
 
         `distance`: the pair's distance at `node`, m.
         """
-        travel = self.rates[pair] @ walk.moved
+        travel = self.rates[pair] @ sampled.moved
         while True:
-            if not distance >= self.margin_m and not self.may_touch(pair, walk.path.x[node]):
+            if not distance >= self.margin_m and not self.may_touch(pair, sampled.path.x[node]):
                 return node, distance
             if node == stop or travel[stop] - travel[node] <= distance - self.margin_m:
                 return None
             node = min(self._next(travel, node, distance), stop)
-            self._place(walk.q[node])
+            self._place(sampled.q[node])
             distance = self._distance(pair)
 
-    def _until_clear(self, walk: Walk, contact: Contact) -> Contact:
+    def _until_clear(self, sampled: SampledPath, contact: Contact) -> Contact:
         """Extend a contact to the node where it ends, or from where it is allowed; find the deepest node."""
-        travel = self.rates[contact.pair] @ walk.moved
+        travel = self.rates[contact.pair] @ sampled.moved
         last, deepest, node, least = contact.first, contact.first, contact.first, contact.distance
-        while node < len(walk.q) - 1:
-            node = min(self._next(travel, node, self.margin_m), len(walk.q) - 1)
-            self._place(walk.q[node])
+        while node < len(sampled.q) - 1:
+            node = min(self._next(travel, node, self.margin_m), len(sampled.q) - 1)
+            self._place(sampled.q[node])
             distance = self._distance(contact.pair)
-            if distance >= self.margin_m or self.may_touch(contact.pair, walk.path.x[node]):
+            if distance >= self.margin_m or self.may_touch(contact.pair, sampled.path.x[node]):
                 break
             last = node
             if distance < least:

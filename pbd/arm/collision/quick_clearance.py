@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from pbd.arm.collision.clearance import MARGIN_M, NOWHERE, Clearance, JointPath, Pairs, Rests, Walk
+from pbd.arm.collision.clearance import MARGIN_M, NOWHERE, AllowedTouches, Clearance, JointPath, Pairs, SampledPath
 from pbd.arm.collision.geometry import Body, moves_with_tool
 from pbd.arm.gripper import tool_on_joint
 from pbd.arm.model import ArmModel, to_se3
@@ -27,9 +27,14 @@ class QuickClearance(Clearance):
     """Clearance with cached distances and a list of the pairs that touched recently."""
 
     def __init__(
-        self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs, margin_m: float = MARGIN_M, rests: Rests = NOWHERE
+        self,
+        arm: ArmModel,
+        bodies: Sequence[Body],
+        pairs: Pairs,
+        margin_m: float = MARGIN_M,
+        allowed: AllowedTouches = NOWHERE,
     ) -> None:
-        super().__init__(arm, bodies, pairs, margin_m, rests)
+        super().__init__(arm, bodies, pairs, margin_m, allowed)
         of_pairs = ((self.bodies[a], self.bodies[b]) for a, b in self.pairs)
         self._of_tool = np.array([moves_with_tool(arm, *pair) for pair in of_pairs], dtype=bool)
         self._even = arm.full.nq == arm.full.nv  # without continuous joints, straight moves are straight for pinocchio
@@ -78,10 +83,12 @@ class QuickClearance(Clearance):
 
     def touches_inside_path(self, path: JointPath) -> bool:
         """Whether any pair touches inside a path; its ends are not checked."""
-        walk, at_start, at_end = self._walk(path), self._cached_distances(path.x[0]), self._cached_distances(path.x[-1])
-        near = self._may_touch_inside(at_start, at_end, self.rates @ walk.moved[:, -1])
+        sampled = self._sampled(path)
+        at_start, at_end = self._cached_distances(path.x[0]), self._cached_distances(path.x[-1])
+        near = self._may_touch_inside(at_start, at_end, self.rates @ sampled.moved[:, -1])
         return any(
-            self._touches_on(walk, pair, at_start[pair], at_end[pair]) and self._remember_touch(pair) for pair in near
+            self._touches_on(sampled, pair, at_start[pair], at_end[pair]) and self._remember_touch(pair)
+            for pair in near
         )
 
     def tool_contact(self, T_base_tool: Iterable[Pose], opening: float) -> tuple[int, float, Array] | None:
@@ -102,7 +109,7 @@ class QuickClearance(Clearance):
                 self._placed.oMg[i] = T_base_joint * T
             for pair in pairs:
                 distance = self._distance(pair)
-                if not distance >= self.margin_m and not (pair in self.rests and self.rests[pair](pose)):
+                if not distance >= self.margin_m and not (pair in self.allowed and self.allowed[pair](pose)):
                     return pair, distance, self._witness(pair)
         return None
 
@@ -114,9 +121,9 @@ class QuickClearance(Clearance):
         near.sort(key=lambda pair: self._recent.index(pair) if pair in self._recent else RECENT)
         return near
 
-    def _touches_on(self, walk: Walk, pair: int, at_start: float, at_end: float) -> bool:
+    def _touches_on(self, sampled: SampledPath, pair: int, at_start: float, at_end: float) -> bool:
         """Whether a pair touches inside a path where it may not; `at_start`, `at_end`: its distances at the ends, m."""
-        travel = self.rates[pair] @ walk.moved
+        travel = self.rates[pair] @ sampled.moved
         parts = [(0, max(self.margin_m, at_start), len(travel) - 1, max(self.margin_m, at_end))]
         for first, before, last, after in parts:
             if last - first < 2 or before + after > travel[last] - travel[first]:
@@ -124,10 +131,10 @@ class QuickClearance(Clearance):
             # Take the middle of the part that the distances at the two ends do not cover.
             middle = 0.5 * (travel[first] + before + travel[last] - after)
             node = min(max(int(travel.searchsorted(middle)), first + 1), last - 1)
-            self._place(walk.q[node])
+            self._place(sampled.q[node])
             distance = self._distance(pair)
             if not distance >= self.margin_m:
-                if not self.may_touch(pair, walk.path.x[node]):
+                if not self.may_touch(pair, sampled.path.x[node]):
                     return True
                 distance = self.margin_m
             parts += ((first, before, node, distance), (node, distance, last, after))

@@ -1,8 +1,8 @@
 """The collision scene: an arm with itself, the table, obstacles, and the object that it grasps.
 
 The gripper (all links that the arm's last joint carries) may touch the object. A held object may touch its support, the
-table or an obstacle, within REST_M of where it is gripped or released. If the model has no gripper, a rod stands for it
-(gripper.py).
+table or an obstacle, within NEAR_SUPPORT_M of where it is gripped or released. If the model has no gripper, a rod
+stands for it (gripper.py).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from pbd.pose import Array, Pose
 
 TABLE = "the table"
 
-REST_M = 0.03
+NEAR_SUPPORT_M = 0.03
 """Distance from where it is gripped or released, m, within which a held object may touch its support."""
 
 LEAST_NORMAL_Z = float(np.cos(np.radians(45.0)))
@@ -220,18 +220,18 @@ class CollisionScene:
 
         def near(places: Sequence[Array], T_base_tool: Pose) -> bool:
             p = (T_base_tool @ stay.pose).p
-            return any(np.linalg.norm(p - place) <= REST_M for place in places)
+            return any(np.linalg.norm(p - place) <= NEAR_SUPPORT_M for place in places)
 
-        rests = {}
+        allowed = {}
         for pair, (_, second) in enumerate(around, start=len(pairs)):
             if places := [rest.p for rest in stay.rests if self._stands_on(bodies[this], rest, bodies[second])]:
-                rests[pair] = partial(near, places)
-        return QuickClearance(self.arm, bodies, np.concatenate((pairs, around)), self.margin_m, rests)
+                allowed[pair] = partial(near, places)
+        return QuickClearance(self.arm, bodies, np.concatenate((pairs, around)), self.margin_m, allowed)
 
     def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:
         """Whether an object at a pose stands on a support."""
         distance, _, normal = body_distance(thing, T_base_thing, support, support.T_joint_body)
-        return bool(abs(distance) <= REST_M and -normal[2] >= LEAST_NORMAL_Z)
+        return bool(abs(distance) <= NEAR_SUPPORT_M and -normal[2] >= LEAST_NORMAL_Z)
 
     def _pairs_between(self, bodies: Sequence[Body], ones: Iterable[int], others: Iterable[int]) -> Pairs:
         """Return all pairs of bodies, except those that no joint moves relative to each other."""

@@ -194,9 +194,9 @@ def test_a_contact_is_found_with_its_beginning_end_and_depth(depth: float) -> No
 def test_an_allowed_contact_is_ignored() -> None:
     arm = arm_of("panda")
     clearance, path = beside(arm, -0.01), swing(arm, 1.2)
-    clearance.rests = {0: lambda T_base_tool: True}
+    clearance.allowed = {0: lambda T_base_tool: True}
     assert clearance.first_contact(path) is None
-    clearance.rests = {0: lambda T_base_tool: bool(np.arctan2(T_base_tool.p[1], T_base_tool.p[0]) < 0.6)}
+    clearance.allowed = {0: lambda T_base_tool: bool(np.arctan2(T_base_tool.p[1], T_base_tool.p[0]) < 0.6)}
     met = clearance.first_contact(path)
     assert met is not None
     assert 0.6 <= path.x[met.first, 0] < 0.61

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from pbd.arm.collision.clearance import MARGIN_M
 from pbd.arm.collision.geometry import link_bodies
-from pbd.arm.collision.scene import REST_M, TABLE, CollisionScene, Leg
+from pbd.arm.collision.scene import NEAR_SUPPORT_M, TABLE, CollisionScene, Leg
 from pbd.arm.gripper import arm_bodies
 from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel, from_se3, load_model
@@ -244,7 +244,7 @@ def test_a_held_object_may_touch_its_support_near_its_rest(arm: ArmModel, suppor
     scene = CollisionScene(arm, 0.0, [] if support == "the table" else [shelf], BOTTLE)
     leg = held(Pose.from_rpy((0, 0, 0), (np.pi, 0, 0)), Pose.from_rpy((0.45, 0.0, level + 0.1), (0, 0, 0)))
     for aside, deep, free in [(0.0, 0.0, True), (0.0, 0.01, True), (0.025, 0.005, True), (0.04, 0.001, False),
-                              (0.0, REST_M + 0.01, False), (0.04, -0.01, True)]:  # fmt: skip
+                              (0.0, NEAR_SUPPORT_M + 0.01, False), (0.04, -0.01, True)]:  # fmt: skip
         hit = scene.hit(at(arm, 0.45 + aside, 0.0, level + 0.1 - deep), leg)
         assert (hit is None) == free, (aside, deep)
         if hit is not None:
