@@ -55,10 +55,10 @@ def _plan(args: argparse.Namespace, name: str | None) -> Plan:
     args.demo = name
     try:
         plan = plan_demonstration(args)
-    except PbdError as error:
+    except PbdError as reason:
         if len(args.demos) < 2:
             raise
-        raise type(error)(f"{name}: {error.message}", **error.fields) from None
+        raise type(reason)(f"{name}: {reason.message}", **reason.fields) from None
     if plan.touching is not None:
         error = plan.touching.error
         what = f"{error.message}; no such motion is exported: --allow-collision is for pbd replay, which shows it"

@@ -29,6 +29,7 @@ import sys
 import time
 import warnings
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -132,14 +133,10 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
         except PbdError as error:
             refused[file.stem] = error.message
             continue
-        strides[file.stem], at_heel[file.stem] = spread(absolute, "_abs"), spread(heel, "_abs")
-        strides[file.stem]["rates_hz"], at_heel[file.stem]["rates_hz"] = {}, {}
-        for every in STRIDES_EVERY:
-            slower = slower_strides(demo, every)
-            rate = f"{slower.recording.rate_hz:.0f}"
-            slow, _, slow_heel, _ = stride_errors(slower)
-            strides[file.stem]["rates_hz"][rate] = spread(slow, "_abs")
-            at_heel[file.stem]["rates_hz"][rate] = spread(slow_heel, "_abs")
+        slower = {f"{slow.recording.rate_hz:.0f}": stride_errors(slow) for slow in slower_strides(demo)}
+        for of_all, k, errors_cm in ((strides, 0, absolute), (at_heel, 2, heel)):
+            rates = {rate: spread(found_errors[k], "_abs") for rate, found_errors in slower.items()}
+            of_all[file.stem] = spread(errors_cm, "_abs") | {"rates_hz": rates}
         z_scores["all"].extend(scaled)
         z_scores["strides"].extend(scaled)
         z_scores["strides_at_heel"].extend(heel_scaled)
@@ -210,12 +207,14 @@ def walk(path: HandPath) -> dict[str, float]:
     }
 
 
-def slower_strides(demo: Demonstration, every: int) -> Demonstration:
-    """The strides as a slower sensor records them, with the truth on its clock."""
-    recording, truth = averaged(demo.recording, every), demo.truth
-    assert truth is not None
-    first = recording.t[0]
-    return replace(demo, recording=replace(recording, t=recording.t - first), truth=replace(truth, t=truth.t - first))
+def slower_strides(demo: Demonstration) -> Iterator[Demonstration]:
+    """The strides as slower sensors record them, with the truth on their clocks."""
+    for every in STRIDES_EVERY:
+        recording, truth = averaged(demo.recording, every), demo.truth
+        assert truth is not None
+        first = recording.t[0]
+        recording = replace(recording, t=recording.t - first)
+        yield replace(demo, recording=recording, truth=replace(truth, t=truth.t - first))
 
 
 def stride_errors(demo: Demonstration) -> tuple[list[float], ...]:

@@ -84,10 +84,10 @@ def averaged(recording: Recording, every: int) -> Recording:
         found: Array = values[: n * every].reshape(n, every, *values.shape[1:]).mean(axis=1)
         return found
 
-    channels = {name: None if (values := getattr(recording, name)) is None else mean(values) for name in ("gyr", "mag")}
+    gyr, mag = (None if values is None else mean(values) for values in (recording.gyr, recording.mag))
     rate = recording.info.rate_hz
     info = replace(recording.info, rate_hz=rate and rate / every)
-    return replace(recording, t=mean(recording.t), acc=mean(recording.acc), info=info, **channels)
+    return replace(recording, t=mean(recording.t), acc=mean(recording.acc), gyr=gyr, mag=mag, info=info)
 
 
 def slope(p: Array, rate_hz: float) -> Array:
