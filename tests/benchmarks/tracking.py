@@ -120,23 +120,30 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
     windows: dict[str, Any] = {name: {} for name in SCORES}
     for (name, kind, seconds, rate), found_errors in sorted(errors.items()):
         windows[name].setdefault(kind, {}).setdefault(seconds, {})[rate] = spread(found_errors, "")
-    walks, strides, at_heel = {}, {}, {}
+    walks: dict[str, Any] = {}
+    strides: dict[str, Any] = {}
+    at_heel: dict[str, Any] = {}
     for file in sorted((data / "walks").glob("*.csv")):
         try:
             walks[file.stem] = walk(track(import_file(file).recording))
         except PbdError as error:
             refused[file.stem] = error.message
     for file in sorted((data / "strides").glob("*.npz")):
-        demo = import_file(file)
+        demo, slower = import_file(file), {}
         try:
             absolute, scaled, heel, heel_scaled = stride_errors(demo)
         except PbdError as error:
             refused[file.stem] = error.message
             continue
-        slower = {f"{slow.recording.rate_hz:.0f}": stride_errors(slow) for slow in slower_strides(demo)}
-        for of_all, k, errors_cm in ((strides, 0, absolute), (at_heel, 2, heel)):
-            rates = {rate: spread(found_errors[k], "_abs") for rate, found_errors in slower.items()}
-            of_all[file.stem] = spread(errors_cm, "_abs") | {"rates_hz": rates}
+        for slow in slower_strides(demo):
+            rate = f"{slow.recording.rate_hz:.0f}"
+            try:
+                slower[rate] = stride_errors(slow)
+            except PbdError as error:
+                refused[f"{file.stem} at {rate} Hz"] = error.message
+        for scored, k, errors_cm in ((strides, 0, absolute), (at_heel, 2, heel)):
+            at_rates = {rate: spread(of_rate[k], "_abs") for rate, of_rate in slower.items()}
+            scored[file.stem] = spread(errors_cm, "_abs") | {"rates_hz": at_rates}
         z_scores["all"].extend(scaled)
         z_scores["strides"].extend(scaled)
         z_scores["strides_at_heel"].extend(heel_scaled)
