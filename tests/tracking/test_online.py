@@ -476,12 +476,15 @@ def test_a_long_rest_takes_no_memory() -> None:
 
 
 def test_stops_of_a_real_hand_agree_with_the_optics(data_folder: Path) -> None:
+    """In the first half of the recording, 97 s, of which it moves for 47 %."""
     (file,) = (data_folder / "broad").glob("14*.npz")
     recorded = read_broad(file)["40"]
-    still = np.zeros(len(recorded.moving), dtype=bool)
-    for stop in fed(recorded.recording)[0].stops:
+    half = slice(0, len(recorded.moving) // 2)
+    moving = recorded.moving[half]
+    still = np.zeros(len(moving), dtype=bool)
+    for stop in fed(with_rows(recorded.recording, half))[0].stops:
         still[stop.start : stop.stop] = True
-    assert 2.0 * (still & ~recorded.moving).sum() / (still.sum() + (~recorded.moving).sum()) > 0.985
+    assert 2.0 * (still & ~moving).sum() / (still.sum() + (~moving).sum()) > 0.99
 
 
 def test_between_the_neighbours_of_lost_samples_motion_may_be_anything() -> None:
