@@ -120,7 +120,7 @@ def test_a_fault_of_the_planner_is_caught(
 # --- the verdict agrees with the meshes ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5"])
+@pytest.mark.parametrize("name", ["panda", "ur5", "xarm7"])
 def test_the_verdict_agrees_with_a_dense_check_of_the_meshes(name: str) -> None:
     arm, rng, verdicts = arm_of(name), np.random.default_rng(4), set()
     own = AuditArm(arm.robot)
