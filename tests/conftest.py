@@ -33,6 +33,9 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+# Each bundled robot is read once, so that all tests of a process share what is cached of it.
+pytest.MonkeyPatch().setattr("pbd.files.robot.read_robot", reading_once(read_robot))
+
 settings.register_profile("pbd", deadline=None)  # nothing fails on time: the machine may be busy
 settings.load_profile("pbd")
 
@@ -46,10 +49,9 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Cache tracking, planning and bundled robots by input, for tests of what follows them."""
+    """Cache tracking and planning by input, for tests of what follows them."""
     for module, function in FUNCTIONS:
         monkeypatch.setattr(importlib.import_module(module), function, remembering(module, function))
-    monkeypatch.setattr("pbd.files.robot.read_robot", reading_once(read_robot))
 
 
 @pytest.fixture

@@ -74,6 +74,7 @@ def reading_once(read: Callable[..., Robot]) -> Callable[..., Robot]:
     """A reader that reads each bundled robot once, so that all tests share the planner's caches of it."""
 
     def read_once(path: Path, *, draft: bool = False) -> Robot:
-        return _bundled(path, read) if path.parent == ROBOTS and not draft else read(path, draft=draft)
+        whole = path.absolute()
+        return _bundled(whole, read) if whole.parent == ROBOTS and not draft else read(path, draft=draft)
 
     return read_once

@@ -31,7 +31,7 @@ _AHEAD, _FLIPPED = Body("ahead", 0, Pose.identity(), "floor"), Pose(np.zeros(3),
 _POINT = Body("point", 0, Pose.identity(), "sphere", (0.0,))
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def tool_on_joint(arm: ArmModel) -> tuple[int, Pose]:
     """Return the joint that carries the tool, as an index in `arm.full`, and T_joint_tool."""
     frame = arm.full.frames[arm.full.getFrameId(arm.robot.body, pin.FrameType.BODY)]
@@ -44,7 +44,7 @@ def gripper_links(arm: ArmModel, bodies: Iterable[Body]) -> frozenset[str]:
     return frozenset(body.name for body in bodies if joint > 0 and joint in list(arm.full.supports[body.joint]))
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def arm_bodies(arm: ArmModel) -> tuple[Body, ...]:
     """Return the bodies of all links, and the rod if the model has no gripper."""
     rod = tool_rod(arm)

@@ -20,7 +20,7 @@ def links_in_parents(arm: ArmModel, q: Array, opening: float) -> dict[str, tuple
     }
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def link_tree(arm: ArmModel) -> tuple[tuple[str, int, str, int], ...]:
     """Return each link's name and frame index, and those of its parent link; the root is left out."""
     found, frames = [], arm.full.frames

@@ -114,12 +114,12 @@ def torque_of(
     return None if limits.effort is None else find_torque(_arm(robot), trajectory, load, limits.effort, pace)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def _arm(robot: Robot) -> AuditArm:
     return AuditArm(robot)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def _scene(robot: Robot, calibration: Calibration, grasped: GraspedObject | None) -> AuditScene:
     return AuditScene(_arm(robot), calibration, grasped)
 

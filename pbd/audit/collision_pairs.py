@@ -39,9 +39,8 @@ class AuditScene:
 
     def __init__(self, arm: AuditArm, calibration: Calibration, grasped: GraspedObject | None) -> None:
         self.arm, self._grasped, self._table = arm, grasped, calibration.table_height
-        self.links = link_solids(arm)
-        rod = tool_rod(arm, self.links)
-        self.links += [rod] if rod else []
+        rod = tool_rod(arm, link_solids(arm))
+        self.links = [*link_solids(arm), *([rod] if rod else ())]
         self._gripper = gripper_joints(arm)
         self.always_touching: list[Pair] = []
         self._around = [

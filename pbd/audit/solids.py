@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -67,13 +67,14 @@ class Solid:
         return surface
 
 
-def link_solids(arm: AuditArm) -> list[Solid]:
+@lru_cache(maxsize=16)
+def link_solids(arm: AuditArm) -> tuple[Solid, ...]:
     """Read the solids of all links.
 
     Raises:
         RobotError: a shape can't be read.
     """
-    return [_link_solid(arm, shape) for shape in collision_shapes(arm.robot)]
+    return tuple(_link_solid(arm, shape) for shape in collision_shapes(arm.robot))
 
 
 def _link_solid(arm: AuditArm, shape: Shape) -> Solid:

@@ -103,7 +103,7 @@ def place_keyframes(task: Task, options: PlanOptions) -> tuple[Pose, tuple[Pose,
     return placed.T_base_nav, place_things(touched_poses(placed, options.orientation), keyframes, options.at)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
 def arm_of(robot: Robot) -> ArmModel:
     """Load a robot's model; cached."""
     from pbd.arm.model import load_model
@@ -111,7 +111,7 @@ def arm_of(robot: Robot) -> ArmModel:
     return load_model(robot)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
 def scene_of(arm: ArmModel, calibration: Calibration, grasped: GraspedObject | None) -> CollisionScene:
     """Build a collision scene; cached."""
     from pbd.arm.collision.scene import CollisionScene

@@ -122,7 +122,7 @@ def lay_out(figure: Figure) -> None:
     if engine := figure.get_layout_engine():
         figure.set_dpi(DPI)
         engine.execute(figure)
-        figure.set_layout_engine("none")
+        figure.set_layout_engine(None)
 
 
 def plain_text(words: str, limit: int) -> str:

@@ -51,6 +51,8 @@ def window_sums(values: Array, n: int) -> Array:
 
 def smoothed(values: Array, n: int) -> Array:
     """Moving means over n samples, in PASSES passes: (l, k) -> (l, k). Beyond both ends the values stay the same."""
+    if n == 1:
+        return values
     before, after = (np.broadcast_to(end, (PASSES * (n - 1) // 2, *end.shape)) for end in (values[0], values[-1]))
     return moving_means(np.concatenate((before, values, after)), n, PASSES)
 

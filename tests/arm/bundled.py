@@ -6,10 +6,11 @@ import warnings
 from functools import cache
 from pathlib import Path
 
-from pbd.arm.model import ArmModel, load_model
+from pbd import planning
+from pbd.arm.model import ArmModel
 from pbd.data import HandPath, Keyframe
+from pbd.files import robot
 from pbd.files.demo import load_demo
-from pbd.files.robot import read_robot
 from pbd.pipeline import track
 from pbd.tracking.keyframes import find_keyframes
 
@@ -21,7 +22,8 @@ DEMOS = ("pouring", "paper-test1", "paper-test2")
 
 @cache
 def arm_of(name: str) -> ArmModel:
-    return load_model(read_robot(FOLDER / f"{name}.toml"))
+    """The arm that the commands use in the same process too (see tests/remembered.py)."""
+    return planning.arm_of(robot.read_robot(FOLDER / f"{name}.toml"))
 
 
 @cache

@@ -40,9 +40,7 @@ def along_the_table(robot: Robot, seed: int) -> list[Keyframe]:
     ]
 
 
-@pytest.mark.parametrize(
-    ("name", "seed"), [("panda", 16), ("ur5", 7), ("ur5", 19), ("ur5", 28), ("xarm7", 7), ("xarm7", 19)]
-)
+@pytest.mark.parametrize(("name", "seed"), [("panda", 16), ("ur5", 7)])
 def test_a_line_along_the_table_leads_to_a_grasp(name: str, seed: int) -> None:
     """Of 120 random motions, these fail if the cup counts as held on the way to it."""
     robot = pbd.load_robot(name)

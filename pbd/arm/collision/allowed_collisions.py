@@ -37,7 +37,7 @@ class Unchecked:
     why: str
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def link_pairs(arm: ArmModel) -> tuple[Pairs, tuple[Unchecked, ...]]:
     """Return the pairs (p, 2) of the arm's bodies that are checked, and the pairs of links that are not.
 

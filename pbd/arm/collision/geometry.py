@@ -62,7 +62,7 @@ SLABS = 4
 """Number of parts into which a mesh is cut: of 2 to 6, this one needs the fewest queries of ur5's meshes."""
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def link_bodies(arm: ArmModel) -> tuple[Body, ...]:
     """Return the bodies of all links, in the URDF's order.
 

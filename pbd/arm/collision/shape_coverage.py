@@ -25,7 +25,7 @@ LEAST_LINK_M = 0.01
 """A link whose joints are closer than this, m, needs no shape: in a wrist several joints may be at one point."""
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def doubtful_shapes(arm: ArmModel) -> dict[str, str]:
     """Return the links with doubtful shapes, in the URDF's order, and why ("has no collision shape").
 

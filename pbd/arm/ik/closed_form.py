@@ -70,7 +70,7 @@ def flipped_elbow(arm: ArmModel, q: Array) -> Array | None:
     return flipped if limit_excess(arm, flipped) < BEYOND_RAD else None
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def _elbow(arm: ArmModel) -> tuple[int, Axis, Array, Array, Array] | None:
     """Return the index of the first of three parallel joints, its axis, the two offsets (3,) between them, m, and
     their signs (3,) relative to that axis; None if there are none."""
@@ -81,7 +81,7 @@ def _elbow(arm: ArmModel) -> tuple[int, Axis, Array, Array, Array] | None:
     return None
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def _kind(arm: ArmModel) -> _Kind | None:
     if arm.model.nv != 6 or not arm.turns.all():
         return None

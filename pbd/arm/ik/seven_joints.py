@@ -34,7 +34,7 @@ NEARLY_RAD = 0.2
 """A minimum of the limit excess below this, rad, may hide a short branch between two angles."""
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def _axes(arm: ArmModel) -> tuple[list[Axis], pin.SE3] | None:
     """Return the arm's axes and T_base_tool at zero; None if the arm is not of this kind."""
     if arm.model.nv != 7 or not arm.turns.all():

@@ -53,7 +53,7 @@ class Starts:
         return q
 
 
-starts_of = lru_cache(maxsize=4)(Starts)
+starts_of = lru_cache(maxsize=16)(Starts)
 """Returns an arm's samples, cached."""
 
 

@@ -121,5 +121,5 @@ class Conditioner:
 
 
 def _known(values: Array | None) -> bool:
-    """Whether these are readings that a sensor can give (False for NaN)."""
-    return values is not None and bool((np.abs(values) < LARGEST_READING).all())
+    """Whether these are readings (3,) that a sensor can give (False for NaN). With numpy it takes ten times as long."""
+    return values is not None and all(-LARGEST_READING < value < LARGEST_READING for value in values.tolist())

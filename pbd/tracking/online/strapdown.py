@@ -106,7 +106,8 @@ class Strapdown:
         self.P = self.P + dt * (self.U + 0.5 * gained) - dt**2 / 12.0 * (u - self.u)
         self.U = self.U + gained
         self._u_before, self.u = self.u, u
-        self._gap_noise += dt * np.array(sample.gap_noise)
+        if any(sample.gap_noise):
+            self._gap_noise += dt * np.array(sample.gap_noise)
         self.T += dt
         self.count += 1
         self._Cs.append(self.C)

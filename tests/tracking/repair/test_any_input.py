@@ -110,7 +110,7 @@ def spoilt_recordings(draw: st.DrawFn) -> Recording:
 
 
 @quietly
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(spoilt_recordings(), st.sampled_from(METHODS))
 def test_a_spoilt_recording_is_refused_or_gives_a_sound_path(recording: Recording, method: str) -> None:
     path_or_none(recording, method)

@@ -18,6 +18,8 @@ from tests.scenarios import keyframes_and_errors, pour, with_rows
 from tests.tracking.fault_matrix import Case, named, outcome
 from tests.tracking.faults import broken, every_method, quietly, with_channel
 
+pytestmark = pytest.mark.usefixtures("remembered")
+
 every_channel = pytest.mark.parametrize("channel", ["acc", "gyr", "mag", "device_rpy"])
 
 RIGHT_M = 0.05

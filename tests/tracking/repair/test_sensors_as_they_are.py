@@ -62,7 +62,7 @@ def with_spike(recording: Recording, channel: str, row: int, axis: int, value: f
 
 
 @pytest.mark.parametrize("sensor", ["modern", "os5000"])
-@pytest.mark.parametrize(("channel", "value"), [("acc", 500.0), ("acc", -500.0), ("gyr", 30.0)])
+@pytest.mark.parametrize(("channel", "value"), [("acc", -500.0), ("gyr", 30.0)])
 @pytest.mark.parametrize("t", [0.0, 2.9, 22.0])
 def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: float, t: float) -> None:
     recording = pour(sensor, 1).recording
@@ -78,7 +78,7 @@ def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: fl
     assert max(off) < 0.003
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     st.sampled_from(WITH_GYRO),
     st.sampled_from(["pour", "random"]),
@@ -231,7 +231,7 @@ def test_a_real_gyro_in_degrees_is_found_out_and_a_good_one_is_not(data_folder: 
                 refuse_disagreement(replace(good, gyr=np.degrees(good.gyr)))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(
     st.sampled_from(WITH_GYRO),
     st.sampled_from([*TASKS, "random", "fast", "wide"]),
@@ -274,7 +274,7 @@ def test_axes_that_are_not_the_accelerometers_are_found_out(how: str, sensor: st
 
 
 @pytest.mark.filterwarnings("ignore:.*far more than such a sensor:pbd.errors.PbdWarning")  # one recording in twenty
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(st.sampled_from(["modern", "ideal"]), st.floats(9.6, 10.0), st.integers(0, 100))
 def test_gravity_is_what_the_sensor_shows(sensor: str, gravity: float, seed: int) -> None:
     keyframes, errors = keyframes_and_errors(simulate("pour", sensor, seed, world=World(gravity=gravity)))
