@@ -195,10 +195,10 @@ def test_a_name_is_not_read_as_mathematics(still: DemoPlot) -> None:
 
 
 @pytest.mark.parametrize(("format_name", "begin"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
-def test_the_same_plot_gives_the_same_bytes(pouring: DemoPlot, format_name: str, begin: bytes) -> None:
+def test_the_same_plot_gives_the_same_bytes(still: DemoPlot, format_name: str, begin: bytes) -> None:
     one, other = io.BytesIO(), io.BytesIO()
     for stream in (one, other):
-        write(figures.draw("position", pouring), stream, format_name)
+        write(figures.draw("position", still), stream, format_name)
     assert one.getvalue() == other.getvalue()
     assert one.getvalue().startswith(begin)
 
