@@ -41,6 +41,14 @@ def viewer() -> Iterator[LiveViewer]:
         yield viewer
 
 
+@pytest.fixture
+def chrome(chrome: Chromium) -> Iterator[Chromium]:
+    """With a small window, which is drawn faster."""
+    chrome.set_size(640, 480)
+    yield chrome
+    chrome.set_size()
+
+
 def listening(port: int) -> set[str]:
     """The local addresses, in hexadecimal, that listen at a port."""
     rows = [
