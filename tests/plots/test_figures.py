@@ -26,6 +26,7 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.paper import LAMBDA_V
+from tests.near import assert_near
 from tests.plots.drawn import Drawn, overlaps, texts
 from tests.scenarios import pour, uncalibrated
 
@@ -86,7 +87,7 @@ def test_lines_are_the_trackers_values(pouring: DemoPlot, sheets: dict[str, tupl
         ("resulting-acceleration", 0, "resulting\nacceleration", pouring.resulting),
         ("variance", 0, "λᵥ = 0.01", np.array([LAMBDA_V, LAMBDA_V])),
     ):
-        assert lines(flat(sheets[name][0])[panel])[label][:, 1] == pytest.approx(values), name
+        assert_near(lines(flat(sheets[name][0])[panel])[label][:, 1], values, 1e-9)
 
 
 def test_the_path_in_space_and_its_triads(pouring: DemoPlot, sheets: dict[str, tuple[Figure, list[Drawn]]]) -> None:
