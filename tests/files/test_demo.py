@@ -109,7 +109,7 @@ def demonstrations(draw: st.DrawFn) -> Demonstration:
     )
 
 
-@settings(max_examples=50)
+@settings(deadline=None)
 @given(demonstrations())
 def test_a_demonstration_is_read_as_written(written: Demonstration) -> None:
     with tempfile.TemporaryDirectory() as parent:
