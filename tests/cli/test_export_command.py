@@ -70,11 +70,11 @@ def test_standard_output_gets_what_the_file_would(format_name: str, capfdbinary:
 
 
 def test_several_demonstrations_become_one_dataset(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    several = ["export", "pouring", "paper-test1", "--robot", "so101", "--json", "-o", "tea"]
+    several = ["export", "paper-test2", "paper-test1", "--robot", "so101", "--json", "-o", "tea"]
     assert main([*several, "--format", "lerobot", "--task", "pour the tea"]) == 0
     out, err = capsys.readouterr()
     assert [(each["demo"], each["episode"]) for each in json.loads(out)["episodes"]] == [
-        ("pouring", 0),
+        ("paper-test2", 0),
         ("paper-test1", 1),
     ]
     assert "pbd: lerobot-replay jumps to the first frame, so bring the arm there before: shoulder_pan -0.1, " in err

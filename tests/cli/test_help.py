@@ -24,9 +24,9 @@ from tests.sensors.encoders import witmotion
 
 # Plotting takes its time; tests/test_cli_plot.py does it.
 RUN = ("simulate", "import", "segments", "keyframes", "replay", "export", "robots", "sensors", "calibrate")
-NOT_HERE = ("calibrate points", "calibrate mount", "calibrate sensor", "robots --for", "export tea1 tea2")
-"""Examples that run elsewhere: test_calibrate*.py makes recordings for them, test_robots_command.py ranks the arms, and
-test_export_command.py makes a dataset."""
+NOT_HERE = ("calibrate points", "calibrate mount", "calibrate sensor", "robots --", "export tea1 tea2")
+"""Examples that run elsewhere: test_calibrate*.py makes recordings for them, test_robots_command.py ranks the arms and
+suggests a dock, and test_export_command.py makes a dataset."""
 
 
 def parsers(of: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:

@@ -49,11 +49,11 @@ def guide(elsewhere: Path) -> str:
 def test_what_is_suggested_replays_as_it_says(capsys: Capture, guide: str) -> None:
     bare = guide.split("[arm]")[0] + "[gripper]" + guide.split("[gripper]")[1].split("[dock]")[0]
     TOML.write_text(bare, encoding="utf-8")
-    code, lines, _ = run(capsys, "robots", "--suggest", TOML)
+    code, lines, _ = run(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")
     assert code == 0
-    assert run(capsys, "robots", "--suggest", TOML)[1] == lines
+    assert run(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")[1] == lines
     TOML.write_text(bare + lines, encoding="utf-8")
-    took_s = run_json(capsys, "replay", "pouring", "--robot", "mine", "--html", "x.html")["duration_s"]
+    took_s = run_json(capsys, "replay", "paper-test2", "--robot", "mine", "--html", "x.html")["duration_s"]
     assert f"the fastest: {took_s:.1f} s" in lines
 
 
@@ -67,6 +67,7 @@ def test_the_users_own_table_is_kept(capsys: Capture, guide: str) -> None:
 def test_where_few_docks_will_do_more_are_weighed(capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch) -> None:
     TOML.write_text(guide, encoding="utf-8")
     monkeypatch.setattr("pbd.planning.suggest.DOCKS", 0)
+    monkeypatch.setattr("pbd.planning.suggest.MORE_DOCKS", 20)
     code, lines, told = run(capsys, "robots", "--suggest", TOML)
     assert code == 0
     assert "0 of 0 docks have all keyframes within reach at 0.25 of the size" in told
@@ -101,12 +102,12 @@ def test_the_fastest_arm_comes_first_and_the_others_say_why(capsys: Capture, gui
     assert [row["duration_s"] for row in mine] == [None]
     assert "keyframe 0 is out of reach" in mine[0]["why"]
     assert "keyframe 0 is out of reach" in run(capsys, "robots", "mine", "--for", "paper-test2")[1]
-    rows = run_json(capsys, "robots", "--for", "pouring")["robots"]
+    rows = run_json(capsys, "robots", "--for", "paper-test2")["robots"]
     able = [row["duration_s"] for row in rows if row["why"] is None]
     assert able == sorted(able)
     assert [row["name"] for row in rows[len(able) :]] == ["mine"]
     panda = next(row for row in rows if row["name"] == "panda")
-    replayed = run_json(capsys, "replay", "pouring", "--robot", "panda", "--html", "x.html")
+    replayed = run_json(capsys, "replay", "paper-test2", "--robot", "panda", "--html", "x.html")
     assert panda["duration_s"] == replayed["duration_s"]
     assert panda["farthest_m"] < panda["reach_m"]
 

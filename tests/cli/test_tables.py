@@ -114,7 +114,7 @@ def test_units_of_every_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert [float(row["time (s)"]) for row in in_s] == pytest.approx(
         [1e-3 * float(row["time (ms)"]) for row in in_ms], abs=0.0051
     )
-    in_m, in_mm = rows_of(capsys, "robots"), rows_of(capsys, "robots", "--units", "mm")
+    in_m, in_mm = rows_of(capsys, "robots", "panda"), rows_of(capsys, "robots", "panda", "--units", "mm")
     assert [float(row["reach (mm)"]) for row in in_mm] == pytest.approx(
         [1e3 * float(row["reach (m)"]) for row in in_m], abs=10.0
     )

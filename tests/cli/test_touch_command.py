@@ -141,7 +141,7 @@ def test_what_stands_on_a_thing_goes_with_what_carries_that(tea: Path, capsys: C
 
 def test_out_of_reach_names_a_place_that_works(tea: Path, capsys: Capture) -> None:
     run(capsys, "keyframes", "tea", "--frame", "cup=2")
-    command = ("replay", "tea", "--robot", "panda", "--html", "x.html", "--at")
+    command = ("export", "tea", "--robot", "panda", "-o", "x.npz", "--at")
     _, _, err = run(capsys, *command, "cup=0.5,1.2,0.3")
     line = err.splitlines()[-1]
     assert line.startswith("pbd: keyframe 2 is out of reach")

@@ -67,7 +67,7 @@ def test_every_command_speaks_so(capsys: Capture, command: str) -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 @pytest.mark.parametrize(
     "words",
-    ["segments pouring", "robots --json", "sensors --csv", "--print-completion bash", "--version", "export --help"],
+    ["segments pouring", "demos --json", "sensors --csv", "--print-completion bash", "--version", "export --help"],
 )
 def test_output_that_can_not_be_written_is_told_in_one_line(words: str) -> None:
     with Path("/dev/full").open("w") as full:

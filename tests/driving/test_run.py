@@ -28,6 +28,8 @@ from tests.cli.terminal import Terminal
 from tests.driving.bench import PATIENT_PBD, PATIENT_S, UNHURRIED_S, FastClock
 from tests.driving.emulator import LEFT, Emulator, calibration_of, resting
 
+pytestmark = pytest.mark.usefixtures("remembered")
+
 HOME = load_robot("so101").home
 
 

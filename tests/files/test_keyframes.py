@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.data import Keyframe, TouchUp
@@ -93,6 +93,7 @@ def test_tracked_keyframes_are_read_as_written(tmp_path: Path) -> None:
     assert {keyframe.grip for keyframe in read} == {True, False, None}
 
 
+@settings(max_examples=40)
 @given(
     st.lists(
         st.tuples(

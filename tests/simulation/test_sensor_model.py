@@ -15,6 +15,7 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.sensor_model import AttitudeOutput, SensorModel, Triad
 from pbd.simulation.simulate import SENSOR_MODELS, World, simulate
 from pbd.simulation.tasks import Task
+from tests.near import assert_near
 
 DEG, MG = pi / 180.0, 1e-3 * GRAVITY
 NOWHERE = World(gravity=0.0, field=(0.0, 0.0, 0.0))
@@ -135,7 +136,7 @@ def test_outputs_are_multiples_of_their_step(name: str) -> None:
     for part, values in parts(recording).items():
         step: float = getattr(model, part).step
         if step:
-            assert values / step == pytest.approx(np.round(values / step), abs=1e-6)
+            assert_near(values / step, np.round(values / step), 1e-6)
 
 
 def test_jitter_moves_the_borders_of_intervals() -> None:

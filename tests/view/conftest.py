@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NoReturn
@@ -22,6 +23,20 @@ def mesh_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder))
         yield folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def light_panda(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Draw the Panda by its collision meshes: a fiftieth of the triangles, as drawing takes most of the time.
+
+    The UR5 keeps its meshes, and test_visuals.py compares those of the bundled robots.
+    """
+    urdf = tmp_path_factory.mktemp("panda") / "panda.urdf"
+    text = scenes.panda().urdf.read_text(encoding="utf-8")
+    urdf.write_text(re.sub(r"meshes/visual/(\w+)\.dae", r"meshes/collision/\1.stl", text), encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scenes, "PANDA", urdf)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -30,7 +30,7 @@ def share() -> Path:
 
 def robot(
     name: str,
-    urdf: str,
+    urdf: str | Path,
     base: str,
     body: str,
     joints: tuple[str, ...],
@@ -54,11 +54,15 @@ def robot(
     )
 
 
+PANDA: str | Path = "panda_description/urdf/panda.urdf"
+"""The Panda's URDF. The tests replace it by one with fewer triangles (conftest.py)."""
+
+
 def panda() -> Robot:
     fingers = ("panda_finger_joint1", "panda_finger_joint2")
     return robot(
         "panda",
-        "panda_description/urdf/panda.urdf",
+        PANDA,
         "panda_link0",
         "panda_hand_tcp",
         tuple(f"panda_joint{i}" for i in range(1, 8)),

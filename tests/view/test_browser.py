@@ -84,6 +84,7 @@ def test_playing_moves_and_ends_where_it_should(replay: Replay, scene: ReplaySce
     replay("pbd.page.player.loop = false; pbd.page.player.speed = 4; pbd.page.player.play()")
     until(lambda: replay.time > 1.0, "the clock to run")
     assert np.linalg.norm(replay.place(*FINGER) - before) > 0.02
+    replay(f"pbd.page.player.seek({scene.trajectory.duration - 1.0})")
     until(lambda: not replay("return pbd.page.player.playing"), "the end")
     assert replay.time == pytest.approx(scene.trajectory.duration)
     replay("pbd.page.player.loop = true; pbd.page.player.play()")

@@ -24,8 +24,8 @@ from pbd.view.live_view import SMALLEST_M, LivePicture, LiveView
 from tests.view.browser import Page, until
 from tests.view.chromium import Chromium
 
-EVERY = 5
-"""Samples, at 100 Hz, from one picture to the next."""
+EVERY = 10
+"""Samples, at 100 Hz, from one picture to the next: as often as a recording draws."""
 
 EVIL = '</script><img src=x onerror="document.title=1">'
 
@@ -93,7 +93,7 @@ def shown_positions(view: LiveView, page: Page, pictures: list[LivePicture]) -> 
     places = []
     for k, shown in enumerate(pictures):
         draw(view, shown)
-        if k % 40 == 39 or k == len(pictures) - 1:
+        if k % 20 == 19 or k == len(pictures) - 1:
             settled(page, shown)
             here = page.place("pbd", "hand")
             assert np.linalg.norm(here - shown.p_nav_sensor) < 2.0 * SMALLEST_M

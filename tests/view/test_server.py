@@ -41,6 +41,14 @@ def viewer() -> Iterator[LiveViewer]:
         yield viewer
 
 
+@pytest.fixture
+def chrome(chrome: Chromium) -> Iterator[Chromium]:
+    """With a small window, which is drawn faster."""
+    chrome.set_size(640, 480)
+    yield chrome
+    chrome.set_size()
+
+
 def listening(port: int) -> set[str]:
     """The local addresses, in hexadecimal, that listen at a port."""
     rows = [
@@ -116,9 +124,8 @@ def test_it_plays_in_a_browser(viewer: LiveViewer, chrome: Chromium) -> None:
 
 def test_a_page_gets_the_last_command_and_says_that_the_server_has_ended(chrome: Chromium) -> None:
     viewer = LiveViewer()
-    build(scenes.ur5_moves(), viewer.visualizer)
+    build(scenes.pouring(), viewer.visualizer)
     replay = Replay(chrome, viewer.url)
-    replay("pbd.page.stage.node('pbd', 'robot').visible = false")  # it takes most of the time to draw
     for k in range(100):
         viewer.visualizer["tool_path"].set_property("visible", bool(k % 2 == 0))
     viewer.close()
