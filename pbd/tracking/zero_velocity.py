@@ -38,9 +38,9 @@ LULL_SHARE, LULL_S = 0.01, 1.0
 below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after: acceleration and rate are a tenth of
 the move's. (Below 10^-2.6, stances are missed; above 10^-1.9, a fast hand that turns back seems to rest.)"""
 
-SHORTEST_MOVE_S, SHORTEST_STOP_S = 0.1, 0.5 * ENERGY_WINDOW_S
-"""s: a shorter motion between two stops is a jolt and joins them; a shorter stop does not count. (A window that looks
-still is a stop if the hand stands still in half of it.)"""
+SHORTEST_MOVE_S, SHORTEST_STOP_S = 0.1, ENERGY_WINDOW_S
+"""s: a shorter motion between two stops is a jolt and joins them; a shorter part of a candidate is no stop. If the ends
+of a stop are trimmed, half of that must remain."""
 
 
 def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
@@ -82,7 +82,7 @@ def find_candidates(
             quiet[start + int(np.argmin(restless[start:stop]))] = True
     # A sample is still if any window that contains it is quiet.
     still = window_maxima(np.pad(quiet, n - 1), n)
-    return _long_enough(t, _merge_close(t, runs(still), gaps))
+    return _merge_close(t, runs(still), gaps)
 
 
 def _move_energy(energy: Array, n: int, dt: float) -> Array:
@@ -125,7 +125,8 @@ def quiet_limits(rest: Rest) -> tuple[float, float]:
 
 def slow_parts(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> Spans:
     """The parts of a span in which the hand is slow, given a flag for each of its rows."""
-    return _long_enough(t, _merge_close(t, [(span[0] + i, span[0] + j) for i, j in runs(slow)]))
+    parts = _merge_close(t, [(span[0] + i, span[0] + j) for i, j in runs(slow)])
+    return [part for part in parts if lasts(t, part, SHORTEST_STOP_S)]
 
 
 def trimmed(span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
@@ -143,10 +144,10 @@ def calm_part(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple
     return calm if calm[1] - calm[0] > 1 else span
 
 
-def is_long_enough(t: Array, span: tuple[int, int]) -> bool:
-    """Whether a span is long enough to be a stop."""
-    rows = span[1] - span[0]  # each lasts as long as the interval to the next
-    return rows > 1 and bool((t[span[1] - 1] - t[span[0]]) * rows / (rows - 1) > SHORTEST_STOP_S - 1e-9)
+def lasts(t: Array, span: tuple[int, int], least_s: float) -> bool:
+    """Whether a span lasts `least_s` or longer. Each of its rows lasts as long as the interval to the next."""
+    rows = span[1] - span[0]
+    return rows > 1 and bool((t[span[1] - 1] - t[span[0]]) * rows / (rows - 1) > least_s - 1e-9)
 
 
 def runs(flags: NDArray[np.bool_]) -> Spans:
@@ -169,7 +170,3 @@ def _merge_close(t: Array, spans: Spans, gaps: Sequence[tuple[int, int]] = ()) -
         else:
             merged.append((start, stop))
     return merged
-
-
-def _long_enough(t: Array, spans: Spans) -> Spans:
-    return [span for span in spans if is_long_enough(t, span)]

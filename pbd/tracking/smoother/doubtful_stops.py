@@ -12,7 +12,7 @@ from pbd.tracking.smoother.gauss_newton import UNDOUBTED_SIGMAS
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.preintegration import VEL
-from pbd.tracking.zero_velocity import Spans, calm_part, is_long_enough, slow_parts, trimmed
+from pbd.tracking.zero_velocity import SHORTEST_STOP_S, Spans, calm_part, lasts, slow_parts, trimmed
 
 MOVING_WEIGHT, MAX_RECUTS = 0.5, 5
 """Robust weight of zero velocity below which the hand seems to move; largest number of times that stops are revised."""
@@ -72,7 +72,7 @@ def revised_stops(
             blur = float(np.sqrt(between.sum() / max(len(between), 1)))
             creep = lengths(v[inside] - median(v[inside]))
             stop = trimmed(part, creep < OUTLIER_SIGMAS * (float(median(still_sigma[inside])) + blur))
-            if not is_long_enough(t, stop):
+            if not lasts(t, stop, 0.5 * SHORTEST_STOP_S):
                 continue
             stops.append(stop)
             creep = creep[stop[0] - part[0] : stop[1] - part[0]]
