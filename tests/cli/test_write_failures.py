@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from pbd.cli import main
 from pbd.files.demo import write_demo
 from pbd.simulation.simulate import simulate
+from pbd.view.page import PAGE_MARK
 from tests.unprivileged import as_a_user, full_disk
 
 Capture = pytest.CaptureFixture[str]
@@ -70,8 +71,9 @@ def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, walk: Path) -> Path:
     Path("there/old.toml").write_text(
         "format = 1\nname = 'old'\n[dock]\nposition = [0.4, 0, 0.2]\nrpy_deg = [0, 0, 0]\n"
     )
-    for suffix in (".csv", ".html", ".png"):
+    for suffix in (".csv", ".png"):
         Path(f"there/old{suffix}").write_text(OLD)
+    Path("there/old.html").write_bytes(PAGE_MARK)
     return tmp_path / "there"
 
 

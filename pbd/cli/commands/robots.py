@@ -19,7 +19,7 @@ def replay(parser: ArgumentParser) -> None:
     """
     add_demo(parser)
     add_json(parser)
-    option(parser, "--html", "FILE", "write the page to FILE, or over it, instead of serving it", type=Path)
+    option(parser, "--html", "FILE", "write the page to FILE, or over an older page, instead of serving it", type=Path)
     flag(parser, "--no-open", "do not open a browser; print the address")
     add_tracking(parser)
     add_planning(parser)
