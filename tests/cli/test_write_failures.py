@@ -15,6 +15,7 @@ import pytest
 from pbd.cli import main
 from pbd.files.demo import write_demo
 from pbd.simulation.simulate import simulate
+from pbd.view.page import page_html
 from tests.unprivileged import as_a_user, full_disk
 
 Capture = pytest.CaptureFixture[str]
@@ -69,8 +70,9 @@ def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, walk: Path) -> Path:
     Path("there/old.toml").write_text(
         "format = 1\nname = 'old'\n[dock]\nposition = [0.4, 0, 0.2]\nrpy_deg = [0, 0, 0]\n"
     )
-    for suffix in (".csv", ".html", ".png"):
+    for suffix in (".csv", ".png"):
         Path(f"there/old{suffix}").write_text(OLD)
+    Path("there/old.html").write_text(page_html("old", b""), encoding="utf-8")
     return tmp_path / "there"
 
 
