@@ -60,9 +60,9 @@ def _plan(args: argparse.Namespace, name: str | None) -> Plan:
             raise
         raise type(reason)(f"{name}: {reason.message}", **reason.fields) from None
     if plan.touching is not None:
-        error = plan.touching.error
-        what = f"{error.message}; no such motion is exported: --allow-collision is for pbd replay, which shows it"
-        raise PlanError(what, **error.fields)
+        touches = plan.touching.error
+        what = f"{touches.message}; no such motion is exported: --allow-collision is for pbd replay, which shows it"
+        raise PlanError(what, **touches.fields)
     return plan
 
 
