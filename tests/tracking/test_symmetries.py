@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.data import HandPath
+from pbd.data import HandPath, Recording, SensorErrors
 from pbd.pipeline import track
 from pbd.pose import (
     quat_about_z,
@@ -20,7 +20,9 @@ from pbd.pose import (
 )
 from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import random_task, simulate
+from pbd.tracking.first_rest import Rest
 from pbd.tracking.keyframes import find_keyframes
+from pbd.tracking.noise import Noise, noise_of
 from tests.near import assert_near
 from tests.tracking.hands import (
     RATE_HZ,
@@ -157,3 +159,30 @@ def test_the_wall_clock_changes_nothing(method: str) -> None:
         replace(recording, info=replace(recording.info, name="later", created="2031-01-01T00:00:00Z")), method
     )
     assert np.array_equal(later.p_nav_sensor, here.p_nav_sensor)
+
+
+@pytest.mark.parametrize("sensor", ["modern", "os5000"])
+def test_a_recording_played_backwards_shows_the_moves_backwards(monkeypatch: pytest.MonkeyPatch, sensor: str) -> None:
+    """Both estimates use all samples, so they differ by far less than a sigma, which is that of noise."""
+    recording = simulate("pour", sensor, 3).recording
+    assert recording.gyr is not None
+    assert recording.mag is not None
+    backwards = replace(
+        recording,
+        t=recording.t[-1] - recording.t[::-1],
+        acc=recording.acc[::-1],
+        gyr=-recording.gyr[::-1],
+        mag=recording.mag[::-1],
+        device_rpy=None if recording.device_rpy is None else recording.device_rpy[::-1],
+    )
+    path = track(recording)
+
+    def ahead(recording: Recording, rest: Rest, errors: SensorErrors | None = None) -> Noise:
+        noise = noise_of(recording, rest, errors)
+        return replace(noise, lag=-noise.lag)  # what lagged runs ahead
+
+    monkeypatch.setattr("pbd.pipeline.noise_of", ahead)
+    other = track(backwards)
+    places, back = (np.array([x.p_nav_sensor[middle(stop)] for stop in x.stops]) for x in (path, other))
+    sigma_m = max(float(np.sqrt(keyframe.cov[:3, :3].diagonal().max())) for keyframe in find_keyframes(path))
+    assert_near(np.diff(back[::-1], axis=0), np.diff(places, axis=0), 0.25 * sigma_m)
