@@ -38,9 +38,8 @@ LULL_SHARE, LULL_S = 0.01, 1.0
 below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after: acceleration and rate are a tenth of
 the move's. (Below 10^-2.6, stances are missed; above 10^-1.9, a fast hand that turns back seems to rest.)"""
 
-SHORTEST_MOVE_S, SHORTEST_STOP_S = 0.1, ENERGY_WINDOW_S
-"""s: a shorter motion between two stops is a jolt and joins them; a shorter part of a candidate is no stop. If the ends
-of a stop are trimmed, half of that must remain."""
+SHORTEST_MOVE_S = 0.1
+"""s: a shorter motion between two stops is a jolt and joins them."""
 
 
 def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
@@ -124,9 +123,9 @@ def quiet_limits(rest: Rest) -> tuple[float, float]:
 
 
 def slow_parts(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> Spans:
-    """The parts of a span in which the hand is slow, given a flag for each of its rows."""
+    """The parts of a span in which the hand is slow, given a flag for each of its rows; each lasts a whole window."""
     parts = _merge_close(t, [(span[0] + i, span[0] + j) for i, j in runs(slow)])
-    return [part for part in parts if lasts(t, part, SHORTEST_STOP_S)]
+    return [part for part in parts if lasts(t, part, ENERGY_WINDOW_S)]
 
 
 def trimmed(span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:

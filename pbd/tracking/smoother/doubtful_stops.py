@@ -12,7 +12,7 @@ from pbd.tracking.smoother.gauss_newton import UNDOUBTED_SIGMAS
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.preintegration import VEL
-from pbd.tracking.zero_velocity import SHORTEST_STOP_S, Spans, calm_part, lasts, slow_parts, trimmed
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, calm_part, lasts, slow_parts, trimmed
 
 MOVING_WEIGHT, MAX_RECUTS = 0.5, 5
 """Robust weight of zero velocity below which the hand seems to move; largest number of times that stops are revised."""
@@ -44,8 +44,8 @@ def revised_stops(
 ) -> tuple[Spans, Spans]:
     """The stops according to the estimated velocity, and the calm part of each.
 
-    A doubted candidate is cut to its slow parts. Ends at which the hand moves are trimmed. If less than a stop is left,
-    the hand only reversed its direction there.
+    A doubted candidate is cut to its slow parts. Ends at which the hand moves are trimmed. If less than half a window
+    is left, the hand only reversed its direction there.
 
     Args:
         problem: the last iteration's.
@@ -72,7 +72,7 @@ def revised_stops(
             blur = float(np.sqrt(between.sum() / max(len(between), 1)))
             creep = lengths(v[inside] - median(v[inside]))
             stop = trimmed(part, creep < OUTLIER_SIGMAS * (float(median(still_sigma[inside])) + blur))
-            if not lasts(t, stop, 0.5 * SHORTEST_STOP_S):
+            if not lasts(t, stop, 0.5 * ENERGY_WINDOW_S):
                 continue
             stops.append(stop)
             creep = creep[stop[0] - part[0] : stop[1] - part[0]]
