@@ -71,7 +71,7 @@ def test_a_second_time_replaces_the_first_but_no_other_program_s(
     file.write_text("another program's")
     code, _, err = run(capsys, "plot", "paper-test1", *words)
     assert (code, file.read_text()) == (1, "another program's")
-    assert err.endswith("is not a figure of pbd, so it is not overwritten; give another folder\n")
+    assert err.endswith("is not an earlier output of pbd, so it is not overwritten; give another place\n")
 
 
 def test_two_are_compared(capsys: Capture, elsewhere: Path) -> None:

@@ -17,11 +17,12 @@ from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Recording, Robot
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, PbdError, SensorError, UsageError
+from pbd.errors import CalibrationError, SensorError, UsageError
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_demo
 from pbd.files.points import Points, points_csv
 from pbd.io.atomic import atomic_file, is_file, refuse_file
+from pbd.io.made_by_pbd import refuse_others_file
 from pbd.io.read_file import read_text
 from pbd.pose import Array
 
@@ -200,13 +201,13 @@ def write_figures(folder: Path, format_name: str, names: Collection[str], draw: 
     Raises:
         PbdError: a file of such a name is there that pbd did not make, or it can't be written.
     """
-    from pbd.plots.style import is_made_by_pbd, write
+    from pbd.plots.style import write
 
     files = {name: folder / f"{name}.{format_name}" for name in names}
     for file in files.values():
         refuse_file(file)
-        if is_file(file) and not is_made_by_pbd(file):
-            raise PbdError(f"{file} is not a figure of pbd, so it is not overwritten; give another folder", path=file)
+        if is_file(file):
+            refuse_others_file(file)
     replaced = sum(map(is_file, files.values()))
     with ExitStack() as all_or_none:
         for number, (name, file) in enumerate(files.items(), 1):

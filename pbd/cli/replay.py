@@ -11,7 +11,7 @@ from pbd.cli.plan_report import moves_json, remarks, touching_json
 from pbd.errors import UsageError
 from pbd.io.atomic import refuse_output
 from pbd.replay import replay_scene
-from pbd.view.page import refuse_other_file, write_page
+from pbd.view.page import write_page
 from pbd.view.server import show_replay
 
 SUFFIXES = (".html", ".htm")
@@ -23,7 +23,6 @@ def run(args: argparse.Namespace) -> None:
         refuse_output(args.html, (args.demo, args.robot, args.calibration, args.start))
         if args.html.suffix.lower() not in SUFFIXES:
             raise UsageError(f"--html needs a name that ends in .html, got '{args.html}'")
-        refuse_other_file(args.html)
     plan = plan_demonstration(args)
     duration, warned = plan.trajectory.duration, list(args.warnings)
     spare = f"audited, {args.margin:g} % of the limits to spare" if args.margin else "audited"

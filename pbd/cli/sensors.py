@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import io
 import shutil
+import struct
 import sys
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from pbd.cli.console import print_json, say
 from pbd.cli.recording.device import probed
 from pbd.errors import SensorError
 from pbd.io.atomic import atomic_file, refuse_output
+from pbd.io.made_by_pbd import PICTURE
 from pbd.sensors import port as serial_port
 from pbd.sensors.phyphox.experiment import MAX_QR_CODES, NAME, experiment, qr_payloads
 from pbd.sensors.probe import ProbeResult
@@ -25,6 +28,9 @@ BORDER = 2
 
 PIXELS = 6
 """Pixels per module in a picture of the code."""
+
+MADE_BY, PNG_HEADER = f"{PICTURE}segno", 33
+"""The program that made a picture, in the picture's file; bytes of a PNG's signature and header."""
 
 WHITE_ON_BLACK, PLAIN = "\033[97;40m", "\033[0m"
 """Terminal colours for a code, whose characters are its light modules. A terminal's own colours may be reversed."""
@@ -88,7 +94,7 @@ def _prepare_phone(args: argparse.Namespace) -> None:
             there.write_text(experiment(), encoding="utf-8")
         else:
             (data,) = qr_payloads(1)
-            _qr_code(data).save(str(there), kind=kind, scale=PIXELS)
+            _draw_code(_qr_code(data), kind, there)
     if args.json:
         return print_json({"file": str(file)})
     shown = sys.stdout.isatty() and kind == "phyphox"
@@ -109,6 +115,17 @@ def _qr_code(data: bytes) -> Any:
     import segno
 
     return segno.make_qr(data, mode="byte", error="l", boost_error=False)
+
+
+def _draw_code(code: Any, kind: str, file: Path) -> None:
+    """Write a picture of a code, which says that pbd made it, as `refuse_others_file` wants."""
+    if kind == "svg":
+        return code.save(str(file), kind=kind, scale=PIXELS, title=MADE_BY)
+    drawn, text = io.BytesIO(), b"tEXtSoftware\0" + MADE_BY.encode()
+    code.save(drawn, kind=kind, scale=PIXELS)
+    chunk = struct.pack(f">I{len(text)}sI", len(text) - 4, text, zlib.crc32(text))  # of PNG, after its header
+    file.write_bytes(drawn.getvalue()[:PNG_HEADER] + chunk + drawn.getvalue()[PNG_HEADER:])
+    return None
 
 
 def _show_codes() -> None:

@@ -13,6 +13,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from pbd.errors import PbdError, PbdWarning, RecordingError, in_words, warn
+from pbd.io.made_by_pbd import refuse_others_file
 
 DELETED = "the folder that you are in has been deleted; go to another"
 
@@ -122,8 +123,7 @@ def refuse_output(file: Path, inputs: Iterable[str | None] = ()) -> None:
         inputs: the command's inputs; those that are not the paths of files are ignored.
 
     Raises:
-        PbdError: the path can't be written, or it would replace a demonstration's file, a TOML file (a robot, a
-            calibration) or an input.
+        PbdError: the path can't be written, belongs to a demonstration, or has an input or a file of others.
     """
     refuse_file(file)
     with _os_errors_as(PbdError, file):
@@ -138,10 +138,10 @@ def refuse_output(file: Path, inputs: Iterable[str | None] = ()) -> None:
             new.touch()
     if target.name in DEMONSTRATION_FILES and is_file(target.parent / "demo.toml"):
         raise PbdError(f"{file} belongs to the demonstration {folder}, so it is not overwritten; give another name")
-    if target.suffix.lower() == ".toml":
-        raise PbdError(f"{file}: pbd does not write over .toml files, which people edit; give another name", path=file)
     if is_file(target) and any(word and is_file(word) and target.samefile(word) for word in inputs):
         raise PbdError(f"{file} is what this command reads, so it is not overwritten; give another name", path=file)
+    if is_file(target):
+        refuse_others_file(file)
 
 
 def name_aside(folder: Path, word: str) -> Path:

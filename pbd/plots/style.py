@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import matplotlib.style
@@ -21,13 +20,14 @@ from matplotlib.font_manager import findfont, get_font
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from pbd.io.made_by_pbd import PICTURE
 from pbd.plots.demo_values import DemoPlot
 from pbd.pose import Array
 
 DPI = 110
 """Pixels per inch of a PNG."""
 
-MADE_BY = "pbd, with matplotlib"
+MADE_BY = f"{PICTURE}matplotlib"
 """The program that made a figure, in the figure's file."""
 
 ORANGE, SKY, GREEN = "#e69f00", "#56b4e9", "#009e73"
@@ -110,11 +110,6 @@ def write(figure: Figure, file: BinaryIO, format_name: str) -> None:
         else:
             canvas = FigureCanvasAgg(figure)
             canvas.print_png(file, metadata={"Software": MADE_BY})
-
-
-def is_made_by_pbd(file: Path) -> bool:
-    """Whether `write` made a file."""
-    return MADE_BY.encode() in file.read_bytes()
 
 
 def lay_out(figure: Figure) -> None:

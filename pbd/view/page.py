@@ -18,9 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import umsgpack
 
-from pbd.errors import PbdError
-from pbd.io.atomic import is_file, write_text
-from pbd.io.read_file import read_bytes
+from pbd.io.atomic import write_text
 from pbd.view.meshcat_encoding import ScenePath, Visualizer
 
 if TYPE_CHECKING:  # the live view makes a page too, and must not import a robot library
@@ -33,8 +31,6 @@ SCRIPTS = (
 """Parts of the page's script, in their order."""
 SCENE_ROOT = "pbd"
 """The node below which the scene is."""
-PAGE_MARK = b'id="viewer-code"'
-"""In page.html: what every page of pbd has, and hardly any other file."""
 POLICY = (
     "default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; connect-src {connect}; "
     "base-uri 'none'; form-action 'none'"
@@ -53,12 +49,6 @@ def write_page(scene: ReplayScene, path: Path) -> None:
     window = _Collector()
     build(scene, Visualizer.view_into(window, ScenePath((SCENE_ROOT,))))
     write_text(path, page_html(scene.title, b"".join(window.commands)))
-
-
-def refuse_other_file(path: Path) -> None:
-    """Refuse (PbdError) to write a page over a file that is not one of pbd's pages; an empty file is lost to nobody."""
-    if is_file(path) and (old := read_bytes(path, PbdError, "give another name")) and PAGE_MARK not in old:
-        raise PbdError(f"{path} is not a page of pbd, so it is not overwritten; give another name", path=path)
 
 
 def page_html(title: str, commands: bytes, connect: str = "'none'") -> str:

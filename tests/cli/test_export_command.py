@@ -14,6 +14,7 @@ import pytest
 from pbd.cli import main
 from pbd.files.demo import load_demo, write_demo
 from pbd.files.exporters import FOLDERS, FORMATS, SUFFIXES
+from pbd.io.atomic import refuse_output
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
@@ -60,6 +61,7 @@ def test_standard_output_gets_what_the_file_would(format_name: str, capfdbinary:
     assert main([*command, "-"]) == 0
     out, err = capfdbinary.readouterr()
     assert main([*command, "file"]) == 0
+    refuse_output(Path("file"))  # not refused: pbd made it
     assert b"pbd: wrote to standard output: " in err
     assert not Path("-").exists()
     if format_name != "npz":
@@ -67,6 +69,16 @@ def test_standard_output_gets_what_the_file_would(format_name: str, capfdbinary:
         return
     with np.load(io.BytesIO(out)) as ours, np.load("file") as theirs:
         assert all((ours[name] == theirs[name]).all() for name in theirs.files)
+
+
+def test_a_program_whose_gripper_is_filled_in_is_not_replaced(capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["export", "paper-test1", "--robot", "ur5", "-o", "tea.script"]
+    assert main(command) == 0
+    mine = Path("tea.script").read_text().replace("# replace this by your gripper's call, which", "rq_close() #")
+    Path("tea.script").write_text(mine)
+    assert main(command) == 1
+    assert "tea.script is not an earlier output of pbd" in capsys.readouterr().err
+    assert Path("tea.script").read_text() == mine
 
 
 def test_several_demonstrations_become_one_dataset(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:

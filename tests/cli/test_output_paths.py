@@ -60,9 +60,9 @@ def test_no_file_of_a_demonstration_is_written_over(name: str) -> None:
         ("demos/tea/demo.toml", "belongs to the demonstration demos/tea, so it is not overwritten"),
         (
             "robots/mine.toml",
-            "robots/mine.toml: pbd does not write over .toml files, which people edit; give another name",
+            "robots/mine.toml is not an earlier output of pbd, so it is not overwritten; give another",
         ),
-        ("calibration/bench.toml", ": pbd does not write over .toml files"),
+        ("calibration/bench.toml", "calibration/bench.toml is not an earlier output of pbd"),
         ("demos/", "demos is a folder: give a file's name"),
         ("nowhere/x.csv", "x.csv can't be written: there is no folder nowhere; make it, or give another place"),
         ("nowhere/x.html", "x.html can't be written: there is no folder nowhere; make it, or give another place"),
@@ -89,17 +89,26 @@ def test_a_read_only_file(capsys: Capture) -> None:
 
 @pytest.mark.parametrize("place", ["new.csv", "demos/tea/tea.csv", "imu.csv"])
 def test_elsewhere_it_may_be(place: str) -> None:
-    """Also beside a demonstration's files, and over an earlier export."""
+    """Also beside a demonstration's files, and over an empty file."""
     refuse_output(Path(place))
-    Path(place).write_text("an earlier export")
+    Path(place).touch()
     refuse_output(Path(place))
 
 
-def test_a_page_replaces_a_page_and_nothing_else(capsys: Capture) -> None:
-    Path("mine.html").write_text("<html>mine</html>", encoding="utf-8")
-    assert "mine.html is not a page of pbd, so it is not overwritten; give another name" in refused(capsys, "mine.html")
-    Path("mine.html").write_text(page_html("tea", b""), encoding="utf-8")
-    Path("empty.html").touch()
-    for place in ("mine.html", "empty.html"):
-        main(command(place))
-        assert "no robot named 'nobody'" in capsys.readouterr().err
+@pytest.mark.parametrize("place", ["notes.txt", "mine.html", "map.png"])
+def test_a_persons_file_is_not_written_over(capsys: Capture, place: str) -> None:
+    mine = "mine: the frame is pbd_tool, drawn by pbd, with matplotlib"
+    Path(place).write_text(mine)
+    draw = ["calibrate", "show", "default", "pouring", "--save", place]
+    assert main(draw if place.endswith(".png") else command(place)) == 1
+    assert f"{place} is not an earlier output of pbd, so it is not overwritten; give another" in capsys.readouterr().err
+    assert Path(place).read_text() == mine
+
+
+def test_a_page_and_the_files_for_a_phone_are_replaced(capsys: Capture) -> None:
+    """For exports and figures: tests of their commands."""
+    Path("tea.html").write_text(page_html("tea", b""), encoding="utf-8")
+    refuse_output(Path("tea.html"))
+    for place in ("code.png", "code.svg", "pbd.phyphox"):
+        assert main(["sensors", "phyphox", "-o", place]) == 0
+        refuse_output(Path(place))

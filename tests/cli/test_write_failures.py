@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from pbd.cli import main
 from pbd.files.demo import write_demo
 from pbd.simulation.simulate import simulate
-from pbd.view.page import PAGE_MARK
+from pbd.view.page import page_html
 from tests.unprivileged import as_a_user, full_disk
 
 Capture = pytest.CaptureFixture[str]
@@ -71,9 +71,8 @@ def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, walk: Path) -> Path:
     Path("there/old.toml").write_text(
         "format = 1\nname = 'old'\n[dock]\nposition = [0.4, 0, 0.2]\nrpy_deg = [0, 0, 0]\n"
     )
-    for suffix in (".csv", ".png"):
-        Path(f"there/old{suffix}").write_text(OLD)
-    Path("there/old.html").write_bytes(PAGE_MARK)
+    for suffix, text in {".csv": "t,q_1,gripper\n", ".png": "", ".html": page_html("old", b"")}.items():
+        Path(f"there/old{suffix}").write_text(text)
     return tmp_path / "there"
 
 

@@ -16,7 +16,7 @@ from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration
 from pbd.errors import CalibrationError, PbdError
 from pbd.files.calibration import load_calibration
-from pbd.io.atomic import atomic_file
+from pbd.io.atomic import atomic_file, refuse_output
 from pbd.pipeline import track
 from pbd.pose import Pose
 from pbd.tracking.keyframes import keyframes_of
@@ -26,6 +26,8 @@ from pbd.view.terminal_tables import print_table
 
 def run(args: argparse.Namespace) -> None:
     """Print the calibration, and with --save draw the tool's uncertainty."""
+    if args.save is not None:
+        refuse_output(args.save)
     calibration = load_calibration(args.name)
     name, placed = _placed(args, calibration) or ("", None)
     if args.save is not None:

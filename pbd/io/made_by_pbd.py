@@ -1,0 +1,38 @@
+"""Which files pbd made. An output replaces those and empty files, but no file of a person or of another program."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from pbd.errors import PbdError
+from pbd.io.read_file import read_bytes
+
+PICTURE = "pbd, with "
+"""What the name of the program that made a picture begins with, in the picture's file."""
+
+_KINDS = {
+    rb"\x89PNG|%PDF|<\?xml": PICTURE.encode(),
+    rb"<!doctype html": b'id="viewer-code"',
+    rb"t,q_": b",gripper",  # csv
+    rb"PK\x03\x04.{26}joints\.npy": b"gripper.npy",
+    rb'\{"header": \{"stamp"': b'"gripper_commands": [',  # ros2-json
+    rb"index,t_s,dwell_s,grip,label,q_": b"",  # keyframes
+    rb'\{"demo": "': b'"base_wxyz"',
+    rb"0\.0( -?\d\S*){7}\n": b"",  # tum, from t = 0, with numbers as Python prints them
+    rb"# .+ planned and audited by pbd": b"# replace this by your gripper's call",  # urscript that nobody has filled in
+    rb"\x89MCAP": b"pbd_tool",
+    rb"glTF": b'"generator":"pbd"',
+    rb"<phyphox": b"<title>pbd</title>",
+    rb'\{\s+"\w+": \{\s+"id"': b'"homing_offset"',  # the servos' calibration, LeRobot's too
+}
+"""The beginning of each kind of file that pbd writes, as a pattern -> what is somewhere in it."""
+
+
+def refuse_others_file(file: Path) -> None:
+    """Refuse (PbdError) to write over a file that pbd did not make. An empty one is lost to nobody."""
+    old = read_bytes(file, PbdError, "give another place")
+    ours = any(re.match(start, old, re.DOTALL) and mark in old for start, mark in _KINDS.items())
+    if old and not ours:
+        what = f"{file} is not an earlier output of pbd, so it is not overwritten; give another place"
+        raise PbdError(what, path=file)
