@@ -40,6 +40,14 @@ def test_each_is_told_in_its_own_row_and_the_worst_comes_first(takes: list[str],
     assert found[0]["motion_s"] == found[1]["motion_s"] > 1.0
 
 
+def test_one_that_was_set_aside_is_left_out_beside_others(takes: list[str], capsys: Capture) -> None:
+    shutil.copytree("demos/tea1", "demos/tea1.before")
+    code, out, err = run(capsys, "check", "demos/tea1", "demos/tea1.before")
+    assert (code, err) == (0, "pbd: left out, because they were set aside: demos/tea1.before\n")
+    assert "tea1.before" not in out
+    assert [row["name"] for row in run_json(capsys, "check", "tea1.before")["demos"]] == ["tea1.before"]
+
+
 def test_what_stops_the_robot_is_told(takes: list[str]) -> None:
     toml = Path("demos/tea1/keyframes.toml")
     assert main(["keyframes", "tea1", "--save"]) == 0

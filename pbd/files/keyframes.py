@@ -127,6 +127,8 @@ def write_keyframes(
 ) -> Path:
     """Write keyframes.toml (`keyframes_toml`) into a demonstration's folder, and return its path.
 
+    An old file that differs is kept in keyframes.toml.before.
+
     Raises:
         RecordingError: the file exists (without `force`), and may have been edited; or a keyframe is too far away.
     """
@@ -137,7 +139,9 @@ def write_keyframes(
     path = folder / NAME
     if path.exists() and not force:
         raise RecordingError(f"{path} exists and may have been edited; --force replaces it", path=path)
-    write_text(path, keyframes_toml(folder.name, keyframes, magnetic, arm_dwell_s, touch_ups))
+    text = keyframes_toml(folder.name, keyframes, magnetic, arm_dwell_s, touch_ups)
+    edited = path.exists() and path.read_bytes() != text.encode()
+    write_text(path, text, why_kept="which was edited" if edited else "")
     return path
 
 

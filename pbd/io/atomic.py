@@ -27,11 +27,11 @@ is_file, is_folder, exists = os.path.isfile, os.path.isdir, os.path.exists
 
 
 @contextmanager
-def atomic_file(path: Path, parents: bool = False) -> Iterator[Path]:
+def atomic_file(path: Path, parents: bool = False, why_kept: str = "") -> Iterator[Path]:
     """Yield a temporary path beside `path`. On success it replaces `path`, on an error it is removed.
 
     A link stays a link: its target is replaced. An existing file keeps its permissions. With `parents`, missing folders
-    are made, and removed again on an error.
+    are made, and removed again on an error. With `why_kept`, an existing file is renamed (`name_aside`) and kept.
 
     Raises:
         PbdError: the path can't be written.
@@ -43,7 +43,8 @@ def atomic_file(path: Path, parents: bool = False) -> Iterator[Path]:
             yield new
             if is_file(target):
                 shutil.copymode(target, new)
-            new.replace(target)
+            if aside := _take_name(new, target, rename_old=bool(why_kept)):
+                warn(f"the old {path}, {why_kept}, is kept in {aside}")
 
 
 @contextmanager
@@ -62,22 +63,18 @@ def atomic_folder(
     with _os_errors_as(RecordingError, folder), _new_folder(folder.parent), _temporary(folder) as new:
         new.mkdir()
         yield new
-        aside = folder.rename(name_aside(folder, "before")) if replace and os.path.lexists(folder) else None
-        try:
-            new.rename(folder)
-        except OSError:
-            if aside is not None:
-                aside.rename(folder)
-            raise
+        aside = _take_name(new, folder, rename_old=replace)
         if aside is not None and (why := why_kept(aside, folder)):
             warn(f"the old {folder}, {why}, is kept in {aside}")
         elif aside is not None and (left := remove_folder(aside)):
             warn(f"{folder} is replaced, but {left}")
 
 
-def write_text(path: Path, text: str, parents: bool = False, read: Callable[[Path], object] | None = None) -> None:
-    """Write a text file atomically. If `read` refuses the new file, the old one stays and that error is raised."""
-    with atomic_file(path, parents) as unfinished:
+def write_text(
+    path: Path, text: str, parents: bool = False, read: Callable[[Path], object] | None = None, why_kept: str = ""
+) -> None:
+    """Write a text file (`atomic_file`). If `read` refuses the new file, the old one stays and that error is raised."""
+    with atomic_file(path, parents, why_kept) as unfinished:
         unfinished.write_text(text, encoding="utf-8")
         if read is None:
             return
@@ -148,6 +145,18 @@ def name_aside(folder: Path, word: str) -> Path:
     """Return the first free name of NAME.word, NAME.word-2, NAME.word-3, ..."""
     names = itertools.chain([word], (f"{word}-{n}" for n in itertools.count(2)))
     return next(free for name in names if not os.path.lexists(free := folder.with_name(f"{folder.name}.{name}")))
+
+
+def _take_name(new: Path, path: Path, rename_old: bool) -> Path | None:
+    """Rename `new` to `path`; with `rename_old` first rename what is there (`name_aside`), and return its new path."""
+    aside = path.rename(name_aside(path, "before")) if rename_old and os.path.lexists(path) else None
+    try:
+        new.rename(path)
+    except OSError:
+        if aside is not None:
+            aside.rename(path)
+        raise
+    return aside
 
 
 def remove_folder(aside: Path) -> str:

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.data import Keyframe, TouchUp
-from pbd.errors import PbdError, PbdWarning, RecordingError
+from pbd.errors import PbdError, PbdWarning, RecordingError, collected_warnings
 from pbd.files.demo import read_demo, write_demo
 from pbd.files.keyframes import (
     add_touch_up,
@@ -267,8 +267,13 @@ def test_an_existing_file_is_only_replaced_by_force(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="may have been edited; --force"):
         write_keyframes(tmp_path, FOUND, magnetic=True)
     assert path.read_text(encoding="utf-8") == "mine"
-    write_keyframes(tmp_path, FOUND, force=True, magnetic=True)
+    for _ in range(2):  # the second time nothing was edited, and nothing more is kept
+        with collected_warnings() as told:
+            write_keyframes(tmp_path, FOUND, force=True, magnetic=True)
+    assert told == []
     assert_same(read_keyframes(path), FOUND)
+    assert {file.name for file in tmp_path.iterdir()} == {"keyframes.toml", "keyframes.toml.before"}
+    assert (tmp_path / "keyframes.toml.before").read_text(encoding="utf-8") == "mine"
 
 
 def test_a_demonstration_has_the_keyframes_of_its_file(tmp_path: Path) -> None:

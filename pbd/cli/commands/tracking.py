@@ -49,7 +49,7 @@ def keyframes(parser: ArgumentParser) -> None:
     add_demo(parser)
     add_table(parser, units="m,deg,s")
     flag(parser, "--save", "write keyframes.toml into the demonstration, for you to edit")
-    add_force(parser, "with --save: find the keyframes again, and replace the file")
+    add_force(parser, "with --save: find the keyframes again; an edited file stays in keyframes.toml.before")
     things = (
         "keyframes that belong to a thing, which `pbd replay --at` moves: cup=3..5; lid=6..7@cup if the cup carries it"
     )
