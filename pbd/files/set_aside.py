@@ -18,6 +18,18 @@ ASIDE = re.compile(r".+\.(before|new)(-\d+)?")
 """Name of a demonstration that was set aside (`name_aside`)."""
 
 
+_GENERATED = re.compile(
+    r"""
+      (format | created | sensor | clock | rate_hz | bundled | closed | failed | t_s)[ ]=[ ][^#]*
+    | (name | demo)[ ]=[ ]".*" | \[\[(grip | take)\]\]
+    | notes[ ]=[ ]"Simulated[ ]\(sensor[ ]model[ ]\S+,[ ]seed[ ]\d+\)\.[ ]([^.] | \.\d)*\."
+    | \[object\] | shape[ ]=[ ]"cylinder" | size[ ]=[ ]\[0\.06,[ ]0\.2\]
+    | """,
+    re.VERBOSE,
+)
+"""A line that pbd itself writes into the demo.toml of a simulated or a fused demonstration."""
+
+
 def is_aside(folder: Path) -> bool:
     """Whether a demonstration has the name of one that was set aside, such as tea.before."""
     return ASIDE.fullmatch(folder.name) is not None
@@ -39,11 +51,14 @@ def why_kept(old: Path, new: Path | None = None) -> str:
         if new is not None and all(_content(old / name) == _content(new / name) for name in names):
             return ""
         top = read_toml(old / "demo.toml", RecordingError)
-        if "place" in top or "contact" in top:
-            return "whose demo.toml was edited"
         if "take" in top or top.text("sensor").split()[0] in SIMULATED:
-            return ""
+            lost = _lines(old) - (_lines(new) if new is not None else set())
+            return "" if all(map(_GENERATED.fullmatch, lost)) else "whose demo.toml was edited"
     return "a recording"
+
+
+def _lines(folder: Path) -> set[str]:
+    return set((folder / "demo.toml").read_text(encoding="utf-8").splitlines())
 
 
 def _content(file: Path) -> bytes:

@@ -22,8 +22,12 @@ from pbd.errors import PbdWarning, RecordingError
 from pbd.files import demo as demo_file
 from pbd.files.demo import demo_folder, load_demo, newest_demo, read_demo, write_demo
 from pbd.files.find_by_name import bundled
+from pbd.files.set_aside import why_kept
 from pbd.io.atomic import atomic_folder
 from pbd.pose import Array, quat_exp
+from pbd.simulation.calibration_tasks import CALIBRATION_TASKS
+from pbd.simulation.simulate import simulate
+from pbd.simulation.tasks import TASKS
 
 HALF_A_DIGIT = {"t": 5e-7, "gyr": 5e-8, "acc": 5e-7, "mag": 5e-5, "device_rpy": 5e-7, "p": 5e-7, "wxyz": 5e-9}
 """Rounding error of imu.csv and truth.csv, whose numbers of decimals are fixed."""
@@ -196,6 +200,31 @@ def test_force_keeps_what_a_person_made(tmp_path: Path, sensor: str, file: str, 
         write_demo(still(5, sensor=sensor), folder, force=True)
     assert len(read_demo(folder).recording) == 5
     assert {path.name: path.read_bytes() for path in (tmp_path / "tea.before").iterdir()} == files
+
+
+@pytest.mark.parametrize("task", [*TASKS, *CALIBRATION_TASKS])
+def test_what_a_simulation_writes_is_no_edit(tmp_path: Path, task: str) -> None:
+    write_demo(simulate(task, "phone", 3), tmp_path / "tea")
+    assert why_kept(tmp_path / "tea") == ""
+
+
+@pytest.mark.parametrize(
+    ("written", "edited"),
+    [
+        ("dock.", "dock. The lid was loose."),
+        ('"Simulated (', '"A good one. Simulated ('),
+        ("size = [0.06, 0.2]", "size = [0.07, 0.2]"),
+        ("size = [0.06, 0.2]", "size = [0.06, 0.2]\nmass_kg = 0.4"),
+        ("closed = true", "closed = true # it did not end there"),
+    ],
+)
+def test_an_edit_of_a_simulated_demonstration_is_seen(tmp_path: Path, written: str, edited: str) -> None:
+    folder = tmp_path / "tea"
+    write_demo(simulate("pour", "modern", 0), folder)
+    text = (folder / "demo.toml").read_text(encoding="utf-8")
+    assert written in text
+    (folder / "demo.toml").write_text(text.replace(written, edited, 1), encoding="utf-8")
+    assert why_kept(folder) == "whose demo.toml was edited"
 
 
 def test_a_folder_that_another_program_makes_meanwhile_stays(tmp_path: Path) -> None:
