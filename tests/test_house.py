@@ -94,6 +94,7 @@ def test_nothing_heavy_is_loaded_early() -> None:
     for statement, heavy in (
         ("import pbd.cli; pbd.cli.parser()", HEAVY | {"numpy"}),
         ("import pbd; pbd.track; pbd.load_robot", HEAVY),
+        ("import pbd.cli.record", {"http.client"}),
     ):
         code = f"{statement}\nimport sys\nprint(*sorted(sys.modules.keys() & {heavy!r}))"
         result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -41,7 +41,7 @@ def load_demonstration(name: str | None) -> Demonstration:
     """Load the demonstration of this name; without one load the newest, and say which it is."""
     if name is None:
         name, latest = newest_demo(), newest_demo(failed=True)
-        newer = "" if latest == name else f"; the newer '{latest}' has fewer than two stops"
+        newer = "" if latest == name else f"; the newer '{latest}' can't be replayed"
         say(f"no demonstration named: using '{name}'{newer}")
     with working(f"reading {name}"):
         return load_demo(name)

@@ -109,7 +109,7 @@ class Demonstration:
         keyframes: those edited by a person, which replace the automatic ones.
         touch_ups: corrections of the keyframes.
         closed: the hand ended at the dock.
-        failed: the recording ended with fewer than two stops.
+        failed: it was recorded or imported with fewer than two stops, or could not be tracked then.
         places, contacts: known places and heights of stops.
         takes: the takes of a fused demonstration.
     """

@@ -18,7 +18,7 @@ from pbd.timestamps import SampleClock
 
 
 def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None = None) -> Demonstration:
-    """Decode a raw.bin.
+    """Decode a raw.bin, or a text of lines.
 
     The file has no arrival times. The samples get the times of the demonstration in the same folder if the number of
     samples agrees, else the device's own times, or, without a device clock, evenly spaced times.
@@ -33,6 +33,8 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
         RecordingError: the file can't be read or has no samples, or the rate is unknown.
     """
     data = read_bytes(path, RecordingError, "name a raw.bin")
+    if path.suffix.lower() != ".bin":
+        data = b"\n" + data  # a text begins with a whole line; what came from a port may begin within one
     samples = [sample for sample in decoder.feed(data) if sample.acc is not None]
     if len(samples) < 2:
         correct = "name each number of a line" if sensor == "lines" else "name the sensor that it came from"

@@ -10,8 +10,9 @@ import pytest
 
 from pbd.cli import main
 from pbd.data import GRAVITY
-from pbd.files.demo import read_demo, write_demo
+from pbd.files.demo import newest_demo, read_demo, write_demo
 from pbd.simulation.simulate import simulate
+from tests.cli.running import HEADER, write_recording
 
 
 @pytest.fixture
@@ -143,4 +144,23 @@ def test_lines_without_names_are_decoded_as_a_port_would_be(in_g: Path, capsys: 
     names = in_g.read_text().partition("\n")[0]
     columns = names.replace("heading,pitch,roll", "_,_,_")
     assert main(["import", "log.txt", "tea", "--sensor", "lines", "--columns", columns, "--unit", "acc=g"]) == 0
-    assert read_demo(Path("demos/tea")).recording.acc[:, 2].max() > GRAVITY
+    recording = read_demo(Path("demos/tea")).recording
+    assert recording.acc[:, 2].max() > GRAVITY
+    assert len(recording) == len(Path("log.txt").read_text().splitlines())  # the first line too
+
+
+@pytest.mark.usefixtures("in_g")
+def test_an_import_that_cant_be_replayed_is_not_the_default(capsys: pytest.CaptureFixture[str]) -> None:
+    still, restless = write_recording(Path("still.csv")), Path("restless.csv")
+    rows = [[float(cell) for cell in line.split(",")] for line in still.read_text().splitlines()[1:]]
+    turning = (
+        f"{t},{gx + 2.0},{gy},{gz + (t % 0.3)},{ax + (t % 0.2) * 20},{ay},{az}" for t, gx, gy, gz, ax, ay, az in rows
+    )
+    restless.write_text("\n".join([HEADER.strip(), *turning]))
+    for file, why in ((still, "it has fewer than two stops"), (restless, "")):
+        assert main(["import", str(file), file.stem]) == 0
+        err = capsys.readouterr().err
+        assert why in err
+        assert err.endswith("so no command takes it unless you name it\n")
+        assert read_demo(Path("demos") / file.stem).failed
+    assert newest_demo() == "pouring"

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from pbd.audit.audit import audit_received
 from pbd.data import Calibration, Obstacle, Samples
 from pbd.errors import PbdWarning, PlanError
-from pbd.files.exporters import FORMATS, csv, export, urscript
+from pbd.files.exporters import FORMATS, SERVOJ_HZ, csv, export, urscript
 from pbd.files.exporters.controller_interpolation import interpolate
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Pose
@@ -46,7 +46,7 @@ def test_every_format_for_every_arm(tmp_path: Path, name: str) -> None:
         shares = [share for shares in done.receiver.values() for share in shares]
         assert max((share.value for share in shares), default=1.0) <= 1.0
     if name.startswith("ur"):
-        for rate_hz in urscript.PERIODS_HZ:
+        for rate_hz in SERVOJ_HZ:
             done = export(plan.trajectory, robot, "urscript", tmp_path / "dense", rate_hz, dense=True, source=source)
             assert max(share.value for share in done.receiver["hold"]) <= 1.0
 

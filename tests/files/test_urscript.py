@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from pbd.errors import PbdError, PlanError
-from pbd.files.exporters import export
+from pbd.errors import PbdError, PlanError, UsageError
+from pbd.files.exporters import check_format, export
 from pbd.planning import Plan
 from tests.files.test_formats import planned
 from tests.files.urscript import Controller, HaltedError
@@ -86,8 +86,8 @@ def test_what_it_refuses(tmp_path: Path) -> None:
         program(place, "ur5", "line")
     with pytest.raises(PlanError, match="which panda is not"):
         program(place, "panda")
-    with pytest.raises(PbdError, match=r"must be 125 \(CB3\) or 500"):
-        program(place, "ur5", rate_hz=100.0)
+    with pytest.raises(UsageError, match=r"must be 125 \(CB3\) or 500"):  # before anything is planned
+        check_format("urscript", 100.0, dense=True)
     with pytest.raises(PbdError, match="leave --rate out"):
         export(trajectory, robot, "urscript", place, 125.0, source=source)
     with pytest.raises(PbdError, match="--dense is for urscript"):

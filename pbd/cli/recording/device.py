@@ -11,7 +11,6 @@ from pbd.cli.console import listening
 from pbd.errors import SensorError, UsageError
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
-from pbd.sensors.phyphox.phone import PhonePort
 from pbd.sensors.port import open_port
 from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, ProbeResult, find_baud, probe
 from pbd.sensors.protocols import COMMAND_PAUSE_S, PROTOCOLS, protocol
@@ -69,6 +68,8 @@ def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder
         )
     if args.baud or args.rate:
         raise UsageError("a phone has no baud or rate to choose; leave out --baud and --rate")
+    from pbd.sensors.phyphox.phone import PhonePort
+
     phone = PhonePort(args.port)
     opened = False
 

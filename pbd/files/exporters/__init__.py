@@ -62,6 +62,9 @@ FOLDERS = ("lerobot",)
 LOWEST_HZ, HIGHEST_HZ = 10.0, 1e5
 """Range of --rate."""
 
+SERVOJ_HZ = (125.0, 500.0)
+"""Rates of a CB3 and of an e-Series controller, for urscript's --dense."""
+
 CUBIC_EXCESS = 0.1
 """Largest excess over a limit, as a fraction of it, that causes no warning if a receiver joins the samples of a "hold"
 format by cubics. At 1 kHz a panda exceeds its acceleration limit by 0.07 (docs/exports.md)."""
@@ -105,6 +108,8 @@ def check_format(
         raise UsageError(f"--dense is for urscript alone; leave it out for {format_name}", value=format_name)
     if rate_hz is not None and FORMATS[format_name].usual_hz is None and not dense:
         raise UsageError(f"{format_name} is not sampled at a rate: leave --rate out", value=rate_hz)
+    if dense and rate_hz is not None and rate_hz not in SERVOJ_HZ:
+        raise UsageError(f"--rate must be 125 (CB3) or 500 (e-Series) for servoj, got {rate_hz:g}", value=rate_hz)
     if robot is not None and FORMATS[format_name].for_some:
         import_module(f"{__name__}.{FORMATS[format_name].file}").check(robot)
 

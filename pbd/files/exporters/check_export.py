@@ -10,6 +10,7 @@ import numpy as np
 
 from pbd.data import JointTrajectory, Samples
 from pbd.errors import PbdError, PlanError
+from pbd.files.exporters import check_format
 from pbd.files.exporters.controller_interpolation import (
     EPSILON,
     LIMITS,
@@ -87,7 +88,8 @@ def _valid_rate(
     """Return the lowest higher rate at which the check passes, or None."""
     for rate_hz in RATES_HZ:
         if request.rate_hz is not None and rate_hz > request.rate_hz and sampled is not None:
-            with suppress(PbdError):  # servoj has only two rates
+            with suppress(PbdError):
+                check_format(request.format_name, rate_hz, request.dense)  # servoj has only two rates
                 other = replace(request, rate_hz=rate_hz)
                 check_received(other, sampled(other), rules)
                 return rate_hz

@@ -15,15 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from pbd.data import Robot, Samples
-from pbd.errors import PbdError, PlanError
+from pbd.errors import PlanError
+from pbd.files.exporters import SERVOJ_HZ
 from pbd.files.exporters.controller_interpolation import set_point_samples
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Array
 
 JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
-PERIODS_HZ = (125.0, 500.0)
-"""Rates of a CB3 and of an e-Series controller."""
-
 OFF_LINE_RAD = 1e-6
 """Largest deviation of a move from a straight line in joint space, rad, for movej."""
 
@@ -73,11 +71,8 @@ def check(robot: Robot) -> None:
 
 
 def samples(request: ExportRequest) -> Samples:
-    """Sample at the end of each move, or, dense, at the controller's period. PbdError: no controller has this rate."""
+    """Sample at the end of each move, or, dense, at the controller's period."""
     check(request.robot)
-    if request.rate_hz not in (None, *PERIODS_HZ):
-        what = f"--rate must be 125 (CB3) or 500 (e-Series) for servoj, got {request.rate_hz:g}"
-        raise PbdError(what, value=request.rate_hz)
     return request.trajectory.at(
         np.concatenate([_instants(request, phase) for phase in _phases(request) if phase.moves])
     )
@@ -131,7 +126,7 @@ def _instants(request: ExportRequest, move: _Phase) -> Array:
 
 def _period_s(request: ExportRequest) -> float:
     """Return the controller's period, s."""
-    return 1.0 / (request.rate_hz or PERIODS_HZ[0])
+    return 1.0 / (request.rate_hz or SERVOJ_HZ[0])
 
 
 def _acceleration_and_velocity(request: ExportRequest, move: _Phase) -> tuple[float, float]:
