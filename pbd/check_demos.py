@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Calibration, Robot
-from pbd.errors import PbdError, WrongTypeError, collected_warnings, require_kind
+from pbd.errors import PbdError, WrongTypeError, collected_warnings, is_whole_number, require_kind
 from pbd.files.demo import load_demo
 from pbd.fusion.matching import HAND_M
 from pbd.pipeline import track
@@ -99,7 +99,7 @@ def check_all(
     if isinstance(demos, str | Path):
         raise WrongTypeError(f"check_all takes a list of demonstrations: check_all([{str(demos)!r}])")
     require_kind("demos", demos, "a list of demonstrations' names", isinstance(demos, Iterable))
-    require_kind("jobs", jobs, "a whole number", jobs is None or isinstance(jobs, int))
+    require_kind("jobs", jobs, "a whole number", jobs is None or is_whole_number(jobs))
     arm = None if robot is None else load_arm(robot)
     found: list[DemoCheck] = []
     for check in Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(str(name), arm) for name in demos):

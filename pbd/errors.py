@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any, ClassVar, Self
 
 
@@ -145,6 +145,11 @@ def require_kind(name: str, value: object, kind: str, valid: bool) -> None:
 def is_number(value: object) -> bool:
     """Whether a value is a real number, of Python or of numpy; True and False are none."""
     return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def is_whole_number(value: object) -> bool:
+    """Whether a value is a whole number, of Python or of numpy; True and False are none."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 MOST_LISTED = 12

@@ -11,13 +11,17 @@ import pytest
 
 import pbd
 from pbd.data import Calibration, Recording
+from pbd.data.covariance import PoseCovariance
 from pbd.errors import UsageError, WrongTypeError
 from pbd.planning import plan_keyframes, source_of
 from pbd.pose import Array
+from pbd.simulation.simulate import random_task, simulate
 from pbd.tracking.keyframes import keyframes_of
+from pbd.tracking.online.tracker import LiveTracker
 
 STILL = Recording(np.arange(3) / 100.0, np.zeros((3, 3)))
 EMPTY: Any = {}
+COVARIANCE = PoseCovariance.chained(np.tile(np.eye(6), (2, 1, 1)))
 
 WRONG: dict[str, Callable[[Any], object]] = {
     "track takes a Recording or a Demonstration, got 'tea'; pbd.load_demo returns one": pbd.track,
@@ -34,6 +38,22 @@ WRONG: dict[str, Callable[[Any], object]] = {
     "export takes a JointTrajectory, got 'tea'; pbd.plan returns one": lambda name: pbd.export(name, name, "csv", "x"),
     "check_all takes a list of demonstrations: check_all(['tea'])": pbd.check_all,
     "jobs must be a whole number, got 'tea'": lambda name: pbd.check_all([], jobs=name),
+    "t must be an array of numbers, got 'tea'": lambda name: LiveTracker().feed(name, STILL.acc[0], STILL.acc[0]),
+    "acc must be three numbers for each t, got None": lambda _: LiveTracker().feed(0.0, cast(Array, None), None),
+    "gyr must be three numbers for each t, got 'tea'": lambda name: LiveTracker().feed(0.0, STILL.acc[0], name),
+    "mag must be three numbers for each t, got [1.0, 2.0]": lambda _: LiveTracker().feed(
+        0, STILL.acc[0], mag=[1.0, 2.0]
+    ),
+    "poses must be a list of numbers from 0 to 1, got 'tea'": COVARIANCE.joint,
+    "poses must be a list of numbers from 0 to 1, got 1": lambda _: COVARIANCE.joint(cast(Any, 1)),
+    "poses must be a list of numbers from 0 to 1, got [2]": lambda _: COVARIANCE.joint([2]),
+    "seed must be a whole number, 0 or more, got 'tea'": random_task,
+    "max_turn must be a number, 0 or more, got 'tea'": lambda name: random_task(1, max_turn=name),
+    "move_s must be two numbers, the shortest first, got 'tea'": lambda name: random_task(1, move_s=name),
+    "rest_s must be two numbers, the shortest first, got (2.0, 1.0)": lambda _: random_task(1, rest_s=(2.0, 1.0)),
+    "task must be a task, or the name of one, got {}": lambda _: simulate(EMPTY),
+    "sensor must be a sensor model, or the name of one, got {}": lambda _: simulate("pour", EMPTY),
+    "seed must be a whole number, got 'tea'": lambda name: simulate("pour", seed=name),
     "the robot must be a name or a path, got None": lambda _: pbd.load_robot(cast(str, None)),
     "Recording.gyr must be an array of numbers, got 'tea'": lambda name: Recording(STILL.t, STILL.acc, name),
     "Recording.acc must be an array of numbers, got None": lambda _: Recording(STILL.t, cast(Array, None)),

@@ -8,6 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from pbd.errors import is_whole_number, require_kind
 from pbd.pose import Array
 
 KEYFRAMES_AT_ONCE = 32
@@ -35,12 +36,15 @@ class PoseCovariance:
         return cls(len(blocks), partial(_chained, blocks))
 
     def joint(self, poses: Sequence[int] | None = None) -> Array:
-        """Covariance (6m, 6m) of m of the poses; of all poses by default."""
+        """Covariance (6m, 6m) of m of the poses, given by their numbers; of all poses by default."""
         poses = range(self.count) if poses is None else poses
+        listed = isinstance(poses, Sequence | np.ndarray)
+        valid = listed and all(is_whole_number(pose) and 0 <= pose < self.count for pose in poses)
+        require_kind("poses", poses, f"a list of numbers from 0 to {self.count - 1}", valid)
         columns = np.zeros((self.count, 6, 6 * len(poses)))
         for i, pose in enumerate(poses):
             columns[pose, :, 6 * i : 6 * i + 6] = np.eye(6)
-        block = self.multiply(columns)[list(poses)].reshape(6 * len(poses), -1)
+        block = self.multiply(columns)[list(poses)].reshape(6 * len(poses), 6 * len(poses))
         return np.asarray(0.5 * (block + block.T))
 
     @cached_property

@@ -22,7 +22,7 @@ from typing import TypeVar
 import numpy as np
 
 from pbd.data import Demonstration, Recording, RecordingInfo, Truth
-from pbd.errors import SensorError, UsageError, nearest
+from pbd.errors import SensorError, UsageError, is_number, is_whole_number, nearest, require_kind
 from pbd.pose import (
     Array,
     quat_about_z,
@@ -80,7 +80,13 @@ def simulate(
     Raises:
         UsageError: no task or sensor has this name.
         SensorError: the rate is not above 0, or the seed is negative.
+        WrongTypeError: an argument is of another kind.
     """
+    for name, value in (("seed", seed), ("device", 0 if device is None else device)):
+        require_kind(name, value, "a whole number", is_whole_number(value))
+    require_kind("rate_hz", rate_hz, "a number", rate_hz is None or is_number(rate_hz))
+    require_kind("task", task, "a task, or the name of one", isinstance(task, str | Task))
+    require_kind("sensor", sensor, "a sensor model, or the name of one", isinstance(sensor, str | SensorModel))
     if seed < 0:
         raise SensorError(f"the seed {seed} is negative; give 0 or more", value=seed)
     task = _look_up({**TASKS, **CALIBRATION_TASKS}, task, "task") if isinstance(task, str) else task

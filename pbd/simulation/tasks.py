@@ -6,7 +6,7 @@ of 0.10 m, 0.15 m along x, 0.15 m along y and a roll of 60 degrees.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import cos, isfinite, radians, sin
 from types import MappingProxyType
@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from pbd.data import GraspedObject, GripEvent
-from pbd.errors import SensorError
+from pbd.errors import SensorError, is_number, is_whole_number, require_kind
 from pbd.simulation.hand_motion import HandMotion, Waypoint
 
 BOTTLE = GraspedObject("cylinder", (0.06, 0.20))
@@ -112,7 +112,17 @@ def random_task(
         max_turn: largest rotation of a move, rad.
         move_s: duration of the shortest and the longest move.
         rest_s: duration of the shortest and the longest rest.
+
+    Raises:
+        WrongTypeError: an argument is of another kind.
     """
+    for name, count in (("seed", seed), ("moves", moves)):
+        require_kind(name, count, "a whole number, 0 or more", is_whole_number(count) and count >= 0)
+    for name, number in (("reach_m", reach_m), ("max_turn", max_turn), ("first_rest_s", first_rest_s)):
+        require_kind(name, number, "a number, 0 or more", is_number(number) and number >= 0.0)
+    for name, pair in (("move_s", move_s), ("rest_s", rest_s)):
+        numbers = isinstance(pair, Sequence) and len(pair) == 2 and all(map(is_number, pair))
+        require_kind(name, pair, "two numbers, the shortest first", numbers and pair[0] <= pair[1])
     rng = np.random.default_rng(seed)
     waypoints = [Waypoint(rest_s=first_rest_s)]
     for _ in range(moves):

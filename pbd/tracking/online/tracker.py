@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.data import Keyframe, Recording, RecordingInfo, Stop
-from pbd.errors import PbdError, TrackingError
+from pbd.data.frozen_arrays import numeric
+from pbd.errors import PbdError, TrackingError, WrongTypeError
 from pbd.pose import Array, readonly
 from pbd.tracking.first_rest import QUIET_RATIO, REST_S, STILL_ACC, Rest, find_rest
 from pbd.tracking.noise import noise_of
@@ -75,11 +76,12 @@ class LiveTracker:
 
         Raises:
             TrackingError: there is neither a gyro nor the device's attitude.
+            WrongTypeError: an argument is not numbers, or not three for each t.
         """
-        times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        times = np.atleast_1d(numeric("t", t))
         rows = [
-            None if values is None else np.asarray(values, dtype=np.float64).reshape(len(times), 3)
-            for values in (acc, gyr, mag, device_rpy)
+            None if values is None and name != "acc" else _triples(name, values, len(times))
+            for name, values in (("acc", acc), ("gyr", gyr), ("mag", mag), ("device_rpy", device_rpy))
         ]
         if self._has_gyro is None and len(times):
             if gyr is None and device_rpy is None:
@@ -216,3 +218,10 @@ def _rest_advice(error: PbdError) -> str:
     if error.fields.get("bound") == STILL_ACC:
         return f"hold still for {REST_S:g} s: the hand shakes with {error.fields['value']:.2f} m/s2"
     return error.message
+
+
+def _triples(name: str, values: ArrayLike | None, count: int) -> Array:
+    try:
+        return np.asarray(values, dtype=np.float64).reshape(count, 3)
+    except (TypeError, ValueError):
+        raise WrongTypeError(f"{name} must be three numbers for each t, got {values!r:.60}") from None
