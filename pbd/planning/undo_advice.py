@@ -1,33 +1,50 @@
-"""Advise to undo touch-ups, if these are what brings a keyframe out of reach."""
+"""Advise to undo a person's corrections, if these are what brings a keyframe out of reach."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
+
+from pbd.data import Demonstration
 from pbd.errors import PbdError
 from pbd.files.demo import shell_word
+from pbd.files.keyframes import NAME
 from pbd.planning.options import PlanOptions
 from pbd.planning.task import Task, place_keyframes
 
 
 def undo_advice(task: Task, options: PlanOptions, error: PbdError, works: Callable[[Task], bool]) -> list[str]:
-    """Return the command that undoes the touch-ups, if the keyframe of the error was moved by them; else nothing.
+    """Return how to undo the touch-ups, or else the nudges, that moved the keyframe of the error, if that helps.
 
-    `works`: whether a task can be done; it is called with the task without its touch-ups.
+    `works`: whether a task can be done; it is called with the task without its touch-ups, or its nudges.
     """
     path, number = task.hand_path, error.fields.get("keyframe")
-    if path is None or path.tracking is None or not isinstance(number, int):
+    demo = None if path is None or path.tracking is None else path.tracking.demo
+    if demo is None or demo.folder is None or not isinstance(number, int):
         return []
-    demo = path.tracking.demo
+    placed = place_keyframes(task, options)[1][number]
+    for without, undo, how in _uncorrected(task, demo, demo.folder):
+        moved_m, _ = placed.distance(place_keyframes(without, options)[1][number])
+        if moved_m > 0.0 and works(without):
+            return [f"{undo} that moved keyframe {number} by {100.0 * moved_m:.1f} cm ({how})"]
+    return []
+
+
+def _uncorrected(task: Task, demo: Demonstration, folder: Path) -> Iterator[tuple[Task, str, str]]:
+    """Yield the task without its touch-ups, and without its nudges; each with what is to be undone, and how."""
+    path = task.hand_path
     count = sum(not each.undone for each in demo.touch_ups)
-    if not count or demo.folder is None:
-        return []
-    untouched = replace(path, tracking=replace(path.tracking, demo=replace(demo, touch_ups=())))
-    without = task._replace(hand_path=untouched)
-    if not works(without):
-        return []
-    moved_m, _ = place_keyframes(task, options)[1][number].distance(place_keyframes(without, options)[1][number])
-    which, repeat = ("touch-up", "") if count == 1 else (f"{count} touch-ups", ", once for each")
-    command = f"`pbd touch {shell_word(demo.folder)} --robot {task.robot.name} --undo`{repeat}"
-    return [f"undo the {which} that moved keyframe {number} by {100.0 * moved_m:.1f} cm ({command})"]
+    if count and path is not None and path.tracking is not None:
+        untouched = replace(path, tracking=replace(path.tracking, demo=replace(demo, touch_ups=())))
+        which, repeat = ("touch-up", "") if count == 1 else (f"{count} touch-ups", ", once for each")
+        command = f"`pbd touch {shell_word(folder)} --robot {task.robot.name} --undo`{repeat}"
+        yield task._replace(hand_path=untouched), f"undo the {which}", command
+    nudged = sum(each.nudge_base_m.any() or each.nudge_tool_m.any() for each in task.keyframes)
+    if nudged:
+        none = np.zeros(3)
+        keyframes = tuple(replace(each, nudge_base_m=none, nudge_tool_m=none) for each in task.keyframes)
+        which = "nudge" if nudged == 1 else "nudges"
+        yield task._replace(keyframes=keyframes), f"remove the {which}", f"in {folder / NAME}"

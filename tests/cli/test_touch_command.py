@@ -162,6 +162,16 @@ def test_out_of_reach_after_a_touch_up_tells_how_to_undo_it(
     assert run(capsys, *command, "--robot", "panda")[0] == 0
 
 
+@pytest.mark.parametrize("command", [("replay", "tea", "--html", "x.html"), ("keyframes", "tea")])
+def test_out_of_reach_after_a_nudge_tells_to_remove_it(tea: Path, capsys: Capture, command: tuple[str, ...]) -> None:
+    run(capsys, "keyframes", "tea", "--save")
+    tea.write_text(tea.read_text().replace("[[keyframe]] # 2", "[[keyframe]] # 2\nnudge_base_m = [0.45, 0, 0.45]"))
+    _, _, err = run(capsys, *command, "--robot", "panda")
+    advice = "remove the nudge that moved keyframe 2 by 63.6 cm (in demos/tea/keyframes.toml)"
+    assert err.splitlines()[-1].endswith(f", or {advice}")
+    assert "nudge" not in run(capsys, *command, "--robot", "panda", "--scale", "5")[2]  # it would not help
+
+
 def test_success_is_told_with_the_joint_distribution(tea: Path, capsys: Capture) -> None:
     loose, tight = (
         run_json(capsys, "keyframes", "tea", "--robot", "panda", "--tolerance", within) for within in ("0.05", "0.005")
