@@ -101,8 +101,10 @@ def check_all(
     require_kind("demos", demos, "a list of demonstrations' names", isinstance(demos, Iterable))
     require_kind("jobs", jobs, "a whole number", jobs is None or is_whole_number(jobs))
     arm = None if robot is None else load_arm(robot)
+    names = list(map(str, demos))
+    jobs = None if jobs is None else min(jobs, len(names) or 1)  # joblib starts as many processes as it is told
     found: list[DemoCheck] = []
-    for check in Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(str(name), arm) for name in demos):
+    for check in Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(name, arm) for name in names):
         found.append(check)
         if done is not None:
             done(len(found))

@@ -48,6 +48,19 @@ def test_one_that_was_set_aside_is_left_out_beside_others(takes: list[str], caps
     assert [row["name"] for row in run_json(capsys, "check", "tea1.before")["demos"]] == ["tea1.before"]
 
 
+def test_no_process_is_started_without_a_demonstration(takes: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    started = []
+
+    def parallel(n_jobs: int, return_as: str) -> object:
+        started.append(n_jobs)
+        return Parallel(n_jobs=1, return_as=return_as)
+
+    Parallel = joblib.Parallel
+    monkeypatch.setattr(joblib, "Parallel", parallel)
+    check_all(takes[:2], jobs=200)
+    assert started == [2]
+
+
 def test_what_stops_the_robot_is_told(takes: list[str]) -> None:
     toml = Path("demos/tea1/keyframes.toml")
     assert main(["keyframes", "tea1", "--save"]) == 0

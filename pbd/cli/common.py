@@ -147,6 +147,8 @@ def plan_demonstration(args: argparse.Namespace, measured: tuple[float, ...] | N
     """Load, track and plan args.demo; the motion is audited. `measured`: see `plan_options`."""
     from pbd.planning import load_arm, plan_path
 
+    if measured is None and args.start is None and args.units.asked:
+        raise UsageError("--units is for --from alone, as motions are always in rad and m: leave it out")
     demo = load_demonstration(args.demo)
     robot, calibration = load_arm(args.robot, args.calibration)
     path, _ = track_demonstration(demo, args.method, calibration, args.accept_gap)

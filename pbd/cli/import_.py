@@ -10,7 +10,16 @@ from dataclasses import replace
 from pbd.cli.common import decoder_maker, store_demonstration
 from pbd.cli.console import say, working
 from pbd.data import Demonstration
-from pbd.errors import PbdError, RecordingError, SensorError, TrackingError, collected_warnings, listed, warn
+from pbd.errors import (
+    PbdError,
+    RecordingError,
+    SensorError,
+    TrackingError,
+    UsageError,
+    collected_warnings,
+    listed,
+    warn,
+)
 from pbd.files.demo import demo_folder
 from pbd.files.importers import Imported, import_recording
 from pbd.files.importers.columns import Understood
@@ -35,6 +44,8 @@ def run(args: argparse.Namespace) -> None:
     if folder.resolve() in (args.file.resolve(), *args.file.resolve().parents):
         raise RecordingError(f"{args.file} is in {folder}, which it would replace; give another name", path=args.file)
     # Raw bytes, and lines without a header, are decoded as `pbd record` does.
+    if args.columns and not args.sensor:
+        raise UsageError("--columns names the numbers of --sensor lines: add --sensor lines")
     if args.file.suffix.lower() == ".bin" or args.columns:
         imported = Imported(_decode(args), Understood())
     else:

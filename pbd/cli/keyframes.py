@@ -29,8 +29,10 @@ from pbd.view.terminal_tables import joints_table, keyframes_table, print_table
 
 def run(args: argparse.Namespace) -> None:
     """Track, map to the robot's base if there is a calibration or a robot, and print."""
+    if args.force and not args.save:
+        raise UsageError("--force is for --save, which writes keyframes.toml: give both, or neither")
     demo = load_demonstration(args.demo)
-    if args.save and args.force:
+    if args.force:
         demo = replace(demo, keyframes=None)
     robot, calibration = load_arm(args.robot, args.calibration) if args.robot else (None, named_calibration(args))
     path, keyframes = track_demonstration(demo, args.method, calibration, args.accept_gap)

@@ -13,7 +13,7 @@ from typing import Any
 
 from pbd.cli.console import print_json, say
 from pbd.cli.recording.device import probed
-from pbd.errors import SensorError
+from pbd.errors import SensorError, UsageError
 from pbd.io.atomic import atomic_file, refuse_output
 from pbd.io.made_by_pbd import PICTURE
 from pbd.sensors import port as serial_port
@@ -47,6 +47,8 @@ def run(args: argparse.Namespace) -> None:
     """List the ports and the supported sensors, with --probe listen to the ports; or prepare a phone."""
     if args.phone:
         return _prepare_phone(args)
+    if args.output is not None:
+        raise UsageError("-o is for a phone: pbd sensors phyphox -o FILE")
     ports = (serial_port.PortInfo(args.port, "", ""),) if args.port else serial_port.list_ports()
     rows: list[dict[str, str | int | None]] = []
     for port in ports:
@@ -120,12 +122,12 @@ def _qr_code(data: bytes) -> Any:
 def _draw_code(code: Any, kind: str, file: Path) -> None:
     """Write a picture of a code, which says that pbd made it, as `refuse_others_file` wants."""
     if kind == "svg":
-        return code.save(str(file), kind=kind, scale=PIXELS, title=MADE_BY)
+        code.save(str(file), kind=kind, scale=PIXELS, title=MADE_BY)
+        return
     drawn, text = io.BytesIO(), b"tEXtSoftware\0" + MADE_BY.encode()
     code.save(drawn, kind=kind, scale=PIXELS)
     chunk = struct.pack(f">I{len(text)}sI", len(text) - 4, text, zlib.crc32(text))  # of PNG, after its header
     file.write_bytes(drawn.getvalue()[:PNG_HEADER] + chunk + drawn.getvalue()[PNG_HEADER:])
-    return None
 
 
 def _show_codes() -> None:

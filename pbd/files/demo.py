@@ -103,7 +103,9 @@ def read_demo(folder: Path) -> Demonstration:
 
 def _refuse_without(folder: Path, name: str) -> None:
     if not (folder / name).is_file():
-        raise RecordingError(f"{folder} is not a demonstration: it has no {name}; name another", path=folder)
+        inside = min(folder.glob("*/demo.toml"), default=None)
+        other = "name another" if inside is None else f"name one that is in it, such as {inside.parent}"
+        raise RecordingError(f"{folder} is not a demonstration: it has no {name}; {other}", path=folder)
 
 
 def _read_takes(sections: Sequence[Section], folder: Path) -> tuple[Demonstration, ...]:

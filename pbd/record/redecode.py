@@ -11,9 +11,10 @@ from pbd.errors import RecordingError
 from pbd.files.demo import read_demo
 from pbd.io.read_file import read_bytes
 from pbd.pose import Array
-from pbd.record.session import DEVICE_CLOCK
+from pbd.record.session import DEVICE_CLOCK, FIRST_BYTES
 from pbd.record.session_types import recording_from_samples
 from pbd.sensors.decoding import Decoder, Sample
+from pbd.sensors.probe import describe_bytes
 from pbd.timestamps import SampleClock
 
 
@@ -37,7 +38,9 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
         data = b"\n" + data  # a text begins with a whole line; what came from a port may begin within one
     samples = [sample for sample in decoder.feed(data) if sample.acc is not None]
     if len(samples) < 2:
-        correct = "name each number of a line" if sensor == "lines" else "name the sensor that it came from"
+        correct = "name the sensor that it came from"
+        if sensor == "lines":
+            correct = describe_bytes(data[:FIRST_BYTES], None, sensor)
         raise RecordingError.at(path, f"no samples of {sensor} in its {len(data)} bytes; {correct}")
     stored = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
     samples, t, clock = _sample_times(path, samples, None if stored is None else stored.recording, rate_hz)
