@@ -170,9 +170,8 @@ class Section:
         """Return the value in `choices` of the word under `key`."""
         if key not in self and default is not _REQUIRED:
             return default
-        if (word := self.text(key)) not in choices:
-            self.fail(key, f"must be one of {', '.join(choices)}, got {word!r}")
-        return choices[word]
+        rule = f"must be one of {', '.join(choices)}, got {{}}"
+        return choices[self._get(key, rule, lambda v: isinstance(v, str) and v in choices)]
 
     def done(self) -> None:
         """Refuse keys that were not read, here and in the tables inside."""

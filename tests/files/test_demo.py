@@ -279,6 +279,10 @@ def test_a_file_at_the_path_is_refused(tmp_path: Path) -> None:
     ("line", "message"),
     [
         ("nots = 'x'", ":1: nots is unknown; the keys here are format, name, sensor, "),
+        (
+            "created = 'today'",
+            ":1: created must be a date and time such as 2026-05-01T12:00:00Z, got 'today'; correct it",
+        ),
         ("closed = 1", ":1: closed must be true or false, got 1; correct it"),
         (
             "object = {shape = 'cone', size = [1]}",
