@@ -58,8 +58,8 @@ def newest_demo(failed: bool = False) -> str:
         with suppress(RecordingError):
             top = read_toml(file, RecordingError)
             left_out = top.flag("bundled", False) or (top.flag("failed", False) and not failed)
-            if not left_out and not is_aside(file.parent) and (created := _read_created(top)):
-                recorded.append((created, file.parent.name))
+            if not left_out and not is_aside(file.parent):
+                recorded.append((top.date("created"), file.parent.name))
     return max(recorded)[1] if recorded else "pouring"
 
 
@@ -73,7 +73,7 @@ def read_demo(folder: Path) -> Demonstration:
         name=as_text(os.path.basename(os.path.abspath(folder))),  # noqa: PTH100, PTH119 (a link's own name, "." too)
         sensor=top.text("sensor"),
         rate_hz=top.number("rate_hz", None, positive=True, within=RATES_HZ[1]),
-        created=_read_created(top),
+        created=top.date("created", None),
         clock=top.text("clock", ""),
     )
     grip = tuple(GripEvent(event.number("t_s"), event.flag("closed")) for event in top.tables("grip"))
@@ -99,16 +99,6 @@ def read_demo(folder: Path) -> Demonstration:
     if os.path.lexists(edited := folder / keyframes.NAME):
         optional |= {"keyframes": keyframes.read_keyframes(edited), "touch_ups": keyframes.read_touch_ups(edited)}
     return Demonstration(recording, folder=folder, takes=takes, **optional)
-
-
-def _read_created(top: Section) -> str | None:
-    created = top.text("created", None)
-    if created is not None:
-        try:
-            datetime.fromisoformat(created)
-        except ValueError:
-            top.fail("created", f"must be a date and time such as 2026-05-01T12:00:00Z, got {created!r}")
-    return created
 
 
 def _refuse_without(folder: Path, name: str) -> None:

@@ -11,6 +11,7 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -100,6 +101,12 @@ class Section:
         kind = f"must be a {'' if blank else 'non-empty '}string, got {{}}"
         text: str | T = self._get(key, kind, lambda v: isinstance(v, str) and (blank or v.strip()), default)
         return text
+
+    def date(self, key: str, default: T = _REQUIRED) -> str | T:
+        """Return a string that is a date and time in ISO 8601."""
+        rule = "must be a date and time such as 2026-05-01T12:00:00Z, got {}"
+        date: str | T = self._get(key, rule, _is_date, default)
+        return date
 
     def texts(self, key: str, default: T = _REQUIRED) -> tuple[str, ...] | T:
         """Return a list of strings."""
@@ -232,6 +239,13 @@ def _shown(value: object) -> str:
 
 def _is_table(value: object) -> bool:
     return isinstance(value, dict)
+
+
+def _is_date(value: object) -> bool:
+    try:
+        return isinstance(value, str) and bool(datetime.fromisoformat(value))
+    except ValueError:
+        return False
 
 
 def _is_number(value: object) -> bool:
