@@ -255,7 +255,7 @@ def move_error(seed: int, turned: Array, errors: SensorErrors | None) -> float |
     demo = simulate(Task("move", waypoints, start_rpy=(0.0, 0.0, rng.uniform(-np.pi, np.pi))), BAD, seed)
     try:
         keyframes = find_keyframes(track(demo.recording, calibration=Calibration("bad", sensor=errors)))
-    except TrackingError:
+    except (RecordingError, TrackingError):
         return None
     if len(keyframes) != 2:
         return None
