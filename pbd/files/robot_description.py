@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -66,6 +66,21 @@ class Urdf:
             chain.append(above[body])
             body = above[body].parent
         return tuple(reversed(chain))
+
+    def followers(self, leaders: Collection[str]) -> dict[str, Mimic]:
+        """Return each joint that mimics one of the `leaders`, also through other joints, and how."""
+        found = {}
+        for joint in self.joints.values():
+            at, multiplier, offset = joint, 1.0, 0.0
+            for _ in self.joints:  # no longer: joints may mimic each other in a circle
+                if at.name in leaders or at.mimic is None or at.mimic.joint not in self.joints:
+                    break
+                offset += multiplier * at.mimic.offset
+                multiplier *= at.mimic.multiplier
+                at = self.joints[at.mimic.joint]
+            if at.name in leaders and joint.name not in leaders:
+                found[joint.name] = Mimic(at.name, multiplier, offset)
+        return found
 
 
 def read_urdf(path: Path) -> Urdf:

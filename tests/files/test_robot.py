@@ -309,6 +309,19 @@ def test_a_finger_that_mimics_another_belongs_to_the_gripper(folder: Path) -> No
     np.testing.assert_allclose(gripper.closed, [0.0, 0.1])
 
 
+def test_a_joint_that_mimics_an_arms_joint_through_another_follows_it(folder: Path) -> None:
+    """As the rods of a parallel linkage do. The one that is listed first follows the one that is listed last."""
+    rod = """<link name="{0}"/><joint name="{0}" type="revolute"><parent link="foot"/><child link="{0}"/>
+    <axis xyz="0 0 1"/><limit effort="1" lower="-9" upper="9" velocity="3"/>
+    <mimic joint="{1}" multiplier="{2}" offset="{3}"/></joint>"""
+    rods = rod.format("outer", "inner", -2, 0.5) + rod.format("inner", "elbow", 3, 0.1)
+    loop = rod.format("head", "tail", 1, 0) + rod.format("tail", "head", 1, 0)
+    change(folder / "mine.urdf", "</robot>", f"{rods}{loop}</robot>")
+    outer, inner = read_robot(folder / "mine.toml").followers
+    assert (inner.joint, inner.leader, inner.multiplier, inner.offset) == ("inner", "elbow", 3.0, 0.1)
+    assert (outer.joint, outer.leader, outer.multiplier, outer.offset) == ("outer", "elbow", -6.0, 0.5 - 0.2)
+
+
 MESH = '<link name="hand"><visual><geometry><mesh filename="ADDRESS"/></geometry></visual></link>'
 
 
