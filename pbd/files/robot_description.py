@@ -20,6 +20,8 @@ from pbd.io.urdf import read_urdf_xml
 from pbd.io.xml import read_xml
 
 ACTUATED = ("revolute", "continuous", "prismatic")
+RESERVED = "universe"
+"""Pinocchio's name for the frame of the world; it finds no other link or joint of that name."""
 KINDS = (*ACTUATED, "fixed", "floating", "planar")
 
 
@@ -117,6 +119,8 @@ def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -
     ):
         if twice := next((name for name, count in Counter(names).items() if count > 1), None):
             raise RobotError.at(path, what.format(repr(twice)))
+    if RESERVED in links or RESERVED in (joint.name for joint in joints):
+        raise RobotError.at(path, f"a link or joint is named {RESERVED!r}, as pinocchio's own frame is; rename it")
     for joint in joints:
         for link in (joint.parent, joint.child):
             if link not in links:

@@ -364,6 +364,7 @@ def test_an_unnamed_joint_is_locked_at_zero_which_must_be_within_its_limits(fold
         ('<axis xyz="0 1 0"/>', '<mimic joint="shoulder"/>',
          r"mine.urdf: joint 'elbow', between 'foot' and 'hand', mimics 'shoulder', which pbd does not support"),
         ('<joint name="claw"', '<joint name="elbow"', r"mine.urdf: two joints are named 'elbow'; rename one of them"),
+        ('<joint name="claw"', '<joint name="universe"', r"mine.urdf: a link or joint is named 'universe', .*; rename"),
         ('<link name="mid"/>', "",
          r"mine.urdf: joint 'mount' joins 'mid', which is not a link of it; correct it, or add the link$"),
         ('<link name="mid"/>', '<link name="mid"/><link name="mid"/>', r"mine.urdf: two links are named 'mid'; rename"),
