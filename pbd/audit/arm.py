@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.data import Robot
+from pbd.io.urdf import kinematics
 from pbd.pose import Array, Pose, quat_to_matrix
 
 
@@ -31,7 +32,7 @@ class AuditArm:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self.model: Any = pin.buildModelFromUrdf(str(robot.urdf))
+        self.model: Any = pin.buildModelFromXML(kinematics(robot.urdf))
         self._data = self.model.createData()
         # Joint -> (column of x, slope, offset). Joint value = offset + slope * x[column].
         self._drives: dict[int, tuple[int, float, float]] = {}
@@ -40,6 +41,9 @@ class AuditArm:
         if gripper := robot.gripper:
             for name, opened, closed in zip(gripper.joints, gripper.open, gripper.closed, strict=True):
                 self._drives[self.model.getJointId(name)] = (len(robot.joints), float(opened - closed), float(closed))
+        for each in robot.followers:
+            leader = robot.joints.index(each.leader)
+            self._drives[self.model.getJointId(each.joint)] = (leader, each.multiplier, each.offset)
         self._column, self._slope, self._offset = map(np.array, zip(*self._drives.values(), strict=True))
         self._neutral = pin.neutral(self.model)
         at = np.array([self.model.joints[joint].idx_q for joint in self._drives])
@@ -80,12 +84,21 @@ class AuditArm:
         T_universe_tool = self.joint_poses(x)[self.tool_joint] * self.T_joint_tool
         return Pose.from_matrix((self.T_universe_base.inverse() * T_universe_tool).homogeneous)
 
+    def gears(self) -> Array:
+        """Return the velocity of each joint of the model per velocity of each of the arm's joints: (nv, k)."""
+        k = len(self.robot.joints)
+        gears = np.zeros((self.model.nv, k))
+        for joint, (column, slope, _) in self._drives.items():
+            if column < k:
+                gears[self.model.joints[joint].idx_v, column] = slope
+        return gears
+
     def ancestors(self, joint: int) -> list[int]:
         """Return a joint and its ancestors, child first."""
         return list(self.model.supports[joint])[:0:-1]
 
     def driven_ancestors(self, joint: int) -> frozenset[int]:
-        """Return those of `ancestors` that the arm or the gripper drives."""
+        """Return those of `ancestors` that the arm or the gripper moves."""
         return frozenset(self.ancestors(joint)) & self._drives.keys()
 
     def motion_bounds(self, joint: int, reach: float) -> dict[int, Array]:

@@ -91,13 +91,12 @@ def torques(arm: AuditArm, trajectory: JointTrajectory, t: Array, load: Load, pa
                 _add_inertia(holding, arm.tool_joint, arm.T_joint_tool * se3(stay.pose), _inertia(load.grasped))
                 for i in np.flatnonzero((stay.start <= t) & (t <= stay.end)):
                     models[i] = holding
-    data = bare.createData()
-    driven = [bare.joints[bare.getJointId(name)].idx_v for name in arm.robot.joints]
+    data, gears = bare.createData(), arm.gears()
     _, qd, qdd, _ = joint_motion(trajectory, t)
     q = arm.configurations(coordinates(trajectory, t))
-    v, a = np.zeros((2, len(t), bare.nv))
-    v[:, driven], a[:, driven] = pace * qd, pace**2 * qdd
-    return np.array([pin.rnea(model, data, *each) for model, *each in zip(models, q, v, a, strict=True)])[:, driven]
+    v, a = pace * qd @ gears.T, pace**2 * qdd @ gears.T
+    of_all = np.array([pin.rnea(model, data, *each) for model, *each in zip(models, q, v, a, strict=True)])
+    return np.asarray(of_all @ gears)
 
 
 def _add_inertia(model: Any, joint: int, T_joint_body: Any, inertia: Any) -> None:

@@ -10,7 +10,7 @@ from pbd.data.calibration import TOOL_DOWN, Calibration, Linear, SensorErrors
 from pbd.data.constraints import ClaimFit, Contact, Known, Place
 from pbd.data.fusion import FusedTake, Fusion, MovedThing
 from pbd.data.keyframe import Keyframe, TouchUp
-from pbd.data.robot import Gripper, JointLimits, JointTrajectory, Robot, Samples, Servos
+from pbd.data.robot import Follower, Gripper, JointLimits, JointTrajectory, Robot, Samples, Servos
 from pbd.data.sensor_estimate import ErrorEstimate, SensorEstimate
 from pbd.data.tracking import (
     Demonstration,
@@ -34,6 +34,7 @@ __all__ = [
     "Contact",
     "Demonstration",
     "ErrorEstimate",
+    "Follower",
     "FusedTake",
     "Fusion",
     "GraspedObject",

@@ -103,6 +103,19 @@ class Servos:
         return np.asarray(100.0 * (np.asarray(finger) - closed) / (opened - closed))
 
 
+@dataclass(frozen=True)
+class Follower:
+    """A joint beside the arm that mimics one of its joints, as in a parallel linkage.
+
+    Its position is that of `leader` times `multiplier`, plus `offset`; rad, or m for a prismatic joint.
+    """
+
+    joint: str
+    leader: str
+    multiplier: float
+    offset: float
+
+
 @dataclass(frozen=True, eq=False)
 class Robot:
     """An arm as robots/NAME.toml describes it.
@@ -121,6 +134,7 @@ class Robot:
         license: license and owner of the URDF and its meshes; empty: unknown.
         servos: conversion to LeRobot's joints; None if LeRobot does not support this arm.
         may_touch: pairs of links that touch by design, so they are not checked against each other.
+        followers: joints beside the arm that move with its joints.
     """
 
     name: str
@@ -140,6 +154,7 @@ class Robot:
     license: str = ""
     servos: Servos | None = None
     may_touch: tuple[tuple[str, str], ...] = ()
+    followers: tuple[Follower, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_arrays(self, home=(len(self.joints),))

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import Calibration, Gripper, JointLimits, Robot, Servos
+from pbd.data import Calibration, Follower, Gripper, JointLimits, Robot, Servos
 from pbd.errors import MOST_LISTED, RobotError, listed, printable
 from pbd.files.calibration import read_pose
 from pbd.files.find_by_name import find
@@ -72,6 +72,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     joints = joints if arm is None else _arm_joints(arm, joints)
     limits = _limits(top.section("limits"), urdf, joints)
     poses = {} if srdf is None else read_poses(srdf)
+    followers = urdf.followers([joint.name for joint in joints])
     robot = Robot(
         name=name,
         description=description,
@@ -90,6 +91,9 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
         license=license_,
         servos=None if servos is None else _servos(servos, len(joints), gripper),
         may_touch=() if arm is None else _may_touch(arm, urdf),
+        followers=tuple(
+            Follower(name, mimic.joint, mimic.multiplier, mimic.offset) for name, mimic in followers.items()
+        ),
     )
     if not draft:
         top.done()
@@ -175,12 +179,10 @@ def _gripper(section: Section, urdf: Urdf) -> Gripper:
     positions = {key: list(section.numbers(key, len(joints))) for key in ("open", "closed")}
     for key, values in positions.items():
         _check_range(section, key, joints, values)
-    for joint in urdf.joints.values():
-        if joint.mimic and joint.mimic.joint in names and joint.name not in names:
-            leader = names.index(joint.mimic.joint)
-            names += (joint.name,)
-            for values in positions.values():
-                values.append(joint.mimic.multiplier * values[leader] + joint.mimic.offset)
+    for follower, mimic in urdf.followers(names).items():
+        for values in positions.values():
+            values.append(mimic.multiplier * values[names.index(mimic.joint)] + mimic.offset)
+        names += (follower,)
     stroke_s = section.number("stroke_s", positive=True)
     return Gripper(names, np.array(positions["open"]), np.array(positions["closed"]), stroke_s)
 

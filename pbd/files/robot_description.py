@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -20,6 +20,8 @@ from pbd.io.urdf import read_urdf_xml
 from pbd.io.xml import read_xml
 
 ACTUATED = ("revolute", "continuous", "prismatic")
+RESERVED = "universe"
+"""Pinocchio's name for the frame of the world; it finds no other link or joint of that name."""
 KINDS = (*ACTUATED, "fixed", "floating", "planar")
 
 
@@ -67,6 +69,21 @@ class Urdf:
             body = above[body].parent
         return tuple(reversed(chain))
 
+    def followers(self, leaders: Collection[str]) -> dict[str, Mimic]:
+        """Return each joint that mimics one of the `leaders`, also through other joints, and how."""
+        found = {}
+        for joint in self.joints.values():
+            at, multiplier, offset = joint, 1.0, 0.0
+            for _ in self.joints:  # no longer: joints may mimic each other in a circle
+                if at.name in leaders or at.mimic is None or at.mimic.joint not in self.joints:
+                    break
+                offset += multiplier * at.mimic.offset
+                multiplier *= at.mimic.multiplier
+                at = self.joints[at.mimic.joint]
+            if at.name in leaders and joint.name not in leaders:
+                found[joint.name] = Mimic(at.name, multiplier, offset)
+        return found
+
 
 def read_urdf(path: Path) -> Urdf:
     """Read the links and joints of a URDF; RobotError: a joint is not valid, or the links and joints are not a tree."""
@@ -102,6 +119,8 @@ def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -
     ):
         if twice := next((name for name, count in Counter(names).items() if count > 1), None):
             raise RobotError.at(path, what.format(repr(twice)))
+    if RESERVED in links or RESERVED in (joint.name for joint in joints):
+        raise RobotError.at(path, f"a link or joint is named {RESERVED!r}, as pinocchio's own frame is; rename it")
     for joint in joints:
         for link in (joint.parent, joint.child):
             if link not in links:

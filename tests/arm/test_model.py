@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -13,7 +14,8 @@ import pytest
 
 from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel, load_model, to_se3
-from pbd.data import Gripper, JointLimits, Robot
+from pbd.audit.arm import AuditArm
+from pbd.data import Follower, Gripper, JointLimits, Robot
 from pbd.errors import RobotError
 from pbd.pose import Array, Pose, quat_to_matrix
 from tests.arm.conftest import random_joints
@@ -55,6 +57,33 @@ def test_a_base_that_is_not_the_root(odd_arm: ArmModel) -> None:
     foot, hand = (data.oMf[model.getFrameId(name)] for name in ("foot", "hand"))
     expected = foot.inverse() * hand * to_se3(odd_arm.robot.T_body_tool)
     np.testing.assert_allclose(odd_arm.forward(q).matrix(), expected.homogeneous, atol=1e-14)
+
+
+def test_a_follower_moves_with_its_leader_in_the_planner_and_in_the_audit(odd_robot: Robot) -> None:
+    """The whole URDF's forward kinematics, with the flagpole's angle worked out by hand, is the oracle."""
+    robot = replace(odd_robot, followers=(Follower("flagpole", "swing", -0.5, 0.1),))
+    planner, audit, x = load_model(robot), AuditArm(robot), np.array([0.4, 0.1, -0.3, 1.2, 1.0])
+    model = pin.buildModelFromUrdf(str(robot.urdf))
+    q = pin.neutral(model)
+    q[model.joints[model.getJointId("flagpole")].idx_q] = 0.1 - 0.5 * 1.2
+    data, flag = model.createData(), model.getJointId("flagpole")
+    pin.framesForwardKinematics(model, data, q)
+    expected = data.oMf[model.getFrameId("foot")].inverse() * data.oMi[flag]
+    pin.forwardKinematics(planner.full, data, planner.configurations(x))
+    np.testing.assert_allclose(data.oMi[flag].homogeneous, expected.homogeneous, atol=1e-14)
+    by_audit = audit.T_universe_base.inverse() * audit.joint_poses(x)[flag]
+    np.testing.assert_allclose(by_audit.homogeneous, expected.homogeneous, atol=1e-14)
+
+
+def test_limits_without_effort_and_velocity_are_read_by_the_planner_and_the_audit(
+    odd_robot: Robot, tmp_path: Path
+) -> None:
+    """urdfdom takes them for required."""
+    urdf = tmp_path / "bare.urdf"
+    urdf.write_text(re.sub(' (effort|velocity)="1"', "", odd_robot.urdf.read_text()))
+    robot, x = replace(odd_robot, urdf=urdf), np.array([0.4, 0.1, -0.3, 1.2, 1.0])
+    by_planner, by_audit = load_model(robot).forward(x[:-1]), AuditArm(robot).tool_pose(x)
+    assert max(by_planner.distance(by_audit)) < 1e-12
 
 
 def test_an_endless_joint_is_one_angle(odd_arm: ArmModel) -> None:

@@ -12,7 +12,7 @@ import pytest
 from pbd.audit.arm import AuditArm
 from pbd.audit.torque import _inertia, find_torque, torques
 from pbd.cli import main
-from pbd.data import GraspedObject, JointLimits, JointTrajectory, Load, Robot
+from pbd.data import Follower, GraspedObject, JointLimits, JointTrajectory, Load, Robot
 from pbd.data.world import gripped_spans
 from pbd.errors import PbdWarning, PlanError
 from pbd.planning import Plan, PlanOptions, plan_keyframes
@@ -57,6 +57,24 @@ def test_torques_of_a_pendulum(tmp_path: Path) -> None:
     np.testing.assert_allclose(torques(arm, swing(), t, load, pace=0.0)[:, 0], still, atol=1e-12)
     slower = still + 0.25 * (by_hand - still)
     np.testing.assert_allclose(torques(arm, swing(), t, load, pace=0.5)[:, 0], slower, atol=1e-12)
+
+
+def test_a_joint_bears_what_follows_it(tmp_path: Path) -> None:
+    """A second rod of the same kind mimics the first at twice its angle."""
+    q, t = 0.2, np.zeros(1)
+    arm = pendulum(tmp_path, INERTIAL)
+    alone = torques(arm, swing(), t, Load())[0, 0]
+    arm.robot.urdf.write_text(
+        PENDULUM.format(inertial=INERTIAL).replace(
+            "</robot>",
+            f"""<link name="other">{INERTIAL}</link><joint name="second" type="continuous"><parent link="base"/>
+            <child link="other"/><axis xyz="0 1 0"/></joint></robot>""",
+        )
+    )
+    both = AuditArm(replace(arm.robot, followers=(Follower("second", "hinge", 2.0, 0.0),)))
+    inertia, qdd = 0.05 + 2.0 * 0.16, -3.0
+    by_hand = 2.0 * (inertia * 2.0 * qdd + 9.81 * 2.0 * 0.4 * np.sin(2.0 * q))
+    assert torques(both, swing(), t, Load())[0, 0] - alone == pytest.approx(by_hand, abs=1e-12)
 
 
 @pytest.mark.parametrize(("shape", "size", "about_z"), [("sphere", (0.1,), 2e-3), ("cylinder", (0.1, 0.3), 2.5e-3)])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -202,3 +203,13 @@ def test_each_format_has_its_file() -> None:
         "controller_interpolation",
     }
     assert files == {each.file for each in FORMATS.values()}
+
+
+def test_a_csv_names_its_columns_whatever_the_joints_names(tmp_path: Path, motion: JointTrajectory) -> None:
+    joints = ('left, upper;;;;;;;; "arm"', "elbow\tä")
+    file = tmp_path / "motion.csv"
+    export(replace(motion, joint_names=joints), replace(ROBOT, joints=joints), "csv", file, RATE)
+    with file.open(encoding="utf-8", newline="") as lines:
+        header, first, *_ = csv.reader(lines)
+    assert header[1:3] == [f"q_{name}" for name in joints]
+    assert len(first) == len(header)

@@ -309,6 +309,19 @@ def test_a_finger_that_mimics_another_belongs_to_the_gripper(folder: Path) -> No
     np.testing.assert_allclose(gripper.closed, [0.0, 0.1])
 
 
+def test_a_joint_that_mimics_an_arms_joint_through_another_follows_it(folder: Path) -> None:
+    """As the rods of a parallel linkage do. The one that is listed first follows the one that is listed last."""
+    rod = """<link name="{0}"/><joint name="{0}" type="revolute"><parent link="foot"/><child link="{0}"/>
+    <axis xyz="0 0 1"/><limit effort="1" lower="-9" upper="9" velocity="3"/>
+    <mimic joint="{1}" multiplier="{2}" offset="{3}"/></joint>"""
+    rods = rod.format("outer", "inner", -2, 0.5) + rod.format("inner", "elbow", 3, 0.1)
+    loop = rod.format("head", "tail", 1, 0) + rod.format("tail", "head", 1, 0)
+    change(folder / "mine.urdf", "</robot>", f"{rods}{loop}</robot>")
+    outer, inner = read_robot(folder / "mine.toml").followers
+    assert (inner.joint, inner.leader, inner.multiplier, inner.offset) == ("inner", "elbow", 3.0, 0.1)
+    assert (outer.joint, outer.leader, outer.multiplier, outer.offset) == ("outer", "elbow", -6.0, 0.5 - 0.2)
+
+
 MESH = '<link name="hand"><visual><geometry><mesh filename="ADDRESS"/></geometry></visual></link>'
 
 
@@ -351,6 +364,7 @@ def test_an_unnamed_joint_is_locked_at_zero_which_must_be_within_its_limits(fold
         ('<axis xyz="0 1 0"/>', '<mimic joint="shoulder"/>',
          r"mine.urdf: joint 'elbow', between 'foot' and 'hand', mimics 'shoulder', which pbd does not support"),
         ('<joint name="claw"', '<joint name="elbow"', r"mine.urdf: two joints are named 'elbow'; rename one of them"),
+        ('<joint name="claw"', '<joint name="universe"', r"mine.urdf: a link or joint is named 'universe', .*; rename"),
         ('<link name="mid"/>', "",
          r"mine.urdf: joint 'mount' joins 'mid', which is not a link of it; correct it, or add the link$"),
         ('<link name="mid"/>', '<link name="mid"/><link name="mid"/>', r"mine.urdf: two links are named 'mid'; rename"),

@@ -88,6 +88,8 @@ def outline(body: Body) -> tuple[Array, float]:
 
 def _most_slide(arm: ArmModel, joint: int) -> float:
     """Return the largest distance of a prismatic joint from its zero, m; a joint that nothing drives stays at zero."""
-    column, slope, at_zero = arm.drives.get(joint, (0, 0.0, 0.0))
+    if joint not in arm.drives:
+        return 0.0
+    column, slope, at_zero = arm.drives[joint]
     ends = np.append(arm.limits.lower, 0.0)[column], np.append(arm.limits.upper, 1.0)[column]
     return max(abs(at_zero + slope * float(end)) for end in ends)

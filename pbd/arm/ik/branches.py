@@ -119,14 +119,21 @@ def distinct(q: Array, most: int, distance: float) -> Array:
 
 
 def polish(arm: ArmModel, goal: pin.SE3, q: Array) -> Array:
-    """Take one Newton step from solutions (m, k) within tolerance: then exact to rounding, unless at a limit."""
-    residual = Residual(arm, goal)
+    """Take one Newton step from solutions (m, k) within tolerance: then exact to rounding, unless at a limit.
+
+    A step that a limit cuts short can lead away from the pose: it is not taken.
+    """
+    residual, lower, upper = Residual(arm, goal), arm.limits.lower, arm.limits.upper
+    q = np.clip(q, lower, upper)
     for i, each in enumerate(q):
         e, J = residual(each)
         step = J.T @ _dposv(J @ J.T + _RIDGE, e)[1]
         if e @ e > EXACT**2 and step @ step < SAME_RAD**2:
-            q[i] = each - step
-    return np.clip(q, arm.limits.lower, arm.limits.upper)
+            polished = np.clip(each - step, lower, upper)
+            off, _ = residual(polished)
+            if off @ off < e @ e:
+                q[i] = polished
+    return q
 
 
 def _partial_pose_solutions(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:

@@ -107,6 +107,22 @@ def test_the_bound_of_motion_holds_for_each_point_and_is_tight(joint: int, turn:
         assert way >= 0.95 * rate[6] * 2.0 * np.sin(abs(turn) / 2.0)
 
 
+def test_the_bound_of_motion_is_finite_where_a_slide_is_locked_and_the_first_joint_is_endless(odd_robot: Robot) -> None:
+    kept = [0, 2, 3]
+    limits = replace(
+        odd_robot.limits,
+        **{
+            name: getattr(odd_robot.limits, name)[kept]
+            for name in ("lower", "upper", "velocity", "acceleration", "jerk")
+        },
+    )
+    locked = tuple(odd_robot.joints[i] for i in kept)
+    arm = load_model(replace(odd_robot, joints=locked, home=np.zeros(3), limits=limits))
+    hand = Body("hand", arm.full.getJointId("swing"), Pose.identity(), "sphere", (0.1,))
+    foot = Body("foot", 0, Pose.identity(), "floor")
+    assert np.isfinite(rates(arm, [foot, hand], np.array([[0, 1]]))).all()
+
+
 def test_joints_before_both_bodies_do_not_count() -> None:
     arm = arm_of("panda")
     bodies = link_bodies(arm)

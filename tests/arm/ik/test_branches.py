@@ -41,6 +41,16 @@ def test_solutions_are_polished_to_rounding() -> None:
     assert np.linalg.norm(Residual(arm, goal)(polished[0])[0]) < 1e-10
 
 
+def test_polishing_leads_no_farther_from_the_pose_at_a_limit() -> None:
+    arm = arm_of("panda")
+    for q in random_joints(arm.robot, 50, seed=5):
+        q[0] = arm.limits.upper[0]
+        beyond = np.linalg.svd(arm.jacobian(q))[2][5]  # the tool hardly moves when the joints move this way
+        goal = to_se3(arm.forward(q + 3e-4 * np.copysign(beyond, beyond[0] * beyond)))
+        before, after = (np.linalg.norm(Residual(arm, goal)(each)[0]) for each in (q, polish(arm, goal, q[None])[0]))
+        assert after <= before
+
+
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
 def test_a_wide_search_covers_the_self_motion_of_a_redundant_arm(name: str) -> None:
     """If an obstacle bars nearby configurations, the free one may be anywhere on the self-motion."""
