@@ -38,6 +38,10 @@ CLEARER_CHI2 = 9.0
 POOR_CHI2 = 2.5
 """Chi-square per degree of freedom above which a fit is not trusted."""
 
+WRONG_CHI2 = 100.0
+"""Chi-square per degree of freedom above which the points contradict the demonstration: the misfit is ten times as
+large as the tracker's sigmas allow. Rough moves make it up to three times as large."""
+
 
 @dataclass(frozen=True, eq=False)
 class PointFit:
@@ -120,6 +124,8 @@ def _find_wrong_points(problem: Problem) -> tuple[list[int], Fit, dict[int, Fit]
         gained = {k: fit.chi2 - each.chi2 for k, each in without.items()}
         worst = max(gained, key=lambda k: gained[k], default=None)
         if worst is None or not _is_wrong(gained[worst], without[worst]):
+            if fit.chi2 > WRONG_CHI2 * fit.freedom:  # no single point explains it: mirrored axes, a unit, the order
+                raise _contradiction(problem, fit, used)
             return wrong, fit, without
         rivals = [k for k in gained if k != worst and gained[worst] - gained[k] < CLEARER_CHI2]
         if rivals or len(used) <= FEWEST or fit.freedom < 6:

@@ -12,6 +12,7 @@ from pbd.data.covariance import PoseCovariance
 from pbd.pose import (
     Array,
     Pose,
+    lengths,
     quat_about_z,
     quat_exp,
     quat_from_xyzw,
@@ -168,7 +169,7 @@ def align(p_from: Array, p_to: Array, free: bool = False) -> Pose:
 
 
 def register(problem: Problem, left_out: Sequence[int] = ()) -> Fit:
-    """Fit by Gauss-Newton. The touch of a point that is left out has an additional error, which is estimated too.
+    """Fit by damped Gauss-Newton. The touch of a point that is left out has an additional error, estimated too.
 
     That error is estimated with all correlations, so it does not include tracking errors that the other points show.
     Residuals are whitened in nav, where the noise does not depend on the unknown rotation.
@@ -179,17 +180,25 @@ def register(problem: Problem, left_out: Sequence[int] = ()) -> Fit:
     scale, errors = 1.0, np.zeros((len(left_out), 3))
     whiten = np.linalg.inv(np.linalg.cholesky(touched.cov))
     by_error = whiten.reshape(len(whiten), -1, 3)[:, list(left_out)].reshape(len(whiten), -1)
+
+    def left_over(pose: Pose, scale: float, errors: Array) -> Array:
+        return whiten @ misfit(problem, pose, scale).ravel() - by_error @ errors.ravel()
+
     for _ in range(MAX_ITERATIONS):
-        off = whiten @ misfit(problem, pose, scale).ravel() - by_error @ errors.ravel()
+        off = left_over(pose, scale, errors)
         by_unknown = np.hstack((whiten @ jacobian(problem, pose, scale), -by_error))
         inverse = np.linalg.inv(by_unknown.T @ by_unknown)
         change = -inverse @ (by_unknown.T @ off)
-        step = np.zeros(7)
-        step[where] = change[: len(where)]
-        pose, scale = moved(pose, scale, step)
-        errors += change[len(where) :].reshape(-1, 3)
-        if np.abs(change).max() < CONVERGED_STEP:
+        while np.abs(change).max() >= CONVERGED_STEP:
+            step = np.zeros(7)
+            step[where] = change[: len(where)]
+            there = (*moved(pose, scale, step), errors + change[len(where) :].reshape(-1, 3))
+            if lengths(left_over(*there)) < lengths(off):
+                break
+            change *= 0.5  # points that contradict the touches: the whole step may lead astray
+        else:
             break
+        pose, scale, errors = there
     cov = np.zeros((7, 7))
     cov[np.ix_(where, where)] = inverse[: len(where), : len(where)]
     to_base = -scale * quat_to_matrix(pose.wxyz)

@@ -12,10 +12,14 @@ from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.magnetometer import MagnetometerFit, fit_magnetometer
 from pbd.calibration.rests import Rests, find_rests
 from pbd.data import GRAVITY, Recording, SensorErrors
+from pbd.data.units import MG
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
 KINDS = ("gyr", "acc", "mag")
+
+TRUSTED_ACC = 2.0 * MG
+"""Error of a calibrated accelerometer, one sigma, m/s2, that tracking assumes (CALIBRATED in pbd/tracking/noise.py)."""
 
 UNEVEN_FIELD = 0.05
 """Relative rms variation of the field's strength over a recording, above which the field is disturbed."""
@@ -68,6 +72,12 @@ def calibrate_sensor(
     acc = fit_accelerometer(rests, gravity) if "acc" in wanted else None
     if acc is not None:
         errors = replace(errors, acc=acc.linear, gravity=gravity)
+        if acc.after > TRUSTED_ACC:
+            remarks.append(
+                f"gravity is off by {acc.after / MG:.0f} mg (rms) after the correction too, and tracking will assume "
+                f"{TRUSTED_ACC / MG:.0f} mg: the sensor was not still in a rest, or its bias drifted; let it "
+                "warm up, lay it on a table, and record again"
+            )
         if acc.undetermined:
             remarks.append(
                 f"{acc.orientations} orientations do not determine {', '.join(acc.undetermined)}: typical values are "

@@ -160,6 +160,15 @@ def test_three_points_that_contradict_each_other_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
+    "mistake", [np.diag([-1.0, 1.0, 1.0]), np.eye(3)[[1, 0, 2]], np.eye(3) / 2.54], ids=["sign", "swapped", "inches"]
+)
+def test_points_that_fit_nothing_are_refused(mistake: Array) -> None:
+    """No single point explains the misfit; whole Gauss-Newton steps diverge from inches that were read as cm."""
+    with pytest.raises(CalibrationError, match=r"contradict the demonstration .* their coordinates and their order"):
+        fit_points(touched(Pose.identity()), POINTS @ mistake.T)
+
+
+@pytest.mark.parametrize(
     ("points", "free", "message"),
     [
         (POINTS[:2], False, "2 points are too few; touch 3 or more"),

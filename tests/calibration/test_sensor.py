@@ -14,7 +14,7 @@ from pbd.calibration.accelerometer import NAMES, fit_accelerometer
 from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.magnetometer import fit_ellipsoid, fit_magnetometer
 from pbd.calibration.rests import Rests, count_orientations, find_rests
-from pbd.calibration.sensor import SensorFit, calibrate_sensor, corrected
+from pbd.calibration.sensor import TRUSTED_ACC, SensorFit, calibrate_sensor, corrected
 from pbd.calibration.sensor_changed import disagreements, gravity_at
 from pbd.data import GRAVITY, Recording, RecordingInfo, SensorErrors
 from pbd.errors import CalibrationError
@@ -23,6 +23,7 @@ from pbd.simulation.calibration_tasks import SIDES, sides
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import EARTH, simulate
 from pbd.simulation.tasks import Task
+from pbd.tracking.noise import CALIBRATED
 from tests.calibration.turning import BAD, device, symmetric
 
 MG = 1e-3 * GRAVITY
@@ -286,6 +287,14 @@ def test_a_magnetometer_that_was_not_turned_is_refused() -> None:
 
 
 # --- all together -----------------------------------------------------------------------------------------------------
+
+
+def test_an_accelerometer_that_no_correction_fits_is_remarked_on(recording: Recording) -> None:
+    """Its bias drifts by 30 mg from start to end."""
+    assert CALIBRATED.acc_bias == TRUSTED_ACC
+    drift = np.linspace(0.0, 30.0 * MG, len(recording))[:, None] * (1.0, -1.0, 1.0)
+    fit = calibrate_sensor(replace(recording, acc=recording.acc + drift))
+    assert "mg (rms) after the correction too, and tracking will assume 2 mg" in fit.remarks[0]
 
 
 def test_a_corrected_recording_reads_gravity_no_rate_and_one_field(recording: Recording, calibrated: SensorFit) -> None:

@@ -186,6 +186,13 @@ def test_a_wrong_point_is_told_by_its_name(capsys: Capture, touched: Touching) -
     assert T_base_nav.distance(touched.T_base_nav)[0] < 0.01
 
 
+def test_a_poor_fit_is_warned_of_in_json_too(capsys: Capture, touched: Touching) -> None:
+    write_points(0.95 * touched.points)
+    code, _, err = run(capsys, *POINTS, "--json")
+    assert code == 0
+    assert "worse than the tracker's uncertainty predicts: do not use calibration/bench.toml until" in err
+
+
 def test_a_dock_is_not_replaced_unasked(capsys: Capture, touched: Touching) -> None:
     run(capsys, *DOCK)
     before = Path("calibration/bench.toml").read_text()

@@ -13,7 +13,7 @@ from pbd.cli.common import sigma_json, track_recording
 from pbd.cli.console import print_json, say
 from pbd.data import Calibration
 from pbd.data.covariance import one_sigma
-from pbd.errors import UsageError
+from pbd.errors import UsageError, warn
 from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import find_keyframes
@@ -32,6 +32,11 @@ def run(args: argparse.Namespace) -> None:
     mount, cov, figures = _merged(calibration, pivot, turns)
     values = pose_values(mount, "in sensor axes", cov) | {"fit": (figures, "")}
     update_calibration(path, {"mount": values})
+    if pivot is not None and pivot.chi2 > POOR_CHI2:
+        warn(
+            f"the tip moved {np.sqrt(pivot.chi2):.1f} times more than the tracker's uncertainty predicts: it slipped, "
+            "or the moves were too fast; pivot again"
+        )
     if args.json:
         shown = {"position_m": mount.p, "wxyz": mount.wxyz} | sigma_json(cov)
         of_pivot = pivot and {"residuals_m": pivot.residuals, "chi2": pivot.chi2}
@@ -78,7 +83,7 @@ def _certainty(mount: Pose, cov: Array) -> str:
 
 
 def _print(args: argparse.Namespace, pivot: PivotFit | None, turns: TurnsFit | None) -> None:
-    """Print the residual of each stop and turn; say if the pivot fits badly."""
+    """Print the residual of each stop and turn."""
     rows = []
     if pivot is not None:
         for k, off in enumerate(pivot.residuals):
@@ -87,8 +92,3 @@ def _print(args: argparse.Namespace, pivot: PivotFit | None, turns: TurnsFit | N
         for name, move, off, angle in zip(args.turns, turns.moves, turns.off, turns.turned, strict=True):
             rows.append((f"move {move}, about {name}", f"{np.degrees(angle):.0f}°", f"axis {np.degrees(off):.1f}° off"))
     print_table(words_table(("what", "value", ""), rows))
-    if pivot is not None and pivot.chi2 > POOR_CHI2:
-        say(
-            f"the tip moved {np.sqrt(pivot.chi2):.1f} times more than the tracker's uncertainty predicts: it slipped, "
-            "or the moves were too fast; pivot again"
-        )

@@ -63,6 +63,12 @@ def run(args: argparse.Namespace) -> None:
         cov[5, 5] += heading**2  # the heading differs between demonstrations by this sigma
     values = pose_values(pose, "in base", cov) | {"fit": (figures, ""), "any_attitude": (None, "")}
     update_calibration(path, {part: values}, renames=instead, scale=fit.scale if args.find_scale else None)
+    worse = f"{np.sqrt(fit.chi2):.1f} times"
+    if fit.chi2 > POOR_CHI2:
+        warn(
+            f"the points fit {worse} worse than the tracker's uncertainty predicts: do not use {path} until you have "
+            "touched the points again, more calmly, or corrected their coordinates"
+        )
     if args.json:
         rpy_deg = np.degrees(quat_to_rpy(pose.wxyz))
         where = {"position_m": pose.p, "rpy_deg": rpy_deg} | sigma_json(cov)
@@ -79,13 +85,7 @@ def run(args: argparse.Namespace) -> None:
         f"to {np.degrees(sigma[5]):.2f} degrees (one sigma)"
         + (f"; scale {fit.scale:.4f} to {fit.scale_sigma:.4f}" if args.find_scale else "")
     )
-    worse = f"{np.sqrt(fit.chi2):.1f} times"
-    if fit.chi2 > POOR_CHI2:
-        say(
-            f"the points fit {worse} worse than the tracker's uncertainty predicts: do not use it until you have "
-            "touched the points again, more calmly, or corrected their coordinates"
-        )
-    else:
+    if fit.chi2 <= POOR_CHI2:
         say(f"the points fit as expected ({worse} the tracker's uncertainty)")
     turned = "" if part == "nav" else " and with the same rotation"
     say(f"this holds for later demonstrations that start with the sensor's first rest at that point{turned}")

@@ -35,6 +35,10 @@ NOISE_ROUGHNESS = 2.0
 NOISE_ROWS, ROUNDING = 20, 1e-6
 """Noise is judged in the calmest NOISE_ROWS rows in sequence. A change below ROUNDING (m/s2, rad/s) is rounding."""
 
+SAME_NORM = 2e-4
+"""Relative range of the norm over a recording below which each row was divided by its norm, and rounded to four
+decimals. The noise of one row, and any move, change the norm by more."""
+
 REPEATED_ROWS = 3
 """This many equal rows are no chance. A sensor with noise that repeats itself this often, and for longer than
 BRIDGED_S, is frozen. A flat top of this many samples may be clipped."""
@@ -51,10 +55,10 @@ speed is above MOVING_SPEED (m/s)."""
 
 
 def refuse_dead(recording: Recording) -> None:
-    """Refuse a recording that never changes, a gyro that never changes, or a stuck axis.
+    """Refuse a recording that never changes, a gyro that never changes, a constant norm of the force, or a stuck axis.
 
     Raises:
-        RecordingError: with the axis and its rows.
+        RecordingError: for a stuck axis with its rows.
     """
     t = recording.t
     if not any(np.diff(values, axis=0).any() for values in (recording.acc, recording.gyr) if values is not None):
@@ -64,6 +68,13 @@ def refuse_dead(recording: Recording) -> None:
             "the gyro always reads the same, so it is dead; repair it, or leave out the columns gx, gy, gz if the "
             "device gives its own attitude",
             value=recording.gyr[0].tolist(),
+        )
+    norms, moves = lengths(recording.acc), np.ptp(recording.acc, axis=0).max() > STILL_ACC
+    if moves and np.ptp(norms) < SAME_NORM * norms.max() and has_noise(recording.acc):
+        raise RecordingError(
+            f"the accelerometer reads {norms[0]:.4g} in every row, though the hand moves: each row was divided by its "
+            "norm; import what the accelerometer itself reads",
+            value=float(norms[0]),
         )
     for name, axis, start, stop in stuck_axes(recording):
         value = float(getattr(recording, name)[start, axis])

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from pbd.data import Demonstration, Recording
+from pbd.data import GRAVITY, Demonstration, Recording
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.files.importers import import_file
 from pbd.pipeline import track
@@ -144,6 +144,15 @@ def test_samples_that_never_change_are_refused(sensor: str) -> None:
     same = replace(with_rows(recording, np.zeros(len(recording), dtype=np.intp)), t=recording.t)
     with pytest.raises(RecordingError, match="all rows are the same"):
         track(same)
+
+
+@pytest.mark.parametrize("sensor", ["wt901", "modern"])
+def test_an_accelerometer_that_was_divided_by_its_norm_is_refused(sensor: str) -> None:
+    """A filter normalised each row in place, and a program wrote it in g with four decimals."""
+    recording = pour(sensor).recording
+    direction = (recording.acc / np.linalg.norm(recording.acc, axis=1, keepdims=True)).round(4)
+    with pytest.raises(RecordingError, match="each row was divided by its norm"):
+        track(replace(recording, acc=GRAVITY * direction))
 
 
 def test_a_sensor_without_noise_is_not_dead() -> None:
