@@ -24,16 +24,18 @@ class PoseCovariance:
     Attributes:
         count: n.
         multiply: multiplies the covariance by columns: (n, 6, c) -> (n, 6, c).
+        diagonal: computes `of_each`; None: by `multiply`, whose time grows with the square of n.
     """
 
     count: int
     multiply: Callable[[Array], Array]
+    diagonal: Callable[[], Array] | None = None
 
     @classmethod
     def chained(cls, blocks: Array) -> PoseCovariance:
         """Make it from each pose's covariance (n, 6, 6). Position errors add up move by move; rotation errors do
         not."""
-        return cls(len(blocks), partial(_chained, blocks))
+        return cls(len(blocks), partial(_chained, blocks), lambda: blocks)
 
     def joint(self, poses: Sequence[int] | None = None) -> Array:
         """Covariance (6m, 6m) of m of the poses, given by their numbers; of all poses by default."""
@@ -50,6 +52,8 @@ class PoseCovariance:
     @cached_property
     def of_each(self) -> Array:
         """Covariance (n, 6, 6) of each single pose."""
+        if self.diagonal is not None:
+            return self.diagonal()
         return np.concatenate([np.empty((0, 6, 6)), *(np.einsum("iaib->iab", joint) for joint in self._batches())])
 
     @cached_property

@@ -38,6 +38,11 @@ def alarms(solution: Solution, stops: Sequence[Stop], sensor: SensorEstimate | N
         yield from _sensor_alarms(solution, sensor)
         yield from _move_alarms(solution)
         yield from _field_alarms(solution)
+        if not solution.converged:
+            yield (
+                "the estimate did not settle, so keyframes late in the recording may be off by more than their sigma; "
+                "record a shorter demonstration, or with a magnetometer"
+            )
     yield from _stop_alarms(solution, stops)
 
 

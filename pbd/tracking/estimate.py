@@ -90,7 +90,8 @@ def estimate(
     sensor = None if problem.no_gyro else _sensor_estimate(solution, knots[0])
     solution = with_own_noise(solution)
     p_stop = solution.state.p[knots] - solution.state.p[knots[0]]
-    covariance = PoseCovariance(len(knots), partial(_covariance_times, solution.solved, knots, p_stop))
+    of_knots = solution.solved, knots, p_stop
+    covariance = PoseCovariance(len(knots), partial(_covariance_times, *of_knots), partial(_each_covariance, *of_knots))
     v = integral_of_means(t, solution.path.a)
     return Estimate(
         _with_still_stops(solution, stops, joined, solution.state.p[knots]),
@@ -202,16 +203,37 @@ def _covariance_times(solved: Solved, knots: Sequence[int], p: Array, columns: A
     return relative_to_first(np.concatenate((left[:, POS], left[:, ROT]), axis=1), p)
 
 
+def _each_covariance(solved: Solved, knots: Sequence[int], p: Array) -> Array:
+    """The diagonal blocks (k, 6, 6) of the matrix that `_covariance_times` multiplies by."""
+    own = solved.of_knots(slice(ROT.start, POS.stop))[knots]
+    first = np.zeros((len(solved.scale), STATE, 6))
+    first[knots[0], POS, :3] = first[knots[0], ROT, 3:] = np.eye(3)
+    with_first = solved.columns(first)[knots]
+    order = np.r_[POS, ROT]
+    turn, of_first = _by_first(p), with_first[0, order]
+    crossed = with_first[:, order] @ turn.transpose(0, 2, 1)
+    covariance: Array = own[:, order[:, None], order] + crossed + crossed.transpose(0, 2, 1)
+    covariance += turn @ of_first @ turn.transpose(0, 2, 1)
+    rest = np.eye(6) + turn[0]  # of the first pose only the tilt remains: no rounding there
+    covariance[0] = rest @ of_first @ rest.T
+    return covariance
+
+
+def _by_first(p: Array) -> Array:
+    """How the error of the first pose changes each relative pose, (k, 6, 6); see `relative_to_first`."""
+    turn = np.zeros((len(p), 6, 6))
+    turn[:, :3, :3] = -np.eye(3)
+    turn[:, :3, 5] = -np.cross((0.0, 0.0, 1.0), p)
+    turn[:, 5, 5] = -1.0
+    return turn
+
+
 def relative_to_first(columns: Array, p: Array, transposed: bool = False) -> Array:
     """Map errors (k, 6, c) of position and rotation to those relative to the first pose; or apply the transposed map.
 
     A heading error h of the first pose turns all of nav: p - h z x p. Its tilt remains, because gravity shows it.
     """
-    turn = np.zeros((len(p), 6, 6))  # by the first pose's error
-    turn[:, :3, :3] = -np.eye(3)
-    turn[:, :3, 5] = -np.cross((0.0, 0.0, 1.0), p)
-    turn[:, 5, 5] = -1.0
-    out = columns.copy()
+    turn, out = _by_first(p), columns.copy()
     if transposed:
         out[0] += np.einsum("kij,kic->jc", turn, columns)
     else:

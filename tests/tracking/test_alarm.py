@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pbd.errors import PbdWarning
+from pbd.pipeline import track
 from pbd.tracking.alarm import _move_alarms, _sensor_alarms
+from tests.scenarios import pour
 
 
 def test_many_moves_that_all_fit_badly_are_told() -> None:
@@ -38,3 +41,10 @@ def test_an_axis_that_leans_is_told_from_one_that_reads_high(row: int, column: i
     solution: Any = SimpleNamespace(lag=0.0, scale=0.0)
     (said,) = _sensor_alarms(solution, found)
     assert said.startswith(told)
+
+
+def test_an_estimate_that_did_not_settle_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pbd.tracking.smoother.gauss_newton.MAX_ITERATIONS", 1)
+    with pytest.warns(PbdWarning) as told:
+        track(pour("wt901", 0).recording)
+    assert any("the estimate did not settle" in str(each.message) for each in told)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,10 +13,12 @@ from hypothesis.extra.numpy import arrays
 
 from pbd.data import GripEvent, Stop
 from pbd.errors import PbdWarning
+from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.tracking.apply_constraints import _joseph_times
 from pbd.tracking.keyframes import _grip_at_stops
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
+from tests.scenarios import pour
 from tests.tracking.stops_at import covariances, hand_path
 
 vectors = st.integers(1, 60).flatmap(lambda n: arrays(np.float64, (n, 3), elements=st.floats(-1e3, 1e3)))
@@ -81,3 +84,11 @@ def test_a_grip_half_a_second_from_all_stops_is_told() -> None:
     assert _grip_at_stops((GripEvent(1.45, True),), t, stops) == {0: True}
     with pytest.warns(PbdWarning, match=r"the grip closed at 1\.55 s, 0\.6 s from the nearest stop"):
         assert _grip_at_stops((GripEvent(1.55, True),), t, stops) == {0: True}
+
+
+def test_each_poses_covariance_is_its_block_of_the_joint_one() -> None:
+    covariance = track(pour().recording).covariance
+    slowly = replace(covariance, diagonal=None).of_each
+    sigma = np.sqrt(np.einsum("kii->ki", slowly))
+    assert covariance.of_each == pytest.approx(slowly, abs=1e-9 * float(sigma[1:].min()) ** 2, rel=1e-6)
+    assert not covariance.of_each[0, :3].any()  # nav's origin, exactly

@@ -33,6 +33,11 @@ class Descent:
     still_weight: Array
     solved: Solved
 
+    @property
+    def converged(self) -> bool:
+        """Whether the step rotates no knot by more than CONVERGED_RAD."""
+        return bool(np.abs(self.solved.d[:, :3]).max() < CONVERGED_RAD)
+
     @cached_property
     def x(self) -> State:
         """The state after the step."""
@@ -61,6 +66,6 @@ def descend(problem: Problem, x: State, fixed: Fixed, anneal: Sequence[float] = 
     for _ in range(MAX_ITERATIONS):
         found = step(x, 1.0)
         x = found.x
-        if np.abs(found.solved.d[:, :3]).max() < CONVERGED_RAD:
+        if found.converged:
             break
     return found

@@ -50,6 +50,7 @@ class Solution:
         lag: s, removed from the gyro's time stamps.
         scale: the gyro's readings were multiplied by 1 + scale.
         candidates: spans that looked still, accepted or not.
+        converged: whether the iterations converged.
         leg_residuals: the legs' whitened residuals (m - 1, 9), and the covariance (m - 1, 9, 9) of their predictions by
             the estimate; None before `with_own_noise`.
     """
@@ -63,6 +64,7 @@ class Solution:
     lag: float
     scale: float
     candidates: Spans
+    converged: bool
     leg_residuals: tuple[Array, Array] | None = None
 
     def stop_weights(self) -> Array:
@@ -154,7 +156,9 @@ def smooth(
         del found, path  # of a long recording they are large
         found = descend(problem, x, fixed, ANNEALING[-1:])
         path = path_of(problem, found.x)
-    return Solution(problem, found.x, fixed, found.still_weight, found.solved, path, lag, scale, candidates)
+    return Solution(
+        problem, found.x, fixed, found.still_weight, found.solved, path, lag, scale, candidates, found.converged
+    )
 
 
 def _without_lag_and_scale(recording: Recording, lag: float, scale: float) -> Recording:
