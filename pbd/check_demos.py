@@ -18,6 +18,7 @@ from pbd.pipeline import track
 from pbd.plots.demo_values import demo_plot
 from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import Array, Pose, level_onto, quat_about_z, quat_rotate
+from pbd.tracking.repair.gyro_consistency import warn_tracked_upside_down
 
 FEWEST_SIBLINGS = 4
 """Smallest number of demonstrations of one task that are compared. Among three, a wrong one shifts the median."""
@@ -119,6 +120,7 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None) -> DemoCh
             demo = load_demo(name)
             check = replace(check, duration_s=float(demo.recording.t[-1]))
             path = track(demo)
+            warn_tracked_upside_down(path, demo.recording)
             plot = demo_plot(path, remarks)
         except PbdError as error:
             return replace(check, why=error.message.partition("; known are ")[0])

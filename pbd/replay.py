@@ -12,6 +12,7 @@ from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Samples
 from pbd.planning import Plan, arm_of, scene_of
+from pbd.planning.result import size_remark
 from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.view.replay_scene import Contact, ReplayScene, Rod
 from pbd.view.robot_motion import FRAME_RATE_HZ, RobotMotion
@@ -26,7 +27,7 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
 
     (path, demo), arm = plan.tracked, arm_of(plan.robot)
     placed = KeyframesInBase(plan.keyframes, plan.T_base_nav, plan.calibration, plan.options.scale, path)
-    R = plan.options.scale * plan.calibration.scale * quat_to_matrix(plan.T_base_nav.wxyz)
+    R = plan.scale * quat_to_matrix(plan.T_base_nav.wxyz)
     tolerances = [each.tolerance_m for each in plan.keyframes]
     success = success_of(placed) if any(each is not None for each in tolerances) else None
     likely = success and f"probability that all keyframes are within their tolerances: {success.band}"
@@ -50,7 +51,7 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
         torque=None if plan.report.torque is None else plan.report.torque.share,
         detours=detours(plan),
         contacts=_contacts(plan),
-        notes=tuple(note for note in (demo.notes, likely) if note),
+        notes=tuple(note for note in (size_remark(plan), demo.notes, likely) if note),
         warnings=tuple(warnings),
     )
 
@@ -70,7 +71,7 @@ def _demonstrated(plan: Plan) -> slice:
 def _hand_path(plan: Plan) -> Array:
     """Return where the hand would have carried the tool, (n, 3) m in base, scaled as the motion is."""
     path, rows, T_base_nav = plan.tracked[0], _demonstrated(plan), plan.T_base_nav
-    p_base_sensor = T_base_nav.act(plan.options.scale * plan.calibration.scale * path.p_nav_sensor[rows])
+    p_base_sensor = T_base_nav.act(plan.scale * path.p_nav_sensor[rows])
     if plan.options.orientation == "fixed":
         return p_base_sensor + (plan.T_base_tool[0].p - T_base_nav.p)
     p_nav_lever = quat_rotate(path.wxyz_nav_sensor[rows], plan.calibration.T_sensor_tool.p)

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from pbd import check_all
-from pbd.check_demos import DemoCheck, compare_siblings
+from pbd.check_demos import DemoCheck, check_one, compare_siblings
 from pbd.cli import main
-from pbd.files.demo import write_demo
+from pbd.data import Demonstration
+from pbd.files.demo import load_demo, write_demo
 from pbd.pose import quat_about_z, quat_rotate
 from pbd.simulation.simulate import simulate
 from tests.cli.running import Capture, run, run_json
@@ -59,6 +60,16 @@ def test_no_process_is_started_without_a_demonstration(takes: list[str], monkeyp
     monkeypatch.setattr(joblib, "Parallel", parallel)
     check_all(takes[:2], jobs=200)
     assert started == [2]
+
+
+def test_a_sensor_that_lies_upside_down_is_told(takes: list[str]) -> None:
+    demo = load_demo("pouring")
+    signs = np.array([1.0, -1.0, -1.0])  # turned about its x axis
+    assert demo.recording.gyr is not None
+    acc, gyr = demo.recording.acc * signs, demo.recording.gyr * signs
+    turned = replace(demo.recording, acc=acc, gyr=gyr, mag=None, device_rpy=None)
+    write_demo(Demonstration(turned), Path("demos/turned"))
+    assert "at the first rest the sensor lies upside down" in check_one("turned").findings[0]
 
 
 def test_what_stops_the_robot_is_told(takes: list[str]) -> None:

@@ -47,13 +47,21 @@ def test_segments_json(capsys: Capture) -> None:
 def test_replay_json(capsys: Capture, elsewhere: Path) -> None:
     result = run_json(capsys, "replay", "--robot", "panda", "--html", "page.html")
     promised = {"demo", "robot", "keyframes", "duration_s", "ik", "limits", "warnings", "html"}
-    assert set(result) == promised | {"moves", "stretched", "off_deg", "collision"}
+    assert set(result) == promised | {"scale", "moves", "stretched", "off_deg", "collision"}
     assert (result["demo"], result["robot"], result["keyframes"]) == ("pouring", "panda", 11)
     assert result["ik"]["max_position_error_m"] < 1e-5
     assert result["ik"]["max_rotation_error_rad"] < 1e-5
     assert all(0.5 < result["limits"][key] <= 1.0 for key in ("velocity", "acceleration", "jerk"))
     assert result["warnings"] == []
     assert (elsewhere / result["html"]).stat().st_size < 5e6
+
+
+def test_a_motion_of_another_size_says_so_and_why(capsys: Capture, elsewhere: Path) -> None:
+    command = ("replay", "pouring", "--robot", "so101", "--html", "page.html", "--scale", "1.1", "--json")
+    code, out, err = run(capsys, *command)
+    assert code == 0
+    assert json.loads(out)["scale"] == pytest.approx(0.33)
+    assert "pbd: played at 0.33 of its size (scale 0.3 of so101's own dock, --scale 1.1)\n" in err
 
 
 @pytest.mark.parametrize("format_name", ["csv", "npz", "ros2-json"])

@@ -36,6 +36,7 @@ from pbd.data import (
     Truth,
 )
 from pbd.data.covariance import PoseCovariance
+from pbd.errors import UsageError
 from pbd.pose import Array, Pose
 
 N, K = 5, 2
@@ -200,6 +201,11 @@ def test_the_ends_are_held(motion: JointTrajectory, beyond: float) -> None:
 def test_a_single_instant_gives_one_row() -> None:
     motion = trajectory(0, [1.0])
     assert_array_equal(motion.at(0.5).q, motion.at(np.array([0.5])).q)
+
+
+def test_an_instant_that_is_no_number_is_refused() -> None:
+    with pytest.raises(UsageError, match="an instant of the trajectory is NaN"):
+        trajectory(0, [1.0]).at([0.1, np.nan])
 
 
 def test_the_gripper_goes_straight_and_is_held() -> None:

@@ -403,7 +403,7 @@ def test_options_have_bounds(name: str) -> None:
 
 def test_a_motion_of_hours_is_refused() -> None:
     long = [keyframe(0.0), keyframe(4000.0, x=0.1, dwell_s=4000.0), keyframe(9000.0)]
-    with pytest.raises(PlanError, match=r"^the motion would take 1\.11 hours, at most 1 can be planned; give a higher"):
+    with pytest.raises(PlanError, match=r"^the motion would take \d{4} s, at most 3600 can be planned; give a higher"):
         plan_keyframes(long, dock(), PANDA, PlanOptions(dwell_s=np.inf))
 
 

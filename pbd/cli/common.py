@@ -17,9 +17,10 @@ from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Recording, Robot
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, SensorError, UsageError
+from pbd.errors import CalibrationError, PbdError, SensorError, UsageError, collected_warnings
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_demo
+from pbd.files.find_by_name import bundled, bundled_names
 from pbd.files.points import Points, points_csv
 from pbd.io.atomic import atomic_file, is_file, refuse_file
 from pbd.io.made_by_pbd import refuse_others_file
@@ -38,13 +39,22 @@ POINTS_FILE = "points.csv"
 
 
 def load_demonstration(name: str | None) -> Demonstration:
-    """Load the demonstration of this name; without one load the newest, and say which it is."""
+    """Load the demonstration of this name; without one load the newest, and say which it is, with its notes."""
+    wanted = name or newest_demo()
+    with working(f"reading {wanted}"):
+        demo = load_demo(wanted)
     if name is None:
-        name, latest = newest_demo(), newest_demo(failed=True)
-        newer = "" if latest == name else f"; the newer '{latest}' can't be replayed"
-        say(f"no demonstration named: using '{name}'{newer}")
-    with working(f"reading {name}"):
-        return load_demo(name)
+        latest, notes = newest_demo(failed=True), f" ({demo.notes})" if demo.notes else ""
+        newer = "" if latest == wanted else f"; the newer '{latest}' can't be replayed"
+        say(f"no demonstration named: using '{wanted}'{notes}{newer}")
+    return demo
+
+
+def say_hidden(folder: Path) -> None:
+    """Say if the demonstration in this folder hides a bundled one."""
+    hidden = bundled("demos") / folder.name
+    if folder.parent == Path("demos") and folder.name in bundled_names("demos", "") and folder.resolve() != hidden:
+        say(f"{folder} hides the bundled demonstration of that name")
 
 
 def track_demonstration(
@@ -53,14 +63,13 @@ def track_demonstration(
     """Track a demonstration; return the hand's path and its keyframes, the edited ones if there are any."""
     from pbd.pipeline import track
     from pbd.tracking.keyframes import keyframes_of
-    from pbd.tracking.repair.gyro_consistency import up_in_sensor, warn_upside_down
+    from pbd.tracking.repair.gyro_consistency import warn_tracked_upside_down
 
     with working("tracking"):
         path = track(demo, method, calibration=calibration, accept_gap=accept_gap)
     keyframes = keyframes_of(path)
     if calibration is None:  # with a calibration, the tilt of the dock is reported instead
-        up_sensor = up_in_sensor(keyframes[0].T_nav_sensor.wxyz)
-        warn_upside_down(demo.recording, up_sensor, path.stops[0].start, path.stops[0].stop)
+        warn_tracked_upside_down(path, demo.recording)
     if demo.keyframes is not None:
         say(f"keyframes as edited in {demo.folder}/keyframes.toml; dwell is how long the arm stays there")
     return path, keyframes
@@ -73,6 +82,19 @@ def track_recording(args: argparse.Namespace, calibration: Calibration) -> tuple
     recording = load_demo(args.demo).recording
     with working("tracking"):
         return recording, track(recording, calibration=calibration, accept_gap=args.accept_gap)
+
+
+def why_failed(demo: Demonstration) -> str:
+    """Say why a demonstration can't be replayed as it is; "" if it can be tracked and has two stops."""
+    from pbd.pipeline import track
+    from pbd.record.session_types import FEWEST_STOPS
+
+    with working("tracking it"), collected_warnings():  # they are given again whenever it is tracked
+        try:
+            enough = len(track(demo).stops) >= FEWEST_STOPS
+        except PbdError as error:
+            return error.message
+    return "" if enough else "it has fewer than two stops, and a motion needs two"
 
 
 def named_calibration(args: argparse.Namespace) -> Calibration | None:
@@ -178,6 +200,7 @@ def store_demonstration(
         write_demo(replace(demo, recording=recording), folder, args.force, beside)
     samples, duration_s, rate_hz = len(recording), float(recording.t[-1]), recording.rate_hz
     say(f"{done} {samples} samples, {duration_s:.1f} s at {rate_hz:.0f} Hz, into {folder}")
+    say_hidden(folder)
     if args.json:
         stored = {"demo": folder.name, "folder": str(folder), "samples": samples}
         points = {} if touched is None else {"points": str(folder / POINTS_FILE)}

@@ -15,7 +15,7 @@ from pbd.cli.common import plan_demonstration
 from pbd.cli.console import print_json, say, working
 from pbd.cli.plan_report import moves_json, remarks
 from pbd.errors import PbdError, PlanError, UsageError, listed
-from pbd.files.exporters import FOLDERS, FORMATS, SUFFIXES, Export, check_format, export, export_dataset
+from pbd.files.exporters import FOLDERS, FORMATS, SUFFIXES, Export, check_format, check_suffix, export, export_dataset
 from pbd.files.exporters.lerobot import first_frame, refuse_dataset
 from pbd.files.robot import load_robot
 from pbd.io.atomic import refuse_output
@@ -85,6 +85,7 @@ def _json(args: argparse.Namespace, format_name: str, plan: Plan, done: Export) 
         "samples": len(done.samples.t),
         **({} if done.episode is None else {"episode": done.episode}),
         "duration_s": plan.trajectory.duration,
+        "scale": plan.scale,
         "receiver": {rule: {share.limit: share.value for share in shares} for rule, shares in done.receiver.items()},
         "moves": moves_json(plan),
         "warnings": args.warnings,
@@ -106,10 +107,7 @@ def _format(args: argparse.Namespace) -> str:
     name: str | None = args.format or by_ending
     if name is None:
         raise UsageError(f"name the --format ({', '.join(FORMATS)}), or a file that ends in {', '.join(SUFFIXES)}")
-    if by_ending not in (name, None) and args.output.suffix.lower() not in FORMATS[name].also:
-        raise UsageError(
-            f"{args.output} looks like {by_ending}, but --format is {name}; name another file, or no --format"
-        )
+    check_suffix(name, args.output)
     if name not in FOLDERS and (len(args.demos) > 1 or args.task):
         what = "--task is" if args.task else "several demonstrations are"
         raise UsageError(f"{what} for {', '.join(FOLDERS)}; {name} has one motion a file")

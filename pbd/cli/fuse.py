@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 
 from pbd.cli.calibrate.sensor import sensor_parts
-from pbd.cli.common import named_calibration, print_result, write_figures
+from pbd.cli.common import named_calibration, print_result, say_hidden, write_figures
 from pbd.cli.console import say, working
 from pbd.data.one_line_repr import counted
 from pbd.errors import UsageError
@@ -56,8 +56,10 @@ def run(args: argparse.Namespace) -> None:
         update_calibration(file, sensor_parts(errors, figures))
         saved = {"calibration": str(file)}
         say(f"{file}: [sensor] of '{errors.sensor}' from {counted(int(figures['takes']), 'take')}")
-    keyframes = counted(len(path.stops), "keyframe")
-    say(f"wrote {folder}: {len(demo.takes)} takes, {keyframes}; it is a demonstration like any other")
+    keyframes, used = counted(len(path.stops), "keyframe"), sum(not take.left_out for take in fusion.takes)
+    takes_used = f"{len(demo.takes)} takes" if used == len(demo.takes) else f"{used} of {len(demo.takes)} takes"
+    say(f"wrote {folder}: {takes_used}, {keyframes}; it is a demonstration like any other")
+    say_hidden(folder)
     if held_alike(fusion.takes):
         say(
             "the sensor was held alike in all takes, so fusing can't remove its own errors; turn it by a quarter "

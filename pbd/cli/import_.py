@@ -7,16 +7,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 
-from pbd.cli.common import decoder_maker, store_demonstration
+from pbd.cli.common import decoder_maker, store_demonstration, why_failed
 from pbd.cli.console import say, working
 from pbd.data import Demonstration
 from pbd.errors import (
-    PbdError,
     RecordingError,
     SensorError,
     TrackingError,
     UsageError,
-    collected_warnings,
     listed,
     warn,
 )
@@ -25,7 +23,6 @@ from pbd.files.importers import Imported, import_recording
 from pbd.files.importers.columns import Understood
 from pbd.io.atomic import is_file, is_folder
 from pbd.record.redecode import decode_raw
-from pbd.record.session_types import FEWEST_STOPS
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.repair.gyro_consistency import warn_upside_down
 from pbd.tracking.repair.repair_recording import condition
@@ -69,26 +66,13 @@ def run(args: argparse.Namespace) -> None:
         info = replace(demo.recording.info, sensor=args.sensor)
         demo = replace(demo, recording=replace(demo.recording, info=info))
     demo = replace(demo, closed=demo.closed or args.closed)
-    with working("tracking it"):
-        why_failed = _why_failed(demo)
+    failure = why_failed(demo)
     columns = [column.row() for column in understood.columns]
     more = {"columns": columns, "unread": dict(understood.unread)} if columns else {}
-    store_demonstration(args, replace(demo, failed=bool(why_failed)), "imported", more=more)
-    if why_failed:
-        warn(f"{why_failed}; so no command takes it unless you name it")
+    store_demonstration(args, replace(demo, failed=bool(failure)), "imported", more=more)
+    if failure:
+        warn(f"{failure}; so no command takes it unless you name it")
     _print_columns(args, understood)
-
-
-def _why_failed(demo: Demonstration) -> str:
-    """Say why a demonstration can't be replayed as it is; "" if it can be tracked and has two stops."""
-    from pbd.pipeline import track
-
-    with collected_warnings():  # they are given again whenever it is tracked
-        try:
-            enough = len(track(demo).stops) >= FEWEST_STOPS
-        except PbdError as error:
-            return error.message
-    return "" if enough else "it has fewer than two stops, and a motion needs two"
 
 
 def _print_columns(args: argparse.Namespace, understood: Understood) -> None:

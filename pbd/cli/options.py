@@ -160,7 +160,8 @@ def add_planning(
     """
     group = parser.add_argument_group("motion")
     option(group, "--robot", "R", "name or file; see `pbd robots`", required=robot_required)
-    option(group, "--scale", "S", "factor by which the hand's motion is scaled (1)", type=positive, default=1.0)
+    size = "factor on the motion's size; it multiplies the scale of the dock or the calibration (1)"
+    option(group, "--scale", "S", size, type=positive, default=1.0)
     fixed = "'demo': as the hand turned; 'fixed': straight down, with the heading of the first keyframe (demo)"
     option(group, "--orientation", None, fixed, choices=("demo", "fixed"), default="demo")
     way = "between keyframes: straight in joint space, the tool on a straight line, or as the hand went (keyframes)"
@@ -249,6 +250,7 @@ def integer(wanted: str, valid: Container[int]) -> Callable[[str], int]:
 
 finite = number("a number", lambda _: True)
 positive = number("a number above zero", lambda value: value > 0.0)
+up_to_10_m = number("above zero, at most 10000 mm", lambda value: 0.0 < value <= 1e4)
 not_negative = number("zero or a number above", lambda value: value >= 0.0)
 
 

@@ -10,7 +10,7 @@ from contextlib import ExitStack, closing, nullcontext, suppress
 from datetime import datetime
 
 from pbd.calibration.sensor import refuse_other_sensor
-from pbd.cli.common import decoder_maker, refuse_columns
+from pbd.cli.common import decoder_maker, refuse_columns, say_hidden, why_failed
 from pbd.cli.console import print_json, say
 from pbd.cli.recording.device import find_sensor
 from pbd.cli.recording.keys import Keys, Person
@@ -20,7 +20,7 @@ from pbd.cli.recording.takes import how_to_hold, next_command
 from pbd.data import SensorErrors
 from pbd.errors import UsageError, warn
 from pbd.files.calibration import load_calibration
-from pbd.files.demo import demo_folder, refuse_demo_folder, utc_now
+from pbd.files.demo import demo_folder, read_demo, refuse_demo_folder, utc_now
 from pbd.record import Outcome, RecordOptions, record
 from pbd.record.loop import SCREEN_EVERY_S, Poll
 from pbd.record.session_types import FEWEST_STOPS
@@ -39,6 +39,7 @@ def run(args: argparse.Namespace) -> None:
     if args.sensor is not None and args.sensor.partition(":")[0] != SIMULATED:
         decoder_maker(args, args.sensor, also=(SIMULATED,))  # an unknown sensor is reported before anything else
     refuse_demo_folder(folder, args.force)
+    say_hidden(folder)
     if args.take is not None:
         say(how_to_hold(args.take))
     with ExitStack() as stack:
@@ -134,5 +135,7 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
         )
         if outcome.stops < FEWEST_STOPS:
             print("fewer than two stops: nothing to replay; hold still for two seconds, then move, stop, move, stop")
+        elif failure := why_failed(read_demo(outcome.folder)):
+            warn(failure)
         else:
             print(f"next: {next_command(args, outcome.folder)}")

@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> None:
                 "robot": plan.robot.name,
                 "keyframes": len(plan.keyframes),
                 "duration_s": duration,
+                "scale": plan.scale,
                 "ik": errors,
                 "limits": {
                     **{name: getattr(report, name) for name in ("velocity", "acceleration", "jerk")},

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from pbd.data.calibration import Calibration
 from pbd.data.frozen_arrays import freeze_arrays, numeric
 from pbd.data.one_line_repr import brief, counted, span
+from pbd.errors import UsageError
 from pbd.pose import Array, Pose
 
 
@@ -217,8 +218,14 @@ class JointTrajectory:
         return float(self.knots[-1])
 
     def at(self, t: ArrayLike) -> Samples:
-        """Evaluate at one instant or at instants (n,), s: n rows. Before and after the motion the arm stands still."""
+        """Evaluate at one instant or at instants (n,), s: n rows. Before 0 and after `duration` the arm stands still.
+
+        Raises:
+            UsageError: an instant is NaN.
+        """
         t = np.atleast_1d(numeric("t", t))
+        if np.isnan(t).any():
+            raise UsageError("an instant of the trajectory is NaN; give seconds from its start", value=np.nan)
         inside = np.clip(t, 0.0, self.duration)
         piece = np.clip(np.searchsorted(self.knots, inside, side="right") - 1, 0, len(self.coefficients) - 1)
         s = (inside - self.knots[piece])[:, None]

@@ -181,7 +181,7 @@ def refuse_lost_recording(demo: Demonstration, folder: Path) -> None:
 def demo_folder(name: str) -> Path:
     """Return the path of a new demonstration: ./demos/NAME, or the given path; RecordingError: it can't be a name."""
     path = Path(name)
-    if path.name in ("", "..") or name.startswith("~"):
+    if path.name in ("", "..") or name.startswith(("~", "-")):
         raise RecordingError(f"'{name}' can't be a demonstration's name; give a word, or a folder's path", value=name)
     return path if len(path.parts) > 1 else Path("demos") / path
 

@@ -50,6 +50,8 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
         RobotError: a key is missing, unknown or of the wrong type; a file, a mesh, a link or a joint doesn't exist; a
             limit is missing, not above zero, or above the URDF's; home is outside the limits.
     """
+    if path.suffix.lower() in (".urdf", ".xacro"):
+        raise RobotError(f"{path}: a URDF needs a TOML beside it: docs/robots.md, 'Add an arm'", path=path)
     top = read_toml(path, RobotError)
     top.format(FORMAT)
     name, description, notes = top.text("name"), top.text("description"), top.texts("notes", ())

@@ -139,13 +139,15 @@ def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -
 def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     """Read a <joint>, whose numbers `read_urdf_xml` has checked."""
     name, kind = _attribute(path, element, "name"), _attribute(path, element, "type")
-    parent, child, axis, limit, mimic = (element.find(tag) for tag in ("parent", "child", "axis", "limit", "mimic"))
+    parts = {tag: element.find(tag) for tag in ("parent", "child", "limit")}
+    parent, child, limit = parts.values()
+    axis, mimic = element.find("axis"), element.find("mimic")
     bounded = kind in ("revolute", "prismatic")
     wrong = None
     if kind not in KINDS:
         wrong = f"has the type {kind!r}; make it one of {listed(KINDS)}"
-    elif parent is None or child is None or (limit is None and bounded):
-        wrong = "lacks its parent, child or limit; add it"
+    elif lacking := [tag for tag, part in parts.items() if part is None and (tag != "limit" or bounded)]:
+        wrong = f"has no {listed(f'<{tag}>' for tag in lacking)}; add it"
     elif axis is not None and kind in ACTUATED and not any(map(float, axis.get("xyz", "1").split())):
         wrong = "has no axis to move about; give it one"
     if wrong or parent is None or child is None:

@@ -85,6 +85,10 @@ def read_urdf_xml(path: Path) -> ET.Element:
     if root.tag != "robot":
         what = f"{path} is not a URDF: its root is <{printable(root.tag)}>; give a file whose root is <robot>"
         raise RobotError(what, path=path)
+    if macro := next((part.tag for part in root.iter() if "/xacro}" in part.tag), None):
+        name = printable(macro.partition("}")[2])
+        what = f"<xacro:{name}> is not expanded; run `xacro {path.name} > arm.urdf`, and give arm.urdf"
+        raise RobotError.at(path, what)
     for what, most, count in (
         ("links", MOST_LINKS, len(root.findall("link"))),
         ("joints", MOST_LINKS, len(root.findall("joint"))),

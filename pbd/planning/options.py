@@ -45,7 +45,7 @@ class PlanOptions:
         path: one of PATHS.
         tolerance_m: with path "keyframes", a move on which the tool leaves the straight line by more becomes a line.
         time: one of TIMES.
-        scale: factor on the hand's positions.
+        scale: factor on the hand's positions; it multiplies the calibration's own.
         orientation: one of ORIENTATIONS; "fixed" keeps the tool's z straight down.
         speed: 0.01 to 1, share of the velocity, acceleration and jerk limits.
         margin: 0 to 0.5, share of those limits that is reserved for the controller.

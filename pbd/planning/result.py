@@ -85,9 +85,25 @@ class Plan:
         tracking = self.hand_path and self.hand_path.tracking
         return tracking.demo.recording.info.name if tracking else "motion"
 
+    @property
+    def scale(self) -> float:
+        """The factor on the hand's positions: the calibration's own times that of the options."""
+        return self.options.scale * self.calibration.scale
+
     def __repr__(self) -> str:
         touches = "" if self.touching is None else "touches something"
         return brief(self, repr(self.trajectory), touches)
+
+
+def size_remark(plan: Plan) -> str:
+    """Return at which size the motion is played, and why; "" if it is as large as the hand's."""
+    own, chosen = plan.calibration.scale, plan.options.scale
+    if plan.scale == 1.0:
+        return ""
+    dock = f"{plan.robot.name}'s own dock" if plan.calibration is plan.robot.dock else plan.calibration.name
+    causes = [f"scale {own:g} of {dock}"] if own != 1.0 else []
+    causes += [f"--scale {chosen:g}"] if chosen != 1.0 else []
+    return f"played at {plan.scale:g} {'of' if plan.scale < 1.0 else 'times'} its size ({', '.join(causes)})"
 
 
 def find_touching(scene: CollisionScene, trajectory: JointTrajectory) -> Touching | None:

@@ -57,7 +57,8 @@ class ReplayScene:
         torque: largest share of a joint's torque limit; None where no limit is known.
         detours: start and end, s, of each detour around an obstacle on the way to the next keyframe, or home.
         contacts: in the order in which they begin; empty unless collisions were allowed.
-        notes: the demonstration's own notes, and the probability that all keyframes are within their tolerances.
+        notes: the size if not the hand's, the demonstration's own notes, and the probability that all keyframes are
+            within their tolerances.
         warnings: what was warned of while the motion was planned.
     """
 

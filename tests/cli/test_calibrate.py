@@ -207,6 +207,16 @@ def test_a_dock_is_not_replaced_unasked(capsys: Capture, touched: Touching) -> N
     assert read_calibration(Path("calibration/bench.toml")).T_base_dock is None
 
 
+def test_points_that_fit_badly_do_not_replace_a_good_fit(capsys: Capture, touched: Touching) -> None:
+    run(capsys, *POINTS)
+    write_points(touched.points + np.outer((0, 0, 1, 0, 1, 1), (0.0, 0.02, 0.0)))
+    code, _, err = run(capsys, *POINTS)
+    assert code == 1
+    assert "so the [nav] of calibration/bench.toml stays as it is" in err
+    assert run(capsys, *POINTS, "--force")[0] == 0
+    assert run(capsys, *POINTS)[0] == 0  # the former fit is as poor
+
+
 def test_the_dock_and_nav_say_the_same_of_their_demonstration(capsys: Capture, touched: Touching) -> None:
     """With either part, the keyframes of the same demonstration are at the same places in base."""
     run(capsys, *POINTS)

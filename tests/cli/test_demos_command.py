@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from pbd.files.demo import load_demo
 from tests.cli.running import Capture, run, run_json
 
 pytestmark = pytest.mark.usefixtures("empty_folder")
@@ -50,7 +51,8 @@ def test_a_command_without_a_name_takes_none_that_failed_or_was_set_aside(capsys
         assert run(capsys, "simulate", "pick-and-place-stops", name)[0] == 0
         toml = Path("demos", name, "demo.toml")
         toml.write_text(failed + toml.read_text().replace('created = "20', 'created = "21'))
-    told = "no demonstration named: using 'tea'; the newer 'short' can't be replayed\n"
+    notes = load_demo("tea").notes
+    told = f"no demonstration named: using 'tea' ({notes}); the newer 'short' can't be replayed\n"
     assert told in run(capsys, "segments")[2]
     rows = {row["name"]: row for row in run_json(capsys, "demos")["demos"]}
     assert [name for name, row in rows.items() if row["failed"]] == ["short"]

@@ -59,6 +59,10 @@ def test_a_sensor_that_was_never_turned_is_said_to_keep_its_errors(capsys: Captu
     assert told not in run(capsys, "fuse", "tea1", "alike", "tea2", "-o", "turned")[2]
 
 
+def test_only_the_takes_that_were_used_are_counted(capsys: Capture) -> None:
+    assert "pbd: wrote demos/mixed: 2 of 3 takes, " in run(capsys, "fuse", "tea1", "tea2", "other", "-o", "mixed")[2]
+
+
 def test_a_take_is_added_by_a_line_in_demo_toml(capsys: Capture) -> None:
     run_json(capsys, "fuse", "tea1", "tea2", "-o", "two")
     file = Path("demos/two/demo.toml")

@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pbd.data import Gripper, JointLimits, JointTrajectory, Robot, Samples
-from pbd.errors import PbdError
+from pbd.errors import PbdError, PlanError, UsageError
 from pbd.files import exporters
 from pbd.files.exporters import FORMATS, export, npz
 from pbd.files.exporters.export_request import ExportRequest
@@ -59,7 +59,7 @@ def test_no_zero_has_a_sign(tmp_path: Path, format_name: str) -> None:
     """One joint stands at -0.0, one moves less than the last digit."""
     zero = np.zeros(2)
     still = JointTrajectory(
-        joint_names=("still", "creeps"),
+        joint_names=ROBOT.joints,
         knots=np.array([0.0, 1.0]),
         coefficients=np.array([[-zero, np.array([-0.0, -4e-10]), -zero, -zero]]),
         gripper_t=np.array([0.0, 1.0]),
@@ -70,6 +70,15 @@ def test_no_zero_has_a_sign(tmp_path: Path, format_name: str) -> None:
     path = tmp_path / "motion"
     export(still, ROBOT, format_name, path, 10.0)
     assert re.findall(r"-0\.0*(?![\d])", path.read_text()) == []
+
+
+def test_another_robots_motion_and_another_formats_name_are_refused(tmp_path: Path, motion: JointTrajectory) -> None:
+    other = replace(ROBOT, name="other", joints=("hip", "knee"))
+    with pytest.raises(PlanError, match="this motion is not other's: its joints are shoulder, elbow; give the robot"):
+        export(motion, other, "csv", tmp_path / "motion.csv")
+    with pytest.raises(UsageError, match=r"motion.json looks like ros2-json, but the format is csv; name another file"):
+        export(motion, ROBOT, "csv", tmp_path / "motion.json")
+    assert not list(tmp_path.iterdir())
 
 
 def read_csv(path: Path) -> tuple[list[str], Samples]:

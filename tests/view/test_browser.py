@@ -307,6 +307,23 @@ def test_nothing_overlaps(replay: Replay) -> None:
         replay.browser.set_size()
 
 
+def test_all_columns_and_notes_are_reachable_in_a_small_window(chrome: Chromium, tmp_path: Path) -> None:
+    write_page(scenes.ur5_moves(), tmp_path / "small.html")
+    replay = Replay(chrome, (tmp_path / "small.html").as_uri())
+    try:
+        for width, height in ((800, 600), (400, 800)):
+            replay.browser.set_size(width, height)
+            replay("pbd.page.fold('joints', innerWidth <= 640); pbd.page.fold('panel', false)")
+            columns = (
+                "return [...document.querySelectorAll('#keyframes th')].filter((th) => th.checkVisibility()).length"
+            )
+            assert replay(columns) == 5, f"{width} x {height}"
+            hidden = "return ['panel', 'list', 'notes'].map(element).filter((e) => e.scrollHeight > e.clientHeight + 1"
+            assert replay(f"{hidden} && getComputedStyle(e).overflowY !== 'auto').length") == 0, f"{width} x {height}"
+    finally:
+        replay.browser.set_size()
+
+
 def test_the_camera_fits_every_window(replay: Replay) -> None:
     try:
         for width, height in ((1600, 1000), (900, 700), (420, 760)):

@@ -113,7 +113,7 @@ def time_moves(
     if retreat is not None:
         t = add(retreat.pieces(q, arm.limits, speed))
     if not t <= LONGEST_S:
-        message = f"the motion would take {t / 3600.0:.3g} hours, at most {LONGEST_S / 3600.0:g} can be planned"
+        message = f"the motion would take {np.ceil(t):.0f} s, at most {LONGEST_S:.0f} can be planned"
         raise PlanError(f"{message}; give a higher --speed, or shorter stays", value=t, bound=LONGEST_S)
     pieces = PiecewiseCubic.join(parts)
     trajectory = JointTrajectory(

@@ -73,7 +73,7 @@ def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibratio
         kept = np.zeros(3) if before is None else np.degrees(quat_to_rpy(before.wxyz))
         rpy_deg = kept if args.rpy is None else args.rpy
         if far := beyond_reach(args.position):
-            raise CalibrationError(f"--position has {far}; {IN_METRES}", value=args.position, bound=REACH_M)
+            raise UsageError(f"--position has {far}; {IN_METRES}", value=args.position, bound=REACH_M)
         turned = "" if args.rpy is not None or not kept.any() else ", with its former rotation (--rpy changes it)"
         return Pose.from_rpy(args.position, np.radians(rpy_deg)), np.zeros((6, 6)), f"as given{turned}"
     if args.joints is not None:

@@ -6,6 +6,7 @@ import argparse
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -61,6 +62,8 @@ def run(args: argparse.Namespace) -> None:
     cov = fit.cov.copy()
     if part == "nav" and heading is not None:
         cov[5, 5] += heading**2  # the heading differs between demonstrations by this sigma
+    if fit.chi2 > POOR_CHI2 and not args.force:
+        _keep_good_part(path, calibration, part, fit.chi2)
     values = pose_values(pose, "in base", cov) | {"fit": (figures, ""), "any_attitude": (None, "")}
     update_calibration(path, {part: values}, renames=instead, scale=fit.scale if args.find_scale else None)
     worse = f"{np.sqrt(fit.chi2):.1f} times"
@@ -90,6 +93,20 @@ def run(args: argparse.Namespace) -> None:
     turned = "" if part == "nav" else " and with the same rotation"
     say(f"this holds for later demonstrations that start with the sensor's first rest at that point{turned}")
     return None
+
+
+def _keep_good_part(path: Path, calibration: Calibration, part: str, chi2: float) -> None:
+    """Refuse to replace a part of the calibration that is not known to fit badly by one that does."""
+    known = calibration.T_base_nav if part == "nav" else calibration.T_base_dock
+    if known is not None and calibration.residuals.get(f"{part}.chi2", 0.0) <= POOR_CHI2:
+        what = f"the points fit {np.sqrt(chi2):.1f} times worse than the tracker's uncertainty predicts"
+        raise CalibrationError(
+            f"{what}, so the [{part}] of {path} stays as it is; touch them again, more calmly, or correct their "
+            "coordinates; --force replaces it",
+            path=path,
+            value=chi2,
+            bound=POOR_CHI2,
+        )
 
 
 def _match_stops(

@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from pbd.errors import UsageError, is_number, nearest, require_kind, require_type, warn
+from pbd.errors import PlanError, UsageError, is_number, listed, nearest, require_kind, require_type, warn
 from pbd.io.atomic import atomic_file, atomic_folder
 
 if TYPE_CHECKING:
@@ -114,6 +114,15 @@ def check_format(
         import_module(f"{__name__}.{FORMATS[format_name].file}").check(robot)
 
 
+def check_suffix(format_name: str, path: Path) -> None:
+    """Refuse (UsageError) a file whose name ends as another format's does."""
+    suffix = path.suffix.lower()
+    if (by_ending := SUFFIXES.get(suffix)) not in (format_name, None) and suffix not in FORMATS[format_name].also:
+        raise UsageError(
+            f"{path} looks like {by_ending}, but the format is {format_name}; name another file, or another format"
+        )
+
+
 def export(
     trajectory: JointTrajectory,
     robot: Robot,
@@ -136,10 +145,10 @@ def export(
         source: what the motion was made from; needed by formats that contain more than joints.
 
     Raises:
-        UsageError: as `check_format`.
+        UsageError: as `check_format` and `check_suffix`.
         PbdError: the file can't be written.
-        PlanError: interpolated as receivers do, the motion would exceed a limit, miss a keyframe or touch something;
-            nothing is written.
+        PlanError: the motion is another robot's; or, interpolated as receivers do, it would exceed a limit, miss a
+            keyframe or touch something. Nothing is written.
         WrongTypeError: an argument has the wrong type, for example a robot's name.
     """
     from pbd.data import JointTrajectory, Robot
@@ -151,6 +160,10 @@ def export(
     require_kind("path", path, "a file's name", isinstance(path, str | Path))
     check_format(format_name, rate_hz, dense)
     path = Path(path)
+    check_suffix(format_name, path)
+    if trajectory.joint_names != robot.joints:
+        what = f"this motion is not {robot.name}'s: its joints are {listed(trajectory.joint_names)}"
+        raise PlanError(f"{what}; give the robot that it was planned for", value=robot.name)
     if format_name in FOLDERS:
         return export_dataset([(trajectory, source)], robot, path)[0]
     from pbd.files.exporters.check_export import check_received, reached
