@@ -43,7 +43,7 @@ PHYPHOX_QUANTITIES = {
     "mag": r"magnetic field ([xyz]) \([µμ]t\)",
     "linear": r"linear acceleration ([xyz]) \(m/s(?:\^2|²)\)",
 }
-PHYPHOX_UNITS = {"gyr": "rad/s", "acc": "m/s2", "mag": "ut"}
+PHYPHOX_UNITS = {"gyr": "rad/s", "acc": "m/s2", "mag": "uT"}
 PHYPHOX_TIME = "Time (s)"
 LOGGER = "Sensor Logger"
 
@@ -189,7 +189,7 @@ def _read_sensor_logger(
         what = f"{why}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again"
         raise RecordingError.at(path, what)
     read, others = {"acc": (source, sign, unit)}, dict[str, Stream]()
-    for kind, name, unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "ut")):
+    for kind, name, unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "uT")):
         if found := next((each for each in (name, f"{name}Uncalibrated") if each in sheets), None):
             others[kind], read[kind] = stream(found), (f"{found}.csv", 1.0, unit)
     columns = [column for kind, its in read.items() for column in _columns(LOGGER, LOGGER_COLUMNS, kind, *its)]

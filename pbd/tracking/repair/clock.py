@@ -66,7 +66,9 @@ def with_clock(recording: Recording) -> Recording:
     t = recording.t
     step = float(np.median(np.diff(t)))
     if step <= 0.0:
-        raise RecordingError("most rows carry the same time; the column 't' must be seconds that increase")
+        raise RecordingError(
+            "most rows carry the same time; the column 't' must be seconds that increase, or import it with --rate HZ"
+        )
     if step < 1.0 / FASTEST_HZ:
         raise RecordingError(
             f"the samples come {step:.3g} s apart, closer than any sensor's; the column 't' must be seconds",
