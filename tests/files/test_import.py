@@ -97,6 +97,8 @@ def test_our_imu_csv_in_any_order_of_columns(tmp_path: Path) -> None:
         ("Time,Linear Acceleration x (m/s²),Linear Acceleration y (m/s²),Linear Acceleration z (m/s²)", 1.0),
         ("TIME,ACCELEROMETER-X [m/s^2],ACCELEROMETER-Y [m/s^2],ACCELEROMETER-Z [m/s^2]", 1.0),
         ("Time,ax (m s-2),ay (m s-2),az (m s-2)", 1.0),
+        ("time,ax [g],ay,az", GRAVITY),
+        ("time,ax_m_s2,ay,az", 1.0),
         ("time,ax [g's],ay [g's],az [g's]", GRAVITY),
         ("Zeit [s],Beschl. X [g],Beschl. Y [g],Beschl. Z [g]", GRAVITY),
         ("t,ax (0.5g),ay (0.5g),az (0.5g)", 0.5 * GRAVITY),

@@ -176,9 +176,10 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
         if not set(angles) <= set(found) and not set(columns) & set(angles):
             # The origin and sign of a single angle are unknown: the gyro is more reliable.
             found = {ours: given for ours, given in found.items() if ours not in angles}
+    beside = {CHANNEL_OF[ours]: unit for ours, (name, _, _) in found.items() if (unit := split_unit(name)[1])}
     read = []
     for ours, (name, sign, by) in sorted(found.items(), key=lambda each: header.index(each[1][0])):
-        unit_sign, unit, unit_by = _unit(path, name, ours, units, program)
+        unit_sign, unit, unit_by = _unit(path, name, ours, units, beside, program)
         read.append(Column(name, ours, sign * unit_sign, unit, by, unit_by))
     used = {column.name for column in read}
     unread = {name: why_not_read(name, found) for name in header if name and name not in used}
@@ -201,9 +202,9 @@ def _by_name(header: Sequence[str]) -> dict[str, str]:
 
 
 def _unit(
-    path: Path, name: str, ours: str, units: Mapping[str, str], program: Program | None
+    path: Path, name: str, ours: str, units: Mapping[str, str], beside: Mapping[str, str], program: Program | None
 ) -> tuple[float, str, str]:
-    """Return a column's sign and unit, and who decided the unit."""
+    """Return a column's sign and unit, and who decided the unit; `beside` has the units that names of axes tell."""
     channel = "angle" if CHANNEL_OF[ours] == "rpy" else CHANNEL_OF[ours]
     standard = next(iter(UNITS[channel]))
     given, by = units.get(channel) or "", "--unit"
@@ -215,6 +216,8 @@ def _unit(
         word = plain(name)
         suffix = re.search(TIME_UNITS, word)
         given = _NAMED_UNITS.get(word, suffix[1] if suffix else "").replace("sec", "s")
+    if not given and channel != "t":
+        given, by = beside.get(CHANNEL_OF[ours], ""), "another axis's name"
     if not given and program is not None and channel in program.units:
         given, by = program.units[channel], program.title
     if not given:

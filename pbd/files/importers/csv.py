@@ -54,9 +54,9 @@ def read_csv(
         # A column of dates is recognised by its contents: it may have any name.
         columns = {**columns, "t": dates}
         found = understand(sheet, columns, units).with_clock(dates, "its dates")
-    if rate_hz is not None and (clock := found.of("t")):
-        warn(f"{path}: --rate {rate_hz:g} is used instead of the times in the column '{clock[0].name}'")
-        found = found.without(clock[0], "--rate is used instead")
+    if rate_hz is not None and (wrong := found.of("t")):
+        warn(f"{path}: --rate {rate_hz:g} is used instead of the times in the column '{wrong[0].name}'")
+        found = found.without(wrong[0], "--rate is used instead")
     timed = bool(found.of("t"))
     known = f"the columns are {listed(sheet.header)}"
     say = "say which is which with --column, for example --column ax=NAME"

@@ -199,9 +199,8 @@ def _evenly_spaced(t: Array, interval: float, reach: int, complete: bool) -> Arr
             rises[rises < 1.5], rises[-reach // 2 :] = 0.0, 0.0
         place[1:] += np.cumsum(np.maximum(np.rint(rises), 0.0))
     interval, begin = np.polyfit(place, t, 1)
-    left_over = t - begin - interval * place
-    if reach > LATE_SAMPLES:
-        return begin + interval * place  # the average of batches would wobble
-    smooth = uniform_filter1d(left_over, max(1, round(DRIFT_S / interval)), mode="nearest")
-    beat: Array = begin + interval * place + smooth
-    return beat
+    beat: Array = begin + interval * place
+    if reach > LATE_SAMPLES:  # the average of batches would wobble
+        return beat
+    smooth: Array = uniform_filter1d(t - beat, max(1, round(DRIFT_S / interval)), mode="nearest")
+    return beat + smooth
