@@ -20,7 +20,7 @@ from pbd.errors import (
 )
 from pbd.files.demo import demo_folder
 from pbd.files.importers import Imported, import_recording
-from pbd.files.importers.columns import Understood
+from pbd.files.importers.columns import UNUSED, Understood
 from pbd.io.atomic import is_file, is_folder
 from pbd.record.redecode import decode_raw
 from pbd.tracking.first_rest import find_rest
@@ -81,7 +81,12 @@ def _print_columns(args: argparse.Namespace, understood: Understood) -> None:
 
         if understood.program:
             print(f"written by {understood.program}")
-        print_table(columns_table([column.row() for column in understood.columns], understood.unread))
+        unread = dict(understood.unread)
+        files = [name for name, why in unread.items() if why == UNUSED]
+        if len(files) > 1:
+            unread = {name: why for name, why in unread.items() if why != UNUSED}
+            unread[f"{len(files)} files"] = "not used; --json names them"
+        print_table(columns_table([column.row() for column in understood.columns], unread))
 
 
 @contextmanager

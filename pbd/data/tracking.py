@@ -80,8 +80,17 @@ class Recording:
 
     @cached_property
     def rate_hz(self) -> float:
-        """The measured rate: the inverse of the median sampling interval."""
-        return float(1.0 / np.median(np.diff(self.t)))
+        """The measured rate, Hz: the inverse of the median step; if most times are equal, rows per time. 0: unknown."""
+        step = float(np.median(np.diff(self.t))) or batched_interval(self.t)
+        return 1.0 / step if step else 0.0
+
+
+def batched_interval(t: Array) -> float:
+    """Mean interval, s, of times (n,) of which several are equal, without gaps; 0: there are fewer than three times."""
+    first = np.flatnonzero(np.diff(t) > 0.0) + 1  # of each batch; the very first batch may be cut off
+    rows, steps = np.diff(first), np.diff(t[first])
+    usual = steps < 1.5 * np.median(steps) if len(steps) else steps > 0.0
+    return float(steps[usual].sum() / rows[usual].sum()) if usual.any() else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from math import pi
+from math import inf, pi
 from types import MappingProxyType
 
 GRAVITY = 9.80665
@@ -32,5 +33,13 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 
 def unit_factor(quantity: str, unit: str) -> float | None:
-    """Factor of a unit; None: unknown. Case is ignored, because programs write UT and Mg."""
-    return next((factor for name, factor in UNITS[quantity].items() if name.lower() == unit.lower()), None)
+    """Factor of a unit, which a number before it multiplies (`0.5mg`); None: unknown.
+
+    Case is ignored, because programs write UT and Mg.
+    """
+    factors = {name.lower(): factor for name, factor in UNITS[quantity].items()}
+    if (unit := unit.strip().lower()) in factors:
+        return factors[unit]
+    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)(e[-+]?\d+)?\s*([a-z]\S*)", unit)
+    factor = float(match[1] + (match[2] or "")) * factors.get(match[3], 0.0) if match else 0.0
+    return factor if 0.0 < factor < inf else None

@@ -8,7 +8,8 @@ from datetime import date
 
 _STAMP = re.compile(
     r"\s*(?=\d)(?:(\d{1,4})[-/.](\d{1,2})[-/.](\d{1,4})(?:[T\s]\s*(?=\d)|\s*$))?"
-    r"(?:(\d{1,2}):(\d{1,2}):(\d{1,2})(?:([.,])(\d+)|:(\d{1,3}))?\s*(?:Z|UTC|[+-]\d{2}:?\d{2})?)?\s*"
+    r"(?:(\d{1,2}):(\d{1,2}):(\d{1,2})(?:([.,])(\d+)|:(\d{1,3}))?(?:\s+([AaPp])\.?[Mm]\.?)?"
+    r"\s*(?:Z|UTC|[+-]\d{2}:?\d{2})?)?\s*"
 )
 DAY_S = 86400.0
 YEAR_2000 = date(2000, 1, 1).toordinal()
@@ -45,18 +46,20 @@ def is_stamp(text: str) -> bool:
 def seconds(text: str) -> float:
     """Parse a time, s: a number, a date, a time of day, or both: `2026-10-02T07:48:45.830+02:00`.
 
-    In `2025-10-9 8:18:9:94` the last number is ms. Dates count from the year 2000, times of day from midnight. A time
-    zone is ignored: it is the same in all rows. An empty text and "null" are NaN. ValueError: it is none of these.
+    `12:05:00 AM` is five past midnight. In `2025-10-9 8:18:9:94` the last number is ms. Dates count from the year 2000,
+    times of day from midnight. A time zone is ignored: it is the same in all rows. An empty text and "null" are NaN.
+    ValueError: it is none of these.
     """
     match = _STAMP.fullmatch(text)
     if match is None:
         return math.nan if text.strip().lower() in ("", "null") else number(text)
-    first, second, third, hour, minute, second_of_minute, mark, fraction, ms = match.groups()
+    first, second, third, hour, minute, second_of_minute, mark, fraction, ms, half = match.groups()
     days = 0
     if first is not None:
         # The order of day and month only matters for a recording across midnight.
         year, month, day = (first, second, third) if len(first) == 4 else (third, second, first)
         month, day = (day, month) if int(month) > 12 else (month, day)
         days = date(int(year), int(month), int(day)).toordinal() - YEAR_2000
+    hours = int(hour or 0) if half is None else int(hour) % 12 + 12 * (half in "Pp")
     part = float(f"0.{fraction}") if mark else int(ms or 0) / 1e3
-    return days * DAY_S + 3600.0 * int(hour or 0) + 60.0 * int(minute or 0) + int(second_of_minute or 0) + part
+    return days * DAY_S + 3600.0 * hours + 60.0 * int(minute or 0) + int(second_of_minute or 0) + part

@@ -19,7 +19,6 @@ first [[line]] begins a sample.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import isfinite
@@ -100,12 +99,8 @@ class LineLayout:
         if quantity not in UNITS:
             raise SensorError(f"no unit can be given for {quantity!r}; give it for {', '.join(UNITS)}", value=quantity)
         text = self.units.get(quantity, next(iter(UNITS[quantity])))
-        match = re.fullmatch(r"\s*([-+\d.eE]*?)\s*([A-Za-z]\S*)\s*", text)
-        try:
-            factor = float(match[1] or 1.0) * (unit_factor(quantity, match[2]) or 0.0) if match else 0.0
-        except ValueError:
-            factor = 0.0
-        if not (isfinite(factor) and factor > 0.0):
+        factor = unit_factor(quantity, text)
+        if factor is None:
             raise SensorError(
                 f"{text!r} is not a unit of {quantity}; give one of {', '.join(UNITS[quantity])}, with a number "
                 "before it if needed",

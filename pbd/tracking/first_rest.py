@@ -113,15 +113,19 @@ def find_rest(recording: Recording) -> Rest:
     )
 
 
+def likely_unit(norm_at_rest: float) -> str | None:
+    """Unit of specific force that was read as m/s2, by its norm at rest; None: m/s2, or unknown."""
+    # The last one: m/s2 that were read as g.
+    scales = {"": 1.0, "g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2, "m/s2": GRAVITY}
+    return next((unit for unit, scale in scales.items() if 0.85 < norm_at_rest / (GRAVITY * scale) < 1.15), "") or None
+
+
 def _refuse_wrong_units(norm_at_rest: float) -> None:
     """Refuse specific force (its norm at rest, m/s2) that is not near gravity, and name the likely reason."""
     if 0.85 < norm_at_rest / GRAVITY < 1.15:
         return
-    # The last one: m/s2 that were read as g.
-    scales = {"g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2, "m/s2": GRAVITY}
-    likely = [unit for unit, scale in scales.items() if 0.85 < norm_at_rest / (GRAVITY * scale) < 1.15]
-    if likely:
-        why = f"the values are likely in {likely[0]}: import the file with --unit acc={likely[0]}"
+    if likely := likely_unit(norm_at_rest):
+        why = f"the values are likely in {likely}: import the file with --unit acc={likely}"
     elif norm_at_rest < WITHOUT_GRAVITY:
         why = "gravity seems to have been removed: give what the accelerometer itself reads, not linear acceleration"
     else:
@@ -130,5 +134,5 @@ def _refuse_wrong_units(norm_at_rest: float) -> None:
         f"at rest the accelerometer reads {norm_at_rest:.4g}, but gravity is {GRAVITY:.2f} m/s2; {why}",
         value=norm_at_rest,
         bound=GRAVITY,
-        unit=likely[0] if likely else None,
+        unit=likely,
     )

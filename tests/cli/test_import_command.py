@@ -80,6 +80,13 @@ def test_a_table_without_times_is_told_of_the_rate_and_takes_it(in_g: Path, caps
     assert ours.info.rate_hz == 100.0
 
 
+def test_a_rate_too_fast_is_not_blamed_on_a_column(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("ax,ay,az\n" + "0,0,9.8\n" * 200)
+    assert main(["import", str(path), str(tmp_path / "fast"), "--rate", "100000"]) == 1
+    assert capsys.readouterr().err.endswith("closer than any sensor's; give another --rate\n")
+
+
 def test_a_recording_does_not_replace_the_folder_that_it_is_in(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The raw.bin or the edited keyframes.toml would be lost."""
     before = in_g.read_bytes()

@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pbd.data import GRAVITY, Recording
-from pbd.errors import RecordingError, UsageError
+from pbd.errors import PbdWarning, RecordingError, UsageError
 from pbd.files.importers import import_file, import_recording
 from pbd.files.importers.columns import Column
 from pbd.pose import Array
@@ -96,6 +96,12 @@ def test_our_imu_csv_in_any_order_of_columns(tmp_path: Path) -> None:
         ("seconds,accel.x,accel.y,accel.z", 1.0),
         ("Time,Linear Acceleration x (m/s²),Linear Acceleration y (m/s²),Linear Acceleration z (m/s²)", 1.0),
         ("TIME,ACCELEROMETER-X [m/s^2],ACCELEROMETER-Y [m/s^2],ACCELEROMETER-Z [m/s^2]", 1.0),
+        ("Time,ax (m s-2),ay (m s-2),az (m s-2)", 1.0),
+        ("time,ax [g],ay,az", GRAVITY),
+        ("time,ax_m_s2,ay,az", 1.0),
+        ("time,ax [g's],ay [g's],az [g's]", GRAVITY),
+        ("Zeit [s],Beschl. X [g],Beschl. Y [g],Beschl. Z [g]", GRAVITY),
+        ("t,ax (0.5g),ay (0.5g),az (0.5g)", 0.5 * GRAVITY),
         ("Zeit (s),Beschleunigung x (m/s^2),Beschleunigung y (m/s^2),Beschleunigung z (m/s^2)", 1.0),
     ],
 )
@@ -231,12 +237,24 @@ def test_a_day_alone_is_no_time(tmp_path: Path) -> None:
     assert_array_equal(import_recording(tmp_path / "run.csv", rate_hz=10.0).demo.recording.t, [0.0, 0.1])
 
 
-def test_a_rate_is_refused_if_there_are_times(tmp_path: Path) -> None:
-    (tmp_path / "run.csv").write_text(two_rows("t,ax,ay,az"))
-    with pytest.raises(RecordingError, match=r"the column 't' tells the time; leave --rate out"):
-        import_recording(tmp_path / "run.csv", rate_hz=100.0)
+def test_a_rate_wins_over_the_times_of_a_table(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text(two_rows("Zeit,ax,ay,az"))
+    with pytest.warns(PbdWarning, match=r"--rate 100 is used instead of the times in the column 'Zeit'"):
+        recording = import_recording(tmp_path / "run.csv", rate_hz=100.0).demo.recording
+    assert_allclose(recording.t, [0.0, 0.01])
     with pytest.raises(RecordingError, match="an npz has a rate of its own; leave --rate out"):
         import_recording(tmp_path / "run.npz", rate_hz=100.0)
+
+
+def test_repeated_rows_are_left_out(tmp_path: Path) -> None:
+    with pytest.warns(PbdWarning, match="2 rows that repeat the row before are left out"):
+        got = import_text(tmp_path, "t,ax,ay,az\n0,0,0,9\n0,0,0,9\n1,0,0,9\n2,0,0,9\n2,0,0,9\n")
+    assert_array_equal(got.t, [0.0, 1.0, 2.0])
+
+
+@pytest.mark.parametrize("stamps", [("23:59:59.5", "00:00:00.5"), ("11:59:59.5 AM", "12:00:00.5 PM")])
+def test_times_of_day_pass_midnight_and_noon(tmp_path: Path, stamps: tuple[str, str]) -> None:
+    assert_allclose(import_text(tmp_path, "time,ax,ay,az\n{},0,0,9\n{},0,0,9\n".format(*stamps)).t, [0.0, 1.0])
 
 
 # --- every format -----------------------------------------------------------------------------------------------------

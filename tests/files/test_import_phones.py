@@ -165,6 +165,25 @@ def test_phyphox_counts_its_pauses(tmp_path: Path, separator: str, comma: bool) 
     assert_allclose(got.t, (T + 2.5 * (T > 1.0))[:-1], atol=1e-6)
 
 
+def test_a_csv_of_any_other_name_is_read_alone(tmp_path: Path) -> None:
+    place = phyphox(tmp_path / "p")
+    alone = (place / "Accelerometer.csv").rename(place / "monday.csv")
+    assert read(alone).gyr is None
+
+
+def test_a_gyro_that_is_not_phyphox_s_is_not_dropped(tmp_path: Path) -> None:
+    units = (
+        f"{quantity} {axis} ({unit})"
+        for quantity, unit in (("Acceleration", "m/s^2"), ("Gyro", "dps"))
+        for axis in "XYZ"
+    )
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join((",".join(("Time (s)", *units)), "0,0,0,9.8,1,2,3", "0.01,0,0,9.8,1,2,3")))
+    gyr = read(path).gyr
+    assert gyr is not None
+    assert_allclose(gyr[0], np.radians([1.0, 2.0, 3.0]))
+
+
 def test_phyphox_without_gravity_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"'Acceleration x .* is needed"):
         read(phyphox(tmp_path / "p", linear=True))

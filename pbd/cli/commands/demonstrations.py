@@ -111,7 +111,13 @@ def import_(parser: ArgumentParser) -> None:
     option(parser, "--unit", "WHAT=UNIT", unit, type=pair, action=AppendOnce, default=[])
     sensor = "name of the sensor that recorded it, by which its calibration knows it; of a raw.bin, its protocol"
     option(parser, "--sensor", "SENSOR", sensor)
-    option(parser, "--rate", "HZ", "sample rate of a raw.bin, or of a table without times", type=positive)
+    option(
+        parser,
+        "--rate",
+        "HZ",
+        "sample rate of a raw.bin, or of a table without right times",
+        type=positive,
+    )
     option(parser, "--grip", None, "find the grips that two quick taps on the sensor's back marked", choices=("tap",))
     option(parser, "--topic", "TOPIC", "topic of a bag's sensor_msgs/Imu messages; default: the only one")
     flag(parser, "--closed", "the hand ended where it began")

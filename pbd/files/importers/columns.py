@@ -32,6 +32,8 @@ _NAMED_UNITS = {"millis": "ms", "micros": "us", "seconds": "s", "secs": "s", "se
 _MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u", "²": "2", " ": "", "(": "", ")": ""})
 """Spellings of unit signs, among them the micro sign in wrong encodings."""
 
+_SPELLINGS = {"ms-2": "m/s2", "ms^-2": "m/s2", "rads-1": "rad/s", "rads^-1": "rad/s", "degs-1": "deg/s", "g's": "g"}
+
 
 @dataclass(frozen=True)
 class Program:
@@ -111,6 +113,11 @@ class Understood:
         """Set how the column of the time was found."""
         return replace(self, columns=tuple(replace(c, named_by=by) if c.name == name else c for c in self.columns))
 
+    def without(self, column: Column, why: str) -> Understood:
+        """Leave out a column."""
+        columns = tuple(each for each in self.columns if each != column)
+        return replace(self, columns=columns, unread={**self.unread, column.name: why})
+
     def with_file(self, file: str, other: Understood) -> Understood:
         """Add the columns of another file."""
         columns = (replace(column, name=f"{file}: {column.name}") for column in other.columns)
@@ -122,7 +129,7 @@ class Understood:
         return replace(self, unread={**self.unread, **unread})
 
     def in_file_names(self, message: str) -> str:
-        """Replace our names and signs in options `--column ax=-ay` of a message by the file's."""
+        """Replace our names of columns in a message, and our signs in its options `--column ax=-ay`, by the file's."""
         found = {column.ours: column for column in self.columns}
 
         def renamed(option: re.Match[str]) -> str:
@@ -133,6 +140,8 @@ class Understood:
             value = f"{ours}={sign}{found[source].name}"
             return f"--column {value}" if re.fullmatch(r"[\w=./-]+", value) else f"--column '{value}'"
 
+        times = f"the column '{found['t'].name}' must be seconds" if "t" in found else "give another --rate"
+        message = message.replace("the column 't' must be seconds", times)
         return re.sub(r"--column (\w+)=(-?)([agm][xyz])\b", renamed, message)
 
 
@@ -167,9 +176,10 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
         if not set(angles) <= set(found) and not set(columns) & set(angles):
             # The origin and sign of a single angle are unknown: the gyro is more reliable.
             found = {ours: given for ours, given in found.items() if ours not in angles}
+    beside = {CHANNEL_OF[ours]: unit for ours, (name, _, _) in found.items() if (unit := split_unit(name)[1])}
     read = []
     for ours, (name, sign, by) in sorted(found.items(), key=lambda each: header.index(each[1][0])):
-        unit_sign, unit, unit_by = _unit(path, name, ours, units, program)
+        unit_sign, unit, unit_by = _unit(path, name, ours, units, beside, program)
         read.append(Column(name, ours, sign * unit_sign, unit, by, unit_by))
     used = {column.name for column in read}
     unread = {name: why_not_read(name, found) for name in header if name and name not in used}
@@ -192,9 +202,9 @@ def _by_name(header: Sequence[str]) -> dict[str, str]:
 
 
 def _unit(
-    path: Path, name: str, ours: str, units: Mapping[str, str], program: Program | None
+    path: Path, name: str, ours: str, units: Mapping[str, str], beside: Mapping[str, str], program: Program | None
 ) -> tuple[float, str, str]:
-    """Return a column's sign and unit, and who decided the unit."""
+    """Return a column's sign and unit, and who decided the unit; `beside` has the units that names of axes tell."""
     channel = "angle" if CHANNEL_OF[ours] == "rpy" else CHANNEL_OF[ours]
     standard = next(iter(UNITS[channel]))
     given, by = units.get(channel) or "", "--unit"
@@ -206,11 +216,14 @@ def _unit(
         word = plain(name)
         suffix = re.search(TIME_UNITS, word)
         given = _NAMED_UNITS.get(word, suffix[1] if suffix else "").replace("sec", "s")
+    if not given and channel != "t":
+        given, by = beside.get(CHANNEL_OF[ours], ""), "another axis's name"
     if not given and program is not None and channel in program.units:
         given, by = program.units[channel], program.title
     if not given:
         return 1.0, standard, NO_UNIT
     unit = given.lower().translate(_MANGLED)
+    unit = _SPELLINGS.get(unit, unit)
     sign = -1.0 if unit.startswith("-") else 1.0
     unit = unit.removeprefix("-")
     if unit_factor(channel, unit) is None:
@@ -220,7 +233,7 @@ def _unit(
             f"{', '.join(UNITS[channel])} with --unit {channel}=UNIT",
             value=given,
         )
-    return sign, unit, by
+    return sign, next((name for name in UNITS[channel] if name.lower() == unit), unit), by
 
 
 def why_not_read(name: str, found: Collection[str]) -> str:

@@ -8,20 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from pbd.data import Recording, RecordingInfo
+from pbd.data.one_line_repr import counted
 from pbd.data.streams import Stream
-from pbd.errors import RecordingError, listed
+from pbd.errors import RecordingError, listed, warn
 from pbd.files.importers import XIO_FILE, check_rate
 from pbd.files.importers.columns import CHANNELS, PROGRAMS, UNUSED, Column, Understood, understand
 from pbd.files.importers.header_names import is_device_time, is_time, plain, split_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.imu_columns import ACC, device_rpy
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
-from pbd.io.numbers import is_stamp, seconds
+from pbd.io.numbers import DAY_S, is_stamp, seconds
 from pbd.pose import Array
 
 DEVICE_NAMES = ("address", "device_name", "设备名称")
@@ -36,11 +38,10 @@ def read_csv(
         path: the file. If it has no magnetometer, x-io's Magnetometer.csv beside it is joined by its time.
         columns: our name -> the file's column, if the header doesn't tell; -NAME reverses the sign.
         units: channel (t, gyr, acc, mag, angle) -> unit, if the header doesn't tell; -UNIT reverses the sign.
-        rate_hz: the rate of a table without times: row k is at k / rate_hz s.
+        rate_hz: row k is at k / rate_hz s; for a table without times, or with wrong ones.
 
     Raises:
-        RecordingError: a column or unit is missing or unknown, there are both times and a rate, or the file is not a
-            table.
+        RecordingError: a column or unit is missing or unknown, or the file is not a table.
     """
     text = foreign_text(path)
     sheet = printed_sheet(path, text) if is_printed(text) else open_sheet(path, foreign=True, text=text)
@@ -53,6 +54,9 @@ def read_csv(
         # A column of dates is recognised by its contents: it may have any name.
         columns = {**columns, "t": dates}
         found = understand(sheet, columns, units).with_clock(dates, "its dates")
+    if rate_hz is not None and (wrong := found.of("t")):
+        warn(f"{path}: --rate {rate_hz:g} is used instead of the times in the column '{wrong[0].name}'")
+        found = found.without(wrong[0], "--rate is used instead")
     timed = bool(found.of("t"))
     known = f"the columns are {listed(sheet.header)}"
     say = "say which is which with --column, for example --column ax=NAME"
@@ -63,15 +67,14 @@ def read_csv(
         without = [name for name, why in found.unread.items() if "gravity" in why]
         why = f"; {listed(without)} are without gravity, which is needed" if without else ""
         raise RecordingError.at(path, f"no column for {', '.join(ACC)} (specific force){why}; {known}: {say}")
-    if timed and rate_hz is not None:
-        name = found.of("t")[0].name
-        raise RecordingError.at(path, f"the column '{name}' tells the time; leave --rate out")
     for channel, wanted in CHANNELS.items():
         present = [column.ours for column in found.of(channel)]
         if missing := [name for name in wanted if present and name not in present]:
             what = f"no column for '{missing[0]}', though there is '{present[0]}'"
             raise RecordingError.at(path, f"{what}; {known}: name it with --column {missing[0]}=NAME", value=missing[0])
-    clocks = [found.of("t")[0].name] if "t" in columns else [name for name in sheet.header if is_time(name)]
+    clocks = [column.name for column in found.of("t")]
+    if timed and "t" not in columns:
+        clocks = [name for name in sheet.header if is_time(name)]
     table = sheet.read([*(column.name for column in found.columns), *clocks], times=clocks)
     if timed:
         best = _best_clock(table, clocks)
@@ -83,7 +86,7 @@ def read_csv(
     with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples
         channels = {channel: _values(table, found.of(channel)) for channel in CHANNELS if found.of(channel)}
         clock, mag, compass = (channels.get(name) for name in ("t", "mag", "angle"))
-        t = np.arange(len(table.values)) / (rate_hz or 1.0) if clock is None else _unwrapped(clock[:, 0], found)
+        t = np.arange(len(table.values)) / (rate_hz or 1.0) if clock is None else _unwrapped(clock[:, 0], found, sheet)
         if clock is not None:
             _refuse_backwards(sheet, found.of("t")[0].name, t)
         recording = Recording(
@@ -94,7 +97,7 @@ def read_csv(
             device_rpy=channels.get("rpy") if compass is None else device_rpy(compass),
             info=RecordingInfo(rate_hz=rate_hz),
         )
-    return recording, understood
+    return _without_repeats(path, recording) if timed else recording, understood
 
 
 def _dated(sheet: Sheet) -> str:
@@ -124,12 +127,28 @@ def _best_clock(table: Table, clocks: list[str]) -> str:
     return clocks[max(range(len(clocks)), key=rank.__getitem__)]
 
 
-def _unwrapped(t: Array, found: Understood) -> Array:
-    """Unwrap times (n,), s, if the program's clock wraps."""
-    wraps = next((p.wraps for p in PROGRAMS if p.title == found.program), 0.0) * found.of("t")[0].factor
+def _unwrapped(t: Array, found: Understood, sheet: Sheet) -> Array:
+    """Unwrap times (n,), s, if the program's clock wraps, or if they are times of day that pass midnight."""
+    clock = found.of("t")[0]
+    wraps = next((p.wraps for p in PROGRAMS if p.title == found.program), 0.0) * clock.factor
+    if t[0] < DAY_S and is_stamp(sheet.cell(clock.name, 0)[1]):
+        wraps = DAY_S
     if not wraps:
         return t
     return t + wraps * np.cumsum(np.diff(t, prepend=t[0]) < -0.5 * wraps)
+
+
+def _without_repeats(path: Path, recording: Recording) -> Recording:
+    """Leave out rows that repeat the row before with its time, unless samples share times that are too coarse."""
+    channels = {name: getattr(recording, name) for name in ("t", "acc", "gyr", "mag", "device_rpy")}
+    channels = {name: values for name, values in channels.items() if values is not None}
+    rows = np.column_stack(list(channels.values()))
+    kept = np.concatenate(([True], ~((rows[1:] == rows[:-1]) | np.isnan(rows[1:]) & np.isnan(rows[:-1])).all(axis=1)))
+    steps = np.diff(recording.t[kept])
+    if kept.all() or not len(steps) or not np.median(steps) > 0.0:
+        return recording
+    warn(f"{path}: {counted(int((~kept).sum()), 'row')} that repeat the row before are left out")
+    return replace(recording, **{name: values[kept] for name, values in channels.items()})
 
 
 def _refuse_backwards(sheet: Sheet, name: str, t: Array) -> None:

@@ -15,7 +15,7 @@ from pbd.files.imu_columns import DEVICE
 _WORDS = {
     "g": r"(?:.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|angular_?velocity|angular_?rate)|"
     r"g|w|omega|as|rotation|rot|ω|角速度|drehrate|winkelgeschwindigkeit|gyroskop",
-    "a": r"(?:.*_)?(?:acc|accel|acceleration|accelerometer|specific_?force)|a|加速度|beschleunigung",
+    "a": r"(?:.*_)?(?:acc|accel|acceleration|accelerometer|specific_?force)|a|加速度|beschl(?:eunigung)?",
     "m": r"(?:.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|h|磁场|magnetfeld",
     "angle": r"angle|角度",
 }
@@ -30,7 +30,16 @@ _DEVICE_TIME = r"chip_?time|片上时间|(?:.*_)?header_stamp"
 TIME_UNITS = r"_(ns|us|ms|s|sec|min)$"
 """A unit of time at the end of a name, as in `timestamp_us`."""
 
-_SUFFIXES = {"mps2": "m/s2", "ms2": "m/s2", "g": "g", "mg": "mg", "dps": "dps", "degs": "deg/s", "deg_s": "deg/s"} | {
+_SUFFIXES = {
+    "mps2": "m/s2",
+    "ms2": "m/s2",
+    "m_s2": "m/s2",
+    "g": "g",
+    "mg": "mg",
+    "dps": "dps",
+    "degs": "deg/s",
+    "deg_s": "deg/s",
+} | {
     "rads": "rad/s",
     "rad_s": "rad/s",
     "radps": "rad/s",
@@ -63,7 +72,7 @@ _INERTIAL = {
         r"gyr|omega|drehrate|winkelgeschw|ang(?:ular)?_?(?:vel|rate|speed)|(?:rotation|turn|roll|pitch|yaw)_?rate",
         r"rot|ang|turn|rate",
     ),
-    "a": (r"acc(?!ur|ess|um|ount|ept)|specific_?force|beschleunigung", r"force"),
+    "a": (r"acc(?!ur|ess|um|ount|ept)|specific_?force|beschl(?:_|eunigung)", r"force"),
     "m": (r"magn?(?:_|\d|$)|magnet", r"mag|field_?[xyz]$"),
 }
 """Word beginnings of a gyro (g), accelerometer (a), magnetometer (m): first in any name, second only beside an axis."""

@@ -26,7 +26,7 @@ import numpy as np
 from pbd.data import GRAVITY, Recording, RecordingInfo
 from pbd.data.streams import Moment, Moments, Stream, joined
 from pbd.errors import RecordingError, in_words, listed
-from pbd.files.importers.columns import CHANNEL_OF, UNUSED, Column, Understood, why_not_read
+from pbd.files.importers.columns import CHANNEL_OF, CHANNELS, UNUSED, Column, Understood, why_not_read
 from pbd.files.table import Sheet, foreign_text, open_sheet
 from pbd.io.read_file import LARGE, read_bytes
 
@@ -43,9 +43,12 @@ PHYPHOX_QUANTITIES = {
     "mag": r"magnetic field ([xyz]) \([µμ]t\)",
     "linear": r"linear acceleration ([xyz]) \(m/s(?:\^2|²)\)",
 }
-PHYPHOX_UNITS = {"gyr": "rad/s", "acc": "m/s2", "mag": "ut"}
+PHYPHOX_UNITS = {"gyr": "rad/s", "acc": "m/s2", "mag": "uT"}
 PHYPHOX_TIME = "Time (s)"
 LOGGER = "Sensor Logger"
+
+PHYPHOX_FILES = ("Accelerometer", "Acceleration", "Gyroscope", "Magnetometer", "Magnetic field")
+"""Sets that phyphox' experiments, and ours, export beside one another."""
 
 LARGEST_FILE = LARGE // 4
 """Largest file in a zip, bytes, so that a small zip can't fill the memory. An hour at 400 Hz has 120 MB."""
@@ -113,8 +116,9 @@ def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> by
 
 
 def _files_in_folder(path: Path) -> Files:
-    """List the CSV files of a folder, or those beside a CSV file that has a name or header of these apps."""
+    """List the CSV files of a folder; or a CSV file of these apps, and those beside it if all have the app's names."""
     folder = path if path.is_dir() else path.parent
+    family: tuple[str, ...] = ()
     if path.is_file():
         if path.suffix.lower() != ".csv":
             return {}
@@ -123,14 +127,17 @@ def _files_in_folder(path: Path) -> Files:
         logger = path.stem in LOGGER_FILES and set(header.strip().split(",")) >= {*LOGGER_COLUMNS}
         if not logger and not _phyphox_quantities([cell.strip().strip('"') for cell in re.split(r"[,;\t]", header)]):
             return {}
+        family = (*LOGGER_FILES, METADATA) if logger else PHYPHOX_FILES
+        family = (path.stem, PHYPHOX_MOMENTS, *(family if path.stem in family else ()))
     try:
         names = sorted(each for each in (*folder.glob("*.csv"), folder / f"{PHYPHOX_MOMENTS}.csv") if each.is_file())
     except OSError as reason:
         raise RecordingError.at(folder, f"can't be read ({in_words(reason)}); give another") from None
-    return {
+    files = {
         str(file.relative_to(folder).with_suffix("")): partial(read_bytes, file, RecordingError, "give another")
         for file in names[:MAX_FILES]
     }
+    return {name: read for name, read in files.items() if not family or name in family}
 
 
 def _sheet(path: Path, name: str, read: Callable[[], bytes]) -> Sheet:
@@ -182,7 +189,7 @@ def _read_sensor_logger(
         what = f"{why}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again"
         raise RecordingError.at(path, what)
     read, others = {"acc": (source, sign, unit)}, dict[str, Stream]()
-    for kind, name, unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "ut")):
+    for kind, name, unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "uT")):
         if found := next((each for each in (name, f"{name}Uncalibrated") if each in sheets), None):
             others[kind], read[kind] = stream(found), (f"{found}.csv", 1.0, unit)
     columns = [column for kind, its in read.items() for column in _columns(LOGGER, LOGGER_COLUMNS, kind, *its)]
@@ -197,13 +204,16 @@ def _read_sensor_logger(
 
 
 def _phyphox_quantities(header: Sequence[str]) -> dict[str, list[str]]:
-    """Return the three columns of each quantity in a header of phyphox."""
+    """Return the three columns of each quantity in a header of phyphox; none if another column looks inertial."""
     found: dict[str, list[str]] = {}
     for kind, pattern in PHYPHOX_QUANTITIES.items():
         axes = {match[1]: name for name in header if (match := re.fullmatch(pattern, name.lower()))}
         if set(axes) == set("xyz"):
             found[kind] = [axes[axis] for axis in "xyz"]
-    return found if PHYPHOX_TIME in header else {}
+    known = {PHYPHOX_TIME, *(name for axes in found.values() for name in axes)}
+    have = ["t", *(CHANNELS[kind][0] for kind in found if kind in CHANNELS)]
+    foreign = any(not why_not_read(name, have) for name in header if name not in known)
+    return found if PHYPHOX_TIME in header and not foreign else {}
 
 
 def _read_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[str]] | None:

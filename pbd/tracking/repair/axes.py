@@ -248,9 +248,13 @@ def _median_angles(cosines: Array) -> Array:
 
 def _message(named: Sequence[tuple[str, Reading]]) -> str:
     each = [f"{reading.fault(channel)}: import the file with {reading.remedy(channel)}" for channel, reading in named]
-    if len(each) == 1:
-        return each[0]
-    return f"{'; or '.join(each)} (the hand turned too little to tell which)"
+    message = "; or ".join(each) + (" (the hand turned too little to tell which)" if len(each) > 1 else "")
+    if any(
+        channel == "g" and reading.signs == (-1, -1, -1) and reading.order == (0, 1, 2) for channel, reading in named
+    ):
+        both = "--column ay=-ay --column gy=-gy"
+        return f"both may have left-handed axes (then {both}; only left and right in the replay tell), or {message}"
+    return message
 
 
 def angles(a: Array, b: Array) -> Array:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.data.one_line_repr import counted
+from pbd.data.tracking import batched_interval
 from pbd.errors import RecordingError, warn
 from pbd.pose import Array
 
@@ -65,7 +66,9 @@ def with_clock(recording: Recording) -> Recording:
     t = recording.t
     step = float(np.median(np.diff(t)))
     if step <= 0.0:
-        raise RecordingError("most rows carry the same time; the column 't' must be seconds that increase")
+        raise RecordingError(
+            "most rows carry the same time; the column 't' must be seconds that increase, or import it with --rate HZ"
+        )
     if step < 1.0 / FASTEST_HZ:
         raise RecordingError(
             f"the samples come {step:.3g} s apart, closer than any sensor's; the column 't' must be seconds",
@@ -161,6 +164,9 @@ def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, int, 
     mean, reach = float(t[-1] - t[0]) / (len(t) - 1), min(LATE_SAMPLES, len(t) // 4)
     if nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL_TOLERANCE:
         return mean, reach, True
+    batches = np.diff(np.flatnonzero(np.diff(t) > 0.0))
+    if len(batches) > 1 and batches.mean() > LATE_SAMPLES / 2:
+        return batched_interval(t), 2 * int(batches.max()), False
     spans = t[reach:] - t[:-reach]
     usual = float(np.sort(spans)[len(spans) // 2])  # not the mean of two, which may be far from both
     if usual <= 0.0:
@@ -188,9 +194,13 @@ def _evenly_spaced(t: Array, interval: float, reach: int, complete: bool) -> Arr
         # A stamp is late or rounded down, but never early. So the moving minimum of stamp minus even time follows the
         # most punctual stamps. It rises permanently where samples are lost.
         punctual = minimum_filter1d(t - interval * place, reach + 1, mode="nearest", origin=-(reach // 2))
-        place[1:] += np.cumsum(np.maximum(np.rint(np.diff(punctual) / interval), 0.0))
+        rises = np.diff(punctual) / interval
+        if reach > LATE_SAMPLES:  # batches: their sizes differ by a sample, and the last one may be cut off
+            rises[rises < 1.5], rises[-reach // 2 :] = 0.0, 0.0
+        place[1:] += np.cumsum(np.maximum(np.rint(rises), 0.0))
     interval, begin = np.polyfit(place, t, 1)
-    left_over = t - begin - interval * place
-    smooth = uniform_filter1d(left_over, max(1, round(DRIFT_S / interval)), mode="nearest")
-    beat: Array = begin + interval * place + smooth
-    return beat
+    beat: Array = begin + interval * place
+    if reach > LATE_SAMPLES:  # the average of batches would wobble
+        return beat
+    smooth: Array = uniform_filter1d(t - beat, max(1, round(DRIFT_S / interval)), mode="nearest")
+    return beat + smooth

@@ -26,7 +26,7 @@ from pbd.pose import (
     quat_rotate,
     quat_to_matrix,
 )
-from pbd.tracking.first_rest import restlessness
+from pbd.tracking.first_rest import likely_unit, restlessness
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from pbd.tracking.repair.axes import (
     AS_GOOD_DEG,
@@ -177,9 +177,10 @@ def refuse_disagreement(recording: Recording) -> None:
     found = find_axis_error([up, *_other_witnesses(recording, every, row_before, row_after)], turn)
     if found is not None:
         at = recording.t[row_before[found.pair] * every]
+        unit = likely_unit(float(np.median(np.linalg.norm(acc, axis=1)))) if "--unit gyr" in found.message else None
         raise RecordingError(
             f"the gyro does not turn as {SHOWN_BY[found.witness]} shows (by {found.off_deg:.0f} degrees, first at "
-            f"t = {at:.1f} s): {found.message}",
+            f"t = {at:.1f} s): {found.message}" + (f" --unit acc={unit}" if unit else ""),
             value=np.radians(found.off_deg),
         )
 

@@ -144,6 +144,16 @@ def test_samples_stamped_in_batches_are_spread(batch: int) -> None:
         assert worst(demo, batched) < worst(demo, demo.recording) + 0.01
 
 
+@pytest.mark.parametrize(("rate_hz", "tick"), [(100.0, 0.1), (100.0, 1.0), (104.3, 1.0)])
+@pytest.mark.filterwarnings("ignore:the time stamps come in batches")
+def test_stamps_of_many_rows_have_the_rate_of_rows_per_time(rate_hz: float, tick: float) -> None:
+    t, rng = np.arange(1370) / rate_hz, np.random.default_rng(0)
+    coarse = Recording(tick * np.floor(t / tick), rng.normal(size=(1370, 3)), rng.normal(size=(1370, 3)))
+    assert coarse.rate_hz == pytest.approx(rate_hz, rel=0.005)
+    steps = np.diff(steady_clock(coarse))
+    assert [steps.min(), steps.max()] == pytest.approx([1.0 / rate_hz] * 2, rel=0.005)
+
+
 @pytest.mark.parametrize("share", [0.01, 0.05])
 def test_lost_samples_are_bridged_and_told(share: float) -> None:
     demo = simulate("pour", "modern", 1)

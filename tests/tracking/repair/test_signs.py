@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pbd.data import Demonstration, Recording
+from pbd.data import GRAVITY, Demonstration, Recording
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files.demo import write_demo
 from pbd.files.importers import import_file, import_recording
@@ -133,6 +133,21 @@ def test_a_hand_that_turns_about_one_axis_leaves_a_choice(sensor: str, task: str
     with pytest.raises(RecordingError) as caught:
         refuse_disagreement(spoilt(recording, channel, mended_by))
     assert mended_by in caught.value.message
+
+
+def test_left_handed_axes_of_both_sensors_are_offered() -> None:
+    recording = replace(simulate(random_task(2, max_turn=1.8, moves=20), "ideal", 2).recording, mag=None)
+    mirrored = spoilt(spoilt(replace(recording, device_rpy=None), "acc", "--column ay=-ay"), "gyr", "--column gy=-gy")
+    with pytest.raises(RecordingError, match=r"left-handed axes \(then --column ay=-ay --column gy=-gy; "):
+        refuse_disagreement(mirrored)
+
+
+def test_two_wrong_units_are_named_at_once() -> None:
+    recording = replace(simulate("pour", "modern", 1).recording, device_rpy=None)
+    assert recording.gyr is not None
+    wrong = replace(recording, acc=recording.acc / GRAVITY, gyr=np.degrees(recording.gyr))
+    with pytest.raises(RecordingError, match=r"import the file with --unit gyr=deg/s --unit acc=g$"):
+        refuse_disagreement(wrong)
 
 
 def spoilt(recording: Recording, channel: str, mended_by: str) -> Recording:
