@@ -139,13 +139,13 @@ def _unwrapped(t: Array, found: Understood, sheet: Sheet) -> Array:
 
 
 def _without_repeats(path: Path, recording: Recording) -> Recording:
-    """Leave out rows that repeat the row before with its time, unless samples share times that are too coarse."""
+    """Leave out rows that repeat the row before with its time, if most do, and samples don't share coarse times."""
     channels = {name: getattr(recording, name) for name in ("t", "acc", "gyr", "mag", "device_rpy")}
     channels = {name: values for name, values in channels.items() if values is not None}
     rows = np.column_stack(list(channels.values()))
     kept = np.concatenate(([True], ~((rows[1:] == rows[:-1]) | np.isnan(rows[1:]) & np.isnan(rows[:-1])).all(axis=1)))
-    steps = np.diff(recording.t[kept])
-    if kept.all() or not len(steps) or not np.median(steps) > 0.0:
+    steps, left = np.diff(recording.t), np.diff(recording.t[kept])
+    if not len(left) or np.median(steps) > 0.0 or not np.median(left) > 0.0:
         return recording
     warn(f"{path}: {counted(int((~kept).sum()), 'row')} that repeat the row before are left out")
     return replace(recording, **{name: values[kept] for name, values in channels.items()})
