@@ -158,11 +158,13 @@ def compass_heading(h: Array, strength: float, dip: float, noise: Noise) -> tupl
     """
     level = np.maximum(np.hypot(h[:, 0], h[:, 1]), 1e-12)
     east = np.arctan2(h[:, 0], h[:, 1])
-    stronger, steeper = lengths(h) / strength - 1.0, np.arctan2(h[:, 2], level) - dip
-    off = (stronger**2 + steeper**2 + (np.cos(dip) * east) ** 2) / noise.field**2
+    steeper = np.arctan2(h[:, 2], level) - dip
+    with np.errstate(over="ignore"):  # a field that is stronger beyond all measure has no weight
+        stronger = lengths(h) / strength - 1.0
+        off = (stronger**2 + steeper**2 + (np.cos(dip) * east) ** 2) / noise.field**2
     dh = -skew(h)  # d h / d theta
     by_turn = (h[:, 1:2] * dh[:, 0] - h[:, :1] * dh[:, 1]) / level[:, None] ** 2
-    return east, by_turn, np.where(level > LEAST_LEVEL_FIELD * lengths(h), 1.0 / (1.0 + off) ** 2, 0.0)
+    return east, by_turn, np.where(level > LEAST_LEVEL_FIELD * lengths(h), (1.0 / (1.0 + off)) ** 2, 0.0)
 
 
 def _add_device_attitude(equations: NormalEquations, problem: Problem, x: State) -> None:

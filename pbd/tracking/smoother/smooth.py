@@ -200,7 +200,7 @@ def _initial_state(problem: Problem, prior: Prior) -> tuple[State, Fixed]:
             off = -heading(quat_multiply(wxyz[first], problem.frame.wxyz[problem.rows[first]]))
         else:
             level = _first_field(problem, quat_to_matrix(wxyz))
-            strength = float(np.linalg.norm(level))
+            strength = max(float(np.linalg.norm(level)), np.finfo(float).tiny)
             dip = float(np.arctan2(level[2], np.hypot(level[0], level[1])))
             off = float(np.arctan2(level[0], level[1]))
         E = quat_to_matrix(quat_multiply(quat_about_z(off), wxyz))

@@ -18,7 +18,7 @@ from pbd.tracking.noise import acc_sigma_factor, noise_of
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother import normal_equations
 from pbd.tracking.smoother.doubtful_stops import revised_stops
-from pbd.tracking.smoother.factors import _add_device_attitude, _add_priors
+from pbd.tracking.smoother.factors import _add_device_attitude, _add_priors, compass_heading
 from pbd.tracking.smoother.knots import Problem, _turn_sigma
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations, Solved
 from pbd.tracking.smoother.preintegration import GyroFrame
@@ -206,3 +206,13 @@ def test_what_is_left_of_a_trimmed_stop_must_last(faster: float, left: Spans) ->
     stops, calm = revised_stops(problem, v, unread, [(40, 61)], undoubted, np.full(100, 5e-3))
     assert stops == left
     assert len(calm) == len(left)
+
+
+def test_a_field_stronger_beyond_all_measure_has_no_weight() -> None:
+    """The first field may be as good as none: hypothesis found 1e-126 uT."""
+    rest = simulate("pour", "modern", 0).recording
+    noise = noise_of(rest, find_rest(rest))
+    north, south = np.array([0.0, 0.5, -0.8]), np.array([0.0, -0.5, -0.8])
+    for strength in (1e-126, 1e-300):
+        assert not compass_heading(np.array([north, south]), strength, -1.0, noise)[2].any()
+    assert compass_heading(north[None], float(np.linalg.norm(north)), -1.0, noise)[2][0] > 0.9
