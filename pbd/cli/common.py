@@ -39,12 +39,12 @@ POINTS_FILE = "points.csv"
 
 
 def load_demonstration(name: str | None) -> Demonstration:
-    """Load the demonstration of this name; without one load the newest, and say which it is, with its notes."""
+    """Load the demonstration of this name; without one load the newest, and say which it is, with a person's notes."""
     wanted = name or newest_demo()
     with working(f"reading {wanted}"):
         demo = load_demo(wanted)
     if name is None:
-        latest, notes = newest_demo(failed=True), f" ({demo.notes})" if demo.notes else ""
+        latest, notes = newest_demo(failed=True), f" ({demo.notes})" if demo.notes and not demo.bundled else ""
         newer = "" if latest == wanted else f"; the newer '{latest}' can't be replayed"
         say(f"no demonstration named: using '{wanted}'{notes}{newer}")
     return demo

@@ -46,6 +46,7 @@ def test_one_that_cannot_be_read_is_warned_of_and_the_others_are_listed(capsys: 
 
 
 def test_a_command_without_a_name_takes_none_that_failed_or_was_set_aside(capsys: Capture) -> None:
+    assert "no demonstration named: using 'pouring'\n" in run(capsys, "segments")[2]
     assert run(capsys, "simulate", "pick-and-place-stops", "tea")[0] == 0
     for name, failed in (("tea.before", ""), ("short", "failed = true\n")):
         assert run(capsys, "simulate", "pick-and-place-stops", name)[0] == 0
