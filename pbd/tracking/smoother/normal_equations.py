@@ -11,6 +11,7 @@ import numpy as np
 from pbd.lapack import lapack
 from pbd.pose import Array
 
+ROT = slice(0, 3)
 GYR_BIAS, ACC_BIAS = slice(9, 12), slice(12, 15)
 STATE = ACC_BIAS.stop
 """A knot's unknowns: rotation vector in nav (rad), velocity, position, biases."""
@@ -64,6 +65,15 @@ class NormalEquations:
         i = np.arange(block.start, block.stop)
         self.diagonal[:, i, i] += weight[:, None]
         self.g[:, block] += weight[:, None] * residual
+
+    def add_by_turn(self, block: slice, by_turn: Array, residual: Array, weight: Array) -> None:
+        """Add the part of a unary factor that depends on the rotation; its Jacobian (m, 3, 3) is by that."""
+        weighted = weight[:, None, None] * by_turn
+        transposed = weighted.transpose(0, 2, 1)
+        self.diagonal[:, block, ROT] += weighted
+        self.diagonal[:, ROT, block] += transposed
+        self.diagonal[:, ROT, ROT] += transposed @ by_turn
+        self.g[:, ROT] += np.einsum("kij,kj->ki", transposed, residual)
 
     def add_pairs(self, block: slice, residual: Array, weight: Array) -> None:
         """Add a factor on each pair of neighbours: residuals (m - 1, 3), next minus this, weights (m - 1,)."""

@@ -15,6 +15,7 @@ import numpy as np
 from pbd.data import Recording
 from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
 from pbd.tracking.first_rest import Rest
+from pbd.tracking.moving_windows import cumulative
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
 from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revised_stops, settled
@@ -126,7 +127,8 @@ def smooth(
             return None
         initial, fixed = _initial_state(problem, prior)
         found = descend(problem, initial, fixed, ANNEALING)
-        more_lag, more_scale = _large_lag_and_scale(found.x, found.solved)
+        # Before it has settled, an estimate far from the truth may look significant.
+        more_lag, more_scale = _large_lag_and_scale(found.x, found.solved) if found.converged else (0.0, 0.0)
         # A lag outside the wide prior is another fault.
         if no_gyro or (more_lag == 0.0 and more_scale == 0.0) or abs(lag + more_lag) > OUTLIER_SIGMAS * WIDE_LAG_SIGMA:
             break
@@ -188,7 +190,7 @@ def _origin_knot(problem: Problem) -> int:
 
 
 def _initial_state(problem: Problem, prior: Prior) -> tuple[State, Fixed]:
-    """Initial state: a hand that stands still, levelled by `first_guess`, with nav's heading."""
+    """Initial state: dead reckoning, levelled by `first_guess`, with nav's heading."""
     m, origin = len(problem.rows), _origin_knot(problem)
     strength = dip = 0.0
     if problem.no_gyro:
@@ -204,11 +206,27 @@ def _initial_state(problem: Problem, prior: Prior) -> tuple[State, Fixed]:
             dip = float(np.arctan2(level[2], np.hypot(level[0], level[1])))
             off = float(np.arctan2(level[0], level[1]))
         E = quat_to_matrix(quat_multiply(quat_about_z(off), wxyz))
-    still = np.zeros((m, 3))
+    none = np.zeros((m, 3))
     shared = np.zeros(SHARED)
     shared[LAG], shared[GRAVITY] = prior.lag, problem.noise.gravity
-    state = State(E, still, still, still, still, shared)
+    state = State(E, *_dead_reckoning(problem, E), none, none, shared)
     return state, Fixed(origin, strength, dip, prior, np.ones(6))
+
+
+def _dead_reckoning(problem: Problem, E: Array) -> tuple[Array, Array]:
+    """Velocity (m, 3) and position (m, 3), integrated with attitudes E; the velocity's drift is linear between stops.
+
+    At rest everywhere, the first Jacobians would lack how a rotation turns the velocity. In a long recording the step
+    then turns its end by radians, and the iteration is lost.
+    """
+    legs, still = problem.legs, problem.stop_of >= 0
+    T, up = legs.T[:, None], np.array([0.0, 0.0, problem.noise.gravity])
+    gained = cumulative(np.einsum("kij,kj->ki", E[:-1], legs.dU) - up * T)
+    drift = np.column_stack([np.interp(problem.t, problem.t[still], axis[still]) for axis in gained.T])
+    v = gained - drift
+    faster = np.diff(v, axis=0) - np.diff(gained, axis=0)
+    way = np.einsum("kij,kj->ki", E[:-1], legs.dP) - 0.5 * up * T**2
+    return v, cumulative(v[:-1] * T + way + 0.5 * faster * T)
 
 
 def _first_field(problem: Problem, R: Array) -> Array:

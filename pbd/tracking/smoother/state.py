@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.pose import Array, quat_exp, quat_to_matrix
+from pbd.pose import Array, quat_exp, quat_rotate, quat_to_matrix
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, Solved
 from pbd.tracking.smoother.preintegration import LOWER, POS, ROT, VEL
 
@@ -37,10 +37,11 @@ class State:
     def moved(self, step: Solved) -> State:
         """The state after a Gauss-Newton step."""
         d = step.d
+        turn = quat_exp(d[:, ROT])
         return State(
-            quat_to_matrix(quat_exp(d[:, ROT])) @ self.E,
-            self.v + d[:, VEL],
-            self.p + d[:, POS],
+            quat_to_matrix(turn) @ self.E,
+            quat_rotate(turn, self.v) + d[:, VEL] - np.cross(d[:, ROT], self.v),
+            quat_rotate(turn, self.p) + d[:, POS] - np.cross(d[:, ROT], self.p),
             self.gyr_bias + d[:, GYR_BIAS],
             self.acc_bias + d[:, ACC_BIAS],
             self.shared + step.d_shared,
