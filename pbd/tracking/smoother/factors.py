@@ -122,7 +122,7 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fi
     v, swing = pivot_velocity(problem, x)
     still = _robust(squares(v) / variance) * (problem.stop_of >= 0)
     equations.add_unary(VEL, v, still / variance)
-    equations.add_by_turn(VEL, skew(x.v), v, still / variance)
+    equations.add_by_turn(VEL, PIVOT, skew(x.v), swing, v, still / variance)
     equations.add_shared(VEL, PIVOT, slice(None), swing, v, still / variance)
     swing, sigma_shift = -np.diff(R, axis=0), anneal * noise.still_shift
     shift = np.diff(x.p, axis=0) + swing @ x.shared[PIVOT]

@@ -66,13 +66,16 @@ class NormalEquations:
         self.diagonal[:, i, i] += weight[:, None]
         self.g[:, block] += weight[:, None] * residual
 
-    def add_by_turn(self, block: slice, by_turn: Array, residual: Array, weight: Array) -> None:
-        """Add the part of a unary factor that depends on the rotation; its Jacobian (m, 3, 3) is by that."""
+    def add_by_turn(
+        self, block: slice, columns: slice, by_turn: Array, by_shared: Array, residual: Array, weight: Array
+    ) -> None:
+        """Add what a unary factor has in common with the rotation: Jacobians (m, 3, 3) by it and by shared unknowns."""
         weighted = weight[:, None, None] * by_turn
         transposed = weighted.transpose(0, 2, 1)
         self.diagonal[:, block, ROT] += weighted
         self.diagonal[:, ROT, block] += transposed
         self.diagonal[:, ROT, ROT] += transposed @ by_turn
+        self.border[:, ROT, columns] += transposed @ by_shared
         self.g[:, ROT] += np.einsum("kij,kj->ki", transposed, residual)
 
     def add_pairs(self, block: slice, residual: Array, weight: Array) -> None:
