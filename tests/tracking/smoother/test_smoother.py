@@ -18,10 +18,18 @@ from pbd.tracking.noise import acc_sigma_factor, noise_of
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother import normal_equations
 from pbd.tracking.smoother.doubtful_stops import revised_stops
-from pbd.tracking.smoother.factors import _add_device_attitude, _add_priors, compass_heading
+from pbd.tracking.smoother.factors import (
+    GAUGE_WEIGHT,
+    _add_device_attitude,
+    _add_priors,
+    compass_heading,
+    linearise,
+    whitener,
+)
 from pbd.tracking.smoother.knots import Problem, _turn_sigma
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations, Solved
-from pbd.tracking.smoother.preintegration import GyroFrame
+from pbd.tracking.smoother.preintegration import POS, ROT, VEL, GyroFrame
+from pbd.tracking.smoother.smooth import _initial_state, smooth
 from pbd.tracking.smoother.state import PIVOT, SHARED
 from pbd.tracking.zero_velocity import Spans
 
@@ -216,3 +224,41 @@ def test_a_field_stronger_beyond_all_measure_has_no_weight() -> None:
     for strength in (1e-126, 1e-300):
         assert not compass_heading(np.array([north, south]), strength, -1.0, noise)[2].any()
     assert compass_heading(north[None], float(np.linalg.norm(north)), -1.0, noise)[2][0] > 0.9
+
+
+def test_without_a_compass_nothing_tells_the_heading() -> None:
+    """Turning all about the vertical fits as well. A Hessian that says otherwise makes heading's sigma too small."""
+    solution = smoothed(replace(simulate("pour", "wt901", 0).recording, mag=None)).solution
+    assert solution is not None
+    problem, x = solution.problem, solution.state
+    equations, _ = linearise(problem, x, solution.fixed, whitener(problem, solution.fixed))
+    turn = np.zeros((len(problem.rows), STATE))
+    up = np.array([0.0, 0.0, 1.0])
+    turn[:, ROT], turn[:, VEL], turn[:, POS] = up, np.cross(up, x.v), np.cross(up, x.p)
+    own = np.einsum("ki,kij,kj", turn, equations.diagonal, turn)
+    information = own + 2.0 * np.einsum("ki,kij,kj", turn[1:], equations.below, turn[:-1]) - GAUGE_WEIGHT
+    assert information < 1.0  # a sigma of over 1 rad; what stops move by (under 2 mm) turns too
+
+
+def test_a_scale_is_not_read_from_an_estimate_that_has_not_settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = simulate(random_task(5, moves=5, max_turn=np.radians(80.0)), "modern", 5).recording
+    assert recording.gyr is not None
+    recording, _ = condition(replace(recording, gyr=1.15 * recording.gyr))
+    rest = find_rest(recording)
+    settled = smooth(recording, rest, noise_of(recording, rest))
+    monkeypatch.setattr("pbd.tracking.smoother.gauss_newton.MAX_ITERATIONS", 1)
+    unsettled = smooth(recording, rest, noise_of(recording, rest))
+    assert settled is not None
+    assert unsettled is not None
+    assert settled.scale == pytest.approx(1.0 / 1.15 - 1.0, abs=0.01)
+    assert unsettled.scale == 0.0
+
+
+def test_the_first_guess_moves_as_the_samples_say() -> None:
+    """Without velocities the first step would turn the end of a long recording by radians."""
+    solution = smoothed(simulate("pour", "modern", 0).recording).solution
+    assert solution is not None
+    first, _ = _initial_state(solution.problem, solution.fixed.prior)
+    assert first.v == pytest.approx(solution.state.v, abs=0.1)
+    assert np.abs(solution.state.v).max() > 0.3
+    assert not first.v[solution.problem.stop_of >= 0].any()
