@@ -116,8 +116,8 @@ def find_rest(recording: Recording) -> Rest:
 def likely_unit(norm_at_rest: float) -> str | None:
     """Unit of specific force that was read as m/s2, by its norm at rest; None: m/s2, or unknown."""
     # The last one: m/s2 that were read as g.
-    scales = {"": 1.0, "g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2, "m/s2": GRAVITY}
-    return next((unit for unit, scale in scales.items() if 0.85 < norm_at_rest / (GRAVITY * scale) < 1.15), "") or None
+    scales = {"g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2, "m/s2": GRAVITY}
+    return next((unit for unit, scale in scales.items() if 0.85 < norm_at_rest / (GRAVITY * scale) < 1.15), None)
 
 
 def _refuse_wrong_units(norm_at_rest: float) -> None:

@@ -48,8 +48,8 @@ def descend(problem: Problem, x: State, fixed: Fixed, anneal: Sequence[float] = 
     """Gauss-Newton to convergence; every step linearises all factors anew.
 
     Args:
-        anneal: decreasing factors on the stops' velocity sigma. With several, `x` is a guess that stands still, which
-            can't show which factors may be skipped: the first is always used.
+        anneal: decreasing factors on the stops' velocity sigma. With several, `x` is a guess that stands still in
+            each stop, which can't show which factors may be skipped: the first is always used.
     """
     whiten, still = whitener(problem, fixed), problem.stop_of >= 0
 

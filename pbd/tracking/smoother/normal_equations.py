@@ -10,8 +10,8 @@ import numpy as np
 
 from pbd.lapack import lapack
 from pbd.pose import Array
+from pbd.tracking.smoother.preintegration import ROT
 
-ROT = slice(0, 3)
 GYR_BIAS, ACC_BIAS = slice(9, 12), slice(12, 15)
 STATE = ACC_BIAS.stop
 """A knot's unknowns: rotation vector in nav (rad), velocity, position, biases."""

@@ -224,9 +224,8 @@ def _dead_reckoning(problem: Problem, E: Array) -> tuple[Array, Array]:
     gained = cumulative(np.einsum("kij,kj->ki", E[:-1], legs.dU) - up * T)
     drift = np.column_stack([np.interp(problem.t, problem.t[still], axis[still]) for axis in gained.T])
     v = gained - drift
-    faster = np.diff(v, axis=0) - np.diff(gained, axis=0)
-    way = np.einsum("kij,kj->ki", E[:-1], legs.dP) - 0.5 * up * T**2
-    return v, cumulative(v[:-1] * T + way + 0.5 * faster * T)
+    way = np.einsum("kij,kj->ki", E[:-1], legs.dP) - 0.5 * up * T**2 - 0.5 * np.diff(drift, axis=0) * T
+    return v, cumulative(v[:-1] * T + way)
 
 
 def _first_field(problem: Problem, R: Array) -> Array:
