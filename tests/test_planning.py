@@ -158,6 +158,22 @@ def test_the_hands_own_time_is_kept_where_the_limits_allow_it(path: str) -> None
     assert plan.stretched == ()
 
 
+@pytest.mark.parametrize("stay_s", [0.2, 5.0])
+def test_a_longer_or_shorter_stay_changes_no_move(stay_s: float) -> None:
+    """keyframes.toml changes how long the arm stays, not when and where the hand moved: durations and path stay."""
+    demo, path, keyframes = tracked("pouring")
+    edited = [replace(each, dwell_s=stay_s) for each in keyframes]
+    options = PlanOptions(path="demo", time="demo", dwell_s=np.inf)
+    shown, stayed = planned("pouring", path="demo", time="demo"), plan_once(edited, dock(), PANDA, options, path)
+    assert stayed.stretched == ()
+    for before, after in zip(shown.segments, stayed.segments, strict=True):
+        np.testing.assert_array_equal(after.q, before.q)
+    moved, shown_s = np.diff(stayed.trajectory.keyframe_t) - stay_s, np.diff(shown.trajectory.keyframe_t)
+    stood = [each.dwell_s for each in keyframes[1:-1]]
+    plain = [k for k in range(1, len(keyframes) - 1) if keyframes[k].grip is None]
+    np.testing.assert_allclose(moved[plain], (shown_s[1:] - stood)[np.array(plain) - 1], atol=1e-6)
+
+
 @pytest.mark.parametrize("path", ["keyframes", "line", "demo"])
 def test_moves_beyond_the_limits_are_stretched_with_a_warning(path: str) -> None:
     with pytest.warns(

@@ -83,7 +83,7 @@ def demonstrated_moves(
 
 def _samples_of_move(path: HandPath, before: Keyframe, after: Keyframe) -> tuple[Array, Array, Array]:
     """Return t, p_nav_sensor and wxyz_nav_sensor of a move, from the last sample of a rest to the first of the next."""
-    start, end = before.t + 0.5 * before.dwell_s, after.t - 0.5 * after.dwell_s
+    start, end = path.rest_at(before.t)[1], path.rest_at(after.t)[0]
     inside = (path.t >= start - 1e-6) & (path.t <= end + 1e-6)
     if inside.sum() < 2:
         ends = before.T_nav_sensor, after.T_nav_sensor

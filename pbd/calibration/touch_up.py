@@ -36,12 +36,10 @@ def keyframes_covariance(path: HandPath | None, keyframes: Sequence[Keyframe]) -
     joint = np.zeros((k, 6, k, 6))
     joint[range(k), :, range(k)] = [keyframe.cov for keyframe in keyframes]
     if path is not None:
-        spans = [(path.t[stop.start], path.t[stop.stop - 1]) for stop in path.stops]
         stops = {
             i: stop
             for i, keyframe in enumerate(keyframes)
-            for stop, (start, end) in enumerate(spans)
-            if keyframe.cov.any() and start <= keyframe.t <= end
+            if keyframe.cov.any() and (stop := path.stop_at(keyframe.t)) is not None
         }
         rows, of_path = list(stops), path.covariance.joint(list(stops.values()))
         joint[np.ix_(rows, range(6), rows, range(6))] = of_path.reshape(len(rows), 6, len(rows), 6)

@@ -238,6 +238,17 @@ class HandPath:
         """(len(stops), 6, 6) covariance of position (m) and rotation vector (rad) in nav, at each stop."""
         return self.covariance.of_each
 
+    def stop_at(self, t: float) -> int | None:
+        """Index of the stop during which t (s) is; None: the hand moves then."""
+        during = (k for k, stop in enumerate(self.stops) if self.t[stop.start] <= t <= self.t[stop.stop - 1])
+        return next(during, None)
+
+    def rest_at(self, t: float) -> tuple[float, float]:
+        """When the hand's rest at t (s) begins and ends; t and t if the hand moves then."""
+        if (k := self.stop_at(t)) is None:
+            return t, t
+        return float(self.t[self.stops[k].start]), float(self.t[self.stops[k].stop - 1])
+
     def __repr__(self) -> str:
         return brief(
             self, span(self.t), counted(len(self.stops), "stop") or "no stops", counted(len(self.grip), "grip")

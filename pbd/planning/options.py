@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pbd.data import Keyframe
+from pbd.data import HandPath, Keyframe
 from pbd.data.world import IN_METRES, beyond_reach
 from pbd.errors import UsageError, is_number, nearest, require_kind
 from pbd.planning.object_frames import ThingPlace
@@ -129,9 +129,13 @@ def dwells(keyframes: Sequence[Keyframe], options: PlanOptions) -> list[float]:
     return [0.0, *(min(max(keyframe.dwell_s, SHORTEST_DWELL_S), longest) for keyframe in keyframes[1:-1]), 0.0]
 
 
-def hand_durations(keyframes: Sequence[Keyframe]) -> list[float]:
-    """Return the time that the hand took from each keyframe to the next, without the dwells, s."""
-    return [
-        max(0.0, after.t - 0.5 * after.dwell_s - before.t - 0.5 * before.dwell_s)
-        for before, after in pairwise(keyframes)
+def hand_durations(keyframes: Sequence[Keyframe], path: HandPath | None) -> list[float]:
+    """Return the time that the hand took from each keyframe to the next, without its rests, s.
+
+    The rests are those of the path, since the dwell of an edited keyframe is the arm's; without a path, the dwells.
+    """
+    rests = [
+        (each.t - 0.5 * each.dwell_s, each.t + 0.5 * each.dwell_s) if path is None else path.rest_at(each.t)
+        for each in keyframes
     ]
+    return [max(0.0, start - end) for (_, end), (start, _) in pairwise(rests)]

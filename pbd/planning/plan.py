@@ -16,7 +16,7 @@ from pbd.errors import PbdError, PlanError, require_kind, require_type
 from pbd.pipeline import track
 from pbd.planning.choose_joints import Refused, choose_joints
 from pbd.planning.object_frames import nearest_working_place, things
-from pbd.planning.options import PlanOptions, dwells
+from pbd.planning.options import PlanOptions, dwells, hand_durations
 from pbd.planning.preconditions import (
     check_certainty,
     check_count,
@@ -197,7 +197,7 @@ def _prepare(task: Task, options: PlanOptions) -> _Prepared | Refused:
     if options.path == "demo" and hand_path is None:
         raise PlanError("only the keyframes are known, not the hand's path; choose another --path")
     check_count(keyframes)
-    check_certainty(keyframes, options.scale * calibration.scale)
+    check_certainty(keyframes, options.scale * calibration.scale, hand_path)
     arm = arm_of(robot)
     T_base_nav, T_base_tool = place_keyframes(task, options)
     if options.path != "demo" and (error := check_spread(T_base_tool)) is not None:
@@ -228,11 +228,12 @@ def _attempt(task: Task, options: PlanOptions) -> Plan | Refused:
     prepared = _prepare(task, options)
     if isinstance(prepared, Refused):
         return prepared
-    keyframes, calibration, robot, _, grasped = task
+    keyframes, calibration, robot, hand_path, grasped = task
     arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen = prepared
     warn_of_wide_moves(arm, chosen)
     held, off_rad = held_poses(arm, T_base_tool, chosen.q)
-    moves, retreat = moves_of(chosen, keyframes, hand, options)
+    durations_s = hand_durations(keyframes, hand_path)
+    moves, retreat = moves_of(chosen, durations_s, hand, options)
 
     def timed_at(speed: float, deviation_share: float) -> tuple[JointTrajectory, Array]:
         return time_moves(
@@ -272,7 +273,7 @@ def _attempt(task: Task, options: PlanOptions) -> Plan | Refused:
         chosen.segments,
         trajectory,
         report,
-        find_stretched(took, keyframes) if options.time == "demo" else (),
+        find_stretched(took, durations_s) if options.time == "demo" else (),
         find_touching(scene.closer(), trajectory) if options.allow_collision else None,
         chosen.retreat,
     )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pbd.data import Keyframe
+from pbd.data import HandPath, Keyframe
 from pbd.errors import PlanError, TrackingError, warn
 from pbd.planning.options import PlanOptions, hand_durations
 from pbd.pose import Array, Pose
@@ -48,7 +48,7 @@ def check_spread(T_base_tool: Sequence[Pose]) -> TrackingError | None:
     )
 
 
-def check_certainty(keyframes: Sequence[Keyframe], scale: float) -> None:
+def check_certainty(keyframes: Sequence[Keyframe], scale: float, path: HandPath | None = None) -> None:
     """Warn of the least certain keyframe, and of the cause; `scale` multiplies positions.
 
     Raises:
@@ -60,7 +60,7 @@ def check_certainty(keyframes: Sequence[Keyframe], scale: float) -> None:
         return
     worst = int(np.argmax(added))
     if worst > 0 and added[worst] > 0.5 * variances[least_sure]:
-        duration = hand_durations(keyframes)[worst - 1]
+        duration = hand_durations(keyframes, path)[worst - 1]
         why = f"most of it from the {duration:.1f} s move to keyframe {worst}: pause half a second during that move"
     else:
         why = "from the drift of many moves: end where you began (pbd record --closed), or use known places"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from pbd.data import Calibration, Demonstration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
 from pbd.data.one_line_repr import brief
 from pbd.errors import PlanError, warn
-from pbd.planning.options import PlanOptions, hand_durations
+from pbd.planning.options import PlanOptions
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -116,9 +116,14 @@ def find_touching(scene: CollisionScene, trajectory: JointTrajectory) -> Touchin
     return Touching(found, collision_error(scene, trajectory, found), all_hits(scene, trajectory))
 
 
-def find_stretched(took_s: Array, keyframes: Sequence[Keyframe]) -> tuple[Stretch, ...]:
-    """Find the moves that take longer than the hand did, and warn of them; `took_s` (n,): the moves' durations."""
-    both = zip(hand_durations(keyframes), took_s[1:].tolist(), strict=True)
+def find_stretched(took_s: Array, durations_s: Sequence[float]) -> tuple[Stretch, ...]:
+    """Find the moves that take longer than the hand did, and warn of them.
+
+    Args:
+        took_s: (n,) durations of the moves, with the approach.
+        durations_s: (n - 1,) the hand's durations.
+    """
+    both = zip(durations_s, took_s[1:].tolist(), strict=True)
     found = [
         Stretch(i, hand_s, arm_s)
         for i, (hand_s, arm_s) in enumerate(both, start=1)
@@ -131,7 +136,7 @@ def find_stretched(took_s: Array, keyframes: Sequence[Keyframe]) -> tuple[Stretc
         ]
         rest = f", and {len(found) - 3} more" if len(found) > 3 else ""
         warn(
-            f"{len(found)} of {len(keyframes) - 1} moves are slower than the hand's, to keep the joint limits: "
+            f"{len(found)} of {len(durations_s)} moves are slower than the hand's, to keep the joint limits: "
             f"{', '.join(moves)}{rest}"
         )
     return tuple(found)

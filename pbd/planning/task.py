@@ -11,7 +11,7 @@ from pbd.calibration.touch_up import touched_poses
 from pbd.data import Calibration, GraspedObject, HandPath, Keyframe, Robot
 from pbd.errors import CalibrationError
 from pbd.planning.object_frames import place_things
-from pbd.planning.options import PlanOptions, hand_durations
+from pbd.planning.options import PlanOptions
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -65,15 +65,19 @@ def request_of(
 
 
 def moves_of(
-    chosen: Motion, keyframes: Sequence[Keyframe], hand: Hand | None, options: PlanOptions
+    chosen: Motion, durations_s: Sequence[float], hand: Hand | None, options: PlanOptions
 ) -> tuple[list[Move], Move | None]:
-    """Make the moves of the segments, which time_moves.py times, and the retreat or None."""
+    """Make the moves of the segments, which time_moves.py times, and the retreat or None.
+
+    Args:
+        durations_s: the time that the hand took from each keyframe to the next.
+    """
     from pbd.arm.motion_request import DEMO
     from pbd.arm.timing.time_moves import APPROACH_SPEED, Move
 
     first, retreat = chosen.segments[0], chosen.retreat
     moves = [Move(first.q, first.curved, share=APPROACH_SPEED)]
-    for i, (segment, demonstrated_s) in enumerate(zip(chosen.segments[1:], hand_durations(keyframes), strict=True)):
+    for i, (segment, demonstrated_s) in enumerate(zip(chosen.segments[1:], durations_s, strict=True)):
         least_s = demonstrated_s if options.time == "demo" else 0.0
         t = hand()[i].t if options.time == "demo" and segment.kind == DEMO and hand else None
         moves.append(Move(segment.q, curved=segment.curved, t=t, least_s=least_s))

@@ -136,8 +136,7 @@ def _run(
     t, number = [], []
     for k, own in enumerate(partner):
         if own is not None:
-            half = 0.5 * keyframes[own].dwell_s
-            t += [keyframes[own].t - half, keyframes[own].t + half]
+            t += path.rest_at(keyframes[own].t)
             number += [k, k]
     progress = np.interp(path.t[rows], t, number, left=np.nan, right=np.nan)
     return Run(name, T_first_nav.act(path.p_nav_sensor[rows]), progress)
