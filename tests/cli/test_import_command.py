@@ -146,6 +146,19 @@ def test_the_unit_of_time_is_told(in_g: Path, capsys: pytest.CaptureFixture[str]
     assert main(["import", "other.csv", "tea", "--unit", "acc=g", "--unit", f"t={unit}"]) == 0
 
 
+@pytest.mark.parametrize("given", ["us", "ms", "0.1ms"])
+def test_a_wrong_unit_of_time_is_not_answered_with_another_wrong_one(
+    in_g: Path, capsys: pytest.CaptureFixture[str], given: str
+) -> None:
+    header, *rows = in_g.read_text().splitlines()
+    cells = [row.partition(",") for row in rows]
+    Path("other.csv").write_text("\n".join([header, *(f"{1e9 * float(t):.0f},{rest}" for t, _, rest in cells)]))
+    assert main(["import", "other.csv", "tea", "--unit", "acc=g", "--unit", f"t={given}"]) == 1
+    remedy = capsys.readouterr().err.rpartition("--unit t=")[2].strip()
+    assert remedy == "ns"
+    assert main(["import", "other.csv", "tea", "--unit", "acc=g", "--unit", f"t={remedy}"]) == 0
+
+
 def test_lines_without_names_are_decoded_as_a_port_would_be(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("log.txt").write_text(in_g.read_text().partition("\n")[2])
     names = in_g.read_text().partition("\n")[0]

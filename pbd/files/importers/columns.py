@@ -6,6 +6,7 @@ import re
 import shlex
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import log
 from pathlib import Path
 from types import MappingProxyType
 
@@ -129,7 +130,11 @@ class Understood:
         return replace(self, unread={**self.unread, **unread})
 
     def in_file_names(self, message: str) -> str:
-        """Replace our names of columns in a message, and our signs in its options `--column ax=-ay`, by the file's."""
+        """Replace our names of columns in a message, our signs in its options `--column ax=-ay`, and a unit of time.
+
+        The unit that a message advises is for numbers that were read as seconds. If they were read in another unit,
+        both factors count.
+        """
         found = {column.ours: column for column in self.columns}
 
         def renamed(option: re.Match[str]) -> str:
@@ -142,7 +147,16 @@ class Understood:
 
         times = f"the column '{found['t'].name}' must be seconds" if "t" in found else "give another --rate"
         message = message.replace("the column 't' must be seconds", times)
+        if "t" in found and "--unit t=" in message:
+            message = re.sub(
+                r"\b[mun]s\b", lambda advised: _time_unit(abs(found["t"].factor) * UNITS["t"][advised[0]]), message
+            )
         return re.sub(r"--column (\w+)=(-?)([agm][xyz])\b", renamed, message)
+
+
+def _time_unit(factor: float) -> str:
+    """Return the unit of time whose factor to seconds is nearest."""
+    return min(("s", "ms", "us", "ns"), key=lambda unit: abs(log(UNITS["t"][unit] / factor)))
 
 
 def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str]) -> Understood:
