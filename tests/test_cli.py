@@ -64,6 +64,19 @@ def test_a_motion_of_another_size_says_so_and_why(capsys: Capture, elsewhere: Pa
     assert "pbd: played at 0.33 of its size (scale 0.3 of so101's own dock, --scale 1.1)\n" in err
 
 
+def test_a_motion_on_the_robots_own_dock_says_where_it_starts(capsys: Capture, elsewhere: Path) -> None:
+    command = ("export", "pouring", "--robot", "ur5", "-o", "motion.csv", "--rate", "100")
+    own = (
+        "pbd: the hand starts at ur5's own dock, (0.300, -0.200, 0.250) m in base; for yours give --calibration NAME\n"
+    )
+    assert own in run(capsys, *command)[2]
+    assert run(capsys, "calibrate", "dock", "bench", "--position", "0.4", "-0.15", "0.2", "--robot", "ur5")[0] == 0
+    assert own in run(capsys, *command)[2]  # a calibration that is not named is not used
+    code, _, err = run(capsys, *command, "--calibration", "bench")
+    assert code == 0
+    assert "the hand starts at" not in err
+
+
 @pytest.mark.parametrize("format_name", ["csv", "npz", "ros2-json"])
 def test_export(capsys: Capture, elsewhere: Path, format_name: str) -> None:
     result = run_json(

@@ -95,6 +95,15 @@ class Plan:
         return brief(self, repr(self.trajectory), touches)
 
 
+def place_remark(plan: Plan) -> str:
+    """Return where in base the motion starts if no calibration was named; "" if one was."""
+    dock = plan.calibration.T_base_dock
+    if plan.calibration is not plan.robot.dock or dock is None:
+        return ""
+    at = ", ".join(f"{x + 0.0:.3f}" for x in dock.p.tolist())
+    return f"the hand starts at {plan.robot.name}'s own dock, ({at}) m in base; for yours give --calibration NAME"
+
+
 def size_remark(plan: Plan) -> str:
     """Return at which size the motion is played, and why; "" if it is as large as the hand's."""
     own, chosen = plan.calibration.scale, plan.options.scale

@@ -25,7 +25,7 @@ from pbd.driving.stream import Clock, planned_start, sample_goals, stream
 from pbd.driving.watch import Watch, check_health
 from pbd.errors import SensorError
 from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration
-from pbd.planning.result import size_remark
+from pbd.planning.result import place_remark, size_remark
 from pbd.view.terminal_tables import print_table
 
 MOVED_DEG = 2.0
@@ -54,7 +54,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
         say(f"'{plan.name}' on {robot.name} at {device}, its servos calibrated in {file}")
         print_table(preview_table(counts, before, goals, t, plan.trajectory), sys.stderr)
         say(timetable(plan.trajectory, t))
-        for remark in filter(None, (size_remark(plan), torque_remark(plan))):
+        for remark in filter(None, (place_remark(plan), size_remark(plan), torque_remark(plan))):
             say(remark)
         with Keys() as keys:
             if args.dry_run:
