@@ -121,6 +121,15 @@ def test_the_list_is_short_and_one_robot_has_its_notes(capsys: Capture) -> None:
     assert run(capsys, "robots", "panda")[1].endswith("\n\n".join(notes) + "\n")
 
 
+@pytest.mark.parametrize("name", ["ur3", "ur5", "ur10"])
+def test_an_arm_of_the_e_series_is_told_apart(capsys: Capture, name: str) -> None:
+    assert refused(capsys, 1, "robots", f"{name}e").endswith(f"did you mean {name}?")
+    code, out, _ = run(capsys, "robots", name)
+    assert code == 0
+    assert f"(CB3, not {name.upper()}e)" in out
+    assert f"\nA {name.upper()}e has other link lengths: with this file its tool would be off by" in out
+
+
 def test_a_base_may_be_carried_by_a_locked_joint(tmp_path: Path) -> None:
     """The audit agrees on the pose of the base."""
     (tmp_path / "tiago.toml").write_text(TIAGO, encoding="utf-8")
