@@ -103,6 +103,15 @@ def test_a_dock_where_a_demonstration_stopped(capsys: Capture) -> None:
     assert line.startswith("pbd: the calibration 'none' does not say where the hand starts, so it is unknown")
 
 
+def test_a_measured_dock_says_where_the_pendants_base_points(capsys: Capture) -> None:
+    """The pendant's Base of a UR has -x and -y: such a dock is in reach as well, so only words can help."""
+    place = ("calibrate", "dock", "bench", "--position", "-0.4", "0.15", "0.2", "--rpy", "0", "0", "180")
+    assert "the teach pendant's Base is turned by half a turn about z" in run(capsys, *place, "--robot", "ur5")[2]
+    at_joints = ("calibrate", "dock", "stand", "--robot", "ur5", "--joints", "-50", "-110", "110", "-90", "-90", "-140")
+    assert "pendant" not in run(capsys, *at_joints)[2]  # no pose was read there
+    assert "pendant" not in run(capsys, *DOCK)[2]
+
+
 def test_a_dock_out_of_reach_is_refused_with_exit_3(capsys: Capture) -> None:
     line = refused(capsys, 3, "calibrate", "dock", "far", "--position", "1.4", "0", "0.3", "--robot", "panda")
     assert line.startswith(

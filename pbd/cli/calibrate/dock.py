@@ -24,6 +24,9 @@ from pbd.tracking.keyframes import keyframes_of
 LIMIT_TOLERANCE = 1e-6
 """Largest excess of a given joint over its limit, rad or m. Limits are printed in rounded degrees."""
 
+ABOUT_BASE = "base is "
+"""How a robot's note begins that says in which direction its base points."""
+
 
 def run(args: argparse.Namespace) -> None:
     """Find the dock's pose, check that the robot reaches it, and write it."""
@@ -53,6 +56,10 @@ def run(args: argparse.Namespace) -> None:
         f"({', '.join(f'{angle + 0.0:.1f}' for angle in np.round(rpy_deg, 1))}) degrees, {source}{resized}; "
         + (f"{robot.name} reaches it" if robot else "give --robot to check that it is in reach")
     )
+    if robot is not None and args.position is not None:
+        for note in robot.notes:
+            if note.startswith(ABOUT_BASE):
+                say(note)
     if args.json:
         print_json(
             {
