@@ -112,6 +112,16 @@ def test_a_measured_dock_says_where_the_pendants_base_points(capsys: Capture) ->
     assert "pendant" not in run(capsys, *DOCK)[2]
 
 
+def test_joints_that_may_be_rad_are_doubted(capsys: Capture) -> None:
+    command = ("calibrate", "dock", "bench", "--robot", "ur5", "--joints")
+    rad = ("-0.9", "-1.92", "1.91", "-1.57", "-1.57", "-2.47")
+    code, _, err = run(capsys, *command, *rad)
+    assert code == 0
+    assert "pbd: warning: no joint is beyond 2.47 degrees; --joints takes degrees, so if they are rad," in err
+    degrees = [f"{np.degrees(float(q)):.1f}" for q in rad]
+    assert "warning" not in run(capsys, *command, *degrees)[2]
+
+
 def test_a_dock_out_of_reach_is_refused_with_exit_3(capsys: Capture) -> None:
     line = refused(capsys, 3, "calibrate", "dock", "far", "--position", "1.4", "0", "0.3", "--robot", "panda")
     assert line.startswith(

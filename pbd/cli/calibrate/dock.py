@@ -12,7 +12,7 @@ from pbd.cli.common import replaced_part
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Robot
 from pbd.data.world import IN_METRES, REACH_M, beyond_reach
-from pbd.errors import CalibrationError, PlanError, UsageError
+from pbd.errors import CalibrationError, PlanError, UsageError, warn
 from pbd.files.calibration import load_calibration
 from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
 from pbd.files.demo import load_demo
@@ -23,6 +23,9 @@ from pbd.tracking.keyframes import keyframes_of
 
 LIMIT_TOLERANCE = 1e-6
 """Largest excess of a given joint over its limit, rad or m. Limits are printed in rounded degrees."""
+
+MAYBE_RAD = 2.0 * np.pi
+"""Joints whose largest is at most this, in degrees, are hardly bent: they may be rad."""
 
 ABOUT_BASE = "base is "
 """How a robot's note begins that says in which direction its base points."""
@@ -115,6 +118,9 @@ def _tool_at_joints(joints: list[float], robot: Robot | None) -> Pose:
             joint=robot.joints[k],
             value=float(q[k]),
         )
+    largest = np.abs(np.where(model.turns, joints, 0.0)).max()
+    if 0.0 < largest <= MAYBE_RAD:
+        warn(f"no joint is beyond {largest:.3g} degrees; --joints takes degrees, so if they are rad, convert them")
     return model.forward(q)
 
 
