@@ -78,7 +78,8 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
     if not best or best[0].cost > OUTLIER_COST * max(1.0, m - 2.0):
         raise CalibrationError(
             "no stops of the demonstration have the same distances as the points; check the points' unit and "
-            "coordinates, and that the hand stopped on each"
+            + ("coordinates, their order (--any-order finds it)" if in_order else "coordinates")
+            + ", and that the hand stopped on each"
         )
     for other in best[1:]:
         metres, rad = other.T_base_nav.distance(best[0].T_base_nav)

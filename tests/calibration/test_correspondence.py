@@ -71,3 +71,12 @@ def test_stops_that_can_not_match_are_refused(in_order: bool) -> None:
         CalibrationError, match=r"no stops .* have the same distances as the points; check the points' unit"
     ):
         match_points(p, sigma, 10.0 * POINTS, in_order)
+
+
+def test_a_wrong_order_is_named_as_a_cause_only_where_order_counts() -> None:
+    p, sigma = stops_at(np.vstack((POINTS[::-1], [[0.0, 0.0, 0.0]])))
+    with pytest.raises(CalibrationError, match=r"and coordinates, their order \(--any-order finds it\), and that"):
+        match_points(p, sigma, POINTS, in_order=True)
+    assert match_points(p, sigma, POINTS, in_order=False) == (4, 3, 2, 1, 0)
+    with pytest.raises(CalibrationError, match=r"unit and coordinates, and that the hand"):
+        match_points(p, sigma, 10.0 * POINTS, in_order=False)
