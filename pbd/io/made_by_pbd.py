@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from zlib import crc32
 
 from pbd.errors import PbdError
 from pbd.io.read_file import read_bytes
@@ -20,7 +21,6 @@ _KINDS = {
     rb"index,t_s,dwell_s,grip,label,q_": b"",  # keyframes
     rb'\{"demo": "': b'"base_wxyz"',
     rb"0\.0( -?\d\S*){7}\n": b"",  # tum, from t = 0, with numbers as Python prints them
-    rb"# .+ planned and audited by pbd": b"# replace this by your gripper's call",  # urscript that nobody has filled in
     rb"\x89MCAP": b"pbd_tool",
     rb"glTF": b'"generator":"pbd"',
     rb"<phyphox": b"<title>pbd</title>",
@@ -28,11 +28,28 @@ _KINDS = {
 }
 """The beginning of each kind of file that pbd writes, as a pattern -> what is somewhere in it."""
 
+_TO_EDIT = rb"# .+ planned and audited by pbd"
+"""The beginning, as a pattern, of files that people are asked to edit: pbd ends them with a seal."""
+
+_SEAL = "# as pbd wrote it: "
+
+
+def sealed(text: str) -> str:
+    """Append a comment with a checksum, by which `refuse_others_file` sees whether somebody has edited the text."""
+    return f"{text}{_SEAL}{crc32(text.encode()):08x}\n"
+
 
 def refuse_others_file(file: Path) -> None:
-    """Refuse (PbdError) to write over a file that pbd did not make. An empty one is lost to nobody."""
+    """Refuse (PbdError) to write over a file that pbd did not make, or that was edited where people are asked to.
+
+    An empty one is lost to nobody.
+    """
     old = read_bytes(file, PbdError, "give another place")
     ours = any(re.match(start, old, re.DOTALL) and mark in old for start, mark in _KINDS.items())
-    if old and not ours:
+    if re.match(_TO_EDIT, old):
+        text = old.rpartition(_SEAL.encode())[0].decode(errors="replace")
+        if sealed(text).encode() != old:
+            raise PbdError(f"{file} was edited, so it is not overwritten; give another place", path=file)
+    elif old and not ours:
         what = f"{file} is not an earlier output of pbd, so it is not overwritten; give another place"
         raise PbdError(what, path=file)

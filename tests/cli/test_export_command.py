@@ -71,13 +71,28 @@ def test_standard_output_gets_what_the_file_would(format_name: str, capfdbinary:
         assert all((ours[name] == theirs[name]).all() for name in theirs.files)
 
 
-def test_a_program_whose_gripper_is_filled_in_is_not_replaced(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("ours", "theirs"),
+    [
+        ("# replace this by your gripper's call, which", "rq_close() #"),
+        ("must wait until it has closed\n    sleep(0.8)", "must wait until it has closed\n    rq_close()"),
+        ("gripper_open():\n    sleep(0.8)", "gripper_open():\n    rq_open()"),
+        ("movej([", "movel(["),
+        ("pbd_paper_test1()\n", "pbd_paper_test1()\nrq_open()\n"),
+    ],
+)
+def test_a_program_that_somebody_has_edited_is_not_replaced(
+    capsys: pytest.CaptureFixture[str], ours: str, theirs: str
+) -> None:
     command = ["export", "paper-test1", "--robot", "ur5", "-o", "tea.script"]
     assert main(command) == 0
-    mine = Path("tea.script").read_text().replace("# replace this by your gripper's call, which", "rq_close() #")
+    assert main(command) == 0  # nobody has
+    program = Path("tea.script").read_text()
+    mine = program.replace(ours, theirs)
+    assert mine != program
     Path("tea.script").write_text(mine)
     assert main(command) == 1
-    assert "tea.script is not an earlier output of pbd" in capsys.readouterr().err
+    assert "tea.script was edited, so it is not overwritten; give another place\n" in capsys.readouterr().err
     assert Path("tea.script").read_text() == mine
 
 

@@ -19,6 +19,7 @@ from pbd.errors import PlanError
 from pbd.files.exporters import SERVOJ_HZ
 from pbd.files.exporters.controller_interpolation import set_point_samples
 from pbd.files.exporters.export_request import ExportRequest
+from pbd.io.made_by_pbd import sealed
 from pbd.pose import Array
 
 JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
@@ -100,7 +101,7 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
             a, v = _acceleration_and_velocity(request, phase)
             q = trajectory.at(np.array([phase.end])).q[0]
             lines.append(f"  movej([{_numbers(q, 6)}], a={a:.6f}, v={v:.6f}){comment}\n")
-    path.write_text(f"{''.join(lines)}end\n\npbd_{name}()\n", encoding="utf-8")
+    path.write_text(sealed(f"{''.join(lines)}end\n\npbd_{name}()\n"), encoding="utf-8")
 
 
 def _phases(request: ExportRequest) -> list[_Phase]:
