@@ -161,7 +161,7 @@ def test_the_hands_own_time_is_kept_where_the_limits_allow_it(path: str) -> None
 @pytest.mark.parametrize("stay_s", [0.2, 5.0])
 def test_a_longer_or_shorter_stay_changes_no_move(stay_s: float) -> None:
     """keyframes.toml changes how long the arm stays, not when and where the hand moved: durations and path stay."""
-    demo, path, keyframes = tracked("pouring")
+    _, path, keyframes = tracked("pouring")
     edited = [replace(each, dwell_s=stay_s) for each in keyframes]
     options = PlanOptions(path="demo", time="demo", dwell_s=np.inf)
     shown, stayed = planned("pouring", path="demo", time="demo"), plan_once(edited, dock(), PANDA, options, path)

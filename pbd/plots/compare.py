@@ -133,7 +133,7 @@ def _run(
     name: str, path: HandPath, keyframes: Sequence[Keyframe], T_first_nav: Pose, partner: Sequence[int | None]
 ) -> Run:
     rows = slice(path.stops[0].start, path.stops[-1].stop)
-    t, number = [], []
+    t, number = list[float](), list[int]()
     for k, own in enumerate(partner):
         if own is not None:
             t += path.rest_at(keyframes[own].t)
