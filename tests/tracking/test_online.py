@@ -472,14 +472,14 @@ def test_shifting_time_changes_nothing() -> None:
 
 
 def test_a_long_rest_takes_no_memory() -> None:
-    recording = simulate(Task("still", (Waypoint(rest_s=6.0),)), "modern").recording
+    recording = simulate(Task("still", (Waypoint(rest_s=9.0),)), "modern").recording
     tracker, used = LiveTracker(), []
     tracemalloc.start()
-    for rows in (slice(0, 250), slice(250, None)):
+    for rows in (slice(0, 400), slice(400, None)):
         tracker.feed(recording.t[rows], recording.acc[rows], np.asarray(recording.gyr)[rows])
         used.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
-    assert used[1] - used[0] < 16 * (len(recording) - 250)  # less than two numbers a row more; a row has seven
+    assert used[1] - used[0] < 16 * (len(recording) - 400)  # less than two numbers a row more; a row has seven
 
 
 def test_stops_of_a_real_hand_agree_with_the_optics(data_folder: Path) -> None:

@@ -14,14 +14,11 @@ from pbd.tracking.keyframes import find_keyframes
 from tests.benchmarks.tracking import slower_strides, stride_errors
 
 
-def test_broad_14_has_five_rests(data_folder: Path) -> None:
-    (file,) = (data_folder / "broad").glob("14*.npz")
-    assert len(find_keyframes(track(import_file(file).recording))) == 5
-
-
 def test_rests_agree_with_the_optics(data_folder: Path) -> None:
+    """And no warning is given: it would be an error here."""
     for file in sorted((data_folder / "broad").glob("*.npz")):
         path = track(import_file(file).recording)
+        assert len(find_keyframes(path)) == 5 or not file.name.startswith("14")
         still = np.zeros(len(path.t), dtype=bool)
         for stop in path.stops:
             still[stop.start : stop.stop] = True

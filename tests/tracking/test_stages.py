@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
@@ -40,7 +40,7 @@ DOCS = Path(__file__).parents[2] / "docs" / "tracking.md"
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
-@pytest.mark.parametrize("sensor", ["modern", "os5000", "os5000-nogyro"])
+@pytest.mark.parametrize("sensor", ["modern", "os5000"])
 def test_the_stages_one_by_one_give_what_track_gives(sensor: str) -> None:
     demo = pour(sensor)
     path = track(demo.recording)
@@ -102,6 +102,7 @@ def columns(*signals: Array) -> Array:
 coefficients = st.lists(st.floats(-5.0, 5.0), min_size=9, max_size=9)
 
 
+@settings(max_examples=40)
 @given(coefficients, st.floats(0.002, 0.1), st.integers(4, 40))
 def test_means_of_quadratics_are_integrated_exactly(numbers: list[float], dt: float, n: int) -> None:
     """Except the first and the last step, beyond which there are no samples."""
@@ -113,6 +114,7 @@ def test_means_of_quadratics_are_integrated_exactly(numbers: list[float], dt: fl
     assert found[1:-1] - found[1] == pytest.approx(exact[1:-1] - exact[1], abs=1e-11)
 
 
+@settings(max_examples=40)
 @given(st.lists(st.floats(-5.0, 5.0), min_size=3, max_size=3), st.integers(1, 30))
 def test_a_constant_is_integrated_exactly_from_end_to_end(level: list[float], n: int) -> None:
     t = 0.01 * np.arange(n, dtype=np.float64)
@@ -132,6 +134,7 @@ def test_means_of_sines_are_integrated_to_fourth_order() -> None:
     assert all(coarser / finer > 0.9 * 2.0**4 for coarser, finer in pairwise(errors))
 
 
+@settings(max_examples=40)
 @given(st.lists(st.floats(1e-3, 0.1), min_size=1, max_size=30), st.integers(0, 2**32 - 1))
 def test_values_with_slopes_are_integrated_as_hermites_cubic(steps: list[float], seed: int) -> None:
     t = np.concatenate(([0.0], np.cumsum(steps)))
@@ -208,6 +211,7 @@ def test_what_turning_does_to_a_mean_is_of_second_order() -> None:
     assert all(coarser / finer == pytest.approx(2.0**2, rel=0.02) for coarser, finer in pairwise(errors))
 
 
+@settings(max_examples=40)
 @given(st.integers(0, 70), st.integers(0, 2**32 - 1))
 def test_cumulative_products_are_those_of_a_loop(n: int, seed: int) -> None:
     turns = quat_exp(np.random.default_rng(seed).normal(size=(n, 3)))

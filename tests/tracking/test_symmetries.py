@@ -46,10 +46,9 @@ def same_stops(path: HandPath, other: HandPath) -> bool:
 
 @every_method
 @with_and_without_north
-@pytest.mark.parametrize("seed", range(2))
-def test_turning_the_world_turns_the_result(method: str, sensor: SensorModel, seed: int) -> None:
+def test_turning_the_world_turns_the_result(method: str, sensor: SensorModel) -> None:
     """With a compass nav is east and north, whichever way the hand faces. Without one nav rotates with the hand."""
-    task, yaw = hand(method, seed), 1.0
+    task, yaw = hand(method, 0), 1.0
     plain, _ = perfect(method, task, sensor)
     turned, _ = perfect(method, task.rotated(yaw), sensor)
     row = middle(plain.stops[0])
@@ -95,7 +94,7 @@ def test_a_mirrored_hand_goes_the_mirrored_way(method: str, sensor: SensorModel)
 
 @every_method
 @with_and_without_north
-@pytest.mark.parametrize("rpy", [(0.4, -0.3, 2.0), (np.pi, 0.0, 0.0), (0.0, -0.9, 0.5)])
+@pytest.mark.parametrize("rpy", [(0.4, -0.3, 2.0), (np.pi, 0.0, 0.0)])
 def test_how_the_sensor_is_mounted_does_not_matter(
     method: str, sensor: SensorModel, rpy: tuple[float, float, float]
 ) -> None:
@@ -125,7 +124,7 @@ def test_how_the_sensor_is_mounted_does_not_matter(
 
 
 @every_method
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_task_twice_as_large_gives_twice_the_path(method: str, seed: int) -> None:
     task = hand(method, seed, turns=method == "default")
     waypoints = [replace(w, p=(2.0 * w.p[0], 2.0 * w.p[1], 2.0 * w.p[2])) for w in task.waypoints]
@@ -142,7 +141,7 @@ def test_shifting_time_changes_nothing(method: str) -> None:
     """To the bit, if times stay representable: multiples of 1/128 s, even at 1.7e9 s (since 1970)."""
     recording = simulate(random_task(5, moves=3), "modern", rate_hz=128.0).recording
     here = track(recording, method)
-    for shift in (-64.0, 1024.0, 1.7e9):
+    for shift in (-64.0, 1.7e9):
         grip = tuple(replace(event, t=event.t + shift) for event in recording.grip)
         later = track(replace(recording, t=recording.t + shift, grip=grip), method)
         assert np.array_equal(later.p_nav_sensor, here.p_nav_sensor)

@@ -20,8 +20,8 @@ from tests.tracking.faults import every_method, path_or_none, quietly, with_chan
 
 @pytest.mark.filterwarnings("ignore:--method paper finds:pbd.errors.PbdWarning")
 @every_method
-@pytest.mark.parametrize("rows", [2, 3, 5, 10, 20])
-@pytest.mark.parametrize("rate_hz", [10.0, 40.0, 100.0, 400.0])
+@pytest.mark.parametrize("rows", [2, 5, 20])
+@pytest.mark.parametrize("rate_hz", [10.0, 100.0])
 def test_a_few_samples_of_a_rest_are_a_rest_or_refused(method: str, rows: int, rate_hz: float) -> None:
     recording = with_rows(simulate("pour", "modern", rate_hz=rate_hz).recording, slice(0, rows))
     path = path_or_none(recording, method)
@@ -49,7 +49,7 @@ def recordings(draw: st.DrawFn) -> Recording:
 
 
 @quietly
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(recordings(), st.sampled_from(METHODS))
 def test_any_few_numbers_are_refused_or_give_a_sound_path(recording: Recording, method: str) -> None:
     path_or_none(recording, method)
@@ -110,7 +110,7 @@ def spoilt_recordings(draw: st.DrawFn) -> Recording:
 
 
 @quietly
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=35, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(spoilt_recordings(), st.sampled_from(METHODS))
 def test_a_spoilt_recording_is_refused_or_gives_a_sound_path(recording: Recording, method: str) -> None:
     path_or_none(recording, method)

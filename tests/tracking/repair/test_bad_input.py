@@ -28,7 +28,7 @@ RIGHT_M = 0.05
 
 @quietly
 @pytest.mark.parametrize("sensor", ["modern", "os5000"])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_under_half_a_second_of_rest_at_the_start_is_enough_if_a_later_one_is_longer(sensor: str, seed: int) -> None:
     demo = simulate(random_task(seed, moves=4, first_rest_s=0.4, rest_s=(1.1, 1.5)), sensor, seed)
     keyframes, errors = keyframes_and_errors(demo)
@@ -54,10 +54,9 @@ def test_a_gyros_bias_does_no_harm_after_a_short_rest(sensor: str) -> None:
 
 
 @quietly
-@pytest.mark.parametrize("sensor", ["wt901", "modern"])
-def test_a_slow_turn_about_the_vertical_is_no_rest(sensor: str) -> None:
+def test_a_slow_turn_about_the_vertical_is_no_rest() -> None:
     """Three seconds at 3 degrees per second are as quiet as a rest, but the later rests have another rate."""
-    recording = with_channel(simulate("pour", sensor, 1).recording, "mag", None)
+    recording = with_channel(pour("wt901", 1).recording, "mag", None)
     assert recording.gyr is not None
     second = round(recording.rate_hz)
     rows = np.random.default_rng(1).integers(0, second, 3 * second)  # of the rest
@@ -146,9 +145,8 @@ def test_a_channel_without_a_number_is_named(method: str, channel: str, value: f
 
 
 @pytest.mark.filterwarnings("ignore:--method paper finds:pbd.errors.PbdWarning")
-@every_method
+@pytest.mark.parametrize(("method", "value"), [("default", np.nan), ("default", -1e300), ("paper", np.nan)])
 @every_channel
-@pytest.mark.parametrize("value", [np.nan, -1e300])
 def test_rows_without_a_number_are_bridged(method: str, channel: str, value: float) -> None:
     """Three rows in a move, 40 ms between good ones."""
     recording = pour().recording
@@ -174,8 +172,7 @@ def test_infinities_hold_no_number(channel: str) -> None:
 
 
 @quietly
-@pytest.mark.parametrize("channel", ["acc", "gyr"])
-@pytest.mark.parametrize("length", [10, 40])
+@pytest.mark.parametrize(("channel", "length"), [("acc", 10), ("gyr", 40)])
 def test_a_long_hole_in_a_move_is_refused_with_its_place(channel: str, length: int) -> None:
     with pytest.raises(TrackingError, match=r"are missing after row 279 \(t = 2\.79 s\), while the hand moves"):
         track(broken(pour().recording, channel, slice(280, 280 + length), np.nan))

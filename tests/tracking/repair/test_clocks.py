@@ -48,7 +48,7 @@ def unnamed(recording: Recording) -> Recording:
 
 
 @uncalibrated
-@pytest.mark.parametrize(("sensor", "rate_hz"), RATES)
+@pytest.mark.parametrize(("sensor", "rate_hz"), RATES[::2])
 @pytest.mark.parametrize("has_clock", [True, False], ids=["true stamps", "even stamps"])
 def test_jittering_samples_do_no_harm(sensor: str, rate_hz: float | None, has_clock: bool) -> None:
     """Jitter of a fifth of the interval, with or without time stamps that show it."""
@@ -75,8 +75,10 @@ def test_jittering_stamps_do_no_harm_and_hide_no_sample(sensor: str, rate_hz: fl
         assert worst(demo, jittered) < clean + max(0.006, 0.4 * clean)
 
 
-@pytest.mark.parametrize("step_s", [1e-3, 1e-2, 1.0 / 64.0])
-@pytest.mark.parametrize(("sensor", "rate_hz"), RATES)
+@pytest.mark.parametrize(
+    ("sensor", "rate_hz", "step_s"),
+    [*((*each, 1.0 / 64.0) for each in RATES), ("modern", 286.0, 1e-3), ("modern", 95.0, 1e-2)],
+)
 def test_coarse_stamps_do_no_harm(sensor: str, rate_hz: float | None, step_s: float) -> None:
     demo = simulate("pour", sensor, 1, rate_hz=rate_hz)
     coarse = replace(demo.recording, t=np.floor(demo.recording.t / step_s + 1e-9) * step_s)
@@ -110,7 +112,7 @@ def test_a_clock_of_two_rates_has_an_interval() -> None:
     assert (np.diff(steady) > 0.0).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.floats(20.0, 400.0), st.sampled_from([1e-3, 5e-3, 1e-2, 1.0 / 64.0]), st.integers(0, 10**6))
 def test_a_known_rate_puts_coarse_stamps_where_they_were(rate_hz: float, step_s: float, seed: int) -> None:
     kept = np.ones(int(12.0 * rate_hz) + seed % 50, dtype=np.float64)
@@ -133,7 +135,7 @@ def test_lost_samples_stay_lost_where_stamps_are_coarse(step_s: float, rate_hz: 
     assert (np.abs(off) > 0.6).mean() < 0.02
 
 
-@pytest.mark.parametrize("batch", [2, 5, 10])
+@pytest.mark.parametrize("batch", [2, 10])
 def test_samples_stamped_in_batches_are_spread(batch: int) -> None:
     demo = simulate("pour", "modern", 1)
     n = len(demo.recording) // batch * batch

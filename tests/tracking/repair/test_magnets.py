@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from hypothesis import strategies as st
 
 from pbd.data import Demonstration, Recording, Truth
 from pbd.errors import PbdWarning
-from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import Array, quat_inverse, quat_rotate
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task, simulate
@@ -62,8 +60,10 @@ def warned(recording: Recording) -> list[str]:
 
 
 @uncalibrated
-@pytest.mark.parametrize("sensor", ["modern", "os5000", "wt901"])
-@pytest.mark.parametrize(("begin", "end"), [(5.0, 9.0), (5.0, np.inf)])
+@pytest.mark.parametrize(
+    ("sensor", "begin", "end"),
+    [("modern", 5.0, 9.0), ("modern", 5.0, np.inf), ("os5000", 5.0, 9.0), ("wt901", 5.0, np.inf)],
+)
 def test_a_magnet_gripped_on_the_way_does_not_turn_the_path(sensor: str, begin: float, end: float) -> None:
     demo = pour(sensor, 1)
     assert demo.truth is not None
@@ -79,8 +79,10 @@ def test_a_magnet_gripped_on_the_way_does_not_turn_the_path(sensor: str, begin: 
     assert off.max() < errors(demo.recording, demo.truth)[0].max() + 0.003
 
 
-@pytest.mark.parametrize("sensor", ["modern", "os5000", "wt901"])
-@pytest.mark.parametrize("always", [(25.0, 15.0, 5.0), (-20.0, 5.0, 12.0)])
+@pytest.mark.parametrize(
+    ("sensor", "always"),
+    [("modern", (25.0, 15.0, 5.0)), ("os5000", (-20.0, 5.0, 12.0)), ("wt901", (25.0, 15.0, 5.0))],
+)
 def test_a_magnet_on_the_hand_throughout_bends_nothing(sensor: str, always: tuple[float, float, float]) -> None:
     """North can't be known then. The path keeps its shape, as without a magnetometer."""
     for task in ("pour", random_task(5)):
@@ -92,7 +94,7 @@ def test_a_magnet_on_the_hand_throughout_bends_nothing(sensor: str, always: tupl
         assert off.max() < without.max() + 0.002
 
 
-@pytest.mark.parametrize("place", [(0.12, 0.15, -0.20), (-0.10, 0.05, -0.05), (0.2, 0.3, 0.2)])
+@pytest.mark.parametrize("place", [(0.12, 0.15, -0.20), (0.2, 0.3, 0.2)])
 def test_a_magnet_on_the_table_bends_nothing(place: tuple[float, float, float]) -> None:
     demo = pour("modern", 3)
     assert demo.truth is not None
@@ -112,7 +114,7 @@ def test_a_magnetometer_that_jumps_once_does_no_harm() -> None:
     assert off.max() < errors(demo.recording, demo.truth)[0].max() + 0.002
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=8, deadline=None)
 @example("wt901", "long", 441, World(field=(3.0, 12.0, 55.0)))  # steep, and a vertical that is wrong by 3 degrees
 @given(
     st.sampled_from(["os5000", "wt901", "modern", "ideal"]),
@@ -121,14 +123,9 @@ def test_a_magnetometer_that_jumps_once_does_no_harm() -> None:
     st.sampled_from([World(), World(field=(0.0, 40.0, 5.0)), World(field=(3.0, 12.0, 55.0))]),
 )
 def test_a_clean_field_warns_of_nothing(sensor: str, task: str, seed: int, world: World) -> None:
-    what = {"random": random_task(seed), "long": random_task(seed, moves=25)}.get(task, task)
+    what = {"random": random_task(seed), "long": random_task(seed, moves=15)}.get(task, task)
     recording = simulate(what, SENSOR_MODELS[sensor], seed, world=world).recording
     assert not [message for message in warned(recording) if "magnetic" in message]
-
-
-def test_undisturbed_real_recordings_warn_of_nothing(data_folder: Path) -> None:
-    for file in sorted((data_folder / "broad").glob("*undisturbed*.npz")):
-        assert warned(import_file(file).recording) == [], file.name
 
 
 def test_heading_is_that_of_the_field() -> None:

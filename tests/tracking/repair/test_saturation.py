@@ -101,13 +101,12 @@ def test_one_line_says_how_many_which_axis_where_and_what_to_do() -> None:
 @pytest.mark.parametrize("rate_hz", [25.0, 60.0, 250.0])
 @pytest.mark.parametrize("sensor", ["os5000", "os5000-nogyro", "wt901", "modern", "ideal"])
 def test_nothing_is_found_where_nothing_clips(sensor: str, rate_hz: float) -> None:
-    for seed in range(2):
-        tasks: tuple[str | Task, ...] = (*TASKS, random_task(seed), fast(seed))
-        for task in tasks:
-            assert clips_of(simulate(task, limited(sensor), seed, rate_hz=rate_hz).recording) == ()
+    tasks: tuple[str | Task, ...] = (*TASKS, random_task(0), fast(0), fast(1))
+    for task in tasks:
+        assert clips_of(simulate(task, limited(sensor), 1, rate_hz=rate_hz).recording) == ()
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=15)
 @given(
     st.sampled_from(["os5000", "wt901", "modern"]),
     st.floats(0.1, 30.0),
@@ -164,7 +163,7 @@ def test_a_clipped_parabola_is_continued_and_as_unsure_as_the_continuation() -> 
 def test_the_roll_of_test_1_is_put_back_by_gravity() -> None:
     """Its peak of 640 deg/s clips at 500 deg/s, which loses about five degrees."""
     lost, tilt = [], []
-    for seed in range(5):
+    for seed in range(3):
         clipped = simulate("pick-and-place-stops", "os5000", seed)
         free = simulate("pick-and-place-stops", limited("os5000"), seed).recording
         assert clipped.recording.gyr is not None
@@ -182,7 +181,7 @@ def test_the_roll_of_test_1_is_put_back_by_gravity() -> None:
 @pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
 @pytest.mark.parametrize(
     ("sensor", "gyr_deg", "acc", "seeds"),
-    [("modern", 200.0, inf, 8), ("modern", inf, 12.0, 8)],
+    [("modern", 200.0, inf, 8), ("modern", inf, 12.0, 5)],
 )
 def test_a_clipped_recording_is_tracked_far_better_than_it_was_sampled(
     sensor: str, gyr_deg: float, acc: float, seeds: int, monkeypatch: pytest.MonkeyPatch
@@ -208,7 +207,7 @@ def test_a_clipped_recording_is_tracked_far_better_than_it_was_sampled(
 @pytest.mark.parametrize(("gyr_deg", "acc"), [(150.0, inf), (inf, 12.0)])
 def test_sigma_widens_in_the_move_that_clips_and_not_before(gyr_deg: float, acc: float) -> None:
     grown = []
-    for seed in range(4):
+    for seed in range(3):
         recording = simulate(fast(seed), limited("modern", gyr_deg, acc), seed).recording
         clipped, free = track(recording), track(simulate(fast(seed), limited("modern"), seed).recording)
         assert len(clipped.stops) == len(free.stops)
@@ -224,7 +223,7 @@ def test_sigma_widens_in_the_move_that_clips_and_not_before(gyr_deg: float, acc:
 def test_a_clipped_turn_about_the_vertical_is_put_back_by_the_move_around_it() -> None:
     """Gravity does not show the lost turn. The hand's velocity does: it would not end at zero."""
     off, sigmas = [], []
-    for seed in range(6):
+    for seed in range(4):
         demo = simulate(random_task(3, moves=4), limited("modern", 60.0), seed)
         assert demo.truth is not None
         path = track(replace(demo.recording, mag=None))

@@ -61,9 +61,8 @@ def with_spike(recording: Recording, channel: str, row: int, axis: int, value: f
     return with_channel(recording, channel, values)
 
 
-@pytest.mark.parametrize("sensor", ["modern", "os5000"])
+@pytest.mark.parametrize(("sensor", "t"), [("modern", 0.0), ("modern", 2.9), ("modern", 22.0), ("os5000", 2.9)])
 @pytest.mark.parametrize(("channel", "value"), [("acc", -500.0), ("gyr", 30.0)])
-@pytest.mark.parametrize("t", [0.0, 2.9, 22.0])
 def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: float, t: float) -> None:
     recording = pour(sensor, 1).recording
     row = int(np.searchsorted(recording.t, t))
@@ -104,7 +103,7 @@ def test_real_impacts_and_fast_hands_have_no_wild_samples(data_folder: Path) -> 
     for recording in recordings.values():
         assert without_wild(recording) is recording
     for sensor in WITH_GYRO:
-        for seed in range(5):
+        for seed in range(2):
             fast = simulate(random_task(seed, move_s=(0.15, 0.3)), sensor, seed).recording
             assert without_wild(fast) is fast
 
@@ -161,10 +160,9 @@ def test_a_sensor_without_noise_is_not_dead() -> None:
     along_z = replace(along_z, waypoints=tuple(replace(w, p=(0.0, 0.0, w.p[2])) for w in along_z.waypoints))
     tasks: tuple[str | Task, ...] = ("pour", "pick-and-place-direct", along_z)
     for task in tasks:
-        for gravity in (9.78, 9.81):
-            keyframes, errors = keyframes_and_errors(simulate(task, "ideal", world=World(gravity=gravity)))
-            assert len(keyframes) >= 2
-            assert errors.max() < 0.01
+        keyframes, errors = keyframes_and_errors(simulate(task, "ideal", world=World(gravity=9.78)))
+        assert len(keyframes) >= 2
+        assert errors.max() < 0.01
 
 
 @uncalibrated
@@ -197,10 +195,9 @@ def test_a_sensor_that_freezes_in_a_move_is_refused() -> None:
 
 @pytest.mark.parametrize("sensor", [*SENSOR_MODELS])
 def test_nothing_is_frozen_in_a_clean_recording(sensor: str, data_folder: Path) -> None:
-    for seed in range(3):
-        tasks: list[str | Task] = [*TASKS, random_task(seed)]
-        for task in tasks:
-            assert not frozen_rows(simulate(task, sensor, seed).recording).any()
+    tasks: list[str | Task] = [*TASKS, random_task(0)]
+    for task in tasks:
+        assert not frozen_rows(simulate(task, sensor, 0).recording).any()
     if sensor == "modern":
         assert not any(frozen_rows(recording).any() for recording in real_recordings(data_folder).values())
 
@@ -272,18 +269,18 @@ def test_a_turn_about_the_vertical_is_not_taken_for_rest(seed: int) -> None:
 def test_axes_that_are_not_the_accelerometers_are_found_out(how: str, sensor: str) -> None:
     """They are found nearly always if the hand turns about several axes. If it hardly turns, nothing shows them."""
     said = []
-    for seed in range(6):
+    for seed in range(4):
         recording = spoilt(simulate(random_task(seed, max_turn=1.8, moves=20), sensor, seed), how)
         try:
             refuse_disagreement(recording)
         except RecordingError as error:
             said.append(error.message)
-    assert len(said) >= 5
+    assert len(said) >= 3
     assert all("import the file with --column g" in message for message in said)
 
 
 @pytest.mark.filterwarnings("ignore:.*far more than such a sensor:pbd.errors.PbdWarning")  # one recording in twenty
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(st.sampled_from(["modern", "ideal"]), st.floats(9.6, 10.0), st.integers(0, 100))
 def test_gravity_is_what_the_sensor_shows(sensor: str, gravity: float, seed: int) -> None:
     keyframes, errors = keyframes_and_errors(simulate("pour", sensor, seed, world=World(gravity=gravity)))

@@ -24,7 +24,7 @@ TASKS = {
     "wt901": ("pour", "random", "tipping"),
     "wandering": ("dawdling",),
 }
-SEEDS = {"modern": range(2, 5), "os5000": range(2, 5), "wt901": range(2, 5), "wandering": range(2, 8)}
+SEEDS = {"modern": range(2, 4), "os5000": range(2, 4), "wt901": range(2, 4), "wandering": range(2, 5)}
 
 POSITION, ROTATION = (0.4, 1.4), (0.4, 1.8)
 

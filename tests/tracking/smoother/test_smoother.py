@@ -99,7 +99,7 @@ def errors(demo: Demonstration) -> tuple[Array, Array, Estimate]:
 def test_every_stop_is_found_and_the_truth_lies_within_its_sigma(sensor: str) -> None:
     """Of normal errors 68 % lie within one sigma and 95 % within two; here 44 in position, 48 in rotation a seed."""
     scaled: list[Array] = []
-    for seed in range(4, 8):
+    for seed in range(4, 6):
         off, turn, found = errors(simulate("pour", sensor, seed))
         assert len(found.stops) == 11
         sigma = np.sqrt(np.diagonal(found.covariance.of_each, axis1=1, axis2=2))
@@ -147,17 +147,16 @@ def test_a_foot_turns_about_the_point_that_it_treads_on() -> None:
 
 
 def test_a_perfect_sensor_is_followed_to_half_a_millimetre() -> None:
-    for seed in range(4):
+    for seed in range(2):
         off, turn, _ = errors(simulate(random_task(seed), "ideal", rate_hz=100.0))
         assert np.linalg.norm(off, axis=1).max() < 5e-4
         assert np.abs(turn).max() < np.radians(0.05)
 
 
 def test_without_a_gyro_the_devices_attitude_serves() -> None:
-    for seed in range(2):
-        off, _, found = errors(simulate("pour", "os5000-nogyro", seed))
-        assert len(found.stops) == 11
-        assert np.linalg.norm(off[-1]) < 0.1
+    off, _, found = errors(simulate("pour", "os5000-nogyro", 0))
+    assert len(found.stops) == 11
+    assert np.linalg.norm(off[-1]) < 0.1
 
 
 @pytest.mark.parametrize("at_once", [4, 256])
