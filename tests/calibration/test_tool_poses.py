@@ -42,6 +42,7 @@ def test_a_registration_is_used_unchanged() -> None:
     assert nav_in_base(Calibration("x", T_base_nav=T_base_nav), quat_exp((1.0, 0.0, 0.0))) is T_base_nav
 
 
+@settings(max_examples=30)
 @given(vectors, yaws, yaws, st.floats(-1.4, 1.4), yaws)
 def test_the_declared_heading_becomes_the_measured_one(
     p: Array, declared: float, measured: float, pitch: float, roll: float
@@ -83,6 +84,7 @@ def test_tilt_above_5_degrees_gives_a_warning(tilt_deg: float, warned: bool) -> 
     assert [f"tilted by {tilt_deg:.0f} degrees" in str(warning.message) for warning in caught] == [True] * warned
 
 
+@settings(max_examples=30)
 @given(yaws, yaws)
 def test_any_attitude_gives_no_warning_of_tilt(declared: float, measured: float) -> None:
     """In the tests every warning is an error."""
@@ -96,6 +98,7 @@ def test_any_attitude_gives_no_warning_of_tilt(declared: float, measured: float)
 # --- tool_poses -------------------------------------------------------------------------------------------------------
 
 
+@settings(max_examples=30)
 @given(paths, poses, poses)
 def test_touching_frames_cancel(path: list[Pose], T_base_nav: Pose, T_sensor_tool: Pose) -> None:
     """Homogeneous matrices as the oracle."""
@@ -117,6 +120,7 @@ def test_a_level_sensor_makes_a_gripper_that_points_down() -> None:
 
 
 @pytest.mark.parametrize("orientation", ["demo", "fixed"])
+@settings(max_examples=30)
 @given(path=paths, T_base_nav=poses, T_sensor_tool=poses)
 def test_scale_multiplies_only_the_hands_path(
     orientation: str, path: list[Pose], T_base_nav: Pose, T_sensor_tool: Pose
@@ -132,6 +136,7 @@ def test_scale_multiplies_only_the_hands_path(
         assert_allclose(after.p - before.p, quat_rotate(T_base_nav.wxyz, T_nav_sensor.p), atol=1e-13)
 
 
+@settings(max_examples=30)
 @given(paths, yaws, vectors)
 def test_orientation_fixed(path: list[Pose], yaw: float, lever: Array) -> None:
     """The tool starts as in the demonstration, follows the hand's path and never turns."""

@@ -18,7 +18,7 @@ from pbd.sensors.protocols import PROTOCOLS
 from tests.benchmarks.wires import MIXED
 from tests.record.speakers import SPEAKERS, Device, Speaker, Wire, bad_cable, random_hand
 
-ROWS, PACE_HZ = 220, 600.0
+ROWS, PACE_HZ = 220, 1200.0
 every = pytest.mark.parametrize("name", SPEAKERS)
 
 

@@ -172,7 +172,7 @@ def test_a_sensor_that_comes_back_is_waited_for(tmp_path: Path, pouring: Recordi
 @pytest.fixture
 def silent(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, str]]:
     """A pseudo-terminal whose other end is ours; little patience."""
-    monkeypatch.setattr(loop, "SILENT_S", 0.4)
+    monkeypatch.setattr(loop, "SILENT_S", 0.2)
     master, slave = os.openpty()
     tty.setraw(slave)
     yield master, os.ttyname(slave)
@@ -183,7 +183,7 @@ def silent(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, str]]:
 def test_silence_is_told(tmp_path: Path, silent: tuple[int, str]) -> None:
     person = Watched()
     with pytest.raises(
-        SensorError, match=r"is silent at 9600 baud: nothing came in 0\.4 s; check that the sensor is on"
+        SensorError, match=r"is silent at 9600 baud: nothing came in 0\.2 s; check that the sensor is on"
     ):
         record(
             lambda: open_port(silent[1], 9600),
