@@ -171,9 +171,9 @@ def test_at_the_last_stop_it_agrees_with_the_batch_smoother(sensor: str) -> None
 @uncalibrated
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_the_truth_lies_within_its_sigma(sensor: str) -> None:
-    """Of normal errors 95 % lie within two sigma; here 60 each in position and in rotation."""
+    """Of normal errors 95 % lie within two sigma; here 120 each in position and in rotation."""
     scaled: list[Array] = []
-    for seed in range(2):
+    for seed in range(4):
         demo = pour(sensor, seed)
         assert demo.truth is not None
         truth, keyframes = demo.truth, poured(sensor, seed)[0].keyframes

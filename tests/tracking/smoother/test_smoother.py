@@ -99,7 +99,7 @@ def errors(demo: Demonstration) -> tuple[Array, Array, Estimate]:
 def test_every_stop_is_found_and_the_truth_lies_within_its_sigma(sensor: str) -> None:
     """Of normal errors 68 % lie within one sigma and 95 % within two; here 44 in position, 48 in rotation a seed."""
     scaled: list[Array] = []
-    for seed in range(4, 6):
+    for seed in range(4, 8):
         off, turn, found = errors(simulate("pour", sensor, seed))
         assert len(found.stops) == 11
         sigma = np.sqrt(np.diagonal(found.covariance.of_each, axis1=1, axis2=2))
