@@ -27,6 +27,9 @@ COARSE = """
     clearTimeout(quality.settled);"""
 """Scenes are drawn coarsely, as drawing takes most of the time without a graphics card."""
 
+LOADED_AT = (300, 200)
+"""Size of a page, pixels, while it starts: its first frames are drawn before COARSE."""
+
 
 def until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
     end = time.monotonic() + seconds
@@ -42,9 +45,13 @@ class Page:
         self.browser: Any = browser  # Chromium has more methods, without types
         browser.errors()
         browser.requests()
+        size = browser.size
+        browser.set_size(*LOADED_AT)
         browser.get(address)
         until(lambda: self("return window.pbd && pbd.ready"), f"{address} to start; the browser says {self.errors()}")
         self(COARSE)
+        browser.set_size(*size)
+        until(lambda: self("return [innerWidth, innerHeight]") == list(size), f"a page of {size}")
 
     def __call__(self, script: str) -> Any:
         return self.browser.execute_script(script)

@@ -42,6 +42,7 @@ class Chromium(Chrome):  # type: ignore[misc]  # selenium is not followed
 
     def set_size(self, width: int = 1200, height: int = 750) -> None:
         """Set the size of pages, pixels."""
+        self.size = width, height
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
 

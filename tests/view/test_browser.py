@@ -36,10 +36,10 @@ def scene() -> ReplayScene:
 
 @pytest.fixture(scope="module")
 def opened(chrome: Chromium, replay_file: Path) -> Replay:
-    """Opened once. The robot is hidden: without a graphics card it takes most of the time to draw."""
+    """Opened once. The scene is hidden: without a graphics card it takes most of the time to draw."""
     replay = Replay(chrome, replay_file.as_uri())
     assert not replay.began
-    replay("pbd.page.stage.node('pbd', 'robot').visible = false")
+    replay("pbd.page.stage.node('pbd').visible = false")
     return replay
 
 
@@ -307,9 +307,7 @@ def test_nothing_overlaps(replay: Replay) -> None:
         replay.browser.set_size()
 
 
-def test_all_columns_and_notes_are_reachable_in_a_small_window(chrome: Chromium, tmp_path: Path) -> None:
-    write_page(scenes.ur5_moves(), tmp_path / "small.html")
-    replay = Replay(chrome, (tmp_path / "small.html").as_uri())
+def test_all_columns_and_notes_are_reachable_in_a_small_window(replay: Replay) -> None:
     try:
         for width, height in ((800, 600), (400, 800)):
             replay.browser.set_size(width, height)

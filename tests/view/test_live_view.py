@@ -67,7 +67,9 @@ def view() -> Iterator[LiveView]:
 @pytest.fixture(scope="module")
 def page(view: LiveView, chrome: Chromium) -> Iterator[Page]:
     chrome.set_media(motion="no-preference")  # the camera glides
+    chrome.set_size(640, 480)
     yield Page(chrome, view._viewer.url)
+    chrome.set_size()
     chrome.set_media()
 
 

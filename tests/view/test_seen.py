@@ -68,7 +68,7 @@ def test_each_part_is_seen_where_it_is(chrome: Chromium, tmp_path: Path) -> None
     scene = scenes.in_the_way()
     parts = ["robot", "hand_path", "tool_path", "keyframes", "object", "obstacles"]
     write_page(scene, tmp_path / "page.html")
-    chrome.set_size(640, 480)
+    chrome.set_size(400, 300)
     chrome.set_media("dark")  # a white robot on white ground differs little
     try:
         replay = Replay(chrome, (tmp_path / "page.html").as_uri())
