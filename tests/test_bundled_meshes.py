@@ -39,8 +39,12 @@ def described(path: Path) -> list[str]:
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
     bounds = (*corners.min(axis=(0, 1)), *corners.max(axis=(0, 1)), area)
     rgb = np.rint(255.0 * np.nan_to_num(soup.rgb, nan=-1.0)).astype(int)
-    colours = zip(*np.unique(rgb, axis=0, return_counts=True), strict=True)
-    named = [f"{','.join(map(str, each)) if each[0] >= 0 else 'nan'}:{count}" for each, count in colours]
+    codes, counts = np.unique(rgb @ (1 << 16, 1 << 8, 1), return_counts=True)  # rows take long to sort
+    colours = [(code >> 16, code >> 8 & 255, code & 255) if code >= 0 else None for code in codes]
+    named = [
+        f"{'nan' if each is None else ','.join(map(str, each))}:{count}"
+        for each, count in zip(colours, counts, strict=True)
+    ]
     return [str(len(corners)), *(f"{bound:.6g}" for bound in bounds), *named]
 
 
