@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from functools import cache
 from typing import Any
 
 import coal
@@ -18,10 +19,8 @@ class Dense:
 
     def __init__(self, robot: Robot, obstacles: Sequence[Obstacle], every_s: float = 1e-3) -> None:
         self.robot, self.every_s = robot, every_s
-        self.model = pin.buildModelFromUrdf(str(robot.urdf))
-        folders = [str(folder) for folder in robot.package_dirs]
-        kind = pin.GeometryType.COLLISION
-        self.geometry = pin.buildGeomFromUrdf(self.model, str(robot.urdf), kind, package_dirs=folders)
+        self.model, links = _read(str(robot.urdf), tuple(map(str, robot.package_dirs)))
+        self.geometry = links.copy()  # which shares the meshes
         self.names = [str(self.model.frames[each.parentFrame].name) for each in self.geometry.geometryObjects]
         base = self.model.frames[self.model.getFrameId(robot.base, pin.FrameType.BODY)].placement
         for obstacle in obstacles:
@@ -43,22 +42,30 @@ class Dense:
         t = np.append(np.arange(0.0, trajectory.duration, self.every_s), trajectory.duration)
         samples = trajectory.at(t)
         return any(
-            pin.computeCollisions(self.model, data, self.geometry, placed, self.configuration(q, opening), True)
-            for q, opening in zip(samples.q, samples.gripper, strict=True)
+            pin.computeCollisions(self.model, data, self.geometry, placed, q, True)
+            for q in self.configuration(samples.q, samples.gripper)
         )
 
-    def configuration(self, q: Any, opening: float) -> Any:
-        configuration = pin.neutral(self.model)
+    def configuration(self, q: Any, opening: Any) -> Any:
+        """Return pinocchio's configuration for joints (k,) and an opening, or one for each of (n, k) and (n,)."""
+        configuration = np.tile(pin.neutral(self.model), (*np.shape(opening), 1))
         for name, value in joint_values(self.robot, q, opening).items():
-            configuration[self.model.joints[self.model.getJointId(name)].idx_q] = value
+            configuration[..., self.model.joints[self.model.getJointId(name)].idx_q] = value
         return configuration
 
 
-def joint_values(robot: Robot, q: Any, opening: float) -> dict[str, float]:
-    """Return the value of each joint of arm and gripper, by name."""
-    values = dict(zip(robot.joints, q, strict=True))
+@cache
+def _read(urdf: str, folders: tuple[str, ...]) -> tuple[Any, Any]:
+    model = pin.buildModelFromUrdf(urdf)
+    return model, pin.buildGeomFromUrdf(model, urdf, pin.GeometryType.COLLISION, package_dirs=[*folders])
+
+
+def joint_values(robot: Robot, q: Any, opening: Any) -> dict[str, Any]:
+    """Return the value, or the values (n,), of each joint of arm and gripper, by name."""
+    values = dict(zip(robot.joints, np.transpose(q), strict=True))
     if (gripper := robot.gripper) is not None:
-        values |= dict(zip(gripper.joints, gripper.closed + opening * (gripper.open - gripper.closed), strict=True))
+        fingers = gripper.closed + np.multiply.outer(opening, gripper.open - gripper.closed)
+        values |= dict(zip(gripper.joints, fingers.T, strict=True))
     return values
 
 

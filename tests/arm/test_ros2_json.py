@@ -19,18 +19,18 @@ from pbd.files.demo import load_demo
 from pbd.files.exporters import export
 from pbd.files.exporters.controller_interpolation import limit_shares
 from pbd.planning import PlanOptions
-from tests.arm.bundled import DEMOS, arm_of, keyframes_of, path_of
+from tests.arm.bundled import arm_of, keyframes_of, path_of
 from tests.arm.controller import Controller, refuse, seconds
 from tests.arm.straight import time_keyframes
 from tests.remembered import remembering
 
-ARMS = ("panda", "ur5", "so101", "xarm7")
-IMPOSSIBLE = (("so101", "pouring", "line"), ("so101", "pouring", "demo"))  # five joints can't follow the turn
 MOTIONS = [
-    motion for k, arm in enumerate(ARMS) for i, path in enumerate(("keyframes", "line", "demo"))
-    if (motion := (arm, DEMOS[(i + k) % 3], path)) not in IMPOSSIBLE
-]  # fmt: skip
-"""Every arm along every path, every demonstration along every path."""
+    ("panda", "pouring", "keyframes"),
+    ("xarm7", "paper-test1", "line"),
+    ("ur5", "paper-test2", "demo"),
+    ("so101", "paper-test1", "keyframes"),
+]
+"""Arms of five, six and seven joints, straight and along curves."""
 
 
 @cache
@@ -69,9 +69,9 @@ def test_the_controller_moves_the_arm_as_planned_within_every_limit(
         assert_allclose(controller.at(trajectory.keyframe_t), trajectory.keyframe_q, atol=1e-7)
 
 
-@pytest.mark.parametrize("rate_hz", [20.0, 100.0, 1000.0])
+@pytest.mark.parametrize("rate_hz", [20.0, 1000.0])
 def test_samples_at_a_rate_add_points_and_change_no_motion(tmp_path: Path, rate_hz: float) -> None:
-    robot, trajectory = planned("panda", "pouring", "keyframes")
+    robot, trajectory = planned("panda", "paper-test2", "keyframes")
     goal = goals(robot, trajectory, tmp_path / "goal.json", rate_hz)
     refuse(goal, robot.joints)
     t = np.array([seconds(point["time_from_start"]) for point in goal["points"]])

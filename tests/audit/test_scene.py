@@ -47,7 +47,7 @@ def test_no_point_moves_farther_than_its_bound(name: str, odd_robot: Robot) -> N
         p = rng.normal(0.0, 0.1, 3)
         thing = simple_solid("thing", joint, pin.SE3(np.eye(3), p), "sphere", (1e-6,))
         travel = motion.travel(Pair(thing, still))
-        for row in rng.integers(0, len(motion.t) - 1, 10):
+        for row in rng.integers(0, len(motion.t) - 1, 5):
             fine = coordinates(trajectory, np.linspace(motion.t[row], motion.t[row + 1], 200))
             steps = np.diff([arm.joint_poses(x)[joint].act(p) for x in fine], axis=0)
             assert np.linalg.norm(steps, axis=1).sum() <= travel[row + 1] - travel[row] + 1e-9
@@ -55,7 +55,7 @@ def test_no_point_moves_farther_than_its_bound(name: str, odd_robot: Robot) -> N
 
 @pytest.mark.parametrize("name", ["odd", "panda", "so101", "kinova"])
 def test_nothing_touches_in_spans_that_bounding_spheres_rule_out(name: str, odd_robot: Robot) -> None:
-    """All pairs, with a table, a ball and a carried bottle, at a random instant of each such span."""
+    """All pairs, with a table, a ball and a carried bottle, at a random instant of every other such span."""
     robot = odd_robot if name == "odd" else arm_of(name).robot
     arm, rng = AuditArm(robot), np.random.default_rng(0)
     trajectory = swing(robot)
@@ -65,10 +65,11 @@ def test_nothing_touches_in_spans_that_bounding_spheres_rule_out(name: str, odd_
     starts = np.arange(0, len(motion.t), SPAN)
     rows = rng.integers(starts, np.minimum(starts + SPAN, len(motion.t) - 1) + 1)
     for pair in scene.pairs(trajectory):
-        for row in np.delete(rows, motion.close_spans(pair, motion.travel(pair))).tolist():
+        close = motion.close_spans(pair, motion.travel(pair))
+        for row in np.delete(rows, close)[::2].tolist():
             assert hull_distance(*pair.placed(motion.placement(row))) > 0.0
             ruled_out += 1
-    assert ruled_out > 1000
+    assert ruled_out > 500
 
 
 def test_the_last_instant_is_in_a_span_whatever_their_number() -> None:
@@ -85,7 +86,7 @@ def test_the_last_instant_is_in_a_span_whatever_their_number() -> None:
 
 @pytest.mark.parametrize("name", ["panda", "ur3", "so101", "z1"])
 def test_a_hull_encloses_its_mesh_closely(name: str) -> None:
-    directions = np.random.default_rng(0).normal(size=(100, 3))
+    directions = np.random.default_rng(0).normal(size=(30, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     for solid in link_solids(AuditArm(arm_of(name).robot)):
         if solid.mesh is not None:

@@ -115,7 +115,7 @@ def demonstrations(draw: st.DrawFn) -> Demonstration:
     )
 
 
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(demonstrations())
 def test_a_demonstration_is_read_as_written(written: Demonstration) -> None:
     with tempfile.TemporaryDirectory() as parent:

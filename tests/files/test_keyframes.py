@@ -93,7 +93,7 @@ def test_tracked_keyframes_are_read_as_written(tmp_path: Path) -> None:
     assert {keyframe.grip for keyframe in read} == {True, False, None}
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(
     st.lists(
         st.tuples(

@@ -113,7 +113,7 @@ def test_what_it_refuses(tmp_path: Path) -> None:
     with pytest.raises(
         PbdError, match=r"tea holds episodes of another robot, so101_follower, not of so100_follower; g"
     ):
-        made(tmp_path / "tea", "so100")
+        made(tmp_path / "tea", "so100", ("paper-test2",))
     with pytest.raises(PbdError, match="holds something else than a LeRobot dataset; give a new folder"):
         made(tmp_path, "so101")
     plan, robot, source = planned("so101")

@@ -63,9 +63,11 @@ def tool_by_tf(topics: Topics, robot: Any, i: int) -> Pose:
     return in_root(robot.base).inverse() @ in_root("pbd_tool")
 
 
-@pytest.mark.parametrize(("name", "read"), [("panda", by_rosbags), ("ur5", by_mcap_ros2)])
-def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, read: Any) -> None:
-    plan, robot, source = planned(name)
+@pytest.mark.parametrize(
+    ("name", "demo", "read"), [("panda", "pouring", by_rosbags), ("ur5", "paper-test2", by_mcap_ros2)]
+)
+def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, demo: str, read: Any) -> None:
+    plan, robot, source = planned(name, demo)
     export(plan.trajectory, robot, "mcap", tmp_path / "p.mcap", 20.0, source=source)
     assert list(tmp_path.iterdir()) == [tmp_path / "p.mcap"]
     topics, trajectory = read(tmp_path / "p.mcap"), plan.trajectory

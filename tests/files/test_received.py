@@ -21,7 +21,7 @@ from tests.arm.bundled import NAMES, arm_of
 from tests.files.test_formats import planned
 from tests.files.urscript import Controller
 
-RATES = {"csv": 100.0, "npz": 1000.0, "tum": 20.0, "mcap": 10.0, "glb": 10.0}
+RATES = {"csv": 100.0, "npz": 200.0, "tum": 20.0, "mcap": 10.0, "glb": 10.0}
 RULES = {
     "csv": "hold",
     "npz": "hold",

@@ -129,16 +129,16 @@ def test_a_thin_sheet_across_a_fast_move_is_found(arm: ArmModel, thick: float) -
 
 
 def dense(arm: ArmModel, scene: CollisionScene, names: set[str], trajectory: JointTrajectory) -> tuple[Array, Array]:
-    """Return instants (n,) with at most 0.1 mm of motion between them, and the least distance (n,) at each, m."""
+    """Return instants (n,) with at most 0.2 mm of motion between them, and the least distance (n,) at each, m."""
     everything = scene.always
     rows = [row for row, pair in enumerate(everything.pairs) if everything.bodies[pair[1]].name in names]
     watched = Clearance(arm, everything.bodies, everything.pairs[rows])
-    path = sample_trajectory(trajectory, watched.rates * STEP_M / 1e-4)
+    path = sample_trajectory(trajectory, watched.rates * STEP_M / 2e-4)
     return path.t, np.array([watched.distances(x).min() for x in path.x])
 
 
 def test_against_dense_sampling(arm: ArmModel) -> None:
-    """Random moves past a thin board and a rod: no contact that sampling at 0.1 mm finds is missed."""
+    """Random moves past a thin board and a rod: no contact that sampling at 0.2 mm finds is missed."""
     rng, verdicts = np.random.default_rng(0), []
     for q in random_joints(arm.robot, 5, seed=1, margin=0.3):
         ends = np.array([q, q + rng.uniform(-0.1, 0.1, 7)])
@@ -157,8 +157,8 @@ def test_against_dense_sampling(arm: ArmModel) -> None:
             assert found.t <= t[np.argmax(distance < 0.0)]
         if found is not None and found.hit.second in ("board", "rod"):
             at = distance[np.searchsorted(t, found.t)]
-            assert at < MARGIN_M + 2e-4  # it is no false alarm
-            assert found.hit.distance <= at + 2e-4  # and is told as deep as it gets
+            assert at < MARGIN_M + 3e-4  # it is no false alarm
+            assert found.hit.distance <= at + 3e-4  # and is told as deep as it gets
     assert any(verdicts)
     assert not all(verdicts)
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
+from scipy.spatial import KDTree
 
 from pbd.arm.timing import jerk as jerk_module
 from pbd.arm.timing import path_smoothing
@@ -35,7 +36,7 @@ def off(pieces: PiecewiseCubic, curve: Curve) -> float:
     """Oracle: the largest distance of the joints from a densely sampled curve, rad."""
     on = curve.q(np.linspace(0.0, curve.s[-1], 20_000))
     some = at(pieces)[:: max(1, 5 * len(pieces.durations) // 100)]
-    return max(float(np.linalg.norm(on - q, axis=1).min()) for q in some)
+    return float(np.max(KDTree(on).query(some)[0]))
 
 
 def shares(pieces: PiecewiseCubic, limits: JointLimits) -> list[float]:
@@ -74,7 +75,7 @@ def test_limits_are_kept_ends_are_met_and_the_curve_is_followed(jerk: float, see
     assert all(share <= 1.0 + 1e-4 for share in shares(nearer, limits))
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 2**32 - 1), factor=st.floats(0.05, 1.0), size=st.floats(1e-6, 1.0))
 def test_pieces_join_at_any_size_and_speed(seed: int, factor: float, size: float) -> None:
     limits, waypoints = limits_of(2.0, 8.0, 400.0), random_waypoints(seed, spread=size)
@@ -90,7 +91,7 @@ def test_pieces_join_at_any_size_and_speed(seed: int, factor: float, size: float
     assert (jerk <= factor * limits.jerk).all()
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_with_a_high_jerk_limit_it_is_near_the_optimum_without_one(seed: int) -> None:
     limits = arm_of("panda").limits
     waypoints = arm_of("panda").robot.home + random_waypoints(seed, joints=7, spread=0.1)
