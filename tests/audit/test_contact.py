@@ -145,7 +145,7 @@ def test_the_verdict_agrees_with_a_dense_check_of_the_meshes(name: str) -> None:
             if THE_TOOL not in (pair.first.name, pair.second.name)
         ]
         names = {frozenset((pair.first.name, pair.second.name)) for pair in pairs}
-        found, dense = find_touch(own, trajectory, pairs) is not None, Dense(arm.robot, [thing])
+        found, dense = find_touch(own, trajectory, pairs) is not None, Dense(arm.robot, [thing], 2e-3)
         verdicts.add(found)
         if dense.touch(trajectory, names, 0.0):
             assert found

@@ -17,7 +17,7 @@ from pbd.errors import PbdError, PbdWarning
 from tests.fuzz.mutate import mutated
 from tests.fuzz.readers import READERS
 
-MUTATIONS = 200
+MUTATIONS = 100
 MOST_S = 20
 """Processor time for all files of one reader, s; five times that on the clock, so that nothing waits for ever."""
 

@@ -64,7 +64,7 @@ def test_distances_are_exact(name: str) -> None:
 def test_distances_change_no_faster_than_the_bound(name: str) -> None:
     arm = arm_of(name)
     clearance, rng = links_only(arm), np.random.default_rng(0)
-    for x in coordinates(arm, 12):
+    for x in coordinates(arm, 8):
         step = rng.normal(size=x.shape) * rng.choice([0.003, 0.1, 1.0]) * (rng.random(x.shape) < 0.5)
         step[-1] = np.clip(x[-1] + step[-1], 0.0, 1.0) - x[-1]
         before, after = clearance.distances(x), clearance.distances(x + step)

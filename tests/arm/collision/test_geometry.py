@@ -47,7 +47,7 @@ def test_every_mesh_lies_in_the_bodies_of_its_link(name: str) -> None:
         bodies = [body for body in link_bodies(arm) if body.name == link]
         assert {body.joint for body in bodies} == {joint}
         for corner in vertices[np.unique(np.argmax(vertices @ directions.T, axis=0))]:
-            assert min(gap(corner, body) for body in bodies) < 1e-6
+            assert any(gap(corner, body) < 1e-6 for body in bodies)
 
 
 def gap(point: Array, body: Body) -> float:
