@@ -42,7 +42,7 @@ def read_damaged(name: str, folder: Path, answer: Connection) -> None:
             (folder / file).write_bytes(content)
         whole = reader.files[reader.changed]
         for seed in range(MUTATIONS):
-            path.write_bytes(mutated(whole, random.Random(f"{name} {seed}")) if seed else whole)
+            path.write_bytes(_damaged(whole, name, seed))
             answer.send(seed)
             try:
                 reader.read(path)
@@ -59,3 +59,8 @@ def read_damaged(name: str, folder: Path, answer: Connection) -> None:
         if said := printed.read(2000):
             faults.append(f"printed: {said!r}")
     answer.send((faults, refused))
+
+
+def _damaged(whole: bytes, name: str, seed: int) -> bytes:
+    """The file itself, then its first byte, which no reader takes for a file, then the file with mishaps."""
+    return (whole, whole[:1])[seed] if seed < 2 else mutated(whole, random.Random(f"{name} {seed}"))
