@@ -16,7 +16,7 @@ from tests.fuzz.run import read_damaged
 def forked() -> ForkServerContext:
     """Processes that have all that is heavy loaded."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["tests.fuzz.run"])
+    context.set_forkserver_preload(["tests.fuzz.run", "collada", "scipy.ndimage", "scipy.optimize", "trimesh"])
     return context
 
 
