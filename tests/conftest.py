@@ -36,7 +36,8 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Each bundled robot is read once, so that all tests of a process share what is cached of it.
 pytest.MonkeyPatch().setattr("pbd.files.robot.read_robot", reading_once(read_robot))
 
-settings.register_profile("pbd", deadline=None)  # nothing fails on time: the machine may be busy
+# Nothing fails on time: the machine may be busy. Tests whose fault is rare ask for more examples themselves.
+settings.register_profile("pbd", deadline=None, max_examples=25)
 settings.load_profile("pbd")
 
 
