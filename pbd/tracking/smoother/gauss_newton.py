@@ -15,7 +15,7 @@ from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.state import Fixed, State
 
-ANNEALING = (40.0, 10.0, 3.0)
+ANNEALING = (20.0, 3.0)
 """Factors on a stop's velocity sigma, before the last factor of 1. From an earlier solution only the last is used."""
 
 UNDOUBTED_SIGMAS = 2.0

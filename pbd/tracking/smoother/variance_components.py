@@ -63,11 +63,10 @@ def _of_legs(
     covariance A P A' (m - 1, 9, 9) of each leg's whitened prediction."""
     top, bottom, spread = np.zeros(2), np.zeros(2), np.empty(whiten.shape)
     for at in batches(len(whiten)):
-        A = whiten[at] @ jacobian[at]
-        parts = fixed.components[1:3, None, None, None] * (
-            whiten[at] @ problem.legs.parts[1:, at] @ whiten[at].transpose(0, 2, 1)
-        )
-        r, spread[at] = A[:, :, -1:], solved.of_legs(A[:, :, :-1], at.start)
+        A, back = whiten[at] @ jacobian[at], whiten[at].transpose(0, 2, 1)
+        spread[at] = solved.of_legs(A[:, :, :-1], at.start)
+        r, redundant = back @ A[:, :, -1:], back @ (np.eye(9) - spread[at]) @ whiten[at]
+        parts = fixed.components[1:3, None, None, None] * problem.legs.parts[1:, at]
         top += (r * (parts @ r)).sum(axis=(1, 2, 3))
-        bottom += np.trace(parts, axis1=2, axis2=3).sum(axis=1) - (parts * spread[at]).sum(axis=(1, 2, 3))
+        bottom += (parts * redundant).sum(axis=(1, 2, 3))
     return top.tolist(), bottom.tolist(), spread

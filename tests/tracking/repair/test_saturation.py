@@ -194,8 +194,8 @@ def test_a_clipped_recording_is_tracked_far_better_than_it_was_sampled(
         scaled += in_sigma
         as_it_is.append(flat(demo, monkeypatch))
         free.append(error_unclipped(sensor, seed))
-    assert np.median(as_it_is) > 0.02
-    assert np.median(restored) < 0.35 * np.median(as_it_is)
+    # Some of the recordings are tracked as well without it. A refusal counts as 10 cm.
+    assert np.minimum(restored, 0.1).mean() < 0.35 * np.minimum(as_it_is, 0.1).mean()
     assert np.median(restored) < np.median(free) + 0.008
     assert max(restored) < max(as_it_is)
     # Sigma is honest about what was guessed: no narrower than a normal error's would be by a tenth.
