@@ -26,7 +26,8 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
     from pbd.arm.collision.motion_check import object_stays
 
     (path, demo), arm = plan.tracked, arm_of(plan.robot)
-    placed = KeyframesInBase(plan.keyframes, plan.T_base_nav, plan.calibration, plan.options.scale, path)
+    placement = plan.T_base_nav, plan.calibration, plan.options.scale
+    placed = KeyframesInBase(plan.keyframes, *placement, path, plan.options.orientation)
     R = plan.scale * quat_to_matrix(plan.T_base_nav.wxyz)
     tolerances = [each.tolerance_m for each in plan.keyframes]
     success = success_of(placed) if any(each is not None for each in tolerances) else None

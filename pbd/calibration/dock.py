@@ -54,11 +54,15 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
 
 
 def in_base(
-    keyframes: Sequence[Keyframe], calibration: Calibration, scale: float = 1.0, path: HandPath | None = None
+    keyframes: Sequence[Keyframe],
+    calibration: Calibration,
+    scale: float = 1.0,
+    path: HandPath | None = None,
+    orientation: str = "demo",
 ) -> KeyframesInBase:
     """Place keyframes in base, by the attitude at the first of them; raises the errors of `nav_in_base`."""
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
-    return KeyframesInBase(keyframes, T_base_nav, calibration, scale, path)
+    return KeyframesInBase(keyframes, T_base_nav, calibration, scale, path, orientation)
 
 
 def dock_tilt(T_base_dock: Pose, wxyz_nav_sensor: Array) -> float:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from pbd.data import Calibration, HandPath, Keyframe, Robot
+from pbd.data.calibration import TOOL_DOWN
 from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, yaw_toward
 
 
@@ -19,6 +18,7 @@ class KeyframesInBase:
         keyframes: k of them. The first is the first rest, at the dock.
         calibration: its own scale multiplies `scale`.
         scale: multiplies p_nav_sensor and nothing else.
+        orientation: "demo", or "fixed": the tool keeps the heading of keyframe 0, with its z straight down.
         path: their path, with joint covariance and touch-ups; None: the keyframes' errors are independent.
     """
 
@@ -27,6 +27,7 @@ class KeyframesInBase:
     calibration: Calibration
     scale: float = 1.0
     path: HandPath | None = None
+    orientation: str = "demo"
 
 
 def with_table(calibration: Calibration, robot: Robot) -> Calibration:
@@ -36,13 +37,10 @@ def with_table(calibration: Calibration, robot: Robot) -> Calibration:
     return replace(calibration, table_height=robot.dock.table_height)
 
 
-def tool_poses(placed: KeyframesInBase, orientation: str = "demo") -> tuple[Pose, ...]:
+def tool_poses(placed: KeyframesInBase) -> tuple[Pose, ...]:
     """Return T_base_tool at each keyframe: T_base_nav @ T_nav_sensor @ T_sensor_tool, with the keyframe's own nudges.
 
     The path's touch-ups are not applied; see `touched_poses`.
-
-    Args:
-        orientation: "demo", or "fixed": the tool keeps the heading of keyframe 0, with its z straight down.
     """
     keyframes, T_base_nav, calibration = placed.keyframes, placed.T_base_nav, placed.calibration
     scale = placed.scale * calibration.scale
@@ -51,7 +49,7 @@ def tool_poses(placed: KeyframesInBase, orientation: str = "demo") -> tuple[Pose
         T_nav_sensor = keyframe.T_nav_sensor
         scaled = Pose(scale * T_nav_sensor.p, T_nav_sensor.wxyz)
         poses.append(T_base_nav @ scaled @ calibration.T_sensor_tool)
-    if orientation == "fixed":
+    if placed.orientation == "fixed":
         fixed = pointing_down(poses[0].wxyz)
         # The tool follows the hand's path at a constant offset, that of keyframe 0.
         lever = poses[0].p - (T_base_nav @ Pose(scale * keyframes[0].T_nav_sensor.p, fixed)).p
@@ -66,5 +64,4 @@ def _nudged(T_base_tool: Pose, keyframe: Keyframe) -> Pose:
 
 def pointing_down(wxyz_base_tool: Array) -> Array:
     """Return the rotation with z straight down that is nearest to a tool's."""
-    down = np.array([0.0, 1.0, 0.0, 0.0])
-    return quat_multiply(quat_about_z(yaw_toward(down, wxyz_base_tool)), down)
+    return quat_multiply(quat_about_z(yaw_toward(TOOL_DOWN.wxyz, wxyz_base_tool)), TOOL_DOWN.wxyz)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
-from pbd.calibration.uncertainty import joint_tool_covariance
+from pbd.calibration.uncertainty import joint_tool_covariance, keyframes_covariance
 from pbd.data import HandPath, Keyframe, TouchUp
 from pbd.pose import Array, Pose, quat_rotate
 
@@ -24,26 +24,6 @@ class TouchedUp(NamedTuple):
 
     shift: Array
     cov: Array
-
-
-def keyframes_covariance(path: HandPath | None, keyframes: Sequence[Keyframe]) -> Array:
-    """Return the joint covariance (6k, 6k) of keyframes in nav.
-
-    A keyframe within a stop of the path has errors in common with the path's others. The errors of a keyframe that a
-    person inserted are independent; a keyframe without a covariance is exact.
-    """
-    k = len(keyframes)
-    joint = np.zeros((k, 6, k, 6))
-    joint[range(k), :, range(k)] = [keyframe.cov for keyframe in keyframes]
-    if path is not None:
-        stops = {
-            i: stop
-            for i, keyframe in enumerate(keyframes)
-            if keyframe.cov.any() and (stop := path.stop_at(keyframe.t)) is not None
-        }
-        rows, of_path = list(stops), path.covariance.joint(list(stops.values()))
-        joint[np.ix_(rows, range(6), rows, range(6))] = of_path.reshape(len(rows), 6, len(rows), 6)
-    return joint.reshape(6 * k, 6 * k)
 
 
 def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base_nav: Pose, cov: Array) -> TouchedUp:
@@ -118,9 +98,9 @@ def _touch_ups_of(path: HandPath | None) -> tuple[TouchUp, ...]:
     return () if path is None or path.tracking is None else path.tracking.demo.touch_ups
 
 
-def touched_poses(placed: KeyframesInBase, orientation: str = "demo") -> tuple[Pose, ...]:
+def touched_poses(placed: KeyframesInBase) -> tuple[Pose, ...]:
     """Return the poses of `tool_poses`, shifted by the demonstration's touch-ups."""
-    poses = tool_poses(placed, orientation)
+    poses = tool_poses(placed)
     if not _touch_ups_of(placed.path):
         return poses
     return tuple(Pose(pose.p + by, pose.wxyz) for pose, by in zip(poses, touched_up(placed).shift, strict=True))

@@ -2,33 +2,64 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from pbd.calibration.tool_poses import KeyframesInBase
-from pbd.data import Calibration
-from pbd.pose import Array, quat_rotate, quat_to_matrix, skew
+from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
+from pbd.data import Calibration, HandPath, Keyframe
+from pbd.data.calibration import TOOL_DOWN
+from pbd.pose import Array, quat_inverse, quat_multiply, quat_rotate, quat_to_matrix, skew
 
 PARTS = {"start": "where the hand starts", "mount": "the mount", "tracking": "tracking"}
 """Sources of the tool's uncertainty, and their names for the user."""
+
+
+def keyframes_covariance(path: HandPath | None, keyframes: Sequence[Keyframe]) -> Array:
+    """Return the joint covariance (6k, 6k) of keyframes in nav.
+
+    A keyframe within a stop of the path has errors in common with the path's others. The errors of a keyframe that a
+    person inserted are independent; a keyframe without a covariance is exact.
+    """
+    k = len(keyframes)
+    joint = np.zeros((k, 6, k, 6))
+    joint[range(k), :, range(k)] = [keyframe.cov for keyframe in keyframes]
+    if path is not None:
+        stops = {
+            i: stop
+            for i, keyframe in enumerate(keyframes)
+            if keyframe.cov.any() and (stop := path.stop_at(keyframe.t)) is not None
+        }
+        rows, of_path = list(stops), path.covariance.joint(list(stops.values()))
+        joint[np.ix_(rows, range(6), rows, range(6))] = of_path.reshape(len(rows), 6, len(rows), 6)
+    return joint.reshape(6 * k, 6 * k)
 
 
 def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     """Return the covariance (k, 6, 6) of the tool's position and rotation vector in base, m and rad, for each of PARTS.
 
     The sum of the parts is the total. From p_base_tool = t + R (s p + R_k l), with t and R nav in base, p and R_k the
-    sensor in nav, l the tool in sensor axes: the uncertainty of each of them, propagated to first order. A mount that
-    was never calibrated counts as exact.
+    sensor in nav, l the tool in sensor axes: the uncertainty of each of them, propagated to first order. With a fixed
+    orientation R_k is that of keyframe 0. A mount that was never calibrated counts as exact.
     """
     J, calibration = _jacobians(placed), placed.calibration
     cov = {
         "start": calibration.cov_start,
         "mount": _mount_covariance(calibration),
-        "tracking": np.array([keyframe.cov for keyframe in placed.keyframes]),
+        "tracking": _covariances_with_first(placed),
     }
     return {part: np.asarray(J[part] @ cov[part] @ J[part].transpose(0, 2, 1)) for part in PARTS}
+
+
+def _covariances_with_first(placed: KeyframesInBase) -> Array:
+    """Return the covariance (k, 12, 12) of the first keyframe's pose in nav and of each keyframe's."""
+    first, *others = placed.keyframes
+    if placed.orientation == "fixed":
+        itself = np.kron(np.ones((2, 2)), first.cov)
+        return np.array([itself, *(keyframes_covariance(placed.path, (first, each)) for each in others)])
+    return np.array([np.kron(np.diag((0.0, 1.0)), each.cov) for each in placed.keyframes])  # the first doesn't matter
 
 
 def joint_tool_covariance(cov_nav_sensor: Array, placed: KeyframesInBase) -> Array:
@@ -39,11 +70,13 @@ def joint_tool_covariance(cov_nav_sensor: Array, placed: KeyframesInBase) -> Arr
     """
     J, calibration = _jacobians(placed), placed.calibration
     start, mount = J["start"].reshape(-1, 6), J["mount"].reshape(-1, 6)
-    k = len(placed.keyframes)
-    tracked = np.einsum("iab,ibjc,jdc->iajd", J["tracking"], cov_nav_sensor.reshape(k, 6, k, 6), J["tracking"])
+    tracked = cov_nav_sensor
+    for _ in range(2):  # rows, then columns
+        poses = tracked.T.reshape(len(placed.keyframes), 6, -1)
+        with_first = np.concatenate((np.broadcast_to(poses[:1], poses.shape), poses), axis=1)
+        tracked = (J["tracking"] @ with_first).reshape(tracked.shape)
     joint: Array = start @ calibration.cov_start @ start.T + mount @ _mount_covariance(calibration) @ mount.T
-    joint += tracked.reshape(6 * k, 6 * k)
-    return joint
+    return np.asarray(joint + tracked)
 
 
 def _mount_covariance(calibration: Calibration) -> Array:
@@ -52,17 +85,34 @@ def _mount_covariance(calibration: Calibration) -> Array:
 
 
 def _jacobians(placed: KeyframesInBase) -> dict[str, Array]:
-    """Return the Jacobian (k, 6, 6) of the tool's pose at each keyframe with respect to the pose of each part."""
-    calibration, R = placed.calibration, quat_to_matrix(placed.T_base_nav.wxyz)
-    scale = placed.scale * calibration.scale
-    J = {part: np.zeros((len(placed.keyframes), 6, 6)) for part in PARTS}
-    for k, keyframe in enumerate(placed.keyframes):
-        lever = quat_rotate(keyframe.T_nav_sensor.wxyz, calibration.T_sensor_tool.p)
-        from_nav = R @ (scale * keyframe.T_nav_sensor.p + lever)
-        J["start"][k] = np.block([[np.eye(3), -skew(from_nav)], [np.zeros((3, 3)), np.eye(3)]])
-        J["tracking"][k] = np.block([[scale * R, -R @ skew(lever)], [np.zeros((3, 3)), R]])
-        J["mount"][k] = np.kron(np.eye(2), R @ quat_to_matrix(keyframe.T_nav_sensor.wxyz))
+    """Return the Jacobian of the tool's pose at each keyframe with respect to the pose of each part.
+
+    They are (k, 6, 6); that of "tracking" is (k, 6, 12): first keyframe 0's pose, which matters with a fixed
+    orientation, then the keyframe's own.
+    """
+    calibration, R, zero, one = placed.calibration, quat_to_matrix(placed.T_base_nav.wxyz), np.zeros((3, 3)), np.eye(3)
+    scale, fixed, keyframes = placed.scale * calibration.scale, placed.orientation == "fixed", placed.keyframes
+    turn = _fixed_turn(placed) if fixed else one
+    J = {part: np.zeros((len(keyframes), 6, 12 if part == "tracking" else 6)) for part in PARTS}
+    for k, keyframe in enumerate(keyframes):
+        wxyz = (keyframes[0] if fixed else keyframe).T_nav_sensor.wxyz
+        lever = quat_rotate(wxyz, calibration.T_sensor_tool.p)
+        from_nav, R_base_sensor = R @ (scale * keyframe.T_nav_sensor.p + lever), R @ quat_to_matrix(wxyz)
+        turned = np.vstack((-R @ skew(lever), turn @ R))
+        J["start"][k] = np.block([[one, -skew(from_nav)], [zero, turn]])
+        J["mount"][k] = np.block([[R_base_sensor, zero], [zero, turn @ R_base_sensor]])
+        J["tracking"][k, :3, 6:9] = scale * R
+        J["tracking"][k, :, slice(3, 6) if fixed else slice(9, 12)] = turned
     return J
+
+
+def _fixed_turn(placed: KeyframesInBase) -> Array:
+    """Return how the fixed tool turns, (3, 3), if the demonstrated tool at keyframe 0 turns: about base's z alone."""
+    demo = replace(placed, keyframes=placed.keyframes[:1], orientation="demo")
+    w, x, y, z = quat_multiply(tool_poses(demo)[0].wxyz, quat_inverse(TOOL_DOWN.wxyz))
+    # d(2 atan2(z, w)), see `yaw_toward`, for (w, x, y, z) turned on the left
+    yaw = np.array((w * y + z * x, z * y - w * x, w * w + z * z)) / (w * w + z * z)
+    return np.outer((0.0, 0.0, 1.0), yaw)
 
 
 def base_sigmas(parts: Mapping[str, Array]) -> list[dict[str, Any]]:

@@ -45,8 +45,8 @@ def run(args: argparse.Namespace) -> None:
     rows = [_row(index, keyframe, sigma) for index, (keyframe, sigma) in enumerate(zip(keyframes, sigmas, strict=True))]
     placed = bool(args.calibration) and calibration is not None and calibration.knows_start
     if placed and calibration is not None:
-        in_place = in_base(keyframes, calibration, args.scale, path)
-        base = touched_poses(in_place, args.orientation), base_sigmas(tool_covariances(in_place))
+        in_place = in_base(keyframes, calibration, args.scale, path, args.orientation)
+        base = touched_poses(in_place), base_sigmas(tool_covariances(in_place))
         for row, pose, sigma_base in zip(rows, *base, strict=True):
             row |= _pose(pose) | sigma_base
     if robot is not None and calibration is not None:
@@ -92,7 +92,7 @@ def _success(
         return None
     if calibration is None:
         raise UsageError("--tolerance is about the robot's tool: name the robot (--robot), or a calibration")
-    placed = in_base(keyframes, calibration, args.scale, path)
+    placed = in_base(keyframes, calibration, args.scale, path, args.orientation)
     if args.tolerance is None:
         return success_of(placed)
     within_m, *within_deg = args.tolerance

@@ -103,8 +103,8 @@ def place_keyframes(task: Task, options: PlanOptions) -> tuple[Pose, tuple[Pose,
             "choose another, or add the robot to it",
             value=robot.name,
         )
-    placed = in_base(keyframes, calibration, options.scale, path)
-    return placed.T_base_nav, place_things(touched_poses(placed, options.orientation), keyframes, options.at)
+    placed = in_base(keyframes, calibration, options.scale, path, options.orientation)
+    return placed.T_base_nav, place_things(touched_poses(placed), keyframes, options.at)
 
 
 @lru_cache(maxsize=16)

@@ -101,7 +101,7 @@ def test_scale_and_fixed_orientation() -> None:
     path = arc()
     keyframes = find_keyframes(path)
     T_base_nav = nav_in_base(DOCK, keyframes[0].T_nav_sensor.wxyz)
-    T_base_tool = tool_poses(KeyframesInBase(keyframes, T_base_nav, DOCK), "fixed")
+    T_base_tool = tool_poses(KeyframesInBase(keyframes, T_base_nav, DOCK, orientation="fixed"))
     (move,) = demonstrated_moves(path, keyframes, T_base_nav, T_base_tool, DOCK, 1.0, True)
     down = [quat_rotate(pose.wxyz, (0.0, 0.0, 1.0)) for pose in move.T_base_tool]
     np.testing.assert_allclose(down, np.tile((0.0, 0.0, -1.0), (len(down), 1)), atol=1e-9)

@@ -128,8 +128,9 @@ def test_scale_multiplies_only_the_hands_path(
     """Not the dock, the lever from sensor to tool or the rotations. The calibration's own scale counts too."""
     path = [Pose(np.zeros(3), path[0].wxyz), *path[1:]]  # the first rest is nav's origin
     calibration = Calibration("x", T_base_nav=T_base_nav, T_sensor_tool=T_sensor_tool)
-    once = tool_poses(KeyframesInBase(keyframes(path), T_base_nav, calibration), orientation)
-    twice = tool_poses(KeyframesInBase(keyframes(path), T_base_nav, replace(calibration, scale=5.0), 0.4), orientation)
+    placed = KeyframesInBase(keyframes(path), T_base_nav, calibration, orientation=orientation)
+    once = tool_poses(placed)
+    twice = tool_poses(replace(placed, calibration=replace(calibration, scale=5.0), scale=0.4))
     assert_allclose(twice[0].matrix(), once[0].matrix(), atol=1e-13)
     for before, after, T_nav_sensor in zip(once, twice, path, strict=True):
         assert_allclose(after.wxyz, before.wxyz, atol=1e-13)
@@ -142,8 +143,8 @@ def test_orientation_fixed(path: list[Pose], yaw: float, lever: Array) -> None:
     """The tool starts as in the demonstration, follows the hand's path and never turns."""
     T_base_nav = Pose(np.array([0.4, 0.0, 0.2]), quat_about_z(yaw))
     calibration = Calibration("x", T_base_nav=T_base_nav, T_sensor_tool=Pose(lever, quat_exp((np.pi, 0, 0))))
-    demo = tool_poses(KeyframesInBase(keyframes(path), T_base_nav, calibration))
-    fixed = tool_poses(KeyframesInBase(keyframes(path), T_base_nav, calibration), "fixed")
+    placed = KeyframesInBase(keyframes(path), T_base_nav, calibration)
+    demo, fixed = tool_poses(placed), tool_poses(replace(placed, orientation="fixed"))
     assert_allclose(fixed[0].p, demo[0].p, atol=1e-13)
     for T_base_tool, T_nav_sensor in zip(fixed, path, strict=True):
         assert_allclose(quat_rotate(T_base_tool.wxyz, Z), -Z, atol=1e-13)

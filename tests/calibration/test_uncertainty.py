@@ -5,20 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.linalg import block_diag
 
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
-from pbd.calibration.uncertainty import tool_covariances
+from pbd.calibration.uncertainty import joint_tool_covariance, tool_covariances
 from pbd.data import Calibration, Keyframe
 from pbd.data.calibration import DOCK_SIGMA_M
 from pbd.pose import Array, Pose, quat_exp, quat_inverse, quat_log, quat_multiply
 
 T_BASE_NAV = Pose(np.array([0.4, -0.1, 0.2]), quat_exp((0.0, 0.0, 0.7)))
 T_SENSOR_TOOL = Pose(np.array([0.02, -0.01, 0.15]), quat_exp((3.0, 0.2, 0.1)))
+FIRST = Pose(np.array([0.01, -0.02, 0.03]), quat_exp((0.2, -0.3, 0.5)))
 KEYFRAME = Pose(np.array([0.2, 0.1, -0.1]), quat_exp((0.3, -0.5, 0.9)))
 
 
-def covariance(seed: int) -> Array:
-    root = 0.004 * np.random.default_rng(seed).normal(size=(6, 6))
+def covariance(seed: int, size: int = 6) -> Array:
+    root = 0.004 * np.random.default_rng(seed).normal(size=(size, size))
     return np.asarray(root @ root.T)
 
 
@@ -27,37 +29,42 @@ def moved(pose: Pose, step: Array) -> Pose:
     return Pose(pose.p + step[:3], quat_multiply(quat_exp(step[3:]), pose.wxyz))
 
 
+@pytest.mark.parametrize("orientation", ["demo", "fixed"])
 @pytest.mark.parametrize("part", ["start", "mount", "tracking"])
-def test_each_part_agrees_with_finite_differences(part: str) -> None:
-    cov, scale = covariance(len(part)), 1.5
+def test_each_part_agrees_with_finite_differences(part: str, orientation: str) -> None:
+    """At two keyframes; a fixed tool has its lever and its heading from the first one, whose errors count at both."""
+    size = 12 if part == "tracking" else 6
+    cov, none, scale = covariance(len(part), size), np.zeros((6, 6)), 1.5
+    own = [cov[:6, :6], cov[6:, 6:]] if part == "tracking" else [none, none]
 
-    def tool(step: Array) -> Pose:
-        start, mount, tracking = (step if name == part else np.zeros(6) for name in ("start", "mount", "tracking"))
-        T_base_nav, T_sensor_tool = moved(T_BASE_NAV, start), moved(T_SENSOR_TOOL, mount)
-        calibration = Calibration("c", T_base_nav=T_BASE_NAV, T_sensor_tool=T_sensor_tool, scale=scale)
-        keyframe = Keyframe(0.0, 1.0, moved(KEYFRAME, tracking), np.eye(6))
-        return tool_poses(KeyframesInBase([keyframe], T_base_nav, calibration))[0]
+    def placed(step: Array) -> KeyframesInBase:
+        start, mount, tracking = (step if name == part else np.zeros(12) for name in ("start", "mount", "tracking"))
+        calibration = Calibration(
+            "c",
+            T_base_nav=T_BASE_NAV,
+            cov_base=cov if part == "start" else none,
+            T_sensor_tool=moved(T_SENSOR_TOOL, mount[:6]),
+            cov_sensor_tool=cov if part == "mount" else None,
+            scale=scale,
+        )
+        shown = moved(FIRST, tracking[:6]), moved(KEYFRAME, tracking[6:])
+        keyframes = [Keyframe(float(k), 1.0, pose, own[k]) for k, pose in enumerate(shown)]
+        return KeyframesInBase(keyframes, moved(T_BASE_NAV, start[:6]), calibration, orientation=orientation)
 
     columns = []
-    for step in 1e-5 * np.eye(6):
-        ahead, behind = tool(step), tool(-step)
-        turn = quat_log(quat_multiply(ahead.wxyz, quat_inverse(behind.wxyz)))
-        columns.append(np.concatenate((ahead.p - behind.p, turn)) / 2e-5)
-    J = np.column_stack(columns)
-    calibration = Calibration(
-        "c",
-        T_base_nav=T_BASE_NAV,
-        cov_base=cov if part == "start" else np.zeros((6, 6)),
-        T_sensor_tool=T_SENSOR_TOOL,
-        cov_sensor_tool=cov if part == "mount" else None,
-        scale=scale,
-    )
-    keyframe = Keyframe(0.0, 1.0, KEYFRAME, cov if part == "tracking" else np.zeros((6, 6)))
-    parts = tool_covariances(KeyframesInBase([keyframe], T_BASE_NAV, calibration))
-    for name, found in parts.items():
-        if name != part:
-            assert_allclose(found, 0.0)
-    assert_allclose(parts[part][0], J @ cov @ J.T, rtol=0.0, atol=1e-9 * np.trace(cov))
+    for step in 1e-5 * np.eye(12)[:size]:
+        pairs = zip(tool_poses(placed(step)), tool_poses(placed(-step)), strict=True)
+        ends = [(a.p - b.p, quat_log(quat_multiply(a.wxyz, quat_inverse(b.wxyz)))) for a, b in pairs]
+        columns.append(np.ravel(ends) / 2e-5)
+    J, here = np.column_stack(columns), placed(np.zeros(12))
+    tracked = cov if part == "tracking" else np.zeros((12, 12))
+    atol = 1e-9 * np.trace(cov)
+    assert_allclose(joint_tool_covariance(tracked, here), J @ cov @ J.T, rtol=0.0, atol=atol)
+    if part == "tracking":
+        cov = block_diag(*own)  # without a path the keyframes' errors are independent
+    for name, found in tool_covariances(here).items():
+        expected = (J @ cov @ J.T).reshape(2, 6, 2, 6)[range(2), :, range(2)]
+        assert_allclose(found, expected if name == part else np.zeros((2, 6, 6)), rtol=0.0, atol=atol)
 
 
 def test_a_dock_without_a_covariance_has_the_default_sigma() -> None:

@@ -148,6 +148,8 @@ def test_keyframes_tells_how_sure_the_tool_is_in_base(capsys: Capture) -> None:
     assert [row["base_sigma_m"] for row in rows] == [row["base_sigma_m"] for row in shown]
     assert rows[0]["base_sigma_m"] == pytest.approx([0.003] * 3)  # what is assumed of a dock
     assert all(np.all(np.array(row["base_sigma_m"]) >= 0.003) for row in rows)
+    still = run_json(capsys, "keyframes", "pouring", "--calibration", "bench", "--orientation", "fixed")["keyframes"]
+    assert [row["base_sigma_deg"][:2] for row in still] == [[0.0, 0.0]] * len(rows)  # a fixed tool is never tilted
     assert "the tool in base, one sigma" in run(capsys, "keyframes", "pouring", "--calibration", "bench")[1]
     assert "in base" not in run(capsys, "keyframes", "pouring")[1]
 
