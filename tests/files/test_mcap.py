@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from numpy.testing import assert_allclose
 
 from pbd.cli import main
 from pbd.files.exporters import export
+from pbd.files.exporters.mcap import UNDATED_NS
 from pbd.pose import Array, Pose, quat_from_xyzw
 from tests.arm.bundled import arm_of
 from tests.files.test_formats import planned
@@ -119,6 +122,48 @@ def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, dem
         assert_allclose(vectors("/magnetic_field", "magnetic_field"), 1e-6 * recording.mag)  # tesla
     hand_p = np.array([(m.pose.position.x, m.pose.position.y, m.pose.position.z) for _, m in topics["/hand/pose"]])
     assert_allclose(hand_p, hand.p_nav_sensor)
+
+
+@pytest.mark.parametrize(
+    ("created", "ns"),
+    [
+        ("2026-05-01T12:00:00.75+02:00", 1777629600_750000000),
+        ("2026-05-01T10:00:00", 1777629600_000000000),  # UTC on every computer
+        ("2045-01-01T00:00:00Z", UNDATED_NS),  # a clock that is off
+        ("1969-12-31T23:59:59Z", UNDATED_NS),
+        (None, UNDATED_NS),
+    ],
+)
+def test_the_bag_begins_when_the_recording_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, created: str | None, ns: int
+) -> None:
+    monkeypatch.setenv("TZ", "America/New_York")
+    time.tzset()
+    plan, robot, source = planned("panda")
+    tracking = source.hand.tracking
+    assert tracking is not None
+    recording = tracking.demo.recording
+    dated = replace(tracking.demo, recording=replace(recording, info=replace(recording.info, created=created)))
+    source = replace(source, hand=replace(source.hand, tracking=replace(tracking, demo=dated)))
+    export(plan.trajectory, robot, "mcap", tmp_path / "p.mcap", 10.0, source=source)
+    monkeypatch.undo()
+    time.tzset()
+    topics = by_rosbags(tmp_path / "p.mcap")
+    assert {topics[topic][0][0] for topic in ("/joint_states", "/imu", "/hand/pose", "/tf")} == {ns}
+    stamp = topics["/imu"][0][1].header.stamp
+    assert 10**9 * stamp.sec + stamp.nanosec == ns
+
+
+def test_a_fused_demonstration_has_the_hands_mean_path_and_no_takes_samples(tmp_path: Path) -> None:
+    plan, robot, source = planned("panda")
+    tracking = source.hand.tracking
+    assert tracking is not None
+    fused = replace(tracking, demo=replace(tracking.demo, takes=(tracking.demo, tracking.demo)))
+    source = replace(source, hand=replace(source.hand, tracking=fused))
+    export(plan.trajectory, robot, "mcap", tmp_path / "p.mcap", 10.0, source=source)
+    topics = by_rosbags(tmp_path / "p.mcap")
+    assert len(topics["/hand/pose"]) == len(source.hand.t)
+    assert not {"/imu", "/magnetic_field"} & {*topics}
 
 
 def test_without_rosbags_it_says_what_to_install(

@@ -6,7 +6,7 @@ Both begin at the bag's start. rosbags, which comes with pbd-robot[ros], writes 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -36,6 +36,9 @@ TOOL, NAV, SENSOR = "pbd_tool", "nav", "sensor"
 
 UNDATED_NS = 10**9
 """Start of the bag, ns, if the recording has no date. In ROS, zero means "now"."""
+
+LATEST_NS = (2**31 - 10**6) * 10**9
+"""Latest start of a bag, ns. ROS counts seconds in 32 bits, so after that a recording counts as undated."""
 
 
 def check(robot: Robot) -> None:
@@ -81,10 +84,10 @@ class _Bag:
         self.request, self.source, self.writer = request, request.source, writer
         self.store = _types()
         self.topics: dict[str, Any] = {}
-        tracking = self.source.hand.tracking
-        self.recording = None if tracking is None else tracking.demo.recording
-        created = self.recording.info.created if self.recording is not None else None
-        self.start_ns = UNDATED_NS if created is None else int(datetime.fromisoformat(created).timestamp()) * 10**9
+        demo = None if (tracking := self.source.hand.tracking) is None else tracking.demo
+        self.start_ns = _start_ns(None if demo is None else demo.recording.info.created)
+        # A fused path has the mean pace of its takes, at which no sensor recorded.
+        self.recording = None if demo is None or demo.takes else demo.recording
 
     def fill(self, points: Samples) -> None:
         request, robot, hand = self.request, self.request.robot, self.source.hand
@@ -204,6 +207,16 @@ def _types() -> Any:
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS2_JAZZY)
+
+
+def _start_ns(created: str | None) -> int:
+    """Return the bag's start, ns, from a date in ISO 8601, which is UTC where it does not say otherwise."""
+    if created is None:
+        return UNDATED_NS
+    when = datetime.fromisoformat(created)
+    when = when if when.tzinfo is not None else when.replace(tzinfo=UTC)
+    ns = 1000 * ((when - datetime.fromtimestamp(0, UTC)) // timedelta(microseconds=1))
+    return ns if UNDATED_NS <= ns <= LATEST_NS else UNDATED_NS
 
 
 def _xyz(v: Array) -> dict[str, float]:
