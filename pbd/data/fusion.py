@@ -21,6 +21,7 @@ class FusedTake:
         name: the demonstration's name.
         own: for each keyframe of the task the index of the take's keyframe, or None.
         off: (n, 3) offset of the take's keyframes from the task's in nav, m; NaN where the take has none.
+        off_rad: (n,) angle between the attitudes of the take's keyframes and the task's, rad; NaN where there is none.
         outliers: the task's keyframes at which the take is not used.
         extra: keyframes of the take that few other takes have; they are not used.
         yaw: rotation of the take's nav about z relative to the first take's, rad.
@@ -33,6 +34,7 @@ class FusedTake:
     name: str
     own: tuple[int | None, ...]
     off: Array
+    off_rad: Array
     outliers: tuple[int, ...] = ()
     extra: tuple[int, ...] = ()
     yaw: float = 0.0
@@ -42,7 +44,7 @@ class FusedTake:
     left_out: str = ""
 
     def __post_init__(self) -> None:
-        freeze_arrays(self, off=(len(self.own), 3))
+        freeze_arrays(self, off=(len(self.own), 3), off_rad=(len(self.own),))
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from pbd.data import Calibration, Demonstration, FusedTake, HandPath
 from pbd.errors import TrackingError, warn
+from pbd.fusion.grips import differing_grips
 from pbd.fusion.joint_estimate import JointEstimate, Observations, TaskState, estimate_jointly
 from pbd.fusion.known_stops import condition_on_known_stops
 from pbd.fusion.marginals import estimate_with_device, marginal_of
@@ -32,7 +33,7 @@ def fused_path(demo: Demonstration, method: str, calibration: Calibration | None
     fused = estimated(takes, calibration)
     path = hand_path(demo, fused, calibration, accept_gap)
     assert path.fusion is not None
-    lines = _exclusions(path.fusion.takes)
+    lines = _exclusions(path.fusion.takes) + differing_grips(fused.kept, fused.takes)
     lines.append(disagreement(fused.observations, fused.joint, [takes[k].name for k in fused.used]))
     for line in filter(None, lines):
         warn(line)
@@ -120,8 +121,8 @@ def _exclusions(takes: Sequence[FusedTake]) -> list[str]:
                 f"a third take would show whether {'they belong' if several else 'it belongs'} to the task"
             )
     return lines + [
-        f"{take.name} is not believed at keyframe {j}: it is {1e3 * np.linalg.norm(take.off[j]):.0f} mm from the other "
-        "takes"
+        f"{take.name} is not believed at keyframe {j}: it is {1e3 * np.linalg.norm(take.off[j]):.0f} mm and "
+        f"{np.degrees(take.off_rad[j]):.0f} degrees from the other takes"
         for take in takes
         for j in take.outliers
     ]

@@ -21,6 +21,7 @@ from pbd.data import (
     Tracking,
 )
 from pbd.data.covariance import PoseCovariance
+from pbd.fusion.grips import fused_grip, grips_of
 from pbd.fusion.joint_estimate import JointEstimate, Observations
 from pbd.fusion.known_stops import points_in_base
 from pbd.fusion.marginals import BIAS
@@ -29,7 +30,7 @@ from pbd.fusion.mean_path import MeanPath, TakePath, average_paths
 from pbd.fusion.moved_things import MovedKeyframes
 from pbd.fusion.scatter import Scatter
 from pbd.fusion.takes import Take
-from pbd.pose import Array, Pose, quat_about_z, quat_from_matrix, quat_multiply, quat_rotate, quat_to_matrix
+from pbd.pose import Array, Pose, matrix_log, quat_about_z, quat_from_matrix, quat_multiply, quat_rotate, quat_to_matrix
 from pbd.tracking.estimate import relative_to_first
 from pbd.tracking.smoother import state as smoother_state
 from pbd.tracking.smoother.attitude import heading
@@ -99,20 +100,24 @@ def _fusion(fused: Fused, mean: MeanPath) -> Fusion:
     x, observations, turn = fused.joint.state, fused.observations, quat_to_matrix(fused.T_nav_first.wxyz)
     summaries = []
     for k, take in enumerate(fused.takes):
-        own, off = tuple(one.own.get(k) for one in fused.kept), np.full((len(fused.kept), 3), np.nan)
+        own = tuple(one.own.get(k) for one in fused.kept)
+        off, off_rad = np.full((len(own), 3), np.nan), np.full(len(own), np.nan)
         if k in fused.left_out:
-            summaries.append(FusedTake(take.name, own, off, left_out=fused.left_out[k]))
+            summaries.append(FusedTake(take.name, own, off, off_rad, left_out=fused.left_out[k]))
             continue
         i, at, mine = fused.used.index(k), *np.array([(j, i) for j, i in enumerate(own) if i is not None]).T
-        p, _ = observations.marginals[i].poses_with_device(x.devices[observations.device[i]])
+        p, R = observations.marginals[i].poses_with_device(x.devices[observations.device[i]])
         frame = observations.frame[at]
         p = (x.Rz[frame, i] @ p[mine, :, None])[..., 0] + x.c[frame, i]
         off[at] = p - x.m[at] - x.A[at] @ x.lever[i]
+        turns = matrix_log(x.Rz[frame, i] @ R[mine] @ x.Q[i] @ x.A[at].transpose(0, 2, 1))
+        off_rad[at] = np.linalg.norm(turns, axis=1)
         summaries.append(
             FusedTake(
                 take.name,
                 own,
                 off @ turn.T,
+                off_rad,
                 tuple(j for which, j in fused.outliers if which == i),
                 tuple(sorted(set(range(len(take.knots))) - set(mine.tolist()))),
                 float((x.yaw[0, i] + np.pi) % (2.0 * np.pi) - np.pi),
@@ -161,9 +166,9 @@ def hand_path(demo: Demonstration, fused: Fused, calibration: Calibration | None
     rotation = np.kron(np.eye(2 * len(p)), turn)
     cov = rotation @ joint.cov @ rotation.T
     grip = tuple(
-        GripEvent(0.5 * float(mean.t[stop.start] + mean.t[stop.stop - 1]), one.grip)
+        GripEvent(0.5 * float(mean.t[stop.start] + mean.t[stop.stop - 1]), closed)
         for one, stop in zip(fused.kept, mean.stops, strict=True)
-        if one.grip is not None
+        if (closed := fused_grip([*grips_of(one, fused.takes).values()])) is not None
     )
     return HandPath(
         t=mean.t,

@@ -91,6 +91,7 @@ def fusion_rows(path: HandPath) -> dict[str, Any]:
                 "sensor_turned_sigma_deg": float(np.degrees(take.turn_sigma)),
                 "lever_m": None if take.T_hand is None else take.T_hand.p.tolist(),
                 "off_m": [None if np.isnan(off).any() else off.tolist() for off in take.off],
+                "off_deg": [None if np.isnan(off) else float(np.degrees(off)) for off in take.off_rad],
             }
             for take in fusion.takes
         ],

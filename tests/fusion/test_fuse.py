@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 
 import pbd
-from pbd.data import Calibration, Contact, Demonstration, HandPath, Place
-from pbd.errors import RecordingError, TrackingError
+from pbd.data import Calibration, Contact, Demonstration, GripEvent, HandPath, Place
+from pbd.errors import RecordingError, TrackingError, collected_warnings
 from pbd.fusion.calibration import device_errors
 from pbd.fusion.marginals import SHARED, estimate_with_device, marginal_of
 from pbd.fusion.takes import tracked_take
 from pbd.pipeline import track
-from pbd.pose import Pose
+from pbd.pose import Pose, quat_exp, quat_multiply
 from pbd.simulation.sensor_model import SENSOR_MODELS
+from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import find_keyframes
-from tests.benchmarks.fuse import Scenario, hand_poses, one_device, takes_of
+from tests.benchmarks.fuse import Scenario, _through, hand_poses, one_device, takes_of
 from tests.benchmarks.fuse import _shape as shape_errors
 
 SEED = 3
@@ -126,6 +127,37 @@ def test_an_outlier_take_is_named_and_left_out(takes: list[Demonstration]) -> No
 def test_stops_that_only_one_of_two_takes_has_are_reported(takes: list[Demonstration]) -> None:
     with pytest.warns(match="only take 1 has stops 5 6, and they are left out; a third take"):
         assert len(pbd.fuse([takes[0], shortened(takes[1], 5)]).stops) == 5
+
+
+def test_the_grip_is_that_of_most_takes(takes: list[Demonstration]) -> None:
+    """Not that of the first one, who forgot to mark it here, nor what only the third marks."""
+    shown = [{}, {1: True, 3: False}, {1: True, 3: False, 4: True}]
+    says = "at keyframe 1 the grip does not move in take 1 but closes in take 2, take 3: fused, it closes"
+    with collected_warnings() as warnings:
+        fused = pbd.fuse([gripping(*each) for each in zip(takes, shown, strict=False)])
+    assert len(warnings) == 3
+    assert warnings[0].startswith(says)
+    assert [keyframe.grip for keyframe in find_keyframes(fused)] == [None, True, None, False, None, None, None]
+
+
+def gripping(take: Demonstration, grips: dict[int, bool]) -> Demonstration:
+    """Return a take with grips at its stops."""
+    keyframes = find_keyframes(track(take.recording))
+    events = tuple(GripEvent(keyframes[k].t, closed) for k, closed in grips.items())
+    return replace(take, recording=replace(take.recording, grip=events))
+
+
+def test_a_keyframe_whose_attitude_is_off_is_said_so(takes: list[Demonstration], path: HandPath) -> None:
+    assert path.fusion is not None
+    assert np.degrees(np.nanmax([take.off_rad for take in path.fusion.takes])) < 8.0  # the hand's tilt has 1 degree
+    task = takes_of(Scenario("wt901", 1), SEED)[1]
+    p, A = hand_poses(task)
+    A[3] = quat_multiply(quat_exp((0.0, 0.0, np.radians(40.0))), A[3])
+    turned = simulate(_through(task, p, A, np.ones(7)), one_device(SENSOR_MODELS["wt901"], SEED), 1)
+    with pytest.warns(match=r"turned is not believed at keyframe 3: it is \d mm and (3\d|4\d) degrees from the other"):
+        fused = pbd.fuse([*takes[:3], renamed(turned, "turned")])
+    assert fused.fusion is not None
+    assert np.degrees(fused.fusion.takes[3].off_rad[3]) == pytest.approx(40.0, abs=6.0)
 
 
 def test_a_single_stop_is_reported_in_the_singular(takes: list[Demonstration]) -> None:
