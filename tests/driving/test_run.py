@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pbd.cli.run.report import timetable
+from pbd.data import JointTrajectory
 from pbd.driving import bus, stream
 from pbd.driving.arm import ServoArm
 from pbd.driving.packets import encode_word
@@ -104,6 +106,17 @@ def test_a_dry_run(emulator: Emulator, words: list[str], capsys: Capture, monkey
     shown = [line.split() for line in err.splitlines() if line.startswith("shoulder_lift")]
     assert shown[0][1] == "-11.5°"  # where it stands: -0.2 rad
     assert "dry run done: the servos answered 30 times" in err
+
+
+def test_an_arm_that_opens_its_gripper_at_the_end_is_not_said_to_go_home() -> None:
+    moves = [1.0, 0.0, 1.0, 0.0]  # rad/s: to the first keyframe, a stay, to the last one, the gripper's stroke
+    coefficients = np.array([[[at], [speed], [0.0], [0.0]] for at, speed in zip((0, 1, 1, 2), moves, strict=True)])
+    gripper, ends = (np.array([3.0, 4.0]), np.array([0.0, 1.0])), np.array([1.0, 3.0])
+    trajectory = JointTrajectory(("joint",), np.arange(5.0), coefficients, *gripper, ends, np.array([[1.0], [2.0]]))
+    t = np.linspace(-0.5, 4.3, 49)
+    said = "to the start 1.5 s, the demonstration 3.3 s: 4.8 s in all, then the arm holds"
+    assert timetable(trajectory, t, retreats=False) == said
+    assert "the demonstration 2.0 s, back home 1.3 s" in timetable(trajectory, t, retreats=True)
 
 
 def test_it_lets_go_only_when_told(emulator: Emulator, words: list[str], capsys: Capture) -> None:

@@ -53,7 +53,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
         t, goals = sample_goals(counts, plan.trajectory, before, args.rate, stroke_s)
         say(f"'{plan.name}' on {robot.name} at {device}, its servos calibrated in {file}")
         print_table(preview_table(counts, before, goals, t, plan.trajectory), sys.stderr)
-        say(timetable(plan.trajectory, t))
+        say(timetable(plan.trajectory, t, plan.retreat is not None))
         for remark in filter(None, (place_remark(plan), size_remark(plan), torque_remark(plan))):
             say(remark)
         with Keys() as keys:

@@ -39,11 +39,11 @@ def preview_table(counts: EncoderCounts, state: State, goals: Array, t: Array, t
     return table
 
 
-def timetable(trajectory: JointTrajectory, t: Array) -> str:
-    """Say how long each part of the motion takes; goals are sent at times (n,) s."""
-    first, last = float(trajectory.keyframe_t[0]), float(trajectory.keyframe_t[-1])
+def timetable(trajectory: JointTrajectory, t: Array, retreats: bool) -> str:
+    """Say how long each part of the motion takes; goals are sent at times (n,) s. `retreats`: the arm returns home."""
+    first, last = float(trajectory.keyframe_t[0]), float(trajectory.keyframe_t[-1] if retreats else t[-1])
     parts = [f"to the start {first - t[0]:.1f} s", f"the demonstration {last - first:.1f} s"]
-    parts += [f"back home {t[-1] - last:.1f} s"] if trajectory.duration > last else []
+    parts += [f"back home {t[-1] - last:.1f} s"] if retreats else []
     return f"{', '.join(parts)}: {t[-1] - t[0]:.1f} s in all, then the arm holds"
 
 
