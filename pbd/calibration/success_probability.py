@@ -37,12 +37,14 @@ def success_of(placed: KeyframesInBase, within_m: float | None = None, within_ra
     """Return the probability that the tool is within its tolerances, after touch-ups.
 
     Args:
-        placed: keyframes with their own tolerances. A keyframe without one may be anywhere.
-        within_m, within_rad: tolerances of all keyframes instead.
+        placed: keyframes with their own tolerances, which scale as the hand's path does. A keyframe without one may be
+            anywhere.
+        within_m, within_rad: tolerances of all keyframes instead, in base.
     """
     R, keyframes = quat_to_matrix(placed.T_base_nav.wxyz), placed.keyframes
     if within_m is None:
-        axes = [np.full(3, ANYWHERE_M) if each.tolerance_m is None else each.tolerance_m for each in keyframes]
+        scale = placed.scale * placed.calibration.scale
+        axes = [np.full(3, ANYWHERE_M) if each.tolerance_m is None else scale * each.tolerance_m for each in keyframes]
         turns = [np.inf if each.tolerance_rad is None else each.tolerance_rad for each in keyframes]
     else:
         axes, turns = [np.full(3, within_m)] * len(keyframes), [within_rad] * len(keyframes)

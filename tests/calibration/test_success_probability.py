@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi
 
-from pbd.calibration.success_probability import success
-from pbd.pose import Array
+from pbd.calibration.success_probability import success, success_of
+from pbd.calibration.tool_poses import KeyframesInBase
+from pbd.data import Calibration, Keyframe
+from pbd.pose import Array, Pose
 
 
 def balls(*radii_m: float) -> Array:
@@ -40,3 +42,16 @@ def test_correlated_errors_are_within_tolerance_together() -> None:
 @pytest.mark.parametrize(("within_m", "band"), [(0.001, "under 50 %"), (0.004, "50 to 90 %"), (0.01, "over 90 %")])
 def test_the_probability_is_reported_in_bands(within_m: float, band: str) -> None:
     assert success(np.diag([0.002**2] * 3 + [0.0] * 3), balls(within_m), ANY).band == band
+
+
+def test_own_tolerances_scale_with_the_motion() -> None:
+    """At 0.3 of its size a motion has 0.3 of the tracking error, and the page draws 0.3 of the learned tolerance."""
+    keyframes = [Keyframe(0.0, 1.0, Pose.identity(), 0.005**2 * np.eye(6), tolerance_m=np.full(3, 0.01))]
+    exact_dock = Calibration("c", T_base_nav=Pose.identity(), cov_base=np.zeros((6, 6)))
+    own, given = [], []
+    for scale in (1.0, 0.3):
+        placed = KeyframesInBase(keyframes, Pose.identity(), exact_dock, scale)
+        own.append(success_of(placed).of_all)
+        given.append(success_of(placed, 0.01).of_all)
+    assert own == pytest.approx([chi(3).cdf(2.0)] * 2, abs=0.01)
+    assert given == pytest.approx([chi(3).cdf(2.0), 1.0], abs=0.01)  # a centimetre in base is a centimetre
