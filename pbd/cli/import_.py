@@ -15,6 +15,7 @@ from pbd.errors import (
     SensorError,
     TrackingError,
     UsageError,
+    collected_warnings,
     listed,
     warn,
 )
@@ -52,9 +53,10 @@ def run(args: argparse.Namespace) -> None:
     if demo.recording.gyr is None:
         warn(NO_GYRO)
     # Refuse wrong units or a wrong clock before anything is stored. A TrackingError is left to the tracking command.
-    with suppress(TrackingError), working("checking it"), _errors_in_file_names(args, understood):
+    with suppress(TrackingError), working("checking it"), _said_of_the_file(args, understood):
         recording, _ = condition(demo.recording)
-        rest = find_rest(recording)
+        acc = understood.of("acc")
+        rest = find_rest(recording, abs(acc[0].factor) if acc else 1.0)
         warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)
     if args.grip:
         from pbd.tracking.taps import grip_by_taps
@@ -90,13 +92,17 @@ def _print_columns(args: argparse.Namespace, understood: Understood) -> None:
 
 
 @contextmanager
-def _errors_in_file_names(args: argparse.Namespace, understood: Understood) -> Iterator[None]:
-    """In an error's advice, replace pbd's names of columns by those of the file; print the columns before it."""
+def _said_of_the_file(args: argparse.Namespace, understood: Understood) -> Iterator[None]:
+    """Put what is advised in errors and warnings in the file's terms; print the columns before an error."""
     try:
-        yield
+        with collected_warnings() as warnings:
+            yield
     except RecordingError as error:
         _print_columns(args, understood)
         raise RecordingError(understood.in_file_names(error.message), **error.fields) from None
+    finally:
+        for warning in warnings:
+            warn(understood.in_file_names(warning))
 
 
 def _decode(args: argparse.Namespace) -> Demonstration:

@@ -59,11 +59,15 @@ class Rest:
         return float(restlessness(self.shake, self.turn))
 
 
-def find_rest(recording: Recording) -> Rest:
+def find_rest(recording: Recording, acc_factor: float = 1.0) -> Rest:
     """Find the first quiet second of a recording without NaN. A shorter recording is taken as a whole.
 
     A steady turn about the vertical is as quiet as a rest. So the gyro's mean there must be that of most quiet
     seconds.
+
+    Args:
+        recording: what the sensor said.
+        acc_factor: by which a file's values of specific force were multiplied, for the advice on a wrong unit.
 
     Raises:
         RecordingError: at rest the norm of specific force is more than 15 % off standard gravity: another unit.
@@ -91,7 +95,7 @@ def find_rest(recording: Recording) -> Rest:
         raise TrackingError(
             "the accelerometer reads zero while at rest, so it is dead or in free fall; check the sensor", value=0.0
         )
-    _refuse_wrong_units(gravity)
+    _refuse_wrong_units(gravity, acc_factor)
     if acc_var[start] > STILL_ACC**2 or gyr_var[start] > STILL_GYR**2:
         raise TrackingError(
             f"the hand never stands still for {REST_S:g} s: at its quietest (t = {recording.t[start]:.1f} s) it shakes "
@@ -113,18 +117,25 @@ def find_rest(recording: Recording) -> Rest:
     )
 
 
-def likely_unit(norm_at_rest: float) -> str | None:
-    """Unit of specific force that was read as m/s2, by its norm at rest; None: m/s2, or unknown."""
-    # The last one: m/s2 that were read as g.
-    scales = {"g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2, "m/s2": GRAVITY}
-    return next((unit for unit, scale in scales.items() if 0.85 < norm_at_rest / (GRAVITY * scale) < 1.15), None)
+def likely_unit(norm_at_rest: float, factor: float = 1.0) -> str | None:
+    """Unit of values whose norm at rest, times `factor`, was read as m/s2; None: as it was read, or unknown."""
+    if _is_gravity(norm_at_rest):
+        return None
+    scales = {"g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2, "m/s2": 1.0}
+    if factor == 1.0:
+        scales["m/s2"] = GRAVITY  # they were read as g before
+    return next((unit for unit, scale in scales.items() if _is_gravity(norm_at_rest / (factor * scale))), None)
 
 
-def _refuse_wrong_units(norm_at_rest: float) -> None:
+def _is_gravity(norm_at_rest: float) -> bool:
+    return 0.85 < norm_at_rest / GRAVITY < 1.15
+
+
+def _refuse_wrong_units(norm_at_rest: float, factor: float) -> None:
     """Refuse specific force (its norm at rest, m/s2) that is not near gravity, and name the likely reason."""
-    if 0.85 < norm_at_rest / GRAVITY < 1.15:
+    if _is_gravity(norm_at_rest):
         return
-    if likely := likely_unit(norm_at_rest):
+    if likely := likely_unit(norm_at_rest, factor):
         why = f"the values are likely in {likely}: import the file with --unit acc={likely}"
     elif norm_at_rest < WITHOUT_GRAVITY:
         why = "gravity seems to have been removed: give what the accelerometer itself reads, not linear acceleration"

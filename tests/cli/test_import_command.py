@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pbd.cli import main
 from pbd.data import GRAVITY
+from pbd.data.units import UNITS
 from pbd.files.demo import newest_demo, read_demo, write_demo
 from pbd.simulation.simulate import simulate
 from tests.cli.running import HEADER, write_recording
@@ -28,6 +31,36 @@ def test_acceleration_in_g_is_told_at_once(in_g: Path, capsys: pytest.CaptureFix
     assert main(["import", str(in_g), "tea"]) == 1
     assert "the values are likely in g: import the file with --unit acc=g" in capsys.readouterr().err
     assert not Path("demos").exists()
+
+
+@pytest.mark.parametrize(
+    ("unit", "given"), [("g", "mg"), ("g", "cm/s2"), ("g", "m/s2"), ("mg", "g"), ("m/s2", "g"), ("m/s2", "mg")]
+)
+def test_a_wrong_unit_that_was_given_is_not_answered_with_another(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, unit: str, given: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    noise = np.random.default_rng(0).normal(scale=0.01, size=(400, 3))
+    acc = ((0.0, 0.0, 9.8) + noise) / UNITS["acc"][unit]
+    rows = [f"{k / 100},{x},{y},{z}" for k, (x, y, z) in enumerate(acc.tolist())]
+    Path("still.csv").write_text("\n".join(["t,ax,ay,az", *rows]))
+    assert main(["import", "still.csv", "tea", "--unit", f"acc={given}"]) == 1
+    says = f"the values are likely in {unit}: import the file with --unit acc={unit}\n"
+    assert capsys.readouterr().err.endswith(says)
+
+
+@pytest.mark.parametrize("attitude", [True, False])
+def test_a_sign_that_was_turned_is_not_advised_again(
+    in_g: Path, capsys: pytest.CaptureFixture[str], attitude: bool
+) -> None:
+    """The device's attitude contradicts it: an error. Without one it may lie upside down: a warning."""
+    rows = list(csv.reader(in_g.read_text().splitlines()))
+    kept = [k for k, name in enumerate(rows[0]) if attitude or name not in ("roll", "pitch", "yaw")]
+    Path("g.csv").write_text("\n".join(",".join(row[k] for k in kept) for row in rows))
+    assert main(["import", "g.csv", "tea", "--unit", "acc=-g"]) == int(attitude)
+    err = capsys.readouterr().err
+    assert "import the file without the minus in --unit or --column\n" in err
+    assert "acc=-g" not in err
 
 
 def test_what_it_says_to_do_helps(in_g: Path) -> None:

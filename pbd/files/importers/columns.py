@@ -133,7 +133,7 @@ class Understood:
         """Replace our names of columns in a message, our signs in its options `--column ax=-ay`, and a unit of time.
 
         The unit that a message advises is for numbers that were read as seconds. If they were read in another unit,
-        both factors count.
+        both factors count. A sign that an option has turned already is not to be turned once more.
         """
         found = {column.ours: column for column in self.columns}
 
@@ -151,6 +151,8 @@ class Understood:
             message = re.sub(
                 r"\b[mun]s\b", lambda advised: _time_unit(abs(found["t"].factor) * UNITS["t"][advised[0]]), message
             )
+        if "az" in found and found["az"].sign < 0.0:
+            message = re.sub("with --unit acc=-g.*", "without the minus in --unit or --column", message)
         return re.sub(r"--column (\w+)=(-?)([agm][xyz])\b", renamed, message)
 
 
