@@ -49,6 +49,7 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
         grasped=plan.grasped,
         stays=object_stays(scene_of(arm, plan.calibration, plan.grasped), plan.trajectory),
         rod=_rod(arm),
+        slides=tuple((arm.turns == 0.0).tolist()),
         torque=None if plan.report.torque is None else plan.report.torque.share,
         detours=detours(plan),
         contacts=_contacts(plan),

@@ -20,7 +20,7 @@ from pbd.cli.keyframes_file import assign_frames
 from pbd.data import Calibration, HandPath, Keyframe, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
 from pbd.errors import UsageError
-from pbd.planning import load_arm, solve_keyframes
+from pbd.planning import arm_of, load_arm, solve_keyframes
 from pbd.planning.object_frames import things
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
@@ -69,7 +69,8 @@ def run(args: argparse.Namespace) -> None:
         ],
     }
     tables = [keyframes_table(keyframes, args.units, None if inside is None else inside.of_each)]
-    tables += [] if robot is None else [joints_table(robot.joints, rows, args.units)]
+    slides = () if robot is None else (arm_of(robot).turns == 0.0).tolist()
+    tables += [] if robot is None else [joints_table(robot.joints, rows, args.units, slides)]
     if not print_result(args, result, *tables):
         return
     if placed:
@@ -80,7 +81,7 @@ def run(args: argparse.Namespace) -> None:
     if robot is not None:
         prefix = "".join(commonprefix(robot.joints).rpartition("_")[:2])  # noqa: RUF071  # a prefix of letters, not of path components
         print(f"\nthe joints' names begin with {prefix}" if prefix else "")
-        print_table(joints_table([name.removeprefix(prefix) for name in robot.joints], rows, args.units))
+        print_table(joints_table([name.removeprefix(prefix) for name in robot.joints], rows, args.units, slides))
 
 
 def _success(

@@ -48,6 +48,7 @@ def describe(scene: ReplayScene, bounds: Array) -> Mapping[str, Any]:
         "closed": _spans(samples.t, samples.gripper < OPEN_SHARE * samples.gripper.max()),
         "joints": {
             "names": list(trajectory.joint_names),
+            "slides": list(scene.slides or (False,) * len(trajectory.joint_names)),
             "t": typed(curves.t, "Float32Array"),
             "q": typed(curves.q.T, "Float32Array"),
             "lower": limits.lower.tolist(),

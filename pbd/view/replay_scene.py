@@ -54,6 +54,7 @@ class ReplayScene:
         hand_speed: (n,) m/s, along that path.
         stays: where the grasped object is, by time; empty where nothing is grasped.
         rod: None where the model has a gripper.
+        slides: (j) whether each joint is a sliding one; empty: none is.
         torque: largest share of a joint's torque limit; None where no limit is known.
         detours: start and end, s, of each detour around an obstacle on the way to the next keyframe, or home.
         contacts: in the order in which they begin; empty unless collisions were allowed.
@@ -77,6 +78,7 @@ class ReplayScene:
     grasped: GraspedObject | None = None
     stays: tuple[Stay, ...] = ()
     rod: Rod | None = None
+    slides: tuple[bool, ...] = ()
     torque: float | None = None
     detours: tuple[tuple[float, float], ...] = ()
     contacts: tuple[Contact, ...] = ()

@@ -148,14 +148,18 @@ def keyframes_table(keyframes: Sequence[Keyframe], units: Units, inside: Array |
     return make_table(*columns, left=("label", "belongs to"), rows=zip(*columns.values(), strict=True))
 
 
-def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]], units: Units) -> Table:
-    """The tool's position in base and the joints, at each keyframe."""
-    columns = (
-        *(f"tool {axis} ({units.length})" for axis in "xyz"),
-        *(f"{j} ({units.angle_sign})" for j in joint_names),
-    )
-    cells = ((str(row["index"]), *units.lengths(row["base_position_m"]), *units.angles(row["joints"])) for row in rows)
-    return make_table("#", *columns, rows=cells)
+def joints_table(
+    joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]], units: Units, slides: Sequence[bool]
+) -> Table:
+    """The tool's position in base and the joints, at each keyframe; `slides` says which joints are sliding ones."""
+    columns = {"#": [str(row["index"]) for row in rows]}
+    for axis, values in zip("xyz", np.array([row["base_position_m"] for row in rows]).reshape(-1, 3).T, strict=True):
+        columns[f"tool {axis} ({units.length})"] = units.lengths(values)
+    joints = np.array([row["joints"] for row in rows]).reshape(-1, len(joint_names)).T
+    for name, values, sliding in zip(joint_names, joints, slides, strict=True):
+        unit, written = (units.length, units.lengths) if sliding else (units.angle_sign, units.angles)
+        columns[f"{name} ({unit})"] = written(values)
+    return make_table(*columns, rows=zip(*columns.values(), strict=True))
 
 
 def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units) -> Table:

@@ -24,7 +24,7 @@ from pbd.cli import main
 from pbd.data import Keyframe
 from pbd.files.robot import load_robot
 from pbd.pose import Pose
-from pbd.view.terminal_tables import keyframes_table
+from pbd.view.terminal_tables import joints_table, keyframes_table
 from pbd.view.units import ANGLES, LENGTHS, Units, parse_units
 
 
@@ -119,6 +119,13 @@ def test_units_of_every_table(capsys: pytest.CaptureFixture[str]) -> None:
         [1e3 * float(row["reach (m)"]) for row in in_m], abs=10.0
     )
     assert "dwell (ms)" in rows_of(capsys, "keyframes", "tea", "--units", "ms")[0]
+
+
+def test_a_sliding_joint_is_a_length() -> None:
+    rows = [{"index": 0, "base_position_m": (0.1, 0.2, 0.3), "joints": (0.25, np.pi)}]
+    table = joints_table(("rail", "wrist"), rows, Units(length="cm"), (True, False))
+    shown = {str(column.header): list(column.cells) for column in table.columns[4:]}
+    assert shown == {"rail (cm)": ["25.0"], "wrist (°)": ["180.0"]}
 
 
 def test_saved_keyframes_are_used_edited_and_found_anew(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -387,7 +387,7 @@ UPPER = np.array([1.0, 1.0, 2.5, -1.0, np.inf, 3.0, 3.0])
 
 @pytest.fixture(scope="module")
 def odd_scene(scene: ReplayScene) -> ReplayScene:
-    """Contacts, labels that look like code, two very uncertain keyframes, a doubted stop, a joint without limits."""
+    """Contacts, labels that look like code, uncertain keyframes, a doubted stop, a joint without limits, a rail."""
     uncertain = np.diag([0.25, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4])
     keyframes = tuple(
         replace(each, label=EVIL, weight=0.6 if k == 2 else 0.9) for k, each in enumerate(scene.keyframes)
@@ -396,7 +396,7 @@ def odd_scene(scene: ReplayScene) -> ReplayScene:
     in_the_way = scenes.in_the_way()
     robot = replace(scene.robot, limits=replace(scene.robot.limits, lower=LOWER, upper=UPPER))
     said = replace(in_the_way, title=EVIL, notes=(EVIL,), warnings=(EVIL, *in_the_way.warnings))
-    return replace(said, keyframes=keyframes, cov=cov, robot=robot)
+    return replace(said, keyframes=keyframes, cov=cov, robot=robot, slides=(True, *[False] * 6))
 
 
 @pytest.fixture(scope="module")
@@ -446,6 +446,14 @@ def test_an_ellipsoid_that_would_hide_the_scene_is_not_drawn(odd: Replay, odd_sc
 def test_a_doubted_stop_has_a_question_mark(odd: Replay) -> None:
     for place in ("#keyframes button.doubted", "#labels button.doubted", "#numbers .doubted"):
         assert [each.text.split()[0] for each in odd.browser.find_elements(By.CSS_SELECTOR, place)] == ["2?"]
+
+
+def test_a_sliding_joint_is_in_metres(odd: Replay, odd_scene: ReplayScene) -> None:
+    odd("pbd.page.player.seek(0)")
+    first, second = (chip.text for chip in odd.browser.find_elements(By.CSS_SELECTOR, "#angles button")[:2])
+    metres, degrees = odd_scene.trajectory.q[0, 0], np.degrees(odd_scene.trajectory.q[0, 1])
+    assert first.endswith(f"{metres:.3f} m".replace("-", "\u2212"))
+    assert second.endswith(f"{degrees:.1f}\u00b0".replace("-", "\u2212"))
 
 
 def test_each_joint_is_drawn_between_its_own_limits(odd: Replay, odd_scene: ReplayScene) -> None:

@@ -1,6 +1,7 @@
 "use strict";
 
-// The joints' angles under the time axis, each scaled to its own limits. A click on a joint's name fades the others.
+// The joints' angles, or metres of sliding joints, under the time axis, each scaled to its own limits. A click on a
+// joint's name fades the others.
 class Joints {
   static hues = ["#4a63dd", "#d9663f", "#2f9e6e", "#c04f8e", "#b28a1e", "#2c93b5", "#7a7f8a", "#8458c9"];
   static near = 0.05; // share of its range: closer to a limit, an angle is highlighted
@@ -30,11 +31,15 @@ class Joints {
 
   chip(name, j) {
     const { names, lower, upper } = this.joints;
-    const limits = Number.isFinite(upper[j] - lower[j]) ? `${degrees(lower[j], 0)} to ${degrees(upper[j], 0)}` : "no limits";
+    const limits = Number.isFinite(upper[j] - lower[j]) ? `${this.text(j, lower[j], 0)} to ${this.text(j, upper[j], 0)}` : "no limits";
     const chip = make("button", "", { title: `${name}: ${limits}`, onclick: () => this.choose(j) });
     chip.style.setProperty("--hue", Joints.hues[j % Joints.hues.length]);
     chip.append(make("span", Joints.short(names)[j]), make("b"));
     return chip;
+  }
+
+  text(j, value, places) {
+    return this.joints.slides[j] ? `${digits(value, places + 2)} m` : degrees(value, places);
   }
 
   choose(j) {
@@ -76,7 +81,7 @@ class Joints {
     });
     this.cursor = draw("line", { class: "now", y1: -30, y2: 1030 });
     element("plot").replaceChildren(...marks, ...limits, ...curves, this.cursor);
-    const [lowest, highest] = chosen === null ? ["limit", "limit"] : this.range(chosen).map((angle) => degrees(angle, 0));
+    const [lowest, highest] = chosen === null ? ["limit", "limit"] : this.range(chosen).map((end) => this.text(chosen, end, 0));
     element("highest").textContent = highest;
     element("lowest").textContent = lowest;
     this.chips.forEach((chip, j) => chip.setAttribute("aria-pressed", j === chosen));
@@ -98,7 +103,7 @@ class Joints {
     for (const end of ["x1", "x2"]) this.cursor.setAttribute(end, (1000 * time) / (this.duration || 1));
     this.chips.forEach((chip, j) => {
       const angle = this.angle(j);
-      chip.lastChild.textContent = degrees(angle);
+      chip.lastChild.textContent = this.text(j, angle, 1);
       chip.classList.toggle("near", Math.min(angle - lower[j], upper[j] - angle) < Joints.near * (upper[j] - lower[j]));
     });
   }
