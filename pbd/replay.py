@@ -9,7 +9,7 @@ import numpy as np
 
 from pbd.calibration.success_probability import success_of
 from pbd.calibration.tool_poses import KeyframesInBase
-from pbd.calibration.uncertainty import tool_covariances
+from pbd.calibration.touch_up import touched_covariances
 from pbd.data import Samples
 from pbd.planning import Plan, arm_of, scene_of
 from pbd.planning.result import size_remark
@@ -28,6 +28,7 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
     (path, demo), arm = plan.tracked, arm_of(plan.robot)
     placement = plan.T_base_nav, plan.calibration, plan.options.scale
     placed = KeyframesInBase(plan.keyframes, *placement, path, plan.options.orientation)
+    cov = touched_covariances(placed)
     R = plan.scale * quat_to_matrix(plan.T_base_nav.wxyz)
     tolerances = [each.tolerance_m for each in plan.keyframes]
     success = success_of(placed) if any(each is not None for each in tolerances) else None
@@ -41,7 +42,7 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
         keyframes=plan.keyframes,
         T_base_tool=plan.T_base_tool,
         # Errors of the dock and of the mount move all keyframes alike; `pbd keyframes --robot` reports them.
-        cov=tool_covariances(placed)["tracking"],
+        cov=cov["tracking"] + cov.get("touch-ups", 0.0),
         tolerance=np.array([R @ np.diag(np.full(3, np.nan) if m is None else m**2) @ R.T for m in tolerances]),
         inside=np.ones(len(tolerances)) if success is None else success.of_each,
         hand_path_base=_hand_path(plan),

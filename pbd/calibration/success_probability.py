@@ -57,7 +57,7 @@ def success(cov_base_tool: Array, tolerance_m2: Array, tolerance_rad: Array) -> 
     """Draw the tool's errors at all keyframes jointly, and count those within tolerance.
 
     Args:
-        cov_base_tool: (6k, 6k) m and rad, from `joint_tool_covariance`.
+        cov_base_tool: (6k, 6k) m and rad, from `touched_up`.
         tolerance_m2: (k, 3, 3) m2, matrix of the ellipsoid within which the position error must lie.
         tolerance_rad: (k,) largest rotation error.
     """

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
-from pbd.calibration.uncertainty import joint_tool_covariance, keyframes_covariance
+from pbd.calibration.uncertainty import joint_tool_covariances, keyframes_covariance, tool_covariances
 from pbd.data import HandPath, Keyframe, TouchUp
 from pbd.pose import Array, Pose, quat_rotate
 
@@ -20,9 +20,18 @@ SAME_S = 0.002
 
 
 class TouchedUp(NamedTuple):
-    """The tool after touch-ups: shift (k, 3) m in base, and joint covariance (6k, 6k) m and rad of its poses."""
+    """The tool after touch-ups.
+
+    Attributes:
+        shift: (k, 3) m in base.
+        kept: (6k, 6k) m and rad, what remains of the errors of its poses.
+        noise: (6k, 6k) m and rad, covariance of the errors that the touch-ups add.
+        cov: (6k, 6k) m and rad, joint covariance of its poses.
+    """
 
     shift: Array
+    kept: Array
+    noise: Array
     cov: Array
 
 
@@ -57,7 +66,8 @@ def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base
         common_shift[touched] = targets
         stay = sorted(only - {at})
         own_shift[stay] += before[stay] - common_shift[stay]
-    return TouchedUp(common_shift + own_shift, _conditioned(cov, touched, gain, only))
+    kept, noise = _conditioning(touched, gain, only)
+    return TouchedUp(common_shift + own_shift, kept, noise, kept @ cov @ kept.T + noise)
 
 
 def _gain(cov: Array, touched: Sequence[int]) -> Array:
@@ -67,19 +77,19 @@ def _gain(cov: Array, touched: Sequence[int]) -> Array:
     return np.asarray(np.linalg.solve(S, cov[rows]).T.reshape(-1, 6, len(rows))[:, :3])
 
 
-def _conditioned(cov: Array, touched: Sequence[int], gain: Array, only: Collection[int]) -> Array:
-    """Return the joint covariance after touch-ups; `only`: keyframes that were touched without the others."""
+def _conditioning(touched: Sequence[int], gain: Array, only: Collection[int]) -> tuple[Array, Array]:
+    """Return `kept` and `noise` of touch-ups; `only`: keyframes that were touched without the others."""
     k, rows = len(gain), _position_rows(touched)
     pose_gain = np.zeros((k, 6, len(rows)))
     pose_gain[:, :3] = gain
     K = pose_gain.reshape(6 * k, -1)
-    joseph = np.eye(6 * k)
-    joseph[:, rows] -= K
-    cov = joseph @ cov @ joseph.T + TOUCH_SIGMA_M**2 * K @ K.T
+    kept = np.eye(6 * k)
+    kept[:, rows] -= K
+    noise = TOUCH_SIGMA_M**2 * K @ K.T
     alone = _position_rows(sorted(only))  # their position errors are those of the touch-up alone
-    cov[alone] = cov[:, alone] = 0.0
-    cov[alone, alone] = TOUCH_SIGMA_M**2
-    return cov
+    kept[alone] = noise[alone] = noise[:, alone] = 0.0
+    noise[alone, alone] = TOUCH_SIGMA_M**2
+    return kept, noise
 
 
 def _position_rows(keyframes: Sequence[int]) -> list[int]:
@@ -89,9 +99,24 @@ def _position_rows(keyframes: Sequence[int]) -> list[int]:
 
 def touched_up(placed: KeyframesInBase, touch_ups: Sequence[TouchUp] | None = None) -> TouchedUp:
     """Return the tool at keyframes after touch-ups: these, or by default the demonstration's own."""
-    cov = joint_tool_covariance(keyframes_covariance(placed.path, placed.keyframes), placed)
     touch_ups = _touch_ups_of(placed.path) if touch_ups is None else touch_ups
+    cov = np.sum([*_joint_covariances(placed).values()], axis=0)
     return touch_up(touch_ups, placed.keyframes, placed.T_base_nav, cov)
+
+
+def _joint_covariances(placed: KeyframesInBase) -> dict[str, Array]:
+    return joint_tool_covariances(keyframes_covariance(placed.path, placed.keyframes), placed)
+
+
+def touched_covariances(placed: KeyframesInBase) -> dict[str, Array]:
+    """Return what `tool_covariances` does, after the demonstration's touch-ups, whose own errors are one more part."""
+    if not _touch_ups_of(placed.path):
+        return tool_covariances(placed)
+    touched, k = touched_up(placed), len(placed.keyframes)
+    joint = {part: touched.kept @ cov @ touched.kept.T for part, cov in _joint_covariances(placed).items()}
+    if touched.noise.any():
+        joint["touch-ups"] = touched.noise
+    return {part: cov.reshape(k, 6, k, 6)[range(k), :, range(k)] for part, cov in joint.items()}
 
 
 def _touch_ups_of(path: HandPath | None) -> tuple[TouchUp, ...]:

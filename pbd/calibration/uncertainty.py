@@ -62,8 +62,10 @@ def _covariances_with_first(placed: KeyframesInBase) -> Array:
     return np.array([np.kron(np.diag((0.0, 1.0)), each.cov) for each in placed.keyframes])  # the first doesn't matter
 
 
-def joint_tool_covariance(cov_nav_sensor: Array, placed: KeyframesInBase) -> Array:
-    """Return the joint covariance (6k, 6k) of all tool poses. Errors of dock and mount are the same at all keyframes.
+def joint_tool_covariances(cov_nav_sensor: Array, placed: KeyframesInBase) -> dict[str, Array]:
+    """Return the joint covariance (6k, 6k) of all tool poses, for each of PARTS.
+
+    Errors of dock and mount are the same at all keyframes.
 
     Args:
         cov_nav_sensor: (6k, 6k), covariance of the keyframes in nav.
@@ -75,8 +77,8 @@ def joint_tool_covariance(cov_nav_sensor: Array, placed: KeyframesInBase) -> Arr
         poses = tracked.T.reshape(len(placed.keyframes), 6, -1)
         with_first = np.concatenate((np.broadcast_to(poses[:1], poses.shape), poses), axis=1)
         tracked = (J["tracking"] @ with_first).reshape(tracked.shape)
-    joint: Array = start @ calibration.cov_start @ start.T + mount @ _mount_covariance(calibration) @ mount.T
-    return np.asarray(joint + tracked)
+    of_mount = mount @ _mount_covariance(calibration) @ mount.T
+    return {"start": start @ calibration.cov_start @ start.T, "mount": of_mount, "tracking": tracked}
 
 
 def _mount_covariance(calibration: Calibration) -> Array:

@@ -12,8 +12,8 @@ import numpy as np
 
 from pbd.calibration.dock import in_base
 from pbd.calibration.success_probability import Success, success_of
-from pbd.calibration.touch_up import touched_poses
-from pbd.calibration.uncertainty import base_sigmas, tool_covariances
+from pbd.calibration.touch_up import touched_covariances, touched_poses
+from pbd.calibration.uncertainty import base_sigmas
 from pbd.cli.common import load_demonstration, named_calibration, plan_options, print_result, track_demonstration
 from pbd.cli.console import say
 from pbd.cli.keyframes_file import assign_frames
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> None:
     placed = bool(args.calibration) and calibration is not None and calibration.knows_start
     if placed and calibration is not None:
         in_place = in_base(keyframes, calibration, args.scale, path, args.orientation)
-        base = touched_poses(in_place), base_sigmas(tool_covariances(in_place))
+        base = touched_poses(in_place), base_sigmas(touched_covariances(in_place))
         for row, pose, sigma_base in zip(rows, *base, strict=True):
             row |= _pose(pose) | sigma_base
     if robot is not None and calibration is not None:

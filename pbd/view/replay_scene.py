@@ -47,7 +47,8 @@ class ReplayScene:
         motion: the motion of all links, fingers included, during the trajectory.
         keyframes: k, as demonstrated; the arm reaches them at `trajectory.keyframe_t`.
         T_base_tool: (k) the tool's pose at each keyframe.
-        cov: (k, 6, 6) m and rad, covariance of those positions and rotation vectors in base, from tracking alone.
+        cov: (k, 6, 6) m and rad, covariance of those positions and rotation vectors in base, from tracking and
+            touch-ups.
         tolerance: (k, 3, 3) m2 in base, the square of the keyframes' `tolerance_m`; NaN where there is none.
         inside: (k,) probability that the tool is within the keyframe's tolerance.
         hand_path_base: (n, 3) m, where the hand would have carried the tool.

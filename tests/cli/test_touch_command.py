@@ -11,9 +11,16 @@ import numpy as np
 import pytest
 
 from pbd.cli.common import track_demonstration
-from pbd.files.demo import write_demo
+from pbd.files.calibration import read_calibration
+from pbd.files.demo import load_demo, write_demo
+from pbd.files.robot import load_robot
+from pbd.pipeline import track
+from pbd.planning import plan_path
+from pbd.replay import replay_scene
 from pbd.simulation.simulate import simulate
 from tests.cli.running import Capture, run, run_json
+
+BENCH = Path("calibration/bench.toml")
 
 
 @pytest.fixture
@@ -47,6 +54,25 @@ def test_an_editor_may_begin_the_file_with_a_byte_order_mark(tea: Path, capsys: 
     tea.write_text(tea.read_text(encoding="utf-8"), encoding="utf-8-sig")
     touch = ("touch", "tea", "2", "--robot", "panda", "--by", "0", "0", "0.01")
     assert run(capsys, *touch)[0] == 0
+
+
+def test_keyframes_and_the_page_are_as_certain_as_the_touch_up_says(tea: Path, capsys: Capture) -> None:
+    run(capsys, "calibrate", "dock", "bench", "--position", "0.45", "-0.1", "0.25")
+    bench = ("--calibration", "bench")
+    before = run_json(capsys, "keyframes", "tea", *bench)["keyframes"]
+    run_json(capsys, "touch", "tea", "1", "--robot", "panda", "--by", "0", "0", "0.001", "--only", *bench)
+    told = run_json(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "-0.004", "0", *bench)["keyframes"]
+    after = run_json(capsys, "keyframes", "tea", *bench)["keyframes"]
+    sigmas = [max(row["base_sigma_m"]) for row in after]
+    assert sigmas == pytest.approx([row["sigma_m"] for row in told], rel=1e-3)  # the file's digits
+    assert sigmas[1:3] == pytest.approx([0.0005] * 2, rel=0.02)
+    assert sigmas[3] < 0.8 * max(before[3]["base_sigma_m"])
+    for row in after:
+        parts = [each for each in row["base_sigma_parts_m"].values() if each is not None]
+        np.testing.assert_allclose(np.sqrt(np.sum(np.square(parts), axis=0)), row["base_sigma_m"])
+    assert "touch-ups (mm)" in run(capsys, "keyframes", "tea", *bench)[1]
+    shown = replay_scene(plan_path(track(load_demo("demos/tea")), read_calibration(BENCH), load_robot("panda")))
+    assert np.sqrt(np.diagonal(shown.cov[2])[:3]) == pytest.approx([0.0005] * 3, rel=0.02)
 
 
 def test_a_touch_up_is_kept_followed_and_undone(tea: Path, capsys: Capture) -> None:
