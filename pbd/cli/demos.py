@@ -12,7 +12,11 @@ from pbd.errors import RecordingError, warn
 from pbd.files.demo import load_demo, newest_demo
 from pbd.files.find_by_name import names
 from pbd.files.set_aside import is_aside
+from pbd.io.toml import instant_of
 from pbd.view.terminal_tables import make_table
+
+UNDATED = "1970-01-01"
+"""Sorts a demonstration without a date."""
 
 
 def run(args: argparse.Namespace) -> None:
@@ -25,7 +29,7 @@ def run(args: argparse.Namespace) -> None:
             warn(str(error))
     default = newest_demo()
     rows = [_row(demo, demo.folder, default) for demo in found if demo.folder is not None]
-    rows.sort(key=lambda row: (not row["bundled"], row["created"] or ""), reverse=True)
+    rows.sort(key=lambda row: (not row["bundled"], instant_of(row["created"] or UNDATED)), reverse=True)
     columns = ("name", "created", "sensor", f"lasts ({args.units.time})", "keyframes", "remarks")
     table = make_table(*columns, left=("name", "sensor", "keyframes", "remarks"))
     for row in rows:

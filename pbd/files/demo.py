@@ -24,7 +24,7 @@ from pbd.files.imu_columns import ACC, CHANNELS, compass_angles, device_rpy
 from pbd.files.set_aside import is_aside, why_kept
 from pbd.files.table import Table, read_table, write_table
 from pbd.io.atomic import atomic_folder, is_file, is_folder, may_write, refuse_folder
-from pbd.io.toml import Section, read_toml
+from pbd.io.toml import Section, instant_of, read_toml
 from pbd.pose import Array
 
 FORMAT = 1
@@ -53,13 +53,13 @@ def newest_demo(failed: bool = False) -> str:
 
     One that was set aside is never the default; one whose recording failed, only with `failed`.
     """
-    recorded: list[tuple[str, str]] = []
+    recorded: list[tuple[datetime, str]] = []
     for file in Path("demos").glob("*/demo.toml"):
         with suppress(RecordingError):
             top = read_toml(file, RecordingError)
             left_out = top.flag("bundled", False) or (top.flag("failed", False) and not failed)
             if not left_out and not is_aside(file.parent):
-                recorded.append((top.date("created"), file.parent.name))
+                recorded.append((instant_of(top.date("created")), file.parent.name))
     return max(recorded)[1] if recorded else "pouring"
 
 

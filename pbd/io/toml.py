@@ -11,7 +11,7 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Mapping
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -54,6 +54,12 @@ def parse_toml(path: Path, text: str, error: type[PbdError]) -> Section:
         source.refuse(line, f"not valid TOML: {reason}", source.advice(line, str(reason)))
     except (RecursionError, ValueError):
         source.refuse(None, "not valid TOML: nested too deeply, or a number with thousands of digits", "correct it")
+
+
+def instant_of(created: str) -> datetime:
+    """Return the instant of a date in ISO 8601, which is UTC where it names no time zone."""
+    date = datetime.fromisoformat(created)
+    return date if date.tzinfo is not None else date.replace(tzinfo=UTC)
 
 
 class Section:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import shutil
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -428,6 +429,9 @@ def test_the_newest_is_the_one_recorded_last() -> None:
     record("a", "2026-05-03T00:00:00Z")
     record("c", "2025-12-31T23:59:59Z")
     assert newest_demo() == "a"
+    record("west", "2026-05-02T23:00:00-05:00")  # 4 o'clock in UTC
+    assert newest_demo() == "west"
+    shutil.rmtree(demo_folder("west"))
     record("a.before", "2026-05-04T00:00:00Z")
     record("a.new-2", "2026-05-04T00:00:00Z")
     write_demo(replace(still(created="2026-05-05T00:00:00Z"), failed=True), demo_folder("short"))

@@ -18,6 +18,7 @@ from pbd.data import Recording, Robot, Samples
 from pbd.errors import require_package
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.files.exporters.ros2_json import DERIVATIVES, finger_message, goal_message, samples
+from pbd.io.toml import instant_of
 from pbd.pose import Array, Pose, quat_to_xyzw
 
 __all__ = ["check", "read", "samples", "write"]
@@ -210,12 +211,10 @@ def _types() -> Any:
 
 
 def _start_ns(created: str | None) -> int:
-    """Return the bag's start, ns, from a date in ISO 8601, which is UTC where it does not say otherwise."""
+    """Return the bag's start, ns, from a date in ISO 8601."""
     if created is None:
         return UNDATED_NS
-    when = datetime.fromisoformat(created)
-    when = when if when.tzinfo is not None else when.replace(tzinfo=UTC)
-    ns = 1000 * ((when - datetime.fromtimestamp(0, UTC)) // timedelta(microseconds=1))
+    ns = 1000 * ((instant_of(created) - datetime.fromtimestamp(0, UTC)) // timedelta(microseconds=1))
     return ns if UNDATED_NS <= ns <= LATEST_NS else UNDATED_NS
 
 
