@@ -55,11 +55,11 @@ def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
 
 def _covariances_with_first(placed: KeyframesInBase) -> Array:
     """Return the covariance (k, 12, 12) of the first keyframe's pose in nav and of each keyframe's."""
-    first, *others = placed.keyframes
-    if placed.orientation == "fixed":
-        itself = np.kron(np.ones((2, 2)), first.cov)
-        return np.array([itself, *(keyframes_covariance(placed.path, (first, each)) for each in others)])
-    return np.array([np.kron(np.diag((0.0, 1.0)), each.cov) for each in placed.keyframes])  # the first doesn't matter
+    keyframes, k = placed.keyframes, len(placed.keyframes)
+    if placed.orientation == "demo":  # the first one doesn't matter
+        return np.array([np.kron(np.diag((0.0, 1.0)), each.cov) for each in keyframes])
+    joint = keyframes_covariance(placed.path, keyframes).reshape(k, 6, k, 6)
+    return np.array([joint[np.ix_((0, i), range(6), (0, i), range(6))].reshape(12, 12) for i in range(k)])
 
 
 def joint_tool_covariances(cov_nav_sensor: Array, placed: KeyframesInBase) -> dict[str, Array]:
