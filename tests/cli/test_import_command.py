@@ -41,7 +41,7 @@ def test_a_wrong_unit_that_was_given_is_not_answered_with_another(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     noise = np.random.default_rng(0).normal(scale=0.01, size=(400, 3))
-    acc = ((0.0, 0.0, 9.8) + noise) / UNITS["acc"][unit]
+    acc = (np.array((0.0, 0.0, 9.8)) + noise) / UNITS["acc"][unit]
     rows = [f"{k / 100},{x},{y},{z}" for k, (x, y, z) in enumerate(acc.tolist())]
     Path("still.csv").write_text("\n".join(["t,ax,ay,az", *rows]))
     assert main(["import", "still.csv", "tea", "--unit", f"acc={given}"]) == 1
