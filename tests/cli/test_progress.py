@@ -52,9 +52,7 @@ def test_each_step_of_a_command_is_named(tmp_path: Path) -> None:
     write_demo(simulate("pour", "ideal", 0), tmp_path / "mine")
     for words, steps in (
         (("import", "mine/imu.csv", "tea"), ("reading mine/imu.csv", "checking it", "writing demos/tea")),
-        (("simulate", "pour", "tea2"), ("simulating", "writing demos/tea2")),
         (("segments", "tea"), ("reading tea", "tracking")),
-        (("robots",), ("reading the robots",)),
     ):
         terminal = Terminal(*words, cwd=tmp_path)
         for step in steps:

@@ -139,7 +139,7 @@ def test_the_bag_begins_when_the_recording_does(
 ) -> None:
     monkeypatch.setenv("TZ", "America/New_York")
     time.tzset()
-    plan, robot, source = planned("panda")
+    plan, robot, source = planned("panda", "paper-test2")
     tracking = source.hand.tracking
     assert tracking is not None
     recording = tracking.demo.recording
