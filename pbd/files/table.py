@@ -24,6 +24,7 @@ FOREIGN_ENCODINGS = ("utf-8-sig", "gb18030", "cp1252")
 """Encodings of other programs' text files, in the order in which they are tried: UTF-8, Chinese, western Windows."""
 
 NEXT_STEP = "give a CSV file"
+WRITE_POINTS = "write numbers with a point (export it again, or put a point for each comma)"
 
 LONGEST_PREAMBLE = 100
 """Largest number of lines above the header."""
@@ -169,7 +170,10 @@ class Sheet:
                 cells.pop()  # the line ends with a delimiter
             if len(cells) != width:
                 what = f"{len(cells)} cell{'s' if len(cells) != 1 else ''} where the header has {width}"
-                raise self._fault(line, what, "correct or remove the line", value=len(cells), bound=width)
+                next_step = "correct or remove the line"
+                if self.delimiter == "," and len(cells) == 2 * width:
+                    next_step = f"the numbers seem to have decimal commas: {WRITE_POINTS}"
+                raise self._fault(line, what, next_step, value=len(cells), bound=width)
             rows.append([self._number(line, k, cells[k], k in dated) for k in columns])
         return np.array(rows, dtype=np.float64).reshape(-1, len(columns))
 
@@ -193,8 +197,7 @@ class Sheet:
         except ValueError:
             name, next_step = self.header[column], "correct the cell" + ", or leave it empty" * (not self.complete)
             if _DECIMAL_COMMA.fullmatch(cell):
-                write = "write numbers with a point (export it again, or put a point for each comma)"
-                next_step = f"it has a decimal comma: {write}"
+                next_step = f"it has a decimal comma: {WRITE_POINTS}"
             what = f"'{printable(cell)}' in column '{printable(name)}' is not a number"
             raise self._fault(line, what, next_step, column=name, value=cell) from None
 

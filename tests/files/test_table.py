@@ -70,6 +70,12 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
             ":2: 3 cells where the header has 2; correct or remove the line",
             {"line": 2, "value": 3, "bound": 2},
         ),
+        (
+            "t,ax\n0,0,1,5\n",  # decimal commas beside commas
+            ":2: 4 cells where the header has 2; the numbers seem to have decimal commas: write numbers with a point "
+            "(export it again, or put a point for each comma)",
+            {"line": 2, "value": 4, "bound": 2},
+        ),
         (bytes(1000), ": can't be read as text (NUL bytes, as a crash may leave); give a CSV file", {}),
         (b"t,ax\n0,\xff\n", ": can't be read as text ('utf-8' codec can't decode", {}),
     ],
