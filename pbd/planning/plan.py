@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from pbd.calibration.demonstrated_path import demonstrated_moves
 from pbd.calibration.tool_poses import with_table
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from pbd.arm.model import ArmModel
     from pbd.arm.motion_request import Motion
     from pbd.planning.task import Hand
+
+    Prepared = tuple[ArmModel, CollisionScene, Pose, tuple[Pose, ...], Array, Hand | None, Motion]
 
 
 DEVIATION_SHARES = 1.0, 0.1
@@ -179,20 +181,8 @@ def _suggest_place(task: Task, options: PlanOptions, error: PbdError) -> list[st
     return [] if found is None else [f"put the {wanted.name} nearer to where it was shown (--at {found} works)"]
 
 
-class _Prepared(NamedTuple):
-    """Joints and segments, and the data from which they were chosen."""
-
-    arm: ArmModel
-    scene: CollisionScene
-    T_base_nav: Pose
-    T_base_tool: tuple[Pose, ...]
-    q_start: Array
-    hand: Hand | None
-    chosen: Motion
-
-
-def _prepare(task: Task, options: PlanOptions) -> _Prepared | Refused:
-    """Choose joints and segments, without timing."""
+def _prepare(task: Task, options: PlanOptions) -> Prepared | Refused:
+    """Choose joints and segments, without timing. Also return T_base_nav, the tool's poses and the start."""
     keyframes, calibration, robot, hand_path, grasped = task
     if options.path == "demo" and hand_path is None:
         raise PlanError("only the keyframes are known, not the hand's path; choose another --path")
@@ -217,7 +207,7 @@ def _prepare(task: Task, options: PlanOptions) -> _Prepared | Refused:
         chosen = choose_joints(arm, None, request, options)
     if isinstance(chosen, Refused):
         return chosen
-    return _Prepared(arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen)
+    return arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen
 
 
 def _attempt(task: Task, options: PlanOptions) -> Plan | Refused:
