@@ -11,18 +11,21 @@ from pathlib import Path
 import numpy as np
 
 from pbd.calibration.correspondence import match_points
+from pbd.calibration.field_uniformity import field_spread, heading_changes
 from pbd.calibration.points import POOR_CHI2, fit_points, refuse_shape
 from pbd.calibration.registration import PointObservations, observe_points
 from pbd.calibration.rests import rms
-from pbd.cli.calibrate.heading import report_heading
+from pbd.calibration.sensor import corrected
 from pbd.cli.common import replaced_part, sigma_json, track_recording
 from pbd.cli.console import print_json, say, working
-from pbd.data import Calibration, HandPath, Keyframe
+from pbd.data import Calibration, HandPath, Keyframe, Recording
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, collected_warnings, warn
 from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
+from pbd.files.demo import load_demo
 from pbd.files.points import Points, read_points
+from pbd.pipeline import track
 from pbd.pose import Pose, quat_to_rpy
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.repair_recording import condition
@@ -50,7 +53,7 @@ def run(args: argparse.Namespace) -> None:
                 f"the point '{name}' (stop {stop}) is wrong: it lies {100.0 * np.linalg.norm(off):.1f} cm from where "
                 "the other points put it, so it is left out; check its coordinates, or touch it again"
             )
-    heading = report_heading(args, recording, keyframes, calibration, part)
+    heading = _report_heading(args, recording, keyframes, calibration, part)
 
     pose = fit.T_base_nav
     if part == "dock":
@@ -93,6 +96,47 @@ def run(args: argparse.Namespace) -> None:
     turned = "" if part == "nav" else " and with the same rotation"
     say(f"this holds for later demonstrations that start with the sensor's first rest at that point{turned}")
     return None
+
+
+def _report_heading(
+    args: argparse.Namespace, recording: Recording, keyframes: Sequence[Keyframe], calibration: Calibration, part: str
+) -> float | None:
+    """Say how well nav's heading repeats; return its sigma, rad, or None without a magnetometer."""
+    if recording.mag is None:
+        if part == "nav":
+            warn(
+                "without a magnetometer the heading is measured from the first rest, so [nav] holds only for "
+                "demonstrations that start with the same heading; use --as dock instead"
+            )
+        return None
+    mag = corrected(recording, calibration.sensor).mag
+    assert mag is not None
+    at_stops = [mag[np.abs(recording.t - keyframe.t) <= 0.5 * keyframe.dwell_s] for keyframe in keyframes]
+    means = np.array([each.mean(axis=0) for each in at_stops])
+    spread = field_spread(means, np.array([keyframe.T_nav_sensor.wxyz for keyframe in keyframes]))
+    heading = spread.heading
+    say(
+        f"the magnetic heading differs by {np.degrees(spread.heading):.1f} degrees from stop to stop (rms), the "
+        f"field's strength by {100.0 * spread.strength:.0f} %"
+    )
+    if args.again:
+        first = []
+        for name in args.again:
+            with working(f"tracking {name}"):
+                path = track(load_demo(name).recording, calibration=calibration, accept_gap=args.accept_gap)
+                first.append(find_keyframes(path)[0].T_nav_sensor.wxyz)
+        changes = heading_changes(keyframes[0].T_nav_sensor.wxyz, first)
+        heading = rms(changes)
+        say(
+            f"nav's heading repeats to {np.degrees(heading):.1f} degrees (rms over {len(changes)} demonstrations; at "
+            f"most {np.degrees(np.abs(changes).max()):.1f})"
+        )
+    if part == "nav" and spread.disturbed:
+        warn(
+            "the magnetic field is disturbed here, or the magnetometer is not calibrated: start every demonstration "
+            "from a dock (--as dock), whose heading does not depend on it"
+        )
+    return heading
 
 
 def _keep_good_part(path: Path, calibration: Calibration, part: str, chi2: float) -> None:
