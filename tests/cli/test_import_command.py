@@ -59,7 +59,7 @@ def test_a_sign_that_was_turned_is_not_advised_again(
     Path("g.csv").write_text("\n".join(",".join(row[k] for k in kept) for row in rows))
     assert main(["import", "g.csv", "tea", "--unit", "acc=-g"]) == int(attitude)
     err = capsys.readouterr().err
-    assert "import the file without the minus in --unit or --column\n" in err
+    assert "import the file with --unit acc=g" in err
     assert "acc=-g" not in err
 
 

@@ -133,7 +133,7 @@ class Understood:
         """Replace our names of columns in a message, our signs in its options `--column ax=-ay`, and a unit of time.
 
         The unit that a message advises is for numbers that were read as seconds. If they were read in another unit,
-        both factors count. A sign that an option has turned already is not to be turned once more.
+        both factors count. `--unit acc=-g` reverses the signs that were read.
         """
         found = {column.ours: column for column in self.columns}
 
@@ -151,8 +151,9 @@ class Understood:
             message = re.sub(
                 r"\b[mun]s\b", lambda advised: _time_unit(abs(found["t"].factor) * UNITS["t"][advised[0]]), message
             )
-        if "az" in found and found["az"].sign < 0.0:
-            message = re.sub("with --unit acc=-g.*", "without the minus in --unit or --column", message)
+        if acc := self.of("acc"):
+            turned = f"--unit acc={'-' if acc[0].sign > 0 else ''}{acc[0].unit}"
+            message = message.replace("--unit acc=-g (or -m/s2)", turned)
         return re.sub(r"--column (\w+)=(-?)([agm][xyz])\b", renamed, message)
 
 

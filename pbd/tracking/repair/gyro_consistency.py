@@ -113,7 +113,9 @@ def refuse_flipped_signs(recording: Recording) -> None:
     if recording.gyr is not None and found.signs[2] > 0:
         return  # the attitude's pitch or roll may have the other sign; `find_axis_error` asks the gyro
     flipped = [axis for axis, sign in zip("xyz", found.signs, strict=True) if sign < 0]
-    how = "--unit acc=-g (or -m/s2)" if len(flipped) == 3 else " ".join(f"--column a{axis}=-NAME" for axis in flipped)
+    how = (
+        "--unit acc=-g (or -m/s2)" if len(flipped) == 3 else " ".join(f"--column a{each}=-a{each}" for each in flipped)
+    )
     wrong = "has the wrong sign: it contradicts" if len(flipped) == 1 else "have the wrong sign: they contradict"
     raise RecordingError(
         f"the accelerometer's {', '.join(flipped)} {wrong} the device's own attitude (the axis that points up must "
@@ -146,7 +148,7 @@ def warn_upside_down(recording: Recording, up_sensor: Array, start: int, stop: i
     warn(
         f"at the first rest the sensor lies upside down (z reads {GRAVITY * up_sensor[2]:.1f} m/s2), or the signs of "
         f"its accelerometer are flipped{hint}; if z was up, import the file with --unit acc=-g (or -m/s2), or "
-        "--column az=-NAME for that axis alone"
+        "--column az=-az for that axis alone"
     )
 
 

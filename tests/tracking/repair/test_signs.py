@@ -50,7 +50,7 @@ def test_the_devices_attitude_tells_all_three(sensor: str, task: str) -> None:
 @pytest.mark.parametrize("sensor", WITH_ATTITUDE)
 def test_the_devices_attitude_tells_one_where_the_hand_turns(sensor: str) -> None:
     recording = simulate("pour", sensor, 1).recording
-    with pytest.raises(RecordingError, match=r"the accelerometer's z has the wrong sign: .* with --column az=-NAME$"):
+    with pytest.raises(RecordingError, match=r"the accelerometer's z has the wrong sign: .* with --column az=-az$"):
         refuse_flipped_signs(turned(recording, 1.0, 1.0, -1.0))
 
 
@@ -58,7 +58,7 @@ def test_a_level_axis_is_the_gyros_to_tell_where_there_is_one() -> None:
     """Without a gyro the attitude, which removes gravity, has to agree."""
     recording = turned(simulate(sides(1), "os5000", 1).recording, 1.0, -1.0, 1.0)
     refuse_flipped_signs(recording)
-    with pytest.raises(RecordingError, match=r"the accelerometer's y has the wrong sign: .* with --column ay=-NAME$"):
+    with pytest.raises(RecordingError, match=r"the accelerometer's y has the wrong sign: .* with --column ay=-ay$"):
         refuse_flipped_signs(replace(recording, gyr=None))
 
 
