@@ -97,7 +97,7 @@ def test_the_devices_own_attitude_refuses_it(
     demo = simulate("pour", "wt901", 0)
     write_demo(replace(demo, recording=replace(demo.recording, acc=-demo.recording.acc)), tmp_path / "pulled")
     assert main(["import", "pulled/imu.csv", "tea"]) == 1
-    assert "with --unit acc=-g" in capsys.readouterr().err
+    assert "with --unit acc=-m/s2\n" in capsys.readouterr().err
     assert not Path("demos").exists()
     assert main(["import", "pulled/imu.csv", "tea", "--unit", "acc=-m/s2"]) == 0
 
