@@ -29,13 +29,6 @@ OFF_LINE_RAD = 1e-6
 AT_REST = 1e-9
 """Largest velocity at rest, rad/s."""
 
-LOOKAHEAD_S, GAIN = 0.1, 300
-"""The arguments of servoj (the manual's defaults). The arm lags behind its set points by about the lookahead."""
-
-SETTLE_S, STOP = 2.0 * LOOKAHEAD_S, 4.0
-"""How long the last set point of a move is held, s, until the arm is there; the deceleration of stopj, which ends
-servoing, rad/s2 (as in Universal Robots' ROS driver)."""
-
 HEAD = """\
 # {demo} for {robot}, planned and audited by pbd. Fill in the two functions of the gripper. You may edit the moves, but
 # edited moves are not audited: set a low speed on the slider the first time.
@@ -102,17 +95,13 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
             lines += _stay(request, phase)
         elif request.dense:
             rows = trajectory.at(_instants(request, phase)).q
-            lines += [_servoj(q, _period_s(request)) for q in rows]
-            lines += [f"{_servoj(rows[-1], SETTLE_S)[:-1]}{comment}\n", f"  stopj({STOP:g})\n"]
+            lines += [f"  servoj([{_numbers(q, 12)}], 0, 0, {_period_s(request):g}, 0.1, 300)\n" for q in rows]
+            lines[-1] = f"{lines[-1][:-1]}{comment}\n"
         else:
             a, v = _acceleration_and_velocity(request, phase)
             q = trajectory.at(np.array([phase.end])).q[0]
             lines.append(f"  movej([{_numbers(q, 6)}], a={a:.6f}, v={v:.6f}){comment}\n")
     path.write_text(sealed(f"{''.join(lines)}end\n\npbd_{name}()\n"), encoding="utf-8")
-
-
-def _servoj(q: Array, seconds: float) -> str:
-    return f"  servoj([{_numbers(q, 12)}], 0, 0, {seconds:g}, {LOOKAHEAD_S:g}, {GAIN})\n"
 
 
 def _phases(request: ExportRequest) -> list[_Phase]:
@@ -194,7 +183,7 @@ def _numbers(q: Array, decimals: int) -> str:
 def read(path: Path) -> Samples:
     """Simulate the controller that runs a program of `write`; sample at changes of acceleration or, dense, each period.
 
-    A dense motion falls behind the planned one in each move: its end is held, and a servoj lasts a whole period.
+    A servoj lasts a whole period, so a dense motion falls behind the planned one by up to one period per move.
     """
     head, *body = path.read_text(encoding="utf-8").partition("\n  start = ")
     run = _Run(_floats(body[1].partition("\n")[0]), float(re.findall(r"sleep\((.+)\)", head)[0]))
@@ -204,12 +193,8 @@ def read(path: Path) -> Samples:
         if name == "movej":
             run.move(_floats(given), *(float(each) for each in re.findall(r"[av]=([^,]+)", given)))
         elif name == "servoj":
-            seconds = float(given.split("], ")[1].split(", ")[2])
-            run.period = run.period or seconds
-            if seconds > run.period:
-                run.stay(seconds, None)
-            else:
-                run.add(seconds, _floats(given))
+            run.period = float(given.split("], ")[1].split(", ")[2])
+            run.add(run.period, _floats(given))
         else:
             seconds = float(given) if name == "sleep" else run.stroke
             run.stay(seconds, {"gripper_open": 1.0, "gripper_close": 0.0}.get(name))
