@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 
 from pbd.errors import PbdError, PlanError, UsageError
 from pbd.files.exporters import check_format, export
+from pbd.files.exporters.urscript import SETTLE_S
 from pbd.planning import Plan
 from tests.files.test_formats import planned
 from tests.files.urscript import Controller, HaltedError
@@ -54,7 +55,8 @@ def test_the_gripper_is_called_when_planned(tmp_path: Path, rate_hz: float | Non
     controller = Controller(plan.trajectory.q[0])
     controller.run(text)
     assert [name for _, name in controller.calls] == ["pbd_pouring", "gripper_close", "gripper_open"]
-    late = 0.0 if rate_hz is None else len(plan.keyframes) / rate_hz  # each move ends on the controller's beat
+    # Each move ends on the controller's beat; before a gripper's call the arm has to arrive.
+    late = 0.0 if rate_hz is None else len(plan.keyframes) / rate_hz + 2.0 * SETTLE_S
     assert_allclose([t for t, _ in controller.calls[1:]], plan.trajectory.gripper_t[[1, 3]], atol=1e-4 + late)
 
 
@@ -64,7 +66,8 @@ def test_dense_samples_are_the_motion(tmp_path: Path, rate_hz: float, path: str)
     trajectory = plan.trajectory
     controller = Controller(trajectory.q[0])
     controller.run(text)
-    late = (len(plan.keyframes) + 1) / rate_hz  # at most one period a move
+    grips = sum(name.startswith("gripper") for _, name in controller.calls)
+    late = (len(plan.keyframes) + 1) / rate_hz + SETTLE_S * (grips + 1)  # at most one period a move; and the end
     assert trajectory.duration <= controller.t + 1e-4 <= trajectory.duration + late + 2e-4
     for t, q in controller.servoed[::61]:  # each is on the planned motion, shortly before
         planned_q = trajectory.at(np.arange(max(t - late, 0.0), t + 1e-4, 1e-4)).q

@@ -27,6 +27,10 @@ class Controller:
     t: float = 0.0
     moves: list[tuple[float, float, Array, Array, float, float]] = field(default_factory=list)
     """Each movej: start s, end s, joints at the start and the end, the leading joint's acceleration and velocity."""
+    lag: float = 0.0
+    """The arm has arrived once a servoj's joints were held for so long, s."""
+    servoing: bool = False
+    """A servoj has no stopj yet."""
     servoed: list[tuple[float, Array]] = field(default_factory=list)
     """Each servoj: its end, s, and the joints there."""
     calls: list[tuple[float, str]] = field(default_factory=list)
@@ -43,11 +47,18 @@ class Controller:
     def servoj(self, q: list[float], _a: float, _v: float, t: float, lookahead_time: float, gain: float) -> None:
         assert 0.03 <= lookahead_time <= 0.2
         assert 100 <= gain <= 2000
-        self.q, self.t = np.array(q), self.t + t
+        held = np.allclose(q, self.q, rtol=0.0, atol=1e-9)
+        self.lag = max(self.lag - t, 0.0) if held else 2.0 * lookahead_time
+        self.q, self.t, self.servoing = np.array(q), self.t + t, True
         self.servoed.append((self.t, self.q))
+
+    def stopj(self, _a: float) -> None:
+        assert self.lag < 1e-9, "the arm is stopped before it has arrived"
+        self.servoing = False
 
     def sleep(self, seconds: float) -> None:
         assert seconds > 0.0
+        assert not self.servoing, "the controller waits for the next servoj"
         self.t += seconds
 
     def popup(self, text: str, **_: Any) -> None:
@@ -57,7 +68,7 @@ class Controller:
         def halt() -> None:
             raise HaltedError(self.said)
 
-        given = {name: getattr(self, name) for name in ("movej", "servoj", "sleep", "popup")}
+        given = {name: getattr(self, name) for name in ("movej", "servoj", "stopj", "sleep", "popup")}
         exec(
             _python(program),
             {
@@ -68,6 +79,7 @@ class Controller:
                 "get_actual_joint_positions": lambda: self.q.tolist(),
             },
         )
+        assert not self.servoing, "a servoj is the last command"
 
 
 def _python(program: str) -> str:

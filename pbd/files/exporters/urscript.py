@@ -26,6 +26,12 @@ JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_j
 OFF_LINE_RAD = 1e-6
 """Largest deviation of a move from a straight line in joint space, rad, for movej."""
 
+SETTLE_S = 0.2
+"""After the last servoj of a move, its point is held so long, s: twice the lookahead time, by which the arm lags."""
+
+STOP = 4.0
+"""Deceleration (rad/s2) of the stopj that ends servo mode; UR's own driver uses it (external_control.urscript)."""
+
 AT_REST = 1e-9
 """Largest velocity at rest, rad/s."""
 
@@ -94,13 +100,14 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
         if not phase.moves:
             lines += _stay(request, phase)
         elif request.dense:
-            rows = trajectory.at(_instants(request, phase)).q
-            lines += [f"  servoj([{_numbers(q, 12)}], 0, 0, {_period_s(request):g}, 0.1, 300)\n" for q in rows]
+            lines += [_servoj(q, _period_s(request)) for q in trajectory.at(_instants(request, phase)).q]
             lines[-1] = f"{lines[-1][:-1]}{comment}\n"
         else:
             a, v = _acceleration_and_velocity(request, phase)
             q = trajectory.at(np.array([phase.end])).q[0]
             lines.append(f"  movej([{_numbers(q, 6)}], a={a:.6f}, v={v:.6f}){comment}\n")
+    if request.dense and phase.moves:
+        lines += _end_of_servo(request, phase.end)
     path.write_text(sealed(f"{''.join(lines)}end\n\npbd_{name}()\n"), encoding="utf-8")
 
 
@@ -158,7 +165,7 @@ def _peak_velocity(request: ExportRequest, move: _Phase, joint: int) -> float:
 
 def _stay(request: ExportRequest, stop: _Phase) -> list[str]:
     """Return the calls of the gripper and of sleep during a stop. A call of the gripper lasts as long as its stroke."""
-    lines, at = [], stop.start
+    lines, at = (_end_of_servo(request, stop.start), stop.start + SETTLE_S) if request.dense else ([], stop.start)
     t, opening = request.trajectory.gripper_t.tolist(), request.trajectory.gripper_opening.tolist()
     for (start, end), (before, after) in zip(pairwise(t), pairwise(opening), strict=True):
         if before != after and stop.start - 1e-6 <= start < stop.end:
@@ -166,6 +173,18 @@ def _stay(request: ExportRequest, stop: _Phase) -> list[str]:
             lines.append(f"  gripper_{'open' if after > before else 'close'}()\n")
             at = end
     return lines + _sleep(stop.end - at)
+
+
+def _servoj(q: Array, seconds: float) -> str:
+    return f"  servoj([{_numbers(q, 12)}], 0, 0, {seconds:g}, 0.1, 300)\n"
+
+
+def _end_of_servo(request: ExportRequest, t: float) -> list[str]:
+    """Return the calls that let the arm arrive where it is to stand at t s, and end servo mode.
+
+    Without a next servoj in time, the controller itself brakes an arm that still lags, maybe with a protective stop.
+    """
+    return [_servoj(request.trajectory.at(np.array([t])).q[0], SETTLE_S), f"  stopj({STOP:g})\n"]
 
 
 def _sleep(seconds: float) -> list[str]:
@@ -183,7 +202,8 @@ def _numbers(q: Array, decimals: int) -> str:
 def read(path: Path) -> Samples:
     """Simulate the controller that runs a program of `write`; sample at changes of acceleration or, dense, each period.
 
-    A servoj lasts a whole period, so a dense motion falls behind the planned one by up to one period per move.
+    A servoj lasts a whole period, so a dense motion falls behind the planned one by up to one period per move, and by
+    up to SETTLE_S per stop.
     """
     head, *body = path.read_text(encoding="utf-8").partition("\n  start = ")
     run = _Run(_floats(body[1].partition("\n")[0]), float(re.findall(r"sleep\((.+)\)", head)[0]))
@@ -193,8 +213,10 @@ def read(path: Path) -> Samples:
         if name == "movej":
             run.move(_floats(given), *(float(each) for each in re.findall(r"[av]=([^,]+)", given)))
         elif name == "servoj":
-            run.period = float(given.split("], ")[1].split(", ")[2])
-            run.add(run.period, _floats(given))
+            seconds = float(given.split("], ")[1].split(", ")[2])
+            run.period = run.period or seconds
+            for _ in range(round(seconds / run.period)):
+                run.add(run.period, _floats(given))
         else:
             seconds = float(given) if name == "sleep" else run.stroke
             run.stay(seconds, {"gripper_open": 1.0, "gripper_close": 0.0}.get(name))
