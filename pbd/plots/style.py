@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
+from importlib import import_module
 from typing import Any, BinaryIO
 
 import matplotlib.style
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, get_font
 from matplotlib.lines import Line2D
@@ -29,6 +29,12 @@ DPI = 110
 
 MADE_BY = f"{PICTURE}matplotlib"
 """The program that made a figure, in the figure's file."""
+
+_METADATA: dict[str, dict[str, Any]] = {
+    "png": {"Software": MADE_BY},
+    "svg": {"Date": None, "Creator": MADE_BY},
+    "pdf": {"CreationDate": None, "Creator": MADE_BY},
+}
 
 ORANGE, SKY, GREEN = "#e69f00", "#56b4e9", "#009e73"
 BLUE, VERMILION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
@@ -93,23 +99,11 @@ def style() -> AbstractContextManager[None]:
 
 def write(figure: Figure, file: BinaryIO, format_name: str) -> None:
     """Write a figure as png, svg or pdf. The same figure gives the same bytes."""
-    canvas: Any
+    backend = import_module(f"matplotlib.backends.backend_{'agg' if format_name == 'png' else format_name}")
     with style():
         lay_out(figure)
-        # The canvases' own functions; `Figure.savefig` would draw the figure once more.
-        if format_name == "svg":
-            from matplotlib.backends.backend_svg import FigureCanvasSVG
-
-            canvas = FigureCanvasSVG(figure)
-            canvas.print_svg(file, metadata={"Date": None, "Creator": MADE_BY})
-        elif format_name == "pdf":
-            from matplotlib.backends.backend_pdf import FigureCanvasPdf
-
-            canvas = FigureCanvasPdf(figure)
-            canvas.print_pdf(file, metadata={"CreationDate": None, "Creator": MADE_BY})
-        else:
-            canvas = FigureCanvasAgg(figure)
-            canvas.print_png(file, metadata={"Software": MADE_BY})
+        # The canvas's own function; `Figure.savefig` would draw the figure once more.
+        getattr(backend.FigureCanvas(figure), f"print_{format_name}")(file, metadata=_METADATA[format_name])
 
 
 def lay_out(figure: Figure) -> None:
