@@ -13,7 +13,7 @@ path is final; the rest is searched again with the layers that follow.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import copy
+from copy import copy, deepcopy
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -83,13 +83,6 @@ class Layer:
         self.length = np.empty((0, 0))
         self.move_checked = self.cost_added = np.empty((0, 0), dtype=bool)
 
-    def copy(self) -> Layer:
-        """Copy the layer with the arrays that change in place; `q` is only ever replaced."""
-        copied = copy(self)
-        for name in ("cost", "state_checked", "length", "move_checked", "cost_added"):
-            setattr(copied, name, getattr(self, name).copy())
-        return copied
-
     def link(self, before: Array, *, anew: bool = False) -> None:
         """Set the length of the moves from states (l, k); results of checked moves are kept unless `anew`."""
         step = before[:, None] - self.q
@@ -122,10 +115,9 @@ class Ladder:
 
     def copy(self) -> Ladder:
         """Copy everything that may change in the window."""
-        copied = copy(self)
+        copied, window = copy(self), slice(self.first, self.end + 1)
         copied.layers = [*self.layers]
-        for place in range(self.first, min(self.end + 1, len(self.layers))):
-            copied.layers[place] = self.layers[place].copy()
+        copied.layers[window] = deepcopy(self.layers[window])
         copied._totals = list(self._totals)
         return copied
 
