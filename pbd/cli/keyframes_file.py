@@ -10,7 +10,8 @@ from pbd.cli.console import say
 from pbd.data import Demonstration, Keyframe
 from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed
-from pbd.files.keyframes import NAME, set_frames, write_keyframes
+from pbd.files.keyframes import NAME, write_keyframes
+from pbd.files.keyframes_edit import set_frames
 from pbd.planning.object_frames import refuse_unknown_things, things
 from pbd.planning.options import PlanOptions, dwells
 
@@ -50,8 +51,10 @@ def assign_frames(
     return marked
 
 
-def save_keyframes(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> Path:
-    """Write keyframes.toml for a person to edit, and return its path.
+def save_keyframes(
+    args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...], for_touch: bool = False
+) -> Path:
+    """Write keyframes.toml for a person to edit, or `for_touch` (see `write_keyframes`), and return its path.
 
     Raises:
         RecordingError: the demonstration is bundled or no folder, or another command wrote the file meanwhile.
@@ -70,6 +73,6 @@ def save_keyframes(args: argparse.Namespace, demo: Demonstration, keyframes: tup
     padded = (keyframes[0], *keyframes, keyframes[-1])
     stays = dwells(padded, PlanOptions(time=args.time, dwell_s=args.dwell))[1:-1]
     magnetic = demo.recording.mag is not None
-    path = write_keyframes(demo.folder, keyframes, magnetic, args.force, stays, demo.touch_ups)
+    path = write_keyframes(demo.folder, keyframes, magnetic, args.force, stays, demo.touch_ups, for_touch)
     say(f"wrote {path}: edit it; from now on the arm follows this file")
     return path

@@ -15,7 +15,8 @@ from pbd.cli.console import say
 from pbd.cli.keyframes_file import save_keyframes
 from pbd.data import TouchUp
 from pbd.errors import RecordingError, UsageError, warn
-from pbd.files.keyframes import LARGEST_NUDGE_M, NAME, add_touch_up, read_touch_ups, undo_touch_up
+from pbd.files.keyframes import LARGEST_NUDGE_M, NAME
+from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
 from pbd.planning import load_arm
 from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import Array, quat_inverse, quat_rotate
@@ -50,15 +51,18 @@ def run(args: argparse.Namespace) -> None:
             )
         added = TouchUp(keyframes[args.keyframe].t, by_nav, args.only)
     if demo.keyframes is None or demo.folder is None:
-        file = save_keyframes(args, demo, keyframes)
+        file = save_keyframes(args, demo, keyframes, for_touch=True)
     else:
         file = demo.folder / NAME
     if args.undo:
-        undo_touch_up(file)
+        touch_ups = undo_touch_up(file)
     else:
         add_touch_up(file, added)
-    after = touched_up(placed, read_touch_ups(file) if args.undo else (*demo.touch_ups, added))
-    _report(args, placed, before, after)
+        touch_ups = (*demo.touch_ups, added)
+    _report(args, placed, before, touched_up(placed, touch_ups))
+    if not touch_ups:
+        say(f"undone, and {file}, which nobody had edited, is removed")
+        return
     back = "" if args.undo else f"; {_undo_command(args)} takes it back"
     say(f"{'undone' if args.undo else 'added'} in {file}, which the arm follows from now on{back}")
 

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +15,7 @@ from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, warn
 from pbd.files.calibration import FULL_TURN_DEG, read_pose
 from pbd.io.atomic import write_text
-from pbd.io.read_file import read_text
+from pbd.io.made_by_pbd import sealed
 from pbd.io.toml import Section, read_toml
 from pbd.pose import quat_to_rpy
 
@@ -124,10 +120,12 @@ def write_keyframes(
     force: bool = False,
     arm_dwell_s: Sequence[float] | None = None,
     touch_ups: Sequence[TouchUp] = (),
+    for_touch: bool = False,
 ) -> Path:
     """Write keyframes.toml (`keyframes_toml`) into a demonstration's folder, and return its path.
 
-    An old file that differs is kept in keyframes.toml.before.
+    An old file that differs is kept in keyframes.toml.before. A file that is written only `for_touch` is removed when
+    all touch-ups are undone, unless it was edited.
 
     Raises:
         RecordingError: the file exists (without `force`), and may have been edited; or a keyframe is too far away.
@@ -140,6 +138,7 @@ def write_keyframes(
     if path.exists() and not force:
         raise RecordingError(f"{path} exists and may have been edited; --force replaces it", path=path)
     text = keyframes_toml(folder.name, keyframes, magnetic, arm_dwell_s, touch_ups)
+    text = sealed(text) if for_touch else text
     edited = path.exists() and path.read_bytes() != text.encode()
     write_text(path, text, why_kept="which was edited" if edited else "")
     return path
@@ -179,53 +178,6 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
             except RecordingError as loop:
                 table.fail("frames", loop.message)
     return keyframes
-
-
-def add_touch_up(path: Path, touch_up: TouchUp) -> None:
-    """Append a touch-up to keyframes.toml and keep the rest as it is; raises as `read_keyframes`."""
-    import tomlkit
-
-    table = tomlkit.table()
-    table.add(tomlkit.comment("of `pbd touch`: where the tool was seen to belong, from where it was"))
-    table["t_s"] = round(touch_up.t, 3)
-    table["by_nav_m"] = [round(x, 5) + 0.0 for x in touch_up.by_nav_m.tolist()]
-    if touch_up.only:
-        table["only"] = True
-    with _edited(path) as document:
-        if "touch_up" not in document:
-            document.add(tomlkit.nl())
-            document["touch_up"] = tomlkit.aot()
-        document["touch_up"].append(table)
-
-
-def undo_touch_up(path: Path) -> None:
-    """Mark the last touch-up that is not undone as undone; raises as `read_keyframes`."""
-    with _edited(path) as document:
-        for table in [each for each in document.get("touch_up", []) if not each.get("undone", False)][-1:]:
-            table["undone"] = True
-
-
-def set_frames(path: Path, frames: Mapping[int, Sequence[str]]) -> None:
-    """Set `frames` of some keyframes (index -> frames); raises as `read_keyframes`."""
-    with _edited(path) as document:
-        for number, names in frames.items():
-            document["keyframe"][number]["frames"] = list(names)
-
-
-@contextmanager
-def _edited(path: Path) -> Iterator[Any]:
-    """Yield the parsed file to be edited, then write it. A lock on the folder keeps other commands out."""
-    import tomlkit
-
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        with suppress(OSError):  # some network file systems have no locks
-            fcntl.flock(folder, fcntl.LOCK_EX)
-        document = tomlkit.parse(read_text(path, RecordingError, "give a text file"))
-        yield document
-        write_text(path, tomlkit.dumps(document), read=read_keyframes)
-    finally:
-        os.close(folder)
 
 
 def _check_grips(keyframes: Sequence[Keyframe], tables: Sequence[Section]) -> None:

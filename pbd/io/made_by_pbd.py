@@ -31,12 +31,13 @@ _KINDS = {
 _TO_EDIT = rb"# .+ planned and audited by pbd"
 """The beginning, as a pattern, of files that people are asked to edit: pbd ends them with a seal."""
 
-_SEAL = "# as pbd wrote it: "
+SEAL = "# as pbd wrote it: "
+"""The beginning of a seal; a checksum of what is above follows."""
 
 
 def sealed(text: str) -> str:
     """Append a comment with a checksum, by which `refuse_others_file` sees whether somebody has edited the text."""
-    return f"{text}{_SEAL}{crc32(text.encode()):08x}\n"
+    return f"{text}{SEAL}{crc32(text.encode()):08x}\n"
 
 
 def refuse_others_file(file: Path) -> None:
@@ -47,7 +48,7 @@ def refuse_others_file(file: Path) -> None:
     old = read_bytes(file, PbdError, "give another place")
     ours = any(re.match(start, old, re.DOTALL) and mark in old for start, mark in _KINDS.items())
     if re.match(_TO_EDIT, old):
-        text = old.rpartition(_SEAL.encode())[0].decode(errors="replace")
+        text = old.rpartition(SEAL.encode())[0].decode(errors="replace")
         if sealed(text).encode() != old:
             raise PbdError(f"{file} was edited, so it is not overwritten; give another place", path=file)
     elif old and not ours:

@@ -37,8 +37,8 @@ def places(capsys: Capture, *more: str) -> np.ndarray[tuple[int, ...], np.dtype[
 def test_its_advice_can_be_pasted_for_a_name_with_a_space(tea: Path, capsys: Capture) -> None:
     tea.parent.rename("demos/my tea")
     _, _, said = run(capsys, "touch", "my tea", "2", "--robot", "panda", "--by", "0", "-0.004", "0")
-    assert run(capsys, *shlex.split(said.partition("`pbd ")[2].partition("`")[0]))[0] == 0
     head = Path("demos/my tea/keyframes.toml").read_text(encoding="utf-8")
+    assert run(capsys, *shlex.split(said.partition("`pbd ")[2].partition("`")[0]))[0] == 0
     assert shlex.split(head.partition("`pbd ")[2].partition("`")[0]) == ["keyframes", "my tea"]
 
 
@@ -90,6 +90,21 @@ def test_a_touch_up_is_kept_followed_and_undone(tea: Path, capsys: Capture) -> N
     assert "undone = true" in tea.read_text()
     assert tea.read_text().startswith("# mine\n")
     assert "no touch-up to undo" in refused_line(capsys, "touch", "tea", "--robot", "panda", "--undo")
+
+
+def test_undo_removes_the_file_that_only_touch_ups_made(tea: Path, capsys: Capture) -> None:
+    touch, undo = ("touch", "tea", "2", "--robot", "panda"), ("touch", "tea", "--robot", "panda", "--undo")
+    for by in ("0.01", "-0.02"):
+        assert run(capsys, *touch, "--by", "0", "0", by)[0] == 0
+    assert run(capsys, *undo)[0] == 0
+    assert tea.exists()
+    assert "which nobody had edited, is removed" in run(capsys, *undo)[2]
+    assert not tea.exists()
+    run(capsys, "keyframes", "tea", "--save")
+    saved = tea.read_text()
+    run(capsys, *touch, "--by", "0", "0", "0.01")
+    run(capsys, *undo)
+    assert tea.read_text().startswith(saved)
 
 
 def test_millimetres_for_metres_are_refused_and_nothing_is_written(tea: Path, capsys: Capture) -> None:

@@ -15,14 +15,8 @@ from hypothesis import strategies as st
 from pbd.data import Keyframe, TouchUp
 from pbd.errors import PbdError, PbdWarning, RecordingError, collected_warnings
 from pbd.files.demo import read_demo, write_demo
-from pbd.files.keyframes import (
-    add_touch_up,
-    keyframes_toml,
-    read_keyframes,
-    read_touch_ups,
-    set_frames,
-    write_keyframes,
-)
+from pbd.files.keyframes import keyframes_toml, read_keyframes, read_touch_ups, write_keyframes
+from pbd.files.keyframes_edit import add_touch_up, set_frames
 from pbd.pipeline import track
 from pbd.pose import Pose, quat_exp
 from pbd.simulation.simulate import simulate

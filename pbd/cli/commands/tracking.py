@@ -77,7 +77,7 @@ def touch(parser: ArgumentParser) -> None:
     flag(parser, "--tool", "with --by: in the tool's own axes")
     option(parser, "--at", ("X", "Y", "Z"), "where the tool belongs in base, m", type=finite, nargs=3)
     flag(parser, "--only", "the other keyframes stay where they are")
-    flag(parser, "--undo", "undo the last touch-up; the file keeps it, marked as undone")
+    flag(parser, "--undo", "undo the last touch-up; an edited file keeps it, marked as undone")
     wanted = "name (in ./calibration, or bundled) or file; default: the robot's own dock, else 'default'"
     option(parser, "--calibration", "C", wanted)
     add_accept_gap(parser)

@@ -1,0 +1,81 @@
+"""Edit keyframes.toml and keep the rest as a person wrote it, with its comments."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from pbd.data import TouchUp
+from pbd.errors import RecordingError
+from pbd.files.keyframes import read_keyframes, read_touch_ups
+from pbd.io.atomic import write_text
+from pbd.io.made_by_pbd import SEAL, sealed
+from pbd.io.read_file import read_text
+
+
+def add_touch_up(path: Path, touch_up: TouchUp) -> None:
+    """Append a touch-up to keyframes.toml and keep the rest as it is; raises as `read_keyframes`."""
+    import tomlkit
+
+    table = tomlkit.table()
+    table.add(tomlkit.comment("of `pbd touch`: where the tool was seen to belong, from where it was"))
+    table["t_s"] = round(touch_up.t, 3)
+    table["by_nav_m"] = [round(x, 5) + 0.0 for x in touch_up.by_nav_m.tolist()]
+    if touch_up.only:
+        table["only"] = True
+    with _edited(path) as document:
+        if "touch_up" not in document:
+            document.add(tomlkit.nl())
+            document["touch_up"] = tomlkit.aot()
+        document["touch_up"].append(table)
+
+
+def undo_touch_up(path: Path) -> tuple[TouchUp, ...]:
+    """Mark the last touch-up that is not undone as undone; return all, () if the file was removed (`write_keyframes`).
+
+    Raises as `read_keyframes`.
+    """
+    with _edited(path) as document:
+        for table in [each for each in document.get("touch_up", []) if not each.get("undone", False)][-1:]:
+            table["undone"] = True
+    return read_touch_ups(path) if path.exists() else ()
+
+
+def set_frames(path: Path, frames: Mapping[int, Sequence[str]]) -> None:
+    """Set `frames` of some keyframes (index -> frames); raises as `read_keyframes`."""
+    with _edited(path) as document:
+        for number, names in frames.items():
+            document["keyframe"][number]["frames"] = list(names)
+
+
+@contextmanager
+def _edited(path: Path) -> Iterator[Any]:
+    """Yield the parsed file to be edited, then write it. A lock on the folder keeps other commands out."""
+    import tomlkit
+
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # some network file systems have no locks
+            fcntl.flock(folder, fcntl.LOCK_EX)
+        document = tomlkit.parse(read_text(path, RecordingError, "give a text file"))
+        yield document
+        text = tomlkit.dumps(document)
+        if _is_before_touch(text):
+            path.unlink()
+        else:
+            write_text(path, text, read=read_keyframes)
+    finally:
+        os.close(folder)
+
+
+def _is_before_touch(text: str) -> bool:
+    """Whether a file that was written `for_touch` has nothing new but touch-ups that are all undone."""
+    import tomlkit
+
+    written = sealed(text.partition(SEAL)[0])
+    added = tomlkit.parse(text.removeprefix(written)) if text.startswith(written) else {"edited": True}
+    return set(added) <= {"touch_up"} and all(each.get("undone", False) for each in added.get("touch_up", []))
