@@ -159,6 +159,9 @@ LONGEST_WORD = 80
 """Longest word of a file that a message quotes uncut, characters."""
 
 
+MOST_SUGGESTED = 3
+"""Largest number of equally similar names that a message suggests."""
+
 SIMILAR = 0.65
 """Least similarity (difflib's ratio) of a suggested name: `cub` to `cup` has 0.67, `position` to `orientation` 0.63."""
 
@@ -177,9 +180,11 @@ def listed(names: Iterable[str]) -> str:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return "; did you mean ...?" with the known name that is most similar to this one; "" if none is."""
-    from difflib import get_close_matches
+    """Return "; did you mean ...?" with the known names that are most similar to this one; "" if none is similar."""
+    from difflib import SequenceMatcher
 
-    folded = {each.lower().lstrip("-"): each for each in known}
-    near = get_close_matches(name.lower().lstrip("-"), folded, n=1, cutoff=SIMILAR)
-    return f"; did you mean {folded[near[0]]}?" if near else ""
+    wanted = name.lower().lstrip("-")
+    likeness = {each: SequenceMatcher(None, each.lower().lstrip("-"), wanted).ratio() for each in known}
+    best = max(likeness.values(), default=0.0)
+    near = [each for each, like in likeness.items() if like == best][:MOST_SUGGESTED]
+    return f"; did you mean {' or '.join(near)}?" if best >= SIMILAR else ""

@@ -171,8 +171,8 @@ def add_planning(
     pace = "as fast as the limits allow, or at the hand's own pace where they allow it (limits)"
     option(group, "--time", None, pace, choices=("limits", "demo"), default="limits")
     option(group, "--speed", "F", "share of the joints' limits, up to 1 (1)", type=within(0.01, 1.0), default=1.0)
-    margin = "share of those limits that is left for the controller, 0 to 50 (5)"
-    option(group, "--margin", "PERCENT", margin, type=within(0.0, 50.0), default=5.0)
+    margin = "share of those limits that is left for the controller: 0, or 1 to 50 (5)"
+    option(group, "--margin", "PERCENT", margin, type=percent, default=5.0)
     dwell = "longest stay at a keyframe, s (0.5; the hand's own with --time demo; what an edited keyframes.toml says)"
     option(group, "--dwell", "S", dwell, type=not_negative)
     if measured:
@@ -252,6 +252,8 @@ finite = number("a number", lambda _: True)
 positive = number("a number above zero", lambda value: value > 0.0)
 up_to_10_m = number("above zero, at most 10000 mm", lambda value: 0.0 < value <= 1e4)
 not_negative = number("zero or a number above", lambda value: value >= 0.0)
+# A value below 1 may be meant as a share: 0.05 for 5 %.
+percent = number("0, or from 1 to 50 percent", lambda value: value == 0.0 or 1.0 <= value <= 50.0)
 
 
 def frame(text: str) -> tuple[tuple[str, ...], int, int]:

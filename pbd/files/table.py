@@ -23,7 +23,6 @@ FOREIGN_ENCODINGS = ("utf-8-sig", "gb18030", "cp1252")
 """Encodings of other programs' text files, in the order in which they are tried: UTF-8, Chinese, western Windows."""
 
 NEXT_STEP = "give a CSV file"
-WRITE_POINTS = "write numbers with a point (export it again, or put a point for each comma)"
 
 LONGEST_PREAMBLE = 100
 """Largest number of lines above the header."""
@@ -143,8 +142,10 @@ class Sheet:
             if len(cells) != width:
                 what = f"{len(cells)} cell{'s' if len(cells) != 1 else ''} where the header has {width}"
                 next_step = "correct or remove the line"
-                if self.delimiter == "," and len(cells) == 2 * width:
-                    next_step = f"the numbers seem to have decimal commas: {WRITE_POINTS}"
+                whole = re.compile(r"\s*-?\d+(e[-+]?\d+)?\s*").fullmatch
+                if 1.5 * width < len(cells) <= 2 * width and all(map(whole, cells)):
+                    what += ", because commas are both its decimal marks and between its cells"
+                    next_step = "export it again with decimal points, or with semicolons between the cells"
                 raise self._fault(line, what, next_step, value=len(cells), bound=width)
             if plain:
                 with suppress(ValueError):
@@ -173,7 +174,8 @@ class Sheet:
         except ValueError:
             name, next_step = self.header[column], "correct the cell" + ", or leave it empty" * (not self.complete)
             if _DECIMAL_COMMA.fullmatch(cell):
-                next_step = f"it has a decimal comma: {WRITE_POINTS}"
+                write = "write numbers with a point (export it again, or put a point for each comma)"
+                next_step = f"it has a decimal comma: {write}"
             what = f"'{printable(cell)}' in column '{printable(name)}' is not a number"
             raise self._fault(line, what, next_step, column=name, value=cell) from None
 

@@ -30,11 +30,17 @@ def told(capsys: Capture, *args: str) -> tuple[object, str]:
     return code, err
 
 
+def test_a_share_is_no_percent(capsys: Capture) -> None:
+    _, err = told(capsys, "replay", "pouring", "--robot", "panda", "--margin", "0.05")
+    assert "--margin: must be 0, or from 1 to 50 percent, got '0.05'; see" in err
+
+
 def test_nothing_alike_is_no_question() -> None:
     assert nearest("xyz", ("pour", "stir")) == ""
     assert nearest("", ("pour",)) == ""
     assert nearest("pour", ()) == ""
     assert nearest("--position", ("--orientation", "--scale")) == ""
+    assert nearest("ur4", ("ur3", "ur5", "ur10")) == "; did you mean ur3 or ur5?"
     assert nearest("--potision", ("--orientation", "--position")) == "; did you mean --position?"
 
 

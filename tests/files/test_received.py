@@ -119,7 +119,7 @@ def test_the_proposed_rate_and_margin_work(tmp_path: Path) -> None:
             "ros2-json",
             tight,
             None,
-            r"by quintics would reach 1\.00000\d\d times .* jerk limit, at .*; give --margin 0.1$",
+            r"by quintics would reach 1\.00000\d\d times .* jerk limit, at .*; give --margin 1$",
         ),
     ):
         with pytest.raises(PlanError, match=said):

@@ -55,6 +55,12 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
             {"line": 3, "column": "ax", "value": "two"},
         ),
         (
+            "t,ax\n0,00,1,50\n0,01,2,50\n",
+            ":2: 4 cells where the header has 2, because commas are both its decimal marks and between its cells; "
+            "export it again with decimal points, or with semicolons between the cells",
+            {"line": 2, "value": 4, "bound": 2},
+        ),
+        (
             "t;ax\n0;1\n1;2,5\n",  # a decimal comma
             ":3: '2,5' in column 'ax' is not a number; it has a decimal comma: write numbers with a point (export it "
             "again, or put a point for each comma)",
@@ -69,12 +75,6 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
             "t,ax\n0,1,2\n1,2,3\n",  # consistently one too many
             ":2: 3 cells where the header has 2; correct or remove the line",
             {"line": 2, "value": 3, "bound": 2},
-        ),
-        (
-            "t,ax\n0,0,1,5\n",  # decimal commas beside commas
-            ":2: 4 cells where the header has 2; the numbers seem to have decimal commas: write numbers with a point "
-            "(export it again, or put a point for each comma)",
-            {"line": 2, "value": 4, "bound": 2},
         ),
         (bytes(1000), ": can't be read as text (NUL bytes, as a crash may leave); give a CSV file", {}),
         (b"t,ax\n0,\xff\n", ": can't be read as text ('utf-8' codec can't decode", {}),

@@ -68,7 +68,7 @@ def check_received(
         worst = max(used, key=lambda share: share.value)
         if not worst.value <= 1.0:
             slower = np.floor(100.0 * worst.value ** (-1.0 / (1 + LIMITS.index(worst.limit)))) / 100.0
-            how = f"--margin {100.0 * ROUNDED:g}" if worst.value < 1.0 + ROUNDED else f"{slower:g} times the --speed"
+            how = "--margin 1" if worst.value < 1.0 + ROUNDED else f"{slower:g} times the --speed"
             what = f"{reached(request, points, rule, worst)}; give {how}"
             raise PlanError(what, joint=robot.joints[worst.joint], value=worst.value, bound=1.0)
         motion = None if request.made_from is None else _deviating_motion(request, points, rule)
