@@ -167,8 +167,6 @@ class LinkChecks:
 
     def _detour_between_any(self, i: int, move: MoveState, starts: Array, goals: Array) -> Array | None:
         """Return joints (m, k) of a detour to keyframe i, from any of the starts (s, k) to any of the goals (g, k)."""
-        if self.scene is None:
-            return None
         legs, count = self.legs, starts.shape[1]
         known = [
             np.vstack((np.frombuffer(ends)[:count], along))

@@ -40,11 +40,6 @@ class DemonstratedMove:
     t: Array
     T_base_tool: tuple[Pose, ...]
 
-    @property
-    def duration(self) -> float:
-        """Duration of the hand's move, s."""
-        return float(self.t[-1] - self.t[0])
-
 
 def demonstrated_moves(
     path: HandPath,

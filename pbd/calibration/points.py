@@ -94,8 +94,6 @@ def fit_points(
         CalibrationError: there are too few points, they lie in a line or above each other, or they contradict each
             other and the wrong one can't be located.
     """
-    if len(points) != len(touched.stops):
-        raise ValueError(f"{len(touched.stops)} touches for {len(points)} points; give one touch per point")
     refuse_shape(points, free)
     touched = replace(touched, cov=touched.cov + touch_m**2 * np.eye(len(touched.cov)))
     problem = Problem(touched, points, free, scaled)

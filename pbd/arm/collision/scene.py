@@ -206,8 +206,7 @@ class CollisionScene:
 
     def _object_pairs(self, stay: Stay) -> QuickClearance:
         thing = self._grasped
-        if thing is None:
-            raise ValueError("a scene without an object has none to check")
+        assert thing is not None  # `stays` returns none without an object
         joint, T_joint_tool = tool_on_joint(self.arm)
         placed = (joint, T_joint_tool @ stay.pose) if stay.held else (0, stay.pose)
         bodies = (*self._bodies, Body(f"the {thing.shape}", *placed, thing.shape, thing.size))
