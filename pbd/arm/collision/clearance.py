@@ -87,15 +87,11 @@ class Clearance:
         allowed: pairs of the object and a support, which may touch at some places.
     """
 
-    def __init__(
-        self,
-        arm: ArmModel,
-        bodies: Sequence[Body],
-        pairs: Pairs,
-        margin_m: float = MARGIN_M,
-        allowed: AllowedTouches = NOWHERE,
-    ) -> None:
-        self.arm, self.bodies, self.margin_m, self.allowed = arm, tuple(bodies), margin_m, allowed
+    margin_m: float = MARGIN_M
+    allowed: AllowedTouches = NOWHERE
+
+    def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs) -> None:
+        self.arm, self.bodies = arm, tuple(bodies)
         self.pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         self.rates = rates(arm, bodies, self.pairs)
         self._pads = np.array([self.bodies[a].pad + self.bodies[b].pad for a, b in self.pairs])

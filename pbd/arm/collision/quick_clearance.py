@@ -34,7 +34,8 @@ class QuickClearance(Clearance):
         margin_m: float = MARGIN_M,
         allowed: AllowedTouches = NOWHERE,
     ) -> None:
-        super().__init__(arm, bodies, pairs, margin_m, allowed)
+        super().__init__(arm, bodies, pairs)
+        self.margin_m, self.allowed = margin_m, allowed
         of_pairs = ((self.bodies[a], self.bodies[b]) for a, b in self.pairs)
         self._of_tool = np.array([moves_with_tool(arm, *pair) for pair in of_pairs], dtype=bool)
         self._even = arm.full.nq == arm.full.nv  # without continuous joints, straight moves are straight for pinocchio
