@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -18,6 +18,7 @@ from pbd.data import Calibration, Follower, Gripper, JointLimits, Robot, Servos
 from pbd.errors import MOST_LISTED, RobotError, listed, printable
 from pbd.files.calibration import read_pose
 from pbd.files.find_by_name import find
+from pbd.files.gripper import MIMIC_TOLERANCE, check_range, read_gripper
 from pbd.files.robot_description import ACTUATED, Urdf, UrdfJoint, read_poses, read_urdf
 from pbd.io.atomic import is_file
 from pbd.io.meshes import mesh_places
@@ -69,12 +70,14 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     fingers, dock, servos, arm = (top.section(name, None) for name in ("gripper", "dock", "servos", "arm"))
     if arm is None and not draft:
         top.fail("arm", "is missing", f"add it, as `pbd robots --suggest {path}` proposes it")
-    gripper = None if fingers is None else _gripper(fingers, urdf)
-    joints = [joint for joint in chain if gripper is None or joint.name not in gripper.joints]
-    joints = joints if arm is None else _arm_joints(arm, joints)
+    gripper = None if fingers is None else read_gripper(fingers, urdf, chain)
+    joints = chain if arm is None else _arm_joints(arm, chain)
+    joints = [urdf.with_followers(joint.name) for joint in joints]
     limits = _limits(top.section("limits"), urdf, joints)
     poses = {} if srdf is None else read_poses(srdf)
     followers = urdf.followers([joint.name for joint in joints])
+    moved = {*followers, *(joint.name for joint in joints), *(gripper.joints if gripper else ())}
+    _refuse_unmoved_mimics(urdf, moved)
     robot = Robot(
         name=name,
         description=description,
@@ -172,21 +175,17 @@ def _may_touch(arm: Section, urdf: Urdf) -> tuple[tuple[str, str], ...]:
     return pairs
 
 
-def _gripper(section: Section, urdf: Urdf) -> Gripper:
-    names = section.texts("joints")
-    known = [joint.name for joint in urdf.joints.values() if joint.kind != "fixed"]
-    if unknown := [name for name in names if name not in known]:
-        section.fail("joints", f"names {unknown[0]!r}, which is not a movable joint; the URDF has {listed(known)}")
-    joints = [urdf.joints[name] for name in names]
-    positions = {key: list(section.numbers(key, len(joints))) for key in ("open", "closed")}
-    for key, values in positions.items():
-        _check_range(section, key, joints, values)
-    for follower, mimic in urdf.followers(names).items():
-        for values in positions.values():
-            values.append(mimic.multiplier * values[names.index(mimic.joint)] + mimic.offset)
-        names += (follower,)
-    stroke_s = section.number("stroke_s", positive=True)
-    return Gripper(names, np.array(positions["open"]), np.array(positions["closed"]), stroke_s)
+def _refuse_unmoved_mimics(urdf: Urdf, moved: Collection[str]) -> None:
+    """Refuse a joint that mimics, with an offset, one that nothing moves: both would be taken to be at 0."""
+    unmoved = [name for name, joint in urdf.joints.items() if joint.mimic is None and name not in moved]
+    for name, mimic in urdf.followers(unmoved).items():
+        if name not in moved and abs(mimic.offset) > MIMIC_TOLERANCE:
+            raise RobotError.at(
+                urdf.path,
+                f"joint {name!r} mimics {mimic.joint!r}, which nothing moves, and would stand at {mimic.offset:g}; "
+                f"name {mimic.joint!r} in [arm] or [gripper] joints, or make {name!r} a fixed joint",
+                joint=name,
+            )
 
 
 def _servos(section: Section, k: int, gripper: Gripper | None) -> Servos:
@@ -211,7 +210,7 @@ def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointL
     for joint in joints:
         if not joint.lower < joint.upper:
             what = f"joint {joint.name!r} has no room to move: lower {joint.lower:g}, upper {joint.upper:g}"
-            raise RobotError.at(urdf.path, f"{what}; correct its <limit>", joint=joint.name)
+            raise RobotError.at(urdf.path, f"{what}; correct its <limit>, or that of what mimics it", joint=joint.name)
     values: dict[str, tuple[float, ...]] = {}
     sources = {"position": "the URDF"}
     general = section.text("source", "")
@@ -251,7 +250,7 @@ def _home(arm: Section, joints: Sequence[UrdfJoint], poses: Mapping[str, Mapping
         home = [poses[wanted][joint.name] for joint in joints]
     else:
         key, home = "home", list(arm.numbers("home", len(joints)))
-    _check_range(arm, key, joints, home)
+    check_range(arm, key, joints, home)
     return np.array(home)
 
 
@@ -267,9 +266,3 @@ def _middle(limits: JointLimits) -> Array:
     """Return the middle of each joint's limits; 0 for an endless joint, whose limits are infinite."""
     with np.errstate(invalid="ignore"):
         return np.nan_to_num(0.5 * (limits.lower + limits.upper))
-
-
-def _check_range(section: Section, key: str, joints: Sequence[UrdfJoint], positions: Sequence[float]) -> None:
-    for joint, position in zip(joints, positions, strict=True):
-        if not joint.lower <= position <= joint.upper:
-            section.fail(key, f"puts {joint.name} at {position:g}, outside {joint.lower:g}..{joint.upper:g}")

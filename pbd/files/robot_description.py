@@ -10,7 +10,7 @@ import math
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -23,6 +23,8 @@ ACTUATED = ("revolute", "continuous", "prismatic")
 RESERVED = "universe"
 """Pinocchio's name for the frame of the world; it finds no other link or joint of that name."""
 KINDS = (*ACTUATED, "fixed", "floating", "planar")
+ENDS = {"lower": -math.inf, "upper": math.inf}
+"""The keys of a <limit>'s positions, and what they are for a joint without such limits."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,10 @@ class Mimic:
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint between two links, with limits in rad and rad/s, or m and m/s; infinite if the URDF has none."""
+    """A joint between two links, with limits in rad and rad/s, or m and m/s; infinite if the URDF has none.
+
+    The position limits are those of its <safety_controller> where these are narrower: ROS controllers keep to them.
+    """
 
     name: str
     kind: str
@@ -46,6 +51,11 @@ class UrdfJoint:
     upper: float
     velocity: float
     mimic: Mimic | None
+
+    @property
+    def unlimited_mimic(self) -> bool:
+        """Whether the joint mimics another and its limits are equal, which is a placeholder."""
+        return self.mimic is not None and self.lower == self.upper
 
 
 @dataclass(frozen=True)
@@ -83,6 +93,21 @@ class Urdf:
             if at.name in leaders and joint.name not in leaders:
                 found[joint.name] = Mimic(at.name, multiplier, offset)
         return found
+
+    def with_followers(self, leader: str) -> UrdfJoint:
+        """Return a joint with its limits narrowed to what the joints that mimic it can follow."""
+        narrow = self.joints[leader]
+        for name, mimic in self.followers([leader]).items():
+            follower, gear = self.joints[name], mimic.multiplier
+            if gear == 0.0:
+                continue
+            if not follower.unlimited_mimic:
+                ends = sorted((end - mimic.offset) / gear for end in (follower.lower, follower.upper))
+                narrow = replace(narrow, lower=max(narrow.lower, ends[0]), upper=min(narrow.upper, ends[1]))
+            if follower.velocity > 0.0:  # 0 means unknown
+                velocity = follower.velocity / abs(gear)
+                narrow = replace(narrow, velocity=min(narrow.velocity or math.inf, velocity))
+        return narrow
 
 
 def read_urdf(path: Path) -> Urdf:
@@ -153,13 +178,18 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     if wrong or parent is None or child is None:
         raise RobotError.at(path, f"joint {name!r} {wrong}", joint=name)
     limits = {} if limit is None else limit.attrib
+    lower, upper = (float(limits.get(key, 0.0)) if bounded else end for key, end in ENDS.items())
+    soft = element.find("safety_controller")
+    if bounded and soft is not None and {"soft_lower_limit", "soft_upper_limit"} <= soft.attrib.keys():
+        lower = max(lower, float(soft.attrib["soft_lower_limit"]))
+        upper = min(upper, float(soft.attrib["soft_upper_limit"]))
     return UrdfJoint(
         name=name,
         kind=kind,
         parent=_attribute(path, parent, "link"),
         child=_attribute(path, child, "link"),
-        lower=float(limits.get("lower", 0.0)) if bounded else -math.inf,
-        upper=float(limits.get("upper", 0.0)) if bounded else math.inf,
+        lower=lower,
+        upper=upper,
         velocity=float(limits.get("velocity", math.inf)),
         mimic=None if mimic is None else _mimic(path, mimic),
     )

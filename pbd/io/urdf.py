@@ -65,6 +65,7 @@ RULES: dict[str, dict[str, _Rule]] = {
     "axis": {"xyz": _Rule(3)},
     "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), _Rule(1, LARGEST_LIMIT)),
     "mimic": dict.fromkeys(("multiplier", "offset"), _Rule(1)),
+    "safety_controller": dict.fromkeys(("soft_lower_limit", "soft_upper_limit"), _Rule(1, LARGEST_LIMIT)),
     "mass": {"value": _NEEDED},
     "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), _NEEDED),
     "box": {"size": _Rule(3, LONGEST_M, SMALLEST_M, needed=True)},
@@ -113,7 +114,7 @@ def read_urdf_xml(path: Path) -> ET.Element:
                 raise _wrong(path, link, "the <inertial>", "lacks its <mass> or <inertia>")
     for joint in root.iterfind("joint"):
         for part in joint:
-            if part.tag in JOINT_PARTS:
+            if part.tag in (*JOINT_PARTS, "safety_controller"):
                 _check_attributes(path, joint, part)
     return root
 

@@ -322,6 +322,46 @@ def test_a_joint_that_mimics_an_arms_joint_through_another_follows_it(folder: Pa
     assert (outer.joint, outer.leader, outer.multiplier, outer.offset) == ("outer", "elbow", -6.0, 0.5 - 0.2)
 
 
+def test_a_joint_keeps_to_its_soft_limits_and_to_what_mimics_it(folder: Path) -> None:
+    soft = '<safety_controller k_velocity="9" soft_lower_limit="-1.5" soft_upper_limit="9"/>'
+    change(folder / "mine.urdf", 'velocity="1.5"/>', f'velocity="1.5"/> {soft}')
+    limits = read_robot(folder / "mine.toml").limits
+    assert (limits.lower[0], limits.upper[0], limits.velocity[0]) == (-1.5, 2.0, 1.5)
+    rod = FOLLOWER.replace('joint="claw"', 'joint="shoulder"')  # from -2 to 2 at 3: -2 times the shoulder + 0.1
+    change(folder / "mine.urdf", "</robot>", rod.replace('velocity="3"', 'velocity="2"'))
+    limits = read_robot(folder / "mine.toml").limits
+    np.testing.assert_allclose((limits.lower[0], limits.upper[0], limits.velocity[0]), (-0.95, 1.05, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("urdf", "toml", "message"),
+    [
+        (('lower="-2" upper="2" velocity="3"/>\n  <mimic', 'lower="-0.8" upper="2" velocity="3"/>\n  <mimic'), None,
+         r":16: \[gripper\] open puts thumb_joint at -0.9, outside -0.8..2; correct it"),
+        (None, ("stroke_s = 0.4", "stroke_s = 0.3"),
+         r":18: \[gripper\] stroke_s moves thumb_joint at 3.33333, above the URDF's own 3; make it longer"),
+        (None, ('"claw"]\nopen = [0.5]', '"thumb_joint"]\nopen = [0.5]'),
+         r":15: \[gripper\] joints names 'thumb_joint', which mimics 'claw'; name 'claw' instead"),
+        (None, ('"claw"]\nopen = [0.5]\nclosed = [0.0', '"claw", "thumb_joint"]\nopen = [0.5, 0.9]\nclosed = [0.0, 0.1'),
+         r":16: \[gripper\] open puts thumb_joint at 0.9, but it mimics claw, which puts it at -0.9; correct it"),
+        (None, ('["claw"]\nopen = [0.5]\nclosed = [0.0]', "[]\nopen = []\nclosed = []"),
+         r"joint 'thumb_joint' mimics 'claw', which nothing moves, and would stand at 0.1; name 'claw' in \[arm\] or"),
+        (None, ('body = "hand"', 'body = "finger"'),
+         r":15: \[gripper\] joints names 'claw', which moves the tool's body; set body to a link before that joint"),
+    ],
+)  # fmt: skip
+def test_a_gripper_that_cannot_move_so_is_refused(
+    folder: Path, urdf: tuple[str, str] | None, toml: tuple[str, str] | None, message: str
+) -> None:
+    change(folder / "mine.urdf", "</robot>", FOLLOWER)
+    read_robot(folder / "mine.toml")
+    for name, edit in (("mine.urdf", urdf), ("mine.toml", toml)):
+        if edit is not None:
+            change(folder / name, *edit)
+    with pytest.raises(RobotError, match=message):
+        read_robot(folder / "mine.toml")
+
+
 MESH = '<link name="hand"><visual><geometry><mesh filename="ADDRESS"/></geometry></visual></link>'
 
 
