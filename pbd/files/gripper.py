@@ -1,0 +1,68 @@
+"""The [gripper] of robots/NAME.toml."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pbd.data import Gripper
+from pbd.errors import listed
+from pbd.files.robot_description import Urdf, UrdfJoint
+from pbd.io.toml import Section
+
+MIMIC_TOLERANCE = 1e-3
+"""Largest difference, rad or m, of a joint's position from where the joint that it mimics puts it."""
+
+
+def read_gripper(section: Section, urdf: Urdf, chain: Sequence[UrdfJoint]) -> Gripper:
+    """Read the [gripper] of a robot whose arm has the moving joints `chain`; its followers are among its joints."""
+    names = section.texts("joints")
+    known = [joint.name for joint in urdf.joints.values() if joint.kind != "fixed"]
+    if unknown := [name for name in names if name not in known]:
+        section.fail("joints", f"names {unknown[0]!r}, which is not a movable joint; the URDF has {listed(known)}")
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        section.fail("joints", f"names {twice!r} twice")
+    if carrier := next((joint.name for joint in chain if joint.name in names), None):
+        section.fail(
+            "joints", f"names {carrier!r}, which moves the tool's body", "set body to a link before that joint"
+        )
+    positions = {key: list(section.numbers(key, len(names))) for key in ("open", "closed")}
+    _check_mimicking_fingers(section, urdf, names, positions)
+    for follower, mimic in urdf.followers(names).items():
+        for values in positions.values():
+            values.append(mimic.multiplier * values[names.index(mimic.joint)] + mimic.offset)
+        names += (follower,)
+    joints = [urdf.joints[name] for name in names]
+    for key, values in positions.items():
+        check_range(section, key, joints, values)
+    stroke_s = section.number("stroke_s", positive=True)
+    for joint, opened, closed in zip(joints, positions["open"], positions["closed"], strict=True):
+        if 0.0 < joint.velocity < abs(opened - closed) / stroke_s:  # 0 in a URDF means unknown
+            what = f"moves {joint.name} at {abs(opened - closed) / stroke_s:g}, above the URDF's own {joint.velocity:g}"
+            section.fail("stroke_s", what, "make it longer, or correct the URDF")
+    return Gripper(names, np.array(positions["open"]), np.array(positions["closed"]), stroke_s)
+
+
+def _check_mimicking_fingers(
+    section: Section, urdf: Urdf, names: Sequence[str], positions: Mapping[str, Sequence[float]]
+) -> None:
+    """Refuse a finger that mimics a joint that is not named, or that is not where the joint that it mimics puts it."""
+    for i, name in enumerate(names):
+        mimic = urdf.followers([other for other in names if other != name]).get(name)
+        named = urdf.joints[name].mimic
+        if mimic is None and named is not None and named.joint in urdf.joints:
+            section.fail("joints", f"names {name!r}, which mimics {named.joint!r}", f"name {named.joint!r} instead")
+        for key, values in positions.items():
+            if mimic is not None:
+                wanted = mimic.multiplier * values[names.index(mimic.joint)] + mimic.offset
+                if abs(values[i] - wanted) > MIMIC_TOLERANCE:
+                    what = f"puts {name} at {values[i]:g}, but it mimics {mimic.joint}, which puts it at {wanted:g}"
+                    section.fail(key, what)
+
+
+def check_range(section: Section, key: str, joints: Sequence[UrdfJoint], positions: Sequence[float]) -> None:
+    """Refuse positions outside the joints' limits."""
+    for joint, position in zip(joints, positions, strict=True):
+        if not joint.lower <= position <= joint.upper and not joint.unlimited_mimic:
+            section.fail(key, f"puts {joint.name} at {position:g}, outside {joint.lower:g}..{joint.upper:g}")
