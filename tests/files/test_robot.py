@@ -342,7 +342,7 @@ def test_a_joint_keeps_to_its_soft_limits_and_to_what_mimics_it(folder: Path) ->
          r":18: \[gripper\] stroke_s moves thumb_joint at 3.33333, above the URDF's own 3; make it longer"),
         (None, ('"claw"]\nopen = [0.5]', '"thumb_joint"]\nopen = [0.5]'),
          r":15: \[gripper\] joints names 'thumb_joint', which mimics 'claw'; name 'claw' instead"),
-        (None, ('"claw"]\nopen = [0.5]\nclosed = [0.0', '"claw", "thumb_joint"]\nopen = [0.5, 0.9]\nclosed = [0.0, 0.1'),
+        (None, ('"claw"]\nopen = [0.5]\nclosed = [', '"claw", "thumb_joint"]\nopen = [0.5, 0.9]\nclosed = [0.1, '),
          r":16: \[gripper\] open puts thumb_joint at 0.9, but it mimics claw, which puts it at -0.9; correct it"),
         (None, ('["claw"]\nopen = [0.5]\nclosed = [0.0]', "[]\nopen = []\nclosed = []"),
          r"joint 'thumb_joint' mimics 'claw', which nothing moves, and would stand at 0.1; name 'claw' in \[arm\] or"),
