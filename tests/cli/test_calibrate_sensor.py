@@ -181,6 +181,23 @@ def test_a_tip_is_pivoted_and_its_rotation_turned(capsys: Capture) -> None:
     assert calibration.residuals["mount.turns"] == 3
 
 
+def test_a_tip_that_slipped_does_not_replace_a_good_lever(capsys: Capture) -> None:
+    task = pivoting(2, TIP)
+    save("pivot", simulate(task, "modern", 2))
+    slipped = [replace(each, p=(0.01 * (k % 2), 0.0, 0.0)) for k, each in enumerate(task.waypoints)]
+    save("slipped", simulate(replace(task, waypoints=tuple(slipped)), "modern", 2))
+    pivot, file = ("calibrate", "mount", "bench"), Path("calibration/bench.toml")
+    assert "before" not in run(capsys, *pivot, "pivot", "--pivot")[2]
+    good = file.read_text()
+    line = refused_by(capsys, *pivot, "slipped", "--pivot")
+    assert "so the [mount] of calibration/bench.toml stays as it is; pivot again" in line
+    assert file.read_text() == good
+    code, _, err = run(capsys, *pivot, "slipped", "--pivot", "--force")
+    assert code == 0
+    assert "pbd: before, the tool is at (" in err
+    assert file.read_text() != good
+
+
 def test_what_is_wrong_with_a_mount(capsys: Capture) -> None:
     x = np.array((1.0, 0.0, 0.0))
     save(

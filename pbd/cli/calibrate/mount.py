@@ -9,6 +9,7 @@ import numpy as np
 from pbd.calibration.mount import PivotFit, TurnsFit, fit_pivot, fit_turns
 from pbd.calibration.points import POOR_CHI2
 from pbd.calibration.rests import rms
+from pbd.cli.calibrate.poor_fit import keep_good_part
 from pbd.cli.common import sigma_json, track_recording
 from pbd.cli.console import print_json, say
 from pbd.data import Calibration
@@ -30,13 +31,18 @@ def run(args: argparse.Namespace) -> None:
     pivot = fit_pivot(keyframes, hand.covariance) if args.pivot else None
     turns = fit_turns(keyframes, args.turns) if args.turns else None
     mount, cov, figures = _merged(calibration, pivot, turns)
+    cov_before = calibration.cov_sensor_tool
+    if pivot is not None:
+        what = f"the tip moved {np.sqrt(pivot.chi2):.1f} times more than the tracker's uncertainty predicts"
+        again = "pivot again, more slowly, on a point that holds the tip"
+        if cov_before is not None and cov_before[:3, :3].any() and not args.force:
+            keep_good_part(path, calibration, "mount.pivot_chi2", pivot.chi2, what, again)
+        if pivot.chi2 > POOR_CHI2:
+            warn(f"{what}: it slipped, or the moves were too fast; {again}")
     values = pose_values(mount, "in sensor axes", cov) | {"fit": (figures, "")}
     update_calibration(path, {"mount": values})
-    if pivot is not None and pivot.chi2 > POOR_CHI2:
-        warn(
-            f"the tip moved {np.sqrt(pivot.chi2):.1f} times more than the tracker's uncertainty predicts: it slipped, "
-            "or the moves were too fast; pivot again"
-        )
+    if cov_before is not None:
+        say(f"before, {_certainty(calibration.T_sensor_tool, cov_before)}")
     if args.json:
         shown = {"position_m": mount.p, "wxyz": mount.wxyz} | sigma_json(cov)
         of_pivot = pivot and {"residuals_m": pivot.residuals, "chi2": pivot.chi2}
@@ -62,6 +68,7 @@ def _merged(
         mount = Pose(pivot.p_sensor_tip, mount.wxyz)
         off_mm = 1e3 * np.linalg.norm(pivot.residuals, axis=1)
         figures |= {"pivot_stops": len(off_mm), "pivot_rms_mm": round(rms(off_mm), 2)}
+        figures["pivot_chi2"] = round(pivot.chi2, 3)
     if turns is not None:
         mount = Pose(mount.p, turns.wxyz_sensor_tool)
         figures |= {"turns": len(turns.off), "turns_rms_deg": round(rms(np.degrees(turns.off)), 2)}

@@ -6,7 +6,6 @@ import argparse
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from pbd.calibration.points import POOR_CHI2, fit_points, refuse_shape
 from pbd.calibration.registration import PointObservations, observe_points
 from pbd.calibration.rests import rms
 from pbd.calibration.sensor import corrected
+from pbd.cli.calibrate.poor_fit import keep_good_part
 from pbd.cli.common import replaced_part, sigma_json, track_recording
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording
@@ -65,11 +65,14 @@ def run(args: argparse.Namespace) -> None:
     cov = fit.cov.copy()
     if part == "nav" and heading is not None:
         cov[5, 5] += heading**2  # the heading differs between demonstrations by this sigma
-    if fit.chi2 > POOR_CHI2 and not args.force:
-        _keep_good_part(path, calibration, part, fit.chi2)
+    worse = f"{np.sqrt(fit.chi2):.1f} times"
+    known = calibration.T_base_nav if part == "nav" else calibration.T_base_dock
+    if known is not None and not args.force:
+        what = f"the points fit {worse} worse than the tracker's uncertainty predicts"
+        again = "touch them again, more calmly, or correct their coordinates"
+        keep_good_part(path, calibration, f"{part}.chi2", fit.chi2, what, again)
     values = pose_values(pose, "in base", cov) | {"fit": (figures, ""), "any_attitude": (None, "")}
     update_calibration(path, {part: values}, renames=instead, scale=fit.scale if args.find_scale else None)
-    worse = f"{np.sqrt(fit.chi2):.1f} times"
     if fit.chi2 > POOR_CHI2:
         warn(
             f"the points fit {worse} worse than the tracker's uncertainty predicts: do not use {path} until you have "
@@ -137,20 +140,6 @@ def _report_heading(
             "from a dock (--as dock), whose heading does not depend on it"
         )
     return heading
-
-
-def _keep_good_part(path: Path, calibration: Calibration, part: str, chi2: float) -> None:
-    """Refuse to replace a part of the calibration that is not known to fit badly by one that does."""
-    known = calibration.T_base_nav if part == "nav" else calibration.T_base_dock
-    if known is not None and calibration.residuals.get(f"{part}.chi2", 0.0) <= POOR_CHI2:
-        what = f"the points fit {np.sqrt(chi2):.1f} times worse than the tracker's uncertainty predicts"
-        raise CalibrationError(
-            f"{what}, so the [{part}] of {path} stays as it is; touch them again, more calmly, or correct their "
-            "coordinates; --force replaces it",
-            path=path,
-            value=chi2,
-            bound=POOR_CHI2,
-        )
 
 
 def _match_stops(

@@ -102,6 +102,7 @@ def mount(parser: ArgumentParser) -> None:
     flag(parser, "--pivot", "the tip stayed on one point at every stop")
     turns = "the tool axis of each turn of 20 degrees or more: x, -x, y ..."
     option(parser, "--turns", "A,A", turns, type=_some_of("x", "y", "z", "-x", "-y", "-z"))
+    add_force(parser, "replace a lever that was measured by a poor fit")
     add_accept_gap(parser)
 
 
