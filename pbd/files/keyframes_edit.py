@@ -77,5 +77,7 @@ def _is_before_touch(text: str) -> bool:
     import tomlkit
 
     written = sealed(text.partition(SEAL)[0])
-    added = tomlkit.parse(text.removeprefix(written)) if text.startswith(written) else {"edited": True}
+    if not text.startswith(written):  # somebody has edited it
+        return False
+    added: dict[str, Any] = tomlkit.parse(text.removeprefix(written))
     return set(added) <= {"touch_up"} and all(each.get("undone", False) for each in added.get("touch_up", []))
