@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -17,12 +17,11 @@ from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Recording, Robot
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, PbdError, SensorError, UsageError, collected_warnings, listed
+from pbd.errors import CalibrationError, PbdError, SensorError, UsageError, collected_warnings
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_demo
 from pbd.files.find_by_name import bundled, bundled_names
 from pbd.files.points import Points, points_csv
-from pbd.files.set_aside import is_aside
 from pbd.io.atomic import atomic_file, is_file, refuse_file
 from pbd.io.made_by_pbd import refuse_others_file
 from pbd.io.read_file import read_text
@@ -49,15 +48,6 @@ def load_demonstration(name: str | None) -> Demonstration:
         newer = "" if latest == wanted else f"; the newer '{latest}' can't be replayed"
         say(f"no demonstration named: using '{wanted}'{notes}{newer}")
     return demo
-
-
-def in_use(names: Sequence[str]) -> list[str]:
-    """Return the demonstrations that were not set aside (`demos/*` names those too), or all if all were."""
-    aside = [name for name in names if is_aside(Path(name))]
-    used = [name for name in names if name not in aside] or aside
-    if left_out := [name for name in aside if name not in used]:
-        say(f"left out, because they were set aside: {listed(left_out)}")
-    return used
 
 
 def say_hidden(folder: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pbd.cli.common import in_use, plan_demonstration
+from pbd.cli.common import plan_demonstration
 from pbd.cli.console import print_json, say, working
 from pbd.cli.plan_report import moves_json, remarks
 from pbd.errors import PbdError, PlanError, UsageError, listed
@@ -33,7 +33,6 @@ def run(args: argparse.Namespace) -> None:
         refuse_dataset(args.output, load_robot(args.robot))
     elif args.output != STDOUT:
         refuse_output(args.output, (*args.demos, args.robot, args.calibration, args.start))
-    args.demos = in_use(args.demos)
     plans = [_plan(args, name) for name in args.demos or (None,)]
     _say_remarks(plans)
     done = _write(args, plans, format_name)

@@ -97,15 +97,13 @@ def test_a_program_that_somebody_has_edited_is_not_replaced(
 
 
 def test_several_demonstrations_become_one_dataset(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_demo(load_demo("paper-test1"), Path("demos/old.before"))
-    several = ["export", "paper-test2", "paper-test1", "old.before", "--robot", "so101", "--json", "-o", "tea"]
+    several = ["export", "paper-test2", "paper-test1", "--robot", "so101", "--json", "-o", "tea"]
     assert main([*several, "--format", "lerobot", "--task", "pour the tea"]) == 0
     out, err = capsys.readouterr()
     assert [(each["demo"], each["episode"]) for each in json.loads(out)["episodes"]] == [
         ("paper-test2", 0),
         ("paper-test1", 1),
     ]
-    assert "pbd: left out, because they were set aside: old.before\n" in err
     assert "pbd: lerobot-replay jumps to the first frame, so bring the arm there before: shoulder_pan -0.1, " in err
     info = json.loads((elsewhere / "tea/meta/info.json").read_text())
     assert (info["total_episodes"], info["total_tasks"]) == (2, 1)

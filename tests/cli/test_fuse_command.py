@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -62,15 +61,6 @@ def test_a_sensor_that_was_never_turned_is_said_to_keep_its_errors(capsys: Captu
 
 def test_only_the_takes_that_were_used_are_counted(capsys: Capture) -> None:
     assert "pbd: wrote demos/mixed: 2 of 3 takes, " in run(capsys, "fuse", "tea1", "tea2", "other", "-o", "mixed")[2]
-
-
-def test_a_take_that_was_set_aside_is_left_out(capsys: Capture) -> None:
-    """`demos/*` names it as well; counted twice, a take would halve the variance."""
-    shutil.copytree("demos/tea1", "demos/tea1.before")
-    code, _, err = run(capsys, "fuse", "demos/tea1", "demos/tea1.before", "demos/tea2", "-o", "two-of-them")
-    assert code == 0
-    assert "pbd: left out, because they were set aside: demos/tea1.before\n" in err
-    assert [take.recording.info.name for take in load_demo("two-of-them").takes] == ["tea1", "tea2"]
 
 
 def test_a_take_is_added_by_a_line_in_demo_toml(capsys: Capture) -> None:
