@@ -44,9 +44,28 @@ def test_each_is_told_in_its_own_row_and_the_worst_comes_first(takes: list[str],
 def test_one_that_was_set_aside_is_left_out_beside_others(takes: list[str], capsys: Capture) -> None:
     shutil.copytree("demos/tea1", "demos/tea1.before")
     code, out, err = run(capsys, "check", "demos/tea1", "demos/tea1.before")
-    assert (code, err) == (0, "pbd: left out, because they were set aside: demos/tea1.before\n")
+    left_out = "left out, because they were set aside: demos/tea1.before; a name alone, without its folder, is used"
+    assert (code, err) == (0, f"pbd: {left_out}\n")
     assert "tea1.before" not in out
     assert [row["name"] for row in run_json(capsys, "check", "tea1.before")["demos"]] == ["tea1.before"]
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (("fuse", "-o", "x"), "no demonstration named 'demos/a'"),
+        (("plot", "--csv"), "--csv prints the spread of several demonstrations"),
+        (("export", "--robot", "ur5", "-o", "x.csv"), "no demonstration named 'demos/a'"),
+    ],
+)
+def test_other_commands_leave_it_out_too(capsys: Capture, command: tuple[str, ...], said: str) -> None:
+    code, _, err = run(capsys, *command, "demos/a", "demos/a.before")
+    *before, line = err.splitlines()
+    assert code != 0
+    assert said in line
+    assert before[0].startswith("pbd: left out, because they were set aside: demos/a.before; ")
+    both = run(capsys, *command, "a", "a.before")[2]
+    assert "left out" not in both
 
 
 def test_no_process_is_started_without_a_demonstration(takes: list[str], monkeypatch: pytest.MonkeyPatch) -> None:

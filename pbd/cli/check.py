@@ -6,17 +6,14 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
 from pbd.check_demos import DemoCheck, check_all
-from pbd.cli.common import print_result
-from pbd.cli.console import say
+from pbd.cli.common import print_result, without_aside
 from pbd.errors import RecordingError, listed
-from pbd.files.set_aside import is_aside
 from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units
 
@@ -34,13 +31,10 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _checked(args: argparse.Namespace) -> tuple[DemoCheck, ...]:
-    """Check the named demonstrations; without those that were set aside, which `demos/*` names too, unless all were."""
+    """Check the named demonstrations."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-    aside = [name for name in args.demos if is_aside(Path(name))]
-    demos = [name for name in args.demos if name not in aside] or aside
-    if left_out := [name for name in aside if name not in demos]:
-        say(f"left out, because they were set aside: {listed(left_out)}")
+    demos = without_aside(args.demos)
     columns = ("checking", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("", total=len(demos))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -17,11 +17,12 @@ from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Recording, Robot
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, PbdError, SensorError, UsageError, collected_warnings
+from pbd.errors import CalibrationError, PbdError, SensorError, UsageError, collected_warnings, listed
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_demo
 from pbd.files.find_by_name import bundled, bundled_names
 from pbd.files.points import Points, points_csv
+from pbd.files.set_aside import is_aside
 from pbd.io.atomic import atomic_file, is_file, refuse_file
 from pbd.io.made_by_pbd import refuse_others_file
 from pbd.io.read_file import read_text
@@ -48,6 +49,15 @@ def load_demonstration(name: str | None) -> Demonstration:
         newer = "" if latest == wanted else f"; the newer '{latest}' can't be replayed"
         say(f"no demonstration named: using '{wanted}'{notes}{newer}")
     return demo
+
+
+def without_aside(names: Sequence[str]) -> list[str]:
+    """Leave out demonstrations that were set aside and are given as paths, as `demos/*` gives them; unless all are."""
+    aside = [name for name in names if len(Path(name).parts) > 1 and is_aside(Path(name))]
+    others = [name for name in names if name not in aside]
+    if others and aside:
+        say(f"left out, because they were set aside: {listed(aside)}; a name alone, without its folder, is used")
+    return others or aside
 
 
 def say_hidden(folder: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pbd.cli.common import plan_demonstration
+from pbd.cli.common import plan_demonstration, without_aside
 from pbd.cli.console import print_json, say, working
 from pbd.cli.plan_report import moves_json, remarks
 from pbd.errors import PbdError, PlanError, UsageError, listed
@@ -27,6 +27,7 @@ STDOUT = Path("-")
 
 def run(args: argparse.Namespace) -> None:
     """Plan each demonstration, audit the motion and write it."""
+    args.demos = without_aside(args.demos)
     format_name = _format(args)
     check_format(format_name, args.rate, args.dense, load_robot(args.robot) if FORMATS[format_name].for_some else None)
     if format_name in FOLDERS:

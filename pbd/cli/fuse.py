@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 
 from pbd.cli.calibrate.sensor import sensor_parts
-from pbd.cli.common import named_calibration, print_result, say_hidden, write_figures
+from pbd.cli.common import named_calibration, print_result, say_hidden, without_aside, write_figures
 from pbd.cli.console import say, working
 from pbd.data.one_line_repr import counted
 from pbd.errors import UsageError
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> None:
     folder = demo_folder(args.output)
     refuse_demo_folder(folder, args.force)
     with working("reading the takes"):
-        takes = [load_demo(name) for name in args.takes]
+        takes = [load_demo(name) for name in without_aside(args.takes)]
     if len(takes) == 1 and not takes[0].takes:
         raise UsageError("name two takes or more; one alone is a demonstration already")
     demo = fused_demo(takes)

@@ -6,7 +6,14 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from pbd.cli.common import load_demonstration, named_calibration, print_result, track_demonstration, write_figures
+from pbd.cli.common import (
+    load_demonstration,
+    named_calibration,
+    print_result,
+    track_demonstration,
+    without_aside,
+    write_figures,
+)
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
 from pbd.errors import PbdError, TrackingError, UsageError, collected_warnings, warn
@@ -18,6 +25,7 @@ LONGEST_NAME = 60
 
 def run(args: argparse.Namespace) -> None:
     """Draw one demonstration, or compare several."""
+    args.demos = without_aside(args.demos)
     if len(args.demos) > 1:
         return _compare(args)
     if args.csv:
