@@ -65,6 +65,7 @@ def _sensor_alarms(solution: Solution, found: SensorEstimate) -> Iterator[str]:
             f"for how gravity turns: the gyro's scale or the time is wrong (if the time, every distance is "
             f"{share**-2:.2f} times the true one); check the rate"
         )
+    clock = ""  # a wrong clock scales the gyro's turns, and may look like an error of the accelerometer as well
     for name, one in zip(("gyro", "accelerometer", "accelerometer"), each[1:], strict=True):
         surprise = np.abs(one.surprise)
         worst = np.unravel_index(int(np.argmax(surprise)), surprise.shape)
@@ -77,8 +78,9 @@ def _sensor_alarms(solution: Solution, found: SensorEstimate) -> Iterator[str]:
             what = f"leans {100.0 * abs(value):.1f} % towards {axes[1]}"
         else:
             what = f"reads {100.0 * abs(value):.1f} % {'high' if value > 0.0 else 'low'}"
-        clock = " (or check the rate: the time may be wrong)" if name == "gyro" else ""
-        yield f"the {name}'s {axes[0]} axis {what}, far more than such a sensor should: pbd calibrate sensor{clock}"
+            if name == "gyro":
+                clock = f"the clock may be {'fast' if value > 0.0 else 'slow'} (check the rate), or "
+        yield f"the {name}'s {axes[0]} axis {what}, far more than such a sensor should: {clock}pbd calibrate sensor"
 
 
 def _move_alarms(solution: Solution) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from pbd.errors import PbdWarning
+from pbd.files.demo import load_demo
 from pbd.pipeline import track
 from pbd.tracking.alarm import _move_alarms, _sensor_alarms
 from tests.scenarios import pour
@@ -41,6 +43,16 @@ def test_an_axis_that_leans_is_told_from_one_that_reads_high(row: int, column: i
     solution: Any = SimpleNamespace(lag=0.0, scale=0.0)
     (said,) = _sensor_alarms(solution, found)
     assert said.startswith(told)
+
+
+def test_a_clock_that_is_fast_is_not_only_blamed_on_the_gyro() -> None:
+    recording = load_demo("pouring").recording
+    stretched = replace(recording, t=1.05 * recording.t, info=replace(recording.info, rate_hz=None))
+    with pytest.warns(PbdWarning) as caught:
+        track(stretched)
+    said = [str(each.message) for each in caught if "far more than such a sensor should" in str(each.message)]
+    assert said[0].startswith("the gyro's x axis reads ")
+    assert all("should: the clock may be fast (check the rate), or pbd calibrate sensor" in one for one in said)
 
 
 def test_an_estimate_that_did_not_settle_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
