@@ -31,7 +31,7 @@ from pbd.tracking.repair.clock import row_changes
 from pbd.tracking.smoother.preintegration import Impulse
 from pbd.tracking.zero_velocity import runs
 
-LEAST_RANGE = {"acc": 1.15 * GRAVITY, "gyr": 1.0}
+LEAST_RANGE = {"acc": 1.15 * GRAVITY, "gyr": 0.5}
 """Smallest range of a sensor, m/s2 and rad/s. A flat top below it is no clip but a rest."""
 
 TOP_TOLERANCE = 1e-6
@@ -69,19 +69,16 @@ def find_clips(recording: Recording) -> tuple[Clip, ...]:
     clips = clips_of(recording)
     if not clips:
         return ()
-    clipped: dict[str, set[str]] = {}
-    for clip in clips:
-        clipped.setdefault(clip.sensor, set()).add("xyz"[clip.axis])
-    axes = " and ".join(
-        f"the {SENSOR_NAMES[sensor]}'s {', '.join(sorted(clipped[sensor]))}" for sensor in sorted(clipped)
-    )
+    axes, ends = [], []
+    for sensor in sorted({clip.sensor for clip in clips}):
+        own = [clip for clip in clips if clip.sensor == sensor]
+        axes.append(f"the {SENSOR_NAMES[sensor]}'s {', '.join(sorted({'xyz'[clip.axis] for clip in own}))} axis")
+        reading = abs(float(getattr(recording, sensor)[own[0].start, own[0].axis]))
+        ends.append(f"{reading / GRAVITY:.3g} g" if sensor == "acc" else f"{np.degrees(reading):.0f} deg/s")
     rows = len({row for clip in clips for row in range(clip.start, clip.stop)})
-    first = clips[0]
-    reading = abs(float(getattr(recording, first.sensor)[first.start, first.axis]))
-    shown = f"{reading / GRAVITY:.3g} g" if first.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
     warn(
-        f"{rows} samples of {axes} axis are at the end of the range ({shown}), the first at "
-        f"t = {recording.t[first.start]:.2f} s: values above it are guessed; move slower, or set a larger range"
+        f"{rows} samples of {' and '.join(axes)} are at the end of the range ({' and '.join(ends)}), the first at "
+        f"t = {recording.t[clips[0].start]:.2f} s: values above it are guessed; move slower, or set a larger range"
     )
     return clips
 

@@ -98,6 +98,17 @@ def test_one_line_says_how_many_which_axis_where_and_what_to_do() -> None:
     ]
 
 
+def test_each_sensors_end_is_named_even_a_low_one() -> None:
+    recording = simulate("pour", "modern", 0).recording
+    ends = {"gyr": np.radians(30.0), "acc": 1.2 * GRAVITY}
+    acc = np.clip(1.6 * recording.acc, -ends["acc"], ends["acc"])
+    clipped = replace(recording, gyr=np.clip(recording.gyr, -ends["gyr"], ends["gyr"]), acc=acc)
+    with pytest.warns(
+        PbdWarning, match=r"accelerometer's .*z axis and the gyro's x axis are at .* \(1\.2 g and 30 deg/s\)"
+    ):
+        find_clips(clipped)
+
+
 @pytest.mark.parametrize("rate_hz", [25.0, 60.0, 250.0])
 @pytest.mark.parametrize("sensor", ["os5000", "os5000-nogyro", "wt901", "modern", "ideal"])
 def test_nothing_is_found_where_nothing_clips(sensor: str, rate_hz: float) -> None:
