@@ -196,16 +196,21 @@ def _move_world(model: Any, T_new_old: Any) -> None:
 
 
 def _configuration_of(model: Any) -> Callable[[Array], Array]:
-    """Return the conversion of joint values (..., n) to pinocchio's: cosine and sine for a continuous joint."""
+    """Return the conversion of joint values (..., n) to pinocchio's: cosine and sine for a continuous joint.
+
+    Floating and planar joints, which nothing drives, stay neutral.
+    """
     joints = list(model.joints)[1:]
     if model.nq == len(joints):
         return lambda q: q
-    at, turning = np.array([joint.idx_q for joint in joints]), np.array([joint.nq == 2 for joint in joints])
-    cosines = at[turning]
+    starts, sizes = (np.array([getattr(joint, key) for joint in joints]) for key in ("idx_q", "nq"))
+    single, turning, neutral = sizes == 1, sizes == 2, pin.neutral(model)
+    scalars, cosines = starts[single], starts[turning]
 
     def convert(q: Array) -> Array:
         made = np.empty((*q.shape[:-1], model.nq))
-        made[..., at] = q
+        made[...] = neutral
+        made[..., scalars] = q[..., single]
         made[..., cosines], made[..., cosines + 1] = np.cos(q[..., turning]), np.sin(q[..., turning])
         return made
 

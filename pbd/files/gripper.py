@@ -8,7 +8,7 @@ import numpy as np
 
 from pbd.data import Gripper
 from pbd.errors import listed
-from pbd.files.robot_description import Urdf, UrdfJoint
+from pbd.files.robot_description import ACTUATED, Urdf, UrdfJoint
 from pbd.io.toml import Section
 
 MIMIC_TOLERANCE = 1e-3
@@ -18,7 +18,7 @@ MIMIC_TOLERANCE = 1e-3
 def read_gripper(section: Section, urdf: Urdf, chain: Sequence[UrdfJoint]) -> Gripper:
     """Read the [gripper] of a robot whose arm has the moving joints `chain`; its followers are among its joints."""
     names = section.texts("joints")
-    known = [joint.name for joint in urdf.joints.values() if joint.kind != "fixed"]
+    known = [joint.name for joint in urdf.joints.values() if joint.kind in ACTUATED]
     if unknown := [name for name in names if name not in known]:
         section.fail("joints", f"names {unknown[0]!r}, which is not a movable joint; the URDF has {listed(known)}")
     if twice := next((name for name in names if names.count(name) > 1), None):

@@ -135,6 +135,23 @@ def test_joints_and_bodies_may_share_names(odd_robot: Robot, tmp_path: Path) -> 
     np.testing.assert_allclose(arm.forward(q).matrix(), hand.homogeneous, atol=1e-14)
 
 
+@pytest.mark.parametrize(("kind", "neutral"), [("floating", [0, 0, 0, 0, 0, 0, 1]), ("planar", [0, 0, 1, 0])])
+def test_what_floats_beside_the_arm_stays_neutral(
+    odd_robot: Robot, tmp_path: Path, kind: str, neutral: list[float]
+) -> None:
+    """Its configuration used to be whatever was in memory."""
+    text = odd_robot.urdf.read_text(encoding="utf-8")
+    kite = f'<link name="kite"/><joint name="kite" type="{kind}"><parent link="hand"/><child link="kite"/></joint>'
+    urdf = tmp_path / "kite.urdf"
+    urdf.write_text(text.replace("</robot>", f"{kite}</robot>"), encoding="utf-8")
+    arm = load_model(replace(odd_robot, urdf=urdf))
+    joint = arm.full.joints[arm.full.getJointId("kite")]
+    x = np.append(random_joints(odd_robot, 1, seed=4)[0], 0.5)
+    for _ in range(3):
+        np.full(arm.full.nq, 7.7)  # the next array of this size gets its memory
+        np.testing.assert_array_equal(arm.configurations(x)[joint.idx_q : joint.idx_q + joint.nq], neutral)
+
+
 def test_full_configuration_opens_the_gripper_by_its_share(arm: ArmModel) -> None:
     q = random_joints(arm.robot, 1, seed=4)[0]
     np.testing.assert_array_equal(arm.configurations(np.append(q, 0.25)), [*q, 0.01, 0.01])
