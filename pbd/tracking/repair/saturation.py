@@ -31,7 +31,7 @@ from pbd.tracking.repair.clock import row_changes
 from pbd.tracking.smoother.preintegration import Impulse
 from pbd.tracking.zero_velocity import runs
 
-LEAST_RANGE = {"acc": 1.15 * GRAVITY, "gyr": 0.5}
+LEAST_RANGE = {"acc": 1.15 * GRAVITY, "gyr": 1.0}
 """Smallest range of a sensor, m/s2 and rad/s. A flat top below it is no clip but a rest."""
 
 TOP_TOLERANCE = 1e-6
