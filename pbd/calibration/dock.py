@@ -35,21 +35,20 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
             f"the calibration '{calibration.name}' does not say where the hand starts in the robot's base; add a dock: "
             f"pbd calibrate dock {calibration.name} --position X Y Z --rpy R P Y"
         )
-    if not calibration.any_attitude:
-        tilt_deg = np.degrees(dock_tilt(dock, wxyz_nav_sensor))
-        if tilt_deg > UPSIDE_DOWN_DEG:
-            raise CalibrationError(
-                f"at its first rest the sensor lies upside down compared with the dock of '{calibration.name}'; if the "
-                "accelerometer reads -g along the axis that points up, import with --unit acc=-g, else correct rpy_deg "
-                "of the dock",
-                value=float(tilt_deg),
-                bound=UPSIDE_DOWN_DEG,
-            )
-        if tilt_deg > TILT_WARNING_DEG:
-            warn(
-                f"at its first rest the sensor is tilted by {tilt_deg:.0f} degrees from the dock of "
-                f"'{calibration.name}'; put it down as the dock says, or set any_attitude = true there"
-            )
+    tilt_deg = np.degrees(dock_tilt(dock, wxyz_nav_sensor))
+    if tilt_deg > UPSIDE_DOWN_DEG:  # no yaw is the nearest at half a turn, so any_attitude does not help
+        raise CalibrationError(
+            f"at its first rest the sensor lies upside down compared with the dock of '{calibration.name}'; if the "
+            "accelerometer reads -g along the axis that points up, import with --unit acc=-g, else correct rpy_deg "
+            "of the dock",
+            value=float(tilt_deg),
+            bound=UPSIDE_DOWN_DEG,
+        )
+    if tilt_deg > TILT_WARNING_DEG and not calibration.any_attitude:
+        warn(
+            f"at its first rest the sensor is tilted by {tilt_deg:.0f} degrees from the dock of "
+            f"'{calibration.name}'; put it down as the dock says, or set any_attitude = true there"
+        )
     return level_onto(Pose(np.zeros(3), wxyz_nav_sensor), dock)
 
 

@@ -166,7 +166,9 @@ def test_pointing_down_is_the_nearest_such_rotation(tool: Pose) -> None:
     assert left_over(nearest) <= min(grid) + 1e-7
 
 
-def test_an_upside_down_sensor_is_refused_with_its_likely_cause() -> None:
-    dock = Calibration("mine", T_base_dock=Pose.identity())
+@pytest.mark.parametrize("any_attitude", [False, True])
+def test_an_upside_down_sensor_is_refused_with_its_likely_cause(any_attitude: bool) -> None:
+    """With any attitude too: near half a turn of tilt, the nearest yaw is that of the noise."""
+    upside_down = dock(np.zeros(3), quat_about_z(0.0), any_attitude)
     with pytest.raises(CalibrationError, match=r"upside down .* if the accelerometer reads -g along the axis"):
-        nav_in_base(dock, quat_from_rpy((np.pi, 0.0, 0.3)))
+        nav_in_base(upside_down, quat_from_rpy((np.pi, 0.0, 0.3)))
