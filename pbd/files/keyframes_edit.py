@@ -77,7 +77,10 @@ def _is_before_touch(text: str) -> bool:
     import tomlkit
 
     written = sealed(text.partition(SEAL)[0])
-    if not text.startswith(written):  # somebody has edited it
+    if not text.startswith(written):
         return False
-    added: dict[str, Any] = tomlkit.parse(text.removeprefix(written))
-    return set(added) <= {"touch_up"} and all(each.get("undone", False) for each in added.get("touch_up", []))
+    added = text.removeprefix(written)
+    top = tomlkit.parse(added)
+    touch_ups = top.get("touch_up", [])
+    by_touch = set(top) <= {"touch_up"} and added.count("#") == len(touch_ups)  # one comment each
+    return by_touch and all(each.get("undone", False) for each in touch_ups)

@@ -103,6 +103,7 @@ def test_each_sensors_end_is_named() -> None:
     assert recording.gyr is not None
     ends = {"gyr": np.radians(75.0), "acc": 1.2 * GRAVITY}
     acc = np.clip(1.6 * recording.acc, -ends["acc"], ends["acc"])
+    assert recording.gyr is not None
     clipped = replace(recording, gyr=np.clip(recording.gyr, -ends["gyr"], ends["gyr"]), acc=acc)
     with pytest.warns(
         PbdWarning, match=r"accelerometer's .*z axis and the gyro's x axis are at .* \(1\.2 g and 75 deg/s\)"
