@@ -31,8 +31,8 @@ from pbd.tracking.repair.clock import row_changes
 from pbd.tracking.smoother.preintegration import Impulse
 from pbd.tracking.zero_velocity import runs
 
-LEAST_RANGE = {"acc": 1.15 * GRAVITY, "gyr": 1.0}
-"""Smallest range of a sensor, m/s2 and rad/s. A flat top below it is no clip but a rest."""
+LEAST_RANGE = {"acc": 1.15 * GRAVITY, "gyr": 0.5}
+"""Smallest range of a sensor, m/s2 and rad/s (InvenSense ICM-42688-P: 31 deg/s). A flat top below it is a rest."""
 
 TOP_TOLERANCE = 1e-6
 """A reading belongs to the flat top if it differs by less than this share from the largest reading."""

@@ -101,12 +101,12 @@ def test_one_line_says_how_many_which_axis_where_and_what_to_do() -> None:
 def test_each_sensors_end_is_named() -> None:
     recording = simulate("pour", "modern", 0).recording
     assert recording.gyr is not None
-    ends = {"gyr": np.radians(75.0), "acc": 1.2 * GRAVITY}
+    ends = {"gyr": np.radians(31.25), "acc": 1.2 * GRAVITY}
     acc = np.clip(1.6 * recording.acc, -ends["acc"], ends["acc"])
     assert recording.gyr is not None
     clipped = replace(recording, gyr=np.clip(recording.gyr, -ends["gyr"], ends["gyr"]), acc=acc)
     with pytest.warns(
-        PbdWarning, match=r"accelerometer's .*z axis and the gyro's x axis are at .* \(1\.2 g and 75 deg/s\)"
+        PbdWarning, match=r"accelerometer's .*z axis and the gyro's x axis are at .* \(1\.2 g and 31 deg/s\)"
     ):
         find_clips(clipped)
 
