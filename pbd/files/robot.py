@@ -77,7 +77,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     poses = {} if srdf is None else read_poses(srdf)
     followers = urdf.followers([joint.name for joint in joints])
     moved = {*followers, *(joint.name for joint in joints), *(gripper.joints if gripper else ())}
-    _refuse_unmoved_mimics(urdf, moved)
+    _refuse_unmoved(urdf, moved)
     robot = Robot(
         name=name,
         description=description,
@@ -175,17 +175,20 @@ def _may_touch(arm: Section, urdf: Urdf) -> tuple[tuple[str, str], ...]:
     return pairs
 
 
-def _refuse_unmoved_mimics(urdf: Urdf, moved: Collection[str]) -> None:
-    """Refuse a joint that mimics, with an offset, one that nothing moves: both would be taken to be at 0."""
-    unmoved = [name for name, joint in urdf.joints.items() if joint.mimic is None and name not in moved]
-    for name, mimic in urdf.followers(unmoved).items():
-        if name not in moved and abs(mimic.offset) > MIMIC_TOLERANCE:
-            raise RobotError.at(
-                urdf.path,
-                f"joint {name!r} mimics {mimic.joint!r}, which nothing moves, and would stand at {mimic.offset:g}; "
-                f"name {mimic.joint!r} in [arm] or [gripper] joints, or make {name!r} a fixed joint",
-                joint=name,
-            )
+def _refuse_unmoved(urdf: Urdf, moved: Collection[str]) -> None:
+    """Refuse a joint that nothing moves where 0, at which it is taken to stand, is wrong."""
+    unmoved = [name for name, joint in urdf.joints.items() if name not in moved and joint.kind in ACTUATED]
+    mimics = urdf.followers([name for name in unmoved if urdf.joints[name].mimic is None])
+    for name in unmoved:
+        joint, mimic = urdf.joints[name], mimics.get(name)
+        why = None
+        if mimic is not None and abs(mimic.offset) > MIMIC_TOLERANCE:
+            why = f"but mimics {mimic.joint!r}, which puts it at {mimic.offset:g}; name {mimic.joint!r} too"
+        elif not joint.lower <= 0.0 <= joint.upper:
+            why = f"outside its limits of {joint.lower:g} to {joint.upper:g}; name it"
+        if why is not None:
+            what = f"joint {name!r} is in neither [arm] nor [gripper] joints and would be locked at 0, {why}"
+            raise RobotError.at(urdf.path, f"{what}, or make {name!r} a fixed joint, where it stands", joint=name)
 
 
 def _servos(section: Section, k: int, gripper: Gripper | None) -> Servos:

@@ -322,6 +322,9 @@ def test_a_joint_that_mimics_an_arms_joint_through_another_follows_it(folder: Pa
     assert (outer.joint, outer.leader, outer.multiplier, outer.offset) == ("outer", "elbow", -6.0, 0.5 - 0.2)
 
 
+LIMIT_OF_THUMB = 'lower="-2" upper="2" velocity="3"/>\n  '
+
+
 def test_a_joint_keeps_to_its_soft_limits_and_to_what_mimics_it(folder: Path) -> None:
     soft = '<safety_controller k_velocity="9" soft_lower_limit="-1.5" soft_upper_limit="9"/>'
     change(folder / "mine.urdf", 'velocity="1.5"/>', f'velocity="1.5"/> {soft}')
@@ -336,7 +339,7 @@ def test_a_joint_keeps_to_its_soft_limits_and_to_what_mimics_it(folder: Path) ->
 @pytest.mark.parametrize(
     ("urdf", "toml", "message"),
     [
-        (('lower="-2" upper="2" velocity="3"/>\n  <mimic', 'lower="-0.8" upper="2" velocity="3"/>\n  <mimic'), None,
+        ((LIMIT_OF_THUMB, LIMIT_OF_THUMB.replace("-2", "-0.8")), None,
          r":16: \[gripper\] open puts thumb_joint at -0.9, outside -0.8..2; correct it"),
         (None, ("stroke_s = 0.4", "stroke_s = 0.3"),
          r":18: \[gripper\] stroke_s moves thumb_joint at 3.33333, above the URDF's own 3; make it longer"),
@@ -345,7 +348,10 @@ def test_a_joint_keeps_to_its_soft_limits_and_to_what_mimics_it(folder: Path) ->
         (None, ('"claw"]\nopen = [0.5]\nclosed = [', '"claw", "thumb_joint"]\nopen = [0.5, 0.9]\nclosed = [0.1, '),
          r":16: \[gripper\] open puts thumb_joint at 0.9, but it mimics claw, which puts it at -0.9; correct it"),
         (None, ('["claw"]\nopen = [0.5]\nclosed = [0.0]', "[]\nopen = []\nclosed = []"),
-         r"joint 'thumb_joint' mimics 'claw', which nothing moves, and would stand at 0.1; name 'claw' in \[arm\] or"),
+         r"'thumb_joint' is in neither \[arm\] nor \[gripper\] joints and would be locked at 0, but mimics 'claw', "
+         r"which puts it at 0.1; name 'claw' too, or make 'thumb_joint' a fixed joint"),
+        ((LIMIT_OF_THUMB + '<mimic joint="claw" multiplier="-2" offset="0.1"/>', 'lower="1" upper="2"/>'), None,
+         r"would be locked at 0, outside its limits of 1 to 2; name it, or make 'thumb_joint' a fixed joint"),
         (None, ('body = "hand"', 'body = "finger"'),
          r":15: \[gripper\] joints names 'claw', which moves the tool's body; set body to a link before that joint"),
     ],
