@@ -57,7 +57,7 @@ def test_replay_json(capsys: Capture, elsewhere: Path) -> None:
 
 
 def test_a_motion_of_another_size_says_so_and_why(capsys: Capture, elsewhere: Path) -> None:
-    command = ("replay", "pouring", "--robot", "so101", "--html", "page.html", "--scale", "1.1", "--json")
+    command = ("replay", "paper-test2", "--robot", "so101", "--scale", "1.1", "--json")
     code, out, err = run(capsys, *command)
     assert code == 0
     assert json.loads(out)["scale"] == pytest.approx(0.33)
@@ -65,7 +65,7 @@ def test_a_motion_of_another_size_says_so_and_why(capsys: Capture, elsewhere: Pa
 
 
 def test_a_motion_on_the_robots_own_dock_says_where_it_starts(capsys: Capture, elsewhere: Path) -> None:
-    command = ("export", "pouring", "--robot", "ur5", "-o", "motion.csv", "--rate", "100")
+    command = ("export", "paper-test2", "--robot", "ur5", "-o", "motion.csv", "--rate", "100")
     own = (
         "pbd: the hand starts at ur5's own dock, (0.300, -0.200, 0.250) m in base; for yours give --calibration NAME\n"
     )
@@ -80,7 +80,7 @@ def test_a_motion_on_the_robots_own_dock_says_where_it_starts(capsys: Capture, e
 @pytest.mark.parametrize("format_name", ["csv", "npz", "ros2-json"])
 def test_export(capsys: Capture, elsewhere: Path, format_name: str) -> None:
     result = run_json(
-        capsys, "export", "pouring", "--robot", "panda", "--format", format_name, "-o", "out", "--rate", "100"
+        capsys, "export", "paper-test2", "--robot", "panda", "--format", format_name, "-o", "out", "--rate", "100"
     )
     samples = int(np.ceil(result["duration_s"] * 100.0)) + 1
     if format_name == "ros2-json":  # the motion's own knots, and samples between them
@@ -92,7 +92,7 @@ def test_export(capsys: Capture, elsewhere: Path, format_name: str) -> None:
 
 
 def test_export_npz_keys(capsys: Capture) -> None:
-    run_json(capsys, "export", "pouring", "--robot", "panda", "--format", "npz", "-o", "out.npz")
+    run_json(capsys, "export", "paper-test1", "--robot", "panda", "--format", "npz", "-o", "out.npz")
     with np.load("out.npz", allow_pickle=False) as file:
         assert set(file.files) == {"joints", "t", "q", "dq", "ddq", "gripper"}
         assert np.diff(file["t"]) == pytest.approx(1e-3)

@@ -78,7 +78,7 @@ def test_the_arms_present_joints(capsys: Capture, elsewhere: Path) -> None:
     named = {f"panda_joint{i + 1}": value for i, value in enumerate(q)}
     (elsewhere / "now.json").write_text(json.dumps(named))
     for given in (json.dumps(q), json.dumps(named), "now.json"):
-        run_json(capsys, "export", "pouring", *PANDA, "--from", given, "--format", "npz", "-o", "out.npz")
+        run_json(capsys, "export", "paper-test2", *PANDA, "--from", given, "--format", "npz", "-o", "out.npz")
         with np.load("out.npz", allow_pickle=False) as file:
             np.testing.assert_array_equal(file["q"][0], q)
 
@@ -169,14 +169,14 @@ def test_a_start_that_no_parser_can_take(capsys: Capture, given: str, message: s
 def test_a_collision_that_is_allowed_is_shown_marked_and_never_exported(capsys: Capture, elsewhere: Path) -> None:
     (elsewhere / "c.toml").write_text(OBSTACLE)
     calibration = ("--calibration", "c.toml", "--allow-collision")
-    result = run_json(capsys, "replay", "pouring", *PANDA, *calibration, "--html", "out.html")
+    result = run_json(capsys, "replay", "paper-test2", *PANDA, *calibration, "--html", "out.html")
     found = result["collision"]
     assert found["bodies"][1] == "the shelf"
     assert found["depth_m"] > 0.0
     assert 0.0 <= found["t_s"][0] <= found["t_s"][1] <= result["duration_s"]
     assert any("collision: " in warning for warning in result["warnings"])
     assert (elsewhere / "out.html").exists()
-    line = refused(capsys, 3, "export", "pouring", *PANDA, *calibration, "--format", "csv", "-o", "out.csv")
+    line = refused(capsys, 3, "export", "paper-test2", *PANDA, *calibration, "--format", "csv", "-o", "out.csv")
     assert "would touch the shelf" in line
     assert line.endswith("; no such motion is exported: --allow-collision is for pbd replay, which shows it")
     assert not (elsewhere / "out.csv").exists()
@@ -184,7 +184,7 @@ def test_a_collision_that_is_allowed_is_shown_marked_and_never_exported(capsys: 
 
 def test_a_home_in_collision_is_refused(capsys: Capture, elsewhere: Path) -> None:
     (elsewhere / "c.toml").write_text(LOW_DOCK.replace("0.2\n", "0.6\n"))
-    line = refused(capsys, 3, "replay", "pouring", *PANDA, "--calibration", "c.toml")
+    line = refused(capsys, 3, "replay", "paper-test2", *PANDA, "--calibration", "c.toml")
     assert line.startswith("pbd: home of panda: ")
     assert " would touch the table, " in line
 
@@ -214,7 +214,7 @@ def test_a_home_in_collision_with_the_arm_itself(capsys: Capture, elsewhere: Pat
         (FOLDER / "panda.toml").read_text(encoding="utf-8"),
     )
     (elsewhere / "robots" / "mine.toml").write_text(text)
-    line = refused(capsys, 3, "replay", "pouring", "--robot", "mine")
+    line = refused(capsys, 3, "replay", "paper-test2", "--robot", "mine")
     said = r"pbd: home of panda: panda_\w+ would touch panda_\w+, [\d.]+ c?m+ deep; if these links touch by design, "
     assert re.match(said + r'add \["panda_\w+", "panda_\w+"\] to may_touch in its \[arm\]; else ', line), line
 
