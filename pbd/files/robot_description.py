@@ -101,7 +101,9 @@ class Urdf:
             follower, gear = self.joints[name], mimic.multiplier
             if gear == 0.0:
                 continue
-            if not follower.unlimited_mimic:
+            # Equal limits are a placeholder, but nothing slides without end.
+            endless = follower.kind == "prismatic" and math.isinf(narrow.upper - narrow.lower)
+            if endless or not follower.unlimited_mimic:
                 ends = sorted((end - mimic.offset) / gear for end in (follower.lower, follower.upper))
                 narrow = replace(narrow, lower=max(narrow.lower, ends[0]), upper=min(narrow.upper, ends[1]))
             if follower.velocity > 0.0:  # 0 means unknown

@@ -325,6 +325,17 @@ def test_a_joint_that_mimics_an_arms_joint_through_another_follows_it(folder: Pa
 LIMIT_OF_THUMB = 'lower="-2" upper="2" velocity="3"/>\n  '
 
 
+def test_a_joint_that_slides_with_an_endless_one_needs_limits(folder: Path) -> None:
+    """Without them, how far its link moves is unknown, and its contacts were missed."""
+    slide = FOLLOWER.replace('joint="claw"', 'joint="elbow"').replace("revolute", "prismatic")
+    change(folder / "mine.urdf", "</robot>", slide)
+    limits = read_robot(folder / "mine.toml").limits
+    np.testing.assert_allclose((limits.lower[1], limits.upper[1]), (-0.95, 1.05))
+    change(folder / "mine.urdf", LIMIT_OF_THUMB, LIMIT_OF_THUMB.replace('"-2" upper="2"', '"0" upper="0"'))
+    with pytest.raises(RobotError, match=r"joint 'elbow' has no room to move: lower 0.05, upper 0.05; correct its <li"):
+        read_robot(folder / "mine.toml")
+
+
 def test_a_joint_keeps_to_its_soft_limits_and_to_what_mimics_it(folder: Path) -> None:
     soft = '<safety_controller k_velocity="9" soft_lower_limit="-1.5" soft_upper_limit="9"/>'
     change(folder / "mine.urdf", 'velocity="1.5"/>', f'velocity="1.5"/> {soft}')
