@@ -16,7 +16,7 @@ from pathlib import Path
 
 from pbd.errors import RobotError, listed
 from pbd.io.numbers import finite
-from pbd.io.urdf import read_urdf_xml
+from pbd.io.urdf import LONGEST_M, read_urdf_xml
 from pbd.io.xml import read_xml
 
 ACTUATED = ("revolute", "continuous", "prismatic")
@@ -185,6 +185,8 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     if bounded and soft is not None and {"soft_lower_limit", "soft_upper_limit"} <= soft.attrib.keys():
         lower = max(lower, float(soft.attrib["soft_lower_limit"]))
         upper = min(upper, float(soft.attrib["soft_upper_limit"]))
+    if kind == "prismatic":  # some URDFs write 1e16 for "no limit": no collision check would come to an end
+        lower, upper = max(lower, -LONGEST_M), min(upper, LONGEST_M)
     return UrdfJoint(
         name=name,
         kind=kind,

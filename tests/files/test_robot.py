@@ -336,6 +336,13 @@ def test_a_joint_that_slides_with_an_endless_one_needs_limits(folder: Path) -> N
         read_robot(folder / "mine.toml")
 
 
+def test_a_rail_without_end_is_as_long_as_a_urdf_may_be(folder: Path) -> None:
+    change(folder / "mine.urdf", 'name="shoulder" type="revolute"', 'name="shoulder" type="prismatic"')
+    change(folder / "mine.urdf", 'lower="-2" upper="2"', 'lower="-1e16" upper="1e16"')
+    limits = read_robot(folder / "mine.toml").limits
+    assert (limits.lower[0], limits.upper[0]) == (-100.0, 100.0)
+
+
 def test_a_joint_keeps_to_its_soft_limits_and_to_what_mimics_it(folder: Path) -> None:
     soft = '<safety_controller k_velocity="9" soft_lower_limit="-1.5" soft_upper_limit="9"/>'
     change(folder / "mine.urdf", 'velocity="1.5"/>', f'velocity="1.5"/> {soft}')
