@@ -59,8 +59,21 @@ def in_base(
     path: HandPath | None = None,
     orientation: str = "demo",
 ) -> KeyframesInBase:
-    """Place keyframes in base, by the attitude at the first of them; raises the errors of `nav_in_base`."""
+    """Place keyframes in base, by the attitude at the first of them.
+
+    Raises:
+        CalibrationError: as `nav_in_base`; or the tool, whose orientation is to be fixed, points up at the first.
+    """
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
+    if orientation == "fixed":
+        wxyz = (T_base_nav @ keyframes[0].T_nav_sensor @ calibration.T_sensor_tool).wxyz
+        up = float(quat_rotate(wxyz, (0.0, 0.0, 1.0))[2])
+        if up > -np.cos(np.radians(UPSIDE_DOWN_DEG)):  # near half a turn, no heading is the nearest
+            raise CalibrationError(
+                f"the tool points up at the first keyframe, so with z straight down it has no heading; correct [mount] "
+                f"of '{calibration.name}', or use --orientation demo",
+                value=up,
+            )
     return KeyframesInBase(keyframes, T_base_nav, calibration, scale, path, orientation)
 
 

@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from pbd.calibration.dock import dock_tilt, nav_in_base
+from pbd.calibration.dock import dock_tilt, in_base, nav_in_base
 from pbd.calibration.tool_poses import KeyframesInBase, pointing_down, tool_poses
 from pbd.data import Calibration, Keyframe
+from pbd.data.calibration import TOOL_DOWN
 from pbd.errors import CalibrationError, PbdWarning
 from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_from_rpy, quat_multiply, quat_rotate
 
@@ -164,6 +165,15 @@ def test_pointing_down_is_the_nearest_such_rotation(tool: Pose) -> None:
     assert_allclose(quat_rotate(nearest, Z), -Z, atol=1e-14)
     grid = [left_over(quat_multiply(quat_about_z(yaw), down)) for yaw in np.linspace(-np.pi, np.pi, 61)]
     assert left_over(nearest) <= min(grid) + 1e-7
+
+
+def test_a_tool_that_points_up_has_no_heading_to_keep() -> None:
+    no_mount = Calibration("mine", T_base_nav=Pose.identity(), T_sensor_tool=Pose.identity())
+    up = keyframes([Pose.from_rpy((0, 0, 0), (0.4, 0, 0.3))])
+    in_base(up, no_mount)
+    with pytest.raises(CalibrationError, match="the tool points up at the first keyframe, so with z straight down"):
+        in_base(up, no_mount, orientation="fixed")
+    in_base(up, replace(no_mount, T_sensor_tool=TOOL_DOWN), orientation="fixed")
 
 
 @pytest.mark.parametrize("any_attitude", [False, True])
