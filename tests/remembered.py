@@ -14,7 +14,12 @@ import numpy as np
 
 from pbd.data import Robot
 
-FUNCTIONS = (("pbd.pipeline", "track_alone"), ("pbd.planning.plan", "plan_keyframes"), ("pbd.planning.plan", "_works"))
+FUNCTIONS = (
+    ("pbd.pipeline", "track_alone"),
+    ("pbd.fusion.takes", "track_alone"),
+    ("pbd.planning.plan", "plan_keyframes"),
+    ("pbd.planning.plan", "_works"),
+)
 """The functions that take most of the time. Each is deterministic (tests/test_same_bytes.py)."""
 
 ROBOTS = Path(__file__).parents[1] / "robots"

@@ -49,31 +49,25 @@ def test_the_bundled_demonstration_is_drawn_where_none_is_named(
 
 @pytest.mark.usefixtures("few")
 @pytest.mark.parametrize(("format_name", "begin"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
-def test_json_lists_the_files(capsys: Capture, elsewhere: Path, format_name: str, begin: bytes) -> None:
-    result = run_json(capsys, "plot", "paper-test1", "--save", "a/b", "--format", format_name, "--method", "paper")
+def test_json_lists_the_files_and_a_second_time_replaces_them_but_no_other_program_s(
+    capsys: Capture, elsewhere: Path, format_name: str, begin: bytes
+) -> None:
+    words = ("--save", "a/b", "--format", format_name)
+    result = run_json(capsys, "plot", "paper-test1", *words, "--method", "paper")
     assert set(result) == {"demo", "method", "files", "findings"}
     assert (result["demo"], result["method"]) == ("paper-test1", "paper")
     assert result["files"] == [f"a/b/position.{format_name}"]
-    for file in result["files"]:
-        assert (elsewhere / file).read_bytes().startswith(begin)
-    there = sorted((elsewhere / "a" / "b").iterdir())
-    assert [path.name for path in there] == [f"position.{format_name}"]
+    file = elsewhere / "a" / "b" / f"position.{format_name}"
+    first = file.read_bytes()
+    assert first.startswith(begin)
+    assert list(file.parent.iterdir()) == [file]
     assert any("adds an uncertainty of" in finding for finding in result["findings"])  # the paper's method in the turn
     assert any("at the end of the range" in finding for finding in result["findings"])  # a warning of the tracker's
-
-
-@pytest.mark.usefixtures("few")
-@pytest.mark.parametrize("format_name", ["png", "svg", "pdf"])
-def test_a_second_time_replaces_the_first_but_no_other_program_s(
-    capsys: Capture, elsewhere: Path, format_name: str
-) -> None:
-    words, file = ("--save", ".", "--format", format_name), elsewhere / f"position.{format_name}"
-    run_json(capsys, "plot", "paper-test1", *words)
-    first = file.read_bytes()
-    assert run(capsys, "plot", "paper-test2", *words)[2].endswith("wrote 1 file into ., 1 of them over older ones\n")
+    told = run(capsys, "plot", "paper-test2", *words)[2]
+    assert told.endswith("wrote 1 file into a/b, 1 of them over older ones\n")
     assert file.read_bytes() != first
     file.write_text("another program's")
-    code, _, err = run(capsys, "plot", "paper-test1", *words)
+    code, _, err = run(capsys, "plot", "paper-test2", *words)
     assert (code, file.read_text()) == (1, "another program's")
     assert err.endswith("is not an earlier output of pbd, so it is not overwritten; give another place\n")
 

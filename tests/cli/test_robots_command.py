@@ -46,18 +46,22 @@ def guide(elsewhere: Path) -> str:
     return own_toml()
 
 
-def test_what_is_suggested_replays_as_it_says(capsys: Capture, guide: str) -> None:
+def test_what_is_suggested_replays_as_it_says(
+    capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 10)
     bare = guide.split("[arm]")[0] + "[gripper]" + guide.split("[gripper]")[1].split("[dock]")[0]
     TOML.write_text(bare, encoding="utf-8")
     code, lines, _ = run(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")
     assert code == 0
     assert run(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")[1] == lines
     TOML.write_text(bare + lines, encoding="utf-8")
-    took_s = run_json(capsys, "replay", "paper-test2", "--robot", "mine", "--html", "x.html")["duration_s"]
+    took_s = run_json(capsys, "replay", "paper-test2", "--robot", "mine")["duration_s"]
     assert f"the fastest: {took_s:.1f} s" in lines
 
 
-def test_the_users_own_table_is_kept(capsys: Capture, guide: str) -> None:
+def test_the_users_own_table_is_kept(capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 10)
     TOML.write_text(guide.replace("table_height = 0.0", "table_height = 0.1").replace("0.97", "97.0"), encoding="utf-8")
     dock = run_json(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")["dock"]
     assert dock["table_height"] == 0.1
@@ -87,7 +91,7 @@ def test_links_that_touch_by_design_are_found_and_may(capsys: Capture, guide: st
     assert code == 0
     assert 'may_touch = [["link4", "flange"]]' in lines
     TOML.write_text(bare + lines, encoding="utf-8")
-    assert run_json(capsys, "replay", "pouring", "--robot", "mine", "--html", "x.html")["collision"] is None
+    assert run_json(capsys, "replay", "pouring", "--robot", "mine")["collision"] is None
 
 
 def test_a_tool_that_never_points_down_is_named(capsys: Capture, guide: str) -> None:
@@ -96,18 +100,22 @@ def test_a_tool_that_never_points_down_is_named(capsys: Capture, guide: str) -> 
     assert "points down in only 0 of 20000 random configurations" in refused(capsys, 1, "robots", "--suggest", TOML)
 
 
-def test_the_fastest_arm_comes_first_and_the_others_say_why(capsys: Capture, guide: str) -> None:
+def test_the_fastest_arm_comes_first_and_the_others_say_why(
+    capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     TOML.write_text(guide.replace("0.38, -0.12, 0.3", "3.8, -0.12, 0.3"), encoding="utf-8")
     mine = run_json(capsys, "robots", "mine", "--for", "paper-test2")["robots"]
     assert [row["duration_s"] for row in mine] == [None]
     assert "keyframe 0 is out of reach" in mine[0]["why"]
     assert "keyframe 0 is out of reach" in run(capsys, "robots", "mine", "--for", "paper-test2")[1]
+    monkeypatch.setattr("pbd.cli.robots.rank.names", lambda kind, suffix: ["mine", "panda", "ur10", "ur5"])
     rows = run_json(capsys, "robots", "--for", "paper-test2")["robots"]
     able = [row["duration_s"] for row in rows if row["why"] is None]
+    assert len(able) == 3
     assert able == sorted(able)
     assert [row["name"] for row in rows[len(able) :]] == ["mine"]
     panda = next(row for row in rows if row["name"] == "panda")
-    replayed = run_json(capsys, "replay", "paper-test2", "--robot", "panda", "--html", "x.html")
+    replayed = run_json(capsys, "replay", "paper-test2", "--robot", "panda")
     assert panda["duration_s"] == replayed["duration_s"]
     assert panda["farthest_m"] < panda["reach_m"]
 

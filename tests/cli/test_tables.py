@@ -9,6 +9,7 @@ import json
 import os
 import pty
 import re
+import shutil
 import struct
 import subprocess
 import sys
@@ -28,12 +29,19 @@ from pbd.view.terminal_tables import joints_table, keyframes_table
 from pbd.view.units import ANGLES, LENGTHS, Units, parse_units
 
 
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A simulated demonstration."""
+    folder = tmp_path_factory.mktemp("tables") / "tea"
+    assert main(["simulate", "pick-and-place-direct", str(folder)]) == 0
+    return folder
+
+
 @pytest.fixture(autouse=True)
-def tea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with one simulated demonstration."""
-    monkeypatch.chdir(tmp_path)
-    assert main(["simulate", "pour", "tea"]) == 0
-    return tmp_path / "demos" / "tea"
+def tea(simulated: Path, elsewhere: Path) -> Path:
+    """A folder with it."""
+    shutil.copytree(simulated, "demos/tea")
+    return elsewhere / "demos" / "tea"
 
 
 def rows_of(capsys: pytest.CaptureFixture[str], *command: str) -> list[dict[str, str]]:
