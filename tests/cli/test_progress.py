@@ -49,7 +49,7 @@ def test_a_terminal_shows_it_and_is_left_clean() -> None:
 
 
 def test_each_step_of_a_command_is_named(tmp_path: Path) -> None:
-    write_demo(simulate("pour", "ideal", 0), tmp_path / "mine")
+    write_demo(simulate("pick-and-place-direct", "ideal", 0), tmp_path / "mine")
     for words, steps in (
         (("import", "mine/imu.csv", "tea"), ("reading mine/imu.csv", "checking it", "writing demos/tea")),
         (("segments", "tea"), ("reading tea", "tracking")),

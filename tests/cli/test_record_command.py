@@ -26,7 +26,7 @@ from pbd.files.demo import demo_folder, read_demo, write_demo
 from pbd.record import Outcome
 from pbd.simulation.emulator import Emulator
 from pbd.simulation.simulate import simulate
-from tests.cli.running import Capture, refused
+from tests.cli.running import Capture, refused, run
 from tests.cli.terminal import Terminal, run_pbd
 from tests.record.speakers import SPEAKERS, Device, random_hand
 
@@ -81,7 +81,7 @@ def test_stopped_for_a_while_it_goes_on(tmp_path: Path) -> None:
     """After Ctrl-Z the gap is not taken for a silent sensor."""
     patient = "from pbd.record import loop; loop.SILENT_S = 1.2; from pbd.cli import main; raise SystemExit(main())"
     with Emulator(simulate("pour", "modern", 1).recording) as sensor:
-        words = ["record", "tea", "--sensor", "ximu3", "--port", sensor.device, "--baud", "115200", "--duration", "4"]
+        words = ["record", "tea", "--sensor", "ximu3", "--port", sensor.device, "--baud", "115200", "--duration", "3"]
         process = subprocess.Popen(
             [sys.executable, "-c", patient, *words],
             cwd=tmp_path,
@@ -94,14 +94,14 @@ def test_stopped_for_a_while_it_goes_on(tmp_path: Path) -> None:
             time.sleep(0.01)
         process.send_signal(signal.SIGSTOP)
         stopped = time.monotonic()
-        time.sleep(2.5)
+        time.sleep(1.8)
         stood_s = time.monotonic() - stopped
         process.send_signal(signal.SIGCONT)
         out, error = process.communicate(timeout=60)
     told = re.search(r"this program was suspended for ([\d.]+) s", error)
     assert told is not None
     assert float(told[1]) > stood_s - 0.1
-    assert "ended: 4 s recorded" in out
+    assert "ended: 3 s recorded" in out
     assert process.returncode == 0
 
 
@@ -167,7 +167,9 @@ def test_discarding_a_forced_recording_brings_the_old_one_back(tmp_path: Path) -
     assert (tmp_path / "demos" / "tea" / "imu.csv").read_bytes() == before
 
 
-def test_a_killed_forced_recording_leaves_the_old_one_beside_and_the_next_does_so_too(tmp_path: Path) -> None:
+def test_a_killed_forced_recording_leaves_the_old_one_beside_and_the_next_does_so_too(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert main(["simulate", "pour", str(tmp_path / "demos" / "tea")]) == 0
     before = (tmp_path / "demos" / "tea" / "imu.csv").read_bytes()
     (tmp_path / "demos" / "tea" / "keyframes.toml").write_text("as a person left it")
@@ -178,9 +180,9 @@ def test_a_killed_forced_recording_leaves_the_old_one_beside_and_the_next_does_s
     process.kill()
     process.communicate(timeout=60)
     assert folders(tmp_path) == ["tea", "tea.before"]
-    process = run_pbd("record", "tea", "--sensor", "sim", "--force", "--duration", "1.6", cwd=tmp_path)
-    out, error = process.communicate(timeout=60)
-    assert process.returncode == 0, error
+    monkeypatch.chdir(tmp_path)
+    code, out, error = run(capsys, "record", "tea", "--sensor", "sim", "--force", "--duration", "1.6")
+    assert code == 0, error
     assert "the old one is in demos/tea.before-2 until this one has ended well\n" in error
     assert "so the old one is kept in demos/tea.before-2; to have it back, remove demos/tea and rename" in error
     assert out.endswith(
@@ -199,7 +201,7 @@ def test_the_next_command_that_it_prints_works(
     here.mkdir()
     monkeypatch.chdir(here)
     folder = demo_folder(name)
-    write_demo(simulate("pour"), folder)
+    write_demo(simulate("pick-and-place-direct"), folder)
     _report(argparse.Namespace(json=False, take=None), Outcome(folder, 100, 1.0, 0, 0, stops=2, ended_by="you"))
     program, *words = shlex.split(capsys.readouterr().out.splitlines()[-1].removeprefix("next: "))
     assert program == "pbd"
@@ -222,14 +224,13 @@ def test_a_recording_that_cannot_be_tracked_says_so_at_its_end(
     assert "next:" not in capsys.readouterr().out
 
 
-def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(tmp_path: Path) -> None:
-    process = run_pbd("record", "tea", "--sensor", "sim:pick-and-place-direct", "--json", cwd=tmp_path)
-    out, error = process.communicate(timeout=60)
-    assert process.returncode == 0, error
+def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(elsewhere: Path, capsys: Capture) -> None:
+    code, out, error = run(capsys, "record", "tea", "--sensor", "sim:pick-and-place-direct", "--json")
+    assert code == 0, error
     assert json.loads(out)["ended_by"] == "simulated task finished"
     assert error.count("the simulated task is finished: it ends here") == 1
     task = simulate("pick-and-place-direct", "modern").recording
-    recording = read_demo(tmp_path / "demos" / "tea").recording
+    recording = read_demo(elsewhere / "demos" / "tea").recording
     assert recording.info.sensor == "sim (x-IMU3)"
     assert recording.t[-1] >= task.t[-1] - 0.25  # what came before the port was open, and after the last look
     assert [event.closed for event in recording.grip] == [event.closed for event in task.grip]
@@ -262,7 +263,7 @@ def bytes_of(name: str, rows: int = 400) -> tuple[bytes, ...]:
     return tuple(SPEAKERS[name].encode(hand, row) for row in range(rows))
 
 
-def test_a_device_is_recognised_set_and_recorded(tmp_path: Path) -> None:
+def test_a_device_is_recognised_set_and_recorded(elsewhere: Path, capsys: Capture) -> None:
     """Only the port and the rate are given."""
     packets = bytes_of("os5000")
     with Device(packets, 200.0, again=True) as device:
@@ -276,17 +277,15 @@ def test_a_device_is_recognised_set_and_recorded(tmp_path: Path) -> None:
         listener = threading.Thread(target=listen, daemon=True)
         listener.start()
         device.go()
-        process = run_pbd(
-            "record", "tea", "--port", device.device, "--rate", "40", "--duration", "1", "--json", cwd=tmp_path
-        )
-        out, error = process.communicate(timeout=60)
+        words = ("--port", device.device, "--rate", "40", "--duration", "1", "--json")
+        code, out, error = run(capsys, "record", "tea", *words)
         listener.join(5.0)
-    assert process.returncode == 0, error
+    assert code == 0, error
     assert heard == [b"\x1bR40 "]
     assert f"listening to {device.device} ..." in error
     told = json.loads(out)
     assert told["ended_by"] == "1 s recorded"
-    got = read_demo(tmp_path / "demos" / "tea").recording
+    got = read_demo(elsewhere / "demos" / "tea").recording
     assert got.info.sensor == "os5000"
     assert len(got) == told["samples"] > 100
 

@@ -27,7 +27,7 @@ SHOWN = r"\x1b[2J\x9b2J\u202e[/b]:tea:"
 def tea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> Path:
     """A demonstration with the label EVIL."""
     monkeypatch.chdir(tmp_path)
-    assert main(["simulate", "pour", "tea"]) == 0
+    assert main(["simulate", "pick-and-place-direct", "tea"]) == 0
     assert main(["keyframes", "tea", "--save"]) == 0
     file = tmp_path / "demos" / "tea" / "keyframes.toml"
     text = file.read_text().replace("[[keyframe]] # 1\n", f"[[keyframe]] # 1\nlabel = {json.dumps(EVIL)}\n")
@@ -84,7 +84,7 @@ def test_without_stderr_the_result_is_the_same(tmp_path: Path, capsys: Capture) 
 
 
 def test_a_result_without_stdout_is_not_said_to_be_written(tmp_path: Path) -> None:
-    run = pbd("export pouring --robot panda --format csv -o -", ">&-", tmp_path)
+    run = pbd("export paper-test2 --robot panda --format csv -o -", ">&-", tmp_path)
     assert run.returncode == 1
     assert run.stderr.splitlines()[-1] == "pbd: standard output is closed: name a file"
 

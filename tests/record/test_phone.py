@@ -100,8 +100,8 @@ def test_three_sensors_come_as_one_on_the_gyros_clock(
     tmp_path: Path, phone: Phone, hands: dict[str, Recording]
 ) -> None:
     """A lost network costs nothing: the phone keeps what it measured."""
-    later(phone, (1.0, lambda: setattr(phone, "offline", True)), (1.3, lambda: setattr(phone, "offline", False)))
-    outcome, _ = recorded(phone, tmp_path / "tea", duration_s=1.8)
+    later(phone, (0.6, lambda: setattr(phone, "offline", True)), (0.9, lambda: setattr(phone, "offline", False)))
+    outcome, _ = recorded(phone, tmp_path / "tea", duration_s=1.3)
     got = read_demo(tmp_path / "tea").recording
     assert outcome.lost == 0
     assert got.info.clock == "device"
@@ -127,13 +127,13 @@ def test_pauses_and_clearing_on_the_phone_are_gaps_as_long_as_they_were(phone: P
     with PhonePort(phone.address) as port:
         hear(port, decoder, samples, 0.3)
         phone.pause()
-        time.sleep(0.5)
-        phone.start()
-        hear(port, decoder, samples, 1.2)
-        phone.clear()
         time.sleep(0.3)
         phone.start()
-        hear(port, decoder, samples, 1.9)
+        hear(port, decoder, samples, 0.8)
+        phone.clear()
+        time.sleep(0.2)
+        phone.start()
+        hear(port, decoder, samples, 1.3)
     t = times(samples)
     steps = np.diff(t)
     assert (steps > 0.0).all()
@@ -161,8 +161,8 @@ def test_no_sample_comes_before_an_earlier_one_where_a_clearing_is_late() -> Non
 def test_a_phone_that_sleeps_ends_the_recording_with_what_it_has(
     tmp_path: Path, phone: Phone, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(phone_port, "PATIENCE_S", 0.6)
-    later(phone, (0.8, lambda: setattr(phone, "offline", True)))
+    monkeypatch.setattr(phone_port, "PATIENCE_S", 0.3)
+    later(phone, (0.6, lambda: setattr(phone, "offline", True)))
     outcome, _ = recorded(phone, tmp_path / "tea")
     assert outcome.ended_by.startswith("the phone does not answer")
     assert 0.0 < outcome.duration_s < phone.t
@@ -173,8 +173,8 @@ def test_reconnecting_goes_on_with_the_first_sample_not_yet_read(
     tmp_path: Path, phone: Phone, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(phone_port, "PATIENCE_S", 0.3)
-    later(phone, (0.6, lambda: setattr(phone, "offline", True)), (1.5, lambda: setattr(phone, "offline", False)))
-    outcome, said = recorded(phone, tmp_path / "tea", reconnect=True, duration_s=2.2)
+    later(phone, (0.5, lambda: setattr(phone, "offline", True)), (1.1, lambda: setattr(phone, "offline", False)))
+    outcome, said = recorded(phone, tmp_path / "tea", reconnect=True, duration_s=1.6)
     assert outcome.lost == 0
     assert any(text.startswith("the phone does not answer") for text in said)
     assert "the sensor is back" in said
@@ -225,6 +225,7 @@ HOSTILE: list[Any] = [
 def test_hostile_answers_cost_nothing_but_their_time(phone: Phone, monkeypatch: pytest.MonkeyPatch) -> None:
     """They end nothing, and no sample comes of them; what the phone measured meanwhile is read afterwards."""
     monkeypatch.setattr(phone_port, "ANSWER_S", 0.2)
+    monkeypatch.setattr(phone_port, "POLL_S", 0.02)
     monkeypatch.setattr(phone_port, "LONGEST_ANSWER", 2_000_000)
     decoder, samples = PhyphoxDecoder(), list[Sample]()
     with PhonePort(phone.address) as port:
@@ -289,15 +290,15 @@ def test_rates_of_50_100_and_200_hz_are_joined() -> None:
     way = Task("still", (Waypoint(rest_s=2.0),))
     slow = {kind: simulate(way, "ideal", rate_hz=hz).recording for kind, hz in rates.items()}
     with Phone(streams_of(slow)) as phone:
-        samples = heard(phone, 1.2)
+        samples = heard(phone, 0.8)
     assert np.diff(times(samples)) == pytest.approx(0.01, abs=1e-5)
     assert sum(sample.mag is not None for sample in samples) > 0.9 * len(samples)
 
 
 def test_a_phone_without_gyro_or_field_gives_what_it_has(hands: dict[str, Recording]) -> None:
     with Phone(streams_of({"acc": hands["acc"]})) as phone:
-        samples = heard(phone, 1.2)
-    assert len(samples) == pytest.approx(240, abs=20 + 200 * (times(samples)[-1] - 1.2))
+        samples = heard(phone, 0.8)
+    assert len(samples) == pytest.approx(160, abs=20 + 200 * (times(samples)[-1] - 0.8))
     assert {(sample.gyr, sample.mag) for sample in samples} == {(None, None)}
 
 
@@ -317,18 +318,18 @@ def test_a_time_that_leaps_is_left_out_and_the_recording_goes_on(phone: Phone) -
         answer = honest(path, query)
         return answer.replace(repr(float(f"{wrong:.7e}")).encode(), b"5e4") if path == "/get" else answer
 
-    wrong = float(phone.streams["gyr"][0][int(np.searchsorted(phone.streams["gyr"][0], 0.6)) - 1])
+    wrong = float(phone.streams["gyr"][0][int(np.searchsorted(phone.streams["gyr"][0], 0.4)) - 1])
     phone.answer = leaping  # type: ignore[method-assign]
-    t = times(heard(phone, 1.2))
+    t = times(heard(phone, 0.8))
     assert np.diff(t).max() < 0.01
 
 
 def test_two_taps_on_its_back_close_the_grip_and_are_told(tmp_path: Path) -> None:
-    held = simulate(Task("held", (Waypoint(rest_s=3.0),)), "ideal", rate_hz=200.0).recording
-    with Phone(streams_of({"acc": tapped(held, [(0.9, 40.0), (1.1, 40.0)]), "gyr": held})) as phone:
-        outcome, said = recorded(phone, tmp_path / "tea", taps=True, duration_s=2.5)
+    held = simulate(Task("held", (Waypoint(rest_s=2.0),)), "ideal", rate_hz=200.0).recording
+    with Phone(streams_of({"acc": tapped(held, [(0.6, 40.0), (0.8, 40.0)]), "gyr": held})) as phone:
+        outcome, said = recorded(phone, tmp_path / "tea", taps=True, duration_s=1.7)
     (event,) = read_demo(tmp_path / "tea").recording.grip
     assert event.closed
-    assert event.t == pytest.approx(0.9, abs=0.05)
+    assert event.t == pytest.approx(0.6, abs=0.05)
     assert "two taps: grip closed" in said
     assert outcome.lost == 0
