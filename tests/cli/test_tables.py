@@ -33,7 +33,7 @@ from pbd.view.units import ANGLES, LENGTHS, Units, parse_units
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A simulated demonstration."""
     folder = tmp_path_factory.mktemp("tables") / "tea"
-    assert main(["simulate", "pick-and-place-direct", str(folder)]) == 0
+    assert main(["simulate", "pick-and-place-stops", str(folder)]) == 0
     return folder
 
 

@@ -37,43 +37,42 @@ WRITERS = {
     "simulate": Writer("simulate pour {} --force"),
     "record": Writer("record {} --sensor sim --duration 0.4 --force"),
     "import": Writer("import walk.csv {} --force"),
-    "export": Writer("export paper-test1 --robot panda -o {}", ".csv"),
-    "replay": Writer("replay paper-test1 --robot panda --html {}", ".html"),
-    "plot": Writer("plot paper-test1 --save {}/figures"),
+    "export": Writer("export paper-test2 --robot panda -o {}", ".csv"),
+    "replay": Writer("replay paper-test2 --robot panda --html {}", ".html"),
+    "plot": Writer("plot paper-test2 --save {}/figures"),
     "keyframes": Writer("keyframes {} --save --force"),
     "dock": Writer("calibrate dock {} --position 0.4 0 0.2 --rpy 0 0 0", ".toml"),
-    "show": Writer("calibrate show default paper-test1 --save {}", ".png"),
+    "show": Writer("calibrate show default paper-test2 --save {}", ".png"),
 }
 LINKED = {"simulate": "link", "import": "link", "record": "link.new"}
 """Where a new demonstration is that replaced a link, by command. A recording without a rest restores the link."""
 
-OLD = "format = 1\nname = 'old'\n"
-
 
 @pytest.fixture(scope="module")
-def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("walk")
-    write_demo(simulate("pour", "ideal", 0), folder / "tea")
-    assert main(["keyframes", str(folder / "tea"), "--save"]) == 0
-    file = folder / "tea" / "keyframes.toml"
+def older(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording walk.csv, and in `there` an older output of every writer, named `old`."""
+    folder = tmp_path_factory.mktemp("older")
+    old = folder / "there" / "old"
+    write_demo(simulate("pick-and-place-direct", "ideal", 0), old)
+    assert main(["keyframes", str(old), "--save"]) == 0
+    file = old / "keyframes.toml"
     file.write_text(f"# edited\n{file.read_text()}")
-    return folder / "tea"
-
-
-@pytest.fixture
-def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, walk: Path) -> Path:
-    """A folder with an older output of every writer, named `old`."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("pbd.plots.figures.names", lambda plot: ["position"])  # one of many figures
-    shutil.copy(walk / "imu.csv", "walk.csv")
-    shutil.copytree(walk, "there/old")
-    Path("there/old/figures").mkdir()
-    Path("there/old.toml").write_text(
+    shutil.copy(old / "imu.csv", folder / "walk.csv")
+    (old / "figures").mkdir()
+    old.with_suffix(".toml").write_text(
         "format = 1\nname = 'old'\n[dock]\nposition = [0.4, 0, 0.2]\nrpy_deg = [0, 0, 0]\n"
     )
     for suffix, text in {".csv": "t,q_1,gripper\n", ".png": "", ".html": page_html("old", b"")}.items():
-        Path(f"there/old{suffix}").write_text(text)
-    return tmp_path / "there"
+        old.with_suffix(suffix).write_text(text)
+    return folder
+
+
+@pytest.fixture
+def drawn(elsewhere: Path, monkeypatch: pytest.MonkeyPatch, older: Path) -> Path:
+    """A folder with an older output of every writer, named `old`."""
+    monkeypatch.setattr("pbd.plots.figures.names", lambda plot: ["position"])  # one of many figures
+    shutil.copytree(older, elsewhere, dirs_exist_ok=True)
+    return elsewhere / "there"
 
 
 @pytest.fixture
@@ -213,4 +212,4 @@ def test_a_recording_whose_name_is_odd(drawn: Path, writer: str) -> None:
     odd = os.fsdecode(b"w\xff.csv")
     Path("walk.csv").rename(odd)
     words = WRITERS[writer].command("there/new")
-    assert main([odd if word in ("paper-test1", "walk.csv") else word for word in words]) == 0
+    assert main([odd if word in ("paper-test2", "walk.csv") else word for word in words]) == 0
