@@ -46,9 +46,7 @@ def guide(elsewhere: Path) -> str:
     return own_toml()
 
 
-def test_what_is_suggested_replays_as_it_says(
-    capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_suggested_replays_as_it_says(capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pbd.planning.suggest.DOCKS", 10)
     bare = guide.split("[arm]")[0] + "[gripper]" + guide.split("[gripper]")[1].split("[dock]")[0]
     TOML.write_text(bare, encoding="utf-8")

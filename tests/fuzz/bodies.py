@@ -135,7 +135,7 @@ home_pose = "rest"
 joints = ["claw"]
 open = [0.5]
 closed = [0.0]
-stroke_s = 0.4
+stroke_s = 0.5
 [limits]
 source = "measured"
 acceleration = [5.0, 6.0]
