@@ -74,8 +74,7 @@ def test_a_good_cable_until_it_is_pulled_in_mid_packet(tmp_path: Path, name: str
         assert got.info.rate_hz == pytest.approx(hand.rate_hz, rel=1e-4)
     else:
         assert got.info.clock.startswith("host: arrival times")
-        # a busy machine may stretch so short a recording, or let it arrive all at once
-        assert 0.5 * (len(rows) - 1) / PACE_HZ < got.t[-1] < time.monotonic() - begun
+        assert got.t[-1] < time.monotonic() - begun  # a busy machine may let so short a recording arrive all at once
     again = decode_raw(tmp_path / "tea" / "raw.bin", speaker.decoder(), speaker.sensor).recording
     assert again.t == pytest.approx(got.t, abs=1e-6)
     assert again.acc == pytest.approx(got.acc, abs=1e-5)
