@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Calibration, Follower, Gripper, JointLimits, Robot, Servos
-from pbd.errors import MOST_LISTED, RobotError, listed, printable
+from pbd.errors import MOST_LISTED, RobotError, listed, printable, warn
 from pbd.files.calibration import read_pose
 from pbd.files.find_by_name import find
 from pbd.files.gripper import MIMIC_TOLERANCE, check_range, read_gripper
@@ -77,7 +77,8 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     poses = {} if srdf is None else read_poses(srdf)
     followers = urdf.followers([joint.name for joint in joints])
     moved = {*followers, *(joint.name for joint in joints), *(gripper.joints if gripper else ())}
-    _refuse_unmoved(urdf, moved)
+    if not draft:
+        _warn_of_unmoved(urdf, moved)
     robot = Robot(
         name=name,
         description=description,
@@ -175,20 +176,20 @@ def _may_touch(arm: Section, urdf: Urdf) -> tuple[tuple[str, str], ...]:
     return pairs
 
 
-def _refuse_unmoved(urdf: Urdf, moved: Collection[str]) -> None:
-    """Refuse a joint that nothing moves where 0, at which it is taken to stand, is wrong."""
-    unmoved = [name for name, joint in urdf.joints.items() if name not in moved and joint.kind in ACTUATED]
-    mimics = urdf.followers([name for name in unmoved if urdf.joints[name].mimic is None])
-    for name in unmoved:
-        joint, mimic = urdf.joints[name], mimics.get(name)
-        why = None
+def _warn_of_unmoved(urdf: Urdf, moved: Collection[str]) -> None:
+    """Warn of joints that nothing moves where 0, at which they are taken to stand, is wrong."""
+    unmoved = [joint for name, joint in urdf.joints.items() if name not in moved and joint.kind in ACTUATED]
+    mimics = urdf.followers([joint.name for joint in unmoved if joint.mimic is None])
+    wrong = []
+    for joint in unmoved:
+        mimic = mimics.get(joint.name)
         if mimic is not None and abs(mimic.offset) > MIMIC_TOLERANCE:
-            why = f"but mimics {mimic.joint!r}, which puts it at {mimic.offset:g}; name {mimic.joint!r} too"
-        elif not joint.lower <= 0.0 <= joint.upper:
-            why = f"outside its limits of {joint.lower:g} to {joint.upper:g}; name it"
-        if why is not None:
-            what = f"joint {name!r} is in neither [arm] nor [gripper] joints and would be locked at 0, {why}"
-            raise RobotError.at(urdf.path, f"{what}, or make {name!r} a fixed joint, where it stands", joint=name)
+            wrong.append(f"{joint.name} (mimics {mimic.joint}, which puts it at {mimic.offset:g})")
+        elif not joint.lower <= 0.0 <= joint.upper and not joint.unlimited_mimic:
+            wrong.append(f"{joint.name} ({joint.lower:g}..{joint.upper:g})")
+    if wrong:
+        what = f"{urdf.path}: joints that neither [arm] nor [gripper] moves are taken to stand at 0, which is wrong for"
+        warn(f"{what} {listed(wrong)}; make each a fixed joint where it stands, or name what moves it")
 
 
 def _servos(section: Section, k: int, gripper: Gripper | None) -> Servos:

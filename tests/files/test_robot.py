@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.errors import RobotError
+from pbd.errors import PbdWarning, RobotError
 from pbd.files.robot import read_robot
 from pbd.files.robot_description import read_poses, read_urdf
 
@@ -365,11 +365,6 @@ def test_a_joint_keeps_to_its_soft_limits_and_to_what_mimics_it(folder: Path) ->
          r":15: \[gripper\] joints names 'thumb_joint', which mimics 'claw'; name 'claw' instead"),
         (None, ('"claw"]\nopen = [0.5]\nclosed = [', '"claw", "thumb_joint"]\nopen = [0.5, 0.9]\nclosed = [0.1, '),
          r":16: \[gripper\] open puts thumb_joint at 0.9, but it mimics claw, which puts it at -0.9; correct it"),
-        (None, ('["claw"]\nopen = [0.5]\nclosed = [0.0]', "[]\nopen = []\nclosed = []"),
-         r"'thumb_joint' is in neither \[arm\] nor \[gripper\] joints and would be locked at 0, but mimics 'claw', "
-         r"which puts it at 0.1; name 'claw' too, or make 'thumb_joint' a fixed joint"),
-        ((LIMIT_OF_THUMB + '<mimic joint="claw" multiplier="-2" offset="0.1"/>', 'lower="1" upper="2"/>'), None,
-         r"would be locked at 0, outside its limits of 1 to 2; name it, or make 'thumb_joint' a fixed joint"),
         (None, ('body = "hand"', 'body = "finger"'),
          r":15: \[gripper\] joints names 'claw', which moves the tool's body; set body to a link before that joint"),
     ],
@@ -383,6 +378,17 @@ def test_a_gripper_that_cannot_move_so_is_refused(
         if edit is not None:
             change(folder / name, *edit)
     with pytest.raises(RobotError, match=message):
+        read_robot(folder / "mine.toml")
+
+
+def test_joints_that_nothing_moves_and_that_cannot_stand_at_zero_are_named(folder: Path) -> None:
+    change(folder / "mine.toml", '["claw"]\nopen = [0.5]\nclosed = [0.0]', "[]\nopen = []\nclosed = []")
+    change(folder / "mine.urdf", "</robot>", FOLLOWER.replace('offset="0.1"', ""))
+    read_robot(folder / "mine.toml")
+    change(folder / "mine.urdf", 'multiplier="-2"', 'multiplier="-2" offset="0.1"')
+    change(folder / "mine.urdf", 'lower="0" upper="0.5"', 'lower="0.1" upper="0.5"')
+    named = r"wrong for claw \(0.1..0.5\), thumb_joint \(mimics claw, which puts it at 0.1\); make each a fixed joint"
+    with pytest.warns(PbdWarning, match=named):
         read_robot(folder / "mine.toml")
 
 
