@@ -15,12 +15,26 @@ from pbd.errors import RecordingError
 from pbd.files.demo import write_demo
 from pbd.files.exporters import export
 from pbd.pose import Pose
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
+from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.keyframes import keyframes_of
 
 pytestmark = pytest.mark.usefixtures("remembered")  # who asks the same is answered the same: tests/test_same_bytes.py
 
-AT_S = (5.7, 18.1)
+BOTTLE = (0.12, 0.05, -0.10)
+FETCH = Task(
+    "fetch",
+    (
+        Waypoint(rest_s=1.5),
+        Waypoint(BOTTLE, move_s=1.0, rest_s=1.2, grip=True),
+        Waypoint((0.12, 0.30, 0.10), move_s=1.3, rest_s=0.7),
+        Waypoint(BOTTLE, move_s=1.1, rest_s=1.2, grip=False),
+        Waypoint(move_s=1.0, rest_s=1.5),
+    ),
+    start_rpy=(0.0, 0.0, 0.0),
+).rotated(HEADING)
+AT_S = (3.1, 7.4)
 """Times at which the simulated hand is at the bottle's place, s."""
 
 BENCH = """format = 1
@@ -43,7 +57,7 @@ def tea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Demonstration:
     monkeypatch.chdir(tmp_path)
     Path("calibration").mkdir()
     Path("calibration/bench.toml").write_text(BENCH.format(table=""), encoding="utf-8")
-    return replace(simulate("pour", "modern", 0), grasped=GraspedObject("cylinder", (0.06, 0.2)), closed=True)
+    return replace(simulate(FETCH, "modern", 0), grasped=GraspedObject("cylinder", (0.06, 0.2)), closed=True)
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +83,8 @@ def edit() -> None:
     assert main(["keyframes", "tea", "--save"]) == 0
     file = Path("demos/tea/keyframes.toml")
     head, *tables = file.read_text(encoding="utf-8").split("\n[[keyframe]]")
-    tables[4] = tables[4].replace("dwell_s = ", "dwell_s = 1")
-    tables[5] = tables[5].replace("position_m = [0.", "position_m = [0.02")
+    tables[2] = tables[2].replace("dwell_s = ", "dwell_s = 1")
+    tables[3] = tables[3].replace("position_m = [0.", "position_m = [0.02")
     file.write_text("\n[[keyframe]]".join([head, *tables]), encoding="utf-8")
 
 

@@ -13,18 +13,18 @@ from pbd.data import Obstacle
 from pbd.planning import PlanOptions, arm_of, plan_keyframes
 from pbd.pose import Pose
 from pbd.replay import replay_scene
-from pbd.tracking.keyframes import find_keyframes
+from tests.arm.bundled import keyframes_of, path_of
 from tests.arm.collision_oracles import placements
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 def test_a_plan_becomes_a_scene(scale: float) -> None:
-    demo, robot = pbd.load_demo("pouring"), pbd.load_robot("panda")
+    demo, robot = pbd.load_demo("paper-test1"), pbd.load_robot("panda")
     assert robot.dock is not None
     shelf = Obstacle("the shelf", "box", (0.2, 0.2, 0.02), Pose(np.array([-0.4, 0.6, 0.3]), np.eye(4)[0]))
     calibration = replace(robot.dock, obstacles=(shelf,))
-    path, options = pbd.track(demo.recording), PlanOptions(scale=scale)
-    plan = plan_keyframes(find_keyframes(path), calibration, robot, options, path, demo.grasped)
+    path, options = path_of("paper-test1"), PlanOptions(scale=scale)
+    plan = plan_keyframes(keyframes_of("paper-test1"), calibration, robot, options, path, demo.grasped)
     scene = replay_scene(plan, ("a warning",))
     assert scene.calibration.obstacles == (shelf,)
     assert scene.contacts == ()
@@ -44,8 +44,8 @@ def test_all_that_touches_is_shown_by_when_it_begins() -> None:
     assert robot.dock is not None
     post = Obstacle("the post", "cylinder", (0.06, 0.5), Pose(np.array([0.45, -0.05, 0.25]), np.eye(4)[0]))
     calibration = replace(robot.dock, obstacles=(post,), table_height=0.16)
-    path, options = pbd.track(demo.recording), PlanOptions(allow_collision=True)
-    plan = plan_keyframes(find_keyframes(path), calibration, robot, options, path, demo.grasped)
+    path, options = path_of("pouring"), PlanOptions(allow_collision=True)
+    plan = plan_keyframes(keyframes_of("pouring"), calibration, robot, options, path, demo.grasped)
     assert plan.touching is not None
     told = plan.touching.error.message
     scene = replay_scene(plan, (f"collision: {told}",))
@@ -62,9 +62,9 @@ def test_the_tool_that_is_checked_is_shown(name: str, ahead_m: float) -> None:
     known = pbd.load_robot(name)
     robot = replace(known, T_body_tool=Pose(np.array([0.0, 0.0, ahead_m]), known.T_body_tool.wxyz))
     assert robot.dock is not None
-    demo = pbd.load_demo("pouring")
-    path, options = pbd.track(demo.recording), PlanOptions(allow_collision=True)
-    plan = plan_keyframes(find_keyframes(path), robot.dock, robot, options, path, demo.grasped)
+    demo = pbd.load_demo("paper-test2")
+    path, options = path_of("paper-test2"), PlanOptions(allow_collision=True)
+    plan = plan_keyframes(keyframes_of("paper-test2"), robot.dock, robot, options, path, demo.grasped)
     rod = replay_scene(plan).rod
     arm = arm_of(robot)
     checked = arm_bodies(arm)[-1]
