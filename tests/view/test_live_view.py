@@ -65,12 +65,18 @@ def view() -> Iterator[LiveView]:
 
 
 @pytest.fixture(scope="module")
-def page(view: LiveView, chrome: Chromium) -> Iterator[Page]:
+def opened(view: LiveView, chrome: Chromium) -> Iterator[Page]:
     chrome.set_media(motion="no-preference")  # the camera glides
     chrome.set_size(640, 480)
     yield Page(chrome, view._viewer.url)
     chrome.set_size()
     chrome.set_media()
+
+
+@pytest.fixture
+def page(view: LiveView, opened: Page, chrome: Chromium) -> Page:
+    """The view's page; opened again where a worker ran `test_a_recording_is_seen_and_ends_as_it_should` before."""
+    return opened if chrome.current_url == view._viewer.url else Page(chrome, view._viewer.url)
 
 
 def draw(view: LiveView, shown: LivePicture) -> None:
@@ -90,17 +96,17 @@ def assert_stops(page: Page, shown: LivePicture) -> None:
 
 
 @pytest.fixture(scope="module")
-def shown_positions(view: LiveView, page: Page, pictures: list[LivePicture]) -> list[Array]:
+def shown_positions(view: LiveView, opened: Page, pictures: list[LivePicture]) -> list[Array]:
     """Show the whole recording; return some of the hand's positions on the page."""
     places = []
     for k, shown in enumerate(pictures):
         draw(view, shown)
         if k % 20 == 19 or k == len(pictures) - 1:
-            settled(page, shown)
-            here = page.place("pbd", "hand")
+            settled(opened, shown)
+            here = opened.place("pbd", "hand")
             assert np.linalg.norm(here - shown.p_nav_sensor) < 2.0 * SMALLEST_M
-            assert page.read("#live strong") == shown.badge
-            assert int(page("return pbd.page.stops")) == len(shown.keyframes)
+            assert opened.read("#live strong") == shown.badge
+            assert int(opened("return pbd.page.stops")) == len(shown.keyframes)
             places.append(here)
     return places
 
