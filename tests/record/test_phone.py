@@ -161,7 +161,7 @@ def test_no_sample_comes_before_an_earlier_one_where_a_clearing_is_late() -> Non
 def test_a_phone_that_sleeps_ends_the_recording_with_what_it_has(
     tmp_path: Path, phone: Phone, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(phone_port, "PATIENCE_S", 0.3)
+    monkeypatch.setattr(phone_port, "PATIENCE_S", 0.6)
     later(phone, (0.6, lambda: setattr(phone, "offline", True)))
     outcome, _ = recorded(phone, tmp_path / "tea")
     assert outcome.ended_by.startswith("the phone does not answer")
