@@ -41,6 +41,17 @@ def _is_row(line: str) -> bool:
     return numbers >= HEADER_CELLS - 1 and 2 * numbers >= len(cells)
 
 
+def without_comment_sign(text: str) -> str:
+    """Remove the # before a header: the last comment before the first row, with as many cells (EuRoC's data.csv)."""
+    match = re.match(r"(?:\s*#.*\n)*?(\s*#\s*)(.*)\n([^#\n].*)", text)
+    if match is None or not _is_row(match[3]):
+        return text
+    delimiter = max(",;\t", key=match[3].count)
+    if match[2].count(delimiter) != match[3].count(delimiter):
+        return text
+    return text[: match.start(1)] + text[match.end(1) :]
+
+
 def with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
     """Append each unit to its column's name: `acc_x` and `g` become `acc_x (g)`."""
     given = [*units, *[""] * (len(header) - len(units))]

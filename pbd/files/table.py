@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.errors import PbdError, RecordingError, listed, printable
-from pbd.files.header_line import find_header, import_command, with_units
+from pbd.errors import PbdError, RecordingError, listed, printable, warn
+from pbd.files.header_line import find_header, import_command, with_units, without_comment_sign
 from pbd.io.numbers import number, seconds
 from pbd.io.read_file import decoded, read_bytes
 from pbd.pose import Array
@@ -227,6 +227,8 @@ def open_sheet(
         text = foreign_text(path, error=error)
     elif text is None:
         text = decoded(read_bytes(path, error, NEXT_STEP), path, error, NEXT_STEP, FOREIGN_ENCODINGS[:1])
+    if foreign:
+        text = without_comment_sign(text)
     if "#" in text:
         text = re.sub(r"(?m)^[ \t]*#.*$", "", text)
     lines = text.split("\n", LONGEST_PREAMBLE)
@@ -251,7 +253,19 @@ def open_sheet(
     if not header[-1]:
         header.pop()
     line, preamble = above + 2 + skipped, "\n".join(lines[:above])
+    if error is RecordingError:
+        body = _without_cut_row(path, body, delimiter, len(header), line)
     return Sheet(path, tuple(header), body, delimiter, line, foreign, error, preamble=preamble)
+
+
+def _without_cut_row(path: Path, body: str, delimiter: str, width: int, line: int) -> str:
+    """Leave out the last row of a recording if it ends before its last cell and its line end, as after a crash."""
+    rows, end, last = body.rpartition("\n")
+    count = last.count(delimiter) + 1
+    if not end or not last.strip() or count >= width or '"' in last:
+        return body
+    warn(f"{path}:{line + rows.count(end) + 1}: the last row is cut short ({count} of {width} cells) and left out")
+    return rows + end
 
 
 def read_table(path: Path) -> Table:

@@ -59,7 +59,7 @@ IDEAL = SensorClass(1e-3 * MG, 1e-6, 1e-6, 1e-6 * DEG, 1e-6)
 CLASSES = {
     **dict.fromkeys(("modern", "xsens", "vectornav", "ximu3"), CALIBRATED),
     **{"ideal": IDEAL, "os5000": COMPASS},
-    **dict.fromkeys(("wt901", "witmotion", "razor", "phone", "phyphox"), BARE),
+    **dict.fromkeys(("wt901", "witmotion", "razor", "openlog", "metawear", "phone", "phyphox"), BARE),
 }
 """Word in the recording's `info.sensor` -> class."""
 

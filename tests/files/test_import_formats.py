@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pbd.data import GRAVITY
-from pbd.errors import RecordingError
+from pbd.errors import PbdWarning, RecordingError
 from pbd.files.importers import Imported, import_recording
 
 DEG = np.pi / 180.0
@@ -229,6 +229,90 @@ def test_the_best_clock_of_several_is_chosen(tmp_path: Path, header: str, rows: 
     assert_allclose(read.demo.recording.t, [0.0, 0.01])
 
 
+EUROC = """#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],\
+a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]
+1403636579758555392,1.5,0,-2,0.5,0.25,9.75
+1403636579763555584,1.5,0,-2,0.5,0.25,9.75
+"""
+"""Format of the EuRoC MAV dataset (mav0/imu0/data.csv): the header is a comment."""
+
+ANDROSENSOR = """ACCELEROMETER X (m/s²);ACCELEROMETER Y (m/s²);ACCELEROMETER Z (m/s²);\
+LINEAR ACCELERATION X (m/s²);LINEAR ACCELERATION Y (m/s²);LINEAR ACCELERATION Z (m/s²);\
+GYROSCOPE X (rad/s);GYROSCOPE Y (rad/s);GYROSCOPE Z (rad/s);MAGNETIC FIELD X (μT);MAGNETIC FIELD Y (μT);\
+MAGNETIC FIELD Z (μT);ORIENTATION Z (azimuth °);Time since start in ms ;YYYY-MO-DD HH-MI-SS_SSS
+0.5;0.25;9.75;0;0;0;1.5;0;-2;20;0;-40;12;10;2014-05-10 10:21:00:000
+0.5;0.25;9.75;0;0;0;1.5;0;-2;20;0;-40;12;15;2014-05-10 10:21:00:005
+"""
+
+PHYSICS_TOOLBOX = """time,gFx,gFy,gFz,ax,ay,az,wx,wy,wz,p,Bx,By,Bz,Azimuth,Pitch,Roll
+0.010,0.050986,0.025493,0.994223,0,0,0,1.5,0,-2,1013,20,0,-40,12,0,0
+0.015,0.050986,0.025493,0.994223,0,0,0,1.5,0,-2,1013,20,0,-40,12,0,0
+"""
+"""gF is specific force over g, a is acceleration without gravity."""
+
+ARTEMIS = """rtcDate,rtcTime,aX,aY,aZ,gX,gY,gZ,mX,mY,mZ,imu_degC,output_Hz,
+05/10/2024,10:21:00.00,50.986,25.493,994.223,85.9437,0,-114.5916,20,0,-40,25.1,100.0,
+05/10/2024,10:21:00.01,50.986,25.493,994.223,85.9437,0,-114.5916,20,0,-40,25.1,100.0,
+"""
+
+BLUE_TRIDENT = """unix_timestamp_microsec,time_s,ax_m/s/s,ay_m/s/s,az_m/s/s,gx_deg/s,gy_deg/s,gz_deg/s,\
+mx_microT,my_microT,mz_microT
+1694101400000000,0.000,0.5,0.25,9.75,85.9437,0,-114.5916,20,0,-40
+1694101400005000,0.005,0.5,0.25,9.75,85.9437,0,-114.5916,20,0,-40
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "step_s", "has_field"),
+    [
+        (EUROC, 0.005, False),
+        (ANDROSENSOR, 0.005, True),
+        (PHYSICS_TOOLBOX, 0.005, True),
+        (ARTEMIS, 0.01, True),
+        (BLUE_TRIDENT, 0.005, True),
+    ],
+)
+def test_names_and_units_of_other_programs(tmp_path: Path, text: str, step_s: float, has_field: bool) -> None:
+    recording = imported(tmp_path, text).demo.recording
+    assert_allclose(recording.t, [0.0, step_s], atol=1e-6)
+    assert_allclose(recording.acc, [[0.5, 0.25, 9.75]] * 2, rtol=1e-4)
+    assert recording.gyr is not None
+    assert_allclose(recording.gyr, [[1.5, 0.0, -2.0]] * 2, rtol=1e-5)
+    if has_field:
+        assert recording.mag is not None
+        assert_allclose(recording.mag, [[20.0, 0.0, -40.0]] * 2)
+
+
+METABASE = "Hand_2023-11-14T22.13.20.000_C1A2B3D4E5F6_{}_100.000Hz_1.7.3.csv"
+HEAD = "epoc (ms),timestamp (+0100),elapsed (s),x-axis ({0}),y-axis ({0}),z-axis ({0})\n"
+
+
+def test_metabase_has_a_file_for_each_sensor(tmp_path: Path) -> None:
+    """The gyroscope's times are those of the recording; a reading between them is interpolated."""
+    sensors = {"Accelerometer": ("g", "0.5,0,{}"), "Gyroscope": ("deg/s", "90,0,{}"), "Quaternion": ("", "1,0,{}")}
+    for k, (sensor, (unit, row)) in enumerate(sensors.items()):
+        rows = [
+            f"17000000000{at},2023-11-14T22.13.20.0{at},{at / 1000 - 0.005 * k},{row.format(at)}\n"
+            for at in (10, 20, 30)
+        ]
+        (tmp_path / METABASE.format(sensor)).write_text(HEAD.format(unit) + "".join(rows))
+    for path in (tmp_path, tmp_path / METABASE.format("Gyroscope")):
+        read = import_recording(path)
+        recording = read.demo.recording
+        assert_allclose(recording.t, [0.0, 0.01])
+        assert_allclose(recording.acc, [[0.5 * GRAVITY, 0.0, g * GRAVITY] for g in (15.0, 25.0)])
+        assert recording.gyr is not None
+        assert_allclose(recording.gyr, [[np.pi / 2, 0.0, rate * DEG] for rate in (20.0, 30.0)])
+        assert read.understood.unread[METABASE.format("Quaternion")] == "a file that isn't used"
+        assert recording.info.sensor == "metawear (imported)"
+    (tmp_path / METABASE.format("Accelerometer").replace("13.20", "59.00")).write_text(HEAD.format("g"))
+    with pytest.raises(RecordingError, match="it holds 2 recordings; name a file of one of them"):
+        import_recording(tmp_path)
+    (tmp_path / METABASE.format("Accelerometer")).unlink()
+    with pytest.raises(RecordingError, match="no file of the accelerometer is beside it"):
+        import_recording(tmp_path / METABASE.format("Gyroscope"))
+
+
 @pytest.mark.parametrize(
     ("name", "stamps"),
     [
@@ -265,11 +349,19 @@ def test_one_bad_row_of_many_is_named(tmp_path: Path) -> None:
         imported(tmp_path, "\n".join(["t,ax,ay,az", *rows]))
 
 
+def test_a_last_row_that_was_cut_off_is_left_out(tmp_path: Path) -> None:
+    with pytest.warns(PbdWarning, match=r"run\.csv:4: the last row is cut short \(3 of 4 cells\) and left out"):
+        recording = imported(tmp_path, "t,ax,ay,az\n0,0,0,9.8\n0.01,0,0,9.8\n0.02,0,9").demo.recording
+    assert_allclose(recording.t, [0.0, 0.01])
+    with pytest.raises(RecordingError, match=r"run\.csv:3: 3 cells"):  # its line ends: it was written so
+        imported(tmp_path, "t,ax,ay,az\n0,0,0,9.8\n0.01,0,9\n")
+
+
 def test_mixed_line_ends(tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_bytes(b"t,ax,ay,az\r\n0,0,0,9.8\r0.01,0,0,9.8\n\n0.02,0,0,9.8,\r\n")
     assert_allclose(import_recording(tmp_path / "run.csv").demo.recording.t, [0.0, 0.01, 0.02])
 
 
 def test_a_folder_of_nothing_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"can't import this folder: it is no bag, no x-IMU3's and no phone's"):
+    with pytest.raises(RecordingError, match=r"this folder: it is no bag, no x-IMU3's, no MetaWear's and no phone's"):
         import_recording(tmp_path)

@@ -43,7 +43,8 @@ def import_recording(
 
     Args:
         path: .csv, .txt, .tsv or .log with a header, or with names beside the numbers; .npz; .mcap, .db3 or a rosbag2
-            folder; an x-IMU3's folder; a zip or folder of Sensor Logger or phyphox, or a CSV file in it.
+            folder; an x-IMU3's folder; a zip or folder of Sensor Logger or phyphox, or a folder of MetaBase, or a CSV
+            file in it.
         columns: our name (t, gx ... mz, heading, pitch, roll) -> the file's column, if the header doesn't tell.
         units: t, gyr, acc, mag or angle -> its unit, if the header doesn't tell.
         rate_hz: the rate of a table without times.
@@ -62,16 +63,20 @@ def import_recording(
     is_table = suffix == ".csv" and (columns or units) and not any(".csv: " in name for name in columns.values())
     if topic is not None and not is_bag:
         raise RecordingError.at(path, "only a bag has topics; leave --topic out")
-    phone = None
+    of_app, sensor = None, "unknown"
     if not is_bag and not is_table and (source.is_dir() or suffix in (".csv", ".zip")):
+        from pbd.files.importers.metawear import read_metawear
         from pbd.files.importers.phones import read_phone
 
-        phone = read_phone(source)
-    if rate_hz is not None and (phone is not None or is_bag or suffix == ".npz"):
-        known = "a bag has times" if is_bag else "an npz has a rate" if suffix == ".npz" else "a phone's file has times"
+        if of_app := read_phone(source):
+            sensor = "phone"
+        elif of_app := read_metawear(source):
+            sensor = "metawear"
+    if rate_hz is not None and (of_app is not None or is_bag or suffix == ".npz"):
+        known = "a bag has times" if is_bag else "an npz has a rate" if suffix == ".npz" else "an app's file has times"
         raise RecordingError.at(path, f"{known} of its own; leave --rate out")
-    if phone is not None:
-        recording, understood = phone
+    if of_app is not None:
+        recording, understood = of_app
     elif is_bag:
         from pbd.files.importers.bag import read_bag
 
@@ -81,16 +86,18 @@ def import_recording(
 
         recording, understood, truth = read_npz(source)
     elif suffix in TEXT:
+        from pbd.files.importers.columns import PROGRAMS
         from pbd.files.importers.csv import read_csv
 
         beside = {ours: name for ours, name in columns.items() if ".csv: " in name}
         in_table = {ours: name for ours, name in columns.items() if ours not in beside}
         recording, understood = read_csv(source, in_table, units, rate_hz)
+        sensor = next((program.sensor for program in PROGRAMS if program.title == understood.program), sensor)
         columns, units = beside, {}
     else:
         kind = f"'{suffix}' files"
         if path.is_dir():
-            kind = "this folder: it is no bag, no x-IMU3's and no phone's"
+            kind = "this folder: it is no bag, no x-IMU3's, no MetaWear's and no phone's"
         elif suffix == ".zip":
             kind = "this zip: no recording of Sensor Logger or phyphox is in it"
         raise RecordingError.at(path, f"can't import {kind}; give a .csv, .tsv, .txt, .npz, .mcap or .db3")
@@ -98,7 +105,7 @@ def import_recording(
         from pbd.files.importers.headerless import remapped
 
         recording, understood = remapped(path, recording, understood, columns, units)
-    info = replace(recording.info, name=as_text(path.stem), sensor=f"{'phone' if phone else 'unknown'} (imported)")
+    info = replace(recording.info, name=as_text(path.stem), sensor=f"{sensor} (imported)")
     demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {as_text(path.name)}.")
     return Imported(demo, understood)
 

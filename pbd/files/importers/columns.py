@@ -46,6 +46,7 @@ class Program:
         preamble: a pattern that must occur above the header; "": none.
         units: channel -> its unit.
         wraps: the value at which its clock wraps to zero, in the clock's unit; 0: never.
+        sensor: the sensor, as in `Recording.info`.
     """
 
     title: str
@@ -53,17 +54,23 @@ class Program:
     preamble: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
     wraps: float = 0.0
+    sensor: str = "unknown"
 
 
 _XSENS = frozenset(("packet_counter", "sample_time_fine"))
+_GFORCE = {"acc": "g", "gyr": "rad/s", "mag": "uT"}
+_ICM20948 = {"acc": "mg", "gyr": "deg/s", "mag": "uT"}
 PROGRAMS = (
     Program("Xsens MT Manager", _XSENS, r"(?m)^//", {"t": "0.1ms", "gyr": "rad/s", "mag": "a.u."}, 2.0**32),
     Program("Movella (Xsens) DOT", _XSENS, "", {"t": "us", "gyr": "deg/s", "mag": "a.u."}, 2.0**32),
+    Program("Physics Toolbox", frozenset(("g_fx", "g_fy", "g_fz")), units=_GFORCE, sensor="phone"),
+    Program("SparkFun OpenLog Artemis", frozenset(("rtc_date", "rtc_time")), units=_ICM20948, sensor="openlog"),
 )
 """Programs whose units can't be read from the names.
 
 MT Manager: SampleTimeFine of an MTi counts at 10 kHz (Xsens, Low-Level Communication Protocol). DOT: SampleTimeFine is
-in us and wraps after 1.2 h, rates are in deg/s (Movella DOT User Manual XD0502P).
+in us and wraps after 1.2 h, rates are in deg/s (Movella DOT User Manual XD0502P). Physics Toolbox: gF is specific force
+over g. OpenLog Artemis: SparkFun's library of the ICM-20948 gives mg, deg/s, uT.
 """
 
 
@@ -232,7 +239,7 @@ def _unit(
     if not given and channel == "t":
         word = plain(name)
         suffix = re.search(TIME_UNITS, word)
-        given = _NAMED_UNITS.get(word, suffix[1] if suffix else "").replace("sec", "s")
+        given = _NAMED_UNITS.get(word, suffix[1] if suffix else "").replace("micro", "u").replace("sec", "s")
     if not given and channel != "t":
         given, by = beside.get(CHANNEL_OF[ours], ""), "another axis's name"
     if not given and program is not None and channel in program.units:

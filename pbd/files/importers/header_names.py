@@ -1,9 +1,9 @@
 """What the name of a column tells: the quantity, the axis and often the unit.
 
 Examples are `Gyroscope X (deg/s)`, `acc_x [g]`, `rotationRateX`. The names are those of x-io, WitMotion (they differ
-between versions, two are Chinese), SensorLog, Shimmer's Consensys, Movella's DOT app, ROS and Arduino sketches. No such
-device was at hand; docs/imports.md lists the published readers, examples and files that were used. German names are
-plain translations.
+between versions, two are Chinese), SensorLog, AndroSensor, Physics Toolbox, Shimmer's Consensys, Movella's DOT app,
+Vicon's Blue Trident, EuRoC, ROS and Arduino sketches. No such device was at hand; docs/imports.md lists the published
+readers, examples and files that were used. German names are plain translations.
 """
 
 from __future__ import annotations
@@ -15,38 +15,44 @@ from pbd.files.imu_columns import DEVICE
 _WORDS = {
     "g": r"(?:.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|angular_?velocity|angular_?rate)|"
     r"g|w|omega|as|rotation|rot|ω|角速度|drehrate|winkelgeschwindigkeit|gyroskop",
-    "a": r"(?:.*_)?(?:acc|accel|acceleration|accelerometer|specific_?force)|a|加速度|beschl(?:eunigung)?",
-    "m": r"(?:.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|h|磁场|magnetfeld",
+    "a": r"(?:.*_)?(?:acc|accel|acceleration|accelerometer|specific_?force)|a|g_?f|加速度|beschl(?:eunigung)?",
+    "m": r"(?:.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|b|h|磁场|magnetfeld",
     "angle": r"angle|角度",
 }
-_PART = r"(?:_(?:ln|wr|ag|data|cal|calibrated))*"
-"""Suffixes of a quantity: the chip (Shimmer has a low-noise and a wide-range accelerometer), or `calibrated`."""
+_PART = r"(?:_(?:ln|wr|ag|data|cal|calibrated|rs_s))*"
+"""Suffixes of a quantity: the chip (Shimmer has a low-noise and a wide-range accelerometer), `calibrated`, or EuRoC's
+frames."""
 
 _TIME = (
     r"t|ts|time|timestamp|time_?stamp|seconds|secs?|时间|zeit|zeitstempel|(?:seconds_|time_)?elapsed|millis|micros|date_?time|"
-    r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|(?:system_|unix_|logging_)?time(?:_?stamp)?"
+    r"sample_?time_?fine|time_?since_?start(?:_in)?|time_?start_?up|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|(?:system_|unix_|logging_)?time(?:_?stamp)?"
 )
 _DEVICE_TIME = r"chip_?time|片上时间|(?:.*_)?header_stamp"
-TIME_UNITS = r"_(ns|us|ms|s|sec|min)$"
+TIME_UNITS = r"_(ns|us|ms|s|sec|microsec|min)$"
 """A unit of time at the end of a name, as in `timestamp_us`."""
 
-_SUFFIXES = {
-    "mps2": "m/s2",
-    "ms2": "m/s2",
-    "m_s2": "m/s2",
-    "g": "g",
-    "mg": "mg",
-    "dps": "dps",
-    "degs": "deg/s",
-    "deg_s": "deg/s",
-} | {
-    "rads": "rad/s",
-    "rad_s": "rad/s",
-    "radps": "rad/s",
-    "uT": "ut",
-    "ut": "ut",
-    "gauss": "gauss",
-}
+_SUFFIXES = (
+    {
+        "mps2": "m/s2",
+        "ms2": "m/s2",
+        "m_s2": "m/s2",
+        "g": "g",
+        "mg": "mg",
+        "dps": "dps",
+        "degs": "deg/s",
+        "deg_s": "deg/s",
+    }
+    | {
+        "rads": "rad/s",
+        "rad_s": "rad/s",
+        "radps": "rad/s",
+        "uT": "ut",
+        "ut": "ut",
+        "microT": "ut",
+        "gauss": "gauss",
+    }
+    | {unit: unit for unit in ("m/s/s", "m/s2", "m/s^2", "deg/s", "rad/s")}
+)
 """Units at the end of a name, as in `accel_x_mps2`."""
 
 _NEVER_READ = (
@@ -89,7 +95,7 @@ def split_unit(name: str) -> tuple[str, str]:
     name = name.strip()
     opening = max(name.rfind(" ("), name.rfind("[")) if name.endswith("))") else max(name.rfind("("), name.rfind("["))
     if opening < 0 or not name.endswith((")", "]")):
-        suffix = re.fullmatch(rf"(.+[xyzXYZ])_({'|'.join(_SUFFIXES)})", name)
+        suffix = re.fullmatch(rf"(.+[xyzXYZ])_({'|'.join(map(re.escape, _SUFFIXES))})", name)
         return (suffix[1], _SUFFIXES[suffix[2]]) if suffix else (name, "")
     return name[:opening].rstrip(), name[opening:].strip()[1:-1].strip()
 

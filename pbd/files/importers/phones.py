@@ -199,7 +199,7 @@ def _read_sensor_logger(
         unread["Accelerometer.csv"] = "without gravity"
     for name in sorted(used):
         unread |= _unread(f"{name}.csv", sheets[name].header, LOGGER_COLUMNS)
-    recording = _recording(path, {"acc": acc} | others)
+    recording = joined_recording(path, {"acc": acc} | others)
     return recording, Understood(tuple(columns), unread, f"{LOGGER} (a phone)")
 
 
@@ -254,7 +254,7 @@ def _read_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[
             f"{why}, and 'Acceleration x (m/s^2)' is needed; record with the experiment that `pbd sensors phyphox` "
             "gives to the phone",
         )
-    recording = _recording(path, streams)
+    recording = joined_recording(path, streams)
     return recording, Understood(tuple(dict.fromkeys(columns)), unread, "phyphox (a phone)"), files_read
 
 
@@ -281,7 +281,7 @@ def _moments(path: Path, files: Files) -> Moments:
     return moments
 
 
-def _recording(path: Path, streams: Mapping[str, Stream]) -> Recording:
+def joined_recording(path: Path, streams: Mapping[str, Stream]) -> Recording:
     """Join the streams to a recording; RecordingError: they have no time in common."""
     acc, gyr, mag = streams["acc"], streams.get("gyr") or None, streams.get("mag") or None
     t, acc_at, gyr_at, mag_at = joined(acc, gyr, mag)
