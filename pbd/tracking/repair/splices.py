@@ -41,7 +41,7 @@ DOUBLED_ROWS = 6
 """Smallest number of different rows in a block that came twice. Fewer equal rows may be chance."""
 
 IRRATIONAL = np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0]))
-"""Weights with which no two different sums are equal by chance: for six channels, and for DOUBLED_ROWS rows."""
+"""Weights with which hardly any different sums are equal: for six channels, and for DOUBLED_ROWS rows."""
 
 Rows = NDArray[np.intp]
 
@@ -94,7 +94,7 @@ def refuse_doubled(recording: Recording) -> None:
         RecordingError: with the rows.
     """
     rows = np.hstack([recording.acc] if recording.gyr is None else [recording.acc, recording.gyr])
-    # Rows, or blocks of rows, have equal weighted sums only if they are equal: the weights are irrational.
+    # Rows, or blocks of rows, hardly have equal weighted sums unless they are equal: the weights are irrational.
     sums = rows @ IRRATIONAL[: rows.shape[1]]
     new = np.flatnonzero(np.diff(sums, prepend=np.inf))
     if len(new) < DOUBLED_ROWS:
@@ -107,6 +107,8 @@ def refuse_doubled(recording: Recording) -> None:
     same = np.flatnonzero(np.diff(blocks[order]) == 0.0)
     different = np.diff(np.sort(np.lib.stride_tricks.sliding_window_view(sums, DOUBLED_ROWS)[order[same]])).all(axis=1)
     first, again = new[order[same[different]]], new[order[same[different] + 1]]
+    # Of ten million sums some are equal by chance, within rounding.
+    first, again = np.stack((first, again))[:, (rows[first] == rows[again]).all(axis=1)]
     if len(first) == 0 or not has_noise(recording.acc):
         return
     start = int(first.min())

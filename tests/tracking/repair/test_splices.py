@@ -12,6 +12,7 @@ import pytest
 
 from pbd.errors import PbdWarning, RecordingError
 from pbd.simulation.simulate import random_task, simulate
+from pbd.tracking.repair import splices
 from pbd.tracking.repair.splices import _extrapolate, in_order, refuse_doubled, without_wild
 from tests.scenarios import pour, with_rows
 from tests.tracking.repair.test_sensors_as_they_are import real_recordings
@@ -84,3 +85,15 @@ def test_six_rows_that_come_again_are_a_block_that_came_twice(rows: int, told: b
         else nullcontext()
     ):
         refuse_doubled(replace(with_rows(recording, again), t=recording.t))
+
+
+def test_a_sum_that_is_equal_by_chance_is_no_block_that_came_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in ten million rows. With equal weights, exchanged axes have equal sums."""
+    monkeypatch.setattr(splices, "IRRATIONAL", np.ones(6))
+    recording = pour().recording
+    acc = recording.acc.copy()
+    acc[500:520] = acc[480:500, [1, 2, 0]]
+    gyr = None if recording.gyr is None else recording.gyr.copy()
+    assert gyr is not None
+    gyr[500:520] = gyr[480:500]
+    refuse_doubled(replace(recording, acc=acc, gyr=gyr))
