@@ -22,7 +22,7 @@ NEXT_STATE = GYR_BIAS.start
 BAND = STATE + NEXT_STATE
 """Width of the band: the unknowns of a leg's first knot, and NEXT_STATE of its second."""
 
-KNOTS_AT_ONCE = 64
+KNOTS_AT_ONCE = 128
 """Number of knots or legs per batch. With all their samples they fit into a processor's cache."""
 
 DIAGONAL_FLOOR = 1e-12
