@@ -329,6 +329,15 @@ def test_a_sensor_put_down_that_bounces_makes_one_stop() -> None:
     assert last.T_nav_sensor.p == pytest.approx(truth_at(demo.truth, last.t), abs=0.01)
 
 
+@pytest.mark.parametrize("sensor", ["modern", "os5000"])
+def test_a_quick_turn_on_the_spot_is_a_move(sensor: str) -> None:
+    """The paper's task turns by 60 degrees in 0.2 s, about an axis through the sensor."""
+    tracker, events = fed(simulate("pick-and-place-stops", sensor, 0).recording)
+    assert [event.index for event in began(events)] == [0, 1, 2, 3, 4]
+    before, after = (keyframe.T_nav_sensor for keyframe in tracker.keyframes[-2:])
+    assert before.distance(after) == pytest.approx((0.0, np.radians(60.0)), abs=0.02)
+
+
 def test_a_jolt_does_not_end_a_stop() -> None:
     recording = poured_at_first()
     acc = recording.acc.copy()

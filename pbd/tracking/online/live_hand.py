@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbd.data import Keyframe, Stop
-from pbd.pose import Array, Pose
-from pbd.tracking.estimate import BOUNCE_M, BOUNCE_S
+from pbd.pose import Array, Pose, quat_log
+from pbd.tracking.estimate import BOUNCE_M, BOUNCE_RAD, BOUNCE_S
 from pbd.tracking.first_rest import STILL_ACC, Rest, restlessness
 from pbd.tracking.moving_windows import PASSES, rows_of_mean
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
@@ -163,6 +163,11 @@ class LiveHand:
         kalman.clone_pose()
         self._t_knot, self._angles, self._acc_knot = t, [np.zeros(3)], self._window[-1][0].acc
 
+    def _change(self, kalman: OnlineFilter) -> tuple[float, float]:
+        """How far the hand is from the last stop, m, and by how much it has turned since, rad."""
+        change = self._past_stops[-1].pose.inverse() @ kalman.pose()[0]
+        return float(np.linalg.norm(change.p)), float(np.linalg.norm(quat_log(change.wxyz)))
+
     def _knot_is_due(self, sample: Sample) -> bool:
         return sample.t - self._t_knot >= STOP_KNOT_S - 1e-6
 
@@ -217,7 +222,7 @@ class LiveHand:
             off, speed = self._trial_filter.velocity_test(self._sigma, self._shaking)
             # Was there only a jolt since the last stop?
             soon = sample.t - last.t < SHORTEST_MOVE_S + 2.0 * ENERGY_WINDOW_S
-            jolted = off > VELOCITY_GATE and soon
+            jolted = off > VELOCITY_GATE and soon and self._change(self._trial_filter)[1] < BOUNCE_RAD
             trial = StopTrial(first, off > VELOCITY_GATE, jolted)
             if trial.doubted:
                 self._trial_filter.add_velocity_error(sample.t - last.t, speed)
@@ -239,12 +244,14 @@ class LiveHand:
             self._filter = self._trial_filter
         self._trial_filter = self._filter.fork()
         self._add_knot(self._trial_filter, sample.t, same=self._settled)
-        before = self._past_stops[-1]
-        first, moved = trial.first, self._trial_filter.p - before.pose.p
-        bounced = len(self._past_stops) > 1 and first.t - before.last.t < BOUNCE_S
-        if (trial.jolted or bounced) and np.sqrt(moved @ moved) < BOUNCE_M:
-            before = self._past_stops.pop()
-            first = before.first if trial.jolted else first
+        before, first, (moved, turned) = self._past_stops[-1], trial.first, self._change(self._trial_filter)
+        # As `_join_stops` does; but how long the hand will stand here is not known yet.
+        short_gap, max_shift = first.t - before.last.t < BOUNCE_S, OUTLIER_SIGMAS * self._noise.still_shift
+        knocked = short_gap and moved < max_shift and turned < max_shift / self._noise.pivot
+        bounced = short_gap and len(self._past_stops) > 1 and before.last.t - before.first.t < BOUNCE_S
+        if (trial.jolted or knocked or bounced) and moved < BOUNCE_M and turned < BOUNCE_RAD:
+            self._past_stops.pop()
+            first = first if bounced and not trial.jolted else before.first
         if self._strapdown.clipped:
             self.flaws.append("the gyro was at the end of its range; move slower, or set a larger range")
             self._strapdown.clipped = False
