@@ -31,6 +31,8 @@ def test_options_that_do_not_work_either_are_not_named() -> None:
     past_base = [keyframe(0.0, x=-0.45, y=-0.35, z=0.2), keyframe(1.0, x=-0.45, y=0.35, z=0.2)]
     with pytest.raises(PlanError, match=r"can't follow the straight line .*; move the dock, or use --path keyframes$"):
         plan_keyframes(past_base, dock(), PANDA, PlanOptions(path="line", approach=False, retreat=False))
+    with pytest.raises(PlanError, match=r"the straight line .*; move the dock, or leave out --path-tolerance$"):
+        plan_keyframes(past_base, dock(), PANDA, PlanOptions(tolerance_m=0.01, approach=False, retreat=False))
     with pytest.raises(PlanError, match=r"; raise the keyframe or the dock, or view .* --allow-collision$"):
         plan_keyframes(*low(), PANDA, PlanOptions(path="line"))
 

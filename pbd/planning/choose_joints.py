@@ -61,7 +61,8 @@ def _alternatives(refusal: Refusal, options: PlanOptions) -> tuple[tuple[str, Pl
     from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION
 
     if refusal.why == CANNOT_FOLLOW:
-        return (("use --path keyframes", replace(options, path="keyframes", tolerance_m=None)),)
+        what = "leave out --path-tolerance" if options.path == "keyframes" else "use --path keyframes"
+        return ((what, replace(options, path="keyframes", tolerance_m=None)),)
     if refusal.why == COLLISION and not options.allow_collision:
         return (("view the motion with --allow-collision", replace(options, allow_collision=True)),)
     return ()

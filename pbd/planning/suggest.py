@@ -90,7 +90,7 @@ def suggest(
         RobotError: none was found; the message says why the best one failed.
     """
     from pbd.arm.ik.branches import margins
-    from pbd.arm.ik.starts import manipulability, starts_of
+    from pbd.arm.ik.starts import dexterity
 
     arm = arm_of(robot)
     p, R = _sampled_tool_poses(arm)
@@ -113,8 +113,8 @@ def suggest(
             own, plan = min(planned, key=lambda each: each[1].trajectory.duration)
             room = margins(arm, own.home)
             nearest = robot.joints[int(room.argmin())], float(room.min())
-            dexterity = float(manipulability(arm.jacobian(own.home)[None])[0]) / starts_of(arm).low_manipulability
-            return Suggestion(own, plan, nearest, dexterity, len(docks), len(reachable), table is not None, touching)
+            dexterous = float(dexterity(arm, own.home[None])[0])
+            return Suggestion(own, plan, nearest, dexterous, len(docks), len(reachable), table is not None, touching)
         why = next(iter(refusals), why)
     raise RobotError(f"{robot.name}: no home and dock found: {why}", robot=robot.name)
 

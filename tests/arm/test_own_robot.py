@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.model import load_model
 from pbd.arm.reach import reach
 from pbd.data import Robot
 from pbd.errors import PbdWarning
-from pbd.files.robot import load_robot
+from pbd.files.robot import load_robot, read_robot
 from pbd.planning import plan_keyframes
 from pbd.pose import quat_to_matrix
 from tests.arm.bundled import keyframes_of
@@ -23,10 +25,10 @@ ALONG = ("z", "z", "z", "x", "x", "x")
 TIP = 0.12  # m, from the last joint
 
 
-def own_urdf() -> str:
+def own_urdf(axes: Sequence[str] = AXES) -> str:
     links = ("base_link", *(f"link{i}" for i in range(1, 6)), "flange")
     joints = []
-    for i, (length, axis, along) in enumerate(zip(LENGTHS, AXES, ALONG, strict=True)):
+    for i, (length, axis, along) in enumerate(zip(LENGTHS, axes, ALONG, strict=True)):
         xyz = f"0 0 {length}" if along == "z" else f"{length} 0 0"
         joints.append(
             f'<joint name="joint{i + 1}" type="revolute"><parent link="{links[i]}"/><child link="{links[i + 1]}"/>'
@@ -78,6 +80,14 @@ def test_its_tool_is_where_the_guide_says(mine: Robot) -> None:
 
 def test_its_reach_is_the_sum_of_its_lengths(mine: Robot) -> None:
     assert reach(load_model(mine)) == pytest.approx(sum(LENGTHS[2:]) + TIP, abs=1e-3)
+
+
+def test_an_arm_that_is_singular_everywhere_has_no_cost_for_it(mine: Robot, tmp_path: Path) -> None:
+    """Its last three joints turn about one axis. Without a cost that is a number, no move would be the cheapest."""
+    axes = (*AXES[:3], "1 0 0", "1 0 0", "1 0 0")
+    (tmp_path / "robots" / "mine.urdf").write_text(own_urdf(axes), encoding="utf-8")
+    arm = load_model(read_robot(tmp_path / "robots" / "mine.toml"))
+    np.testing.assert_array_equal(configuration_cost(arm, np.array([arm.robot.home, 0.5 * arm.robot.home])), 0.0)
 
 
 def test_a_robot_without_a_gripper_leaves_out_what_the_hand_gripped(mine: Robot) -> None:

@@ -10,7 +10,7 @@ from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import FULL_POSE, SLACK_RAD, is_partial, refine_partial, solve_partial
 from pbd.arm.ik.seven_joints import seven_joints
 from pbd.arm.ik.solver import solve
-from pbd.arm.ik.starts import manipulability, starts_of
+from pbd.arm.ik.starts import dexterity, starts_of
 from pbd.arm.model import ArmModel, to_se3
 from pbd.lapack import lapack
 from pbd.pose import Array, Pose
@@ -97,9 +97,8 @@ def turn_toward(arm: ArmModel, q: Array, q_near: Array) -> Array:
 def configuration_cost(arm: ArmModel, q: Array) -> Array:
     """Return the cost (m,) of being near limits and singularities at joints (m, k), in rad of joint travel."""
     near_limits = np.maximum(0.0, 1.0 - margins(arm, q) / MARGIN_RAD)
-    J = np.array([arm.jacobian(each) for each in q])
-    dexterity = manipulability(J) / starts_of(arm).low_manipulability
-    cost: Array = AT_LIMIT * (near_limits**2).sum(axis=1) + SINGULAR * np.maximum(0.0, 1.0 - dexterity) ** 2
+    singular = np.maximum(0.0, 1.0 - dexterity(arm, q))
+    cost: Array = AT_LIMIT * (near_limits**2).sum(axis=1) + SINGULAR * singular**2
     return cost
 
 

@@ -17,6 +17,10 @@ ROTATION_WEIGHT_M = 0.3
 LOW_SHARE = 0.25
 """Share of the configurations that counts as nearly singular."""
 
+SINGULAR_ARM = 1e-7
+"""Manipulability below which an arm counts as singular in every configuration. That of ur3, the lowest of the bundled
+arms, is 7e-4; rounding errors reach 1e-9."""
+
 _MEASURED = 500  # samples from which that quantile of manipulability is computed
 
 
@@ -26,7 +30,8 @@ class Starts:
     Attributes:
         q: (n, k) rad.
         p: (n, 3) m, the tool's positions.
-        low_manipulability: 25th percentile of manipulability.
+        low_manipulability: 25th percentile of manipulability; rounding errors or zero for an arm that is singular in
+            every configuration, for example with two joints on one axis.
     """
 
     def __init__(self, arm: ArmModel) -> None:
@@ -55,6 +60,17 @@ class Starts:
 
 starts_of = lru_cache(maxsize=16)(Starts)
 """Returns an arm's samples, cached."""
+
+
+def dexterity(arm: ArmModel, q: Array) -> Array:
+    """Return the manipulability (m,) at joints (m, k) relative to the arm's own 25th percentile.
+
+    For an arm that is singular in every configuration it is 1: none is worse than another.
+    """
+    low = starts_of(arm).low_manipulability
+    if low < SINGULAR_ARM:
+        return np.ones(len(q))
+    return manipulability(np.array([arm.jacobian(each) for each in q])) / low
 
 
 def manipulability(J: Array) -> Array:
