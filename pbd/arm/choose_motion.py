@@ -89,10 +89,16 @@ class _Search(Mending):
                     return refused()
             elif self._make_lines(path):
                 continue
-            elif (end := self.ladder.end) < len(self.ladder.layers):
-                self.ladder.advance(path, end - KEPT, end - KEPT + WINDOW)
+            elif self.ladder.end < len(self.ladder.layers):
+                self._advance(path)
             else:
                 return assemble_motion(self.arm, self.links, self.moves, self.ladder.joints(path), self.n)
+
+    def _advance(self, path: Sequence[int]) -> None:
+        """Move the window; it begins at a keyframe, so that no move is partly final and partly open to remedies."""
+        before, kept = self.ladder.first, self.ladder.end - KEPT
+        first = next((place for place in range(kept, before, -1) if self.links[place - 1].at_keyframe), before)
+        self.ladder.advance(path, first, kept + WINDOW)
 
     def _mend_all(self, barred: Barred) -> Callable[[], Refusal] | None:
         """Mend the barred layers, from the last to the first.

@@ -21,7 +21,7 @@ MEND_AFTER_STRAIGHT_WIDENED = 150
 COARSE = 4
 """Number of poses between two layers of a split path."""
 LOOK_BACK = 8
-"""Number of paths before a barred one that are split with it."""
+"""Number of paths before a barred one that are split with it, if they are not final yet."""
 
 
 class Mending(LinkChecks):
@@ -88,7 +88,7 @@ class Mending(LinkChecks):
         if self.links[place - 1].poses is None:  # widening made it straight
             self._follow_path(place)
         first = place
-        while first > 1 and place - first < LOOK_BACK and self._is_unsplit(first - 1):
+        while first - 1 > self.ladder.first and place - first < LOOK_BACK and self._is_unsplit(first - 1):
             first -= 1
         end = place
         while first <= end:

@@ -18,9 +18,11 @@ from pbd.arm.detour import bend_detour
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ladder_checks import APPROACH_M
+from pbd.arm.ladder_graph import Ladder
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION, UNREACHABLE, Refusal
 from pbd.arm.timing.time_moves import Move, time_moves
+from pbd.arm.tool_deviation import off_line
 from pbd.data import Obstacle
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose
@@ -141,7 +143,9 @@ def test_only_barred_moves_are_mended() -> None:
 
 
 def test_the_checks_for_each_keyframe_do_not_grow_with_their_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With more than one window of the ladder; collision checks are counted."""
+    """With several windows of the ladder; collision checks are counted."""
+    monkeypatch.setattr(motion_module, "WINDOW", 24)
+    monkeypatch.setattr(motion_module, "KEPT", 8)
     counted, is_free = list[Leg](), CollisionScene.is_free
 
     def count(self: CollisionScene, q: Array, leg: Leg) -> bool:
@@ -157,6 +161,30 @@ def test_the_checks_for_each_keyframe_do_not_grow_with_their_number(monkeypatch:
         assert kinds(motion) == [STRAIGHT] * len(poses)
         checks.append(len(counted) / len(poses))
     assert checks[1] < 1.3 * checks[0]
+
+
+def test_a_window_is_released_where_what_is_final_bars_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lines that are split near the beginning of short windows; no remedy may change a part that is final."""
+    released, release = list[int](), Ladder.release
+
+    def count(self: Ladder) -> None:
+        released.append(self.first)
+        release(self)
+
+    monkeypatch.setattr(Ladder, "release", count)
+    monkeypatch.setattr(motion_module, "WINDOW", 4)
+    monkeypatch.setattr(motion_module, "KEPT", 2)
+    rng, q, poses = np.random.default_rng(20), HOME, list[Pose]()
+    for _ in range(6):
+        q = np.clip(q + rng.normal(0.0, 0.5, len(q)), ARM.limits.lower + 0.05, ARM.limits.upper - 0.05)
+        poses.append(ARM.forward(q))
+    motion = choose_motion(ARM, MotionRequest(poses, HOME, kind=LINE), None)
+    assert isinstance(motion, Motion)
+    assert kinds(motion) == [STRAIGHT, *5 * [LINE]]
+    assert len(released) == 1
+    for (before, after), segment in zip(pairwise(poses), motion.segments[1:], strict=True):
+        p = np.array([ARM.forward(each).p for each in segment.q])
+        assert off_line(np.vstack((before.p, p, after.p))) < 1e-4
 
 
 @pytest.fixture(scope="module")
