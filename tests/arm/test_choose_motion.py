@@ -17,8 +17,9 @@ from pbd.arm.collision.scene import CollisionScene, Leg
 from pbd.arm.detour import bend_detour
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.cartesian import line
+from pbd.arm.ladder_building import build_ladder
 from pbd.arm.ladder_checks import APPROACH_M
-from pbd.arm.ladder_graph import Ladder
+from pbd.arm.ladder_graph import Barred, Ladder
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION, UNREACHABLE, Refusal
 from pbd.arm.timing.time_moves import Move, time_moves
@@ -254,6 +255,25 @@ def test_a_known_detour_is_bent_to_joints_nearby_without_getting_longer(around: 
     assert (back[[0, -1]] == (start, goal)).all()
     assert scene.is_free(back, Leg())
     assert np.abs(np.diff(back, axis=0)).sum() < 1.1 * np.abs(np.diff(way, axis=0)).sum()
+
+
+def test_no_detours_are_searched_for_beside_known_ones_where_too_many_pairs_were_barred(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene, request = CollisionScene(ARM, None, PLATE), MotionRequest((LEFT, RIGHT), HOME, approach=False)
+    search = motion_module._Search(ARM, request, scene, build_ladder(ARM, (LEFT, RIGHT), HOME, None, 12))
+    search._detour(1)
+    path = search.ladder.search(search.is_free, search.cost)
+    (_, move), layer = search.at(2), search.ladder.layers[2]
+    assert not isinstance(path, Barred)
+    layer.barred_moves, remedies = layer.mend_after, [*move.remedies]
+    monkeypatch.setattr(search, "_find_detour", pytest.fail)
+    assert search._mend(2, True) is None
+    assert search.ladder.search(search.is_free, search.cost) == path
+    assert move.remedies == remedies
+    layer.cost[path[2]] = np.inf  # say that the known detour ends at a configuration that is not free
+    search.ladder.add(2, layer.q[:0], layer.cost[:0])
+    assert isinstance(search.ladder.search(search.is_free, search.cost), Barred)
 
 
 def test_a_refusal_gives_the_number_of_checks_of_detours(monkeypatch: pytest.MonkeyPatch) -> None:
