@@ -261,7 +261,9 @@ def test_no_detours_are_searched_for_beside_known_ones_where_too_many_pairs_were
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     scene, request = CollisionScene(ARM, None, PLATE), MotionRequest((LEFT, RIGHT), HOME, approach=False)
-    search = motion_module._Search(ARM, request, scene, build_ladder(ARM, (LEFT, RIGHT), HOME, None, 12))
+    ladder = build_ladder(ARM, (LEFT, RIGHT), HOME, None, 12)
+    assert isinstance(ladder, Ladder)
+    search = motion_module._Search(ARM, request, scene, ladder)
     search._detour(1)
     path = search.ladder.search(search.is_free, search.cost)
     (_, move), layer = search.at(2), search.ladder.layers[2]
