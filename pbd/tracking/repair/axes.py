@@ -46,8 +46,14 @@ MAX_NAMED = 5
 UNITS = (
     (DEG, "its values are in deg/s; import the file with --unit gyr=deg/s"),
     (1.0 / DEG, "its values were in rad/s, but were read as deg/s; import the file with --unit gyr=rad/s"),
+    (1e-3 * DEG, "its values are in mdeg/s; import the file with --unit gyr=mdeg/s"),
 )
 """Factor that corrects a gyro in a wrong unit, and the advice."""
+
+FACTORS, BESIDE, CLEAR_FACTOR = 1.05 ** np.arange(-60, 61), 6, 1.5
+"""Other factors on the gyro that are tried, to 19 either way (beyond, turns by whole circles fit by chance). Those
+fewer than BESIDE places apart are of one minimum. A factor nearer to 1 than CLEAR_FACTOR is accepted: the gyro's range
+may have cut off the turns."""
 
 
 @dataclass(frozen=True, order=True)
@@ -180,7 +186,30 @@ def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]
         if found is None and not np.ptp(by_gyro, axis=0).any():
             dead = "it reads the same all the time, so it is dead; check the columns gx, gy, gz"
             return Contradiction("a", off_deg, off_deg, pair, dead)
+    if found is None and 0 in counted and off[0] > CONTRADICTION_DEG:
+        return _find_scale(up, turn, moved[0], telling[0], float(off[0]))
     return found
+
+
+def _find_scale(
+    up: Witness, turn: Callable[[float], Array], moved: NDArray[np.bool_], telling: NDArray[np.bool_], off_deg: float
+) -> Contradiction | None:
+    """Find the factor nearest to 1 that makes the gyro agree with gravity, both where it turns and where it doesn't."""
+    apart = [up.off(turn(float(factor))) for factor in FACTORS]
+    fits = np.array([max(_median(off[moved]), _median(off[telling])) for off in apart])
+    good = np.flatnonzero(fits <= min(fits.min() + AS_GOOD_DEG, off_deg / IMPROVEMENT))
+    if not len(good):
+        return None
+    nearest = good[np.argmin(np.abs(np.log(FACTORS[good])))]
+    beside = good[np.abs(good - nearest) < BESIDE]
+    best = int(beside[np.argmin(fits[beside])])
+    if 1.0 / CLEAR_FACTOR < FACTORS[best] < CLEAR_FACTOR:
+        return None
+    what = (
+        f"it turns about {1.0 / FACTORS[best]:.2g} times as far: its unit or its full scale is wrong (--unit gyr=...), "
+        "or the times are, and with them every distance (--unit t=..., --rate)"
+    )
+    return Contradiction("a", off_deg, float(fits[best]), int(np.argmax(telling)), what)
 
 
 Fit = tuple[str, Reading, Array]

@@ -142,6 +142,22 @@ def test_left_handed_axes_of_both_sensors_are_offered() -> None:
         refuse_disagreement(mirrored)
 
 
+@pytest.mark.parametrize("task", ["pour", "pick-and-place-stops", "pick-and-place-direct"])
+@pytest.mark.parametrize("slower", [0.5, 0.8, 1.0, 1.25, 2.0])
+def test_times_in_a_wrong_scale_are_refused_where_the_hand_turns(task: str, slower: float) -> None:
+    """Twice the time makes every distance four times as long. A turn that a gyro's range cut off is no such case."""
+    recording = simulate(task, "wt901", 1).recording
+    recording = replace(recording, t=slower * recording.t, mag=None, device_rpy=None)
+    if 0.5 < slower < 2.0:
+        refuse_disagreement(recording)
+        return
+    with pytest.raises(RecordingError, match=r"it turns about (\S+) times as far: .*--unit gyr=.*--rate") as caught:
+        refuse_disagreement(recording)
+    found = re.search(r"about (\S+) times", caught.value.message)
+    assert found is not None
+    assert float(found[1]) == pytest.approx(slower, rel=0.1)
+
+
 def test_two_wrong_units_are_named_at_once() -> None:
     recording = replace(simulate("pour", "modern", 1).recording, device_rpy=None)
     assert recording.gyr is not None
