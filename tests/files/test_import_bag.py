@@ -18,7 +18,9 @@ from pbd.errors import PbdWarning, RecordingError
 from pbd.files.demo import load_demo
 from pbd.files.exporters import export
 from pbd.files.importers import import_file, import_recording
+from pbd.pose import Array
 from pbd.simulation.simulate import simulate
+from pbd.tracking.repair.repair_recording import condition
 from tests.files.test_formats import planned
 
 LATE_NS = 40_000_000
@@ -76,6 +78,83 @@ def write_bag(
             writer.write(field, ns + LATE_NS, store.serialize_cdr(message, "sensor_msgs/msg/MagneticField"))
         writer.write(text, ns, store.serialize_cdr(kinds["String"](data="end"), "std_msgs/msg/String"))
     return next(path.glob("*.mcap*" if mcap else "*.db3*"))
+
+
+def write_imus(path: Path, rows: list[tuple[int, int, str, Array, Array]]) -> Path:
+    """Write sensor_msgs/Imu and, in uT, MagneticField: (stamp, time of recording, frame, acc and gyr, mag) each."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kinds: dict[str, Any] = {name.split("/")[-1]: made for name, made in store.types.items()}
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        types = {"Imu": "sensor_msgs/msg/Imu", "MagneticField": "sensor_msgs/msg/MagneticField"}
+        to = {kind: writer.add_connection(f"/{kind}", name, typestore=store) for kind, name in types.items()}
+        for ns, received, frame, values, field in rows:
+            stamp = kinds["Time"](sec=ns // 10**9, nanosec=ns % 10**9)
+            header, covariance = kinds["Header"](stamp=stamp, frame_id=frame), np.zeros(9)
+            acc, gyr, mag = (
+                kinds["Vector3"](**dict(zip("xyz", map(float, each), strict=True)))
+                for each in (values[:3], values[3:], field)
+            )
+            wxyz = kinds["Quaternion"](x=0.0, y=0.0, z=0.0, w=0.0)
+            imu = kinds["Imu"](header, wxyz, np.array([-1.0, *covariance[1:]]), gyr, covariance, acc, covariance)
+            for kind, message in (("Imu", imu), ("MagneticField", kinds["MagneticField"](header, mag, covariance))):
+                writer.write(to[kind], received, store.serialize_cdr(message, types[kind]))
+    return path
+
+
+@pytest.fixture
+def rows(recording: Recording) -> list[tuple[int, int, str, Array, Array]]:
+    assert recording.gyr is not None
+    assert recording.mag is not None
+    ns = [1_700_000_000_000_000_000 + round(1e9 * t) for t in recording.t.tolist()]
+    values = np.hstack((recording.acc, recording.gyr))
+    return [(at, at + LATE_NS, "imu", row, mag) for at, row, mag in zip(ns, values, recording.mag, strict=True)]
+
+
+def test_a_clock_that_was_set_back_is_refused(tmp_path: Path, rows: list[tuple[int, int, str, Array, Array]]) -> None:
+    """Sorted by their stamps, the messages before and after would be mixed."""
+    rows[100:] = [(ns - 300_000_000, *others) for ns, *others in rows[100:]]
+    with pytest.raises(RecordingError, match=r"the headers' stamps run backwards near t = 0\.7 s"):
+        import_file(write_imus(tmp_path / "bag", rows))
+
+
+def test_messages_may_overtake_one_another_or_come_twice(
+    tmp_path: Path, recording: Recording, rows: list[tuple[int, int, str, Array, Array]]
+) -> None:
+    rows[100], rows[101] = rows[101], rows[100]
+    rows[100], rows[101] = ((row[0], 10**18 + k, *row[2:]) for k, row in enumerate(rows[100:102]))
+    rows[:100] = [(row[0], k, *row[2:]) for k, row in enumerate(rows[:100])]
+    read = import_file(write_imus(tmp_path / "bag", [each for row in rows for each in (row, row)])).recording
+    assert_allclose(read.t, recording.t, atol=2e-9)
+    assert_allclose(read.acc, recording.acc)
+
+
+def test_empty_stamps_are_replaced_by_the_times_of_recording(
+    tmp_path: Path, recording: Recording, rows: list[tuple[int, int, str, Array, Array]]
+) -> None:
+    with pytest.warns(PbdWarning, match="the headers' stamps are empty; the times at which"):
+        read = import_file(write_imus(tmp_path / "bag", [(0, *others) for _, *others in rows])).recording
+    assert_allclose(read.t, recording.t, atol=2e-9)
+
+
+def test_two_devices_on_one_topic_are_refused(tmp_path: Path, rows: list[tuple[int, int, str, Array, Array]]) -> None:
+    both = [(ns + k, at, frame, *others) for ns, at, _, *others in rows for k, frame in enumerate(("left", "right"))]
+    with pytest.raises(RecordingError, match=r"of 2 devices \(the frames left, right\)"):
+        import_file(write_imus(tmp_path / "bag", both))
+
+
+def test_a_driver_that_does_not_publish_tesla(
+    tmp_path: Path, recording: Recording, rows: list[tuple[int, int, str, Array, Array]]
+) -> None:
+    path = write_imus(tmp_path / "bag", rows)
+    with pytest.raises(RecordingError, match=r"the magnetometer reads over .*--unit mag="):
+        condition(import_file(path).recording)
+    assert recording.mag is not None
+    read = import_recording(path, units={"mag": "uT"}).demo.recording.mag
+    assert read is not None
+    assert_allclose(read, recording.mag)
 
 
 def assert_same(read: Recording, written: Recording) -> None:

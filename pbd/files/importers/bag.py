@@ -1,7 +1,8 @@
 """ROS 2 bags, as MCAP or SQLite: sensor_msgs/Imu and, optionally, sensor_msgs/MagneticField. rosbags reads them.
 
 Times are the headers' stamps, which the driver wrote when it read the sensor, not when the message was recorded. A
-covariance that begins with -1 means that there is no such measurement (sensor_msgs/Imu.msg), so it is not read.
+covariance that begins with -1 means that there is no such measurement (sensor_msgs/Imu.msg), so it is not read. If a
+driver left the stamps empty, the times of recording are used.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.data.streams import Stream
-from pbd.errors import PbdError, RecordingError, in_words, listed, require_package
+from pbd.errors import PbdError, RecordingError, in_words, listed, require_package, warn
 from pbd.files.importers.columns import Understood
 from pbd.files.importers.headerless import understood_channels
 from pbd.files.importers.mcap_repair import repaired_bag, zstd_package
@@ -36,6 +37,9 @@ BATCH_MESSAGES = 20_000
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 """First bytes of a compressed message (RFC 8878, 3.1.1). An uncompressed CDR message begins with a zero."""
+
+OVERTAKEN = 3
+"""Messages may overtake one another on the network, but not this many. Otherwise the clock was set back."""
 
 LONGEST_MESSAGE = 10_000
 """Largest size of a decompressed message, bytes. An Imu has 316 and its frame's name."""
@@ -61,8 +65,8 @@ def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, Understoo
         with repaired_bag(path) as repaired, Reader(repaired) as reader:
             wanted = _choose_topics(path, reader.connections, topic)
             given = {each.topic: each.msgtype for each in reader.connections}
-            for kind, data in _messages(path, reader, wanted):
-                decoders[kind].add(data)
+            for kind, received, data in _messages(path, reader, wanted):
+                decoders[kind].add(received, data)
     except PbdError:
         raise
     except Exception as reason:  # damaged bytes cause errors of sqlite, yaml and zstd
@@ -85,7 +89,7 @@ def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, Understoo
     names |= {"acc": f"{topics[IMU]}: linear_acceleration", "rpy": f"{topics[IMU]}: orientation"}
     names |= {"mag": f"{topics[FIELD]}: magnetic_field"} if FIELD in topics else {}
     unread = {name: f"another topic, of {kind}" for name, kind in given.items() if (name, kind) not in wanted}
-    return recording, understood_channels(recording, names, "its type", unread)
+    return recording, understood_channels(recording, names, "its type", unread, {"mag": "T"})
 
 
 class _Decoder:
@@ -99,23 +103,50 @@ class _Decoder:
         """See IMU_PARTS and IMU_DOUBLES."""
         self._path, self._parts, self._doubles = path, parts, doubles
         self._waiting: list[bytes] = []
+        self._received: list[int] = []
         self._ns: list[NDArray[np.int64]] = []
         self._values: list[Array] = []
+        self._rows: list[NDArray[np.intp]] = []
+        self._frames: dict[bytes, None] = {}
+        self._decoded = 0
 
-    def add(self, message: bytes) -> None:
-        """Add the next message."""
+    def add(self, received_ns: int, message: bytes) -> None:
+        """Add the next message, and when it was recorded."""
+        self._received.append(received_ns)
         self._waiting.append(message)
         if len(self._waiting) >= BATCH_MESSAGES:
             self._decode()
 
     def all(self) -> tuple[NDArray[np.int64], Array]:
-        """Return sorted stamps (n,), ns, and the vectors side by side (n, m); NaN if the covariance begins with -1."""
+        """Return sorted stamps (n,), ns, and the vectors side by side (n, m); NaN if the covariance begins with -1.
+
+        Raises:
+            RecordingError: messages of several devices, or stamps that run backwards.
+        """
         self._decode()
         if not self._ns:
             return np.empty(0, dtype=np.int64), np.empty((0, 0))
-        ns, values = np.concatenate(self._ns), np.vstack(self._values)
+        if len(self._frames) > 1:
+            frames = listed(sorted(frame.rstrip(b"\0").decode("utf-8", "replace") for frame in self._frames))
+            what = f"its messages are of {len(self._frames)} devices (the frames {frames}); give each its own topic"
+            raise RecordingError.at(self._path, what, value=len(self._frames))
+        received, rows = np.array(self._received), np.concatenate(self._rows)
+        ns, values = np.empty(len(rows), dtype=np.int64), np.empty((len(rows), self._values[0].shape[1]))
+        ns[rows], values[rows] = np.concatenate(self._ns), np.vstack(self._values)
+        if len(ns) > 1 and not np.ptp(ns) and np.ptp(received):
+            warn(f"{self._path}: the headers' stamps are empty; the times at which the messages were recorded are used")
+            ns = received
+        by_arrival = np.argsort(received, kind="stable")
+        ns, values = ns[by_arrival], values[by_arrival]
         by_time = np.argsort(ns, kind="stable")
-        return ns[by_time], values[by_time]
+        overtaken = np.abs(np.arange(len(ns)) - by_time)
+        ns, values = ns[by_time], values[by_time]
+        if overtaken.max() >= OVERTAKEN:
+            at = 1e-9 * float(ns[np.argmax(overtaken)] - ns[0])
+            what = f"the headers' stamps run backwards near t = {at:.1f} s, because a clock was set back"
+            raise RecordingError.at(self._path, f"{what}; record again, or cut the bag there")
+        new = np.append(True, (np.diff(ns) > 0) | (np.diff(np.nan_to_num(values), axis=0) != 0.0).any(axis=1))
+        return ns[new], values[new]
 
     def _decode(self) -> None:
         waiting, self._waiting = self._waiting, []
@@ -125,23 +156,30 @@ class _Decoder:
                 what = f"a message of {length} bytes is too short for its type; record it again"
                 raise RecordingError.at(self._path, what)
             rows = np.flatnonzero(lengths == length)
+            self._rows.append(self._decoded + rows)
             raw = np.frombuffer(b"".join(waiting[row] for row in rows), dtype=np.uint8).reshape(-1, length)
+            frames = raw[:, 16 : length - 8 * self._doubles]
+            if (frames != frames[0]).any():
+                frames = np.unique(frames, axis=0)
             order = "<" if raw[0, 1] & 1 else ">"
+            size = int(raw[0, 12:16].copy().view(f"{order}u4")[0])
+            self._frames |= dict.fromkeys(frame[:size].tobytes() for frame in frames)
             seconds, nanoseconds = (raw[:, k : k + 4].copy() for k in (4, 8))
             ns = seconds.view(f"{order}i4")[:, 0].astype(np.int64) * 10**9
             self._ns.append(ns + nanoseconds.view(f"{order}u4")[:, 0])
             values = raw[:, -8 * self._doubles :].copy().view(f"{order}f8")
             known = (np.where(values[:, k : k + 1] == -1.0, np.nan, values[:, i:k]) for i, k in self._parts)
             self._values.append(np.hstack(list(known)))
+        self._decoded += len(waiting)
 
 
-def _messages(path: Path, reader: Any, wanted: set[tuple[str, str]]) -> Iterator[tuple[str, bytes]]:
-    """Yield type and bytes of the messages of these topics and types, in the files' order: sorting here is slow."""
+def _messages(path: Path, reader: Any, wanted: set[tuple[str, str]]) -> Iterator[tuple[str, int, bytes]]:
+    """Yield type, time of recording (ns) and bytes of these topics' messages, in the files' order: sorting is slow."""
     for storage in getattr(reader.storage, "storages", (reader.storage,)):
         connections = [each for each in storage.connections if (each.topic, each.msgtype) in wanted]
         scan = getattr(storage, "messages_scan", storage.messages)
-        for connection, _, data in scan(connections):
-            yield connection.msgtype, _decompressed(path, data) if data[:4] == ZSTD_MAGIC else data
+        for connection, received, data in scan(connections):
+            yield connection.msgtype, received, _decompressed(path, data) if data[:4] == ZSTD_MAGIC else data
 
 
 def _decompressed(path: Path, packed: bytes) -> bytes:

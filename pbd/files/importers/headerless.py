@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 from pbd.data import Recording
 from pbd.data.units import UNITS, unit_factor
@@ -13,20 +14,25 @@ from pbd.files.importers.columns import CHANNEL_OF, CHANNELS, Column, Understood
 
 
 def understood_channels(
-    recording: Recording, names: Mapping[str, str], by: str, unread: Mapping[str, str]
+    recording: Recording,
+    names: Mapping[str, str],
+    by: str,
+    unread: Mapping[str, str],
+    units: Mapping[str, str] = MappingProxyType({}),
 ) -> Understood:
-    """List the columns of a recording in our units.
+    """List the columns of a recording, by default in our units.
 
     Args:
         recording: the recording.
         names: channel -> its name in the file.
         by: who decided names and units.
         unread: what was not read, and why.
+        units: channel -> its unit in the file, if it is not ours.
     """
     columns = []
     for channel, name in names.items():
         if getattr(recording, "device_rpy" if channel == "rpy" else channel) is not None:
-            unit = next(iter(UNITS["angle" if channel == "rpy" else channel]))
+            unit = units.get(channel) or next(iter(UNITS["angle" if channel == "rpy" else channel]))
             axes = [""] if channel == "t" else [".x", ".y", ".z"]
             for ours, axis in zip(CHANNELS[channel], axes, strict=True):
                 columns.append(Column(f"{name}{axis}", ours, 1.0, unit, by, by))

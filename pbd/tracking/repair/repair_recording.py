@@ -78,6 +78,11 @@ def _fill_missing(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
             continue
         good = (np.abs(values) < LARGEST_READING).all(axis=1)  # False for NaN
         if not good.any():
+            if name == "mag" and np.isfinite(values).any():
+                raise RecordingError(
+                    f"the magnetometer reads over {LARGEST_READING:g} uT, a thousand times the Earth's field: it is in "
+                    "another unit; import the file with --unit mag=..., such as uT, mgauss or gauss"
+                )
             raise RecordingError(f"'{name}' has no number in any row; leave the column out or record again")
         # A magnetometer is often sampled more slowly: rows without it are no gap.
         missing |= ~good if name in ("acc", "gyr") else False
