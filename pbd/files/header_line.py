@@ -7,10 +7,14 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+from pbd.errors import warn
 from pbd.files.imu_columns import ACC, GYR, MAG
 
 HEADER_CELLS = 4
 """Smallest number of cells in a header (t, ax, ay, az). The lines of a preamble have fewer."""
+
+START = "0123456789-+."
+"""First characters of a number."""
 
 
 def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
@@ -33,6 +37,40 @@ def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
     return header, 0
 
 
+def without_comments(text: str, foreign: bool) -> str:
+    """Blank the lines that begin with #, but not a foreign table's header: the last of them, if numbers follow.
+
+    numpy.savetxt writes its header so, and the EuRoC data sets theirs: `#timestamp [ns],w_RS_S_x [rad s^-1],...`.
+    """
+    header = re.match(r"(?:[ \t]*(?:#.*)?\n)*?[ \t]*(#)(.*)\n\s*([^#\s].*)", text) if foreign else None
+    if header is not None and _is_row(header[3]) and max(map(header[2].count, ",;\t")) >= HEADER_CELLS - 1:
+        text = f"{text[: header.start(1)]} {text[header.end(1) :]}"
+    return re.sub(r"(?m)^[ \t]*#.*$", "", text)
+
+
+def with_delimiters(text: str) -> str:
+    """Replace the spaces of a table that has no other delimiters by tabs."""
+    if any(mark in text for mark in ",;\t"):
+        return text
+    return re.sub(r" +", "\t", re.sub(r"(?m)^ +| +$|(?<=#) +", "", text))
+
+
+def without_cut_row(path: Path, body: str, cells: int, delimiter: str) -> str:
+    """Leave out a last row that was not written to its end, as by a logger that lost its power. Warns of it."""
+    body = body.rstrip("\0")
+    rows, _, last = body.rpartition("\n")
+    if (
+        not rows.strip()
+        or not last.strip()
+        or last.count(delimiter) >= cells - 1
+        or '"' in last
+        or last[0] not in START
+    ):
+        return body
+    warn(f"{path}: the last row is cut off, and left out")
+    return rows
+
+
 def _is_row(line: str) -> bool:
     # Between other delimiters, a comma is a decimal mark.
     delimiter = next((mark for mark in ";\t" if line.count(mark) >= HEADER_CELLS - 1), ",")
@@ -41,20 +79,10 @@ def _is_row(line: str) -> bool:
     return numbers >= HEADER_CELLS - 1 and 2 * numbers >= len(cells)
 
 
-def without_comment_sign(text: str) -> str:
-    """Remove the # before a header: the last comment before the first row, with as many cells (EuRoC's data.csv)."""
-    match = re.match(r"(?:\s*#.*\n)*?(\s*#\s*)(.*)\n([^#\n].*)", text)
-    if match is None or not _is_row(match[3]):
-        return text
-    delimiter = max(",;\t", key=match[3].count)
-    if match[2].count(delimiter) != match[3].count(delimiter):
-        return text
-    return text[: match.start(1)] + text[match.end(1) :]
-
-
 def with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
     """Append each unit to its column's name: `acc_x` and `g` become `acc_x (g)`."""
     given = [*units, *[""] * (len(header) - len(units))]
+    given = [re.sub(r"^[\[(](.*)[\])]$", r"\1", unit) for unit in given]
     return [f"{name} ({unit})" if unit and name else name for name, unit in zip(header, given, strict=False)]
 
 

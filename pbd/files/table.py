@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -13,9 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.errors import PbdError, RecordingError, listed, printable, warn
-from pbd.files.header_line import find_header, import_command, with_units, without_comment_sign
-from pbd.io.numbers import number, seconds
+from pbd.errors import PbdError, RecordingError, listed, printable
+from pbd.files.header_line import (
+    find_header,
+    import_command,
+    with_delimiters,
+    with_units,
+    without_comments,
+    without_cut_row,
+)
+from pbd.io.numbers import date_order, number, seconds
 from pbd.io.read_file import decoded, read_bytes
 from pbd.pose import Array
 
@@ -89,6 +96,12 @@ class Sheet:
         line, cells = next(islice(self._rows(self.body, self.line), row, None))
         return line, cells[self.header.index(name)].strip()
 
+    def ends(self, name: str) -> list[str]:
+        """Return a column's first and last cell."""
+        rows, k = self.body.strip("\n"), self.header.index(name)
+        ends = (rows.partition("\n")[0], rows.rpartition("\n")[2])
+        return [cells[k].strip(' "') for row in ends if len(cells := row.split(self.delimiter)) > k]
+
     def read(self, names: Sequence[str] | None = None, times: Collection[str] = ()) -> Table:
         """Read columns.
 
@@ -105,14 +118,14 @@ class Sheet:
         if twice := next((name for name in wanted if count[name] > 1), None):
             raise self._fault(None, f"the column '{printable(twice)}' is there twice", "rename one", value=twice)
         columns = [self.header.index(name) for name in wanted]
-        dated = [k for k, name in zip(columns, wanted, strict=True) if name in times]
+        dated = {self.header.index(name): date_order(self.ends(name)) for name in wanted if name in times}
         parts, line = [], self.line
         for block in [self.body] if '"' in self.body else _blocks(self.body):  # a quoted cell may contain line ends
             parts.append(self._read_block(block, line, columns, dated))
             line += block.count("\n") + 1
         return Table(self.path, wanted, np.concatenate(parts))
 
-    def _read_block(self, block: str, line: int, columns: list[int], dated: list[int]) -> Array:
+    def _read_block(self, block: str, line: int, columns: list[int], dated: Mapping[int, str]) -> Array:
         rows = self._read_numbers(block)
         return self._read_cells(block, line, columns, dated) if rows is None else rows[:, columns]
 
@@ -133,7 +146,7 @@ class Sheet:
             return rows if rows.shape[1:] == (len(self.header),) else None
         return None
 
-    def _read_cells(self, block: str, first: int, columns: list[int], dated: list[int]) -> Array:
+    def _read_cells(self, block: str, first: int, columns: list[int], dated: Mapping[int, str]) -> Array:
         rows, width = [], len(self.header)
         plain = block.isascii() and "_" not in block  # float() accepts 1_000
         for line, cells in self._rows(block, first):
@@ -151,7 +164,7 @@ class Sheet:
                 with suppress(ValueError):
                     rows.append([float(cells[k]) for k in columns])
                     continue
-            rows.append([self._number(line, k, cells[k], k in dated) for k in columns])
+            rows.append([self._number(line, k, cells[k], dated.get(k)) for k in columns])
         return np.array(rows, dtype=np.float64).reshape(-1, len(columns))
 
     def _rows(self, text: str, first: int) -> Iterator[tuple[int, list[str]]]:
@@ -164,12 +177,12 @@ class Sheet:
         except csv.Error as reason:
             raise self._fault(first - 1 + rows.line_num, str(reason), "mend or remove the line") from None
 
-    def _number(self, line: int, column: int, cell: str, dated: bool) -> float:
+    def _number(self, line: int, column: int, cell: str, order: str | None) -> float:
         try:
             if self.foreign and self.delimiter != "," and _DECIMAL_COMMA.fullmatch(cell):
                 cell = cell.replace(",", ".")
-            if dated:
-                return seconds(cell)
+            if order:
+                return seconds(cell, order)
             return number(cell) if cell.strip() or self.complete else float("nan")
         except ValueError:
             name, next_step = self.header[column], "correct the cell" + ", or leave it empty" * (not self.complete)
@@ -228,9 +241,9 @@ def open_sheet(
     elif text is None:
         text = decoded(read_bytes(path, error, NEXT_STEP), path, error, NEXT_STEP, FOREIGN_ENCODINGS[:1])
     if foreign:
-        text = without_comment_sign(text)
+        text = with_delimiters(text)
     if "#" in text:
-        text = re.sub(r"(?m)^[ \t]*#.*$", "", text)
+        text = without_comments(text, foreign)
     lines = text.split("\n", LONGEST_PREAMBLE)
     above, skipped = (find_header(lines[:LONGEST_PREAMBLE]) if foreign else None) or (
         next((k for k, line in enumerate(lines) if line.strip()), 0),
@@ -252,20 +265,10 @@ def open_sheet(
         raise error.at(path, f"{what}: {import_command(path, len(header), delimiter)}", above + 1)
     if not header[-1]:
         header.pop()
+    if foreign:
+        body = without_cut_row(path, body, len(header), delimiter)
     line, preamble = above + 2 + skipped, "\n".join(lines[:above])
-    if error is RecordingError:
-        body = _without_cut_row(path, body, delimiter, len(header), line)
     return Sheet(path, tuple(header), body, delimiter, line, foreign, error, preamble=preamble)
-
-
-def _without_cut_row(path: Path, body: str, delimiter: str, width: int, line: int) -> str:
-    """Leave out the last row of a recording if it ends before its last cell and its line end, as after a crash."""
-    rows, end, last = body.rpartition("\n")
-    count = last.count(delimiter) + 1
-    if not end or not last.strip() or count >= width or '"' in last:
-        return body
-    warn(f"{path}:{line + rows.count(end) + 1}: the last row is cut short ({count} of {width} cells) and left out")
-    return rows + end
 
 
 def read_table(path: Path) -> Table:

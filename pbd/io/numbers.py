@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from datetime import date
 
 _STAMP = re.compile(
     r"\s*(?=\d)(?:(\d{1,4})[-/.](\d{1,2})[-/.](\d{1,4})(?:[T\s]\s*(?=\d)|\s*$))?"
     r"(?:(\d{1,2}):(\d{1,2}):(\d{1,2})(?:([.,])(\d+)|:(\d{1,3}))?(?:\s+([AaPp])\.?[Mm]\.?)?"
-    r"\s*(?:Z|UTC|[+-]\d{2}:?\d{2})?)?\s*"
+    r"\s*(?:Z|UTC|([+-])(\d{2}):?(\d{2}))?)?\s*"
 )
 DAY_S = 86400.0
+DATE_ORDERS = ("ymd", "dmy", "mdy", "ydm")
 YEAR_2000 = date(2000, 1, 1).toordinal()
 
 
@@ -43,23 +46,46 @@ def is_stamp(text: str) -> bool:
     return _STAMP.fullmatch(text) is not None
 
 
-def seconds(text: str) -> float:
+def seconds(text: str, order: str = "") -> float:
     """Parse a time, s: a number, a date, a time of day, or both: `2026-10-02T07:48:45.830+02:00`.
 
     `12:05:00 AM` is five past midnight. In `2025-10-9 8:18:9:94` the last number is ms. Dates count from the year 2000,
-    times of day from midnight. A time zone is ignored: it is the same in all rows. An empty text and "null" are NaN.
-    ValueError: it is none of these.
+    times of day from midnight. With a date, a time zone counts, because it changes in spring and autumn. An empty text and
+    "null" are NaN. ValueError: it is none of these.
+
+    Args:
+        text: the time.
+        order: in which order a date gives year, month and day (`date_order`).
     """
     match = _STAMP.fullmatch(text)
     if match is None:
         return math.nan if text.strip().lower() in ("", "null") else number(text)
-    first, second, third, hour, minute, second_of_minute, mark, fraction, ms, half = match.groups()
+    first, second, third, hour, minute, second_of_minute, mark, fraction, ms, half, *zone = match.groups()
     days = 0
     if first is not None:
-        # The order of day and month only matters for a recording across midnight.
-        year, month, day = (first, second, third) if len(first) == 4 else (third, second, first)
-        month, day = (day, month) if int(month) > 12 else (month, day)
-        days = date(int(year), int(month), int(day)).toordinal() - YEAR_2000
+        days = _day((first, second, third), order or date_order((text,)))
     hours = int(hour or 0) if half is None else int(hour) % 12 + 12 * (half in "Pp")
     part = float(f"0.{fraction}") if mark else int(ms or 0) / 1e3
+    if zone[0] and first is not None:
+        hours, minute = hours - int(zone[0] + zone[1]), int(minute or 0) - int(zone[0] + zone[2])
     return days * DAY_S + 3600.0 * hours + 60.0 * int(minute or 0) + int(second_of_minute or 0) + part
+
+
+def date_order(texts: Iterable[str]) -> str:
+    """Return in which order the dates of a column give year, month and day, such as "ymd".
+
+    Of possible orders it is the one in which they are nearest together: across midnight only the day changes.
+    """
+    given = {match.groups()[:3] for text in texts if (match := _STAMP.fullmatch(text)) and match[1] is not None}
+    spans = {}
+    for order in DATE_ORDERS:
+        with suppress(ValueError):
+            days = [_day(parts, order) for parts in given]
+            spans[order] = max(days, default=0) - min(days, default=0)
+    return min(spans, key=spans.__getitem__, default=DATE_ORDERS[0])
+
+
+def _day(parts: Sequence[str | None], order: str) -> int:
+    """Return the number of days since the year 2000 of a date's three numbers."""
+    year, month, day = (int(parts[order.index(part)] or 0) for part in "ymd")
+    return date(year, month, day).toordinal() - YEAR_2000

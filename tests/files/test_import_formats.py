@@ -349,14 +349,6 @@ def test_one_bad_row_of_many_is_named(tmp_path: Path) -> None:
         imported(tmp_path, "\n".join(["t,ax,ay,az", *rows]))
 
 
-def test_a_last_row_that_was_cut_off_is_left_out(tmp_path: Path) -> None:
-    with pytest.warns(PbdWarning, match=r"run\.csv:4: the last row is cut short \(3 of 4 cells\) and left out"):
-        recording = imported(tmp_path, "t,ax,ay,az\n0,0,0,9.8\n0.01,0,0,9.8\n0.02,0,9").demo.recording
-    assert_allclose(recording.t, [0.0, 0.01])
-    with pytest.raises(RecordingError, match=r"run\.csv:3: 3 cells"):  # its line ends: it was written so
-        imported(tmp_path, "t,ax,ay,az\n0,0,0,9.8\n0.01,0,9\n")
-
-
 def test_mixed_line_ends(tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_bytes(b"t,ax,ay,az\r\n0,0,0,9.8\r0.01,0,0,9.8\n\n0.02,0,0,9.8,\r\n")
     assert_allclose(import_recording(tmp_path / "run.csv").demo.recording.t, [0.0, 0.01, 0.02])

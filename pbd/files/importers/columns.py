@@ -29,7 +29,16 @@ UNUSED = "a file that isn't used"
 NO_UNIT = "no unit given"
 """Source of a unit that neither the file nor the caller gives; ours is assumed."""
 
-_NAMED_UNITS = {"millis": "ms", "micros": "us", "seconds": "s", "secs": "s", "sec": "s", "seconds_elapsed": "s"}
+_SHORT_UNITS = (
+    (r"(?:n|nano)s(?:ec(?:ond)?s?)?", "ns"),
+    (r"(?:u|micro)s(?:ec(?:ond)?s?)?", "us"),
+    (r"(?:m|milli)s(?:ec(?:ond)?s?)?", "ms"),
+    (r"s(?:ec(?:ond)?s?)?|seconds_elapsed", "s"),
+)
+"""Patterns of units of time in names, and the unit."""
+
+_NOT_A_UNIT = r"txt|local|.*\b(?:utc|gmt|iso\W*8601)\b.*|(?:[yYdDmMoO]{2,4}\W+){2}.*|[hH]{1,2}:[mM]{2}\b.*"
+"""Notes beside the name of a column of dates or times of day, such as `hh:mm:ss.ms`: their format, or the zone."""
 _MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u", "²": "2", " ": "", "(": "", ")": ""})
 """Spellings of unit signs, among them the micro sign in wrong encodings."""
 
@@ -234,12 +243,14 @@ def _unit(
     given, by = units.get(channel) or "", "--unit"
     if not given:
         given, by = split_unit(name)[1], "its name"
-        if CHANNEL_OF[ours] == "t" and given.lower() in ("txt", "utc", "local"):
-            given = ""
+        if channel == "t":
+            given = re.sub(r"^(?:epoch|unix)\W+|\W*\b(?:epoch|unix|since)\b.*", "", given, flags=re.IGNORECASE)
+            given = "" if re.fullmatch(_NOT_A_UNIT, given.lower()) else given
     if not given and channel == "t":
         word = plain(name)
         suffix = re.search(TIME_UNITS, word)
-        given = _NAMED_UNITS.get(word, suffix[1] if suffix else "").replace("micro", "u").replace("sec", "s")
+        word = suffix[1] if suffix else word
+        given = next((unit for pattern, unit in _SHORT_UNITS if re.fullmatch(pattern, word)), word if suffix else "")
     if not given and channel != "t":
         given, by = beside.get(CHANNEL_OF[ours], ""), "another axis's name"
     if not given and program is not None and channel in program.units:

@@ -6,6 +6,7 @@ rest is not gravity.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -15,18 +16,29 @@ import numpy as np
 
 from pbd.data import Recording, RecordingInfo
 from pbd.data.one_line_repr import counted
-from pbd.data.streams import Stream
+from pbd.data.streams import Stream, joined
 from pbd.errors import RecordingError, listed, warn
 from pbd.files.importers import XIO_FILE, check_rate
 from pbd.files.importers.columns import CHANNELS, PROGRAMS, UNUSED, Column, Understood, understand
-from pbd.files.importers.header_names import is_device_time, is_time, plain, split_unit
+from pbd.files.importers.header_names import is_device_time, is_time, nanoseconds_of, plain, split_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.imu_columns import ACC, device_rpy
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
-from pbd.io.numbers import DAY_S, is_stamp, seconds
+from pbd.io.numbers import DAY_S, date_order, is_stamp, seconds
 from pbd.pose import Array
 
-DEVICE_NAMES = ("address", "device_name", "设备名称")
+DEVICE_NAMES = re.compile(
+    r"(?:device|sensor|imu|node|board|tracker)(?:_?(?:id|name|tag|mac|address|serial|nr|no|number))?"
+    r"|id|mac(?:_?address)?|address|设备名称"
+)
+COUNTER_SIZES, LONGEST_COUNT = (2.0**16, 2.0**32), 3.0
+"""Numbers of values of a device's counter, and its longest step, as a multiple of the usual one, when it wraps."""
+
+OTHERS_ROWS = 0.05
+"""Smallest share of rows without accelerometer and gyro that are taken for another sensor's rows, not for losses."""
+
+MOST_DEVICES = 20
+"""Largest number of devices in a file. A column with more names counts something else."""
 
 
 def read_csv(
@@ -75,20 +87,30 @@ def read_csv(
     clocks = [column.name for column in found.of("t")]
     if timed and "t" not in columns:
         clocks = [name for name in sheet.header if is_time(name)]
-    table = sheet.read([*(column.name for column in found.columns), *clocks], times=clocks)
+    parts = {name: part for name in clocks if (part := nanoseconds_of(name, sheet.header))}
+    clocks = [name for name in clocks if name not in parts.values()]
+    table = sheet.read([*(column.name for column in found.columns), *clocks, *parts.values()], times=clocks)
+    table = _with_nanoseconds(table, parts)
     if timed:
-        best = _best_clock(table, clocks)
+        best = _best_clock(path, table, clocks)
         if best != found.of("t")[0].name:
             found = understand(sheet, {**columns, "t": best}, units)
             found = found.with_clock(best, "the best of several times")
+        if best in parts:
+            found = found.with_unread({parts[best]: f"read with {best}"})
 
     understood, beside = _magnetometer_beside(path, found, units)
     with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples
         channels = {channel: _values(table, found.of(channel)) for channel in CHANNELS if found.of(channel)}
-        clock, mag, compass = (channels.get(name) for name in ("t", "mag", "angle"))
+        clock = channels.get("t")
         t = np.arange(len(table.values)) / (rate_hz or 1.0) if clock is None else _unwrapped(clock[:, 0], found, sheet)
         if clock is not None:
             _refuse_backwards(sheet, found.of("t")[0].name, t)
+            filled = ~np.isnan(table.values).all(axis=1)  # spreadsheets write rows of empty cells
+            t, channels = t[filled], {channel: values[filled] for channel, values in channels.items()}
+            if (apart := _joined(t, channels)) is not None:
+                t, channels = apart
+        mag, compass = channels.get("mag"), channels.get("angle")
         recording = Recording(
             t=t - t[0],
             acc=channels["acc"],
@@ -102,21 +124,35 @@ def read_csv(
 
 def _dated(sheet: Sheet) -> str:
     """Return the first column whose dates or times of day increase from the first row to the last; "": none."""
-    rows = sheet.body.strip()
-    ends = (rows.partition("\n")[0], rows.rpartition("\n")[2])
-    for name, *cells in zip(sheet.header, *(row.replace('"', "").split(sheet.delimiter) for row in ends), strict=False):
+    for name in sheet.header:
+        cells = sheet.ends(name)
+        order = date_order(cells)
         with suppress(ValueError):
-            if all(map(is_stamp, cells)) and seconds(cells[0]) < seconds(cells[1]):
-                return str(name)
+            if len(cells) == 2 and all(map(is_stamp, cells)) and seconds(cells[0], order) < seconds(cells[1], order):
+                return name
     return ""
 
 
-def _best_clock(table: Table, clocks: list[str]) -> str:
+def _with_nanoseconds(table: Table, parts: Mapping[str, str]) -> Table:
+    """Add to each column of whole seconds its nanoseconds."""
+    values = table.values.copy()
+    for whole, part in parts.items():
+        values[:, table.header.index(whole)] += 1e-9 * values[:, table.header.index(part)]
+    return replace(table, values=values)
+
+
+def _best_clock(path: Path, table: Table, clocks: list[str]) -> str:
     """Return the clock with the most distinct times; of equals the device's own, then one with a unit, then the first.
 
     A clock that runs backwards is the last choice.
+
+    Raises:
+        RecordingError: no clock has any time (Xsens' MT Manager writes such columns for some devices).
     """
     values = table.columns(*clocks).T
+    if not np.isfinite(values).any():
+        what = f"the column{'s' * (len(clocks) > 1)} {listed(clocks)} for the time "
+        raise RecordingError.at(path, f"{what}hold{'s' * (len(clocks) == 1)} no number; import it with its --rate HZ")
     with np.errstate(invalid="ignore"):
         forward = [not (np.diff(each) < 0.0).any() for each in values]
     distinct = [np.unique(each[np.isfinite(each)]).size for each in values]
@@ -134,8 +170,33 @@ def _unwrapped(t: Array, found: Understood, sheet: Sheet) -> Array:
     if t[0] < DAY_S and is_stamp(sheet.cell(clock.name, 0)[1]):
         wraps = DAY_S
     if not wraps:
-        return t
+        wraps = clock.factor * _counter_size(t / clock.factor)
     return t + wraps * np.cumsum(np.diff(t, prepend=t[0]) < -0.5 * wraps)
+
+
+def _counter_size(ticks: Array) -> float:
+    """Return the size of the counter by which ticks (n,) drop without a lost step, as Arduino's micros(); 0: none."""
+    whole = np.rint(ticks)
+    steps = np.diff(whole)
+    drops = steps[steps < 0.0]
+    if not len(drops) or (np.abs(ticks - whole) > 1e-3).any():
+        return 0.0
+    longest = LONGEST_COUNT * float(np.median(steps))
+    sizes = (size for size in COUNTER_SIZES if ticks.max() < size and (drops + size <= longest).all())
+    return next(sizes, 0.0)
+
+
+def _joined(t: Array, channels: Mapping[str, Array]) -> tuple[Array, dict[str, Array]] | None:
+    """Join accelerometer, gyro and magnetometer if they have rows of their own; None: they share their rows."""
+    known = {name: np.isfinite(channels[name]).all(axis=1) for name in ("acc", "gyr", "mag") if name in channels}
+    acc, gyr = known["acc"], known.get("gyr", known["acc"])
+    alone = 2 * (acc & gyr).sum() < min(acc.sum(), gyr.sum())
+    if (not alone and (acc | gyr).mean() > 1.0 - OTHERS_ROWS) or not (np.diff(t[gyr]) > 0.0).all():
+        return None
+    streams = [Stream.of(t, channels[name]) if name in channels else None for name in ("acc", "gyr", "mag")]
+    assert streams[0] is not None
+    at, *values = joined(streams[0], streams[1], streams[2])
+    return at, {name: each for name, each in zip(("acc", "gyr", "mag"), values, strict=True) if each is not None}
 
 
 def _without_repeats(path: Path, recording: Recording) -> Recording:
@@ -166,7 +227,7 @@ def _values(table: Table, columns: list[Column]) -> Array:
 
 def _refuse_several_devices(sheet: Sheet) -> None:
     for name in sheet.header:
-        if plain(name) in DEVICE_NAMES and len(devices := set(sheet.words(name))) > 1:
+        if DEVICE_NAMES.fullmatch(plain(name)) and 1 < len(devices := set(sheet.words(name)) - {""}) <= MOST_DEVICES:
             what = f"the rows of {len(devices)} devices ({listed(sorted(devices)[:3])}) in the column '{name}'"
             keep = "keep those of one device in a file of its own"
             raise RecordingError.at(sheet.path, f"{what}; {keep}", value=len(devices))

@@ -9,6 +9,7 @@ readers, examples and files that were used. German names are plain translations.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from pbd.files.imu_columns import DEVICE
 
@@ -20,15 +21,16 @@ _WORDS = {
     "angle": r"angle|角度",
 }
 _PART = r"(?:_(?:ln|wr|ag|data|cal|calibrated|rs_s))*"
-"""Suffixes of a quantity: the chip (Shimmer has a low-noise and a wide-range accelerometer), `calibrated`, or EuRoC's
-frames."""
+"""Suffixes of a quantity: the chip (Shimmer has a low-noise and a wide-range accelerometer), `calibrated`, or a frame
+(EuRoC)."""
 
 _TIME = (
-    r"t|ts|time|timestamp|time_?stamp|seconds|secs?|时间|zeit|zeitstempel|(?:seconds_|time_)?elapsed|millis|micros|date_?time|"
-    r"sample_?time_?fine|time_?since_?start(?:_in)?|time_?start_?up|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|(?:system_|unix_|logging_)?time(?:_?stamp)?"
+    r"t|ts|time|timestamp|time_?stamp|seconds|secs?|ms|us|时间|zeit|zeitstempel|(?:seconds_|time_)?elapsed|elapsed_?time|"
+    r"millis|micros|date_?time|time_?since_?start(?:_in)?|time_?start_?up|"
+    r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|(?:system_|unix_|logging_)?time(?:_?stamp)?"
 )
-_DEVICE_TIME = r"chip_?time|片上时间|(?:.*_)?header_stamp"
-TIME_UNITS = r"_(ns|us|ms|s|sec|microsec|min)$"
+_DEVICE_TIME = r"chip_?time|片上时间|(?:.*_)?header_stamp(?:_secs?)?"
+TIME_UNITS = r"_((?:n|u|m|nano|micro|milli)?s(?:ecs?|econds?)?|min)$"
 """A unit of time at the end of a name, as in `timestamp_us`."""
 
 _SUFFIXES = (
@@ -109,6 +111,13 @@ def is_time(name: str) -> bool:
 def is_device_time(name: str) -> bool:
     """Whether a column contains times of the device's own clock."""
     return re.fullmatch(_DEVICE_TIME, plain(name)) is not None
+
+
+def nanoseconds_of(seconds: str, header: Sequence[str]) -> str:
+    """Return the column that holds the nanoseconds beside those of whole seconds, as ROS writes stamps; "": none."""
+    whole = re.fullmatch(r"(.*?)(?:sec(?:ond)?s?|s)", plain(seconds))
+    part = rf"{re.escape(whole[1])}n(?:ano)?s(?:ec(?:ond)?s?)?" if whole else ""
+    return next((name for name in header if whole and re.fullmatch(part, plain(name))), "")
 
 
 def our_name(name: str) -> tuple[str, str] | None:

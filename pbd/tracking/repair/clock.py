@@ -118,9 +118,10 @@ def steady_clock(recording: Recording) -> Array:
         fault = _stamp_fault(stamps, interval)
         if fault:
             stamps = _evenly_spaced(stamps, interval, reach, complete)
-            t = stamps[np.cumsum(new) - 1]
-            rate_hz = 1.0 / float(np.median(np.diff(stamps)))
-            warn(f"{fault}; evenly spaced times at {rate_hz:.4g} Hz are used instead")
+            step = float(np.median(np.diff(stamps)))
+            if step > 0.0:  # otherwise there are too few different times
+                t = stamps[np.cumsum(new) - 1]
+                warn(f"{fault}; evenly spaced times at {1.0 / step:.4g} Hz are used instead")
     return t
 
 

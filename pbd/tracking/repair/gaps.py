@@ -55,7 +55,7 @@ def find_gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap
     gaps = [Gap(int(good[i]), int(good[i + 1]), float(spans[i])) for i in far[made_up > 0.75 * interval]]
     if good[0] > 0:
         gaps.insert(0, Gap(0, int(good[0]), float(t[good[0]] - t[0])))
-    if good[-1] < len(t) - 1:
+    if t[good[-1]] < t[-1]:
         gaps.append(Gap(int(good[-1]), len(t) - 1, float(t[-1] - t[good[-1]])))
     return gaps
 

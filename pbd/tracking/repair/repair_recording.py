@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.errors import RecordingError
+from pbd.pose import Array
 from pbd.tracking.repair.channel_faults import frozen_rows, magnetometer_is_dead, refuse_dead
 from pbd.tracking.repair.clock import with_clock
 from pbd.tracking.repair.gaps import BRIDGED_S, Gap, find_gaps, interpolated, warn_of_gaps
@@ -21,6 +22,9 @@ from pbd.tracking.repair.splices import in_order, refuse_doubled, without_wild
 
 LARGEST_READING = 1e5
 """Largest possible reading of any sensor, in its SI unit or uT. A larger one counts as missing."""
+
+WEAKEST_FIELD = 0.01
+"""Smallest reading of a magnetometer, uT, or as a multiple of the Earth's field. imu.csv has four decimals."""
 
 
 def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
@@ -55,6 +59,18 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     return recording, long
 
 
+def _refuse_field_unit(mag: Array) -> None:
+    """Refuse a field (n, 3) that can only be in another unit than uT or the Earth's field (a.u.)."""
+    known = np.linalg.norm(np.clip(mag, -1e9, 1e9)[np.isfinite(mag).all(axis=1)], axis=1)
+    usual = float(np.median(known)) if len(known) else 0.0
+    if 0.0 < usual < WEAKEST_FIELD or LARGEST_READING < usual < 1e9:
+        raise RecordingError(
+            f"the magnetometer reads {usual:.2g} uT, but the Earth's field is 25 to 65 uT: it is in another unit; import "
+            "the file with --unit mag=T, gauss, mgauss or uT",
+            value=usual,
+        )
+
+
 def _longest_unbroken(recording: Recording, gaps: tuple[Gap, ...]) -> Recording | None:
     """The longest part between gaps, in which gyro and gravity can be compared. None if it is shorter than a second."""
     if not gaps:
@@ -76,13 +92,10 @@ def _fill_missing(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
         values = getattr(recording, name)
         if values is None:
             continue
+        if name == "mag":
+            _refuse_field_unit(values)
         good = (np.abs(values) < LARGEST_READING).all(axis=1)  # False for NaN
         if not good.any():
-            if name == "mag" and np.isfinite(values).any():
-                raise RecordingError(
-                    f"the magnetometer reads over {LARGEST_READING:g} uT, a thousand times the Earth's field: it is in "
-                    "another unit; import the file with --unit mag=..., such as uT, mgauss or gauss"
-                )
             raise RecordingError(f"'{name}' has no number in any row; leave the column out or record again")
         # A magnetometer is often sampled more slowly: rows without it are no gap.
         missing |= ~good if name in ("acc", "gyr") else False
