@@ -215,7 +215,10 @@ def foreign_text(path: Path, data: bytes | None = None, error: type[PbdError] = 
     """Read a text of another program in any of its usual encodings; `data`: the file's bytes, if already read."""
     data = read_bytes(path, error, NEXT_STEP) if data is None else data
     # Spreadsheets write UTF-16 as "Unicode text".
-    encodings = ("utf-16",) if data[:2] in (b"\xff\xfe", b"\xfe\xff") else FOREIGN_ENCODINGS
+    # In western Windows a sign is one byte, as in `µT`; Chinese ones have two.
+    encodings = FOREIGN_ENCODINGS if re.search(rb"[\x80-\xff]{2}", data) else FOREIGN_ENCODINGS[::2]
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encodings = ("utf-16",)
     return decoded(data, path, error, NEXT_STEP, encodings)
 
 

@@ -50,8 +50,8 @@ def seconds(text: str, order: str = "") -> float:
     """Parse a time, s: a number, a date, a time of day, or both: `2026-10-02T07:48:45.830+02:00`.
 
     `12:05:00 AM` is five past midnight. In `2025-10-9 8:18:9:94` the last number is ms. Dates count from the year 2000,
-    times of day from midnight. With a date, a time zone counts, because it changes in spring and autumn. An empty text and
-    "null" are NaN. ValueError: it is none of these.
+    times of day from midnight. With a date, a time zone counts, because it changes in spring and autumn. An empty text
+    and "null" are NaN. ValueError: it is none of these.
 
     Args:
         text: the time.

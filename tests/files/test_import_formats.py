@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -357,3 +357,117 @@ def test_mixed_line_ends(tmp_path: Path) -> None:
 def test_a_folder_of_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"this folder: it is no bag, no x-IMU3's, no MetaWear's and no phone's"):
         import_recording(tmp_path)
+
+
+def rows_of(*columns: Sequence[object], delimiter: str = ",") -> str:
+    return "".join(delimiter.join(map(str, row)) + "\n" for row in zip(*columns, strict=True))
+
+
+EUROC = "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
+EUROC += "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        EUROC + "1403636579758555392,1,2,3,4,5,6\n1403636579768555392,1,2,3,4,5,6\n",
+        "# t,gx,gy,gz,ax,ay,az\n0.0e+00,1,2,3,4,5,6\n1.0e-02,1,2,3,4,5,6\n",
+        "# made by numpy, at 100 Hz, with, commas\n# t gx gy gz ax ay az\n0.0 1 2 3 4 5 6\n0.01 1 2 3 4 5 6\n",
+        "t,gx,gy,gz,ax,ay,az\n[s],[rad/s],[rad/s],[rad/s],[m/s2],[m/s2],[m/s2]\n0,1,2,3,4,5,6\n0.01,1,2,3,4,5,6\n",
+        "t,gx,gy,gz,ax,ay,az\n0,1,2,3,4,5,6\n,,,,,,\n0.01,1,2,3,4,5,6\n,,,,,,\n",
+        "header.stamp.sec,header.stamp.nanosec,gx,gy,gz,ax,ay,az\n7,995000000,1,2,3,4,5,6\n8,5000000,1,2,3,4,5,6\n",
+    ],
+    ids=["EuRoC", "numpy.savetxt", "spaces", "units in brackets", "rows of empty cells", "seconds and nanoseconds"],
+)
+def test_other_ways_to_write_a_table(tmp_path: Path, text: str) -> None:
+    recording = imported(tmp_path, text).demo.recording
+    assert_allclose(recording.t, [0.0, 0.01], atol=1e-6)
+    assert recording.gyr is not None
+    assert_allclose([recording.gyr[1], recording.acc[1]], [[1, 2, 3], [4, 5, 6]])
+
+
+@pytest.mark.parametrize(
+    ("name", "stamps"),
+    [
+        ("Time (hh:mm:ss.ms)", ("12:00:00.000", "12:00:00.010")),
+        ("Timestamp (ISO 8601)", ("2024-03-01T12:00:00.000Z", "2024-03-01T12:00:00.010Z")),
+        ("timestamp (epoch ms)", ("1700000000000", "1700000000010")),
+        ("timestampNanos", ("1700000000000000000", "1700000000010000000")),
+        ("time_usec", ("0", "10000")),
+        ("Elapsed Time (ms)", ("0", "10")),
+        ("time", ("01/05/2024 23:59:59.995", "01/06/2024 00:00:00.005")),
+        ("time", ("12/01/2024 23:59:59.995", "13/01/2024 00:00:00.005")),
+        ("time", ("24-01-31 23:59:59.995", "24-02-01 00:00:00.005")),
+        ("time", ("2024-03-31T01:59:59.995+01:00", "2024-03-31T03:00:00.005+02:00")),
+        ("time", ("2024-10-27T02:59:59.995+0200", "2024-10-27T02:00:00.005+0100")),
+    ],
+)
+def test_ways_to_write_the_time(tmp_path: Path, name: str, stamps: tuple[str, str]) -> None:
+    text = f"{name},ax,ay,az\n{stamps[0]},1,2,3\n{stamps[1]},1,2,3\n"
+    assert_allclose(imported(tmp_path, text).demo.recording.t, [0.0, 0.01], atol=1e-6)
+
+
+def test_counters_that_wrap_are_unwrapped_and_clocks_set_back_refused(tmp_path: Path) -> None:
+    """micros() of an Arduino wraps after 71 minutes."""
+    ticks = [2**32 - 20000 + 10000 * k for k in range(5)]
+    ones = [1] * len(ticks)
+    wrapped = rows_of([tick % 2**32 for tick in ticks], ones, ones, ones)
+    assert_allclose(imported(tmp_path, f"micros,ax,ay,az\n{wrapped}").demo.recording.t, 0.01 * np.arange(5))
+    with pytest.raises(RecordingError, match="time runs backwards"):
+        imported(tmp_path, f"micros,ax,ay,az\n{wrapped.replace('4294957296', '4294900000')}")
+
+
+def test_sensors_with_rows_of_their_own_are_joined(tmp_path: Path) -> None:
+    t = 0.01 * np.arange(20)
+    gyro = rows_of(t, 10 * t, t, t, *[[""] * 20] * 3)
+    force = rows_of(t + 0.004, *[[""] * 20] * 3, t + 0.004, 0 * t, 0 * t)
+    rows = sorted((gyro + force).splitlines(), key=lambda row: float(row.split(",")[0]))
+    recording = imported(tmp_path, "\n".join(["t,gx,gy,gz,ax,ay,az", *rows])).demo.recording
+    assert recording.gyr is not None
+    assert_allclose(recording.t, t[:-1], atol=1e-9)  # from the second reading of the gyro
+    assert_allclose(recording.gyr[:, 0], 10 * t[1:])
+    assert_allclose(recording.acc[:, 0], t[1:])
+
+
+@pytest.mark.parametrize("name", ["id", "sensor_id", "MAC", "imu", "node"])
+def test_rows_of_two_devices_are_refused(tmp_path: Path, name: str) -> None:
+    text = rows_of([0, 0, 1, 1], ["a", "b", "a", "b"], *[[1, 9, 1, 9]] * 3)
+    with pytest.raises(RecordingError, match=f"rows of 2 devices .a, b. in the column '{name}'"):
+        imported(tmp_path, f"t,{name},ax,ay,az\n{text}")
+    counter = rows_of(range(30), range(30), *[[1] * 30] * 3)
+    assert len(imported(tmp_path, f"t,{name},ax,ay,az\n{counter}").demo.recording) == 30
+
+
+def test_a_column_of_times_without_a_number_is_named(tmp_path: Path) -> None:
+    """MT Manager writes such for an MTw Awinda without a clock."""
+    text = MT_MANAGER.replace("5000100", "NaN").replace("5000200", "NaN")
+    with pytest.raises(RecordingError, match="the column SampleTimeFine for the time holds no number; .* --rate HZ"):
+        imported(tmp_path, text)
+    assert len(imported(tmp_path, text, rate_hz=100.0).demo.recording) == 2
+
+
+@pytest.mark.parametrize("end", ["2,4,5", "2,4", "2", "\0\0\0\0"])
+def test_a_row_that_was_cut_off_at_the_end_is_left_out(tmp_path: Path, end: str) -> None:
+    text = "t,ax,ay,az\n0,1,2,3\n1,2,3,4\n"
+    assert len(imported(tmp_path, text + "2,4,5,6").demo.recording) == 3
+    if end[0] == "\0":
+        assert len(imported(tmp_path, text + end).demo.recording) == 2
+        return
+    with pytest.warns(PbdWarning, match="the last row is cut off, and left out"):
+        assert len(imported(tmp_path, text + end).demo.recording) == 2
+
+
+def test_a_lone_sign_of_western_windows_is_not_chinese(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_bytes("t,ax,ay,az,mx (µT),my (µT),mz (µT)\n0,1,2,3,4,5,6\n".encode("cp1252"))
+    assert [column.unit for column in import_recording(path).understood.of("mag")] == ["uT"] * 3
+
+
+def test_a_lost_line_moves_no_later_sample(tmp_path: Path) -> None:
+    """With --rate the time is counted by the samples."""
+    lines = [f"ax: {k} g, ay: 0 g, az: 1 g\ngx: 0 dps, gy: 0 dps, gz: 9 dps\ntemp: 20\n" for k in range(9)]
+    lines[4] = lines[4].replace("temp: 20\n", "")
+    read = imported(tmp_path, "".join(lines), rate_hz=100.0, name="run.log").demo.recording
+    assert_allclose(read.acc[:, 0], GRAVITY * np.arange(9))
+    assert read.gyr is not None
+    assert_allclose(read.gyr[:, 2], 9 * DEG)

@@ -115,3 +115,11 @@ def test_a_damaged_npz_is_refused_or_read(tmp_path: Path) -> None:
         except RecordingError:
             refused += 1
     assert refused > len(whole) // 3 // 2
+
+
+def test_a_gyro_under_another_name_is_not_dropped(tmp_path: Path) -> None:
+    np.savez(tmp_path / "run.npz", rate_hz=100.0, acc=np.ones((3, 3)), gyro=np.ones((3, 3)))
+    with pytest.raises(
+        RecordingError, match="the array 'gyro' looks like inertial data, but is not read; name it 'gyr'"
+    ):
+        import_file(tmp_path / "run.npz")

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording, RecordingInfo, Truth
-from pbd.errors import RecordingError, in_words, listed
+from pbd.errors import RecordingError, in_words, listed, printable
 from pbd.files.importers import check_rate
 from pbd.files.importers.columns import Understood
+from pbd.files.importers.header_names import looks_inertial
 from pbd.files.importers.headerless import understood_channels
 from pbd.io.read_file import LARGE, read_bytes
 from pbd.pose import Array
@@ -46,6 +47,10 @@ def read_npz(path: Path) -> tuple[Recording, Understood, Truth | None]:
         check_rate(path, rates[key], f"{key} is")
     if "true_wxyz" in arrays and "true_position" not in arrays:
         raise RecordingError.at(path, "'true_wxyz' without 'true_position'; add it, or leave both out")
+    for name in others:
+        if (letter := looks_inertial(name)) and (key := {"g": "gyr", "a": "acc", "m": "mag"}[letter]) not in arrays:
+            what = f"the array '{printable(name)}' looks like inertial data, but is not read; name it '{key}', or remove it"
+            raise RecordingError.at(path, what, value=name)
     n, m = (len(np.atleast_1d(arrays.get(key, ()))) for key in ("acc", "true_position"))
     shapes = {"acc": (n, 3), "gyr": (n, 3), "mag": (n, 3), "true_position": (m, 3), "true_wxyz": (m, 4)}
     for key, shape in shapes.items():

@@ -18,12 +18,15 @@ import re
 from pathlib import Path
 
 from pbd.errors import RecordingError
+from pbd.files.importers.header_names import is_time
 from pbd.files.table import Sheet
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
-_PAIR = re.compile(rf"([A-Za-z][\w ./()-]{{0,40}}?)\s{{0,9}}[:=]\s{{0,9}}({_NUMBER})?(?![\d:])")
+_UNIT = r"(m/s\^?2|rad/s|deg/s|dps|uT|mg|g)(?![\w/])"
+_PAIR = re.compile(
+    rf"([A-Za-z][\w ./()-]{{0,40}}?)\x22?\s{{0,9}}[:=]\s{{0,9}}({_NUMBER})?(?![\d:])(?:\s{{0,9}}{_UNIT})?"
+)
 _STAMP = re.compile(r"\s*(\d{1,2}:\d{2}:\d{2}\.\d+)\s*->\s*")
-_UNIT = re.compile(r"\d\.?\s{0,9}(m/s\^?2|rad/s|deg/s|dps|uT|g)\s*$")
 
 NAMED_LINES = 20
 """Number of first lines by which the format is recognised."""
@@ -46,17 +49,25 @@ def printed_sheet(path: Path, text: str) -> Sheet:
     for line in (line[:LONGEST_LINE] for line in text.split("\n")):
         stamp = _STAMP.match(line)
         pairs = _pairs(line[stamp.end() :] if stamp else line)
-        if any(name in samples[-1] for name, _ in pairs):
+        if any(name in samples[-1] for name, *_ in pairs):
             samples.append({})
         if stamp and pairs:
             samples[-1].setdefault("time", stamp[1])
-        if unit := _UNIT.search(line):
-            units |= dict.fromkeys((name for name, _ in pairs), unit[1])
-        samples[-1] |= dict(pairs)
+        unit = ""
+        for name, _, its_unit in reversed(pairs):  # `X: 1, Y: 2, Z: 3 m/s^2`: of all three
+            unit = its_unit or unit
+            units |= {name: unit} if unit else {}
+        samples[-1] |= {name: value for name, value, _ in pairs}
     # The first and last sample may be incomplete. Numbers that are printed rarely, such as temperatures, are ignored.
     names = max(samples, key=len)
     header = [name for name in names if sum(name in sample for sample in samples) * 2 > len(samples)]
-    rows = [",".join(sample[name] for name in header) for sample in samples if all(name in sample for name in header)]
+    # Without times each sample counts, even one of which a line was lost.
+    last = 0 if any(map(is_time, header)) else len(samples) - 1
+    rows = [
+        ",".join(sample.get(name, "") for name in header)
+        for k, sample in enumerate(samples)
+        if 0 < k < last or all(name in sample for name in header)
+    ]
     if len(header) < 3 or not rows:
         what = "no line has three numbers with names; give --columns as for `pbd record --sensor lines`"
         raise RecordingError.at(path, what)
@@ -64,10 +75,10 @@ def printed_sheet(path: Path, text: str) -> Sheet:
     return Sheet(path, columns, "\n".join(rows), ",", 1, foreign=True, preamble="printed lines")
 
 
-def _pairs(line: str) -> list[tuple[str, str]]:
-    """Return names and numbers. A bare X, Y or Z gets the word before it, as in `Rotation X: 1, Y: 2`."""
+def _pairs(line: str) -> list[tuple[str, str, str]]:
+    """Return names, numbers and units ("": none). A bare X, Y or Z gets the word before it, as in `Rotation X: 1, Y: 2`."""
     found, word = [], ""
-    for name, value in _PAIR.findall(line[:LONGEST_LINE]):
+    for name, value, unit in _PAIR.findall(line[:LONGEST_LINE]):
         axis = re.fullmatch(r"(.*?)[\s_]*([XYZxyz])", name)
         if axis and axis[1]:
             word = axis[1]
@@ -76,5 +87,5 @@ def _pairs(line: str) -> list[tuple[str, str]]:
         elif not value:
             word = name
         if value:
-            found.append((name, value))
+            found.append((name, value, unit))
     return found

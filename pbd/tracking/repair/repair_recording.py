@@ -65,8 +65,8 @@ def _refuse_field_unit(mag: Array) -> None:
     usual = float(np.median(known)) if len(known) else 0.0
     if 0.0 < usual < WEAKEST_FIELD or LARGEST_READING < usual < 1e9:
         raise RecordingError(
-            f"the magnetometer reads {usual:.2g} uT, but the Earth's field is 25 to 65 uT: it is in another unit; import "
-            "the file with --unit mag=T, gauss, mgauss or uT",
+            f"the magnetometer reads {usual:.2g} uT, but the Earth's field is 25 to 65 uT: its unit is another; "
+            "import the file with --unit mag=T, gauss, mgauss or uT",
             value=usual,
         )
 
