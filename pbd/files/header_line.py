@@ -50,7 +50,8 @@ def without_comments(text: str, foreign: bool) -> str:
 
 def with_delimiters(text: str) -> str:
     """Replace the spaces of a table that has no other delimiters by tabs."""
-    if any(mark in text for mark in ",;\t"):
+    rows = re.sub(r"(?m)^[ \t]*#.*$", "", text) if "#" in text else text
+    if any(mark in rows for mark in ",;\t"):
         return text
     return re.sub(r" +", "\t", re.sub(r"(?m)^ +| +$|(?<=#) +", "", text))
 

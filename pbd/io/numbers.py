@@ -88,4 +88,4 @@ def date_order(texts: Iterable[str]) -> str:
 def _day(parts: Sequence[str | None], order: str) -> int:
     """Return the number of days since the year 2000 of a date's three numbers."""
     year, month, day = (int(parts[order.index(part)] or 0) for part in "ymd")
-    return date(year, month, day).toordinal() - YEAR_2000
+    return date(year + 2000 * (year < 100), month, day).toordinal() - YEAR_2000

@@ -49,7 +49,8 @@ def read_npz(path: Path) -> tuple[Recording, Understood, Truth | None]:
         raise RecordingError.at(path, "'true_wxyz' without 'true_position'; add it, or leave both out")
     for name in others:
         if (letter := looks_inertial(name)) and (key := {"g": "gyr", "a": "acc", "m": "mag"}[letter]) not in arrays:
-            what = f"the array '{printable(name)}' looks like inertial data, but is not read; name it '{key}', or remove it"
+            what = f"the array '{printable(name)}' looks like inertial data, but is not read"
+            what += f"; name it '{key}', or remove it"
             raise RecordingError.at(path, what, value=name)
     n, m = (len(np.atleast_1d(arrays.get(key, ()))) for key in ("acc", "true_position"))
     shapes = {"acc": (n, 3), "gyr": (n, 3), "mag": (n, 3), "true_position": (m, 3), "true_wxyz": (m, 4)}

@@ -76,7 +76,7 @@ def printed_sheet(path: Path, text: str) -> Sheet:
 
 
 def _pairs(line: str) -> list[tuple[str, str, str]]:
-    """Return names, numbers and units ("": none). A bare X, Y or Z gets the word before it, as in `Rotation X: 1, Y: 2`."""
+    """Return names, numbers, units ("": none). A bare X, Y or Z gets the word before it: `Rotation X: 1, Y: 2`."""
     found, word = [], ""
     for name, value, unit in _PAIR.findall(line[:LONGEST_LINE]):
         axis = re.fullmatch(r"(.*?)[\s_]*([XYZxyz])", name)
