@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -359,7 +359,7 @@ def test_a_folder_of_nothing_is_refused(tmp_path: Path) -> None:
         import_recording(tmp_path)
 
 
-def rows_of(*columns: Sequence[object], delimiter: str = ",") -> str:
+def rows_of(*columns: Iterable[object], delimiter: str = ",") -> str:
     return "".join(delimiter.join(map(str, row)) + "\n" for row in zip(*columns, strict=True))
 
 

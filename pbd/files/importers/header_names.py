@@ -34,26 +34,11 @@ TIME_UNITS = r"_((?:n|u|m|nano|micro|milli)?s(?:ecs?|econds?)?|min)$"
 """A unit of time at the end of a name, as in `timestamp_us`."""
 
 _SUFFIXES = (
-    {
-        "mps2": "m/s2",
-        "ms2": "m/s2",
-        "m_s2": "m/s2",
-        "g": "g",
-        "mg": "mg",
-        "dps": "dps",
-        "degs": "deg/s",
-        "deg_s": "deg/s",
-    }
-    | {
-        "rads": "rad/s",
-        "rad_s": "rad/s",
-        "radps": "rad/s",
-        "uT": "ut",
-        "ut": "ut",
-        "microT": "ut",
-        "gauss": "gauss",
-    }
-    | {unit: unit for unit in ("m/s/s", "m/s2", "m/s^2", "deg/s", "rad/s")}
+    {unit: unit for unit in ("m/s2", "m/s^2", "m/s/s", "g", "mg", "dps", "deg/s", "rad/s", "ut", "gauss")}
+    | dict.fromkeys(("mps2", "ms2", "m_s2"), "m/s2")
+    | dict.fromkeys(("degs", "deg_s"), "deg/s")
+    | dict.fromkeys(("rads", "rad_s", "radps"), "rad/s")
+    | dict.fromkeys(("uT", "microT"), "ut")
 )
 """Units at the end of a name, as in `accel_x_mps2`."""
 
