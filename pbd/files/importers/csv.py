@@ -196,6 +196,8 @@ def _joined(t: Array, channels: Mapping[str, Array]) -> tuple[Array, dict[str, A
     streams = [Stream.of(t, channels[name]) if name in channels else None for name in ("acc", "gyr", "mag")]
     assert streams[0] is not None
     at, *values = joined(streams[0], streams[1], streams[2])
+    if len(at) < 2:  # holes in every row
+        return None
     return at, {name: each for name, each in zip(("acc", "gyr", "mag"), values, strict=True) if each is not None}
 
 
