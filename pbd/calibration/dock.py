@@ -16,6 +16,9 @@ from pbd.pose import Array, Pose, level_onto, quat_inverse, quat_rotate
 TILT_WARNING_DEG, UPSIDE_DOWN_DEG = 5.0, 150.0
 """Angle, degrees, between the declared and the measured vertical, above which there is a warning, and an error."""
 
+LEVEL_DEG = 0.25
+"""Largest tilt of the base, degrees, that a dock may leave out: it moves a tool 0.7 m away by a dock's own 3 mm."""
+
 
 def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
     """Return T_base_nav, from the sensor's attitude (4,) in nav at its first rest.
@@ -77,6 +80,23 @@ def in_base(
     return KeyframesInBase(keyframes, T_base_nav, calibration, scale, path, orientation)
 
 
+def refuse_tilted(T_base_nav: Pose) -> None:
+    """Refuse a dock in a base whose z is not vertical: of a dock, position and yaw alone are used.
+
+    Raises:
+        CalibrationError: nav is tilted in base by more than LEVEL_DEG.
+    """
+    up = quat_rotate(T_base_nav.wxyz, (0.0, 0.0, 1.0))
+    tilt_deg = float(np.degrees(np.arctan2(np.hypot(up[0], up[1]), up[2])))
+    if tilt_deg > LEVEL_DEG:
+        raise CalibrationError(
+            f"the base is tilted by {tilt_deg:.1f} degrees from the vertical, and a dock has no tilt; "
+            "pbd calibrate points --free --as nav keeps it, for demonstrations that start with the same heading",
+            value=tilt_deg,
+            bound=LEVEL_DEG,
+        )
+
+
 def dock_tilt(T_base_dock: Pose, wxyz_nav_sensor: Array) -> float:
     """Return the angle, rad, in sensor axes between the vertical that the dock declares and the measured one."""
     z = np.array([0.0, 0.0, 1.0])
@@ -92,9 +112,13 @@ def dock_at(keyframes: Sequence[Keyframe], index: int, calibration: Calibration)
 
     Args:
         keyframes: a demonstration's; it started at the first.
+
+    Raises:
+        CalibrationError: as `in_base`, or the base is tilted.
     """
     no_tool = replace(calibration, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
     placed = replace(in_base(keyframes, no_tool), keyframes=[keyframes[index]])
+    refuse_tilted(placed.T_base_nav)
     cov = sum(tool_covariances(placed).values(), np.zeros((1, 6, 6)))[0]
     cov[3:5] = cov[:, 3:5] = 0.0
     return tool_poses(placed)[0], cov

@@ -49,7 +49,7 @@ class PointFit:
 
     Attributes:
         cov: (6, 6) m and rad, covariance of position and rotation vector in base; zero for the tilt if gravity gave it.
-        scale, scale_sigma: scale of the hand's positions, and one sigma; 1 and 0 unless it was fitted.
+        scale, scale_sigma: scale of the hand's positions, and one sigma, which is 0 unless the scale was fitted.
         residuals: (m, 3) m in base, point minus touch, for all points, also those that were found wrong.
         left_out: (m, 3) m in base, the same if the point itself is left out of the fit.
         left_out_sigma: (m, 3) m, one sigma of `left_out`.
@@ -74,6 +74,7 @@ def fit_points(
     *,
     free: bool = False,
     scaled: bool = False,
+    scale: float = 1.0,
     touch_m: float = TIP_SIGMA_M,
 ) -> PointFit:
     """Find nav in base; a point that contradicts the others is left out and marked.
@@ -88,6 +89,7 @@ def fit_points(
         points: (m, 3) m in base, in the same order.
         free: estimate nav's tilt too (6 unknowns). Otherwise both frames have z up (position and yaw: 4 unknowns).
         scaled: estimate the scale of the hand's positions too.
+        scale: the known scale of the hand's positions.
         touch_m: m, one sigma per axis of the tip on a point.
 
     Raises:
@@ -96,7 +98,7 @@ def fit_points(
     """
     refuse_shape(points, free)
     touched = replace(touched, cov=touched.cov + touch_m**2 * np.eye(len(touched.cov)))
-    problem = Problem(touched, points, free, scaled)
+    problem = Problem(touched, points, free, scaled, scale)
     wrong, fit, without = _find_wrong_points(problem)
     cov = widened(fit.cov, fit.chi2, fit.freedom)
     left_out = [_left_out(problem, k, wrong, fit, without) for k in range(len(points))]
@@ -206,9 +208,12 @@ def _bad_shape(points: Array, free: bool) -> str:
 def _contradiction(problem: Problem, fit: Fit, suspects: Sequence[int]) -> CalibrationError:
     off = np.linalg.norm(problem.points - fit.in_base(problem.touched), axis=1)
     names = " or ".join(f"{k + 1}" for k in sorted(suspects))
+    known = problem.scale != 1.0 and not problem.scaled
+    scale = f"and the calibration's scale of {problem.scale:g} (--find-scale finds it), " if known else ""
     return CalibrationError(
         f"the points contradict the demonstration by up to {100.0 * off.max():.1f} cm, and it is unclear which one is "
-        f"wrong (point {names}); check their coordinates and their order, touch more points, or move more calmly",
+        f"wrong (point {names}); check their coordinates and their order, {scale}touch more points, or move more "
+        "calmly",
         points=tuple(suspects),
         value=float(off.max()),
     )

@@ -90,12 +90,14 @@ class Problem:
         points: (m, 3) m in base.
         free: nav's tilt is unknown too. Otherwise both frames have z up.
         scaled: the scale of the hand's positions is unknown too.
+        scale: the known scale; where it is unknown, the first guess.
     """
 
     touched: PointObservations
     points: Array
     free: bool = False
     scaled: bool = False
+    scale: float = 1.0
 
     @property
     def unknowns(self) -> list[int]:
@@ -176,8 +178,9 @@ def register(problem: Problem, left_out: Sequence[int] = ()) -> Fit:
     """
     touched, where = problem.touched, problem.unknowns
     used = np.delete(np.arange(len(problem.points)), left_out)
-    pose = align((touched.p_nav_sensor + touched.lever)[used], problem.points[used], problem.free)
-    scale, errors = 1.0, np.zeros((len(left_out), 3))
+    scale = problem.scale
+    pose = align((scale * touched.p_nav_sensor + touched.lever)[used], problem.points[used], problem.free)
+    errors = np.zeros((len(left_out), 3))
     whiten = np.linalg.inv(np.linalg.cholesky(touched.cov))
     by_error = whiten.reshape(len(whiten), -1, 3)[:, list(left_out)].reshape(len(whiten), -1)
 

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from pbd.arm.model import load_model
+from pbd.calibration.points import POOR_CHI2
 from pbd.errors import PlanError
 from pbd.files.calibration import read_calibration
 from pbd.files.demo import write_demo
 from pbd.files.robot import load_robot
 from pbd.pipeline import track
 from pbd.planning import plan
-from pbd.pose import Pose
+from pbd.pose import Pose, quat_exp, quat_rotate
 from pbd.simulation.simulate import simulate
 from tests.calibration.touching import Touching, touching
 from tests.cli.running import Capture, refused, run, run_json
@@ -251,6 +252,34 @@ def test_the_dock_and_nav_say_the_same_of_their_demonstration(capsys: Capture, t
     metres, rad = nav.distance(dock)
     assert metres < 1e-4
     assert rad < 1e-4
+
+
+def test_points_are_fitted_with_the_scale_that_a_replay_uses(capsys: Capture, touched: Touching) -> None:
+    """The touched points are where the tool is in base, though the calibration had a scale before."""
+    run(capsys, *DOCK)
+    file = Path("calibration/bench.toml")
+    file.write_text(file.read_text().replace('name = "bench"', 'name = "bench"\nscale = 1.1'))
+    line = refused(capsys, 1, *POINTS, "--force")
+    assert "check their coordinates and their order, and the calibration's scale of 1.1 (--find-scale finds it)" in line
+    write_points(1.1 * touched.points)
+    result = run_json(capsys, *POINTS, "--force")
+    assert result["fit"]["chi2"] < POOR_CHI2
+    rows = run_json(capsys, "keyframes", "touches", "--calibration", "bench")["keyframes"]
+    assert np.abs([row["base_position_m"] for row in rows[1:]] - 1.1 * touched.points).max() < 0.01
+
+
+def test_a_tilted_base_has_no_dock(capsys: Capture, touched: Touching) -> None:
+    """A dock keeps position and yaw, so the tool would be off by the tilt times its distance from the dock."""
+    tilted = quat_rotate(quat_exp(np.radians((4.0, 0.0, 0.0))), touched.points)
+    write_points(tilted)
+    args = (*POINTS, "--free", "--stops", "1,2,3,4,5,6")
+    assert "the base is tilted by 3.9 degrees" in refused(capsys, 1, *args, "--as", "dock")
+    assert not Path("calibration").exists()
+    run(capsys, *args)
+    rows = run_json(capsys, "keyframes", "touches", "--calibration", "bench")["keyframes"]
+    assert np.abs([row["base_position_m"] for row in rows[1:]] - tilted).max() < 0.01
+    line = refused(capsys, 1, "calibrate", "dock", "shelf", "--from-keyframe", "touches", "4", "--calibration", "bench")
+    assert "and a dock has no tilt; pbd calibrate points --free --as nav keeps it" in line
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.calibration.correspondence import match_points
+from pbd.calibration.dock import refuse_tilted
 from pbd.calibration.field_uniformity import field_spread, heading_changes
 from pbd.calibration.points import POOR_CHI2, fit_points, refuse_shape
 from pbd.calibration.registration import PointObservations, observe_points
@@ -46,7 +47,16 @@ def run(args: argparse.Namespace) -> None:
     keyframes = find_keyframes(hand)
     with working("fitting"):
         touched = _match_stops(args, hand, keyframes, points, calibration)
-        fit = fit_points(touched, points.p_base, free=args.free, scaled=args.find_scale, touch_m=1e-3 * args.touch_mm)
+        fit = fit_points(
+            touched,
+            points.p_base,
+            free=args.free,
+            scaled=args.find_scale,
+            scale=calibration.scale,
+            touch_m=1e-3 * args.touch_mm,
+        )
+    if part == "dock":
+        refuse_tilted(fit.T_base_nav)
     for name, stop, off, good in zip(points.names, touched.stops, fit.left_out, fit.used, strict=True):
         if not good:
             warn(
@@ -66,17 +76,19 @@ def run(args: argparse.Namespace) -> None:
     if part == "nav" and heading is not None:
         cov[5, 5] += heading**2  # the heading differs between demonstrations by this sigma
     worse = f"{np.sqrt(fit.chi2):.1f} times"
+    known_scale = calibration.scale != 1.0 and not args.find_scale
+    scale = f" or the scale of {calibration.scale:g} there (--find-scale finds it)" if known_scale else ""
     known = calibration.T_base_nav if part == "nav" else calibration.T_base_dock
     if known is not None and not args.force:
         what = f"the points fit {worse} worse than the tracker's uncertainty predicts"
-        again = "touch them again, more calmly, or correct their coordinates"
+        again = f"touch them again, more calmly, or correct their coordinates{scale}"
         keep_good_part(path, calibration, f"{part}.chi2", fit.chi2, what, again)
     values = pose_values(pose, "in base", cov) | {"fit": (figures, ""), "any_attitude": (None, "")}
     update_calibration(path, {part: values}, renames=instead, scale=fit.scale if args.find_scale else None)
     if fit.chi2 > POOR_CHI2:
         warn(
             f"the points fit {worse} worse than the tracker's uncertainty predicts: do not use {path} until you have "
-            "touched the points again, more calmly, or corrected their coordinates"
+            f"touched the points again, more calmly, or corrected their coordinates{scale}"
         )
     if args.json:
         rpy_deg = np.degrees(quat_to_rpy(pose.wxyz))
@@ -109,7 +121,7 @@ def _report_heading(
         if part == "nav":
             warn(
                 "without a magnetometer the heading is measured from the first rest, so [nav] holds only for "
-                "demonstrations that start with the same heading; use --as dock instead"
+                f"demonstrations that start with the same heading{'' if args.free else '; use --as dock instead'}"
             )
         return None
     mag = corrected(recording, calibration.sensor).mag
@@ -136,8 +148,12 @@ def _report_heading(
         )
     if part == "nav" and spread.disturbed:
         warn(
-            "the magnetic field is disturbed here, or the magnetometer is not calibrated: start every demonstration "
-            "from a dock (--as dock), whose heading does not depend on it"
+            "the magnetic field is disturbed here, or the magnetometer is not calibrated: "
+            + (
+                "keep iron away, or calibrate it"
+                if args.free
+                else "start every demonstration from a dock (--as dock), whose heading does not depend on it"
+            )
         )
     return heading
 
@@ -155,7 +171,8 @@ def _match_stops(
             what = f"{counted(count, 'stop')} can't be matched with {len(points.names)} points while the tilt is free"
             raise CalibrationError(f"{what}; name the stops with --stops")
         sigma = np.sqrt(np.diagonal(every.cov).reshape(-1, 3).mean(axis=1))
-        return every.only(match_points(every.p_nav_sensor + every.lever, sigma, points.p_base, not args.any_order))
+        p_tip = calibration.scale * every.p_nav_sensor + every.lever
+        return every.only(match_points(p_tip, calibration.scale * sigma, points.p_base, not args.any_order))
     if len(args.stops) != len(points.names):
         what = f"--stops names {counted(len(args.stops), 'stop')} for {len(points.names)} points"
         raise CalibrationError(f"{what}; name one stop per point")
