@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,10 +11,14 @@ import numpy as np
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.uncertainty import joint_tool_covariances, keyframes_covariance, tool_covariances
 from pbd.data import HandPath, Keyframe, TouchUp
+from pbd.errors import warn
 from pbd.pose import Array, Pose, quat_rotate
 
 TOUCH_SIGMA_M = 0.0005
 """Sigma of a touch-up along each axis, m: an eye's accuracy with a ruler."""
+
+STALE_M = 0.002
+"""Largest change, m, of the place that was touched up, because of rounding and slightly different calibrations."""
 
 SAME_S = 0.002
 """Largest difference, s, between a keyframe's time and the time in its touch-up, because files have milliseconds."""
@@ -51,8 +56,7 @@ def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base
     only: set[int] = set()
     gain = np.zeros((k, 3, 0))
     for each in touch_ups:
-        at = int(np.argmin([abs(keyframe.t - each.t) for keyframe in keyframes]))
-        if each.undone or abs(keyframes[at].t - each.t) > SAME_S:
+        if (at := _touched(each, keyframes)) is None:
             continue
         by_base = quat_rotate(T_base_nav.wxyz, each.by_nav_m)
         if each.only:
@@ -68,6 +72,12 @@ def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base
         own_shift[stay] += before[stay] - common_shift[stay]
     kept, noise = _conditioning(touched, gain, only)
     return TouchedUp(common_shift + own_shift, kept, noise, kept @ cov @ kept.T + noise)
+
+
+def _touched(touch_up: TouchUp, keyframes: Sequence[Keyframe]) -> int | None:
+    """Return the index of the touched keyframe; None if the touch-up was undone, or the keyframe is gone."""
+    at = int(np.argmin([abs(keyframe.t - touch_up.t) for keyframe in keyframes]))
+    return None if touch_up.undone or abs(keyframes[at].t - touch_up.t) > SAME_S else at
 
 
 def _gain(cov: Array, touched: Sequence[int]) -> Array:
@@ -126,6 +136,30 @@ def _touch_ups_of(path: HandPath | None) -> tuple[TouchUp, ...]:
 def touched_poses(placed: KeyframesInBase) -> tuple[Pose, ...]:
     """Return the poses of `tool_poses`, shifted by the demonstration's touch-ups."""
     poses = tool_poses(placed)
-    if not _touch_ups_of(placed.path):
+    if not (touch_ups := _touch_ups_of(placed.path)):
         return poses
+    _warn_of_stale(touch_ups, placed)
     return tuple(Pose(pose.p + by, pose.wxyz) for pose, by in zip(poses, touched_up(placed).shift, strict=True))
+
+
+def demonstrated_places(placed: KeyframesInBase) -> Array:
+    """Return the tool's places in base, (k, 3) m, as demonstrated: without nudges, touch-ups and a plan's options."""
+    unmoved = [replace(each, nudge_base_m=np.zeros(3), nudge_tool_m=np.zeros(3)) for each in placed.keyframes]
+    return np.array([pose.p for pose in tool_poses(replace(placed, keyframes=unmoved, scale=1.0, orientation="demo"))])
+
+
+def _warn_of_stale(touch_ups: Sequence[TouchUp], placed: KeyframesInBase) -> None:
+    """Warn if the tool was elsewhere in base when it was touched up: the same error may be corrected twice now."""
+    places, last = demonstrated_places(placed), dict[int, float]()
+    for each in touch_ups:
+        if (at := _touched(each, placed.keyframes)) is not None:
+            p = each.from_base_m
+            last[at] = 0.0 if p is None else float(np.linalg.norm(places[at] - p))
+    stale = {at: away for at, away in last.items() if away > STALE_M}
+    if stale:
+        worst = max(stale, key=lambda at: stale[at])
+        warn(
+            f"keyframe {worst} was touched up where the tool was {100.0 * stale[worst]:.1f} cm from where it is now "
+            "without the touch-up (another calibration, or known places since). An error that both correct "
+            "is corrected twice: look at the motion; touch the keyframe again, or undo (pbd touch DEMO --robot R --undo)"
+        )

@@ -9,7 +9,7 @@ import numpy as np
 
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
-from pbd.calibration.touch_up import TouchedUp, touched_up
+from pbd.calibration.touch_up import TouchedUp, demonstrated_places, touched_up
 from pbd.cli.common import load_demonstration, print_result, track_demonstration
 from pbd.cli.console import say
 from pbd.cli.keyframes_file import save_keyframes
@@ -49,7 +49,9 @@ def run(args: argparse.Namespace) -> None:
                 f"that is {np.linalg.norm(by_base):.2f} m away, and a touch-up may be at most {LARGEST_NUDGE_M} m "
                 "along each of nav's axes; --by and --at are in metres: correct them"
             )
-        added = TouchUp(keyframes[args.keyframe].t, by_nav, args.only)
+        added = TouchUp(
+            keyframes[args.keyframe].t, by_nav, args.only, from_base_m=demonstrated_places(placed)[args.keyframe]
+        )
     if demo.keyframes is None or demo.folder is None:
         file = save_keyframes(args, demo, keyframes, for_touch=True)
     else:

@@ -88,12 +88,14 @@ class TouchUp:
         by_nav_m: (3,) displacement from the position at the time of the measurement, in nav axes.
         only: do not move the other keyframes, although their errors are correlated with this one's.
         undone: the correction is no longer used.
+        from_base_m: (3,) the tool's place in base without nudges and touch-ups, when it was measured; None: not noted.
     """
 
     t: float
     by_nav_m: Array
     only: bool = False
     undone: bool = False
+    from_base_m: Array | None = None
 
     def __post_init__(self) -> None:
-        freeze_arrays(self, by_nav_m=(3,))
+        freeze_arrays(self, by_nav_m=(3,), from_base_m=(3,))

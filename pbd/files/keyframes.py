@@ -108,6 +108,7 @@ def keyframes_toml(
             f"by_nav_m = {_numbers(each.by_nav_m, 5)}",
             *("only = true" for _ in range(each.only)),
             *("undone = true" for _ in range(each.undone)),
+            *(f"from_base_m = {_numbers(p, 4)}" for p in (each.from_base_m,) if p is not None),
             "",
         ]
     return "\n".join(lines)
@@ -225,7 +226,14 @@ def _read_keyframe(section: Section) -> Keyframe:
 
 def _read_touch_up(section: Section) -> TouchUp:
     by_nav_m = np.array(section.numbers("by_nav_m", 3, within=LARGEST_NUDGE_M))
-    return TouchUp(section.number("t_s"), by_nav_m, section.flag("only", False), section.flag("undone", False))
+    from_base_m = section.numbers("from_base_m", 3, None, within=LARGEST_M)
+    return TouchUp(
+        section.number("t_s"),
+        by_nav_m,
+        section.flag("only", False),
+        section.flag("undone", False),
+        None if from_base_m is None else np.array(from_base_m),
+    )
 
 
 def _numbers(values: ArrayLike, decimals: int) -> str:

@@ -25,6 +25,8 @@ def add_touch_up(path: Path, touch_up: TouchUp) -> None:
     table.add(tomlkit.comment("of `pbd touch`: where the tool was seen to belong, from where it was"))
     table["t_s"] = round(touch_up.t, 3)
     table["by_nav_m"] = [round(x, 5) + 0.0 for x in touch_up.by_nav_m.tolist()]
+    if touch_up.from_base_m is not None:
+        table["from_base_m"] = [round(x, 4) + 0.0 for x in touch_up.from_base_m.tolist()]
     if touch_up.only:
         table["only"] = True
     with _edited(path) as document:

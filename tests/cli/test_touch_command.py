@@ -82,6 +82,21 @@ def test_keyframes_and_the_page_are_as_certain_as_the_touch_up_says(tea: Path, c
     assert np.sqrt(np.diagonal(shown.cov[2])[:3]) == pytest.approx([0.0005] * 3, rel=0.02)
 
 
+def test_a_touch_up_made_with_another_dock_is_told(tea: Path, capsys: Capture) -> None:
+    """The touch-up corrected the dock's error, which its new place corrects as well: the tool is 4 cm off again."""
+    dock = ("calibrate", "dock", "bench", "--position", "0.45")
+    bench = ("--robot", "panda", "--calibration", "bench")
+    run(capsys, *dock, "-0.1", "0.25")
+    run(capsys, "touch", "tea", "2", "--by", "0", "-0.04", "0", *bench)
+    assert "corrected twice" not in run(capsys, "keyframes", "tea", *bench)[2]
+    run(capsys, *dock, "-0.14", "0.25")
+    said = run(capsys, "keyframes", "tea", *bench)[2]
+    assert said.count("warning: keyframe 2 was touched up where the tool was 4.0 cm from where it is now") == 1
+    x, y, z = run_json(capsys, "keyframes", "tea", *bench)["keyframes"][2]["base_position_m"]
+    run(capsys, "touch", "tea", "2", "--at", str(x), str(y + 0.04), str(z), *bench)
+    assert "corrected twice" not in run(capsys, "keyframes", "tea", *bench)[2]
+
+
 def test_a_touch_up_is_kept_followed_and_undone(tea: Path, capsys: Capture) -> None:
     before = places(capsys)
     _, out, said = run(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "-0.004", "0", "--json")
