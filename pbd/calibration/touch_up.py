@@ -160,6 +160,6 @@ def _warn_of_stale(touch_ups: Sequence[TouchUp], placed: KeyframesInBase) -> Non
         worst = max(stale, key=lambda at: stale[at])
         warn(
             f"keyframe {worst} was touched up where the tool was {100.0 * stale[worst]:.1f} cm from where it is now "
-            "without the touch-up (another calibration, or known places since). An error that both correct "
-            "is corrected twice: look at the motion; touch the keyframe again, or undo (pbd touch DEMO --robot R --undo)"
+            "without the touch-up (another calibration, or known places since). An error that both correct is "
+            "corrected twice: look at the motion; touch the keyframe again, or undo (pbd touch DEMO --robot R --undo)"
         )
