@@ -21,10 +21,12 @@ class FieldSpread:
     Attributes:
         heading: rad.
         strength: share.
+        tan_dip: the vertical part of the mean field over the level one: heading's error by an error of the tilt.
     """
 
     heading: float
     strength: float
+    tan_dip: float
 
     @property
     def disturbed(self) -> bool:
@@ -47,7 +49,8 @@ def field_spread(mag: Array, wxyz_nav_sensor: Array) -> FieldSpread:
     level = np.hypot(field[:, 0], field[:, 1])
     east, north = (field[:, 0] / level).mean(), (field[:, 1] / level).mean()
     turned = np.arctan2(field[:, 1] * east - field[:, 0] * north, field[:, 0] * east + field[:, 1] * north)
-    return FieldSpread(float(np.sqrt(np.mean(turned**2))), float(strength.std() / strength.mean()))
+    tan_dip = abs(float(field[:, 2].mean())) / float(level.mean())
+    return FieldSpread(float(np.sqrt(np.mean(turned**2))), float(strength.std() / strength.mean()), tan_dip)
 
 
 def heading_changes(wxyz_first: Array, wxyz_again: Sequence[Array]) -> Array:

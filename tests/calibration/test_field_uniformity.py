@@ -22,6 +22,7 @@ def test_an_even_field_has_no_spread_however_the_sensor_lies(seed: int, heading:
     wxyz = quat_exp(np.random.default_rng(seed).normal(size=(5, 3)))
     spread = field_spread(read(quat_rotate(quat_about_z(heading), np.tile(FIELD, (5, 1))), wxyz), wxyz)
     assert (spread.heading, spread.strength) == pytest.approx((0.0, 0.0), abs=1e-7)
+    assert spread.tan_dip == pytest.approx(44.0 / 19.5)
     assert not spread.disturbed
 
 

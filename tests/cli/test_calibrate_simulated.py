@@ -116,3 +116,19 @@ def test_the_tip_stays_and_the_dock_is_returned_to() -> None:
     assert CALIBRATION_TASKS["touch"].start_rpy[2] == pytest.approx(np.radians(30.0) + YAW_WORLD_BASE)
     assert {waypoint.p for waypoint in CALIBRATION_TASKS["pivot"].waypoints} == {(0.0, 0.0, 0.0)}
     assert len([w for w in CALIBRATION_TASKS["sides"].waypoints if w.rest_s >= 2.0]) == 12
+
+
+def test_the_heading_of_a_start_with_another_heading_is_less_certain_until_the_sensor_is_calibrated(
+    capsys: Capture,
+) -> None:
+    for task in ("touch", "sides"):
+        assert main(["simulate", task, task, "--sensor-model", "wt901", "--seed", "7"]) == 0
+    points = ["calibrate", "points", "bench", "touch", "--points", "demos/touch/points.csv"]
+    for known in (
+        r"at that point; with another heading there, nav's is known to [12]\.\d degrees only",
+        "at that point$",
+    ):
+        assert main(points) == 0
+        assert re.search(known, capsys.readouterr().err.rstrip())
+        assert main(["calibrate", "sensor", "bench", "sides", "--latitude", "46"]) == 0
+        capsys.readouterr()

@@ -33,6 +33,9 @@ from pbd.tracking.repair.repair_recording import condition
 from pbd.view.calibration_tables import points_table
 from pbd.view.terminal_tables import print_table
 
+SAID_DEG = 0.5
+"""Smallest sigma of nav's heading, degrees, by the sensor's tilt error that is said: 4 mm half a metre away."""
+
 
 def run(args: argparse.Namespace) -> None:
     """Track, match stops with points, fit nav in base, write it, and report its uncertainty."""
@@ -63,7 +66,7 @@ def run(args: argparse.Namespace) -> None:
                 f"the point '{name}' (stop {stop}) is wrong: it lies {100.0 * np.linalg.norm(off):.1f} cm from where "
                 "the other points put it, so it is left out; check its coordinates, or touch it again"
             )
-    heading = _report_heading(args, recording, keyframes, calibration, part)
+    heading, tan_dip = _report_heading(args, recording, keyframes, calibration, part)
 
     pose = fit.T_base_nav
     if part == "dock":
@@ -109,21 +112,31 @@ def run(args: argparse.Namespace) -> None:
     if fit.chi2 <= POOR_CHI2:
         say(f"the points fit as expected ({worse} the tracker's uncertainty)")
     turned = "" if part == "nav" else " and with the same rotation"
+    # The accelerometer's bias tilts nav in another direction where the sensor starts with another heading.
+    of_tilt_deg = tan_dip * np.degrees(np.sqrt(np.trace(keyframes[0].cov[3:5, 3:5])))
+    if part == "nav" and of_tilt_deg > SAID_DEG:
+        turned = (
+            f"; with another heading there, nav's is known to {np.hypot(np.degrees(sigma[5]), of_tilt_deg):.1f} degrees "
+            "only: `pbd calibrate sensor` betters that"
+        )
     say(f"this holds for later demonstrations that start with the sensor's first rest at that point{turned}")
     return None
 
 
 def _report_heading(
     args: argparse.Namespace, recording: Recording, keyframes: Sequence[Keyframe], calibration: Calibration, part: str
-) -> float | None:
-    """Say how well nav's heading repeats; return its sigma, rad, or None without a magnetometer."""
+) -> tuple[float | None, float]:
+    """Say how well nav's heading repeats; return its sigma, rad, and the tangent of the field's dip.
+
+    Without a magnetometer they are None and 0.
+    """
     if recording.mag is None:
         if part == "nav":
             warn(
                 "without a magnetometer the heading is measured from the first rest, so [nav] holds only for "
                 f"demonstrations that start with the same heading{'' if args.free else '; use --as dock instead'}"
             )
-        return None
+        return None, 0.0
     mag = corrected(recording, calibration.sensor).mag
     assert mag is not None
     at_stops = [mag[np.abs(recording.t - keyframe.t) <= 0.5 * keyframe.dwell_s] for keyframe in keyframes]
@@ -155,7 +168,7 @@ def _report_heading(
                 else "start every demonstration from a dock (--as dock), whose heading does not depend on it"
             )
         )
-    return heading
+    return heading, spread.tan_dip
 
 
 def _match_stops(
