@@ -115,9 +115,10 @@ def run(args: argparse.Namespace) -> None:
     # The accelerometer's bias tilts nav in another direction where the sensor starts with another heading.
     of_tilt_deg = tan_dip * np.degrees(np.sqrt(np.trace(keyframes[0].cov[3:5, 3:5])))
     if part == "nav" and of_tilt_deg > SAID_DEG:
+        known_deg = np.hypot(np.degrees(sigma[5]), of_tilt_deg)
         turned = (
-            f"; with another heading there, nav's is known to {np.hypot(np.degrees(sigma[5]), of_tilt_deg):.1f} degrees "
-            "only: `pbd calibrate sensor` betters that"
+            f"; with another heading there, nav's is known to {known_deg:.1f} degrees only: `pbd calibrate sensor` "
+            "betters that"
         )
     say(f"this holds for later demonstrations that start with the sensor's first rest at that point{turned}")
     return None
