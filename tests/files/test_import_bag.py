@@ -29,6 +29,8 @@ Row = tuple[int, int, str, Array, Array]
 LATE_NS = 40_000_000
 """Delay between a reading of the sensor and the recording of its message, ns."""
 
+OTHER_VECTOR = {"accel": "angular_velocity", "gyro": "linear_acceleration"}
+
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
@@ -74,7 +76,10 @@ def write_bag(
                 linear_acceleration_covariance=known,
             )
             for connection in imus:
-                writer.write(connection, ns + LATE_NS, store.serialize_cdr(imu, "sensor_msgs/msg/Imu"))
+                # RealSense's driver leaves the other sensor's vector zero.
+                empty = [part for part in OTHER_VECTOR if part in connection.topic]
+                given = replace(imu, **{OTHER_VECTOR[part]: vector((0, 0, 0)) for part in empty})
+                writer.write(connection, ns + LATE_NS, store.serialize_cdr(given, "sensor_msgs/msg/Imu"))
             message = kinds["MagneticField"](
                 header=header, magnetic_field=vector(1e-6 * mag), magnetic_field_covariance=known
             )
@@ -114,6 +119,20 @@ def rows(recording: Recording) -> list[Row]:
     ns = [1_700_000_000_000_000_000 + round(1e9 * t) for t in recording.t.tolist()]
     values = np.hstack((recording.acc, recording.gyr))
     return [(at, at + LATE_NS, "imu", row, mag) for at, row, mag in zip(ns, values, recording.mag, strict=True)]
+
+
+@pytest.mark.parametrize("topic", [None, "/camera/gyro/sample"])
+def test_accelerometer_and_gyro_may_have_topics_of_their_own(
+    tmp_path: Path, recording: Recording, topic: str | None
+) -> None:
+    others = () if topic is None else ("/imu",)
+    bag = write_bag(tmp_path / "bag", recording, ("/camera/gyro/sample", "/camera/accel/sample", *others))
+    read = import_recording(bag, topic=topic)
+    assert read.demo.recording.gyr is not None
+    assert recording.gyr is not None
+    assert_allclose(read.demo.recording.acc, recording.acc)
+    assert_allclose(read.demo.recording.gyr, recording.gyr)
+    assert read.understood.of("acc")[0].name.startswith("/camera/accel/sample: linear_accel")
 
 
 def test_a_clock_that_was_set_back_is_refused(tmp_path: Path, rows: list[Row]) -> None:

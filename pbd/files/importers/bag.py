@@ -7,7 +7,7 @@ driver left the stamps empty, the times of recording are used.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from os.path import commonprefix
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording
-from pbd.data.streams import Stream
+from pbd.data.streams import Stream, joined
 from pbd.errors import PbdError, RecordingError, in_words, listed, require_package, warn
 from pbd.files.importers.columns import Understood
 from pbd.files.importers.headerless import understood_channels
@@ -59,36 +59,40 @@ def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, Understoo
     require_package("rosbags.rosbag2", "ros", "a bag")
     from rosbags.rosbag2 import Reader
 
-    imu, field = _Decoder(path, IMU_PARTS, IMU_DOUBLES), _Decoder(path, FIELD_PARTS, FIELD_DOUBLES)
-    decoders = {IMU: imu, FIELD: field}
     try:
         with repaired_bag(path) as repaired, Reader(repaired) as reader:
-            wanted = _choose_topics(path, reader.connections, topic)
+            imus, field = _choose_topics(path, reader.connections, topic)
+            wanted = {name: _Decoder(path, IMU_PARTS, IMU_DOUBLES) for name in imus}
+            wanted |= {name: _Decoder(path, FIELD_PARTS, FIELD_DOUBLES) for name in field}
             given = {each.topic: each.msgtype for each in reader.connections}
-            for kind, received, data in _messages(path, reader, wanted):
-                decoders[kind].add(received, data)
+            for name, received, data in _messages(path, reader, wanted):
+                wanted[name].add(received, data)
     except PbdError:
         raise
     except Exception as reason:  # damaged bytes cause errors of sqlite, yaml and zstd
         what = f"can't be read as a bag ({in_words(reason) or type(reason).__name__}); record it again"
         raise RecordingError.at(path, what) from None
-    ns, values = imu.all()
-    if not len(ns):
-        raise RecordingError.at(path, f"its {IMU} has no messages; name another --topic")
-    begin = ns[0]
-    xyzw, gyr, acc = np.split(values, (4, 7), axis=1)
-    t, mag = 1e-9 * (ns - begin), None
-    ns_field, tesla = field.all()
-    if len(ns_field):
+    read = {name: decoder.all() for name, decoder in wanted.items()}
+    if empty := next((name for name in imus if not len(read[name][0])), None):
+        raise RecordingError.at(path, f"its {empty} ({IMU}) has no messages; name another --topic")
+    of_gyr, of_acc = imus[-1], imus[0]
+    begin, values = read[of_gyr][0][0], read[of_gyr][1]
+    times = {name: 1e-9 * (ns - begin) for name, (ns, _) in read.items()}
+    t, (xyzw, gyr, acc) = times[of_gyr], np.split(values, (4, 7), axis=1)
+    if of_acc != of_gyr:
+        t, acc, joined_gyr, _ = joined(Stream.of(times[of_acc], read[of_acc][1][:, 7:]), Stream.of(t, gyr), None)
+        assert joined_gyr is not None
+        gyr, xyzw = joined_gyr, np.full((len(t), 4), np.nan)
+    mag = None
+    if field and len(times[field[0]]):
         with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples
-            mag = Stream.of(1e-9 * (ns_field - begin), 1e6 * tesla).at(t)
+            mag = Stream.of(times[field[0]], 1e6 * read[field[0]][1]).at(t)
     gyr_or_none = gyr if np.isfinite(gyr).any() else None
     recording = Recording(t=t, acc=acc, gyr=gyr_or_none, mag=mag, device_rpy=_device_rpy(xyzw))
-    topics = {kind: name for name, kind in wanted}
-    names = {"t": f"{topics[IMU]}: header.stamp", "gyr": f"{topics[IMU]}: angular_velocity"}
-    names |= {"acc": f"{topics[IMU]}: linear_acceleration", "rpy": f"{topics[IMU]}: orientation"}
-    names |= {"mag": f"{topics[FIELD]}: magnetic_field"} if FIELD in topics else {}
-    unread = {name: f"another topic, of {kind}" for name, kind in given.items() if (name, kind) not in wanted}
+    names = {"t": f"{of_gyr}: header.stamp", "gyr": f"{of_gyr}: angular_velocity"}
+    names |= {"acc": f"{of_acc}: linear_acceleration", "rpy": f"{of_gyr}: orientation"}
+    names |= {"mag": f"{field[0]}: magnetic_field"} if field else {}
+    unread = {name: f"another topic, of {kind}" for name, kind in given.items() if name not in wanted}
     return recording, understood_channels(recording, names, "its type", unread, {"mag": "T"})
 
 
@@ -173,13 +177,13 @@ class _Decoder:
         self._decoded += len(waiting)
 
 
-def _messages(path: Path, reader: Any, wanted: set[tuple[str, str]]) -> Iterator[tuple[str, int, bytes]]:
-    """Yield type, time of recording (ns) and bytes of these topics' messages, in the files' order: sorting is slow."""
+def _messages(path: Path, reader: Any, wanted: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+    """Yield topic, time of recording (ns) and bytes of these topics' messages, in the files' order: sorting is slow."""
     for storage in getattr(reader.storage, "storages", (reader.storage,)):
-        connections = [each for each in storage.connections if (each.topic, each.msgtype) in wanted]
+        connections = [each for each in storage.connections if each.topic in wanted and each.msgtype in (IMU, FIELD)]
         scan = getattr(storage, "messages_scan", storage.messages)
         for connection, received, data in scan(connections):
-            yield connection.msgtype, received, _decompressed(path, data) if data[:4] == ZSTD_MAGIC else data
+            yield connection.topic, received, _decompressed(path, data) if data[:4] == ZSTD_MAGIC else data
 
 
 def _decompressed(path: Path, packed: bytes) -> bytes:
@@ -192,26 +196,32 @@ def _decompressed(path: Path, packed: bytes) -> bytes:
     return data
 
 
-def _choose_topics(path: Path, connections: list[Any], topic: str | None) -> set[tuple[str, str]]:
-    """Return (topic, type) of the Imu to read and of the MagneticField that belongs to it."""
+def _choose_topics(path: Path, connections: list[Any], topic: str | None) -> tuple[list[str], list[str]]:
+    """Return the topic of the Imu to read, and that of the MagneticField that belongs to it, if there is one.
+
+    Some drivers have two topics of Imu, as RealSense's `accel/sample` and `gyro/sample`: both are returned, in this
+    order.
+    """
     imus = sorted({each.topic for each in connections if each.msgtype == IMU})
+    pairs = [[name, other] for name in imus if (other := name.replace("accel", "gyro")) != name and other in imus]
+    choices = [*pairs, *([name] for name in imus if not any(name in pair for pair in pairs))]
     if topic is None:
         if not imus:
             kinds = listed(sorted({f"{each.topic} ({each.msgtype})" for each in connections}))
             raise RecordingError.at(path, f"no topic of type {IMU}; it has {kinds}: record one")
-        if len(imus) > 1:
+        if len(choices) > 1:
             what = f"{len(imus)} topics of type {IMU}: {listed(imus)}; choose one with --topic"
             raise RecordingError.at(path, what, value=len(imus))
-        topic = imus[0]
     elif topic not in imus:
         kind = next((each.msgtype for each in connections if each.topic == topic), None)
         what = f"the topic {topic} has messages of type {kind}" if kind else f"no topic {topic}"
         have = f"those of type {IMU} are {listed(imus)}"
         raise RecordingError.at(path, f"{what}; {have}; choose one with --topic", value=topic)
+    chosen = next(choice for choice in choices if topic is None or topic in choice)
     # Of several fields, take the one with the Imu's longest prefix: /left/mag belongs to /left/imu.
     fields = {each.topic for each in connections if each.msgtype == FIELD}
-    near = sorted(fields, key=lambda name: (-len(commonprefix((name, str(topic)))), name))  # noqa: RUF071 (letters)
-    return {(topic, IMU), *((name, FIELD) for name in near[:1])}
+    near = sorted(fields, key=lambda name: (-len(commonprefix((name, chosen[0]))), name))  # noqa: RUF071 (letters)
+    return chosen, near[:1]
 
 
 def _device_rpy(xyzw: Array) -> Array | None:
