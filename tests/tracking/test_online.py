@@ -338,6 +338,15 @@ def test_a_quick_turn_on_the_spot_is_a_move(sensor: str) -> None:
     assert before.distance(after) == pytest.approx((0.0, np.radians(60.0)), abs=0.02)
 
 
+@pytest.mark.parametrize("sensor", ["modern", "phone"])
+def test_a_calm_move_of_three_centimetres_is_no_jolt(sensor: str) -> None:
+    """In its middle the hand hardly accelerates, as at rest."""
+    moves = (Waypoint((0.03 * ((k + 1) % 2), 0.0, 0.0), move_s=1.0, rest_s=0.5) for k in range(4))
+    tracker, events = fed(simulate(Task("calm", (Waypoint(rest_s=2.0), *moves)), sensor, 0, rate_hz=100.0).recording)
+    assert [event.index for event in began(events)] == list(range(5))
+    assert len(tracker.keyframes) == 5
+
+
 def test_a_jolt_does_not_end_a_stop() -> None:
     recording = poured_at_first()
     acc = recording.acc.copy()

@@ -86,6 +86,7 @@ class LiveHand:
         self._angles = [np.zeros(3)]
         self._trial: StopTrial | None = None
         self._trial_filter: OnlineFilter | None = None
+        self._peak = 0.0  # m/s2, largest acceleration of a block since the hand stood still
         self._t_knot, self._t_compass, self._acc_knot = samples[0].t, samples[0].t, samples[0].acc
         self.use_rest(rest, noise)
         fields = [sample.mag for sample in samples if sample.mag is not None]
@@ -114,7 +115,9 @@ class LiveHand:
         if strapdown.count < strapdown.block:
             return []
         quiet = self._measure_stillness()
-        leg = strapdown.leg(self._filter.E[2] * self._filter.gravity)
+        up = self._filter.E[2] * self._filter.gravity
+        leg = strapdown.leg(up)
+        self._peak = max(self._peak, float(np.linalg.norm(leg.dU / leg.T - up)))
         self._angles.append(self._angles[-1] + leg.angle)
         for each in self._filters():
             each.propagate(leg)
@@ -188,6 +191,7 @@ class LiveHand:
             fast = float(np.square(sample.acc - self._acc_knot).sum()) > STILL_ACC**2
         self.still = quiet and not fast
         if self.still:
+            self._peak = 0.0
             if self._knot_is_due(sample):
                 if self._settled:
                     self._filter = ahead
@@ -220,8 +224,8 @@ class LiveHand:
         if trial is None or fast or off > VELOCITY_GATE:
             self._trial_filter = self._filter.fork()
             off, speed = self._trial_filter.velocity_test(self._sigma, self._shaking)
-            # Was there only a jolt since the last stop?
-            soon = sample.t - last.t < SHORTEST_MOVE_S + 2.0 * ENERGY_WINDOW_S
+            # Was there only a jolt since the last stop? It seems to have made the hand fast within a window.
+            soon = sample.t - last.t < SHORTEST_MOVE_S + 2.0 * ENERGY_WINDOW_S and speed < ENERGY_WINDOW_S * self._peak
             jolted = off > VELOCITY_GATE and soon and self._change(self._trial_filter)[1] < BOUNCE_RAD
             trial = StopTrial(first, off > VELOCITY_GATE, jolted)
             if trial.doubted:
