@@ -9,7 +9,7 @@ from pbd.cli.calibrate.sensor import sensor_parts
 from pbd.cli.common import named_calibration, print_result, say_hidden, without_aside, write_figures
 from pbd.cli.console import say, working
 from pbd.data.one_line_repr import counted
-from pbd.errors import UsageError
+from pbd.errors import UsageError, listed
 from pbd.files.calibration_edit import calibration_file, update_calibration
 from pbd.files.demo import (
     demo_folder,
@@ -20,6 +20,7 @@ from pbd.files.demo import (
     utc_now,
     write_demo,
 )
+from pbd.files.keyframes import NAME
 from pbd.fusion.calibration import device_errors
 from pbd.fusion.tables import fusion_rows, fusion_table, held_alike, takes_table
 from pbd.pipeline import fused_demo, track
@@ -60,6 +61,8 @@ def run(args: argparse.Namespace) -> None:
     takes_used = f"{len(demo.takes)} takes" if used == len(demo.takes) else f"{used} of {len(demo.takes)} takes"
     say(f"wrote {folder}: {takes_used}, {keyframes}; it is a demonstration like any other")
     say_hidden(folder)
+    if edited := [take.recording.info.name for take in demo.takes if take.keyframes is not None]:
+        say(f"fused as recorded: {listed(edited)}, without {NAME}; correct the fused keyframes instead")
     if held_alike(fusion.takes):
         say(
             "the sensor was held alike in all takes, so fusing can't remove its own errors; turn it by a quarter "

@@ -88,6 +88,9 @@ def read_demo(folder: Path) -> Demonstration:
         "grasped": grasped and GraspedObject(*read_shape(grasped), grasped.number("mass_kg", None, positive=True)),
     }
     takes = _read_takes(top.tables("take"), folder)
+    if takes and grip:
+        what, step = "is not used, only its takes' are", f"remove it; correct theirs, or save and edit {keyframes.NAME}"
+        top.tables("grip")[0].fail("t_s", what, step)
     top.done()
     if not takes:
         _refuse_without(folder, "imu.csv")

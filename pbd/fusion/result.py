@@ -21,7 +21,7 @@ from pbd.data import (
     Tracking,
 )
 from pbd.data.covariance import PoseCovariance
-from pbd.fusion.grips import fused_grip, grips_of
+from pbd.fusion.grips import fused_grips
 from pbd.fusion.joint_estimate import JointEstimate, Observations
 from pbd.fusion.known_stops import points_in_base
 from pbd.fusion.marginals import BIAS
@@ -167,8 +167,8 @@ def hand_path(demo: Demonstration, fused: Fused, calibration: Calibration | None
     cov = rotation @ joint.cov @ rotation.T
     grip = tuple(
         GripEvent(0.5 * float(mean.t[stop.start] + mean.t[stop.stop - 1]), closed)
-        for one, stop in zip(fused.kept, mean.stops, strict=True)
-        if (closed := fused_grip([*grips_of(one, fused.takes).values()])) is not None
+        for closed, stop in zip(fused_grips(fused.kept, fused.takes), mean.stops, strict=True)
+        if closed is not None
     )
     return HandPath(
         t=mean.t,

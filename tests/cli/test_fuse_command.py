@@ -81,6 +81,17 @@ def test_a_take_that_is_not_there_is_named_with_its_line(capsys: Capture) -> Non
     assert line in refused(capsys, 1, "keyframes", "gone")
 
 
+def test_what_a_person_did_that_is_not_used_is_said(capsys: Capture) -> None:
+    """A [[grip]] of the fused demonstration, and edited keyframes of a take."""
+    run_json(capsys, "keyframes", "tea1", "--save")
+    told = run(capsys, "fuse", "tea1", "tea2", "-o", "edited")[2]
+    Path("demos/tea1/keyframes.toml").unlink()
+    assert "pbd: fused as recorded: tea1, without keyframes.toml; correct the fused keyframes instead" in told
+    file = Path("demos/edited/demo.toml")
+    file.write_text(file.read_text() + "\n[[grip]]\nt_s = 2.0\nclosed = true\n")
+    assert "[grip] t_s is not used, only its takes' are; remove it" in refused(capsys, 1, "keyframes", "edited")
+
+
 def test_a_take_is_never_replaced_by_what_is_made_of_it(capsys: Capture) -> None:
     link = Path("demos/link")
     link.symlink_to("tea1")

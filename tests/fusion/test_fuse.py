@@ -140,6 +140,28 @@ def test_the_grip_is_that_of_most_takes(takes: list[Demonstration]) -> None:
     assert [keyframe.grip for keyframe in find_keyframes(fused)] == [None, True, None, False, None, None, None]
 
 
+@pytest.mark.parametrize(
+    ("shown", "fused"),
+    [
+        pytest.param([{1: True, 4: False}, {2: True, 4: False}], {1: True, 4: False}, id="two takes"),
+        pytest.param([{1: True, 4: False}, {2: True, 5: False}, {3: True, 4: False}], {2: True, 4: False}, id="three"),
+        pytest.param([{1: True, 4: False}, {}], {1: True, 4: False}, id="one forgot"),
+    ],
+)
+def test_a_grip_marked_at_different_stops_is_kept_once(
+    takes: list[Demonstration], shown: list[dict[int, bool]], fused: dict[int, bool]
+) -> None:
+    """No take's grip is lost or doubled, and what is said is what the keyframes do."""
+    with collected_warnings() as warnings:
+        found = find_keyframes(pbd.fuse([gripping(*each) for each in zip(takes, shown, strict=False)]))
+    does = {True: "closes", False: "opens", None: "does not move"}
+    assert {k: keyframe.grip for k, keyframe in enumerate(found) if keyframe.grip is not None} == fused
+    said = [line for line in warnings if line.startswith("at keyframe")]
+    assert len(said) == len({k for each in shown for k in each if not all(k in other for other in shown)})
+    assert all(f"fused, it {does[found[int(line.split()[2])].grip]}" in line for line in said)
+    assert not any("left out" in line for line in warnings)
+
+
 def gripping(take: Demonstration, grips: dict[int, bool]) -> Demonstration:
     """Return a take with grips at its stops."""
     keyframes = find_keyframes(track(take.recording))
