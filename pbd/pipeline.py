@@ -12,7 +12,7 @@ from pbd.calibration.dock import nav_in_base
 from pbd.calibration.sensor import corrected
 from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, SensorErrors, Stop, Tracking
-from pbd.errors import PbdWarning, RecordingError, TrackingError, require_kind, require_type, warn
+from pbd.errors import PbdWarning, RecordingError, TrackingError, listed, require_kind, require_type, warn
 from pbd.lapack import one_blas_thread
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.alarm import alarms
@@ -33,6 +33,9 @@ SAME_DOCK_RAD = np.radians(1.0)
 
 OPEN_END_S = 0.2
 """Longest motion, s, before the first stop or after the last one, without a warning."""
+
+MILLISECOND_S = 1e-3
+"""Rounding of a time in keyframes.toml, s."""
 
 METHODS = ("default", "paper")
 """Names of the tracking methods: pbd's own, and the paper's."""
@@ -127,6 +130,7 @@ def track(
     else:
         path = track_alone(demo, method, calibration, accept_gap)[0]
     _refuse_turned_dock(demo, path, method)
+    _warn_of_times_outside(demo, path)
     if method == "paper":
         return path
     try:
@@ -195,6 +199,19 @@ def _refuse_turned_dock(demo: Demonstration, path: HandPath, method: str) -> Non
             "all others refer; restore it, insert a keyframe after it, or name the --method that found it "
             f"(not {method})",
             path=demo.folder,
+        )
+
+
+def _warn_of_times_outside(demo: Demonstration, path: HandPath) -> None:
+    """Warn of edited keyframes before or after the recording: the hand's way and time to them are unknown."""
+    first, last = float(path.t[0]), float(path.t[-1])
+    times = enumerate(each.t for each in demo.keyframes or ())
+    outside = [k for k, t in times if not first - MILLISECOND_S <= t <= last + MILLISECOND_S]
+    if outside:
+        which = f"keyframe{'s' * (len(outside) > 1)} {listed(map(str, outside))}"
+        warn(
+            f"{which} of keyframes.toml: t_s is not between {first:.1f} and {last:.1f} s, when the hand was recorded; "
+            "--time demo takes such a time as it is, and --path demo goes straight there"
         )
 
 

@@ -14,7 +14,7 @@ from pbd.fusion.joint_estimate import JointEstimate, Observations, TaskState, es
 from pbd.fusion.known_stops import condition_on_known_stops
 from pbd.fusion.marginals import estimate_with_device, marginal_of
 from pbd.fusion.matching import Alignment, align
-from pbd.fusion.moved_things import MovedKeyframes, find_moved_keyframes
+from pbd.fusion.moved_things import MovedKeyframes, another_thing, find_moved_keyframes
 from pbd.fusion.outliers import Outliers, disagreement, remove_outliers
 from pbd.fusion.result import Fused, hand_path
 from pbd.fusion.scatter import TRACKER_FREEDOM, common_scatter, keyframe_scatter
@@ -53,6 +53,8 @@ def estimated(takes: Sequence[Take], calibration: Calibration | None = None) -> 
     moved = find_moved_keyframes(keyframes)
     if moved is not None:
         keyframes = [moved.put_back(k, one) for k, one in enumerate(keyframes)]
+        if also := another_thing(moved, keyframes):
+            warn(also)
     alignment = align(keyframes)
     refuse_other_tasks(takes, alignment)
     left_out = dict.fromkeys(alignment.strangers, "another task, or only a part of it")

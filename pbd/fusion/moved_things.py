@@ -100,6 +100,22 @@ def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
     return best
 
 
+def another_thing(moved: MovedKeyframes, takes: Sequence[Keyframes]) -> str:
+    """Say which keyframes move with a second object, which has no frame of its own; "" if there is none.
+
+    Args:
+        takes: as `moved` was found in, put back.
+    """
+    also = find_moved_keyframes(takes)
+    if also is None or (also.first <= moved.last and also.last >= moved.first):
+        return ""
+    where = f"keyframes {moved.first}..{moved.last}, and apart from them {also.first}..{also.last}"
+    return (
+        f"{where} seem to move with things that stood elsewhere, and only one such thing is estimated: do not trust "
+        "these keyframes; show the takes again with all but one in place"
+    )
+
+
 def _gain(together: float, apart: float, rows: int, frames: int) -> float:
     """Return the log likelihood ratio minus the penalty for the additional frames, which have four unknowns each.
 

@@ -296,3 +296,15 @@ def test_touch_ups_at_the_same_time_are_all_kept(tmp_path: Path) -> None:
     with ThreadPoolExecutor() as pool:
         list(pool.map(lambda k: add_touch_up(path, TouchUp(FOUND[k].t, np.full(3, 0.001))), range(1, 6)))
     assert sorted(each.t for each in read_touch_ups(path)) == pytest.approx([each.t for each in FOUND[1:6]], abs=1e-3)
+
+
+def test_times_outside_the_recording_are_said() -> None:
+    """There the hand's way and time are unknown; the ends of the recording, as rounded in the file, are not outside."""
+    demo = simulate("pour", "modern", 1)
+    path = track(demo)
+    keyframes = find_keyframes(path)
+    last, end = keyframes[-1], float(path.t[-1])
+    for t, outside in ((end + 5e-4, False), (end + 0.5, True)):
+        with collected_warnings() as warnings:
+            track(replace(demo, keyframes=(*keyframes, replace(last, t=t))))
+        assert any(f"keyframe {len(keyframes)} of keyframes.toml: t_s is not" in line for line in warnings) == outside

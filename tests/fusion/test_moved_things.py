@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pbd.fusion.matching import Keyframes
-from pbd.fusion.moved_things import find_moved_keyframes
+from pbd.fusion.moved_things import another_thing, find_moved_keyframes
 from pbd.pose import Array
 from tests.fusion.made import rotations, truth
 
@@ -33,3 +33,18 @@ def shown(shifts: Array) -> list[Keyframes]:
 def test_a_single_keyframe_that_moved(shifts: Array, found: tuple[int, int] | None) -> None:
     moved = find_moved_keyframes(shown(shifts))
     assert (None if moved is None else (moved.first, moved.last)) == found
+
+
+@pytest.mark.parametrize("second", [True, False])
+def test_a_second_thing_that_moved_is_said(second: bool) -> None:
+    task, rng, takes = truth(1, count=9), np.random.default_rng(1), []
+    for shift in ELSEWHERE:
+        p = task.m + 5e-4 * rng.normal(size=(9, 3))
+        p[2:4] += 2.0 * shift
+        p[6:8] -= second * 2.0 * shift[[1, 0, 2]]
+        takes.append(Keyframes(p, task.A, (None,) * 9, np.full(9, 1e-3)))
+    moved = find_moved_keyframes(takes)
+    assert moved is not None
+    said = another_thing(moved, [moved.put_back(k, take) for k, take in enumerate(takes)])
+    assert said.startswith(f"keyframes {moved.first}..{moved.last}, and apart from them") == second
+    assert bool(said) == second
