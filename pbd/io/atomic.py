@@ -152,7 +152,7 @@ def _take_name(new: Path, path: Path, rename_old: bool) -> Path | None:
     aside = path.rename(name_aside(path, "before")) if rename_old and os.path.lexists(path) else None
     try:
         new.rename(path)
-    except OSError:
+    except BaseException:  # Ctrl-C too
         if aside is not None:
             aside.rename(path)
         raise

@@ -18,12 +18,12 @@ from pbd.arm.collision import allowed_collisions
 from pbd.arm.collision.allowed_collisions import link_pairs
 from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance, JointPath
 from pbd.arm.collision.geometry import Body, link_bodies
-from pbd.arm.collision.motion_bounds import rates
+from pbd.arm.collision.motion_bounds import lever_arms, rates
 from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.path_sampling import sample_polyline, sample_trajectory
 from pbd.data import Gripper, JointTrajectory, Robot
-from pbd.pose import Array, Pose, quat_about_z
+from pbd.pose import Array, Pose, quat_about_z, quat_inverse, quat_rotate
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.collision_oracles import coordinates, hull_distance, placements, points_of, rounding_of
 from tests.arm.dense import joint_values
@@ -105,6 +105,27 @@ def test_the_bound_of_motion_holds_for_each_point_and_is_tight(joint: int, turn:
     assert way <= rate[joint] * abs(turn) + 1e-12
     if joint == 6:
         assert way >= 0.95 * rate[6] * 2.0 * np.sin(abs(turn) / 2.0)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_a_body_that_a_joint_does_not_carry_moves_no_faster_past_it_than_the_bound(name: str) -> None:
+    arm, rng = arm_of(name), np.random.default_rng(2)
+    for _ in range(20):
+        box = Body(
+            "box", 0, Pose.from_rpy(rng.uniform(-0.7, 0.7, 3), rng.uniform(-3.0, 3.0, 3)), "box", (0.1, 0.2, 0.05)
+        )
+        bound, x = lever_arms(arm, box), coordinates(arm, 1, int(rng.integers(2**31)))[0]
+        for column, joint in enumerate(map(arm.full.getJointId, arm.robot.joints)):
+            moved = x.copy()
+            moved[column] += 0.05
+            ends = (
+                quat_rotate(quat_inverse(joints[joint].wxyz), points_of(box, joints) - joints[joint].p)
+                for joints in (placements(arm, x), placements(arm, moved))
+            )
+            way = float(np.linalg.norm(np.subtract(*ends), axis=1).max())
+            assert way <= 0.05 * bound[joint] + 1e-12
+            if column == 0:  # nothing before it moves
+                assert way >= 0.95 * 0.05 * bound[joint]
 
 
 def test_the_bound_of_motion_is_finite_where_a_slide_is_locked_and_the_first_joint_is_endless(odd_robot: Robot) -> None:
