@@ -216,7 +216,8 @@ def foreign_text(path: Path, data: bytes | None = None, error: type[PbdError] = 
     data = read_bytes(path, error, NEXT_STEP) if data is None else data
     # Spreadsheets write UTF-16 as "Unicode text".
     # In western Windows a sign is one byte, as in `µT`; Chinese ones have two.
-    encodings: Sequence[str] = FOREIGN_ENCODINGS if re.search(rb"[\x80-\xff]{2}", data) else FOREIGN_ENCODINGS[::2]
+    lone = not data.isascii() and re.search(rb"[\x80-\xff]{2}", data) is None
+    encodings: Sequence[str] = FOREIGN_ENCODINGS[::2] if lone else FOREIGN_ENCODINGS
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encodings = ("utf-16",)
     return decoded(data, path, error, NEXT_STEP, encodings)
