@@ -1,7 +1,7 @@
 """How fast recordings of other programs are imported: python tests/benchmarks/files.py [--json] [--quick].
 
 An hour of nine axes at 400 Hz (--quick: a minute) is written as x-io's CSV, as a bag of ROS 2 (MCAP) and as Movella's
-DOT CSV, and each is imported by `pbd import` in a process of its own: reading, checking and storing. Of each:
+DOT CSV, and each is imported by `pbd import` in a process of its own: reading, checking, tracking and storing. Of each:
 
 - `rate`: samples a second of processor time;
 - `seconds` of processor time (aim: 10 for an hour);
