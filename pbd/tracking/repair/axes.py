@@ -186,8 +186,8 @@ def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]
         if found is None and not np.ptp(by_gyro, axis=0).any():
             dead = "it reads the same all the time, so it is dead; check the columns gx, gy, gz"
             return Contradiction("a", off_deg, off_deg, pair, dead)
-    if found is None and 0 in counted and off[0] > CONTRADICTION_DEG:
-        return _find_scale(up, turn, moved[0], telling[0], float(off[0]))
+        if found is None and 0 in counted and off[0] > CONTRADICTION_DEG:
+            return _find_scale(up, turn, moved[0], telling[0], float(off[0]))
     return found
 
 
