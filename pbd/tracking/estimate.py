@@ -148,7 +148,6 @@ def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[flo
     hand is where it was. Of a put-down that bounced only the longer stop is kept.
     """
     problem, t, p = solution.problem, solution.problem.frame.t, solution.state.p
-    max_shift = OUTLIER_SIGMAS * problem.noise.still_shift
     wxyz = solution.path.wxyz[[(start + stop) // 2 for start, stop in problem.stops]]
     joined = [[believed[0]]]
     for k in believed[1:]:
@@ -159,7 +158,7 @@ def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[flo
         p_before, p_k = (median(p[problem.stop_of == stop]) for stop in (before, k))
         moved = float(np.linalg.norm(p_k - p_before))
         turned = float(np.linalg.norm(quat_log(quat_multiply(wxyz[k], quat_inverse(wxyz[before])))))
-        knocked = short_gap and moved < max_shift and turned < max_shift / problem.noise.pivot
+        knocked = short_gap and is_where_it_was(problem.noise, moved, turned)
         bounced = short_gap and min(left - begun, gone - arrived) < BOUNCE_S
         if not (bounced or knocked or gripped) or moved > BOUNCE_M or turned > BOUNCE_RAD:
             joined.append([k])
@@ -168,6 +167,12 @@ def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[flo
         elif gone - arrived > left - begun:
             joined[-1][-1] = k
     return joined
+
+
+def is_where_it_was(noise: Noise, moved: float, turned: float) -> bool:
+    """Whether a hand that moved by so much (m) and turned by so much (rad) may have stood still, but for a knock."""
+    max_shift = OUTLIER_SIGMAS * noise.still_shift
+    return moved < max_shift and turned < max_shift / noise.pivot
 
 
 def _with_still_stops(

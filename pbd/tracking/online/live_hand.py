@@ -10,7 +10,7 @@ import numpy as np
 
 from pbd.data import Keyframe, Stop
 from pbd.pose import Array, Pose, quat_log
-from pbd.tracking.estimate import BOUNCE_M, BOUNCE_RAD, BOUNCE_S
+from pbd.tracking.estimate import BOUNCE_M, BOUNCE_RAD, BOUNCE_S, is_where_it_was
 from pbd.tracking.first_rest import STILL_ACC, Rest, restlessness
 from pbd.tracking.moving_windows import PASSES, rows_of_mean
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
@@ -250,8 +250,8 @@ class LiveHand:
         self._add_knot(self._trial_filter, sample.t, same=self._settled)
         before, first, (moved, turned) = self._past_stops[-1], trial.first, self._change(self._trial_filter)
         # As `_join_stops` does; but how long the hand will stand here is not known yet.
-        short_gap, max_shift = first.t - before.last.t < BOUNCE_S, OUTLIER_SIGMAS * self._noise.still_shift
-        knocked = short_gap and moved < max_shift and turned < max_shift / self._noise.pivot
+        short_gap = first.t - before.last.t < BOUNCE_S
+        knocked = short_gap and is_where_it_was(self._noise, moved, turned)
         bounced = short_gap and len(self._past_stops) > 1 and before.last.t - before.first.t < BOUNCE_S
         if (trial.jolted or knocked or bounced) and moved < BOUNCE_M and turned < BOUNCE_RAD:
             self._past_stops.pop()
