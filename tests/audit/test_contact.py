@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 from pbd.arm.collision.geometry import Body
 from pbd.arm.collision.scene import CollisionScene
@@ -21,6 +23,7 @@ from pbd.audit.solids import MESH_DISTANCES_M, Solid, half_space, link_solids, s
 from pbd.data import Calibration, JointTrajectory, Obstacle, Robot
 from pbd.errors import PlanError
 from pbd.files.demo import load_demo
+from pbd.io.urdf_shapes import Shape
 from pbd.planning import plan_keyframes
 from pbd.pose import Array, Pose
 from tests.arm.bundled import arm_of, keyframes_of, path_of
@@ -266,3 +269,13 @@ def test_no_corner_of_a_link_is_farther_from_its_joint_than_its_reach(name: str)
     for solid in solids:
         corners = solid.triangles.reshape(-1, 3) @ solid.T_joint_solid.rotation.T + solid.T_joint_solid.translation
         assert 0.0 <= solid.reach - np.linalg.norm(corners, axis=1).max() <= 2.0 * solid.pad
+
+
+def test_a_mesh_in_millimetres_is_as_large_as_its_scale_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    box = tmp_path / "box.stl"
+    trimesh.creation.box((200.0, 40.0, 60.0)).export(box)
+    shape = Shape("panda_link0", "collision", Pose.identity(), "mesh", mesh=box, scale=(0.001, 0.002, 0.003))
+    monkeypatch.setattr("pbd.audit.solids.collision_shapes", lambda robot: (shape,))
+    (solid,) = link_solids(AuditArm(replace(PANDA)))
+    assert np.ptp(np.array(solid.hull.points()), axis=0) == pytest.approx((0.2, 0.08, 0.18), abs=1e-3)
