@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from pbd.errors import PbdError, listed, printable
+from pbd.errors import PbdError, is_number, listed, printable
 from pbd.io.numbers import finite
 from pbd.io.read_file import read_text
 
@@ -55,7 +55,8 @@ def read_joints(
         if missing := [name for name in names if name not in value]:
             raise PbdError(f"{what}: lacks {listed(missing)}; give a number, in {unit}, for each joint of the arm")
         value = [value[name] for name in names]
-    if not isinstance(value, list) or len(value) != len(names) or not all(map(_is_number, value)):
+    are_numbers = isinstance(value, list) and all(is_number(each) and abs(each) <= LARGEST_POSITION for each in value)
+    if not are_numbers or len(value) != len(names):
         raise PbdError(f"{what}: needs {len(names)} numbers, in {unit}, for {listed(names)}; got {printable(text)}")
     return tuple(float(each) / per for each, per in zip(value, per_si or [1.0] * len(names), strict=True))
 
@@ -74,7 +75,3 @@ def _value(word: str) -> object:
     with suppress(ValueError):
         return finite(word)
     return word.strip("'\"")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_POSITION

@@ -121,13 +121,10 @@ class Sheet:
         dated = {self.header.index(name): date_order(self.ends(name)) for name in wanted if name in times}
         parts, line = [], self.line
         for block in [self.body] if '"' in self.body else _blocks(self.body):  # a quoted cell may contain line ends
-            parts.append(self._read_block(block, line, columns, dated))
+            rows = self._read_numbers(block)
+            parts.append(self._read_cells(block, line, columns, dated) if rows is None else rows[:, columns])
             line += block.count("\n") + 1
         return Table(self.path, wanted, np.concatenate(parts))
-
-    def _read_block(self, block: str, line: int, columns: list[int], dated: Mapping[int, str]) -> Array:
-        rows = self._read_numbers(block)
-        return self._read_cells(block, line, columns, dated) if rows is None else rows[:, columns]
 
     def _read_numbers(self, block: str) -> Array | None:
         """Read rows of plain numbers and empty cells as JSON, four times as fast; None if there is anything else."""

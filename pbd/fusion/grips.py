@@ -39,16 +39,11 @@ def _states(take: Take) -> list[bool]:
     return [*accumulate(grips, lambda closed, grip: closed if grip is None else grip, initial=False)][1:]
 
 
-def grips_of(keyframe: Candidate, takes: Sequence[Take]) -> dict[str, bool | None]:
-    """Return take -> its grip at one of the task's keyframes."""
-    return {takes[k].name: takes[k].keyframes[own].grip for k, own in sorted(keyframe.own.items())}
-
-
 def differing_grips(keyframes: Sequence[Candidate], takes: Sequence[Take]) -> list[str]:
     """Say at which keyframes the takes' grips differ, what the fused grip does, and whether it ends as theirs."""
     lines, does = [], fused_grips(keyframes, takes)
     for j, (keyframe, fused) in enumerate(zip(keyframes, does, strict=True)):
-        shown = grips_of(keyframe, takes)
+        shown = {takes[k].name: takes[k].keyframes[own].grip for k, own in sorted(keyframe.own.items())}
         if len(kinds := dict.fromkeys(shown.values())) > 1:
             each = (f"{DOES[kind]} in {listed(name for name, grip in shown.items() if grip is kind)}" for kind in kinds)
             what = f"at keyframe {j} the grip {' but '.join(each)}: fused, it {DOES[fused]}"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.fusion.matching import HAND_M, TURN_LEVER_M, Keyframes, Registration, register
-from pbd.pose import Array, lengths, matrix_log
+from pbd.pose import lengths, matrix_log
 
 Index = NDArray[np.intp]
 
@@ -93,7 +93,8 @@ def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
             continue
         registered = {k: one for k, (_, one, _) in found.items()}
         back = {k: one for k, (_, _, one) in found.items()}
-        shifts = _shifts(ref, takes, run, registered)
+        middle = ref.p[run].mean(axis=0)
+        shifts = np.array([one.apply(takes[k]).p[run].mean(axis=0) - middle for k, one in registered.items()])  # m
         far = lengths(shifts) > HAND_M
         if (far.all() and np.abs(shifts[:, 2]).max() < LEVEL_M) if alone else far.any():
             best = MovedKeyframes(first, end - 1, gain, reference, registered, back)
@@ -127,12 +128,6 @@ def _gain(together: float, apart: float, rows: int, frames: int) -> float:
         frames: number of additional frames.
     """
     return float(0.5 * rows * np.log(max(together, rows) / max(apart, rows)) - 2.0 * frames * np.log(rows))
-
-
-def _shifts(ref: Keyframes, takes: Sequence[Keyframes], run: Index, registered: dict[int, Registration]) -> Array:
-    """Return how far the middle of the run is shifted in each registered take, (n, 3) m."""
-    middle = ref.p[run].mean(axis=0)
-    return np.array([one.apply(takes[k]).p[run].mean(axis=0) - middle for k, one in registered.items()])
 
 
 def _misfit_in_frames(

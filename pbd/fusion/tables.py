@@ -44,7 +44,7 @@ def takes_table(fusion: Fusion, units: Units) -> Table:
             " ".join(map(str, take.extra)),
             " ".join(map(str, take.outliers)),
             *units.angles((_turned(take), take.turn_sigma)),
-            *fine.lengths(_lever(take), finer=1),
+            *fine.lengths(0.0 if take.T_hand is None else float(np.linalg.norm(take.T_hand.p)), finer=1),
             *fine.lengths(_rms(take.off), finer=1),
         )
     return table
@@ -124,10 +124,6 @@ def held_alike(takes: Sequence[FusedTake]) -> bool:
 
 def _turned(take: FusedTake) -> float:
     return 0.0 if take.T_hand is None else float(np.linalg.norm(quat_log(take.T_hand.wxyz)))
-
-
-def _lever(take: FusedTake) -> float:
-    return 0.0 if take.T_hand is None else float(np.linalg.norm(take.T_hand.p))
 
 
 def _rms(off: Array) -> float:

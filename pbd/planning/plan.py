@@ -132,7 +132,8 @@ def plan_keyframes(
         calibration: where the demonstration lies in the robot's base, and the table and obstacles.
         hand_path: the hand's path between the keyframes; None: unknown.
     """
-    require_kind("keyframes", keyframes, "a sequence of Keyframe", _are_keyframes(keyframes))
+    are_keyframes = isinstance(keyframes, Sequence) and all(isinstance(each, Keyframe) for each in keyframes)
+    require_kind("keyframes", keyframes, "a sequence of Keyframe", are_keyframes)
     _require_types(calibration, robot, options)
     require_type("plan_keyframes", hand_path, "pbd.track", HandPath, optional=True)
     require_type("plan_keyframes", grasped, "pbd.data.GraspedObject", GraspedObject, optional=True)
@@ -147,10 +148,6 @@ def plan_keyframes(
     others += _suggest_place(task, options, found.error)
     others += undo_advice(task, options, found.error, lambda without: _works(without, options))
     raise type(found.error)(", or ".join((found.error.message, *others)), **found.error.fields)
-
-
-def _are_keyframes(values: object) -> bool:
-    return isinstance(values, Sequence) and all(isinstance(each, Keyframe) for each in values)
 
 
 def can_plan(plan: Plan, options: PlanOptions) -> bool:

@@ -58,7 +58,8 @@ def _fitting(table: Table, width: int) -> list[Table]:
     """
     if sum(max(map(cell_len, _lines(column))) + COLUMN_GAP for column in table.columns) - COLUMN_GAP <= width:
         return [table]
-    first, *others = map(_narrow, table.columns)
+    # Each word of a header gets a line of its own.
+    first, *others = (replace(column, header=str(column.header).replace(" ", "\n")) for column in table.columns)
     parts = [[first]]
     for column in others:
         wider = [*parts[-1], column]
@@ -67,11 +68,6 @@ def _fitting(table: Table, width: int) -> list[Table]:
         else:
             parts.append([first, column])
     return [_rebuilt(part) for part in parts]
-
-
-def _narrow(column: Column) -> Column:
-    """Return a column with each word of its header in a line of its own."""
-    return replace(column, header=str(column.header).replace(" ", "\n"))
 
 
 def _rebuilt(columns: Sequence[Column]) -> Table:

@@ -164,18 +164,16 @@ class Understood:
         times = f"the column '{found['t'].name}' must be seconds" if "t" in found else "give another --rate"
         message = message.replace("the column 't' must be seconds", times)
         if "t" in found and "--unit t=" in message:
-            message = re.sub(
-                r"\b[mun]s\b", lambda advised: _time_unit(abs(found["t"].factor) * UNITS["t"][advised[0]]), message
-            )
+
+            def nearest(advised: re.Match[str]) -> str:
+                factor = abs(found["t"].factor) * UNITS["t"][advised[0]]
+                return min(("s", "ms", "us", "ns"), key=lambda unit: abs(log(UNITS["t"][unit] / factor)))
+
+            message = re.sub(r"\b[mun]s\b", nearest, message)
         if acc := self.of("acc"):
             turned = f"--unit acc={'-' if acc[0].sign > 0 else ''}{acc[0].unit}"
             message = message.replace("--unit acc=-g (or -m/s2)", turned)
         return re.sub(r"--column (\w+)=(-?)([agm][xyz])\b", renamed, message)
-
-
-def _time_unit(factor: float) -> str:
-    """Return the unit of time whose factor to seconds is nearest."""
-    return min(("s", "ms", "us", "ns"), key=lambda unit: abs(log(UNITS["t"][unit] / factor)))
 
 
 def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str]) -> Understood:
