@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import pbd
-from pbd.arm.gripper import THE_TOOL, arm_bodies
+from pbd.arm.gripper import arm_bodies
 from pbd.data import Obstacle
+from pbd.data.world import THE_TOOL
 from pbd.planning import PlanOptions, arm_of, plan_keyframes
 from pbd.pose import Pose
 from pbd.replay import replay_scene

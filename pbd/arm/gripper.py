@@ -15,9 +15,8 @@ import pinocchio as pin
 
 from pbd.arm.collision.geometry import Body, body_distance, link_bodies
 from pbd.arm.model import ArmModel, from_se3
+from pbd.data.world import THE_TOOL
 from pbd.pose import Pose, quat_from_xyzw
-
-THE_TOOL = "the tool"
 
 ROD_RADIUS_M = 0.01
 

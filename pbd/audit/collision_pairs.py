@@ -11,14 +11,12 @@ import pinocchio as pin
 
 from pbd.audit.arm import AuditArm, se3
 from pbd.audit.contact import Pair, Placement
-from pbd.audit.grasp import THE_TOOL, follow_object, gripper_joints, object_solid, resting_contact, tool_rod
+from pbd.audit.grasp import follow_object, gripper_joints, object_solid, resting_contact, tool_rod
 from pbd.audit.solids import Solid, clearance, half_space, hull_distance, link_solids, one_encloses_other, simple_solid
 from pbd.data import Calibration, GraspedObject, JointTrajectory
-from pbd.data.world import Stay
+from pbd.data.world import TABLE, THE_TOOL, Stay
 from pbd.io.urdf import read_urdf_xml
 from pbd.io.xml import read_xml
-
-TABLE = "the table"
 
 TRUSTED_REASONS = ("Adjacent", "Never")
 """Reasons for which an SRDF may exclude a pair. Pairs that it excludes for another reason are checked."""

@@ -18,10 +18,8 @@ from pbd.audit.arm import AuditArm, se3
 from pbd.audit.contact import coordinates
 from pbd.audit.solids import Solid, simple_solid
 from pbd.data import GraspedObject, JointTrajectory
-from pbd.data.world import Stay, gripped_spans, object_stays
+from pbd.data.world import THE_TOOL, Stay, gripped_spans, object_stays
 from pbd.pose import Pose
-
-THE_TOOL = "the tool"
 
 ROD_RADIUS_M = 0.01
 

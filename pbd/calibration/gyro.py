@@ -16,7 +16,7 @@ VERTICAL_SIGMA = np.radians(0.1)
 """Smallest sigma, rad, of the vertical's direction after a move, of gyro and accelerometer together."""
 
 LEAST_TURN = np.radians(20.0)
-"""Smallest rotation, rad, of a move that is used."""
+"""Smallest rotation, rad, of a move that is used: the axis of a smaller one is not meaningful."""
 
 MAX_EVALUATIONS = 60
 """Largest number of evaluations of the fit. A sound gyro needs four or five."""

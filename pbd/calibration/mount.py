@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pbd.calibration.gyro import LEAST_TURN
 from pbd.calibration.points import TIP_SIGMA_M
 from pbd.calibration.registration import observe_points, widened
 from pbd.data import Keyframe
@@ -21,9 +22,6 @@ sigmas allow."""
 
 LARGEST_SIGMA_M = 0.01
 """Largest accepted sigma of the lever along any axis, m. Turning about one axis only exceeds it."""
-
-LEAST_TURN = np.radians(20.0)
-"""Smallest turn, rad, whose axis is meaningful."""
 
 TURN_BY_HAND_SIGMA = np.radians(2.0)
 """One sigma, rad, of the axis when a hand turns a tool about one of the tool's axes."""

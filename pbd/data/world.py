@@ -12,6 +12,8 @@ from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 REACH_M = 10.0
 """Largest coordinate of a place in a robot's base, and largest size of an object, m: beyond any arm's reach."""
 
+TABLE, THE_TOOL = "the table", "the tool"
+"""Names of the table, and of the rod before the gripper, in collision checks."""
 
 IN_METRES = "give metres, not cm or mm"
 """What to do about a length that `beyond_reach` found."""

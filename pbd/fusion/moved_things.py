@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 
 from pbd.fusion.matching import HAND_M, TURN_LEVER_M, Keyframes, Registration, register
 from pbd.pose import lengths, matrix_log
+from pbd.tracking.stop_constraints import PLACE_SIGMA_M
 
 Index = NDArray[np.intp]
-
-REPEAT_M = 0.003
-"""Smallest sigma, m, of a hand that returns to a place. Larger residuals replace it."""
 
 LEAST_GAIN = 10.0
 """Log likelihood ratio above which an object has moved. With normal noise, chance exceeds it 1 in 20,000 times."""
@@ -142,6 +140,6 @@ def _misfit_in_frames(
         moved = one.apply(other)
         off = lengths(moved.p[at] - ref.p[at]) ** 2
         turn = lengths(matrix_log(moved.R[at] @ ref.R[at].transpose(0, 2, 1))) ** 2
-        variance = REPEAT_M**2 + ref.sigma[at] ** 2 + other.sigma[at] ** 2
+        variance = PLACE_SIGMA_M**2 + ref.sigma[at] ** 2 + other.sigma[at] ** 2
         square += float(((off + TURN_LEVER_M**2 * turn) / variance).sum())
     return square, first, second

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.fusion.joint_estimate import JointEstimate, Observations, estimate_jointly
-from pbd.fusion.scatter import Scatter, common_scatter
+from pbd.fusion.scatter import common_scatter
 from pbd.pose import lengths
 
 FALSE_RATE = 0.01
@@ -107,10 +107,7 @@ def _is_outlier(
 
     prior = replace(common_scatter(len(joint.state.m)), log=joint.scatter.log)
     without = estimate_jointly(rest, joint.state, prior)
-    again = estimate_jointly(observations, joint.state, _fixed(without.scatter))
+    log = without.scatter.log + RAISED_SIGMAS * without.scatter.log_sigma
+    fixed = replace(without.scatter, log=log, prior_log=log, prior_spread=np.full(len(log), FIXED_SPREAD))
+    again = estimate_jointly(observations, joint.state, fixed)
     return bool(again.chi_squares([rows])[0] > chdtri(len(rows), FALSE_RATE / tests))
-
-
-def _fixed(scatter: Scatter) -> Scatter:
-    log = scatter.log + RAISED_SIGMAS * scatter.log_sigma
-    return replace(scatter, log=log, prior_log=log, prior_spread=np.full(len(log), FIXED_SPREAD))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.data import HandPath, Keyframe
+from pbd.data.world import TABLE
 from pbd.errors import PlanError, TrackingError, warn
 from pbd.planning.options import PlanOptions, hand_durations
 from pbd.pose import Array, Pose
@@ -90,8 +91,6 @@ def warn_of_shapes(arm: ArmModel) -> None:
 
 def warn_of_table(scene: CollisionScene) -> None:
     """Warn of links that touch the table in nearly every configuration, so that they are not checked against it."""
-    from pbd.arm.collision.scene import TABLE
-
     sunk = [pair.first for pair in scene.unchecked if pair.second == TABLE]
     if sunk:
         warn(

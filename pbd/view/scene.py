@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence, Set
 import numpy as np
 
 from pbd.data import Obstacle
+from pbd.data.world import THE_TOOL
 from pbd.pose import Array, Pose
 from pbd.view import shapes
 from pbd.view.meshcat_encoding import PoseTrack, SetTracks, Visualizer, solid, two_sigma
@@ -29,8 +30,6 @@ CONTACT_RGB = (0.86, 0.12, 0.10)
 OBSTACLE_RGB, OBSTACLE_OPACITY = (0.62, 0.55, 0.47), 0.6
 OBJECT_RGB, OBJECT_OPACITY = (0.16, 0.55, 0.53), 0.72
 """The grasped object is translucent, so that it does not hide keyframes and the path."""
-THE_TOOL = "the tool"
-"""Name of the rod in collision checks, as in `pbd.arm.gripper`."""
 GRIPPER_RGB, GRIPPER_OPACITY = (0.55, 0.58, 0.63), 0.55
 """Colour of the rod, and of a drawn palm with two fingers, whose size is a guess and which is not checked."""
 FINGER_M, HALF_STROKE_M = 0.055, 0.04

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from pbd.arm.collision.clearance import MARGIN_M
-from pbd.arm.collision.scene import TABLE, CollisionScene, Leg
-from pbd.arm.gripper import ROD_RADIUS_M, ROD_SHORT_M, THE_TOOL, arm_bodies, gripper_links, tool_rod
+from pbd.arm.collision.scene import CollisionScene, Leg
+from pbd.arm.gripper import ROD_RADIUS_M, ROD_SHORT_M, arm_bodies, gripper_links, tool_rod
 from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel
 from pbd.data import GraspedObject, Obstacle
-from pbd.data.world import Stay
+from pbd.data.world import TABLE, THE_TOOL, Stay
 from pbd.pose import Array, Pose, quat_from_rpy
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.collision_oracles import coordinates, placements

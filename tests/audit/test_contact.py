@@ -18,9 +18,9 @@ from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit
 from pbd.audit.collision_pairs import AuditScene
 from pbd.audit.contact import Pair, coordinates, find_touch
-from pbd.audit.grasp import THE_TOOL
 from pbd.audit.solids import MESH_DISTANCES_M, Solid, half_space, link_solids, simple_solid
 from pbd.data import Calibration, JointTrajectory, Obstacle, Robot
+from pbd.data.world import THE_TOOL
 from pbd.errors import PlanError
 from pbd.files.demo import load_demo
 from pbd.io.urdf_shapes import Shape

@@ -11,9 +11,10 @@ import numpy as np
 from pbd.arm.collision.clearance import Clearance, Pairs
 from pbd.arm.collision.geometry import Body
 from pbd.arm.collision.motion_bounds import rates
-from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links
+from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.link_frames import link_tree
 from pbd.arm.model import ArmModel
+from pbd.data.world import THE_TOOL
 from pbd.io.xml import read_xml
 from pbd.pose import Array
 

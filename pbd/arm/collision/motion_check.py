@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbd.arm.collision.clearance import Clearance, Contact, JointPath
-from pbd.arm.collision.scene import TABLE, CollisionScene, Hit
+from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import JointTrajectory
-from pbd.data.world import Stay, gripped_spans
+from pbd.data.world import TABLE, Stay, gripped_spans
 from pbd.errors import PlanError
 from pbd.pose import Pose
 

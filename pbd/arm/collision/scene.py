@@ -19,14 +19,12 @@ from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Clearance, Pairs
 from pbd.arm.collision.geometry import Body, body_distance
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.collision.quick_clearance import QuickClearance
-from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
+from pbd.arm.gripper import arm_bodies, gripper_links, tool_on_joint
 from pbd.arm.model import ArmModel
 from pbd.arm.path_sampling import sample_polyline
 from pbd.data import GraspedObject, Obstacle
-from pbd.data.world import Stay, gripped_spans, object_stays
+from pbd.data.world import TABLE, THE_TOOL, Stay, gripped_spans, object_stays
 from pbd.pose import Array, Pose
-
-TABLE = "the table"
 
 NEAR_SUPPORT_M = 0.03
 """Distance from where it is gripped or released, m, within which a held object may touch its support."""

@@ -10,12 +10,12 @@ import pytest
 from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance
 from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.collision.motion_check import check_motion, collision_error, object_stays, refuse_home
-from pbd.arm.collision.scene import TABLE, CollisionScene, Leg
+from pbd.arm.collision.scene import CollisionScene, Leg
 from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import ArmModel
 from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import GraspedObject, JointTrajectory, Obstacle
-from pbd.data.world import Stay
+from pbd.data.world import TABLE, Stay
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose, quat_from_rpy
 from tests.arm.collision_oracles import placements, points_of

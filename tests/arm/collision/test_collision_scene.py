@@ -11,12 +11,12 @@ from numpy.testing import assert_allclose
 
 from pbd.arm.collision.clearance import MARGIN_M
 from pbd.arm.collision.geometry import link_bodies
-from pbd.arm.collision.scene import NEAR_SUPPORT_M, TABLE, CollisionScene, Leg
+from pbd.arm.collision.scene import NEAR_SUPPORT_M, CollisionScene, Leg
 from pbd.arm.gripper import arm_bodies
 from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel, from_se3, load_model
 from pbd.data import GraspedObject, Obstacle
-from pbd.data.world import Stay
+from pbd.data.world import TABLE, Stay
 from pbd.pose import Array, Pose, quat_from_rpy
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.collision_oracles import coordinates, placements, points_of

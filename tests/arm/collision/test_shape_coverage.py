@@ -7,11 +7,11 @@ from xml.dom.minidom import parse
 
 import pytest
 
-from pbd.arm.collision.scene import TABLE, CollisionScene
+from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.collision.shape_coverage import doubtful_shapes
-from pbd.arm.gripper import THE_TOOL
 from pbd.arm.model import load_model
 from pbd.cli import main
+from pbd.data.world import TABLE, THE_TOOL
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.collision.test_geometry import simple
 
