@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -36,9 +37,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         except BrokenPipeError:
             discard_rest(sys.stdout)  # its reader has gone (`pbd ... | head`)
             return 141
-        except KeyboardInterrupt:
-            say("stopped by Ctrl-C")
-            return 130
+        except KeyboardInterrupt as stop:
+            number = signal.Signals((stop.args or [signal.SIGINT])[0])
+            say(f"stopped by {'Ctrl-C' if number == signal.SIGINT else number.name}")
+            return 128 + number
         except OSError as reason:
             message = _os_error_message(reason)
             if message is None:

@@ -95,15 +95,42 @@ def test_ctrl_c_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: Capture) ->
     assert capsys.readouterr() == ("", "pbd: stopped by Ctrl-C\n")
 
 
-def test_ctrl_c_while_the_command_line_is_loaded_is_no_traceback(tmp_path: Path) -> None:
-    (tmp_path / "argparse.py").write_text("raise KeyboardInterrupt")
+@pytest.mark.parametrize("module", ["argparse", "uuid"])
+def test_ctrl_c_while_the_command_line_is_loaded_is_no_traceback(tmp_path: Path, module: str) -> None:
+    """orjson crashes if Ctrl-C comes while it imports uuid, so that is imported before."""
+    (tmp_path / f"{module}.py").write_text("raise KeyboardInterrupt")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(tmp_path), str(Path(__file__).parents[2])))}
-    done = subprocess.run(
-        [sys.executable, "-m", "pbd", "robots"], env=environment, capture_output=True, text=True, check=False
-    )
+    command = [sys.executable, "-m", "pbd", "simulate", "pour", "tea"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+    assert not (tmp_path / "demos").exists()
     script = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["scripts"]["pbd"]
     assert script == "pbd.__main__:main"
+
+
+STOPPED_WHILE_WRITING = """
+import os, signal, sys
+import pbd.__main__, pbd.files.demo
+number = int(sys.argv.pop(1))
+pbd.files.demo.write_table = lambda path, *_: path.touch() or os.kill(os.getpid(), number)
+sys.exit(pbd.__main__.main())
+"""
+
+
+@pytest.mark.parametrize(("number", "name"), [(2, "Ctrl-C"), (15, "SIGTERM"), (1, "SIGHUP")])
+def test_a_command_that_is_stopped_leaves_nothing(tmp_path: Path, number: int, name: str) -> None:
+    """A closed window and a scheduler end a command as Ctrl-C does: no temporary folder stays."""
+    enabled = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    command = [sys.executable, "-c", enabled + STOPPED_WHILE_WRITING, str(number), "simulate", "pour", "tea"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (128 + number, "", f"pbd: stopped by {name}\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_nohup_is_kept(tmp_path: Path) -> None:
+    ignored = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)"
+    command = [sys.executable, "-c", ignored + STOPPED_WHILE_WRITING, "1", "simulate", "pour", "tea"]
+    assert subprocess.run(command, cwd=tmp_path, capture_output=True, check=False).returncode == 0
 
 
 def test_only_what_is_needed_fails() -> None:
