@@ -92,7 +92,10 @@ def check_all(
     Raises:
         RobotError, CalibrationError: the robot or its calibration can't be loaded.
         WrongTypeError: a single name instead of a list; its letters would be taken for names.
+        PbdError: one of the processes was killed.
     """
+    from concurrent.futures.process import BrokenProcessPool
+
     from joblib import Parallel, delayed
 
     from pbd.planning import load_arm
@@ -105,10 +108,13 @@ def check_all(
     names = list(map(str, demos))
     jobs = None if jobs is None else min(jobs, len(names) or 1)  # joblib starts as many processes as it is told
     found: list[DemoCheck] = []
-    for check in Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(name, arm) for name in names):
-        found.append(check)
-        if done is not None:
-            done(len(found))
+    try:
+        for check in Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(name, arm) for name in names):
+            found.append(check)
+            if done is not None:
+                done(len(found))
+    except BrokenProcessPool:
+        raise PbdError("a process was killed, most often for want of memory; give fewer --jobs") from None
     return compare_siblings(found)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +19,7 @@ from pbd.data import Demonstration
 from pbd.files.demo import load_demo, write_demo
 from pbd.pose import quat_about_z, quat_rotate
 from pbd.simulation.simulate import simulate
-from tests.cli.running import Capture, run, run_json
+from tests.cli.running import Capture, refused, run, run_json
 
 
 @pytest.fixture
@@ -79,6 +81,12 @@ def test_no_process_is_started_without_a_demonstration(takes: list[str], monkeyp
     monkeypatch.setattr(joblib, "Parallel", parallel)
     check_all(takes[:2], jobs=200)
     assert started == [2]
+
+
+def test_a_killed_process_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    monkeypatch.setattr("pbd.check_demos.check_one", lambda name, arm: os.kill(os.getpid(), signal.SIGKILL))
+    line = refused(capsys, 1, "check", "pouring", "paper-test1", "--jobs", "2")
+    assert line == "pbd: a process was killed, most often for want of memory; give fewer --jobs"
 
 
 def test_a_sensor_that_lies_upside_down_is_told(takes: list[str]) -> None:
