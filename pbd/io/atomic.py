@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import itertools
 import os
 import shutil
@@ -49,18 +50,23 @@ def atomic_file(path: Path, parents: bool = False, why_kept: str = "") -> Iterat
 
 @contextmanager
 def atomic_folder(
-    folder: Path, replace: bool = True, why_kept: Callable[[Path, Path], str] = lambda old, new: ""
+    folder: Path,
+    replace: bool = True,
+    why_kept: Callable[[Path, Path], str] = lambda old, new: "",
+    alone: bool = False,
 ) -> Iterator[Path]:
     """Yield a temporary folder beside `folder`. On success it takes the name `folder`, on an error it is removed.
 
     With `replace`, an existing folder is first renamed (`name_aside`), and then removed unless `why_kept` says why not;
     of a link only the link is removed. Without `replace`, a folder that another program makes meanwhile is an error.
+    With `alone`, for a block that reads the existing folder, one `pbd` at a time is in the block; others wait.
 
     Raises:
         RecordingError: the folder can't be written.
     """
     refuse_name(folder)
-    with _os_errors_as(RecordingError, folder), _new_folder(folder.parent), _temporary(folder) as new:
+    lock = _lock(folder.parent) if alone else nullcontext()
+    with _os_errors_as(RecordingError, folder), _new_folder(folder.parent), lock, _temporary(folder) as new:
         new.mkdir()
         yield new
         aside = _take_name(new, folder, rename_old=replace)
@@ -211,6 +217,17 @@ def _new_folder(folder: Path, keep: bool = True) -> Iterator[None]:
         for each in () if keep else missing:
             with suppress(OSError):  # it was not made, or is no longer empty
                 each.rmdir()
+
+
+@contextmanager
+def _lock(folder: Path) -> Iterator[None]:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # some network file systems have no locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 @contextmanager

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,7 @@ from numpy.testing import assert_allclose
 
 from pbd.cli import main
 from pbd.errors import PbdError, PlanError
-from pbd.files.exporters import export, export_dataset
+from pbd.files.exporters import export, export_dataset, lerobot
 from pbd.pose import Array
 from tests.arm.bundled import arm_of
 from tests.files.test_formats import planned
@@ -94,6 +96,21 @@ def test_adding_a_demonstration_equals_writing_both(tmp_path: Path) -> None:
     made(tmp_path / "tea", "so101", ("paper-test1",))
     for file in (path for path in (tmp_path / "both").rglob("*") if path.is_file()):
         assert file.read_bytes() == (tmp_path / "tea" / file.relative_to(tmp_path / "both")).read_bytes()
+
+
+def test_two_commands_at_once_lose_no_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `ls demos | xargs -P4` starts them. Without a lock both would read the dataset before either has written."""
+    made(tmp_path / "tea", "so101")
+    write = lerobot.write
+
+    def slow(*args: Any) -> None:
+        time.sleep(0.5)
+        write(*args)
+
+    monkeypatch.setattr(lerobot, "write", slow)
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda _: made(tmp_path / "tea", "so101"), range(2)))
+    assert json.loads((tmp_path / "tea/meta/info.json").read_text())["total_episodes"] == 3
 
 
 def test_an_arm_unknown_to_lerobot_has_the_models_joints(tmp_path: Path) -> None:

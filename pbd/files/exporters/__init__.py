@@ -213,9 +213,9 @@ def export_dataset(
         ExportRequest("lerobot", trajectory, robot, "", made_from=source, task=task) for trajectory, source in motions
     ]
     points = [lerobot.samples(request) for request in requests]
-    before = lerobot.read_episodes(folder, robot)
     exports: list[Export] = []
-    with atomic_folder(folder) as unfinished:
+    with atomic_folder(folder, alone=True) as unfinished:
+        before = lerobot.read_episodes(folder, robot)
         lerobot.write(robot, [*before, *map(lerobot.episode, requests, points)], unfinished)
         written = lerobot.read_episodes(unfinished, robot)[len(before) :]
         for request, sampled, episode in zip(requests, points, written, strict=True):
