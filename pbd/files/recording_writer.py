@@ -16,7 +16,7 @@ from pbd.data import Demonstration, GripEvent, Recording, RecordingInfo
 from pbd.errors import RecordingError
 from pbd.files.demo import demo_toml, refuse_demo_folder
 from pbd.files.imu_columns import CHANNELS
-from pbd.io.atomic import atomic_file, atomic_folder, unwritable, write_text
+from pbd.io.atomic import atomic_file, atomic_folder, is_file, unwritable, write_text
 from pbd.pose import Array
 
 
@@ -63,8 +63,10 @@ class RecordingWriter:
             values: n rows of the channels' numbers, in the order of CHANNELS; NaN becomes an empty cell.
 
         Raises:
-            RecordingError: the disk is full; the earlier rows are intact.
+            RecordingError: the disk is full, and the earlier rows are intact; or the folder is gone.
         """
+        if not is_file(self.folder / "imu.csv"):  # a deleted file takes rows too, and they are lost
+            raise RecordingError(f"{self.folder} was renamed or deleted meanwhile; record again", path=self.folder)
         lines = [self._format.format(at, *row).replace("nan", "") + "\n" for at, row in zip(t, values, strict=True)]
         with self._os_errors():
             _append(self._imu, "".join(lines).encode())

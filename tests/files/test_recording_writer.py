@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -94,6 +95,16 @@ def test_a_full_disk_leaves_the_written_rows_intact(tmp_path: Path, monkeypatch:
     monkeypatch.undo()
     demo.close()
     assert len(read_demo(tmp_path / "tea").recording) == 1
+
+
+def test_a_deleted_folder_ends_the_recording_at_once(tmp_path: Path) -> None:
+    """Not at its end, when minutes of it are lost."""
+    demo = begun(tmp_path / "tea")
+    demo.add([0.0], [ROW])
+    shutil.rmtree(tmp_path / "tea")
+    with pytest.raises(RecordingError, match="tea was renamed or deleted meanwhile; record again"):
+        demo.add([0.01], [ROW])
+    demo.close()
 
 
 def test_a_discarded_demonstration_is_removed(tmp_path: Path) -> None:
