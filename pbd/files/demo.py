@@ -23,7 +23,7 @@ from pbd.files.find_by_name import find
 from pbd.files.imu_columns import ACC, CHANNELS, compass_angles, device_rpy
 from pbd.files.set_aside import is_aside, why_kept
 from pbd.files.table import Table, read_table, write_table
-from pbd.io.atomic import atomic_folder, is_file, is_folder, may_write, refuse_folder
+from pbd.io.atomic import atomic_folder, is_file, is_folder, may_write, refuse_folder, refuse_name
 from pbd.io.toml import Section, instant_of, read_toml
 from pbd.pose import Array
 
@@ -247,13 +247,13 @@ def _relative_path(folder: Path | None, take: Demonstration) -> str:
     if take.folder is None or folder is None:
         name = take.recording.info.name
         raise RecordingError(f"'{name}' is no demonstration's folder, so it can't be a take; `pbd import` it first")
+    refuse_name(take.folder)  # demo.toml can't hold it
     return Path(os.path.relpath(take.folder.resolve(), folder.resolve())).as_posix()
 
 
 def _without_none(**values: Any) -> dict[str, Any]:
     """Remove None, and turn tuples, which TOML doesn't have, into lists."""
-    given = {key: value for key, value in values.items() if value is not None}
-    return {key: list(value) if isinstance(value, tuple) else value for key, value in given.items()}
+    return {key: list(x) if isinstance(x, tuple) else x for key, x in values.items() if x is not None}
 
 
 def _read_recording(table: Table, grip: tuple[GripEvent, ...], info: RecordingInfo) -> Recording:

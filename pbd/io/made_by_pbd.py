@@ -37,7 +37,7 @@ SEAL = "# as pbd wrote it: "
 
 def sealed(text: str) -> str:
     """Append a comment with a checksum, by which `refuse_others_file` sees whether somebody has edited the text."""
-    return f"{text}{SEAL}{crc32(text.encode()):08x}\n"
+    return f"{text}{SEAL}{crc32(text.encode(errors='surrogateescape')):08x}\n"
 
 
 def refuse_others_file(file: Path) -> None:

@@ -149,6 +149,19 @@ def test_an_odd_name(capsys: Capture, there: Path, writer: str, name: str) -> No
     assert tree(there) == before
 
 
+@pytest.mark.parametrize(
+    "words", ["touch {} 1 --robot panda --by 0 0 0.002", "keyframes {} --save", "fuse {} there/old -o there/new"]
+)
+def test_a_demonstration_whose_folder_is_not_utf_8(capsys: Capture, there: Path, words: str) -> None:
+    """It can be read, but nothing that names it can be written."""
+    odd = os.fsdecode(b"there/t\xff")
+    write_demo(simulate("pick-and-place-direct", "modern", 1), there / "t")
+    (there / "t").rename(odd)
+    before = tree(there)
+    assert "can't be a name here" in refused(capsys, Writer(words).command(odd))
+    assert tree(there) == before
+
+
 @pytest.mark.parametrize("writer", WRITERS)
 def test_the_longest_name(capsys: Capture, there: Path, writer: str) -> None:
     if writer == "keyframes":
