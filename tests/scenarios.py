@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pbd.data import Demonstration, Keyframe, Recording, Truth
+from pbd.data import Calibration, Demonstration, Keyframe, Recording, Truth
 from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.simulation.simulate import simulate
@@ -24,9 +24,11 @@ def truth_at(truth: Truth, t: float) -> Array:
     return np.array([np.interp(t, truth.t, axis) for axis in truth.p_nav_sensor.T])
 
 
-def keyframes_and_errors(demo: Demonstration) -> tuple[tuple[Keyframe, ...], Array]:
+def keyframes_and_errors(
+    demo: Demonstration, calibration: Calibration | None = None
+) -> tuple[tuple[Keyframe, ...], Array]:
     """The keyframes of a demonstration, and the distance of each from the truth, m."""
-    keyframes = find_keyframes(track(demo.recording))
+    keyframes = find_keyframes(track(demo.recording, calibration=calibration))
     assert demo.truth is not None
     return keyframes, np.array([np.linalg.norm(k.T_nav_sensor.p - truth_at(demo.truth, k.t)) for k in keyframes])
 

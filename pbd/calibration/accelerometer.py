@@ -103,7 +103,7 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     bias, matrix = _unpack(result.x * prior)
     sigma = relative * prior
     return AccelerometerFit(
-        linear=Linear(bias, matrix, sigma[:3]),
+        linear=Linear(bias, matrix, sigma[:3], float(sigma[3:].max())),
         sigma=sigma,
         determined=tuple(name for name, ratio in zip(NAMES, relative, strict=True) if ratio < DETERMINED),
         orientations=different,

@@ -54,14 +54,17 @@ def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None,
     bias = np.average(rests.gyr, axis=0, weights=rests.seconds)
     noise = rests.gyr_noise / np.sqrt(rests.samples.sum())
     sigma = np.full(3, np.hypot(noise, BIAS_SIGMA))
-    matrix = np.eye(3)
+    matrix, matrix_sigma = np.eye(3), np.nan
     if up_sensor is not None and len(rests) > 1:
-        matrix = _matrix(recording, rests, up_sensor, float(np.hypot(VERTICAL_SIGMA, up_sigma)), bias)
-    return Linear(bias, matrix, sigma)
+        matrix, matrix_sigma = _matrix(recording, rests, up_sensor, float(np.hypot(VERTICAL_SIGMA, up_sigma)), bias)
+    return Linear(bias, matrix, sigma, matrix_sigma)
 
 
-def _matrix(recording: Recording, rests: Rests, up_sensor: Array, sigma: float, bias: Array) -> Array:
-    """Fit the gyro's matrix to the moves between rests; `sigma`, rad, is of each residual of the vertical."""
+def _matrix(recording: Recording, rests: Rests, up_sensor: Array, sigma: float, bias: Array) -> tuple[Array, float]:
+    """Fit the gyro's matrix to the moves between rests, and give its largest sigma.
+
+    `sigma`, rad, is of each residual of the vertical.
+    """
     from scipy.optimize import least_squares
 
     assert recording.gyr is not None
@@ -73,7 +76,7 @@ def _matrix(recording: Recording, rests: Rests, up_sensor: Array, sigma: float, 
         if max(np.linalg.norm(turns, axis=1).sum(), tilted) > LEAST_TURN:
             moves.append((k, turns))
     if not moves:
-        return np.eye(3)
+        return np.eye(3), np.nan
 
     def linearised(x: Array) -> tuple[Array, Array]:
         """Return the residuals and their Jacobian, with the attitude at the middle of each sample."""
@@ -98,4 +101,6 @@ def _matrix(recording: Recording, rests: Rests, up_sensor: Array, sigma: float, 
             value=off,
             bound=LARGEST_MISFIT,
         )
-    return np.asarray(np.eye(3) + PRIOR_SIGMA * result.x.reshape(3, 3))
+    J = np.asarray(result.jac)
+    largest = PRIOR_SIGMA * float(np.sqrt(np.diagonal(np.linalg.inv(J.T @ J)).max()))
+    return np.asarray(np.eye(3) + PRIOR_SIGMA * result.x.reshape(3, 3)), largest

@@ -89,7 +89,7 @@ def calibrate_sensor(
     if "gyr" in wanted and (recording.gyr is not None or "gyr" in only):
         gyr = fit_gyro(recording, rests, None if acc is None else up, up_sigma)
         if acc is None and known.gyr is not None:
-            gyr = replace(gyr, matrix=known.gyr.matrix)
+            gyr = replace(gyr, matrix=known.gyr.matrix, matrix_sigma=known.gyr.matrix_sigma)
         errors = replace(errors, gyr=gyr)
     mag = None
     if "mag" in wanted and (recording.mag is not None or "mag" in only):

@@ -30,11 +30,13 @@ class Linear:
         bias: (3,) in the sensor's unit.
         matrix: (3, 3), near the identity: scale on the diagonal, misalignment (or soft iron) off it.
         bias_sigma: (3,) one sigma of the bias; NaN: unknown.
+        matrix_sigma: one sigma of the matrix' least certain element; NaN: unknown.
     """
 
     bias: Array
     matrix: Array
     bias_sigma: Array
+    matrix_sigma: float = np.nan
 
     def __post_init__(self) -> None:
         freeze_arrays(self, bias=(3,), matrix=(3, 3), bias_sigma=(3,))

@@ -113,7 +113,8 @@ def _linear(section: Section) -> Linear:
     if abs(np.linalg.det(matrix)) < 0.1:
         section.fail("matrix", "must be near the unit matrix")
     sigma = section.numbers("bias_sigma", 3, (np.nan, np.nan, np.nan))
-    return Linear(np.array(section.numbers("bias", 3)), matrix, np.array(sigma))
+    matrix_sigma = section.number("matrix_sigma", np.nan, positive=True)
+    return Linear(np.array(section.numbers("bias", 3)), matrix, np.array(sigma), matrix_sigma)
 
 
 def _obstacles(sections: list[Section]) -> tuple[Obstacle, ...]:

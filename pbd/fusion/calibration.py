@@ -23,11 +23,12 @@ def device_errors(path: HandPath) -> tuple[SensorErrors, dict[str, float]]:
     found, tracking = path.sensor, path.tracking
     if found is None or tracking is None or path.fusion is None:
         raise CalibrationError("the sensor's errors were not estimated: it has no gyro; leave out --save-calibration")
-    gyr = Linear(found.gyr_bias.value, np.eye(3) - found.gyr_matrix.value, found.gyr_bias.sigma)
+    gyr_sigma, acc_sigma = float(found.gyr_matrix.sigma.max()), float(np.tril(found.acc_matrix.sigma).max())
+    gyr = Linear(found.gyr_bias.value, np.eye(3) - found.gyr_matrix.value, found.gyr_bias.sigma, gyr_sigma)
     matrix = np.eye(3) - found.acc_matrix.value
     # The smoother subtracts the accelerometer's bias after the matrix, a calibration before it.
     bias: Array = np.asarray(np.linalg.solve(matrix, found.acc_bias.value), dtype=np.float64)
-    acc = Linear(bias, matrix, found.acc_bias.sigma)
+    acc = Linear(bias, matrix, found.acc_bias.sigma, acc_sigma)
     gravity = float(np.linalg.norm(acc.correct(tracking.recording.acc[slice(*tracking.rest)].mean(axis=0))))
     sensor = tracking.recording.info.sensor
     earlier = (tracking.calibration and tracking.calibration.sensor) or SensorErrors(sensor)
@@ -46,4 +47,4 @@ def _composed(first: Linear | None, second: Linear) -> Linear:
     if first is None:
         return second
     bias = first.bias + np.linalg.solve(first.matrix, second.bias)
-    return Linear(bias, second.matrix @ first.matrix, second.bias_sigma)
+    return replace(second, bias=bias, matrix=second.matrix @ first.matrix)

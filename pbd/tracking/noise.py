@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbd.data import Recording, SensorErrors
+from pbd.data import Linear, Recording, SensorErrors
 from pbd.data.units import DEG, MG
 from pbd.pose import Array, lengths
 from pbd.tracking.first_rest import Rest
@@ -166,7 +166,7 @@ def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = Non
     sensor = next((found for word, found in CLASSES.items() if word in recording.info.sensor), FACTORY)
     gravity = Noise.gravity
     if errors is not None and errors.acc is not None:
-        sensor, gravity = CALIBRATED, errors.gravity
+        sensor, gravity = _calibrated(sensor, errors.acc, errors.gyr), errors.gravity
     white = 3.0 * white_noise_variance(rows_of_mean(recording.rate_hz))
     gyr, gyr_held = (0.0, 0.0) if recording.gyr is None else _rounding(recording.gyr, np.sqrt(rest.turn / white))
     acc, acc_held = _rounding(recording.acc, np.sqrt(rest.shake / white))
@@ -199,6 +199,19 @@ def _rounding(values: Array, rms: float) -> tuple[float, float]:
         return rms, 0.0
     rounding = step / np.sqrt(12.0)
     return max(rms, rounding), rounding * float(np.exp(-2.0 * (np.pi * rms / step) ** 2))
+
+
+def _calibrated(own: SensorClass, acc: Linear, gyr: Linear | None) -> SensorClass:
+    """What a calibration leaves: its own sigmas (few orientations determine little), or the class'; at best CALIBRATED.
+
+    Args:
+        own: the sensor's class, for what the calibration did not determine.
+    """
+    names = "acc_bias", "acc_scale", "gyr_scale"
+    found = acc.bias_sigma.max(), acc.matrix_sigma, np.nan if gyr is None else gyr.matrix_sigma
+    best, usual = ([getattr(each, name) for name in names] for each in (CALIBRATED, own))
+    left = np.maximum(best, np.where(np.isnan(found), usual, found)).tolist()
+    return replace(CALIBRATED, **dict(zip(names, left, strict=True)))
 
 
 def acc_sigma_factor(noise: Noise, rest: Rest) -> float:

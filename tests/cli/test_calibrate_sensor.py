@@ -21,9 +21,11 @@ from pbd.record.person_messages import Feedback
 from pbd.sensors.decoding import Sample
 from pbd.simulation.calibration_tasks import SIDES, pivoting, sides, turning_through
 from pbd.simulation.simulate import simulate
+from pbd.simulation.tasks import random_task
 from pbd.tracking.keyframes import find_keyframes
 from tests.calibration.turning import BAD
 from tests.cli.running import Capture, refused, run, run_json
+from tests.scenarios import keyframes_and_errors
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
@@ -73,6 +75,21 @@ def test_a_calibrated_sensor_tracks_better(bench: Path) -> None:
         worst.append(off.max())
     assert worst[1] < 0.02
     assert worst[1] < 0.2 * worst[0]
+
+
+@pytest.mark.parametrize(("count", "only"), [(6, ()), (4, ()), (12, ("--only", "acc"))])
+def test_a_partial_calibration_is_not_taken_for_whole(capsys: Capture, count: int, only: tuple[str, ...]) -> None:
+    """Its sigmas tell tracking what it left open; taken for a whole one it sends the hand astray, by up to a metre."""
+    model = replace(BAD, mag=None)
+    for seed in (0, 4):
+        save(f"sides{seed}", simulate(sides(seed, SIDES[:count]), model, seed))
+        assert run(capsys, "calibrate", "sensor", f"part{seed}", f"sides{seed}", *only)[0] == 0
+        demo = simulate(random_task(seed + 77), model, seed)
+        found = read_calibration(Path(f"calibration/part{seed}.toml"))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PbdWarning)
+            _, off = keyframes_and_errors(demo, found)
+        assert off.max() < 0.015
 
 
 def test_the_calibration_is_applied_where_it_is_used(bench: Path, capsys: Capture) -> None:

@@ -76,6 +76,7 @@ def sensor_parts(errors: SensorErrors, figures: Mapping[str, float]) -> dict[str
                 "bias": ([float(f"{x:.7g}") for x in linear.bias], f"{unit}; what is true is matrix (read - bias)"),
                 "bias_sigma": ([float(f"{x:.3g}") for x in linear.bias_sigma] if known else None, ""),
                 "matrix": ([round(float(x), 7) for x in linear.matrix.ravel()], ""),
+                "matrix_sigma": (float(f"{linear.matrix_sigma:.3g}") if linear.matrix_sigma > 0.0 else None, ""),
             }
     return parts
 
