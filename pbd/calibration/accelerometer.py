@@ -101,7 +101,8 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     jacobian = np.asarray(result.jac)
     relative = np.sqrt(np.diagonal(np.linalg.inv(jacobian.T @ jacobian)))  # to prior sigma
     bias, matrix = _unpack(result.x * prior)
-    sigma = relative * prior
+    chi2 = 2.0 * result.cost / len(rests)  # per degree of freedom: there are as many priors as unknowns
+    sigma = relative * prior * np.sqrt(max(1.0, chi2))
     return AccelerometerFit(
         linear=Linear(bias, matrix, sigma[:3], float(sigma[3:].max())),
         sigma=sigma,

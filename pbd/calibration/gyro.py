@@ -28,7 +28,7 @@ LARGEST_ERROR = 10.0
 """Largest estimated error, in prior sigmas. A larger one shows a wrong unit or wrong axes."""
 
 BIAS_SIGMA = np.radians(0.003)
-"""Smallest sigma of the bias, rad/s, because it wanders."""
+"""Smallest sigma of the bias, rad/s, because it wanders in a rest too."""
 
 
 def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None, up_sigma: float = 0.0) -> Linear:
@@ -53,7 +53,7 @@ def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None,
         raise CalibrationError("the recording has no gyro; record one, or leave it out with --only acc")
     bias = np.average(rests.gyr, axis=0, weights=rests.seconds)
     noise = rests.gyr_noise / np.sqrt(rests.samples.sum())
-    sigma = np.full(3, np.hypot(noise, BIAS_SIGMA))
+    sigma = np.sqrt(noise**2 + BIAS_SIGMA**2 + rests.gyr.var(axis=0))  # it wanders from rest to rest
     matrix, matrix_sigma = np.eye(3), np.nan
     if up_sensor is not None and len(rests) > 1:
         matrix, matrix_sigma = _matrix(recording, rests, up_sensor, float(np.hypot(VERTICAL_SIGMA, up_sigma)), bias)

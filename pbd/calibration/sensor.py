@@ -19,7 +19,7 @@ from pbd.pose import Array
 KINDS = ("gyr", "acc", "mag")
 
 TRUSTED_ACC = 2.0 * MG
-"""Error of a calibrated accelerometer, one sigma, m/s2, that tracking assumes (CALIBRATED in pbd/tracking/noise.py)."""
+"""Smallest error of a calibrated accelerometer, one sigma, m/s2, for tracking (CALIBRATED in pbd/tracking/noise.py)."""
 
 UNEVEN_FIELD = 0.05
 """Relative rms variation of the field's strength over a recording, above which the field is disturbed."""
@@ -74,9 +74,8 @@ def calibrate_sensor(
         errors = replace(errors, acc=acc.linear, gravity=gravity)
         if acc.after > TRUSTED_ACC:
             remarks.append(
-                f"gravity is off by {acc.after / MG:.0f} mg (rms) after the correction too, and tracking will assume "
-                f"{TRUSTED_ACC / MG:.0f} mg: the sensor was not still in a rest, or its bias drifted; let it "
-                "warm up, lay it on a table, and record again"
+                f"gravity is off by {acc.after / MG:.0f} mg (rms) after the correction too: the sensor was not still "
+                "in a rest, or its bias drifted; let it warm up, lay it on a table, and record again"
             )
         if acc.undetermined:
             remarks.append(

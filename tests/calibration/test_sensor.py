@@ -290,11 +290,24 @@ def test_a_magnetometer_that_was_not_turned_is_refused() -> None:
 
 
 def test_an_accelerometer_that_no_correction_fits_is_remarked_on(recording: Recording) -> None:
-    """Its bias drifts by 30 mg from start to end."""
+    """Its bias drifts by 30 mg from start to end, the gyro's by 0.3 degrees/s: the sigmas contain that."""
     assert CALIBRATED.acc_bias == TRUSTED_ACC
-    drift = np.linspace(0.0, 30.0 * MG, len(recording))[:, None] * (1.0, -1.0, 1.0)
-    fit = calibrate_sensor(replace(recording, acc=recording.acc + drift))
-    assert "mg (rms) after the correction too, and tracking will assume 2 mg" in fit.remarks[0]
+    drift = np.linspace(-1.0, 1.0, len(recording))[:, None] * (1.0, -1.0, 1.0)
+    assert recording.gyr is not None
+    drifted = replace(recording, acc=recording.acc + 15.0 * MG * drift, gyr=recording.gyr + np.radians(0.15) * drift)
+    fit = calibrate_sensor(drifted, gravity=EARTH.gravity)
+    assert "mg (rms) after the correction too: the sensor was not still in a rest, or its bias" in fit.remarks[0]
+    for found, at_end in ((fit.errors.acc, 15.0 * MG), (fit.errors.gyr, np.radians(0.15))):
+        assert found is not None
+        assert np.all(found.bias_sigma > 0.25 * at_end)
+
+
+def test_one_bad_rest_widens_the_sigmas() -> None:
+    acc = GRAVITY * SIDES
+    acc[7] += (0.0, 15.0 * MG, 0.0)
+    found = fit_accelerometer(accelerometer_rests(acc)).linear
+    assert np.abs(found.bias).max() > 1.5 * MG
+    assert np.all(np.abs(found.bias) < 3.0 * found.bias_sigma)
 
 
 def test_a_corrected_recording_reads_gravity_no_rate_and_one_field(recording: Recording, calibrated: SensorFit) -> None:
