@@ -22,7 +22,8 @@ TRUSTED_ACC = 2.0 * MG
 """Smallest error of a calibrated accelerometer, one sigma, m/s2, for tracking (CALIBRATED in pbd/tracking/noise.py)."""
 
 UNEVEN_FIELD = 0.05
-"""Relative rms variation of the field's strength over a recording, above which the field is disturbed."""
+"""Rms variation over a recording of the field's strength (a share) or dip (rad) above which the fit is not to be
+trusted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +103,11 @@ def calibrate_sensor(
             remarks.append(f"the magnetometer is left out: {reason}")
         else:
             errors = replace(errors, mag=mag.linear, field=mag.field, dip=mag.dip)
-            if mag.uneven > UNEVEN_FIELD:
+            if max(mag.uneven, mag.dip_uneven) > UNEVEN_FIELD:
                 remarks.append(
-                    f"the magnetic field varies by {100.0 * mag.uneven:.0f} % over the recording: move away from iron "
-                    "and motors, and calibrate the magnetometer again where you will demonstrate"
+                    f"the corrected magnetic field varies by {100.0 * mag.uneven:.0f} % in strength and by "
+                    f"{np.degrees(mag.dip_uneven):.0f} degrees in dip, so headings will be wrong: check the axes and "
+                    "signs of mx, my, mz, move away from iron and motors, and turn every side up; calibrate again"
                 )
     return SensorFit(errors, rests, acc, mag, tuple(remarks))
 

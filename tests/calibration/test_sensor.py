@@ -261,6 +261,17 @@ def test_hard_and_soft_iron_are_found(recording: Recording, rests: Rests) -> Non
     assert fit.uneven < 0.05 * fit.before
 
 
+def test_a_magnetometer_in_other_axes_is_remarked_on(recording: Recording) -> None:
+    """Strength alone does not show it, the dip does."""
+    assert recording.mag is not None
+    swapped = replace(recording, mag=recording.mag * (1.0, -1.0, 1.0))
+    fit = calibrate_sensor(swapped, gravity=EARTH.gravity)
+    assert fit.mag is not None
+    assert fit.mag.uneven < 0.01
+    assert "% in strength and by" in "".join(fit.remarks)
+    assert "signs of mx, my, mz" in "".join(fit.remarks)
+
+
 def _heading(field: Array, up: Array, axes: Array) -> float:
     """Return the heading of the sensor's x axis, rad from east."""
     east = np.cross(field, up)
