@@ -23,6 +23,9 @@ sigmas allow."""
 LARGEST_SIGMA_M = 0.01
 """Largest accepted sigma of the lever along any axis, m. Turning about one axis only exceeds it."""
 
+LARGEST_TURN = np.radians(135.0)
+"""Largest turn, rad, whose direction is certain: one beyond half a turn looks like a smaller one the other way."""
+
 TURN_BY_HAND_SIGMA = np.radians(2.0)
 """One sigma, rad, of the axis when a hand turns a tool about one of the tool's axes."""
 
@@ -168,6 +171,14 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
             f"({found}); name each in order, such as --turns x,-x,y",
             value=len(moves),
             bound=len(named),
+        )
+    if angles[largest := int(angles.argmax())] > LARGEST_TURN:
+        raise CalibrationError(
+            f"move {largest} turns by {np.degrees(angles[largest]):.0f} degrees, so its direction is uncertain; turn "
+            "the tool by 30 to 90 degrees each time",
+            move=largest,
+            value=float(angles[largest]),
+            bound=LARGEST_TURN,
         )
     if len({name.strip("-") for name in named}) < 2:
         raise CalibrationError(

@@ -142,6 +142,12 @@ def test_a_turn_in_the_wrong_direction_is_refused() -> None:
         fit_turns(turned(quat_exp((0.3, 0.2, 0.1)), ("x", "-x", "x", "y")), ("x", "x", "x", "y"))
 
 
+def test_a_turn_of_about_half_a_turn_is_refused() -> None:
+    """Of more than half a turn the tracker sees the rest, the other way: all signs would fit, and the tool be wrong."""
+    with pytest.raises(CalibrationError, match=r"move 0 turns by 178 degrees, .* by 30 to 90 degrees each time"):
+        fit_turns(turned(quat_exp((0.3, 0.2, 0.1)), ("x", "-x", "z", "-z"), np.radians(182.0)), ("x", "-x", "z", "-z"))
+
+
 @pytest.mark.parametrize(
     ("named", "message"),
     [
