@@ -102,6 +102,17 @@ def test_the_calibration_is_applied_where_it_is_used(bench: Path, capsys: Captur
     assert (code, "Traceback" in err) == (0, False)
 
 
+def test_a_nav_of_the_sensor_as_it_was_is_warned_of(recorded: Path, capsys: Capture) -> None:
+    """Its heading is the magnetometer's, which has another hard iron now; a dock, or the gyro's bias, has no such."""
+    Path("demos").symlink_to(recorded)
+    Path("calibration").mkdir()
+    for part, only, warned in (("nav", (), True), ("nav", ("--only", "gyr"), False), ("dock", (), False)):
+        start = f"[{part}]\nposition = [0.0, 0.0, 0.0]\nrpy_deg = [0.0, 0.0, 0.0]\n"
+        Path(f"calibration/{part}.toml").write_text(f'format = 1\nname = "{part}"\n{start}', encoding="utf-8")
+        _, _, err = run(capsys, "calibrate", "sensor", part, "sides", *only)
+        assert ("holds for the sensor as it was read before" in err) == warned
+
+
 def test_another_sensor_is_refused(bench: Path, capsys: Capture) -> None:
     line = refused_by(capsys, "keyframes", "pouring", "--calibration", "bench")
     assert line == (

@@ -36,6 +36,11 @@ def run(args: argparse.Namespace) -> None:
         fit = calibrate_sensor(recording, gravity=gravity, only=args.only, known=known, temperature_c=celsius)
     for remark in fit.remarks:
         warn(remark)
+    if calibration.T_base_nav is not None and (fit.acc or fit.mag):
+        warn(
+            f"the [nav] of {path} holds for the sensor as it was read before: with other errors, nav has another "
+            "heading and tilt; find it again: pbd calibrate points"
+        )
     update_calibration(path, sensor_parts(fit.errors, _figures(fit)))
     if args.json:
         return print_json({"calibration": str(path)} | _json(fit))
