@@ -209,6 +209,18 @@ def test_a_tip_is_pivoted_and_its_rotation_turned(capsys: Capture) -> None:
     assert calibration.residuals["mount.turns"] == 3
 
 
+def test_a_dock_that_was_found_with_another_lever_is_warned_of(capsys: Capture) -> None:
+    """The tool stood at those joints, so the sensor's dock is elsewhere with another lever: the tool is 10 cm off."""
+    save("pivot", simulate("pivot", "modern", 1))
+    joints = ("0", "-45", "0", "-135", "0", "90", "45")
+    assert run(capsys, "calibrate", "dock", "bench", "--robot", "panda", "--joints", *joints)[0] == 0
+    assert (
+        "the [dock] of calibration/bench.toml stays"
+        in run(capsys, "calibrate", "mount", "bench", "pivot", "--pivot")[2]
+    )
+    assert "stays" not in run(capsys, "calibrate", "mount", "bench", "pivot", "--pivot")[2]
+
+
 def test_a_tip_that_slipped_does_not_replace_a_good_lever(capsys: Capture) -> None:
     task = pivoting(2, TIP)
     save("pivot", simulate(task, "modern", 2))

@@ -13,6 +13,7 @@ from pbd.cli.calibrate.poor_fit import keep_good_part
 from pbd.cli.common import sigma_json, track_recording
 from pbd.cli.console import print_json, say
 from pbd.data import Calibration
+from pbd.data.calibration import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data.covariance import one_sigma
 from pbd.errors import UsageError, warn
 from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
@@ -39,6 +40,13 @@ def run(args: argparse.Namespace) -> None:
             keep_good_part(path, calibration, "mount.pivot_chi2", pivot.chi2, what, again)
         if pivot.chi2 > POOR_CHI2:
             warn(f"{what}: it slipped, or the moves were too fast; {again}")
+    metres, rad = mount.distance(calibration.T_sensor_tool)
+    if calibration.knows_start and (metres > DOCK_SIGMA_M or rad > DOCK_SIGMA_RAD):
+        part = "nav" if calibration.T_base_dock is None else "dock"
+        warn(
+            f"the [{part}] of {path} stays as it is: if it was found with this tool (by points, or --joints), find it "
+            "again, because the mount has changed since"
+        )
     values = pose_values(mount, "in sensor axes", cov) | {"fit": (figures, "")}
     update_calibration(path, {"mount": values})
     if cov_before is not None:
