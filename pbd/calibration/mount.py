@@ -74,7 +74,7 @@ class TurnsFit:
     moves: tuple[int, ...]
 
 
-def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> PivotFit:
+def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance, scale: float = 1.0) -> PivotFit:
     """Estimate the lever l: while the tip stands on a point c of nav, p_k + R_k l = c at every stop k.
 
     Linear least squares in l and c, with the joint covariance of all stops. Errors of bias or scale turn with
@@ -86,6 +86,7 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> Pivo
     Args:
         keyframes: a path's keyframes, not conditioned on known places. At all of them the tip stood on the point.
         covariance: the keyframes' joint covariance.
+        scale: the calibration's factor on the hand's positions, and so on the lever that they show.
 
     Raises:
         CalibrationError: too few stops, turns about one axis only, or the tip slipped.
@@ -124,7 +125,7 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> Pivo
             stop=int(off.argmax()),
             value=float(off.max()),
         )
-    return PivotFit(lever, cov, residuals, chi2 / freedom)
+    return PivotFit(scale * lever, scale**2 * cov, scale * residuals, chi2 / freedom)
 
 
 def _undetermined_lever(R: Array, sigma_m: float = np.inf) -> CalibrationError:

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pbd.calibration.dock import in_base
+from pbd.calibration.tool_poses import tool_poses
 from pbd.cli import main
 from pbd.cli.record import _errors
 from pbd.data import Demonstration, Linear, RecordingInfo, SensorErrors
@@ -219,6 +221,20 @@ def test_a_dock_that_was_found_with_another_lever_is_warned_of(capsys: Capture) 
         in run(capsys, "calibrate", "mount", "bench", "pivot", "--pivot")[2]
     )
     assert "stays" not in run(capsys, "calibrate", "mount", "bench", "pivot", "--pivot")[2]
+
+
+def test_a_lever_is_found_with_the_scale_of_the_path(capsys: Capture) -> None:
+    """A replay moves the tip of a pivot by scale p + R lever, which stays where it is with the lever in that scale."""
+    demo = simulate("pivot", "modern", 1)
+    save("pivot", demo)
+    Path("calibration").mkdir()
+    Path("calibration/large.toml").write_text(
+        'format = 1\nname = "large"\nscale = 1.2\n[dock]\nposition = [0.4, 0.0, 0.3]\nrpy_deg = [0.0, 0.0, 0.0]\n',
+        encoding="utf-8",
+    )
+    assert run(capsys, "calibrate", "mount", "large", "pivot", "--pivot")[0] == 0
+    placed = in_base(find_keyframes(track(demo.recording)), read_calibration(Path("calibration/large.toml")))
+    assert np.ptp([pose.p for pose in tool_poses(placed)], axis=0).max() < 0.005
 
 
 def test_a_tip_that_slipped_does_not_replace_a_good_lever(capsys: Capture) -> None:

@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> None:
     path, calibration = existing_calibration(args.name)
     _, hand = track_recording(args, calibration)
     keyframes = find_keyframes(hand)
-    pivot = fit_pivot(keyframes, hand.covariance) if args.pivot else None
+    pivot = fit_pivot(keyframes, hand.covariance, calibration.scale) if args.pivot else None
     turns = fit_turns(keyframes, args.turns) if args.turns else None
     mount, cov, figures = _merged(calibration, pivot, turns)
     cov_before = calibration.cov_sensor_tool
