@@ -64,18 +64,18 @@ class _Tool:
 
     Attributes:
         path: with k stops.
-        lever: (k, 3) m in nav, from the sensor to the tool at each stop.
+        lever: (k, 3) m in base's lengths and nav's axes, from the sensor to the tool at each stop.
         R: (k, 3, 3) nav <- sensor at each stop.
-        T_base_nav: a point p of nav is at T_base_nav.act(scale * p) in base; None if unknown.
         scale: base lengths per nav length.
+        T_base_nav: a point p of nav is at T_base_nav.act(scale * p) in base; None if unknown.
         table_height: m in base, or None.
     """
 
     path: HandPath
     lever: Array
     R: Array
+    scale: float
     T_base_nav: Pose | None = None
-    scale: float = 1.0
     table_height: float | None = None
 
     def claim_same_point(
@@ -89,11 +89,12 @@ class _Tool:
     ) -> Claim:
         """The tool is at the same point at two stops; with `above`, it is only known to be that much higher (m)."""
         stop, other = stops
-        axes, value = (ALL_AXES, np.zeros(3)) if above is None else (UPWARDS, np.array([above]))
+        axes, value = (ALL_AXES, np.zeros(3)) if above is None else (UPWARDS, np.array([above / self.scale]))
         by = np.zeros((3, 9))
-        by[:, MOUNT_ERRORS] = self.R[other] - self.R[stop]
-        levers = (self.lever[stop], self.lever[other])
-        return Claim(saying, entry, stop, other, axes, value, levers, axes @ by, *variances, group)
+        by[:, MOUNT_ERRORS] = (self.R[other] - self.R[stop]) / self.scale
+        levers = (self.lever[stop] / self.scale, self.lever[other] / self.scale)
+        own, shared = (each / self.scale**2 for each in variances)
+        return Claim(saying, entry, stop, other, axes, value, levers, axes @ by, own, shared, group)
 
     def claim_at_point(
         self, saying: str, entry: str, stop: int, group: int, variance: float, p_base: Array, axes_base: Array
@@ -129,9 +130,10 @@ def claims_of(
         return ()
     wxyz = np.array([mean_quaternion(path.wxyz_nav_sensor[stop.start : stop.stop]) for stop in path.stops])
     p_sensor_tool = np.zeros(3) if calibration is None else calibration.T_sensor_tool.p
-    tool = _Tool(path, quat_rotate(wxyz, p_sensor_tool), quat_to_matrix(wxyz))
+    scale = 1.0 if calibration is None else calibration.scale
+    tool = _Tool(path, quat_rotate(wxyz, p_sensor_tool), quat_to_matrix(wxyz), scale)
     if calibration is not None and T_base_nav is not None:
-        tool = replace(tool, T_base_nav=T_base_nav, scale=calibration.scale, table_height=calibration.table_height)
+        tool = replace(tool, T_base_nav=T_base_nav, table_height=calibration.table_height)
     groups = count()
     claims = []
     if known.closed and len(path.stops) > 1:

@@ -19,7 +19,7 @@ from pbd.pose import Pose, quat_about_z, quat_exp, quat_rotate
 from pbd.tracking.apply_constraints import apply_constraints
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.stop_constraints import PLACE_SIGMA_M, claims_of
-from tests.tracking.stops_at import at_stops, covariances, hand_path, mid
+from tests.tracking.stops_at import covariances, hand_path, mid
 
 # --- the tool and the robot's base ---
 
@@ -40,10 +40,9 @@ def test_base_and_tool_are_those_of_the_replay(seed: int) -> None:
     )
     tools = tool_poses(KeyframesInBase(find_keyframes(path), T_base_nav, calibration))
     x, y, z = tools[2].p.tolist()
-    above = quat_rotate(wxyz, calibration.T_sensor_tool.p)[:, 2] + at_stops(path)[:, 2]
     known = Known(
         places=(Place((mid(2),), (x, y, z)),),
-        contacts=(Contact(mid(3)), Contact(mid(1), height=float(above[1] - above[0]))),
+        contacts=(Contact(mid(3)), Contact(mid(1), height=float(tools[1].p[2] - tools[0].p[2]))),
     )
     calibration = replace(calibration, table_height=float(tools[3].p[2]))
     fits = apply_constraints(path, known, calibration, T_base_nav).claims
@@ -64,6 +63,17 @@ def test_a_place_is_the_tools() -> None:
     assert fit.off_m == pytest.approx(0.0, abs=1e-12)
     with pytest.raises(TrackingError, match="17 cm off"):
         apply_constraints(path, known)
+
+
+def test_a_place_is_where_the_scaled_path_has_it_twice() -> None:
+    """With a scale of 1.25 the tool turns about its tip if the tracked way is as much shorter than the sensor's."""
+    wxyz = quat_exp(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [np.pi / 2, 0.0, 0.0]]))
+    tool = Pose(np.array([0.0, 0.0, -0.12]), wxyz[0])
+    p_stop = (np.array([0.3, 0.0, 0.0]) - quat_rotate(wxyz, tool.p)) / 1.25
+    path = hand_path(p_stop - p_stop[0], np.tile(1e-5 * np.eye(3), (2, 1, 1)), wxyz)
+    calibration = Calibration("c", T_sensor_tool=tool, scale=1.25)
+    (fit,) = apply_constraints(path, Known(places=(Place((mid(1), mid(2))),)), calibration).claims
+    assert fit.off_m == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(
