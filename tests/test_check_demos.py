@@ -18,7 +18,7 @@ from pbd.cli import main
 from pbd.data import Demonstration
 from pbd.files.demo import load_demo, write_demo
 from pbd.pose import quat_about_z, quat_rotate
-from pbd.simulation.simulate import simulate
+from pbd.simulation.simulate import random_task, simulate
 from tests.cli.running import Capture, refused, run, run_json
 
 
@@ -109,6 +109,16 @@ def test_what_stops_the_robot_is_told(takes: list[str]) -> None:
     assert check.refused.startswith("so101: keyframe 4 ")
     assert not check.usable
     assert check.findings == check_all(takes[:1])[0].findings
+
+
+def test_what_the_plan_warns_of_is_told(takes: list[str]) -> None:
+    """Five joints can't turn the gripper as the hand did: the motion is audited all the same, so a person must look."""
+    write_demo(simulate(random_task(seed=2, moves=6), "os5000", seed=2), Path("demos/turns"))
+    alone, planned = check_one("turns"), check_all(["turns"], robot="so101")[0]
+    assert planned.usable
+    assert not any("can't match the hand's orientation" in words for words in alone.findings)
+    assert any("can't match the hand's orientation" in words for words in planned.findings)
+    assert planned.findings[: len(alone.findings)] == alone.findings
 
 
 def sibling(name: str, off_m: float) -> DemoCheck:
