@@ -236,6 +236,19 @@ def test_no_retreat_and_no_approach(capsys: Capture) -> None:
     assert whole > short + 0.3 > shortest + 0.6
 
 
+def test_keyframes_have_the_joints_of_the_motion_that_was_asked_for(capsys: Capture) -> None:
+    """Where the arm needs not go back home, other joints travel least."""
+    arm = ("pouring", "--robot", "xarm7")
+    joints = {}
+    for options in ((), ("--no-retreat",)):
+        rows = run_json(capsys, "keyframes", *arm, *options)["keyframes"]
+        run_json(capsys, "export", *arm, *options, "--format", "keyframes", "-o", "k.json")
+        joints[options] = np.array([row["joints"] for row in rows])
+        written = json.loads(Path("k.json").read_text())["keyframes"]
+        assert joints[options] == pytest.approx(np.array([row["joints"] for row in written]), abs=1e-9)
+    assert np.abs(joints[()] - joints["--no-retreat",]).max() > 0.1
+
+
 def test_keyframes_of_an_arm_of_five_joints_say_how_far_off_the_tool_is(capsys: Capture) -> None:
     rows = run_json(capsys, "keyframes", "paper-test1", "--robot", "so101")["keyframes"]
     assert all(len(row["off_deg"]) == 2 for row in rows)

@@ -90,7 +90,8 @@ def solve_keyframes(
 
     def solved(task: Task) -> tuple[tuple[Pose, ...], Motion | Refusal]:
         _, T_base_tool = place_keyframes(task, options)
-        return T_base_tool, choose_motion(arm, request_of(arm, T_base_tool, q_start, None, PlanOptions()), None)
+        straight = replace(options, path="keyframes", tolerance_m=None)
+        return T_base_tool, choose_motion(arm, request_of(arm, T_base_tool, q_start, None, straight), None)
 
     task = Task(tuple(keyframes), calibration, robot, hand_path, None)
     T_base_tool, found = solved(task)
