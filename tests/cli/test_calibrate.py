@@ -348,3 +348,12 @@ def test_show_without_a_demonstration_of_this_sensor(capsys: Capture) -> None:
     code, _, err = run(capsys, "calibrate", "show", "bench", "--save", "x.png")
     assert code == 1
     assert "a plot shows the tool at a demonstration's keyframes; name one after 'bench'" in err
+
+
+def test_a_programs_view_of_a_calibration_has_the_sigmas_of_the_table(capsys: Capture) -> None:
+    run(capsys, *DOCK, "--sigma-mm", "1.5", "--robot", "panda")
+    shown = run_json(capsys, "calibrate", "show", "bench", "pouring")
+    assert shown["dock"]["sigma_m"] == pytest.approx([0.0015] * 3)
+    assert shown["dock"]["sigma_deg"] == [None, None, pytest.approx(1.0)]
+    assert shown["mount"]["sigma_m"] == [None] * 3  # nobody stated it
+    assert (shown["robots"], shown["table_height_m"]) == (["panda"], None)

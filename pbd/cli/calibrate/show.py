@@ -11,14 +11,14 @@ import numpy as np
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.calibration.uncertainty import PARTS, base_sigmas, tool_covariances
-from pbd.cli.common import load_demonstration
+from pbd.cli.common import load_demonstration, sigma_json
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration
 from pbd.errors import CalibrationError, PbdError
 from pbd.files.calibration import load_calibration
 from pbd.io.atomic import atomic_file, refuse_output
 from pbd.pipeline import track
-from pbd.pose import Pose
+from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import keyframes_of
 from pbd.view.calibration_tables import base_table, calibration_table
 from pbd.view.terminal_tables import print_table
@@ -75,15 +75,18 @@ def _placed(args: argparse.Namespace, calibration: Calibration) -> tuple[str, Ke
 
 
 def _json(calibration: Calibration, sigmas: list[dict[str, Any]]) -> dict[str, Any]:
-    def pose(value: Pose | None) -> dict[str, Any] | None:
-        return None if value is None else {"position_m": value.p, "wxyz": value.wxyz}
+    def pose(value: Pose | None, cov: Array | None) -> dict[str, Any] | None:
+        sigmas = sigma_json(np.full((6, 6), np.nan) if cov is None else cov)
+        return None if value is None else {"position_m": value.p, "wxyz": value.wxyz} | sigmas
 
     return {
         "calibration": calibration.name,
-        "dock": pose(calibration.T_base_dock),
-        "nav": pose(calibration.T_base_nav),
-        "mount": pose(calibration.T_sensor_tool),
+        "dock": pose(calibration.T_base_dock, calibration.cov_base),
+        "nav": pose(calibration.T_base_nav, calibration.cov_base),
+        "mount": pose(calibration.T_sensor_tool, calibration.cov_sensor_tool),
         "scale": calibration.scale,
+        "table_height_m": calibration.table_height,
+        "robots": calibration.robots,
         "sensor": None if calibration.sensor is None else calibration.sensor.sensor,
         "fit": calibration.residuals,
         "keyframes": [{"index": k} | row for k, row in enumerate(sigmas)],
