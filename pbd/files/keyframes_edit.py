@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from pbd.data import TouchUp
 from pbd.errors import RecordingError
 from pbd.files.keyframes import read_keyframes, read_touch_ups
-from pbd.io.atomic import write_text
+from pbd.io.atomic import lock_folder, write_text
 from pbd.io.made_by_pbd import SEAL, sealed
 from pbd.io.read_file import read_text
 
@@ -59,10 +57,7 @@ def _edited(path: Path) -> Iterator[Any]:
     """Yield the parsed file to be edited, then write it. A lock on the folder keeps other commands out."""
     import tomlkit
 
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        with suppress(OSError):  # some network file systems have no locks
-            fcntl.flock(folder, fcntl.LOCK_EX)
+    with lock_folder(path.parent):
         document = tomlkit.parse(read_text(path, RecordingError, "give a text file"))
         yield document
         text = tomlkit.dumps(document)
@@ -70,8 +65,6 @@ def _edited(path: Path) -> Iterator[Any]:
             path.unlink()
         else:
             write_text(path, text, read=read_keyframes)
-    finally:
-        os.close(folder)
 
 
 def _is_before_touch(text: str) -> bool:

@@ -65,7 +65,7 @@ def atomic_folder(
         RecordingError: the folder can't be written.
     """
     refuse_name(folder)
-    lock = _lock(folder.parent) if alone else nullcontext()
+    lock = lock_folder(folder.parent) if alone else nullcontext()
     with _os_errors_as(RecordingError, folder), _new_folder(folder.parent), lock, _temporary(folder) as new:
         new.mkdir()
         yield new
@@ -220,7 +220,8 @@ def _new_folder(folder: Path, keep: bool = True) -> Iterator[None]:
 
 
 @contextmanager
-def _lock(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
+    """Keep other `pbd` commands that lock this folder out, while a block reads and writes what is in it."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         with suppress(OSError):  # some network file systems have no locks
