@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from pbd.audit.arm import AuditArm, se3
 from pbd.audit.contact import Pair, Placement
-from pbd.audit.grasp import follow_object, gripper_joints, object_solid, resting_contact, tool_rod
+from pbd.audit.grasp import follow_object, gripper_joints, resting_contact, tool_rod
 from pbd.audit.solids import Solid, clearance, half_space, hull_distance, link_solids, one_encloses_other, simple_solid
 from pbd.data import Calibration, GraspedObject, JointTrajectory
 from pbd.data.world import TABLE, THE_TOOL, Stay
@@ -81,7 +81,9 @@ class AuditScene:
 
     def _object_pairs(self, stay: Stay, grasped: GraspedObject) -> list[Pair]:
         """Pair the object with the links, except the gripper's; while it is held, also with obstacles and table."""
-        held = object_solid(self.arm, stay, grasped)
+        in_tool, standing = self.arm.T_joint_tool * se3(stay.pose), self.arm.T_universe_base * se3(stay.pose)
+        placed = (self.arm.tool_joint, in_tool) if stay.held else (0, standing)
+        held = simple_solid(f"the {grasped.shape}", *placed, grasped.shape, grasped.size)
         links = [link for link in self.links if link.joint not in self._gripper and self._can_move(link, held)]
         pairs = [Pair(link, held, stay.start, stay.end) for link in links]
         for other in self._around if stay.held else []:

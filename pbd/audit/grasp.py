@@ -80,13 +80,6 @@ def follow_object(
     return object_stays(grasped, gripped_spans(trajectory.gripper_t, trajectory.gripper_opening), tool, table)
 
 
-def object_solid(arm: AuditArm, stay: Stay, grasped: GraspedObject) -> Solid:
-    """Return the solid of an object where it is held or stands."""
-    held = arm.tool_joint, arm.T_joint_tool * se3(stay.pose)
-    placed = held if stay.held else (0, arm.T_universe_base * se3(stay.pose))
-    return simple_solid(f"the {grasped.shape}", *placed, grasped.shape, grasped.size)
-
-
 def resting_contact(arm: AuditArm, stay: Stay, held: Solid, support: Solid) -> Callable[[Any], bool] | None:
     """Return a function of T_universe_joint: may the held object touch a support? None if it never stands on it."""
     up = arm.T_universe_base.rotation[:, 2]
