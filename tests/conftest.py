@@ -36,7 +36,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # A process of the tests holds some million objects, nearly all of them modules: looking through them after each 700
 # new ones, as is usual, takes a tenth of the time.
-gc.set_threshold(100_000, 20, 50)
+gc.set_threshold(50_000, 5, 5)
 
 # Each bundled robot is read once, so that all tests of a process share what is cached of it.
 pytest.MonkeyPatch().setattr("pbd.files.robot.read_robot", reading_once(read_robot))

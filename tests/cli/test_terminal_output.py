@@ -120,7 +120,10 @@ sys.exit(pbd.__main__.main())
 @pytest.mark.parametrize(("number", "name"), [(2, "Ctrl-C"), (15, "SIGTERM"), (1, "SIGHUP")])
 def test_a_command_that_is_stopped_leaves_nothing(tmp_path: Path, number: int, name: str) -> None:
     """A closed window and a scheduler end a command as Ctrl-C does: no temporary folder stays."""
-    enabled = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    enabled = (  # the tests' own parent may ignore them
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "signal.signal(signal.SIGHUP, signal.SIG_DFL)"
+    )
     command = [sys.executable, "-c", enabled + STOPPED_WHILE_WRITING, str(number), "simulate", "pour", "tea"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (128 + number, "", f"pbd: stopped by {name}\n")
