@@ -44,7 +44,10 @@ def find(kind: str, name: str | Path, suffix: str, error: type[PbdError]) -> Pat
     if not suffix and is_folder(Path(kind) / name):
         return Path(kind) / name  # not a demonstration: reading it tells what is missing
     valid = names(kind, suffix)
-    known = f"known are {listed(valid)}{nearest(name, valid)}" if valid else f"none is known; put one into ./{kind}"
+    hint = nearest(name, valid)
+    if hint and kind == "robots":  # it may be another model, such as ur5e for ur5
+        hint += " `pbd robots NAME` says which arm that is"
+    known = f"known are {listed(valid)}{hint}" if valid else f"none is known; put one into ./{kind}"
     if is_folder(given):
         raise error(f"{name} is a folder: give a name, or a file; {known}", value=name, valid=valid)
     raise error(f"no {what} named '{name}', nor a file or folder of that path; {known}", value=name, valid=valid)
