@@ -17,7 +17,7 @@ from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Recording, Robot
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, PbdError, SensorError, UsageError, collected_warnings, listed
+from pbd.errors import CalibrationError, PbdError, SensorError, UsageError, listed
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_demo
 from pbd.files.find_by_name import bundled, bundled_names
@@ -99,7 +99,7 @@ def why_failed(demo: Demonstration) -> str:
     from pbd.pipeline import track
     from pbd.record.session_types import FEWEST_STOPS
 
-    with working("tracking it"), collected_warnings():  # they are given again whenever it is tracked
+    with working("tracking it"):
         try:
             enough = len(track(demo).stops) >= FEWEST_STOPS
         except PbdError as error:

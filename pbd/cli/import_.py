@@ -68,7 +68,8 @@ def run(args: argparse.Namespace) -> None:
         info = replace(demo.recording.info, sensor=args.sensor)
         demo = replace(demo, recording=replace(demo.recording, info=info))
     demo = replace(demo, closed=demo.closed or args.closed)
-    failure = why_failed(demo)
+    with _said_of_the_file(args, understood):
+        failure = why_failed(demo)
     columns = [column.row() for column in understood.columns]
     more = {"columns": columns, "unread": dict(understood.unread)} if columns else {}
     store_demonstration(args, replace(demo, failed=bool(failure)), "imported", more=more)

@@ -18,7 +18,7 @@ from pbd.cli.recording.screen import PanelScreen, PlainScreen
 from pbd.cli.recording.simulated import Show, SimulatedHand, simulated_hand
 from pbd.cli.recording.takes import how_to_hold, next_command
 from pbd.data import SensorErrors
-from pbd.errors import UsageError, warn
+from pbd.errors import UsageError, collected_warnings, warn
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, read_demo, refuse_demo_folder, utc_now
 from pbd.record import Outcome, RecordOptions, record
@@ -135,7 +135,10 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
         )
         if outcome.stops < FEWEST_STOPS:
             print("fewer than two stops: nothing to replay; hold still for two seconds, then move, stop, move, stop")
-        elif failure := why_failed(read_demo(outcome.folder)):
+            return
+        with collected_warnings():  # the person was told while it was recorded
+            failure = why_failed(read_demo(outcome.folder))
+        if failure:
             warn(failure)
         else:
             print(f"next: {next_command(args, outcome.folder)}")
