@@ -70,12 +70,14 @@ def run(args: argparse.Namespace) -> None:
     }
     tables = [keyframes_table(keyframes, args.units, None if inside is None else inside.of_each)]
     slides = () if robot is None else (arm_of(robot).turns == 0.0).tolist()
+    of_tool = [base_table(rows, args.units)] if placed else []
+    tables += of_tool
     tables += [] if robot is None else [joints_table(robot.joints, rows, args.units, slides)]
     if not print_result(args, result, *tables):
         return
-    if placed:
+    for table in of_tool:
         print("\nuncertainty of the tool in base, one sigma; right columns: by source (rms over axes)")
-        print_table(base_table(rows))
+        print_table(table)
     if inside is not None:
         print(f"\nprobability that all keyframes are within the tolerance: {inside.band}")
     if robot is not None:

@@ -13,6 +13,7 @@ from pbd.data.covariance import one_sigma
 from pbd.data.units import DEG, MG
 from pbd.pose import Array, Pose, quat_to_rpy
 from pbd.view.terminal_tables import make_table, words_table
+from pbd.view.units import Units
 
 
 def points_table(
@@ -63,20 +64,20 @@ def calibration_table(calibration: Calibration) -> Table:
     return words_table(("part", "what", "value", "σ"), rows)
 
 
-def base_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+def base_table(rows: Sequence[Mapping[str, Any]], units: Units) -> Table:
     """One sigma of the tool in base at each keyframe (from `base_sigmas`): in total, and by source (rms over the axes).
 
-    A dash stands for a source that was not measured.
+    A source that was not measured is blank.
     """
-    parts = list(rows[0]["base_sigma_parts_m"]) if rows else []
-    columns = ("#", "σ x (mm)", "y (mm)", "z (mm)", "σ (°)", *(f"{part} (mm)" for part in parts))
-    cells = []
+    parts, fine = list(rows[0]["base_sigma_parts_m"]) if rows else [], units.finer
+    total = (*(f"tool σ {axis} ({fine.length})" for axis in "xyz"), f"tool σ ({units.angle_sign})")
+    table = make_table("#", *total, *(f"σ by {part} ({fine.length})" for part in parts))
     for k, row in enumerate(rows):
-        sigmas = row["base_sigma_parts_m"].values()
-        by_source = ("–" if x is None else f"{1e3 * np.sqrt(np.mean(np.square(x))):.1f}" for x in sigmas)
-        total = (*(f"{1e3 * x:.1f}" for x in row["base_sigma_m"]), f"{max(row['base_sigma_deg']):.1f}")
-        cells.append((str(k), *total, *by_source))
-    return make_table(*columns, rows=cells)
+        sigmas = (np.nan if x is None else np.sqrt(np.mean(np.square(x))) for x in row["base_sigma_parts_m"].values())
+        turn = units.angles(np.radians(max(row["base_sigma_deg"])))
+        lengths, by_source = (fine.lengths(list(x), finer=1) for x in (row["base_sigma_m"], sigmas))
+        table.add_row(str(k), *lengths, *turn, *by_source)
+    return table
 
 
 def _pose(part: str, what: str, pose: Pose, cov: Array | None) -> list[tuple[str, str, str, str]]:

@@ -102,6 +102,21 @@ def test_every_table_is_csv_too(capsys: pytest.CaptureFixture[str]) -> None:
     assert "panda_joint7 (°)" in joints
 
 
+def test_the_tools_uncertainty_is_in_the_csv_and_in_the_units_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    command = ("keyframes", "tea", "--calibration", "default")
+    assert main([*command, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["keyframes"][-1]
+    row = rows_of(capsys, *command, "--units", "cm,rad")[-1]
+    for axis, sigma in zip("xyz", found["base_sigma_m"], strict=True):
+        assert float(row[f"tool σ {axis} (cm)"]) == pytest.approx(100.0 * sigma)
+    assert float(row["tool σ (rad)"]) == pytest.approx(np.radians(max(found["base_sigma_deg"])))
+    by_source = np.sqrt(np.mean(np.square(found["base_sigma_parts_m"]["tracking"])))
+    assert float(row["σ by tracking (cm)"]) == pytest.approx(100.0 * by_source)
+    assert row["σ by mount (cm)"] == ""  # it was never calibrated
+    assert main([*command, "--units", "cm,rad"]) == 0
+    assert "tool σ x (cm)" in capsys.readouterr().out
+
+
 def test_units_are_parsed() -> None:
     assert parse_units("cm,deg") == Units("cm", "deg")
     assert parse_units("rad") == Units("m", "rad")

@@ -22,6 +22,7 @@ from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import keyframes_of
 from pbd.view.calibration_tables import base_table, calibration_table
 from pbd.view.terminal_tables import print_table
+from pbd.view.units import Units
 
 
 def run(args: argparse.Namespace) -> None:
@@ -39,7 +40,7 @@ def run(args: argparse.Namespace) -> None:
     print_table(calibration_table(calibration))
     if by_part:
         print(f"\nthe tool's uncertainty at the keyframes of {name}, one sigma, in base (right: by source, rms)")
-        print_table(base_table(sigmas))
+        print_table(base_table(sigmas, Units()))
         share = {part: float(np.trace(cov[:, :3, :3], axis1=1, axis2=2).mean()) for part, cov in by_part.items()}
         most = max(share, key=lambda part: share[part])
         percent = 100.0 * share[most] / sum(share.values())
