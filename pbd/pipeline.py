@@ -203,7 +203,10 @@ def _refuse_turned_dock(demo: Demonstration, path: HandPath, method: str) -> Non
 
 
 def _warn_of_times_outside(demo: Demonstration, path: HandPath) -> None:
-    """Warn of edited keyframes before or after the recording: the hand's way and time to them are unknown."""
+    """Warn of edited keyframes before or after the recording: the hand's way and time to them are unknown.
+
+    Of a fused demonstration, warn too if they have the times of other takes: --path demo would go other ways.
+    """
     first, last = float(path.t[0]), float(path.t[-1])
     times = enumerate(each.t for each in demo.keyframes or ())
     outside = [k for k, t in times if not first - MILLISECOND_S <= t <= last + MILLISECOND_S]
@@ -213,6 +216,11 @@ def _warn_of_times_outside(demo: Demonstration, path: HandPath) -> None:
             f"{which} of keyframes.toml: t_s is not between {first:.1f} and {last:.1f} s, when the hand was recorded; "
             "--time demo takes such a time as it is, and --path demo goes straight there"
         )
+    at = [path.stop_at(each.t) for each in demo.keyframes or ()]
+    if demo.takes and None in at and not set(range(len(path.stops))) <= set(at):
+        moving = f"keyframe {at.index(None)} of keyframes.toml is in a move of the fused takes"
+        again = "find them again (pbd keyframes DEMO --save --force), and edit those"
+        warn(f"{moving}; if takes were added or changed since it was saved, its times no longer hold: {again}")
 
 
 def _condition_on_known(path: HandPath, known: Known, calibration: Calibration | None) -> HandPath:

@@ -13,7 +13,7 @@ from pbd.errors import RecordingError, TrackingError, collected_warnings
 from pbd.fusion.calibration import device_errors
 from pbd.fusion.marginals import SHARED, estimate_with_device, marginal_of
 from pbd.fusion.takes import tracked_take
-from pbd.pipeline import track
+from pbd.pipeline import fused_demo, track
 from pbd.pose import Pose, quat_exp, quat_multiply
 from pbd.simulation.sensor_model import SENSOR_MODELS
 from pbd.simulation.simulate import simulate
@@ -127,6 +127,19 @@ def test_an_outlier_take_is_named_and_left_out(takes: list[Demonstration]) -> No
 def test_stops_that_only_one_of_two_takes_has_are_reported(takes: list[Demonstration]) -> None:
     with pytest.warns(match="only take 1 has stops 5 6, and they are left out; a third take"):
         assert len(pbd.fuse([takes[0], shortened(takes[1], 5)]).stops) == 5
+
+
+@pytest.mark.parametrize("late_s", [0.0, 1.0])
+def test_edited_keyframes_with_the_times_of_other_takes_are_said(
+    path: HandPath, takes: list[Demonstration], late_s: float
+) -> None:
+    """Where slower takes were added since keyframes.toml was saved, --path demo would go other ways in silence."""
+    edited = [replace(each, t=each.t + (late_s if 0 < k < 6 else 0.0)) for k, each in enumerate(find_keyframes(path))]
+    with collected_warnings() as warnings:
+        track(replace(fused_demo(takes), keyframes=tuple(edited)))
+    assert [line.partition(";")[0] for line in warnings] == [
+        "keyframe 1 of keyframes.toml is in a move of the fused takes" for _ in range(late_s > 0.0)
+    ]
 
 
 def test_the_grip_is_that_of_most_takes(takes: list[Demonstration]) -> None:
