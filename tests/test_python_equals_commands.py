@@ -112,6 +112,16 @@ def test_known_places_and_a_calibrated_sensor(tea: Demonstration, panda: Robot, 
     assert planned(pbd.track(tea), bench, panda) != command
 
 
+@pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
+def test_known_places_of_a_fused_demonstrations_takes(tea: Demonstration, panda: Robot) -> None:
+    """A program that tracked without a calibration used to plan without them."""
+    write_demo(replace(tea, places=(Place(AT_S, (0.57, -0.1, 0.16)),)), Path("demos/tea1"))
+    write_demo(simulate(FETCH, "modern", 1), Path("demos/tea2"))
+    assert main(["fuse", "tea1", "tea2", "-o", "tea"]) == 0
+    command = exported()
+    assert planned(pbd.track(pbd.load_demo("tea")), panda.dock, panda) == command
+
+
 def test_a_path_keeps_the_calibration_that_it_was_tracked_with(tea: Demonstration, panda: Robot) -> None:
     """Nor is a path tracked again that a program made or changed."""
     bench = pbd.load_calibration("bench")

@@ -110,7 +110,8 @@ def _tracked_with(path: HandPath, calibration: Calibration, robot: Robot) -> Han
     if made is None or made.calibration is own or made.calibration not in (None, calibration):
         return path
     corrects = made.calibration is None and own.sensor is not None
-    places = made.method != "paper" and bool(made.demo.places or made.demo.contacts)
+    known = [demo.places or demo.contacts for demo in (made.demo, *made.demo.takes)]
+    places = made.method != "paper" and any(known)
     if not (corrects or places):
         return path
     return track(made.demo, made.method, calibration=own, accept_gap=made.accept_gap)
