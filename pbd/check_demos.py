@@ -135,6 +135,7 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None) -> DemoCh
         check = replace(
             check,
             p_dock_sensor=T_dock_nav.act(np.array([keyframe.T_nav_sensor.p for keyframe in keyframes])),
+            duration_s=float(path.t[-1]),  # of fused takes: their median, not the first one's
             sigma_m=max(float(np.sqrt(np.diagonal(keyframe.cov)[:3].max())) for keyframe in keyframes),
             grips=tuple((k, each.grip) for k, each in enumerate(keyframes) if each.grip is not None),
             findings=tuple(finding.words for finding in plot.findings),

@@ -11,6 +11,7 @@ from pbd.cli.recording.takes import how_to_hold
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import load_demo, write_demo
 from pbd.files.keyframes import read_keyframes
+from pbd.pipeline import track
 from tests.benchmarks.fuse import Scenario, takes_of
 from tests.cli.running import Capture, refused, run, run_json
 
@@ -70,6 +71,8 @@ def test_a_take_is_added_by_a_line_in_demo_toml(capsys: Capture) -> None:
     file.write_text(file.read_text() + '\n[[take]]\ndemo = "../tea3"\n')
     after = run_json(capsys, "keyframes", "two")["keyframes"]
     assert after[3]["sigma_m"][0] < before[3]["sigma_m"][0]
+    (checked,) = run_json(capsys, "check", "two")["demos"]
+    assert checked["duration_s"] == pytest.approx(track(load_demo("two")).t[-1])  # not as long as the first take
 
 
 def test_a_take_that_is_not_there_is_named_with_its_line(capsys: Capture) -> None:

@@ -109,7 +109,8 @@ def import_(parser: ArgumentParser) -> None:
     option(parser, "--column", "OURS=THEIRS", column, type=pair, action=AppendOnce, default=[])
     unit = "unit of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT flips the signs"
     option(parser, "--unit", "WHAT=UNIT", unit, type=pair, action=AppendOnce, default=[])
-    sensor = "name of the sensor that recorded it, by which its calibration knows it; of a raw.bin, its protocol"
+    sensor = "the sensor that recorded it, such as wt901, whose usual errors tracking then expects, and by which its "
+    sensor += "calibration knows it; of a raw.bin, its protocol"
     option(parser, "--sensor", "SENSOR", sensor)
     option(
         parser,
