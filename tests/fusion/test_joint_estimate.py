@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import chdtrc
 
 from pbd.fusion.joint_estimate import TaskState, _Columns, _residuals, _updated, estimate_jointly
 from pbd.fusion.marginals import DEVICE
@@ -120,11 +121,25 @@ def test_an_outlying_keyframe_of_a_take_is_left_out(
     assert (found.take, found.keyframes) == (take, keyframes)
 
 
-def test_no_keyframe_is_left_out_where_three_takes_underestimate_the_scatter() -> None:
-    """With the scatter of the others as estimated, without its uncertainty, one of these would be an outlier."""
+@pytest.mark.parametrize(("by", "keyframes"), [(0.0, ()), (0.012, ()), (0.014, ((2, 4),))])
+def test_the_scatter_that_three_takes_show_is_raised_before_one_is_tested(
+    by: float, keyframes: tuple[tuple[int, int], ...]
+) -> None:
+    """With the scatter of the others as estimated, without its uncertainty, a sound keyframe would be an outlier."""
     true = truth(3, seed=3)
-    takes = observations(true, np.array(2.0 * MM), 0.5 * MM, seed=3)
-    assert remove_outliers(takes, estimate_jointly(takes, initial_state(true), common_scatter(6)))[2] == (None, ())
+    takes = observations(true, np.array(2.0 * MM), 0.5 * MM, seed=3, off=offsets((2, 4), by, takes=3))
+    found = remove_outliers(takes, estimate_jointly(takes, initial_state(true), common_scatter(6)))[2]
+    assert found == (None, keyframes)
+
+
+@pytest.mark.parametrize(("by", "left_out"), [(3.4, False), (3.55, True)])
+def test_chance_reports_an_outlier_in_one_fusion_of_a_hundred(by: float, left_out: bool) -> None:
+    """Each of 24 keyframes is tested. With a tracker's sigma of 1 m the scatter of the hand does not matter."""
+    takes = observations(truth(4), np.array(0.0), 1.0, off=offsets((2, 4), by))
+    joint = estimate_jointly(takes, initial_state(truth(4)), common_scatter(6))
+    chance = 24.0 * chdtrc(6, joint.chi_squares([6 * (2 * 6 + 4) + np.arange(6)])[0])
+    assert 0.006 < chance < 0.016
+    assert bool(remove_outliers(takes, joint)[2].keyframes) == left_out == (chance < 0.01)
 
 
 def test_a_take_that_is_off_at_all_keyframes_is_an_outlier() -> None:

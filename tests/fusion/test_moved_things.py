@@ -14,14 +14,14 @@ ELSEWHERE = np.array(((0.0, 0.0, 0.0), (0.05, 0.03, 0.0), (-0.04, 0.06, 0.0)))
 IN_THE_AIR = ELSEWHERE + np.array(((0.0, 0.0, 0.0), (0.0, 0.0, 0.03), (0.0, 0.0, -0.02)))
 
 
-def shown(shifts: Array) -> list[Keyframes]:
+def shown(shifts: Array, sigma: float = 1e-3) -> list[Keyframes]:
     """Return takes of six keyframes in one nav; the fourth keyframe is shifted and turned about the vertical."""
     task, rng, takes = truth(1), np.random.default_rng(1), []
     for shift in shifts:
         p, R = task.m + 5e-4 * rng.normal(size=(6, 3)), rotations(0.01 * rng.normal(size=(6, 3))) @ task.A
         p[3] += shift
         R[3] = rotations(np.array((0.0, 0.0, 5.0 * shift[0]))) @ R[3]
-        takes.append(Keyframes(p, R, (None,) * 6, np.full(6, 1e-3)))
+        takes.append(Keyframes(p, R, (None,) * 6, np.full(6, sigma)))
     return takes
 
 
@@ -33,6 +33,12 @@ def shown(shifts: Array) -> list[Keyframes]:
 def test_a_single_keyframe_that_moved(shifts: Array, found: tuple[int, int] | None) -> None:
     moved = find_moved_keyframes(shown(shifts))
     assert (None if moved is None else (moved.first, moved.last)) == found
+
+
+def test_a_move_must_be_likelier_by_ten_in_the_logarithm() -> None:
+    likely, unlikely = (find_moved_keyframes(shown(ELSEWHERE, sigma)) for sigma in (4.3e-3, 4.7e-3))  # gains: 12 and 7
+    assert likely is not None
+    assert unlikely is None
 
 
 @pytest.mark.parametrize("second", [True, False])
