@@ -31,7 +31,7 @@ from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import FACTORY, Noise, noise_of
-from pbd.tracking.online.filter import UP
+from pbd.tracking.online.filter import UP, OnlineFilter
 from pbd.tracking.online.samples import Conditioner, Sample
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
@@ -241,6 +241,50 @@ def test_its_integrals_are_those_of_the_batch() -> None:
     leg = strapdown.leg(GRAVITY * UP)
     assert leg.dU == pytest.approx(frame.U[-1], abs=1e-4)
     assert leg.dP == pytest.approx(frame.UU[-1], abs=1e-4)
+
+
+@pytest.mark.parametrize("rate", [4.0, -4.0, 2.9])
+@pytest.mark.parametrize("rows", [2, 3, 6])
+def test_a_gyro_at_the_end_of_its_range_may_have_lost_a_fifth_of_it(rate: float, rows: int) -> None:
+    """All to one side, so sigma grows as the duration. A slow turn, or two equal readings, is chance."""
+
+    def seen(step: float) -> tuple[bool, float]:
+        gyr = np.linspace(rate, rate + step, rows)[:, None] * UP
+        strapdown = Strapdown(
+            Sample(0, 0.0, GRAVITY * UP, gyr[0]), 0.01, Noise(1e-4, 1e-3, FACTORY), np.zeros(3), no_gyro=False
+        )
+        for k in range(1, rows):
+            strapdown.push(Sample(k, 0.01 * k, GRAVITY * UP, gyr[k]))
+        return strapdown.clipped, float(strapdown.leg(GRAVITY * UP).Q[2, 2])
+
+    (clipped, variance), (_, usual) = seen(0.0), seen(1e-6)
+    lost = 0.2 * abs(rate) * 0.01 * np.sqrt(rows**2 - 2**2) * (abs(rate) > 3.0)
+    assert clipped == (lost > 0.0)
+    assert np.sqrt(max(variance - usual, 0.0)) == pytest.approx(lost, rel=1e-3, abs=1e-6)
+
+
+def test_a_clipped_turn_is_told_with_its_stop() -> None:
+    recording = simulate("pick-and-place-stops", "modern", 0).recording
+    assert recording.gyr is not None
+    flaws = [event.flaws for event in began(fed(replace(recording, gyr=np.clip(recording.gyr, -10.0, 10.0)))[1])]
+    assert flaws == [*4 * [()], ("the gyro was at the end of its range; move slower, or set a larger range",)]
+
+
+def test_a_knock_at_an_unknown_time_leaves_velocity_and_position_uncertain() -> None:
+    rest = find_rest(poured_at_first())
+    kalman = OnlineFilter(noise_of(poured_at_first(), rest), rest, np.eye(3), None, no_gyro=False)
+    before = kalman.P
+    kalman.add_velocity_error(0.6, 0.2)
+    since = np.linspace(0.0, 0.6, 1001)
+    error = 0.2 * np.vstack((np.ones(1001), since))  # of velocity and position, for a knock at each of these times
+    np.testing.assert_allclose((kalman.P - before)[3:9, 3:9], np.kron(error @ error.T / 1001, np.eye(3)), atol=1e-5)
+
+
+def test_the_first_stop_is_the_origin_and_gives_the_heading() -> None:
+    first = plain()[0].keyframes[0]
+    assert not first.T_nav_sensor.p.any()
+    assert not first.cov[[0, 1, 2, 5]].any()
+    assert (np.diagonal(first.cov)[3:5] > 0.0).all()
 
 
 def stop_starts(task: Task) -> Array:
