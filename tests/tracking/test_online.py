@@ -30,7 +30,7 @@ from pbd.simulation.simulate import TASKS, random_task, simulate
 from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import find_rest
-from pbd.tracking.noise import FACTORY, Noise, noise_of
+from pbd.tracking.noise import FACTORY, Noise, densities, noise_of
 from pbd.tracking.online.filter import UP, OnlineFilter
 from pbd.tracking.online.samples import Conditioner, Sample
 from pbd.tracking.online.strapdown import Leg, Strapdown
@@ -52,6 +52,8 @@ from tests.benchmarks.trials import read_broad
 from tests.scenarios import pour, truth_at, uncalibrated, with_hole, with_rows
 
 SENSORS = ("modern", "os5000", "wt901")
+
+WHITE = Noise(0.1, 1.0, FACTORY, gyr_turn=0.0, acc_motion=0.0, acc_bend=0.0)
 
 LATEST_S = 0.3
 """s: a stop is announced within this time of its start."""
@@ -209,7 +211,7 @@ def from_rest_to_rest(wobble: float, up_to: int = 120) -> tuple[Strapdown, list[
     assert recording.gyr is not None
     gyr = recording.gyr[part] + wobble * moving * np.cos(phase + np.arange(3.0))
     samples = [Sample(k, *row) for k, row in enumerate(zip(t.tolist(), acc, gyr, strict=True))]
-    strapdown = Strapdown(samples[0], 0.01, Noise(1e-4, 1e-3, FACTORY), np.zeros(3), no_gyro=False)
+    strapdown = Strapdown(samples[0], 0.01, WHITE, np.zeros(3), no_gyro=False)
     legs = []
     for sample in samples[1:up_to]:
         strapdown.push(sample)
@@ -233,6 +235,13 @@ def test_each_error_of_the_sensor_adds_as_much_as_in_the_batch() -> None:
         np.testing.assert_allclose(legs[-1].J[block, errors], batch[block, errors], rtol=0.0, atol=0.02 * size)
 
 
+def test_its_noise_is_that_of_the_batch() -> None:
+    _, legs, frame = from_rest_to_rest(wobble=3.0, up_to=61)
+    batch = preintegrate(frame, np.array([0, 56, 60]), densities(WHITE, frame.gyr, frame.u, 0.01)).parts.sum(axis=0)[-1]
+    sigma = np.sqrt(np.diagonal(batch))
+    np.testing.assert_allclose(legs[-1].Q / np.outer(sigma, sigma), batch / np.outer(sigma, sigma), atol=0.01)
+
+
 def test_its_integrals_are_those_of_the_batch() -> None:
     """Its cubics use past samples only. They differ in a step from the smoother's, and agree once the hand rests."""
     strapdown, _, frame = from_rest_to_rest(wobble=0.0)
@@ -250,9 +259,7 @@ def test_a_gyro_at_the_end_of_its_range_may_have_lost_a_fifth_of_it(rate: float,
 
     def seen(step: float) -> tuple[bool, float]:
         gyr = np.linspace(rate, rate + step, rows)[:, None] * UP
-        strapdown = Strapdown(
-            Sample(0, 0.0, GRAVITY * UP, gyr[0]), 0.01, Noise(1e-4, 1e-3, FACTORY), np.zeros(3), no_gyro=False
-        )
+        strapdown = Strapdown(Sample(0, 0.0, GRAVITY * UP, gyr[0]), 0.01, WHITE, np.zeros(3), no_gyro=False)
         for k in range(1, rows):
             strapdown.push(Sample(k, 0.01 * k, GRAVITY * UP, gyr[k]))
         return strapdown.clipped, float(strapdown.leg(GRAVITY * UP).Q[2, 2])
