@@ -17,7 +17,9 @@ from pbd.data import GRAVITY, Keyframe, Recording
 from pbd.errors import TrackingError
 from pbd.pose import (
     Array,
+    matrix_log,
     quat_about_z,
+    quat_exp,
     quat_inverse,
     quat_log,
     quat_multiply,
@@ -31,7 +33,7 @@ from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import FACTORY, Noise, densities, noise_of
-from pbd.tracking.online.filter import UP, OnlineFilter
+from pbd.tracking.online.filter import IDENTITY, NORTH, STATES, UP, OnlineFilter
 from pbd.tracking.online.samples import Conditioner, Sample
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
@@ -285,6 +287,26 @@ def test_a_knock_at_an_unknown_time_leaves_velocity_and_position_uncertain() -> 
     since = np.linspace(0.0, 0.6, 1001)
     error = 0.2 * np.vstack((np.ones(1001), since))  # of velocity and position, for a knock at each of these times
     np.testing.assert_allclose((kalman.P - before)[3:9, 3:9], np.kron(error @ error.T / 1001, np.eye(3)), atol=1e-5)
+
+
+def test_an_undisturbed_compass_counts_as_much_as_it_lasts() -> None:
+    rest, field = find_rest(poured_at_first()), np.array((3.0, 20.0, -45.0))
+    noise = noise_of(poured_at_first(), rest)
+    kalman, north = OnlineFilter(noise, rest, np.eye(3), field, no_gyro=False), IDENTITY[NORTH]
+    kalman.P = noise.compass**2 * np.outer(north, north)  # nothing else is unsure
+    kalman.update_compass(kalman.E.T @ quat_rotate(quat_about_z(0.002), kalman.E @ field), 3.0)
+    assert kalman.north == pytest.approx(0.75 * 0.002, rel=1e-3)
+    assert kalman.P[NORTH, NORTH] == pytest.approx(0.25 * noise.compass**2, rel=1e-3)
+
+
+def test_the_devices_own_attitude_is_less_sure_the_faster_it_turns() -> None:
+    rest, off = find_rest(poured_at_first()), np.array((0.002, -0.003, 0.004))
+    noise = replace(noise_of(poured_at_first(), rest), device_turn=0.03, device_lag=0.2)
+    kalman, unsure = OnlineFilter(noise, rest, np.eye(3), None, no_gyro=True), np.zeros(STATES)
+    unsure[ROT] = 1.0
+    kalman.E, kalman.P = quat_to_matrix(quat_exp(off)), np.diag(0.05**2 * unsure)
+    kalman.update_device_attitude(np.array((0.0, 0.2, 0.0)))  # 0.05 rad of error: 0.03 anyway, and 0.04 of lag
+    np.testing.assert_allclose(matrix_log(kalman.E), 0.5 * off, atol=2e-5)
 
 
 def test_the_first_stop_is_the_origin_and_gives_the_heading() -> None:
