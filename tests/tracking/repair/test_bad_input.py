@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.first_rest import find_rest
+from pbd.tracking.repair.repair_recording import condition
 from tests.scenarios import keyframes_and_errors, pour, with_rows
 from tests.tracking.fault_matrix import Case, named, outcome
 from tests.tracking.faults import broken, every_method, quietly, with_channel
@@ -228,6 +230,15 @@ def test_an_instant_that_is_no_number_is_named(method: str, value: float, row: i
     t[row] = value
     with pytest.raises(RecordingError, match=f"the time of row {row} is not a number"):
         track(replace(recording, t=t), method)
+
+
+@pytest.mark.parametrize(("usual", "refused"), [(0.008, True), (0.012, False), (9e4, False), (2e5, True)])
+def test_a_field_in_another_unit_is_refused(usual: float, refused: bool) -> None:
+    recording = with_rows(pour().recording, slice(0, 120))
+    field = np.asarray(recording.mag)
+    field = usual / float(np.median(np.linalg.norm(field, axis=1))) * field
+    with pytest.raises(RecordingError, match="its unit is another") if refused else nullcontext():
+        condition(replace(recording, mag=field))
 
 
 @quietly
