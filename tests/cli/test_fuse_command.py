@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from pbd.cli.recording.takes import how_to_hold
+from pbd.data import FusedTake
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import load_demo, write_demo
 from pbd.files.keyframes import read_keyframes
+from pbd.fusion.tables import held_alike
 from pbd.pipeline import track
+from pbd.pose import Pose, quat_exp
 from tests.benchmarks.fuse import Scenario, takes_of
 from tests.cli.running import Capture, refused, run, run_json
 
@@ -117,3 +120,9 @@ def test_the_guide_says_how_to_hold_the_sensor_and_why() -> None:
     assert [how_to_hold(take).partition(": ")[2] for take in (5, 6, 7)] == [
         how_to_hold(k).partition(": ")[2] for k in (2, 3, 4)
     ]
+
+
+@pytest.mark.parametrize(("degrees", "alike"), [(15.0, True), (25.0, False)])
+def test_a_sensor_turned_by_twenty_degrees_was_not_held_alike(degrees: float, alike: bool) -> None:
+    held = [Pose(np.zeros(3), quat_exp((0.0, np.radians(angle), 0.0))) for angle in (0.0, degrees)]
+    assert held_alike([FusedTake("tea", (), np.empty((0, 3)), np.empty(0), T_hand=pose) for pose in held]) == alike

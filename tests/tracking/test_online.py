@@ -590,8 +590,8 @@ def test_between_the_neighbours_of_lost_samples_motion_may_be_anything() -> None
     conditioner, between = Conditioner(), np.linspace(0.0, 1.0, 10_001)[:, None]
     conditioner.interval = 0.01
     gyr, acc = np.array((0.1, -0.2, 0.3)), np.array((1.0, 2.0, -0.5))
-    conditioner.take(0.0, np.zeros(3), np.zeros(3), None, None)
+    conditioner.take(0.0, 0.5 * acc, 0.5 * gyr, None, None)
     samples, _ = conditioner.take(0.03, acc, gyr, None, None)
     assert len(samples) == 3
-    wanted = [0.03 * (between * change).var(axis=0).sum() for change in (gyr, acc)]
+    wanted = [0.03 * (between * 0.5 * change).var(axis=0).sum() for change in (gyr, acc)]
     assert samples[-1].gap_noise == pytest.approx(wanted, rel=1e-3)
