@@ -24,8 +24,6 @@ from pbd.tracking.smoother.smooth import Solution, smooth
 from pbd.tracking.smoother.state import lower_matrix
 from pbd.tracking.smoother.variance_components import with_own_noise
 
-NEVER_STILL = "the hand never stands still; stop for half a second between the moves"
-
 BOUNCE_S, BOUNCE_M, BOUNCE_RAD = 0.3, 0.02, np.radians(10.0)
 """Two stops are one put-down that bounced if the gap between them and the shorter stop each last less than BOUNCE_S (s)
 and the sensor moved less than BOUNCE_M (m) and turned less than BOUNCE_RAD (rad) from one to the other."""
@@ -70,7 +68,7 @@ def estimate(
     """
     solution = smooth(recording, rest, noise, impulses, gaps)
     if solution is None:
-        raise TrackingError(NEVER_STILL)
+        raise TrackingError("the hand never stands still; stop for half a second between the moves")
     t, problem = recording.t, solution.problem
     weights = solution.stop_weights().tolist()
     believed = [k for k, weight in enumerate(weights) if weight > 1.0 - DOUBTED_WEIGHT]

@@ -25,7 +25,7 @@ from pbd.data import Recording, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import TrackingError, warn
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate
-from pbd.tracking.estimate import NEVER_STILL, Estimate
+from pbd.tracking.estimate import Estimate
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.smoother.path import Path
 from pbd.tracking.zero_velocity import runs
@@ -53,13 +53,11 @@ def track_as_paper(recording: Recording, rest: Rest) -> Estimate:
     """Estimate the path from a repaired recording by the paper's method.
 
     Raises:
-        TrackingError: there is no compass, or the hand never stands still.
+        TrackingError: there is no compass.
     """
     wxyz = paper_attitude(recording)
     a_nav = paper_acceleration(recording, wxyz, rest.gravity)
     stops = paper_stops(recording.t, a_nav)
-    if not stops:
-        raise TrackingError(NEVER_STILL)
     p, v, closure = paper_path(recording.t, a_nav, stops)
     covariance = PoseCovariance.chained(paper_covariance(recording.t, stops, closure))
     return Estimate(Path(wxyz, v, p, a_nav), stops, closure, covariance)

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pbd.data import Stop
+from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.errors import PbdWarning
 from pbd.files.demo import load_demo
 from pbd.pipeline import track
-from pbd.tracking.alarm import _move_alarms, _sensor_alarms
+from pbd.tracking.alarm import _move_alarms, _sensor_alarms, _stop_alarms
 from tests.scenarios import pour
 
 
@@ -43,6 +45,14 @@ def test_an_axis_that_leans_is_told_from_one_that_reads_high(row: int, column: i
     solution: Any = SimpleNamespace(lag=0.0, scale=0.0)
     (said,) = _sensor_alarms(solution, found)
     assert said.startswith(told)
+
+
+def test_a_stop_that_may_be_none_is_told() -> None:
+    problem = SimpleNamespace(frame=SimpleNamespace(t=np.arange(5.0)), rest=None, stops=[])
+    solution: Any = SimpleNamespace(problem=problem, candidates=[])
+    stops = [Stop(0, 2, 1.0, DOUBTED_WEIGHT), Stop(3, 5, 1.0, DOUBTED_WEIGHT - 0.01)]
+    (said,) = _stop_alarms(solution, stops)
+    assert said.startswith(f"the stop at 3.5 s may be no stop ({100.0 * stops[1].weight:.0f} % sure): ")
 
 
 def test_a_clock_that_is_fast_is_not_only_blamed_on_the_gyro() -> None:
