@@ -9,7 +9,7 @@ import pytest
 
 import pbd
 from pbd.data import Calibration, Contact, Demonstration, GripEvent, HandPath, Place
-from pbd.errors import RecordingError, TrackingError, collected_warnings
+from pbd.errors import CalibrationError, RecordingError, TrackingError, collected_warnings
 from pbd.fusion.calibration import device_errors
 from pbd.fusion.marginals import SHARED, estimate_with_device, marginal_of
 from pbd.fusion.takes import tracked_take
@@ -89,6 +89,11 @@ def test_the_devices_errors_are_found(path: HandPath) -> None:
     read = device.measure(gravity, np.ones(50), np.random.default_rng(0))
     assert np.ptp(np.linalg.norm(read, axis=1)) > 0.2
     assert np.ptp(np.linalg.norm(errors.acc.correct(read), axis=1)) < 0.03
+
+
+def test_no_errors_of_a_device_without_a_gyro_are_given(path: HandPath) -> None:
+    with pytest.raises(CalibrationError, match="it has no gyro; leave out --save-calibration"):
+        device_errors(replace(path, sensor=None))
 
 
 def test_another_device_with_the_same_sensor_name_is_told_apart(takes: list[Demonstration]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -28,9 +29,11 @@ from pbd.pose import (
 from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import STILL_ACC, STILL_GYR, find_rest, restlessness
 from pbd.tracking.keyframes import find_keyframes, find_segments
-from pbd.tracking.noise import _rounding, noise_of
+from pbd.tracking.moving_windows import rows_of_mean, white_noise_variance
+from pbd.tracking.noise import FACTORY, Noise, _bends, _rounding, noise_of
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother.preintegration import integral_of_means, integral_of_values, turns_between_middles
+from pbd.tracking.zero_velocity import lasts
 from tests.scenarios import pour
 from tests.tracking.hands import largest_angle
 from tests.tracking.stops_at import hand_path
@@ -229,6 +232,29 @@ def test_the_first_second_is_the_rest_if_its_variance_is_at_most_four_times_the_
     acc = np.tile((0.0, 0.0, 9.81), (400, 1))
     acc[:, 0] = 0.02 * (-1.0) ** np.arange(400) * np.where(np.arange(400) < 150, np.sqrt(louder), 1.0)
     assert (find_rest(Recording(np.arange(400) / 100.0, acc)).start == 0) == first
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_a_bend_is_what_fourth_differences_show_beyond_white_noise(n: int) -> None:
+    """Those of k^4 are 24 n^4; those of a steadily changing jerk are none."""
+    k, silent, dt = np.arange(30.0)[:, None], Noise(0.0, 0.0, FACTORY), 0.01
+    bend = 6.0 / 70.0 * (24.0 * n**4) ** 2
+    np.testing.assert_allclose(_bends(k**3, n, silent, dt), 0.0, atol=1e-12)
+    np.testing.assert_allclose(_bends(k**4, n, silent, dt), bend, rtol=1e-6)
+    noisy = replace(silent, acc_density=np.sqrt(dt / 3.0))  # a variance of 1/3 an axis, 1 in all three
+    white = 6.0 * white_noise_variance(n, 2)
+    np.testing.assert_allclose(_bends(k**4, n, noisy, dt), bend - white, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("rate_hz", "rows"), [(40.0, 1), (100.0, 1), (200.0, 2), (400.0, 5)])
+def test_motion_is_averaged_over_an_eightieth_of_a_second(rate_hz: float, rows: int) -> None:
+    assert rows_of_mean(rate_hz) == rows
+
+
+def test_each_row_of_a_span_lasts_until_the_next() -> None:
+    t = 0.05 * np.arange(4.0)
+    assert [lasts(t, (0, rows), 0.1) for rows in (1, 2, 3)] == [False, True, True]
+    assert [lasts(t, (0, rows), 0.15) for rows in (1, 2, 3)] == [False, False, True]
 
 
 def test_an_axis_that_always_reads_the_same_says_nothing_of_the_step() -> None:
