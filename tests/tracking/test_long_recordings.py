@@ -16,7 +16,7 @@ from pbd.errors import PbdWarning
 from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.tracking.apply_constraints import _joseph_times
-from pbd.tracking.keyframes import _grip_at_stops
+from pbd.tracking.keyframes import _grip_at_stops, _without_repeats
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from tests.scenarios import pour
 from tests.tracking.stops_at import covariances, hand_path
@@ -84,6 +84,11 @@ def test_a_grip_half_a_second_from_all_stops_is_told() -> None:
     assert _grip_at_stops((GripEvent(1.45, True),), t, stops) == {0: True}
     with pytest.warns(PbdWarning, match=r"the grip closed at 1\.55 s, 0\.6 s from the nearest stop"):
         assert _grip_at_stops((GripEvent(1.55, True),), t, stops) == {0: True}
+
+
+def test_a_grip_that_repeats_the_one_before_is_left_out_and_told() -> None:
+    with pytest.warns(PbdWarning, match="the grip closes at stop 2, but it is closed since stop 0: left out"):
+        assert _without_repeats({2: True, 0: True, 3: False}) == {0: True, 3: False}
 
 
 def test_each_poses_covariance_is_its_block_of_the_joint_one() -> None:

@@ -75,7 +75,7 @@ def revised_stops(
             if not lasts(t, stop, 0.5 * ENERGY_WINDOW_S):
                 continue
             stops.append(stop)
-            creep = creep[stop[0] - part[0] : stop[1] - part[0]]
+            creep = creep[stop[0] - part[0] :]  # after the stop it is fast
             calm.append(calm_part(t, stop, creep < SET_OUT_SPEED + 2.0 * blur))
     return stops, calm
 

@@ -211,8 +211,8 @@ def revised_at_100_hz(v: Array, candidate: tuple[int, int]) -> tuple[Spans, Span
 
 def test_a_stop_begins_where_the_hand_arrives_and_its_calm_part_where_it_creeps_no_more() -> None:
     v = np.zeros((100, 3))
-    v[20:25, 0], v[25:29, 0], v[56:61, 1] = 0.02, 1e-3, 1e-3
-    assert revised_at_100_hz(v, (20, 61)) == ([(25, 61)], [(29, 56)])
+    v[20:25, 0], v[25:29, 0], v[54:58, 1], v[58:61, 1] = 0.02, 1e-3, 1e-3, 0.02
+    assert revised_at_100_hz(v, (20, 61)) == ([(25, 58)], [(29, 54)])
 
 
 @pytest.mark.parametrize(("faster", "left"), [(0.0, [(40, 61)]), (1.0, [])], ids=["it stays", "it reverses"])
