@@ -27,7 +27,7 @@ COARSE = """
     clearTimeout(quality.settled);"""
 """Scenes are drawn coarsely, as drawing takes most of the time without a graphics card."""
 
-LOADED_AT = (300, 200)
+LOADED_AT = (60, 40)
 """Size of a page, pixels, while it starts: its first frames are drawn before COARSE."""
 
 

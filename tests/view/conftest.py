@@ -51,6 +51,14 @@ def chrome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
         browser.quit()
 
 
+@pytest.fixture
+def small(chrome: Chromium) -> Iterator[Chromium]:
+    """Chromium with small pages: drawing takes most of the time."""
+    chrome.set_size(400, 300)
+    yield chrome
+    chrome.set_size()
+
+
 @pytest.fixture(scope="session")
 def fox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Firefox]:
     """A Firefox on a screen of its own; skips without one, unless PBD_REQUIRE_FIREFOX=1 says that there must be one."""

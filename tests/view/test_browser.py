@@ -139,7 +139,8 @@ def test_help_lists_the_keys(replay: Replay) -> None:
 
 def test_a_click_on_a_keyframe_goes_there(replay: Replay, scene: ReplayScene) -> None:
     rows = replay.browser.find_elements(By.CSS_SELECTOR, "#keyframes tbody tr")
-    cells = [[cell.text for cell in row.find_elements(By.TAG_NAME, "td")] for row in rows]
+    cells = replay("""return [...document.querySelectorAll("#keyframes tbody tr")].map((row) =>
+        [...row.querySelectorAll("td")].map((cell) => cell.innerText.trim()))""")
     assert [row[1].split(" ")[0] for row in cells] == [keyframe.label.split(" ")[0] for keyframe in scene.keyframes]
     for k, row in enumerate(cells):
         position, rotation = (np.sqrt(np.linalg.eigvalsh(scene.cov[k, i : i + 3, i : i + 3]).max()) for i in (0, 3))
@@ -265,10 +266,15 @@ def test_a_small_window_begins_with_the_scene(replay: Replay) -> None:
         replay.browser.set_size()
 
 
+CONTROLS = {"button", "checkbox", "combobox", "slider"}
+
+
 def test_all_controls_have_an_accessible_name(replay: Replay) -> None:
-    for each in replay.browser.find_elements(By.CSS_SELECTOR, "button, input, select"):
-        if each.is_displayed():
-            assert each.accessible_name.strip(), each.get_attribute("outerHTML")
+    nodes = replay.browser.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]  # without what is not shown
+    controls = [node for node in nodes if not node["ignored"] and node["role"]["value"] in CONTROLS]
+    assert {node["role"]["value"] for node in controls} == CONTROLS
+    for node in controls:
+        assert node["name"]["value"].strip(), node
     assert replay.browser.find_element(By.ID, "play").accessible_name == "Play"
     value = replay.browser.find_element(By.ID, "seek").get_attribute("aria-valuetext")
     assert value == "0.00 seconds, to keyframe 1: grasp"
@@ -345,6 +351,7 @@ def test_the_camera_fits_every_window(replay: Replay) -> None:
         replay.browser.set_size()
 
 
+@pytest.mark.usefixtures("small")
 def test_dark_is_dark(replay: Replay) -> None:
     light = replay.picture()
     replay.browser.set_media("dark")
@@ -371,6 +378,7 @@ def test_without_webgl_it_says_so(fox: Firefox, replay_file: Path) -> None:
 
 
 def test_it_plays_in_firefox(fox: Firefox, replay_file: Path, scene: ReplayScene) -> None:
+    fox.set_size(400, 300)
     replay = Replay(fox, replay_file.as_uri())
     assert replay.picture().std() > 10.0
     fox.press(Keys.END)

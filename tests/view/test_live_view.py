@@ -67,7 +67,7 @@ def view() -> Iterator[LiveView]:
 @pytest.fixture(scope="module")
 def opened(view: LiveView, chrome: Chromium) -> Iterator[Page]:
     chrome.set_media(motion="no-preference")  # the camera glides
-    chrome.set_size(640, 480)
+    chrome.set_size(480, 360)
     yield Page(chrome, view._viewer.url)
     chrome.set_size()
     chrome.set_media()
@@ -251,8 +251,8 @@ def recording(tmp_path: Path) -> Iterator[Recording]:
     recording.process.communicate()
 
 
-def test_a_recording_is_seen_and_ends_as_it_should(recording: Recording, tmp_path: Path, chrome: Chromium) -> None:
-    page = Page(chrome, recording.url)
+def test_a_recording_is_seen_and_ends_as_it_should(recording: Recording, tmp_path: Path, small: Chromium) -> None:
+    page = Page(small, recording.url)
     began = page.place("pbd", "hand")
     until(lambda: np.linalg.norm(page.place("pbd", "hand") - began) > 0.05, "the hand to move")
     until(lambda: page("return pbd.page.stops") > 1, "a stop")

@@ -114,29 +114,29 @@ def test_other_pages_get_no_socket(viewer: LiveViewer, origin: str | None, host:
     assert ask(viewer.url, "/", **upgrade, **handshake, **asked_by).status == status
 
 
-def test_it_plays_in_a_browser(viewer: LiveViewer, chrome: Chromium) -> None:
-    replay = Replay(chrome, viewer.url)
+def test_it_plays_in_a_browser(viewer: LiveViewer, small: Chromium) -> None:
+    replay = Replay(small, viewer.url)
     assert {urlsplit(asked).netloc for asked in replay.requests()} == {urlsplit(viewer.url).netloc}
     replay("pbd.page.player.seek(5)")
     before = replay.place("pbd", "object")
     replay("pbd.page.player.seek(9)")
     assert abs(before - replay.place("pbd", "object")).max() > 0.05
     # A second scene replaces the first in the open page.
-    chrome.set_media(motion="no-preference")
+    small.set_media(motion="no-preference")
     build(by_hand(), viewer.visualizer)
     until(lambda: replay("return pbd.page.replay.title") == "By hand", "the second scene")
     assert replay("return pbd.page.player.playing")  # by itself, unless the user prefers less motion
     replay("pbd.page.player.pause()")
-    chrome.set_media()
+    small.set_media()
     assert not has_object(replay)
     assert replay.errors() == []
 
 
-def test_a_later_page_gets_the_last_scene_and_command_and_says_that_the_server_has_ended(chrome: Chromium) -> None:
+def test_a_later_page_gets_the_last_scene_and_command_and_says_that_the_server_has_ended(small: Chromium) -> None:
     viewer = LiveViewer()
     build(scenes.pouring(), viewer.visualizer)
     build(by_hand(), viewer.visualizer)
-    replay = Replay(chrome, viewer.url)
+    replay = Replay(small, viewer.url)
     assert replay("return pbd.page.replay.title") == "By hand"
     assert not has_object(replay)
     assert replay.errors() == []
@@ -147,8 +147,8 @@ def test_a_later_page_gets_the_last_scene_and_command_and_says_that_the_server_h
     assert replay('return pbd.page.stage.node("pbd", "tool_path").visible') is False
     assert replay.browser.find_element(By.ID, "message").is_displayed()
     viewer.close()
-    chrome.get("about:blank")
-    chrome.errors()  # of the connection that broke
+    small.get("about:blank")
+    small.errors()  # of the connection that broke
 
 
 @linux
