@@ -16,6 +16,8 @@ from pbd.tracking.keyframes import find_keyframes
 
 FOLDER = Path(__file__).parents[2] / "robots"
 NAMES = ("kinova", "panda", "so100", "so101", "ur10", "ur3", "ur5", "xarm7", "z1")
+KINDS = ("so101", "ur5", "panda", "kinova")
+"""One arm of each kind: five, six and seven joints, and one with joints that turn without end."""
 FIVE_JOINTS = ("so100", "so101")
 DEMOS = ("pouring", "paper-test1", "paper-test2")
 

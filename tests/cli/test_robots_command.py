@@ -76,9 +76,12 @@ def test_where_few_docks_will_do_more_are_weighed(capsys: Capture, guide: str, m
     assert "scale = 0.5" in lines
 
 
-def test_links_that_touch_by_design_are_found_and_may(capsys: Capture, guide: str) -> None:
+def test_links_that_touch_by_design_are_found_and_may(
+    capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The spheres of the flange and of link4 overlap in seven of ten configurations."""
     urdf = own_urdf()
+    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 10)
     for link, x, radius in (("link4", 0.05, 0.0536), ("link5", 0.0, 0.01), ("flange", 0.0, 0.06)):
         solid = f'<collision><origin xyz="{x} 0 0"/><geometry><sphere radius="{radius}"/></geometry></collision>'
         urdf = urdf.replace(f"<link name='{link}'/>", f"<link name='{link}'>{solid}</link>")

@@ -1,4 +1,4 @@
-"""Every format for every arm, read back and interpolated as its receivers do; what exceeds a limit is refused."""
+"""Every format for every kind of arm, read back and interpolated as its receivers do; what exceeds a limit is refused."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pbd.files.exporters import FORMATS, SERVOJ_HZ, csv, export, urscript
 from pbd.files.exporters.controller_interpolation import interpolate
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Pose
-from tests.arm.bundled import NAMES, arm_of
+from tests.arm.bundled import KINDS, arm_of
 from tests.files.test_formats import planned
 from tests.files.urscript import Controller
 
@@ -33,8 +33,8 @@ RULES = {
 
 
 @pytest.mark.filterwarnings("ignore:a controller that fills the gaps")
-@pytest.mark.parametrize("name", NAMES)
-def test_every_format_for_every_arm(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("name", KINDS)
+def test_every_format_for_every_kind_of_arm(tmp_path: Path, name: str) -> None:
     plan, robot, source = planned(name, "paper-test2")  # the shortest
     for format_name in FORMATS:
         if format_name == "urscript" and not name.startswith("ur"):

@@ -21,6 +21,8 @@ from pbd.tracking.keyframes import find_keyframes
 from tests.benchmarks.fuse import Scenario, _through, hand_poses, one_device, takes_of
 from tests.benchmarks.fuse import _shape as shape_errors
 
+pytestmark = pytest.mark.usefixtures("remembered")
+
 SEED = 3
 
 

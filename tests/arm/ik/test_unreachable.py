@@ -13,7 +13,7 @@ from pbd.arm.ik.unreachable import Unreached, find_reason
 from pbd.arm.model import ArmModel, load_model
 from pbd.data import Robot
 from pbd.pose import Array, Pose
-from tests.arm.bundled import NAMES, arm_of
+from tests.arm.bundled import KINDS, arm_of
 from tests.arm.conftest import changed, random_joints
 
 DOWN = (np.pi, 0.0, 0.0)
@@ -25,7 +25,7 @@ def hindrance(arm: ArmModel, pose: Pose) -> Unreached:
     return find_reason(arm, pose, result)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", KINDS)
 def test_the_distance_beyond_reach_is_that_of_the_nearest_position(name: str) -> None:
     """Oracle: of many samples none is nearer, and the nearest is not much farther."""
     arm = arm_of(name)
