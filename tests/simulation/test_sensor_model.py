@@ -71,7 +71,7 @@ def test_bias_and_scale_of_presets_over_devices(name: str) -> None:
             continue
         exact = replace(triad, noise=0.0, bias_walk=0.0, step=0.0)
         at_zero, at_one = (
-            np.array([exact.measure(true, np.ones(1), np.random.default_rng(seed))[0] for seed in range(400)])
+            np.array([exact.measure(true, np.ones(1), np.random.default_rng(seed))[0] for seed in range(150)])
             for true in (np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
         )
         assert at_zero.std() == pytest.approx(bias, rel=0.1)

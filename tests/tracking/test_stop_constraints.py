@@ -214,7 +214,7 @@ def test_the_bound_is_as_improbable_in_space_as_in_height(dimension: int, known:
     rng = np.random.default_rng(0)
     moves = covariances(rng, 1, 0.01)
     root = 2.0 * np.linalg.cholesky(moves[0] + PLACE_SIGMA_M**2 * np.eye(3))
-    refused, n = 0, 600
+    refused, n = 0, 300
     for _ in range(n):
         path = hand_path(np.array([np.zeros(3), root @ rng.normal(size=3)]), moves)
         try:
