@@ -1,4 +1,4 @@
-"""Every format for each kind of arm, read back as its receivers do and interpolated; what exceeds a limit is refused."""
+"""Each format for each kind of arm, read back as its receivers do and interpolated; what exceeds a limit is refused."""
 
 from __future__ import annotations
 
