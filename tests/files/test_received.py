@@ -34,7 +34,7 @@ RULES = {
 
 @pytest.mark.filterwarnings("ignore:a controller that fills the gaps")
 @pytest.mark.parametrize("name", KINDS)
-def test_every_format_for_every_kind_of_arm(tmp_path: Path, name: str) -> None:
+def test_every_format_for_each_kind_of_arm(tmp_path: Path, name: str) -> None:
     plan, robot, source = planned(name, "paper-test2")  # the shortest
     for format_name in FORMATS:
         if format_name == "urscript" and not name.startswith("ur"):

@@ -24,7 +24,7 @@ from pbd.arm.model import ArmModel, load_model
 from pbd.arm.path_sampling import sample_polyline, sample_trajectory
 from pbd.data import Gripper, JointTrajectory, Robot
 from pbd.pose import Array, Pose, quat_about_z, quat_inverse, quat_rotate
-from tests.arm.bundled import NAMES, arm_of
+from tests.arm.bundled import KINDS, NAMES, arm_of
 from tests.arm.collision_oracles import coordinates, hull_distance, placements, points_of, rounding_of
 from tests.arm.dense import joint_values
 from tests.audit.test_audit import spline
@@ -60,7 +60,7 @@ def test_distances_are_exact(name: str) -> None:
             assert got[pair] == pytest.approx(exact, abs=1e-5) or (got[pair] < 0.0 and exact < 1e-5) or asked
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", KINDS)
 def test_distances_change_no_faster_than_the_bound(name: str) -> None:
     arm = arm_of(name)
     clearance, rng = links_only(arm), np.random.default_rng(0)
