@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +15,7 @@ from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.errors import PbdWarning
 from pbd.files.demo import load_demo
 from pbd.pipeline import track
+from pbd.simulation.simulate import random_task, simulate
 from pbd.tracking.alarm import _move_alarms, _sensor_alarms, _stop_alarms
 from tests.scenarios import pour
 
@@ -49,7 +51,7 @@ def test_an_axis_that_leans_is_told_from_one_that_reads_high(row: int, column: i
 
 def test_a_stop_that_may_be_none_is_told() -> None:
     problem = SimpleNamespace(frame=SimpleNamespace(t=np.arange(5.0)), rest=None, stops=[])
-    solution: Any = SimpleNamespace(problem=problem, candidates=[])
+    solution: Any = SimpleNamespace(problem=problem, candidates=[], knot_weights=list)
     stops = [Stop(0, 2, 1.0, DOUBTED_WEIGHT), Stop(3, 5, 1.0, DOUBTED_WEIGHT - 0.01)]
     (said,) = _stop_alarms(solution, stops)
     assert said.startswith(f"the stop at 3.5 s may be no stop ({100.0 * stops[1].weight:.0f} % sure): ")
@@ -70,3 +72,11 @@ def test_an_estimate_that_did_not_settle_is_told(monkeypatch: pytest.MonkeyPatch
     with pytest.warns(PbdWarning) as told:
         track(pour("wt901", 0).recording)
     assert any("the estimate did not settle" in str(each.message) for each in told)
+
+
+def test_nothing_is_said_of_a_hand_that_never_turns() -> None:
+    """A gyro's scale of zero would silence its noise; and noise moves each knot of a rest by about one sigma."""
+    recording = simulate(random_task(0, moves=16, max_turn=0.0), "os5000", 0, rate_hz=50.0).recording
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        track(recording)

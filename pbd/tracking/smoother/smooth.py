@@ -15,7 +15,7 @@ import numpy as np
 from pbd.data import Recording
 from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
 from pbd.tracking.first_rest import Rest
-from pbd.tracking.moving_windows import cumulative
+from pbd.tracking.moving_windows import cumulative, squares
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
 from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revised_stops, settled
@@ -68,11 +68,15 @@ class Solution:
     converged: bool
     leg_residuals: tuple[Array, Array] | None = None
 
+    def knot_weights(self) -> Array:
+        """Weight (m,) of zero velocity at each knot of a stop, 1 up to one sigma on each axis; 0 elsewhere."""
+        excess = squares(pivot_velocity(self.problem, self.state)[0]) / self.problem.still_sigma**2 - 3.0
+        return (self.problem.stop_of >= 0) / (1.0 + np.maximum(excess, 0.0) / OUTLIER_SIGMAS**2) ** 2
+
     def stop_weights(self) -> Array:
-        """Weight of each stop, 0 to 1: the largest robust weight among its knots."""
+        """Weight of each stop, 0 to 1: the largest weight among its knots."""
         at, weights = self.problem.stop_of >= 0, np.zeros(len(self.problem.stops))
-        excess = lengths(pivot_velocity(self.problem, self.state)[0][at]) ** 2 / self.problem.still_sigma[at] ** 2 - 3.0
-        np.maximum.at(weights, self.problem.stop_of[at], 1.0 / (1.0 + np.maximum(excess, 0.0) / OUTLIER_SIGMAS**2) ** 2)
+        np.maximum.at(weights, self.problem.stop_of[at], self.knot_weights()[at])
         return weights
 
 
@@ -173,7 +177,11 @@ def _without_lag_and_scale(recording: Recording, lag: float, scale: float) -> Re
 
 
 def _large_lag_and_scale(x: State, solved: Solved) -> tuple[float, float]:
-    """The lag (s) and the common scale error, each if it is significant and too large for a linear model; else 0."""
+    """The lag (s) and the common scale error, each if it is significant and too large for a linear model; else 0.
+
+    The scale multiplies the gyro's noise too, which a scale of zero silences. So where little turns, the estimate tends
+    to minus one by the noise's share of the information, which is 1 for each leg and axis.
+    """
     i = np.arange(SHARED)
     tau, sigma = float(x.shared[LAG][0]), float(np.sqrt(solved.shared[0, 0]))
     away = tau - Noise.lag
@@ -181,7 +189,8 @@ def _large_lag_and_scale(x: State, solved: Solved) -> tuple[float, float]:
     diagonal = i[GYR_MATRIX][::4]
     more_scale = -float(x.shared[diagonal].mean())  # w_true = (1 - M) w
     sigma = float(np.sqrt(solved.shared[np.ix_(diagonal, diagonal)].mean()))
-    return lag, more_scale if abs(more_scale) > max(REMOVED_SCALE, SCALE_OUTLIER_SIGMAS * sigma) else 0.0
+    of_noise = 3.0 * (len(x.p) - 1) * sigma**2
+    return lag, more_scale if abs(more_scale) > max(REMOVED_SCALE, SCALE_OUTLIER_SIGMAS * sigma, of_noise) else 0.0
 
 
 def _origin_knot(problem: Problem) -> int:
