@@ -117,9 +117,9 @@ def _stop_alarms(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
                 "on there; stop for half a second, or drop it from keyframes.toml"
             )
     problem = solution.problem
-    frame, rest, weights = problem.frame, problem.rest, solution.knot_weights()
+    frame, rest = problem.frame, problem.rest
     for k, (start, end) in enumerate(problem.stops):
-        if t[end - 1] - t[start] > REST_S and median(weights[problem.stop_of == k]) < MOVING_WEIGHT:
+        if t[end - 1] - t[start] > REST_S and median(solution.still_weight[problem.stop_of == k]) < MOVING_WEIGHT:
             yield (
                 f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but this hardly fits the "
                 "motion before and after: one of the channels is wrong; look at pbd plot, and record again"

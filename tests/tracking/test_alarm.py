@@ -51,7 +51,7 @@ def test_an_axis_that_leans_is_told_from_one_that_reads_high(row: int, column: i
 
 def test_a_stop_that_may_be_none_is_told() -> None:
     problem = SimpleNamespace(frame=SimpleNamespace(t=np.arange(5.0)), rest=None, stops=[])
-    solution: Any = SimpleNamespace(problem=problem, candidates=[], knot_weights=list)
+    solution: Any = SimpleNamespace(problem=problem, candidates=[])
     stops = [Stop(0, 2, 1.0, DOUBTED_WEIGHT), Stop(3, 5, 1.0, DOUBTED_WEIGHT - 0.01)]
     (said,) = _stop_alarms(solution, stops)
     assert said.startswith(f"the stop at 3.5 s may be no stop ({100.0 * stops[1].weight:.0f} % sure): ")

@@ -15,7 +15,7 @@ import numpy as np
 from pbd.data import Recording
 from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
 from pbd.tracking.first_rest import Rest
-from pbd.tracking.moving_windows import cumulative, squares
+from pbd.tracking.moving_windows import cumulative
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
 from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revised_stops, settled
@@ -68,15 +68,11 @@ class Solution:
     converged: bool
     leg_residuals: tuple[Array, Array] | None = None
 
-    def knot_weights(self) -> Array:
-        """Weight (m,) of zero velocity at each knot of a stop, 1 up to one sigma on each axis; 0 elsewhere."""
-        excess = squares(pivot_velocity(self.problem, self.state)[0]) / self.problem.still_sigma**2 - 3.0
-        return (self.problem.stop_of >= 0) / (1.0 + np.maximum(excess, 0.0) / OUTLIER_SIGMAS**2) ** 2
-
     def stop_weights(self) -> Array:
-        """Weight of each stop, 0 to 1: the largest weight among its knots."""
+        """Weight of each stop, 0 to 1: the largest robust weight among its knots."""
         at, weights = self.problem.stop_of >= 0, np.zeros(len(self.problem.stops))
-        np.maximum.at(weights, self.problem.stop_of[at], self.knot_weights()[at])
+        excess = lengths(pivot_velocity(self.problem, self.state)[0][at]) ** 2 / self.problem.still_sigma[at] ** 2 - 3.0
+        np.maximum.at(weights, self.problem.stop_of[at], 1.0 / (1.0 + np.maximum(excess, 0.0) / OUTLIER_SIGMAS**2) ** 2)
         return weights
 
 
