@@ -144,12 +144,14 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None) -> DemoCh
             return check
         from pbd.planning import plan
 
-        del remarks[:]  # those of tracking are findings already
+        of_tracking = len(remarks)  # which are findings already
         try:
             motion_s = plan(path, arm[1], arm[0]).duration
         except PbdError as error:
             return replace(check, refused=f"{arm[0].name}: {error.message}")
-        return replace(check, motion_s=motion_s, findings=tuple(dict.fromkeys((*check.findings, *remarks))))
+        return replace(
+            check, motion_s=motion_s, findings=tuple(dict.fromkeys((*check.findings, *remarks[of_tracking:])))
+        )
 
 
 def compare_siblings(found: Iterable[DemoCheck]) -> tuple[DemoCheck, ...]:

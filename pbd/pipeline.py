@@ -130,7 +130,7 @@ def track(
     else:
         path = track_alone(demo, method, calibration, accept_gap)[0]
     _refuse_turned_dock(demo, path, method)
-    _warn_of_times_outside(demo, path)
+    _warn_of_edited_times(demo, path)
     if method == "paper":
         return path
     try:
@@ -202,7 +202,7 @@ def _refuse_turned_dock(demo: Demonstration, path: HandPath, method: str) -> Non
         )
 
 
-def _warn_of_times_outside(demo: Demonstration, path: HandPath) -> None:
+def _warn_of_edited_times(demo: Demonstration, path: HandPath) -> None:
     """Warn of edited keyframes before or after the recording: the hand's way and time to them are unknown.
 
     Of a fused demonstration, warn too if they have the times of other takes: --path demo would go other ways.

@@ -90,7 +90,12 @@ def _matrix(recording: Recording, rests: Rests, up_sensor: Array, sigma: float, 
         scaled = np.vstack((PRIOR_SIGMA / sigma * np.vstack(changes), np.eye(9)))
         return np.concatenate((np.ravel(off) / sigma, x)), scaled
 
-    residuals, jacobian = (lambda x: linearised(x)[0]), (lambda x: linearised(x)[1])
+    def residuals(x: Array) -> Array:
+        return linearised(x)[0]
+
+    def jacobian(x: Array) -> Array:
+        return linearised(x)[1]
+
     result = least_squares(residuals, np.zeros(9), jacobian, method="lm", max_nfev=MAX_EVALUATIONS)
     off = float(np.sqrt(np.mean((sigma * result.fun[:-9]) ** 2) * 3.0))
     if off > LARGEST_MISFIT or np.abs(result.x).max() > LARGEST_ERROR:

@@ -8,6 +8,7 @@ prefer a device with a checksum.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from math import isfinite, pi
 from operator import itemgetter
 
@@ -83,8 +84,7 @@ class LineDecoder:
 
     def _emit(self, samples: list[Sample]) -> None:
         if self._group:
-            parts = zip(*self._group.values(), strict=True)  # of each quantity, and of the time, the first value counts
-            samples.append(Sample(*(next((value for value in given if value is not None), None) for given in parts)))
+            samples.append(_merged(self._group.values()))
             self._group = {}
 
 
@@ -138,3 +138,8 @@ class _LineReader:
                 raise ValueError("not a time of this clock")
             t = clock.unwrap(t)
         return Sample(acc, gyr, mag, rpy, t)
+
+
+def _merged(parts: Iterable[Sample]) -> Sample:
+    """Merge the samples of a group's lines. Of each quantity, and of the time, the first value counts."""
+    return Sample(*(next((value for value in given if value is not None), None) for given in zip(*parts, strict=True)))

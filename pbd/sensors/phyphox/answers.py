@@ -134,6 +134,10 @@ class _SensorBuffer:
     def stream(self) -> Stream:
         return Stream(self.rows[:, 0], self.rows[:, 1:])
 
+    def drop_before(self, t: float) -> None:
+        """Keep the rows after `t`, and the last row before it, which interpolation still needs."""
+        self.rows = self.rows[max(int(np.searchsorted(self.rows[:, 0], t)) - 1, 0) :]
+
 
 class PhyphoxDecoder:
     """Makes a sample at each gyro sample (without a gyro: at each accelerometer sample); times in s since the start."""
@@ -211,8 +215,8 @@ class PhyphoxDecoder:
         # The phone's moments are exact to milliseconds only, so around a pause times may step back: drop those samples.
         later = elapsed > np.maximum.accumulate(np.append(self._latest, elapsed[:-1]))
         self._latest = max(self._latest, float(elapsed.max()))
-        for sensor in (gyr, acc, mag):  # interpolation still needs the last row before
-            sensor.rows = sensor.rows[max(int(np.searchsorted(sensor.rows[:, 0], self._last_t)) - 1, 0) :]
+        for sensor in (gyr, acc, mag):
+            sensor.drop_before(self._last_t)
         return [
             Sample(
                 (ax, ay, az),

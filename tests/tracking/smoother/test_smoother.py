@@ -17,11 +17,12 @@ from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import acc_sigma_factor, noise_of
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother import normal_equations
-from pbd.tracking.smoother.doubtful_stops import revised_stops
+from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, revised_stops
 from pbd.tracking.smoother.factors import (
     GAUGE_WEIGHT,
     _add_device_attitude,
     _add_priors,
+    _robust,
     compass_heading,
     linearise,
     whitener,
@@ -271,3 +272,8 @@ def test_the_first_guess_moves_as_the_samples_say() -> None:
     assert first.v == pytest.approx(solution.state.v, abs=0.1)
     assert np.abs(solution.state.v).max() > 0.3
     assert not first.v[solution.problem.stop_of >= 0].any()
+
+
+def test_noise_makes_one_knot_in_twenty_seem_to_move() -> None:
+    squares = np.square(np.random.default_rng(0).normal(size=(100_000, 3))).sum(axis=1)
+    assert (_robust(squares) < MOVING_WEIGHT).mean() == pytest.approx(0.05, abs=0.005)
