@@ -11,7 +11,7 @@ import numpy as np
 from pbd.driving.bus import Bus, NoAnswerError
 from pbd.driving.encoder_counts import EncoderCounts
 from pbd.driving.packets import decode_word, encode_word
-from pbd.errors import CalibrationError, SensorError, printable
+from pbd.errors import CalibrationError, SensorError, listed, printable
 from pbd.pose import Array
 
 STS3215 = 777
@@ -117,12 +117,20 @@ class ServoArm:
         self._bus.write(GOAL, dict(zip(self.counts.ids, _words(counts), strict=True)))
 
     def hold(self, counts: Array) -> None:
-        """Send goals and verify that they arrived.
+        """Send goals; verify that they arrived, and that the servos have torque.
 
         Raises:
-            SensorError: they did not arrive; the servos hold their previous goals.
+            SensorError: they did not arrive, so the servos hold their previous goals; or a servo has no torque.
         """
         self._write_verified(GOAL, _words(counts))
+        self.check_torque()
+
+    def check_torque(self) -> None:
+        """Refuse (SensorError) servos without torque, as after a moment without power."""
+        found = self._bus.read(self.counts.ids, TORQUE_ENABLE, 1)
+        if loose := [name for name, servo in self.counts.servos.items() if not found[servo.id].data[0]]:
+            what = f"{listed(loose)} lost torque, as after a moment without power"
+            raise SensorError(f"{what}: check the cables and the arm's power supply", joint=loose[0])
 
     def enable_torque(self, counts: Array) -> None:
         """Switch torque on with the arm's present position as goals, so that nothing jumps.
@@ -134,7 +142,7 @@ class ServoArm:
         self._write_verified(
             GOAL, goals, lambda has, wanted: abs(decode_word(has) - decode_word(wanted)) <= GOAL_TOLERANCE
         )
-        self._bus.write(TORQUE_LIMIT, {self.counts.ids[-1]: encode_word(GRIPPER_TORQUE)})
+        write_verified(self._bus, TORQUE_LIMIT, {self.counts.ids[-1]: encode_word(GRIPPER_TORQUE)})
         self._write_verified(TORQUE_ENABLE, [b"\x01"] * len(self.counts.ids))
         self.hold(counts)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -12,9 +11,10 @@ from pbd.errors import CalibrationError, PlanError, RobotError
 from pbd.files.servo_calibration import COUNTS, ServoCalibration
 from pbd.pose import Array
 
-SHORTEST_SHARE = 0.6
-"""Smallest calibrated range of a joint, as a share of the model's range (assumed). With less, the joint was not moved
-to both ends, so its zero, the middle of the range, is wrong."""
+SHORTEST_SHARE, LONGEST_SHARE = 0.6, 1.4
+"""Smallest and largest calibrated range of a joint, as a share of the model's range (assumed). With less, the joint was
+not moved to both ends; with more, it did not begin in its middle, and its encoder passed from 4095 to 0. Both make its
+zero, the middle of the range, wrong."""
 
 
 class EncoderCounts:
@@ -30,7 +30,7 @@ class EncoderCounts:
 
         Raises:
             RobotError: LeRobot does not know this arm.
-            CalibrationError: a joint's range is too short, or its direction is reversed.
+            CalibrationError: a range is too short or too long, or a joint's direction is reversed.
         """
         if robot.servos is None or robot.gripper is None:
             raise RobotError(f"{robot.name} has no [servos]: LeRobot does not know this arm; use `pbd export`")
@@ -41,17 +41,16 @@ class EncoderCounts:
         self.lower = np.array([servo.range_min for servo in self.servos.values()])
         self.upper = np.array([servo.range_max for servo in self.servos.values()])
         self._middle = 0.5 * (self.lower + self.upper)[:-1]
-        limits = robot.limits
-        for name, lower, upper, low, high in zip(
-            robot.joints, limits.lower, limits.upper, self.lower, self.upper, strict=False
-        ):
-            if self.servos[name].drive_mode:
+        widths = np.degrees([*(robot.limits.upper - robot.limits.lower), abs(np.subtract(*robot.servos.gripper))])
+        for name, full, counts in zip(self.names, widths, self.upper - self.lower, strict=True):
+            if self.servos[name].drive_mode and name in robot.joints:
                 what = f"drive_mode of {name} is 1, which LeRobot passes over, so which way it turns isn't certain"
                 raise CalibrationError(f"{what}; calibrate anew with `pbd run --calibrate`", joint=name)
-            found, full = 360.0 * (high - low) / COUNTS, math.degrees(upper - lower)
-            if found < SHORTEST_SHARE * full:
+            found = 360.0 * counts / COUNTS
+            if not SHORTEST_SHARE * full <= found <= LONGEST_SHARE * full:
                 what = f"the calibration found a range of {found:.0f} degrees for {name}; the model has {full:.0f}"
-                raise CalibrationError(f"{what}: calibrate anew, and move it from stop to stop", joint=name)
+                advice = "begin in its middle, and move it from stop to stop"
+                raise CalibrationError(f"{what}: calibrate anew, {advice}", joint=name)
 
     def from_joints(self, q: Array, opening: Array) -> Array:
         """Convert joint positions (n, k) rad and gripper openings (n,), 0 closed to 1 open, to counts (n, k + 1)."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from pbd.data import JointLimits, JointTrajectory
 from pbd.driving.arm import ServoArm, State
+from pbd.driving.bus import NoAnswerError
 from pbd.driving.encoder_counts import EncoderCounts
 from pbd.driving.watch import Watch
 from pbd.errors import PlanError, SensorError
@@ -51,7 +52,7 @@ class StreamResult:
         t: how far the motion got, s.
         periods: (sent - 1,) times between goals, s.
         stopped: why it stopped early, or None.
-        held: whether the servos took the goal that holds the arm (True if nothing was stopped).
+        held: whether the servos have torque, and took the goal that holds the arm.
     """
 
     sent: int
@@ -120,7 +121,7 @@ def stream(
     """Send goals (n, k + 1), counts, one each period; with `dry_run` only read the servos.
 
     Each period reads the servos and then sends the next goal. A late goal delays all that follow, so goals never jump.
-    A stop sends the servos their last measured position as the goal, and returns.
+    A stop sends the servos their last measured position as the goal, and returns. A fault must show in two readings.
     """
     period, k = 1.0 / rate_hz, 0
     times: list[float] = []
@@ -135,14 +136,21 @@ def stream(
             now = clock.now()
             if k and now - due > stall_s:
                 raise SensorError(f"this computer was busy for {now - due:.2f} s: close other programs")
-            state = arm.state()
-            watch.check(state)
+            seen = arm.state()
+            try:
+                watch.check(seen)
+            except SensorError:  # a damaged answer may pass its checksum, which is one byte: a second one must agree
+                seen = state = arm.state()
+                watch.check(seen)
+            state = seen
             if not dry_run:
                 arm.send_goals(goal)
             watch.add_goal(goal)
             times.append(now)
             due = max(due, now - 0.5 * period) + period
         else:
+            if not dry_run:
+                arm.check_torque()
             return StreamResult(len(goals), len(goals) / rate_hz, np.diff(times))
     except SensorError as error:
         why = error
@@ -150,6 +158,8 @@ def stream(
     if state is not None and not dry_run:
         try:
             arm.hold(state.counts)
-        except SensorError:
+        except NoAnswerError:
             held = False
+        except SensorError as error:
+            why, held = error, False
     return StreamResult(k, k / rate_hz, np.diff(times), why, by_hand=why is None, held=held)

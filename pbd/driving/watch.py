@@ -33,8 +33,8 @@ class Watch:
     """Checks each state and keeps the extremes. The gripper closes on things, so its position and load are not checked.
 
     Attributes:
-        error_deg, load, celsius: (n,) largest values so far.
-        volts: (n,) smallest values so far.
+        error_deg, load, celsius: (n,) largest values so far, without those of a fault.
+        volts: (n,) smallest values so far, likewise.
     """
 
     def __init__(
@@ -63,8 +63,6 @@ class Watch:
         off = np.maximum(goals.min(axis=0) - state.counts, state.counts - goals.max(axis=0)).clip(0.0)
         error_deg = 360.0 * off / COUNTS
         load = np.abs(state.load)
-        self.error_deg, self.load = np.maximum(self.error_deg, error_deg), np.maximum(self.load, load)
-        self.celsius, self.volts = np.maximum(self.celsius, state.celsius), np.minimum(self.volts, state.volts)
         self._overloaded = np.where(load > MAX_LOAD, self._overloaded + 1, 0)
         check_health(self._names, self._bounds, state)
         arm = slice(0, len(self._names) - 1)
@@ -83,6 +81,8 @@ class Watch:
             name, share = self._names[worst], 100.0 * MAX_LOAD
             what = f"{name} has pushed with more than {share:.0f} % of its strength for {LOAD_S:g} s"
             raise SensorError(f"{what}: clear its way, or carry less", joint=name)
+        self.error_deg, self.load = np.maximum(self.error_deg, error_deg), np.maximum(self.load, load)
+        self.celsius, self.volts = np.maximum(self.celsius, state.celsius), np.minimum(self.volts, state.volts)
 
 
 def check_health(names: Sequence[str], bounds: Bounds, state: State) -> None:

@@ -37,13 +37,13 @@ LOAD_A_COUNT = 4
 
 
 class Servo:
-    """Registers, and a motor that follows its goal."""
+    """Registers, and a motor that follows its goal. `misread` falsifies its position in one answer, counts."""
 
     def __init__(self, calibration: ServoCalibration, counts: float) -> None:
         self.registers = bytearray(128)
         self.place = counts + calibration.homing_offset
         self.blocked = self.silent = self.snaps = self.deaf = False
-        self.flags = 0
+        self.flags = self.misread = 0
         self.put(3, (777).to_bytes(2, "little"))
         self.put(5, bytes([calibration.id]))
         self.put(9, encode_word(calibration.range_min) + encode_word(calibration.range_max))
@@ -201,7 +201,10 @@ class Emulator:
         servo = self.servos.get(id_)
         if servo is None or servo.silent:
             return
-        body = bytes([id_, length + 2, servo.flags]) + bytes(servo.registers[address : address + length])
+        data = bytes(servo.registers[address : address + length])
+        if servo.misread and address == 56:
+            data, servo.misread = encode_word(decode_word(data) + servo.misread) + data[2:], 0
+        body = bytes([id_, length + 2, servo.flags]) + data
         os.write(self._master, self._worn(b"\xff\xff" + body + bytes([checksum(body)])))
 
 

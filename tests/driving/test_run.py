@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import signal
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -129,6 +131,16 @@ def test_it_lets_go_only_when_told(emulator: Emulator, words: list[str], capsys:
     assert not any(servo.registers[40] for servo in emulator.servos.values())
 
 
+def test_a_termination_is_no_answer(words: list[str]) -> None:
+    with Emulator(calibration_of("so101"), resting("so101"), Clock()) as real:
+        real.servos[1].registers[40] = 1
+        terminal = Terminal("run", "--release", *words, "--port", real.device, cwd=Path.cwd())
+        terminal.until("any other key cancels.")
+        os.kill(terminal.process, signal.SIGTERM)
+        assert terminal.exit_code() == 143
+        assert real.servos[1].registers[40]
+
+
 def test_nobody_to_ask(words: list[str], capsys: Capture) -> None:
     assert "start it at a terminal, or with --yes" in refused(capsys, 2, "run", *words, "--port", "/dev/null")
 
@@ -167,9 +179,9 @@ def test_a_motion_beyond_the_calibrated_range(emulator: Emulator, words: list[st
     assert emulator.goals == []
 
 
-@pytest.mark.parametrize("key", ["x", "\x03"])
-def test_a_person_at_a_terminal(words: list[str], key: str) -> None:
-    """In real time: asked, started with Enter, stopped with a key or Ctrl-C."""
+@pytest.mark.parametrize(("key", "code"), [("x", 130), ("\x03", 130), (signal.SIGTERM, 143)])
+def test_a_person_at_a_terminal(words: list[str], key: str | signal.Signals, code: int) -> None:
+    """In real time: asked, started with Enter, stopped with a key, Ctrl-C or a termination."""
     with Emulator(calibration_of("so101"), resting("so101"), Clock()) as real:
         terminal = Terminal("run", "pouring", *words, "--port", real.device, cwd=Path.cwd())
         terminal.until("Enter starts it; any other key cancels.")
@@ -178,10 +190,13 @@ def test_a_person_at_a_terminal(words: list[str], key: str) -> None:
         terminal.until("any key stops it")
         while len(real.goals) < 20:
             time.sleep(0.01)
-        terminal.type(key)
+        if isinstance(key, str):
+            terminal.type(key)
+        else:
+            os.kill(terminal.process, key)
         terminal.until("stopped by hand after")
         terminal.until("lets go of it")
-        assert terminal.exit_code() == 130
+        assert terminal.exit_code() == code
         assert len(real.goals) < 500  # of 950
         assert all(servo.registers[40] for servo in real.servos.values())
 
@@ -191,7 +206,7 @@ def test_a_person_calibrates(words: list[str]) -> None:
     with Emulator(calibration_of("so101"), resting("so101"), Clock()) as real:
         for servo in real.servos.values():
             servo.registers[40] = 1
-        words[-1] = "new.json"
+        words[-2:] = []
         terminal = Terminal("run", "--calibrate", *words, "--port", real.device, cwd=Path.cwd())
         terminal.until("Enter lets go; any other key cancels.")
         terminal.type("\n")
@@ -203,13 +218,13 @@ def test_a_person_calibrates(words: list[str]) -> None:
         terminal.type("\n")
         terminal.until("Enter when all are done")
         for id_, servo in real.servos.items():
-            for way in (-1100 - id_, 1050 + id_):
+            for way in (-1100 - id_, 1050 + id_) if id_ < 6 else (-700, 650):
                 servo.place = middles[id_] + way
                 terminal.until(str(2047 + way))
         terminal.type("\n")
         terminal.until("the arm is loose")
         assert terminal.exit_code() == 0
-        written = json.loads(Path("new.json").read_text())
+        written = json.loads(Path("calibration/so101-servos.json").read_text())
         assert list(written) == [*load_robot("so101").joints, "gripper"]
         assert written["elbow_flex"] == {
             "id": 3,

@@ -130,6 +130,26 @@ def test_a_blocked_joint_is_held_where_it_is(emulator: Emulator) -> None:
     assert before - held > 100
 
 
+def test_one_wrong_answer_moves_nothing(emulator: Emulator) -> None:
+    """A damaged answer may pass its checksum. The arm must not be sent to where it says."""
+
+    def damage() -> None:
+        emulator.servos[2].misread = 1024
+
+    emulator.fault = damage
+    assert swing(emulator, 40).stopped is None
+    assert {goal[2] for _, goal in emulator.goals} == {round(emulator.servos[2].counts)}
+
+
+@pytest.mark.parametrize(("servo", "name"), [(3, "elbow_flex"), (6, "gripper")])
+def test_a_servo_that_was_without_power_does_not_hold(emulator: Emulator, servo: int, name: str) -> None:
+    emulator.fault = lambda: emulator.servos[servo].put(40, b"\x00")
+    done = swing(emulator)
+    assert done.stopped is not None
+    assert done.stopped.message.startswith(f"{name} lost torque, as after a moment without power: check the cables")
+    assert not done.held
+
+
 def test_a_joint_that_pushes_too_long(emulator: Emulator) -> None:
     """Blocked a little off its goal: within the tolerance, but at the end of its strength."""
 
@@ -246,7 +266,7 @@ def test_after_a_late_goal_none_comes_sooner_than_half_a_period() -> None:
         def sleep_until(self, t: float) -> None:
             self.t = max(self.t, t) + (0.09 if 0.4 <= t < 0.41 else 0.0)
 
-    arm: Any = SimpleNamespace(state=lambda: None, send_goals=lambda goal: None)
+    arm: Any = SimpleNamespace(state=lambda: None, send_goals=lambda goal: None, check_torque=lambda: None)
     watch: Any = SimpleNamespace(check=lambda state: None, add_goal=lambda goal: None)
     done = stream(arm, np.zeros((60, 6)), RATE_HZ, watch, Late(), lambda: False)
     assert done.periods.max() == pytest.approx(0.11)

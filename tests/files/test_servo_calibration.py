@@ -91,16 +91,22 @@ def test_lerobots_degrees_and_percent() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("name", "change", "says"),
     [
-        ({"range_min": 1500, "range_max": 2600}, "found a range of 97 degrees for elbow_flex; the model has 194"),
-        ({"drive_mode": 1}, "drive_mode of elbow_flex is 1"),
+        (
+            "elbow_flex",
+            {"range_min": 1500, "range_max": 2600},
+            "range of 97 degrees for elbow_flex; the model has 194",
+        ),
+        ("elbow_flex", {"range_min": 4, "range_max": 4090}, "range of 359 degrees for elbow_flex; the model has 194"),
+        ("gripper", {"range_min": 2047, "range_max": 2047}, "range of 0 degrees for gripper; the model has 110"),
+        ("elbow_flex", {"drive_mode": 1}, "drive_mode of elbow_flex is 1"),
     ],
 )
-def test_an_implausible_calibration_is_refused(change: dict[str, int], says: str) -> None:
+def test_an_implausible_calibration_is_refused(name: str, change: dict[str, int], says: str) -> None:
     servos = calibration_of("so101")
     with pytest.raises(CalibrationError, match=says):
-        EncoderCounts(SO101, servos | {"elbow_flex": replace(servos["elbow_flex"], **change)})
+        EncoderCounts(SO101, servos | {name: replace(servos[name], **change)})
 
 
 def test_an_arm_without_servos_is_refused() -> None:

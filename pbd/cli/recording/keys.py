@@ -22,13 +22,16 @@ class Keys:
     """A context in which keys are read one by one. Ctrl-C, a hang-up and a termination are read as the key END.
 
     If standard input is no terminal, there are no keys, and the end of the input means nothing.
+
+    Attributes:
+        signal: the number of the signal that came, or 0.
     """
 
     END, ENTER = "\x03", "\r\n"
 
     def __init__(self) -> None:
         self.terminal = sys.stdin.isatty()
-        self._signalled = False
+        self.signal = 0
         self._settings: list[Any] | None = None
         self._handlers: dict[int, Any] = {}
 
@@ -54,7 +57,7 @@ class Keys:
 
     def next(self) -> str:
         """Return the next key, or "" if there is none."""
-        if self._signalled:
+        if self.signal:
             return self.END
         try:
             if self.terminal and select.select([sys.stdin], [], [], 0.0)[0]:
@@ -64,15 +67,21 @@ class Keys:
         return ""
 
     def ask(self, question: str) -> None:
-        """Wait for Enter; PbdError for any other key."""
+        """Wait for Enter; PbdError for any other key, KeyboardInterrupt for a signal."""
         print(question, file=sys.stderr, flush=True)
         while not (key := self.next()):
             time.sleep(POLL_S)
+        self.raise_signal()
         if key not in self.ENTER:
             raise PbdError("cancelled: nothing was changed, run it again when you are ready")
 
-    def _signal(self, *_: object) -> None:
-        self._signalled = True
+    def raise_signal(self) -> None:
+        """Raise KeyboardInterrupt with the signal's number if a signal came."""
+        if self.signal:
+            raise KeyboardInterrupt(self.signal)
+
+    def _signal(self, number: int, _: object) -> None:
+        self.signal = number
 
 
 class Person:

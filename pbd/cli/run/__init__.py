@@ -24,7 +24,7 @@ from pbd.driving.encoder_counts import EncoderCounts, servo_names
 from pbd.errors import PbdError, UsageError
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import COUNTS, own_servo_calibration, write_servo_calibration
-from pbd.io.atomic import refuse_output
+from pbd.io.atomic import is_folder, refuse_folder, refuse_output
 from pbd.view.terminal_tables import make_table, print_table
 
 OTHER_PROGRAMS = {
@@ -63,7 +63,10 @@ def _calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
     if not sys.stdin.isatty():
         raise UsageError("pbd run --calibrate needs a person at a terminal, who moves the arm by hand")
     file = args.servos or own_servo_calibration(robot.name)
-    refuse_output(file)
+    if is_folder(file.parent):
+        refuse_output(file)
+    else:
+        refuse_folder(file.parent)  # it is made at the end
     device, ids = args.port or only_port("arm", ""), _ids(robot)
     with Keys() as keys, Bus.open(device) as bus:
         identify(bus, ids)
@@ -119,6 +122,7 @@ def _show_ranges(keys: Keys, session: Calibrating, ids: dict[str, int]) -> None:
                 ends = list(zip(lowest.tolist(), highest.tolist(), strict=True))
                 shown.update(_ranges(ids, ends), refresh=True)
             time.sleep(POLL_S)
+    keys.raise_signal()
     if key not in keys.ENTER:
         raise PbdError("cancelled: the servos have their old calibration again, run it again when you are ready")
 

@@ -99,7 +99,8 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
                 "warnings": args.warnings,
             }
         )
-    return report_end(done, watch, counts, args, device)
+    code = report_end(done, watch, counts, args, device)
+    return 128 + keys.signal if done.by_hand and keys.signal else code
 
 
 def _check_pace(bus: Bus, arm: ServoArm) -> None:

@@ -73,7 +73,7 @@ def report_end(done: StreamResult, watch: Watch, counts: EncoderCounts, args: ar
     lets_go = f"`pbd run --release --robot {args.robot} --port {device}` lets go of it"
     holds = "the arm holds where it stopped"
     if not done.held:
-        holds = "its servos did not confirm the stop, so switch their power off if the arm still moves"
+        holds = "its servos did not confirm that they hold: support the arm, switch their power off if it still moves"
     elif args.dry_run:
         holds = "nothing moved"
     if done.stopped is not None:
