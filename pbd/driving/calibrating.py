@@ -13,6 +13,7 @@ import numpy as np
 from pbd.driving.arm import LOCK, OFFSET_SIGN, PRESENT, identify, release, write_verified
 from pbd.driving.bus import Bus
 from pbd.driving.packets import decode_word, encode_word
+from pbd.errors import SensorError
 from pbd.files.servo_calibration import COUNTS, LARGEST_OFFSET, ServoCalibration
 from pbd.pose import Array
 
@@ -77,16 +78,20 @@ def calibrating(bus: Bus, ids: Mapping[str, int]) -> Iterator[Calibrating]:
     An error inside restores the old ranges and homing offsets.
 
     Raises:
-        SensorError: the servos do not answer, or are of another model.
+        SensorError: the servos do not answer, or are of another model; or their old values could not be restored.
     """
-    before = identify(bus, ids)
+    before, locked = identify(bus, ids), dict.fromkeys(ids.values(), b"\x01")
     release(bus, tuple(ids.values()))
     write_verified(bus, LOCK, dict.fromkeys(ids.values(), b"\x00"))
     try:
         yield Calibrating(bus, ids)
     except BaseException:
-        write_verified(bus, RANGE, {id_: data[6:10] for id_, data in zip(ids.values(), before, strict=True)})
-        write_verified(bus, OFFSET, {id_: data[28:30] for id_, data in zip(ids.values(), before, strict=True)})
+        try:
+            write_verified(bus, RANGE, {id_: data[6:10] for id_, data in zip(ids.values(), before, strict=True)})
+            write_verified(bus, OFFSET, {id_: data[28:30] for id_, data in zip(ids.values(), before, strict=True)})
+            write_verified(bus, LOCK, locked)
+        except SensorError as error:
+            what = f"{error.message}; the servos did not all get their old calibration back: calibrate anew"
+            raise SensorError(what, **error.fields) from error
         raise
-    finally:
-        write_verified(bus, LOCK, dict.fromkeys(ids.values(), b"\x01"))
+    write_verified(bus, LOCK, locked)

@@ -10,6 +10,7 @@ import scservo_sdk
 
 from pbd.driving.arm import PRESENT, release
 from pbd.driving.bus import Bus
+from pbd.driving.calibrating import calibrating
 from pbd.driving.packets import Answer, decode_word, encode_word, take_answers
 from pbd.driving.stream import Clock
 from pbd.errors import CalibrationError, SensorError
@@ -144,6 +145,18 @@ def test_another_arms_calibration_is_refused(emulator: Emulator) -> None:
         ),
     ):
         connect(bus)
+
+
+def test_a_calibration_that_can_not_be_undone_says_so(emulator: Emulator) -> None:
+    ids = {f"servo {id_}": id_ for id_ in emulator.servos}
+    with (
+        Bus.open(emulator.device, 0.1) as bus,
+        pytest.raises(SensorError, match="servo 3 .* did not answer; .* did not all get their old calibration back"),
+        calibrating(bus, ids) as session,
+    ):
+        session.set_middles()
+        emulator.servos[3].silent = True
+        session.follow()
 
 
 def test_answers_are_found_among_what_is_broken() -> None:
