@@ -33,7 +33,7 @@ class Calibrating:
     def __init__(self, bus: Bus, ids: Mapping[str, int]) -> None:
         self._bus, self._ids = bus, dict(ids)
         self._lowest = np.full(len(ids), MIDDLE)
-        self._highest = self._lowest.copy()
+        self._highest = self._latest = self._lowest
 
     def set_middles(self) -> None:
         """Set the homing offsets so that the arm's present position is the middle of every joint's range."""
@@ -50,9 +50,13 @@ class Calibrating:
         return np.array([decode_word(found[id_].data) for id_ in self._ids.values()])
 
     def follow(self) -> tuple[Array, Array]:
-        """Read the servos' positions; return the lowest and the highest so far, (n,) counts each."""
-        counts = self.counts()
-        self._lowest, self._highest = np.minimum(self._lowest, counts), np.maximum(self._highest, counts)
+        """Read the servos' positions; return the lowest and the highest so far, (n,) counts each.
+
+        A position counts once the next one confirms it: a damaged answer may pass its checksum.
+        """
+        before, self._latest = self._latest, self.counts()
+        self._lowest = np.minimum(self._lowest, np.maximum(before, self._latest))
+        self._highest = np.maximum(self._highest, np.minimum(before, self._latest))
         return self._lowest, self._highest
 
     def result(self) -> dict[str, ServoCalibration]:

@@ -159,6 +159,16 @@ def test_a_calibration_that_can_not_be_undone_says_so(emulator: Emulator) -> Non
         begin(bus)
 
 
+def test_a_damaged_answer_is_no_end_of_a_range(emulator: Emulator) -> None:
+    with Bus.open(emulator.device, PATIENT_S) as bus, calibrating(bus, {"shoulder": 1, "elbow": 2}) as session:
+        session.set_middles()
+        for counts in (400, -400):
+            emulator.servos[2].misread = counts
+            session.follow()
+            lowest, highest = session.follow()
+        assert (highest - lowest).max() <= 1
+
+
 def test_answers_are_found_among_what_is_broken() -> None:
     good = bytes.fromhex("ffff0103000af1")  # servo 1: one register that holds 10
     buffer = bytearray(b"\xff\x00\xff\xff\x01" + good[:-1] + b"\x00" + good + b"\xff\xff\x02")
