@@ -22,6 +22,7 @@ import pytest
 
 from pbd.cli import main
 from pbd.cli.record import _report
+from pbd.cli.recording.keys import Keys
 from pbd.files.demo import demo_folder, read_demo, write_demo
 from pbd.record import Outcome
 from pbd.simulation.emulator import Emulator
@@ -75,6 +76,18 @@ def test_ctrl_c_and_a_lost_connection_end_it_in_good_order(tmp_path: Path, hung_
     assert terminal.exit_code() == 0
     recording = read_demo(tmp_path / "demos" / "tea").recording
     assert recording.info.rate_hz == pytest.approx(100.0, rel=1e-3)
+
+
+def test_nohup_outlives_a_hang_up() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with Keys() as keys:
+            assert not keys.terminal
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert keys.next() == ""
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_stopped_for_a_while_it_goes_on(tmp_path: Path) -> None:

@@ -37,6 +37,8 @@ class Keys:
 
     def __enter__(self) -> Self:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if number == signal.SIGHUP and not self.terminal and signal.getsignal(number) is signal.SIG_IGN:
+                continue  # nohup
             self._handlers[number] = signal.signal(number, self._signal)
         if self.terminal:
             import termios
