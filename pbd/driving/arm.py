@@ -39,6 +39,10 @@ WRITE_TRIES = 3
 """Largest number of attempts to write registers until they read back as written."""
 
 
+class LostTorqueError(SensorError):
+    """A servo has no torque, as after a moment without power."""
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """State of all servos at one instant, base to gripper.
@@ -126,11 +130,11 @@ class ServoArm:
         self.check_torque()
 
     def check_torque(self) -> None:
-        """Refuse (SensorError) servos without torque, as after a moment without power."""
+        """Refuse (LostTorqueError) servos without torque."""
         found = self._bus.read(self.counts.ids, TORQUE_ENABLE, 1)
         if loose := [name for name, servo in self.counts.servos.items() if not found[servo.id].data[0]]:
             what = f"{listed(loose)} lost torque, as after a moment without power"
-            raise SensorError(f"{what}: check the cables and the arm's power supply", joint=loose[0])
+            raise LostTorqueError(f"{what}: check the cables and the arm's power supply", joint=loose[0])
 
     def enable_torque(self, counts: Array) -> None:
         """Switch torque on with the arm's present position as goals, so that nothing jumps.

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.data import JointLimits, JointTrajectory
-from pbd.driving.arm import ServoArm, State
-from pbd.driving.bus import NoAnswerError
+from pbd.driving.arm import LostTorqueError, ServoArm, State
 from pbd.driving.encoder_counts import EncoderCounts
 from pbd.driving.watch import Watch
 from pbd.errors import PlanError, SensorError
@@ -158,8 +157,8 @@ def stream(
     if state is not None and not dry_run:
         try:
             arm.hold(state.counts)
-        except NoAnswerError:
-            held = False
-        except SensorError as error:
+        except LostTorqueError as error:
             why, held = error, False
+        except SensorError:
+            held = False
     return StreamResult(k, k / rate_hz, np.diff(times), why, by_hand=why is None, held=held)
