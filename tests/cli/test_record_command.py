@@ -78,6 +78,16 @@ def test_ctrl_c_and_a_lost_connection_end_it_in_good_order(tmp_path: Path, hung_
     assert recording.info.rate_hz == pytest.approx(100.0, rel=1e-3)
 
 
+def test_a_terminal_that_goes_without_a_signal_is_a_hang_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    master, slave = os.openpty()
+    with os.fdopen(slave) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        with Keys() as keys:
+            assert keys.next() == ""
+            os.close(master)
+            assert (keys.next(), keys.signal) == (keys.END, signal.SIGHUP)
+
+
 def test_nohup_outlives_a_hang_up() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:

@@ -61,12 +61,13 @@ class Keys:
         """Return the next key, or "" if there is none."""
         if self.signal:
             return self.END
-        try:
-            if self.terminal and select.select([sys.stdin], [], [], 0.0)[0]:
-                return os.read(sys.stdin.fileno(), 1).decode(errors="replace")
-        except OSError:  # the terminal is gone; its hang-up signal, if any, is read as END
-            self.terminal = False
-        return ""
+        with suppress(OSError):
+            if not self.terminal or not select.select([sys.stdin], [], [], 0.0)[0]:
+                return ""
+            if key := os.read(sys.stdin.fileno(), 1):
+                return key.decode(errors="replace")
+        self.signal = signal.SIGHUP  # the terminal is gone, whoever got its hang-up signal
+        return self.END
 
     def ask(self, question: str) -> None:
         """Wait for Enter; PbdError for any other key, KeyboardInterrupt for a signal."""
