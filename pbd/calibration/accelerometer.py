@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pbd.calibration.rests import Rests, count_orientations, rms
 from pbd.data import GRAVITY, Linear
@@ -19,6 +20,9 @@ MEAN_SIGMA = 0.0005 * GRAVITY
 
 DETERMINED = 0.3
 """Ratio of an error's sigma to its prior sigma, below which the data determine the error."""
+
+ALONE = 0.8
+"""Share of the sum of squares that the error of one rest must explain to be suspected."""
 
 FEWEST_ORIENTATIONS = 4
 """Smallest number of orientations. With fewer, bias, scale and misalignment can't be separated."""
@@ -38,6 +42,8 @@ class AccelerometerFit:
         determined: the errors of NAMES that the orientations determine. The others stay near the prior.
         orientations: number of different orientations.
         before, after: m/s2, rms over the rests of norm minus gravity, without and with the correction.
+        misfit: m/s2, rms of an independent residual: nine unknowns hide much of what twelve rests contradict.
+        suspects: the rests of which one alone may have made the misfit; opposite sides make the same.
     """
 
     linear: Linear
@@ -46,6 +52,8 @@ class AccelerometerFit:
     orientations: int
     before: float
     after: float
+    misfit: float
+    suspects: NDArray[np.intp]
 
     @property
     def up_sigma(self) -> float:
@@ -99,9 +107,12 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
 
     result = least_squares(residuals, np.zeros(9), method="lm")
     jacobian = np.asarray(result.jac)
-    relative = np.sqrt(np.diagonal(np.linalg.inv(jacobian.T @ jacobian)))  # to prior sigma
+    covariance, of_rests = np.linalg.inv(jacobian.T @ jacobian), jacobian[: len(rests)]
+    relative = np.sqrt(np.diagonal(covariance))  # to prior sigma
+    squares = result.fun[: len(rests)] ** 2
+    free = 1.0 - np.einsum("ki,ij,kj->k", of_rests, covariance, of_rests)  # share of a rest's error in its residual
+    chi2 = squares.sum() / max(1.0, free.sum())  # per degree of freedom
     bias, matrix = _unpack(result.x * prior)
-    chi2 = 2.0 * result.cost / len(rests)  # per degree of freedom: there are as many priors as unknowns
     sigma = relative * prior * np.sqrt(max(1.0, chi2))
     return AccelerometerFit(
         linear=Linear(bias, matrix, sigma[:3], float(sigma[3:].max())),
@@ -110,6 +121,8 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
         orientations=different,
         before=rms(np.linalg.norm(rests.acc, axis=1) - gravity),
         after=rms(np.linalg.norm((rests.acc - bias) @ matrix.T, axis=1) - gravity),
+        misfit=float(np.sqrt(chi2) * rms(noise)),
+        suspects=np.flatnonzero(squares > ALONE * free * squares.sum()),
     )
 
 

@@ -21,6 +21,10 @@ KINDS = ("gyr", "acc", "mag")
 TRUSTED_ACC = 2.0 * MG
 """Smallest error of a calibrated accelerometer, one sigma, m/s2, for tracking (CALIBRATED in pbd/tracking/noise.py)."""
 
+CONTRADICTING = 1.5
+"""Misfit of the accelerometer's rests, in TRUSTED_ACC, that is warned of. Twelve rests have only three redundant ones,
+which exceed it once in twelve even if the sensor is that good."""
+
 UNEVEN_FIELD = 0.05
 """Rms variation over a recording of the field's strength (a share) or dip (rad) above which the fit is not to be
 trusted."""
@@ -73,10 +77,12 @@ def calibrate_sensor(
     acc = fit_accelerometer(rests, gravity) if "acc" in wanted else None
     if acc is not None:
         errors = replace(errors, acc=acc.linear, gravity=gravity)
-        if acc.after > TRUSTED_ACC:
+        if acc.misfit > CONTRADICTING * TRUSTED_ACC:
+            at = " or ".join(f"{recording.t[row]:.1f} s" for row in rests.start[acc.suspects])
             remarks.append(
-                f"gravity is off by {acc.after / MG:.0f} mg (rms) after the correction too: the sensor was not still "
-                "in a rest, or its bias drifted; let it warm up, lay it on a table, and record again"
+                f"the rests contradict each other by {acc.misfit / MG:.0f} mg (rms): the sensor was not still in a "
+                f"rest{f' (that at {at} alone would explain it)' if at else ''}, or its bias drifted; let it warm up, "
+                "lay it on a table, and record again"
             )
         if acc.undetermined:
             remarks.append(
