@@ -24,6 +24,9 @@ DETERMINED = 0.3
 ALONE = 0.8
 """Share of the sum of squares that the error of one rest must explain to be suspected."""
 
+UNKNOWN_UP = np.radians(1.0)
+"""Sigma of the vertical's direction, rad, by an accelerometer whose errors have no sigma."""
+
 FEWEST_ORIENTATIONS = 4
 """Smallest number of orientations. With fewer, bias, scale and misalignment can't be separated."""
 
@@ -54,11 +57,6 @@ class AccelerometerFit:
     after: float
     misfit: float
     suspects: NDArray[np.intp]
-
-    @property
-    def up_sigma(self) -> float:
-        """One sigma of the vertical's direction, rad, in the worst attitude."""
-        return float(np.hypot(self.sigma[:3].max() / GRAVITY, self.sigma[3:].max()))
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -124,6 +122,12 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
         misfit=float(np.sqrt(chi2) * rms(noise)),
         suspects=np.flatnonzero(squares > ALONE * free * squares.sum()),
     )
+
+
+def up_sigma(acc: Linear | None) -> float:
+    """One sigma of the vertical's direction, rad, in the worst attitude, by an accelerometer with these errors."""
+    found = np.nan if acc is None else float(np.hypot(acc.bias_sigma.max() / GRAVITY, acc.matrix_sigma))
+    return UNKNOWN_UP if np.isnan(found) else found
 
 
 def _unpack(x: Array) -> tuple[Array, Array]:

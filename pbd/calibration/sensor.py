@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbd.calibration.accelerometer import AccelerometerFit, fit_accelerometer
+from pbd.calibration.accelerometer import AccelerometerFit, fit_accelerometer, up_sigma
 from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.magnetometer import MagnetometerFit, fit_magnetometer
 from pbd.calibration.rests import Rests, find_rests
@@ -91,10 +91,11 @@ def calibrate_sensor(
             )
     force = rests.acc if errors.acc is None else errors.acc.correct(rests.acc)
     up: Array = force / np.linalg.norm(force, axis=1, keepdims=True)  # best available vertical
-    up_sigma = np.radians(1.0) if acc is None else acc.up_sigma
+    leaning = up_sigma(errors.acc)
     if "gyr" in wanted and (recording.gyr is not None or "gyr" in only):
-        gyr = fit_gyro(recording, rests, None if acc is None else up, up_sigma)
-        if acc is None and known.gyr is not None:
+        gyr = fit_gyro(recording, rests, None if errors.acc is None else up, leaning)
+        earlier = np.inf if known.gyr is None else np.nan_to_num(known.gyr.matrix_sigma, nan=np.inf)
+        if known.gyr is not None and acc is None and not gyr.matrix_sigma < earlier:
             gyr = replace(gyr, matrix=known.gyr.matrix, matrix_sigma=known.gyr.matrix_sigma)
         errors = replace(errors, gyr=gyr)
     mag = None
@@ -102,7 +103,7 @@ def calibrate_sensor(
         if recording.mag is None:
             raise CalibrationError("the recording has no magnetometer; record one, or leave it out of --only")
         try:
-            mag = fit_magnetometer(recording.mag, rests, up, up_sigma)
+            mag = fit_magnetometer(recording.mag, rests, up, leaning)
         except CalibrationError as reason:
             if "mag" in only:
                 raise

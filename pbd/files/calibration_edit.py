@@ -100,6 +100,12 @@ def existing_calibration(name: str) -> tuple[Path, Calibration]:
     return path, Calibration(path.stem) if source is None else read_calibration(source)
 
 
+def earlier_figures(calibration: Calibration, part: str) -> dict[str, float]:
+    """Return how well a part fitted when it was made: the figures of its `fit`, whole numbers as such."""
+    of_part = (name.partition(".")[::2] + (x,) for name, x in calibration.residuals.items())
+    return {name: int(x) if x == int(x) else x for each, name, x in of_part if each == part}
+
+
 def _source(path: Path) -> Path | None:
     return next((file for file in (path, bundled("calibration") / path.name) if file.is_file()), None)
 

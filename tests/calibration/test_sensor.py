@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from pbd.calibration.accelerometer import NAMES, fit_accelerometer
+from pbd.calibration.accelerometer import NAMES, fit_accelerometer, up_sigma
 from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.magnetometer import fit_ellipsoid, fit_magnetometer
 from pbd.calibration.rests import Rests, count_orientations, find_rests
@@ -194,7 +194,7 @@ def test_a_gyro_is_found_in_the_accelerometers_axes(recording: Recording, rests:
     acc = fit_accelerometer(rests, EARTH.gravity)
     force = acc.linear.correct(rests.acc)
     up = force / np.linalg.norm(force, axis=1, keepdims=True)
-    fit = fit_gyro(recording, rests, up, acc.up_sigma)
+    fit = fit_gyro(recording, rests, up, up_sigma(acc.linear))
     assert_allclose(fit.bias, bias, atol=np.radians(0.02))
     turned = symmetric(gain_acc) @ gain_acc  # the accelerometer's axes against the housing's
     assert np.abs(fit.matrix @ gain - turned).max() < 0.003
@@ -246,7 +246,7 @@ def test_hard_and_soft_iron_are_found(recording: Recording, rests: Rests) -> Non
     acc = fit_accelerometer(rests, EARTH.gravity)
     force = acc.linear.correct(rests.acc)
     assert recording.mag is not None
-    fit = fit_magnetometer(recording.mag, rests, force / np.linalg.norm(force, axis=1, keepdims=True), acc.up_sigma)
+    fit = fit_magnetometer(recording.mag, rests, force / np.linalg.norm(force, axis=1, keepdims=True), up_sigma(acc.linear))
     turned = symmetric(gains["acc"][0]) @ gains["acc"][0]
     gain, bias = gains["mag"]
     rng = np.random.default_rng(0)

@@ -22,8 +22,9 @@ from pbd.pose import quat_exp, quat_log, quat_multiply, quat_rotate
 from pbd.record.person_messages import Feedback
 from pbd.sensors.decoding import Sample
 from pbd.simulation.calibration_tasks import SIDES, pivoting, sides, turning_through
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
-from pbd.simulation.tasks import random_task
+from pbd.simulation.tasks import Task, random_task
 from pbd.tracking.keyframes import find_keyframes
 from tests.calibration.turning import BAD
 from tests.cli.running import Capture, refused, run, run_json
@@ -135,6 +136,23 @@ def test_six_sides_are_told_from_twelve(capsys: Capture) -> None:
     )
     assert out.count("unknown") == 3
     assert "assumed gravity is 9.80665 m/s2" in err
+
+
+def test_parts_that_are_calibrated_one_by_one_add_up_to_a_whole(bench: Path, capsys: Capture) -> None:
+    """A short rest, `still`, renews the gyro's bias alone and keeps its matrix."""
+    save("still", simulate(Task("still", (Waypoint(rest_s=5.0),)), BAD, 1))
+    for demo, only in (("still", "gyr"), ("sides", "acc"), ("sides", "mag"), ("sides", "gyr"), ("still", "gyr")):
+        args = ("calibrate", "sensor", "parts", demo, "--only", only, "--gravity", "9.81", "--temperature", "22")
+        assert run(capsys, *args)[0] == 0
+    parts, whole = read_calibration(Path("calibration/parts.toml")), read_calibration(bench)
+    assert parts.residuals == whole.residuals
+    assert parts.sensor is not None
+    assert whole.sensor is not None
+    assert parts.sensor.gyr is not None
+    assert whole.sensor.gyr is not None
+    assert parts.sensor.gyr.matrix == pytest.approx(whole.sensor.gyr.matrix, abs=1e-4)
+    assert parts.sensor.gyr.matrix_sigma == pytest.approx(whole.sensor.gyr.matrix_sigma, rel=0.01)
+    assert parts.sensor.gyr.bias != pytest.approx(whole.sensor.gyr.bias, abs=1e-5)
 
 
 def test_what_is_wrong_with_a_recording_of_sides(capsys: Capture) -> None:

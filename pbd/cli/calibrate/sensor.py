@@ -16,7 +16,7 @@ from pbd.data import GRAVITY, SensorErrors
 from pbd.data.one_line_repr import counted
 from pbd.data.units import MG
 from pbd.errors import CalibrationError, warn
-from pbd.files.calibration_edit import existing_calibration, update_calibration
+from pbd.files.calibration_edit import earlier_figures, existing_calibration, update_calibration
 from pbd.files.demo import load_demo
 from pbd.tracking.repair.repair_recording import condition
 from pbd.view.terminal_tables import print_table, words_table
@@ -41,7 +41,8 @@ def run(args: argparse.Namespace) -> None:
             f"the [nav] of {path} holds for the sensor as it was read before: with other errors, nav has another "
             "heading and tilt; find it again: pbd calibrate points"
         )
-    update_calibration(path, sensor_parts(fit.errors, _figures(fit)))
+    kept = earlier_figures(calibration, "sensor") if args.only else {}
+    update_calibration(path, sensor_parts(fit.errors, kept | _figures(fit)))
     if args.json:
         return print_json({"calibration": str(path)} | _json(fit))
     _print(fit)
@@ -53,10 +54,10 @@ def run(args: argparse.Namespace) -> None:
 
 def _figures(fit: SensorFit) -> dict[str, float]:
     """Return how well the errors fit: |a| - g (mg) and the field's strength (%), before and after."""
-    figures: dict[str, float] = {"rests": len(fit.rests)}
+    figures: dict[str, float] = {}
     if acc := fit.acc:
-        figures |= {"orientations": acc.orientations, "acc_before_mg": round(acc.before / MG, 2)}
-        figures["acc_after_mg"] = round(acc.after / MG, 2)
+        figures |= {"rests": len(fit.rests), "orientations": acc.orientations}
+        figures |= {"acc_before_mg": round(acc.before / MG, 2), "acc_after_mg": round(acc.after / MG, 2)}
     if mag := fit.mag:
         figures |= {"mag_before_pct": round(100.0 * mag.before, 2), "mag_after_pct": round(100.0 * mag.uneven, 2)}
     return figures
@@ -71,7 +72,7 @@ def sensor_parts(errors: SensorErrors, figures: Mapping[str, float]) -> dict[str
             "temperature_c": (errors.temperature_c, ""),
             "field": (None if errors.field is None else round(errors.field, 3), "uT"),
             "dip_deg": (None if errors.dip is None else round(float(np.degrees(errors.dip)), 3), "below the horizon"),
-            "fit": (figures, ""),
+            "fit": (figures or None, ""),
         }
     }
     for kind, linear, unit in (("gyr", errors.gyr, "rad/s"), ("acc", errors.acc, "m/s2"), ("mag", errors.mag, "uT")):
