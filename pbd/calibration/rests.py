@@ -43,6 +43,7 @@ class Rests:
         gyr: (k, 3) rad/s, or None.
         mag: (k, 3) uT, or None.
         acc_noise, gyr_noise, mag_noise: rms per sample and axis, in the same units; 0 without that sensor.
+        turning: number of others that are left out, by RATE_DEVIATION.
     """
 
     start: NDArray[np.intp]
@@ -54,6 +55,7 @@ class Rests:
     acc_noise: float
     gyr_noise: float
     mag_noise: float
+    turning: int = 0
 
     def __len__(self) -> int:
         return len(self.start)
@@ -90,16 +92,22 @@ def find_rests(recording: Recording) -> Rests:
             f"the recording lasts only {recording.t[-1]:.1f} s; put the sensor down for two seconds in each orientation"
         )
     acc_var, _ = _moving(recording.acc, length)
-    still = _still(recording, "accelerometer", acc_var, STILL_ACC, SURELY_STILL_ACC, "m/s2", 1.0)
+    still = quiet = _still(recording, "accelerometer", acc_var, STILL_ACC, SURELY_STILL_ACC, "m/s2", 1.0)
     if recording.gyr is not None:
         gyr_var, gyr_mean = _moving(recording.gyr, length)
-        still &= _still(recording, "gyro", gyr_var, STILL_GYR, SURELY_STILL_GYR, "degrees/s", 180.0 / np.pi)
-        if still.any():
-            tolerance = np.hypot(RATE_DEVIATION, 4.0 * np.sqrt(np.median(gyr_var[still]) / length))
-            still &= np.linalg.norm(gyr_mean - np.median(gyr_mean[still], axis=0), axis=1) < tolerance
+        still = quiet = quiet & _still(recording, "gyro", gyr_var, STILL_GYR, SURELY_STILL_GYR, "degrees/s", 180.0 / np.pi)
+        if quiet.any():
+            tolerance = np.hypot(RATE_DEVIATION, 4.0 * np.sqrt(np.median(gyr_var[quiet]) / length))
+            off = np.linalg.norm(gyr_mean - np.median(gyr_mean[quiet], axis=0), axis=1)
+            still = quiet & (off < tolerance)
     edge = round(REST_EDGE_S * rate)
-    spans = [(rows.start, rows.stop + length - 1) for (rows,) in find_objects(label(still)[0])]
-    spans = [(start + edge, stop - edge) for start, stop in spans if (stop - start) / rate >= SHORTEST_REST_S]
+
+    def spans_of(windows: NDArray[np.bool_]) -> list[tuple[int, int]]:
+        spans = ((rows.start, rows.stop + length - 1) for (rows,) in find_objects(label(windows)[0]))
+        return [(start + edge, stop - edge) for start, stop in spans if (stop - start) / rate >= SHORTEST_REST_S]
+
+    spans = spans_of(still)
+    turning = max(0, len(spans_of(quiet)) - len(spans))
     if not spans:
         raise CalibrationError(
             f"the sensor was never still for {SHORTEST_REST_S:g} s; put it down for two seconds in each orientation, "
@@ -116,7 +124,7 @@ def find_rests(recording: Recording) -> Rests:
 
     (acc, acc_noise), (gyr, gyr_noise), (mag, mag_noise) = map(means, (recording.acc, recording.gyr, recording.mag))
     assert acc is not None
-    return Rests(start, stop, (stop - start) / rate, acc, gyr, mag, acc_noise, gyr_noise, mag_noise)
+    return Rests(start, stop, (stop - start) / rate, acc, gyr, mag, acc_noise, gyr_noise, mag_noise, turning)
 
 
 def rms(values: Array) -> float:

@@ -12,6 +12,7 @@ from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.magnetometer import MagnetometerFit, fit_magnetometer
 from pbd.calibration.rests import Rests, find_rests
 from pbd.data import GRAVITY, Recording, SensorErrors
+from pbd.data.one_line_repr import counted
 from pbd.data.units import MG
 from pbd.errors import CalibrationError
 from pbd.pose import Array
@@ -74,6 +75,11 @@ def calibrate_sensor(
     rests = find_rests(recording)
     errors = replace(known, sensor=recording.info.sensor, temperature_c=temperature_c)
     remarks: list[str] = []
+    if rests.turning:
+        remarks.append(
+            f"{counted(rests.turning, 'rest')} of {len(rests) + rests.turning} left out: the gyro reads more than 0.3 "
+            "degrees/s other than at most rests; it turned slowly, or its bias drifts: let it warm up, record again"
+        )
     acc = fit_accelerometer(rests, gravity) if "acc" in wanted else None
     if acc is not None:
         errors = replace(errors, acc=acc.linear, gravity=gravity)

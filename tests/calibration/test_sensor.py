@@ -313,6 +313,14 @@ def test_an_accelerometer_that_no_correction_fits_is_remarked_on(recording: Reco
         assert np.all(found.bias_sigma > 0.25 * at_end)
 
 
+def test_rests_that_a_drifting_gyro_takes_for_turns_are_told(recording: Recording) -> None:
+    assert recording.gyr is not None
+    drift = np.radians(np.linspace(-0.5, 0.5, len(recording)))[:, None] * (0.0, 0.0, 1.0)
+    fit = calibrate_sensor(replace(recording, gyr=recording.gyr + drift), gravity=EARTH.gravity)
+    assert len(fit.rests) < 12
+    assert fit.remarks[0].startswith(f"{12 - len(fit.rests)} rests of 12 left out: the gyro reads more than 0.3")
+
+
 def test_one_bad_rest_is_named_and_widens_the_sigmas(recording: Recording, rests: Rests) -> None:
     """The rest with the opposite side up contradicts the others just so, and three of twelve are redundant."""
     acc = GRAVITY * SIDES
