@@ -179,10 +179,12 @@ def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]
     off_deg = _median(apart[0][unit_pairs])
     if unit_pairs.sum() >= SIMPLE_PAIRS and off_deg > UNIT_DEG:
         pair = int(np.argmax(unit_pairs))
+        # Where gravity hardly turns, any factor that stops the gyro removes the contradiction.
+        or_order = "" if 0 in counted else "gx, gy, gz are in another order (gravity turns too little to tell), or "
         for factor, what in UNITS:
             fit = _median(up.off(turn(factor))[unit_pairs])
             if fit < min(off_deg / IMPROVEMENT, found.fit_deg if found else np.inf):
-                return Contradiction("a", off_deg, fit, pair, what)
+                return Contradiction("a", off_deg, fit, pair, or_order + what)
         if found is None and not np.ptp(by_gyro, axis=0).any():
             dead = "it reads the same all the time, so it is dead; check the columns gx, gy, gz"
             return Contradiction("a", off_deg, off_deg, pair, dead)

@@ -239,3 +239,12 @@ def test_a_wrong_sign_is_told_where_gravity_contradicts_it_by_more_than_a_moving
     after = quat_rotate(quat_exp(turns), up)
     found = find_axis_error([Witness("a", up, after)], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
     assert [each.message[:22] for each in (found,) if each] == ["gz has the wrong sign:"] * told
+
+
+def test_a_gyro_in_another_order_is_not_taken_for_another_unit_where_gravity_did_not_turn() -> None:
+    """A hand that only yaws, with gx and gz swapped: in deg/s the gyro would not turn at all, and so would fit."""
+    up = np.tile((0.0, 0.0, 1.0), (20, 1))
+    gyro = np.radians(np.linspace(30.0, 60.0, 20))[:, None] * (1.0, 0.0, 0.0)
+    found = find_axis_error([Witness("a", up, up)], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
+    assert found is not None
+    assert found.message.startswith("gx, gy, gz are in another order (gravity turns too little to tell), or its values")
