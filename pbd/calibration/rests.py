@@ -95,7 +95,7 @@ def find_rests(recording: Recording) -> Rests:
     still = quiet = _still(recording, "accelerometer", acc_var, STILL_ACC, SURELY_STILL_ACC, "m/s2", 1.0)
     if recording.gyr is not None:
         gyr_var, gyr_mean = _moving(recording.gyr, length)
-        still = quiet = quiet & _still(recording, "gyro", gyr_var, STILL_GYR, SURELY_STILL_GYR, "degrees/s", 180.0 / np.pi)
+        quiet &= _still(recording, "gyro", gyr_var, STILL_GYR, SURELY_STILL_GYR, "degrees/s", 180.0 / np.pi)
         if quiet.any():
             tolerance = np.hypot(RATE_DEVIATION, 4.0 * np.sqrt(np.median(gyr_var[quiet]) / length))
             off = np.linalg.norm(gyr_mean - np.median(gyr_mean[quiet], axis=0), axis=1)

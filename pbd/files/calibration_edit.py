@@ -102,8 +102,8 @@ def existing_calibration(name: str) -> tuple[Path, Calibration]:
 
 def earlier_figures(calibration: Calibration, part: str) -> dict[str, float]:
     """Return how well a part fitted when it was made: the figures of its `fit`, whole numbers as such."""
-    of_part = (name.partition(".")[::2] + (x,) for name, x in calibration.residuals.items())
-    return {name: int(x) if x == int(x) else x for each, name, x in of_part if each == part}
+    of_part = {name.removeprefix(f"{part}."): x for name, x in calibration.residuals.items() if f"{part}." in name}
+    return {name: int(x) if x == int(x) else x for name, x in of_part.items()}
 
 
 def _source(path: Path) -> Path | None:

@@ -44,7 +44,7 @@ HEAD = """\
 #   insert    copy a [[keyframe]], with a time between its neighbours'
 #   nudge     position_m is the sensor's position, in metres from the dock: {axes}, z up;
 #             rpy_deg is its roll, pitch and yaw in degrees. `pbd keyframes {word} --robot R` shows the tool's pose
-#   dwell_s   how long the arm stays (not at the first and the last; less counts as 0.15 s); a comment has the hand's stay
+#   dwell_s   how long the arm stays, except at the first and the last; less counts as 0.15 s; a comment has the hand's
 #   grip      "closes" or "opens", in turn; without it nothing changes. The grip is open at the start
 #   label     a word for people
 #   tolerance_m, tolerance_deg  largest error along each axis, and of the rotation; learned from fused takes

@@ -246,7 +246,8 @@ def test_hard_and_soft_iron_are_found(recording: Recording, rests: Rests) -> Non
     acc = fit_accelerometer(rests, EARTH.gravity)
     force = acc.linear.correct(rests.acc)
     assert recording.mag is not None
-    fit = fit_magnetometer(recording.mag, rests, force / np.linalg.norm(force, axis=1, keepdims=True), up_sigma(acc.linear))
+    up = force / np.linalg.norm(force, axis=1, keepdims=True)
+    fit = fit_magnetometer(recording.mag, rests, up, up_sigma(acc.linear))
     turned = symmetric(gains["acc"][0]) @ gains["acc"][0]
     gain, bias = gains["mag"]
     rng = np.random.default_rng(0)
@@ -331,9 +332,13 @@ def test_one_bad_rest_is_named_and_widens_the_sigmas(recording: Recording, rests
     assert np.all(np.abs(fit.linear.bias) < 1.5 * fit.linear.bias_sigma)
     touched = recording.acc.copy()
     touched[rests.start[7] - 20 : rests.stop[7] + 20] *= 1.012  # the fit hides all but 2 mg (rms) of these 12
-    assert calibrate_sensor(replace(recording, acc=touched)).remarks[0].startswith(
-        "the rests contradict each other by 4 mg (rms): the sensor was not still in a rest (that at "
-        f"{recording.t[rests.start[7]]:.1f} s or {recording.t[rests.start[10]]:.1f} s alone would explain it)"
+    assert (
+        calibrate_sensor(replace(recording, acc=touched))
+        .remarks[0]
+        .startswith(
+            "the rests contradict each other by 4 mg (rms): the sensor was not still in a rest (that at "
+            f"{recording.t[rests.start[7]]:.1f} s or {recording.t[rests.start[10]]:.1f} s alone would explain it)"
+        )
     )
 
 

@@ -239,7 +239,9 @@ def _find_remedy(
     fewest = min(fit[1] for fit in good)
     # First those that a program's own convention explains: all signs flipped, or two columns swapped.
     named = sorted(((c, r) for _, causes, c, r in good if causes == fewest), key=lambda each: -len(set(each[1].signs)))
-    message = _message(named[:MAX_NAMED])
+    # Gravity and gyro together allow one reading of the gyro, unless the hand turned about too few axes.
+    sure = not simple and sum(channel == "g" for *_, channel, _ in good) < 2
+    message = _message(named[:MAX_NAMED], sure)
     return Contradiction(witnesses[wrong[0]].channel, off, best, int(np.argmax(telling[wrong[0]])), message)
 
 
@@ -277,9 +279,11 @@ def _median_angles(cosines: Array) -> Array:
     return np.degrees(angles)
 
 
-def _message(named: Sequence[tuple[str, Reading]]) -> str:
+def _message(named: Sequence[tuple[str, Reading]], sure: bool) -> str:
     each = [f"{reading.fault(channel)}: import the file with {reading.remedy(channel)}" for channel, reading in named]
-    message = "; or ".join(each) + (" (the hand turned too little to tell which)" if len(each) > 1 else "")
+    message = "; or ".join(each)
+    if len(each) > 1 or not sure:
+        message += f" (the hand turned too little to {'tell which' if len(each) > 1 else 'be sure'})"
     if any(
         channel == "g" and reading.signs == (-1, -1, -1) and reading.order == (0, 1, 2) for channel, reading in named
     ):

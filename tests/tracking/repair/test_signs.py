@@ -248,3 +248,17 @@ def test_a_gyro_in_another_order_is_not_taken_for_another_unit_where_gravity_did
     found = find_axis_error([Witness("a", up, up)], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
     assert found is not None
     assert found.message.startswith("gx, gy, gz are in another order (gravity turns too little to tell), or its values")
+
+
+@pytest.mark.parametrize("axes", [1, 3])
+def test_a_single_remedy_is_doubted_after_turns_about_one_axis(axes: int) -> None:
+    """Columns gx and gy are swapped. About x alone, columns that moved in a ring fit as well."""
+    rng = np.random.default_rng(0)
+    up = rng.normal(size=(20, 3))
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    turns = np.radians(rng.uniform(20.0, 60.0, (20, 1))) * (rng.normal(size=(20, 3)) if axes == 3 else (1.0, 0.0, 0.0))
+    gyro, after = turns[:, [1, 0, 2]], quat_rotate(quat_exp(turns), up)
+    found = find_axis_error([Witness("a", up, after)], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
+    doubt = " (the hand turned too little to be sure)" if axes == 1 else ""
+    assert found is not None
+    assert found.message == f"gx and gy are swapped: import the file with --column gx=gy --column gy=gx{doubt}"
