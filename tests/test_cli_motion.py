@@ -163,7 +163,7 @@ def start_of(capsys: Capture, given: str, *options: str) -> list[float]:
     ],
 )
 def test_a_start_that_no_parser_can_take(capsys: Capture, given: str, message: str) -> None:
-    line = refused(capsys, 1, "replay", "pouring", *PANDA, "--from", given)
+    line = refused(capsys, 2, "replay", "pouring", *PANDA, "--from", given)
     assert line.startswith(message)
 
 

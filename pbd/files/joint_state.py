@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from pbd.errors import PbdError, is_number, listed, printable
+from pbd.errors import PbdError, UsageError, is_number, listed, printable
 from pbd.io.numbers import finite
 from pbd.io.read_file import read_text
 
@@ -35,29 +35,31 @@ def read_joints(
         per_si: units per rad, or per m, of each joint; None: 1.
 
     Raises:
-        PbdError: the file can't be read, a joint is missing, or a position is not a number.
+        PbdError: the file can't be read, a joint is missing, or a position is not a number; a UsageError if `given`
+            is JSON.
     """
     text, what = given, "--from"
+    fault: type[PbdError] = UsageError
     if not given.lstrip().startswith(("[", "{")):
-        what = given
+        what, fault = given, PbdError
         text = read_text(Path(given), PbdError, "give a JSON file, or the joints as [...]", name=f"--from {given}")
     try:
         value = _echoed(text) or json.loads(text)
     except (ValueError, RecursionError) as error:
         wanted = f"give a list of {len(names)} numbers, in {unit}"
-        raise PbdError(f"{what}: not JSON ({str(error)[:100]}); {wanted}") from None
+        raise fault(f"{what}: not JSON ({str(error)[:100]}); {wanted}") from None
     if isinstance(value, dict) and {NAME, POSITION} <= value.keys():
         joints, positions, unit, per_si = value[NAME], value[POSITION], "rad", None
         if not (isinstance(joints, list) and isinstance(positions, list) and len(joints) == len(positions)):
-            raise PbdError(f"{what}: name and position must be lists of one length; give a whole /joint_states message")
+            raise fault(f"{what}: name and position must be lists of one length; give a whole /joint_states message")
         value = {str(name): position for name, position in zip(joints, positions, strict=True)}
     if isinstance(value, dict):
         if missing := [name for name in names if name not in value]:
-            raise PbdError(f"{what}: lacks {listed(missing)}; give a number, in {unit}, for each joint of the arm")
+            raise fault(f"{what}: lacks {listed(missing)}; give a number, in {unit}, for each joint of the arm")
         value = [value[name] for name in names]
     are_numbers = isinstance(value, list) and all(is_number(each) and abs(each) <= LARGEST_POSITION for each in value)
     if not are_numbers or len(value) != len(names):
-        raise PbdError(f"{what}: needs {len(names)} numbers, in {unit}, for {listed(names)}; got {printable(text)}")
+        raise fault(f"{what}: needs {len(names)} numbers, in {unit}, for {listed(names)}; got {printable(text)}")
     return tuple(float(each) / per for each, per in zip(value, per_si or [1.0] * len(names), strict=True))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pbd.cli import main
-from pbd.data import GRAVITY
+from pbd.data import GRAVITY, Place
 from pbd.data.units import UNITS
 from pbd.files.demo import newest_demo, read_demo, write_demo
 from pbd.simulation.simulate import simulate
@@ -128,6 +128,22 @@ def test_a_recording_does_not_replace_the_folder_that_it_is_in(in_g: Path, capsy
     assert in_g.read_bytes() == before
 
 
+def test_a_recording_that_is_imported_anew_keeps_what_its_demo_toml_says(
+    in_g: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Such as what the grip did, which is not in imu.csv; the grip's times hold no longer if the recording's change."""
+    told = replace(read_demo(in_g.parent), closed=True, places=(Place((1.0,), (0.4, 0.0, 0.1)),))
+    write_demo(told, in_g.parent, force=True)
+    assert main(["import", str(in_g), "tea", "--unit", "acc=g"]) == 0
+    again = read_demo(Path("demos/tea"))
+    assert again.recording.info.sensor == told.recording.info.sensor == "simulated modern"
+    assert again.recording.grip == told.recording.grip != ()
+    assert (again.closed, repr(again.places)) == (True, repr(told.places))
+    assert main(["import", str(in_g), "slow", "--unit", "acc=g", "--rate", "99"]) == 0
+    assert "other times than in demo.toml: its [[grip]], [[place]]" in capsys.readouterr().err
+    assert read_demo(Path("demos/slow")).recording.grip == ()
+
+
 @pytest.fixture
 def swapped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A WT901's table with x and y swapped, whose columns have names of their own."""
@@ -144,7 +160,10 @@ def swapped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_swapped_axes_are_said_and_what_it_says_to_do_helps(swapped: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["import", str(swapped), "tea"]) == 1
     said = capsys.readouterr().err
-    assert "ax and ay are swapped: import the file with --column 'ax=acc Y' --column 'ay=acc X'\n" in said
+    assert (
+        "ax and ay are swapped: import the file with --column 'ax=acc Y' --column 'ay=acc X' (the hand turned too"
+        in said
+    )
     assert not Path("demos").exists()
     assert main(["import", str(swapped), "tea", "--column", "ax=acc Y", "--column", "ay=acc X", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)

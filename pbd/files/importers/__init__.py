@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pbd.data import Demonstration
-from pbd.errors import RecordingError
-from pbd.files.demo import RATES_HZ, as_text
+from pbd.errors import RecordingError, warn
+from pbd.files.demo import RATES_HZ, as_text, read_demo
 
 if TYPE_CHECKING:
     from pbd.files.importers.columns import Understood
@@ -59,6 +59,7 @@ def import_recording(
     suffix, truth = source.suffix.lower(), None
     is_bag = suffix in (".mcap", ".db3") or (source / "metadata.yaml").is_file()
     columns, units = columns or {}, units or {}
+    same_times = rate_hz is None and "t" not in columns and "t" not in units
     # With --column or --unit, a phone's CSV file is read as an ordinary table.
     is_table = suffix == ".csv" and (columns or units) and not any(".csv: " in name for name in columns.values())
     if topic is not None and not is_bag:
@@ -107,7 +108,21 @@ def import_recording(
         recording, understood = remapped(path, recording, understood, columns, units)
     info = replace(recording.info, name=as_text(path.stem), sensor=f"{sensor} (imported)")
     demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {as_text(path.name)}.")
+    if path.name == "imu.csv" and (path.parent / "demo.toml").is_file():
+        demo = _as_before(demo, read_demo(path.parent), same_times)
     return Imported(demo, understood)
+
+
+def _as_before(demo: Demonstration, before: Demonstration, same_times: bool) -> Demonstration:
+    """Return a demonstration whose recording was imported anew, with what its demo.toml knows of it."""
+    earlier = before.recording.info
+    info = replace(demo.recording.info, sensor=earlier.sensor, clock=earlier.clock)
+    demo = replace(demo, recording=replace(demo.recording, info=info), closed=before.closed, grasped=before.grasped)
+    if not same_times:
+        warn("other times than in demo.toml: its [[grip]], [[place]] and [[contact]] are left out")
+        return demo
+    recording = replace(demo.recording, grip=before.recording.grip)
+    return replace(demo, recording=recording, places=before.places, contacts=before.contacts)
 
 
 def check_rate(path: Path, rate_hz: float, what: str) -> None:
