@@ -100,7 +100,7 @@ def _tool_at_joints(joints: list[float], robot: Robot | None) -> Pose:
     if robot is None:
         raise UsageError("--joints needs a robot; give --robot too")
     if len(joints) != len(robot.joints):
-        raise CalibrationError(
+        raise UsageError(
             f"{robot.name} has {len(robot.joints)} joints ({', '.join(robot.joints)}), but {len(joints)} numbers "
             "were given; give one for each joint, in degrees",
             value=len(joints),
