@@ -378,6 +378,21 @@ def test_a_missing_sensor_is_left_out_or_refused(recording: Recording) -> None:
             calibrate_sensor(bare, only=(kind,))
 
 
+def test_a_magnetometer_that_was_not_turned_far_enough_is_left_out(recording: Recording, calibrated: SensorFit) -> None:
+    """What is known of it is kept, and the rest is calibrated; named with `only`, it must succeed."""
+    assert recording.mag is not None
+    flat = replace(recording, mag=recording.mag * (1.0, 1.0, 0.001))
+    fit = calibrate_sensor(flat, gravity=EARTH.gravity, known=calibrated.errors)
+    assert [remark[:75] for remark in fit.remarks] == [
+        "the magnetometer is left out: the magnetometer was not turned far enough: a"
+    ]
+    assert fit.mag is None
+    assert fit.errors.mag is calibrated.errors.mag
+    assert fit.errors.acc is not calibrated.errors.acc
+    with pytest.raises(CalibrationError, match="not turned far enough"):
+        calibrate_sensor(flat, only=("mag",))
+
+
 def test_another_sensors_errors_are_refused(recording: Recording) -> None:
     errors = SensorErrors("vn100")
     with pytest.raises(CalibrationError, match=r"is of the sensor 'simulated bad wt901', but .* of 'vn100'; name a"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pbd.calibration.accelerometer import NAMES
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import tool_poses
 from pbd.cli import main
@@ -138,6 +140,19 @@ def test_six_sides_are_told_from_twelve(capsys: Capture) -> None:
     assert "assumed gravity is 9.80665 m/s2" in err
 
 
+def test_its_json_is_what_the_file_says(bench: Path, capsys: Capture) -> None:
+    told = run_json(capsys, "calibrate", "sensor", "bench", "sides", "--gravity", "9.81")
+    found = read_calibration(bench)
+    assert found.sensor is not None
+    for kind in ("gyr", "acc", "mag"):
+        assert told[kind]["bias"] == pytest.approx(getattr(found.sensor, kind).bias, rel=1e-6)
+        assert np.ravel(told[kind]["matrix"]) == pytest.approx(getattr(found.sensor, kind).matrix.ravel(), abs=1e-6)
+    assert {f"sensor.{name}": value for name, value in told["fit"].items()} == found.residuals
+    assert (told["calibration"], told["sensor"], told["remarks"]) == (str(bench), found.sensor.sensor, [])
+    assert (told["field_ut"], told["dip_rad"]) == pytest.approx((found.sensor.field, found.sensor.dip), rel=1e-3)
+    assert told["told"] == list(NAMES)
+
+
 def test_parts_that_are_calibrated_one_by_one_add_up_to_a_whole(bench: Path, capsys: Capture) -> None:
     """A short rest, `still`, renews the gyro's bias alone and keeps its matrix."""
     save("still", simulate(Task("still", (Waypoint(rest_s=5.0),)), BAD, 1))
@@ -217,6 +232,11 @@ def test_a_tip_is_pivoted_and_its_rotation_turned(capsys: Capture) -> None:
     assert out.count("off its point") == 10
     assert err.startswith("pbd: calibration/bench.toml: the tool is at (")
     run_json(capsys, "calibrate", "mount", "bench", "turns", "--turns", "x,-x,z")
+    out = run(capsys, "calibrate", "mount", "bench", "turns", "--turns", "x,-x,z")[1]
+    moves = re.findall(r"move (\d), about (\S+) +(\d+)° +axis (\d\.\d)° off", out)
+    assert [(int(move), axis) for move, axis, *_ in moves] == [(0, "x"), (1, "-x"), (2, "z")]
+    assert [int(turned) for *_, turned, _ in moves] == pytest.approx(np.degrees([0.8, 0.9, 0.9]), abs=2.0)
+    assert all(float(off) < 1.0 for *_, off in moves)
     calibration = read_calibration(Path("calibration/bench.toml"))
     assert calibration.T_sensor_tool.p == pytest.approx(TIP, abs=0.001)
     turn = quat_log(quat_multiply(calibration.T_sensor_tool.wxyz, quat_exp((-2.9, -0.3, 0.2))))

@@ -165,6 +165,13 @@ def test_phyphox_counts_its_pauses(tmp_path: Path, separator: str, comma: bool) 
     assert_allclose(got.t, (T + 2.5 * (T > 1.0))[:-1], atol=1e-6)
 
 
+def test_what_phyphox_says_of_the_phone_is_no_sheet(tmp_path: Path) -> None:
+    place = phyphox(tmp_path / "p")
+    (place / "meta" / "device.csv").write_text('"property","value"\n"version","1.1"\n')
+    for each in (place, packed(place)):
+        assert not import_recording(each).understood.unread
+
+
 def test_a_csv_of_any_other_name_is_read_alone(tmp_path: Path) -> None:
     place = phyphox(tmp_path / "p")
     alone = (place / "Accelerometer.csv").rename(place / "monday.csv")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import pbd
-from pbd.data import Calibration, Contact, Demonstration, GripEvent, HandPath, Place
+from pbd.data import Calibration, Contact, Demonstration, GripEvent, HandPath, Linear, Place
 from pbd.errors import CalibrationError, RecordingError, TrackingError, collected_warnings
-from pbd.fusion.calibration import device_errors
+from pbd.fusion.calibration import _composed, device_errors
 from pbd.fusion.marginals import SHARED, estimate_with_device, marginal_of
 from pbd.fusion.takes import tracked_take
 from pbd.pipeline import fused_demo, track
@@ -91,6 +91,18 @@ def test_the_devices_errors_are_found(path: HandPath) -> None:
     read = device.measure(gravity, np.ones(50), np.random.default_rng(0))
     assert np.ptp(np.linalg.norm(read, axis=1)) > 0.2
     assert np.ptp(np.linalg.norm(errors.acc.correct(read), axis=1)) < 0.03
+
+
+def test_errors_that_are_found_add_to_those_of_an_earlier_calibration() -> None:
+    rng = np.random.default_rng(0)
+    first, second = (
+        Linear(rng.normal(size=3), np.eye(3) + 0.1 * rng.normal(size=(3, 3)), rng.uniform(size=3)) for _ in range(2)
+    )
+    read = rng.normal(size=(5, 3))
+    both = _composed(first, second)
+    np.testing.assert_allclose(both.correct(read), second.correct(first.correct(read)))
+    np.testing.assert_array_equal(both.bias_sigma, second.bias_sigma)
+    assert _composed(None, second) is second
 
 
 def test_no_errors_of_a_device_without_a_gyro_are_given(path: HandPath) -> None:

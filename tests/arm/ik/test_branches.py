@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pbd.arm.ik import branches
 from pbd.arm.ik.branches import _nearest_first, configuration_cost, find_branches, polish
 from pbd.arm.ik.levenberg_marquardt import Residual
 from pbd.arm.ik.partial_pose import measure
@@ -49,6 +50,18 @@ def test_polishing_leads_no_farther_from_the_pose_at_a_limit() -> None:
         goal = to_se3(arm.forward(q + 3e-4 * np.copysign(beyond, beyond[0] * beyond)))
         before, after = (np.linalg.norm(Residual(arm, goal)(each)[0]) for each in (q, polish(arm, goal, q[None])[0]))
         assert after <= before
+
+
+def test_a_pose_that_no_descent_reaches_is_solved_as_solve_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = arm_of("ur5")
+    q = random_joints(arm.robot, 1, seed=2)[0]
+    goal = to_se3(arm.forward(q))
+    monkeypatch.setattr(branches, "_solutions", lambda *_: np.empty((0, 6)))
+    found = find_branches(arm, arm.forward(q), arm.robot.home[None], 24)
+    assert len(found) == 1
+    assert np.linalg.norm(Residual(arm, goal)(found[0])[0]) < 1e-10
+    far = Pose(np.array([5.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+    assert find_branches(arm, far, arm.robot.home[None], 24).shape == (0, 6)
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
