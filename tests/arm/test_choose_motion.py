@@ -460,3 +460,16 @@ def test_a_path_is_split_if_no_pair_of_configurations_at_its_ends_works(monkeypa
     assert len(motion.segments[1].q) == ends[0] - 1
     assert np.abs(np.diff(motion.segments[1].q, axis=0)).max() < 0.2
     np.testing.assert_allclose(np.ptp(places(motion.segments[1].q)[:, [0, 2]], axis=0), 0.0, atol=1e-6)
+
+
+def test_a_line_that_no_configuration_follows_is_named_with_what_it_would_touch() -> None:
+    """If every way along it was barred before it was checked as a whole, the arm follows it as if nothing stood there."""
+    request = MotionRequest((LEFT, RIGHT), HOME, kind=LINE)
+    for obstacles, touched in ((PLATE, "the plate"), ([], None)):
+        ladder = build_ladder(ARM, request.T_base_tool, HOME, None, 12, 0.0)
+        assert isinstance(ladder, Ladder)
+        search = motion_module._Search(ARM, request, CollisionScene(ARM, None, obstacles), ladder)
+        assert search.moves[1].kind == LINE
+        hit = search._hit_on_path(1)
+        assert (hit and hit.second) == touched
+        assert search._refuse(1).why == (COLLISION if touched else CANNOT_FOLLOW)
