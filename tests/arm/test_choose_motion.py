@@ -463,7 +463,7 @@ def test_a_path_is_split_if_no_pair_of_configurations_at_its_ends_works(monkeypa
 
 
 def test_a_line_that_no_configuration_follows_is_named_with_what_it_would_touch() -> None:
-    """If every way along it was barred before it was checked as a whole, the arm follows it as if nothing stood there."""
+    """If every way along it was barred before the whole was checked, the arm follows it as if nothing stood there."""
     request = MotionRequest((LEFT, RIGHT), HOME, kind=LINE)
     for obstacles, touched in ((PLATE, "the plate"), ([], None)):
         ladder = build_ladder(ARM, request.T_base_tool, HOME, None, 12, 0.0)
