@@ -39,7 +39,7 @@ def light_panda(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def chrome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
     """A headless Chromium; skips without one, unless PBD_REQUIRE_BROWSER=1 says that there must be one."""
     browser = chromium(tmp_path_factory.mktemp("chromium"))
@@ -59,7 +59,7 @@ def small(chrome: Chromium) -> Iterator[Chromium]:
     chrome.set_size()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def fox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Firefox]:
     """A Firefox on a screen of its own; skips without one, unless PBD_REQUIRE_FIREFOX=1 says that there must be one."""
     browser = firefox(tmp_path_factory.mktemp("firefox"))
