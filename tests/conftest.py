@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import importlib
 import os
@@ -30,6 +31,12 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
     return WorkStealingScheduling(config, log)
 
 
+def pytest_collection_finish() -> None:
+    """Leave all that is loaded by now out of the search for garbage."""
+    gc.freeze()
+    gc.enable()
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run files with a browser first: so one worker runs them all, starts each browser once and ends it early."""
     shown = {item.path for item in items if not {"chrome", "fox"}.isdisjoint(getattr(item, "fixturenames", ()))}
@@ -40,9 +47,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-# A process of the tests holds some million objects, nearly all of them modules: looking through them after each 700
-# new ones, as is usual, takes a tenth of the time.
+# A process of the tests holds some million objects, nearly all of them modules and tests. Garbage is not looked for
+# among them (below), and after each 50,000 new objects instead of 700: else it takes a tenth of the time.
 gc.set_threshold(50_000, 5, 5)
+gc.disable()
+atexit.register(gc.unfreeze)  # else libraries take what is still there at the end for leaks
 
 # Each bundled robot is read once, so that all tests of a process share what is cached of it.
 pytest.MonkeyPatch().setattr("pbd.files.robot.read_robot", reading_once(read_robot))
