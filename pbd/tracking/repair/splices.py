@@ -16,6 +16,7 @@ from pbd.data.one_line_repr import counted
 from pbd.data.units import UNITS
 from pbd.errors import RecordingError, warn
 from pbd.pose import Array, lengths
+from pbd.tracking.moving_windows import squares
 from pbd.tracking.repair.channel_faults import SENSOR_NAMES, has_noise
 from pbd.tracking.repair.gaps import interpolated
 
@@ -136,6 +137,17 @@ def _extrapolate(x: Array, edges: Rows, rows: int = 0) -> tuple[Array, Array]:
     return before + far * (before - x[edges - 2]), after - far * (x[edges + rows + 1] - after)
 
 
+def _unmet(x: Array, edges: Rows) -> Array:
+    """Smallest distance (m,) between the lines of `_extrapolate`, from the row before each edge to the row after it.
+
+    At a splice the lines meet nowhere. Where a move begins or ends abruptly they meet between the two rows.
+    """
+    before, after = _extrapolate(x, edges)
+    gap, bend = after - before, x[edges + 1] - x[edges] - x[edges - 1] + x[edges - 2]
+    nearest = np.einsum("ij,ij->i", gap, bend) / np.maximum(squares(bend), np.finfo(float).tiny)
+    return lengths(gap - np.clip(nearest, -0.5, 0.5)[:, None] * bend)
+
+
 def _extrapolate_everywhere(x: Array) -> tuple[Array, Array]:
     """`_extrapolate` at every edge from 2 to len(x) - 2. Slices avoid four copies of all rows."""
     before, after = x[1:-2], x[2:-1]
@@ -172,7 +184,7 @@ def _swapped_blocks(recording: Recording) -> tuple[int, int] | None:
     """First row and size of two blocks of equal size that came in the wrong order; None if there are none."""
     if len(recording) < 6:
         return None
-    jumps, sides = np.zeros(len(recording) - 3), []
+    jumps, sensors = np.zeros(len(recording) - 3), []
     for name, least in NOISE_FLOOR.items():
         values = getattr(recording, name)
         if values is not None:
@@ -180,11 +192,11 @@ def _swapped_blocks(recording: Recording) -> tuple[int, int] | None:
             gaps = lengths(after - before)
             noise = max(least, float(np.median(gaps)))
             jumps += (gaps / noise) ** 2
-            sides.append((before, after, noise))
+            sensors.append((values, noise))
 
     def left_over(earlier: Rows, later: Rows) -> Array:
-        between = [lengths(after[later] - before[earlier]) / noise for before, after, noise in sides]
-        return np.asarray(np.square(between).sum(axis=0))
+        ends = [(_extrapolate(x, later + 2)[1], _extrapolate(x, earlier + 2)[0], noise) for x, noise in sensors]
+        return np.asarray(sum(squares(after - before) / noise**2 for after, before, noise in ends))
 
     largest = np.sort(np.argpartition(jumps, -min(JUMPS_TRIED, len(jumps)))[-JUMPS_TRIED:])
     pairs = np.triu_indices(len(largest), 1)
@@ -207,6 +219,7 @@ def _swapped_blocks(recording: Recording) -> tuple[int, int] | None:
     away = np.abs(np.subtract.outer(np.arange(len(jumps)), at)).min(axis=1)
     beside = jumps[(away > 2) & (away <= max(8, round(MOTION_AROUND_S * recording.rate_hz)))]
     around = float(beside.sum()) / max(len(beside), 1)
-    if three[:, best].mean() < OUTLIER_RATIO * around:
+    apart = sum((_unmet(x, at + 2) / noise) ** 2 for x, noise in sensors)
+    if three[:, best].mean() < OUTLIER_RATIO * around or np.max(apart) < OUTLIER_RATIO * max(around, 1.0):
         return None
     return int(a[best]) + 2, int(b[best] - a[best])

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from pbd.errors import PbdWarning, RecordingError
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
+from pbd.simulation.tasks import Task
 from pbd.tracking.repair import splices
 from pbd.tracking.repair.splices import _extrapolate, in_order, refuse_doubled, without_wild
 from tests.scenarios import pour, with_rows
@@ -47,6 +49,16 @@ def test_nothing_is_put_in_another_order_in_sound_recordings(data_folder: Path) 
     for sensor in ("os5000", "modern", "ideal"):
         fast = simulate(random_task(1, move_s=(0.15, 0.3)), sensor, 1).recording
         assert in_order(fast) is fast
+
+
+@pytest.mark.parametrize("rest_s", [0.503, 0.507])
+def test_a_rest_as_long_as_the_quick_move_after_it_is_not_exchanged_with_it(rest_s: float) -> None:
+    """The acceleration bends where a quick move begins and ends. Exchanged, two bends would meet."""
+    there, back = (0.6, 0.0, 0.0), (0.0, 0.0, 0.0)
+    ways = [Waypoint(p, move_s=rest_s, rest_s=rest_s) for p in (there, back, there, back)]
+    for seed in range(4):
+        recording = simulate(Task("shuttle", (Waypoint(rest_s=2.0), *ways)), "modern", seed).recording
+        assert in_order(recording) is recording
 
 
 @pytest.mark.parametrize("rows", [1, 2, 3])
