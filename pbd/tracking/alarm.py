@@ -118,8 +118,10 @@ def _stop_alarms(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
             )
     problem = solution.problem
     frame, rest = problem.frame, problem.rest
-    for k, (start, end) in enumerate(problem.stops):
-        if t[end - 1] - t[start] > REST_S and median(solution.still_weight[problem.stop_of == k]) < MOVING_WEIGHT:
+    rests = [(k, *span) for k, span in enumerate(problem.stops) if t[span[1] - 1] - t[span[0]] > REST_S]
+    for k, start, end in rests:
+        weight = median(solution.still_weight[problem.stop_of == k])
+        if weight < MOVING_WEIGHT and weight < _smallest_weight(len(rests)):
             yield (
                 f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but this hardly fits the "
                 "motion before and after: one of the channels is wrong; look at pbd plot, and record again"
@@ -136,6 +138,13 @@ def _stop_alarms(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
                 f"from {t[start]:.1f} s on the sensor seems to rest for {lasts:.1f} s, but the stops beside it "
                 "contradict this: it coasts, or the data between them are wrong; look at pbd plot"
             )
+
+
+def _smallest_weight(rests: int) -> float:
+    """Median weight of a rest's knots below which it is suspected: slow sway moves all of them as it moves one."""
+    from scipy.special import chdtri
+
+    return float((1.0 + chdtri(3.0, FALSE_ALARM_CHANCE / rests) / OUTLIER_SIGMAS**2) ** -2)
 
 
 def _field_alarms(solution: Solution) -> Iterator[str]:

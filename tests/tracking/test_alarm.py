@@ -17,7 +17,9 @@ from pbd.files.demo import load_demo
 from pbd.pipeline import track
 from pbd.simulation.simulate import random_task, simulate
 from pbd.tracking.alarm import _move_alarms, _sensor_alarms, _stop_alarms
+from pbd.tracking.noise import Noise
 from tests.scenarios import pour
+from tests.simulation.sway import with_sway
 
 
 def test_many_moves_that_all_fit_badly_are_told() -> None:
@@ -77,6 +79,16 @@ def test_an_estimate_that_did_not_settle_is_told(monkeypatch: pytest.MonkeyPatch
 def test_nothing_is_said_of_a_hand_that_never_turns() -> None:
     """A gyro's scale of zero would silence its noise; and noise moves each knot of a rest by about one sigma."""
     recording = simulate(random_task(0, moves=16, max_turn=0.0), "os5000", 0, rate_hz=50.0).recording
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        track(recording)
+
+
+@pytest.mark.parametrize("seed", [24, 52, 64])
+def test_nothing_is_said_of_a_hand_that_sways_in_many_rests(seed: int) -> None:
+    """Sway lasts longer than a knot: it moves all knots of a rest by more than a sigma as easily as one of them."""
+    task = random_task(seed, max_turn=0.0, rest_s=(1.0, 1.5))
+    recording = simulate(with_sway(task, Noise.still_speed, seed), "os5000", seed).recording
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         track(recording)
