@@ -23,15 +23,21 @@ from pbd.pose import (
     quat_rotate,
     yaw_toward,
 )
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, random_task, simulate
 from pbd.simulation.simulate import TASKS as SIMULATED
 from pbd.simulation.tasks import Task
+from pbd.tracking.noise import Noise
 from pbd.tracking.repair.gyro_consistency import up_in_sensor, warn_upside_down
 from pbd.tracking.smoother.attitude import mean_quaternion
+from tests.simulation.sway import with_sway
 from tests.tracking import damage as d
 
 TASKS = ("pour", "pick-and-place-stops", "pick-and-place-direct", "random")
+SOUND_TASKS = (*TASKS, "level", "shuttle")
+"""Tasks of recordings without damage."""
+
 SENSORS = ("os5000", "wt901", "modern")
 
 WRONG_M, WRONG_RAD, SIGMAS = 0.02, np.radians(6.0), 3.0
@@ -249,9 +255,23 @@ def model(sensor: str) -> SensorModel:
 
 
 def task_of(name: str, seed: int) -> Task:
-    """A task by name; `tipping` is a random task whose moves turn by up to 80 degrees."""
-    drawn = {"random": random_task(seed), "tipping": random_task(seed, max_turn=np.radians(80.0))}
-    return drawn[name] if name in drawn else SIMULATED[name]
+    """A task by name; `tipping` is a random task whose moves turn by up to 80 degrees.
+
+    `level` sways and never turns. `shuttle` moves quickly to and fro, and rests for as long as it moves.
+    """
+    draw: dict[str, Callable[[], Task]] = {
+        "random": lambda: random_task(seed),
+        "tipping": lambda: random_task(seed, max_turn=np.radians(80.0)),
+        "level": lambda: with_sway(random_task(seed, max_turn=0.0, rest_s=(1.0, 1.5)), Noise.still_speed, seed),
+        "shuttle": lambda: _shuttle(float(np.random.default_rng(seed).uniform(0.5, 0.6))),
+    }
+    return draw[name]() if name in draw else SIMULATED[name]
+
+
+def _shuttle(move_s: float) -> Task:
+    there, back = (0.6, 0.0, 0.0), (0.0, 0.0, 0.0)
+    ways = (Waypoint(p, move_s=move_s, rest_s=move_s) for p in 3 * (there, back))
+    return Task("shuttle", (Waypoint(rest_s=2.0), *ways))
 
 
 def sound(task: Task, sensor: str, seed: int) -> Demonstration:
