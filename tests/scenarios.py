@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 import pytest
@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 from pbd.data import Calibration, Demonstration, Keyframe, Recording, Truth
 from pbd.pipeline import track
 from pbd.pose import Array
-from pbd.simulation.simulate import simulate
+from pbd.simulation import simulate as simulation
 from pbd.tracking.keyframes import find_keyframes
 
 uncalibrated = pytest.mark.filterwarnings("ignore:at rest the accelerometer reads:pbd.errors.PbdWarning")
 """For the wt901 without calibration: its bias of about 20 mg may exceed 30 mg, which is warned of."""
+
+simulate = lru_cache(maxsize=64)(simulation.simulate)
+"""Simulates a demonstration once: its arrays are read-only, and a seed gives the same bytes (tests/simulation)."""
 
 
 def truth_at(truth: Truth, t: float) -> Array:

@@ -74,11 +74,14 @@ def test_json_lists_the_files_and_a_second_time_replaces_them_but_no_other_progr
     assert err.endswith("is not an earlier output of pbd, so it is not overwritten; give another place\n")
 
 
-def test_two_are_compared(capsys: Capture, elsewhere: Path) -> None:
+def test_two_are_compared(capsys: Capture, elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two figures; tests/plots/test_compare.py draws all of them."""
+    drawn = {name: compare_figures.COMPARISONS[name] for name in ("paths", "spread")}
+    monkeypatch.setattr(compare_figures, "COMPARISONS", drawn)
     code, out, err = run(capsys, "plot", "paper-test1", "paper-test2", "paper-test1")
     assert code == 0
     folder = elsewhere / "plots" / "paper-test1+paper-test2"
-    assert {file.name for file in folder.iterdir()} == {"paths.png", "views.png", "positions.png", "spread.png"}
+    assert {file.name for file in folder.iterdir()} == {"paths.png", "spread.png"}
     assert "in (of 3)" in out.splitlines()[0]
     assert "spread x (cm)" in out.splitlines()[0]
     assert out.splitlines()[2].split()[1] == "3"
@@ -87,7 +90,7 @@ def test_two_are_compared(capsys: Capture, elsewhere: Path) -> None:
         "tracking 'paper-test2'",
         "tracking 'paper-test1 (2)'",
         "paper-test2 has no keyframes 1 (2.6 s in paper-test1), 2 (",
-        f"wrote 4 files into {folder.relative_to(elsewhere)}",
+        f"wrote 2 files into {folder.relative_to(elsewhere)}",
     ):
         assert f"pbd: {said}" in err
 

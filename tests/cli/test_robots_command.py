@@ -101,7 +101,11 @@ def test_a_tool_that_never_points_down_is_named(capsys: Capture, guide: str) -> 
     assert "points down in only 0 of 20000 random configurations" in refused(capsys, 1, "robots", "--suggest", TOML)
 
 
-def test_the_fastest_arm_comes_first_and_the_others_say_why(capsys: Capture, guide: str) -> None:
+def test_the_fastest_arm_comes_first_and_the_others_say_why(
+    capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few = {"mine", "panda", "so101", "ur5", "z1"}
+    monkeypatch.setattr("pbd.cli.robots.rank.names", lambda *args: [name for name in names(*args) if name in few])
     TOML.write_text(guide.replace("0.38, -0.12, 0.3", "3.8, -0.12, 0.3"), encoding="utf-8")
     mine = run_json(capsys, "robots", "mine", "--for", "paper-test2")["robots"]
     assert [row["duration_s"] for row in mine] == [None]
@@ -109,7 +113,7 @@ def test_the_fastest_arm_comes_first_and_the_others_say_why(capsys: Capture, gui
     assert "keyframe 0 is out of reach" in run(capsys, "robots", "mine", "--for", "paper-test2")[1]
     rows = run_json(capsys, "robots", "--for", "paper-test2")["robots"]
     able = [row["duration_s"] for row in rows if row["why"] is None]
-    assert {row["name"] for row in rows} == set(names("robots", ".toml"))
+    assert {row["name"] for row in rows} == few
     assert able == sorted(able)
     assert [row["name"] for row in rows[len(able) :]] == ["mine"]
     panda = next(row for row in rows if row["name"] == "panda")

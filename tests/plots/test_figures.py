@@ -184,7 +184,7 @@ def test_a_single_stop_is_legible(still: DemoPlot, name: str) -> None:
 
 @uncalibrated
 def test_a_crowd_is_legible() -> None:
-    plot = demo_plot(track(simulate(random_task(3, moves=40), "wt901")))
+    plot = demo_plot(track(simulate(random_task(3, moves=40), "wt901", rate_hz=40.0)))
     assert len(plot.keyframes) > 35
     many = tuple(Finding(f"finding {i}: {HOSTILE}", ((i, i + 1.5),)) for i in range(9))
     for name in ("summary", "path", "view-yx"):

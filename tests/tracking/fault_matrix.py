@@ -25,12 +25,13 @@ from pbd.pose import (
 )
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.sensor_model import SensorModel
-from pbd.simulation.simulate import SENSOR_MODELS, random_task, simulate
+from pbd.simulation.simulate import SENSOR_MODELS, random_task
 from pbd.simulation.simulate import TASKS as SIMULATED
 from pbd.simulation.tasks import Task
 from pbd.tracking.noise import Noise
 from pbd.tracking.repair.gyro_consistency import up_in_sensor, warn_upside_down
 from pbd.tracking.smoother.attitude import mean_quaternion
+from tests.scenarios import simulate
 from tests.simulation.sway import with_sway
 from tests.tracking import damage as d
 

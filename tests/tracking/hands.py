@@ -21,9 +21,10 @@ from pbd.pose import (
 )
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.sensor_model import AttitudeOutput, SensorModel
-from pbd.simulation.simulate import SENSOR_MODELS, random_task, simulate
+from pbd.simulation.simulate import SENSOR_MODELS, random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.paper import LAMBDA_V
+from tests.scenarios import simulate
 
 PERFECT = replace(SENSOR_MODELS["ideal"], attitude=AttitudeOutput())
 NORTHLESS = replace(PERFECT, mag=None)

@@ -15,10 +15,10 @@ from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.errors import PbdWarning
 from pbd.files.demo import load_demo
 from pbd.pipeline import track
-from pbd.simulation.simulate import random_task, simulate
+from pbd.simulation.simulate import random_task
 from pbd.tracking.alarm import _move_alarms, _sensor_alarms, _stop_alarms
 from pbd.tracking.noise import Noise
-from tests.scenarios import pour
+from tests.scenarios import pour, simulate
 from tests.simulation.sway import with_sway
 
 

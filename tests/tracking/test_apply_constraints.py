@@ -14,12 +14,12 @@ from pbd.data.covariance import PoseCovariance
 from pbd.errors import TrackingError
 from pbd.pipeline import track
 from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_multiply, quat_rotate
-from pbd.simulation.simulate import random_task, simulate
+from pbd.simulation.simulate import random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.apply_constraints import apply_constraints
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.stop_constraints import PLACE_SIGMA_M
-from tests.scenarios import pour, truth_at
+from tests.scenarios import pour, simulate, truth_at
 from tests.tracking.stops_at import DT, MOVE, REST, at_stops, covariances, hand_path, mid
 
 

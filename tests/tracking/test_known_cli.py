@@ -12,6 +12,8 @@ import pytest
 
 from pbd.cli import main
 
+pytestmark = pytest.mark.usefixtures("remembered")
+
 HERE = """format = 1
 name = "tea"
 sensor = "simulated modern"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pbd.simulation.simulate import simulate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, find_candidates
+from tests.scenarios import simulate
 
 
 @pytest.mark.parametrize("rate", [40, 100, 286])

@@ -10,9 +10,9 @@ import pytest
 
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pipeline import track
-from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import find_segments
 from pbd.tracking.paper import LAMBDA_M, filter_yaw, paper_path, paper_stops, resulting_variance
+from tests.scenarios import simulate
 
 
 def test_variance_is_that_of_equations_7_to_9() -> None:

@@ -15,11 +15,11 @@ from pbd.pose import (
 )
 from pbd.simulation.hand_motion import HandMotion, Waypoint
 from pbd.simulation.sensor_model import AttitudeOutput, SensorModel
-from pbd.simulation.simulate import SENSOR_MODELS, random_task, simulate
+from pbd.simulation.simulate import SENSOR_MODELS, random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.paper import paper_path
-from tests.scenarios import uncalibrated, with_rows
+from tests.scenarios import simulate, uncalibrated, with_rows
 from tests.tracking.hands import (
     PERFECT,
     RATE_HZ,
@@ -33,6 +33,8 @@ from tests.tracking.hands import (
     perfect,
     with_and_without_north,
 )
+
+pytestmark = pytest.mark.usefixtures("remembered")
 
 
 @pytest.mark.filterwarnings("ignore:--method paper finds:pbd.errors.PbdWarning")

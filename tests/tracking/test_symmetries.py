@@ -19,11 +19,12 @@ from pbd.pose import (
     yaw_toward,
 )
 from pbd.simulation.sensor_model import SensorModel
-from pbd.simulation.simulate import random_task, simulate
+from pbd.simulation.simulate import random_task
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise, noise_of
 from tests.near import assert_near
+from tests.scenarios import simulate
 from tests.tracking.hands import (
     RATE_HZ,
     bound,

@@ -14,10 +14,13 @@ from pbd.errors import PbdWarning
 from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.simulation.hand_motion import Waypoint
-from pbd.simulation.simulate import TASKS, simulate
+from pbd.simulation.simulate import TASKS
 from pbd.simulation.tasks import Task
 from pbd.tracking.taps import TapDetector, grip_by_taps
+from tests.scenarios import simulate
 from tests.tracking.tapping import tapped
+
+pytestmark = pytest.mark.usefixtures("remembered")
 
 HELD = Task("held", (Waypoint(rest_s=12.0),))
 FIRST = np.arange(1.5, 11.0, 1.5)

@@ -12,12 +12,13 @@ from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pipeline import track
 from pbd.pose import quat_rotate
 from pbd.simulation.hand_motion import Waypoint
-from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import TASKS, Task
 from pbd.tracking.keyframes import find_segments
 from pbd.tracking.online.tracker import LiveTracker
-from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_rows
+from tests.scenarios import keyframes_and_errors, pour, simulate, uncalibrated, with_rows
 from tests.tracking.tapping import tapped
+
+pytestmark = pytest.mark.usefixtures("remembered")
 
 TABLE_1 = [
     (0, 86, "No hand motion occurs"),

@@ -13,8 +13,8 @@ from hypothesis.extra.numpy import arrays
 from pbd.data import Recording
 from pbd.pipeline import METHODS
 from pbd.pose import Array
-from pbd.simulation.simulate import random_task, simulate
-from tests.scenarios import with_rows
+from pbd.simulation.simulate import random_task
+from tests.scenarios import simulate, with_rows
 from tests.tracking.faults import every_method, path_or_none, quietly, with_channel
 
 

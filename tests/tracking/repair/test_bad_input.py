@@ -12,11 +12,11 @@ from pbd.data import Demonstration, Recording
 from pbd.errors import PbdError, PbdWarning, RecordingError, TrackingError
 from pbd.pipeline import track
 from pbd.simulation.hand_motion import Waypoint
-from pbd.simulation.simulate import random_task, simulate
+from pbd.simulation.simulate import random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.repair.repair_recording import condition
-from tests.scenarios import keyframes_and_errors, pour, with_rows
+from tests.scenarios import keyframes_and_errors, pour, simulate, with_rows
 from tests.tracking.fault_matrix import Case, named, outcome
 from tests.tracking.faults import broken, every_method, quietly, with_channel
 

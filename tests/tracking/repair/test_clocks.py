@@ -15,11 +15,11 @@ from pbd.data import Demonstration, Recording
 from pbd.errors import PbdWarning
 from pbd.pipeline import track
 from pbd.pose import Array
-from pbd.simulation.simulate import SENSOR_MODELS, simulate
+from pbd.simulation.simulate import SENSOR_MODELS
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.clock import steady_clock
 from pbd.tracking.repair.repair_recording import condition
-from tests.scenarios import truth_at, uncalibrated, with_rows
+from tests.scenarios import simulate, truth_at, uncalibrated, with_rows
 
 pytestmark = pytest.mark.usefixtures("remembered")
 

@@ -18,6 +18,8 @@ from pbd.tracking.repair.gaps import Gap, refuse_gaps
 from tests.scenarios import pour, truth_at, with_hole, with_rows
 from tests.tracking.faults import quietly
 
+pytestmark = pytest.mark.usefixtures("remembered")
+
 EXACT = Linear(np.zeros(3), np.eye(3), np.zeros(3))
 
 

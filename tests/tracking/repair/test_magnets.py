@@ -15,9 +15,9 @@ from pbd.data import Demonstration, Recording, Truth
 from pbd.errors import PbdWarning
 from pbd.pipeline import track
 from pbd.pose import Array, quat_inverse, quat_rotate
-from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task, simulate
+from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task
 from pbd.tracking.keyframes import find_keyframes
-from tests.scenarios import pour, truth_at, uncalibrated
+from tests.scenarios import pour, simulate, truth_at, uncalibrated
 
 pytestmark = pytest.mark.usefixtures("remembered")
 

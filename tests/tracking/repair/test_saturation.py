@@ -19,12 +19,12 @@ from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import quat_inverse, quat_log, quat_multiply
 from pbd.simulation.sensor_model import SensorModel
-from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
+from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.saturation import Clip, clips_of, find_clips, restore
 from tests.benchmarks.trials import read_broad
-from tests.scenarios import truth_at
+from tests.scenarios import simulate, truth_at
 
 clipping = pytest.mark.filterwarnings("ignore:.*end of the range:pbd.errors.PbdWarning")
 

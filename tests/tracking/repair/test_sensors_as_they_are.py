@@ -19,7 +19,7 @@ from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.simulation.calibration_tasks import sides
 from pbd.simulation.hand_motion import Waypoint
-from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task, simulate
+from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.channel_faults import frozen_rows
@@ -27,7 +27,7 @@ from pbd.tracking.repair.gyro_consistency import find_steady, refuse_disagreemen
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.repair.splices import without_wild
 from tests.benchmarks.trials import read_broad
-from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_rows
+from tests.scenarios import keyframes_and_errors, pour, simulate, uncalibrated, with_rows
 from tests.tracking.faults import with_channel
 
 pytestmark = pytest.mark.usefixtures("remembered")

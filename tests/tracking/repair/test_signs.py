@@ -20,7 +20,7 @@ from pbd.files.demo import write_demo
 from pbd.files.importers import import_file, import_recording
 from pbd.pose import quat_exp, quat_from_rpy, quat_rotate, quat_to_matrix, quat_to_rpy
 from pbd.simulation.calibration_tasks import sides
-from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
+from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task
 from pbd.tracking.repair.axes import Witness, find_axis_error
 from pbd.tracking.repair.gyro_consistency import (
     refuse_disagreement,
@@ -28,6 +28,7 @@ from pbd.tracking.repair.gyro_consistency import (
     up_in_sensor,
     warn_upside_down,
 )
+from tests.scenarios import simulate
 
 WITH_ATTITUDE = ("os5000", "os5000-nogyro", "wt901", "modern")
 

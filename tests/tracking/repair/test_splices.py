@@ -12,11 +12,11 @@ import pytest
 
 from pbd.errors import PbdWarning, RecordingError
 from pbd.simulation.hand_motion import Waypoint
-from pbd.simulation.simulate import random_task, simulate
+from pbd.simulation.simulate import random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.repair import splices
 from pbd.tracking.repair.splices import _extrapolate, in_order, refuse_doubled, without_wild
-from tests.scenarios import pour, with_rows
+from tests.scenarios import pour, simulate, with_rows
 from tests.tracking.repair.test_sensors_as_they_are import real_recordings
 
 

@@ -13,7 +13,8 @@ from pbd.cli import main
 from pbd.data import ErrorEstimate, Recording, SensorEstimate
 from pbd.errors import PbdWarning
 from pbd.pipeline import track
-from pbd.simulation.simulate import SENSOR_MODELS, random_task, simulate
+from pbd.simulation.simulate import SENSOR_MODELS, random_task
+from tests.scenarios import simulate
 
 GYR_BIAS, ACC_BIAS = np.radians((0.4, -0.8, 0.3)), np.array((0.03, -0.02, 0.025))
 GYR_MATRIX = 1e-3 * np.array(((6.0, 2.0, -3.0), (1.0, -5.0, 2.0), (3.0, -2.0, 4.0)))

@@ -11,7 +11,7 @@ import pytest
 
 from pbd.data import Demonstration, Recording
 from pbd.pose import Array, lengths, quat_inverse, quat_log, quat_multiply, quat_rotate, yaw_toward
-from pbd.simulation.simulate import random_task, simulate
+from pbd.simulation.simulate import random_task
 from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import acc_sigma_factor, noise_of
@@ -33,6 +33,7 @@ from pbd.tracking.smoother.preintegration import POS, ROT, VEL, GyroFrame
 from pbd.tracking.smoother.smooth import _initial_state, smooth
 from pbd.tracking.smoother.state import PIVOT, SHARED
 from pbd.tracking.zero_velocity import Spans
+from tests.scenarios import simulate
 
 SENSORS = ("os5000", "wt901", "modern")
 
