@@ -32,7 +32,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtr
 
 from pbd.data import Demonstration, HandPath
 from pbd.errors import PbdError, PbdWarning
@@ -259,7 +259,7 @@ def learned_at_best(takes: int) -> float:
     """The share of scatters found well by the six keyframes' spread alone, along three axes."""
     freedom = 3 * 6 * (takes - 1)
     low, high = (freedom * (mm * MM / SCENARIOS["scatter_4mm", "wt901", "4"].scatter_m) ** 2 for mm in LEARNED_MM)
-    return float(chi2.cdf(high, freedom) - chi2.cdf(low, freedom))
+    return float(chdtr(freedom, high) - chdtr(freedom, low))
 
 
 def errors_of(device: SensorModel) -> tuple[Array, Array]:

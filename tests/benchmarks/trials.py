@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from pbd.data import Recording
 from pbd.pose import Array, quat_rotate
@@ -92,6 +91,8 @@ def averaged(recording: Recording, every: int) -> Recording:
 
 def slope(p: Array, rate_hz: float) -> Array:
     """Velocity (n, 3) as the optics have it: the slope of a quartic over VELOCITY_S, which loses half of 12 Hz."""
+    from scipy.signal import savgol_filter  # loads scipy.stats, which takes a second
+
     samples = max(2 * round(0.5 * (VELOCITY_S * rate_hz - 1.0)) + 1, 5)
     velocity: Array = savgol_filter(p, samples, 4, deriv=1, delta=1.0 / rate_hz, axis=0)
     return velocity

@@ -8,6 +8,7 @@ import tempfile
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -42,9 +43,14 @@ ROWS = 30
 class Reader:
     """Files that go together, which of them is changed, and what reads it (or its folder)."""
 
-    files: Mapping[str, bytes]
+    made: Mapping[str, bytes] | Callable[[], Mapping[str, bytes]]
     changed: str
     read: Callable[[Path], object]
+
+    @property
+    def files(self) -> Mapping[str, bytes]:
+        """Made when needed, where that takes long."""
+        return self.made() if callable(self.made) else self.made
 
 
 def _readers() -> dict[str, Reader]:
@@ -90,7 +96,7 @@ def _readers() -> dict[str, Reader]:
     found["printed lines"] = Reader({"printed.log": bodies.PRINTED.encode()}, "printed.log", _printed)
     found["phone's zip"] = Reader({"walk.zip": _zipped()}, "walk.zip", import_file)
     for name, mcap in (("bag.mcap", True), ("bag.db3", False)):
-        found[name] = Reader({name: _bag(mcap)}, name, import_file)
+        found[name] = Reader(partial(_bag, name, mcap), name, import_file)
     robot = {"mine.toml": bodies.ROBOT, "mine.urdf": bodies.URDF, "mine.srdf": bodies.SRDF, "a.dae": bodies.DAE}
     files = {name: text.encode() for name, text in robot.items()} | {"a.stl": _stl()}
     for name in ("mine.toml", "mine.srdf"):
@@ -113,11 +119,11 @@ def _demonstration() -> dict[str, bytes]:
     return found | {"keyframes.toml": keyframes.encode(), "demo.toml": bodies.DEMO.encode()}
 
 
-def _bag(mcap: bool) -> bytes:
+def _bag(name: str, mcap: bool) -> dict[str, bytes]:
     hand = random_hand(ROWS, seed=2)
     with tempfile.TemporaryDirectory() as inside:
         write_bag(Path(inside) / "bag", hand, mcap=mcap)
-        return next((Path(inside) / "bag").glob("*.mcap" if mcap else "*.db3")).read_bytes()
+        return {name: next((Path(inside) / "bag").glob("*.mcap" if mcap else "*.db3")).read_bytes()}
 
 
 def _zipped() -> bytes:

@@ -27,20 +27,22 @@ MOST_BYTES = 2_000_000_000
 
 def read_damaged(name: str, folder: Path, answer: Connection) -> None:
     """Read damaged files; answer with what went wrong, and how many were refused."""
+    reader = READERS[name]
+    files = reader.files
     resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (MOST_S, MOST_S))
     signal.alarm(5 * MOST_S)
     os.environ["XDG_CACHE_HOME"] = str(folder / "cache")
     warnings.simplefilter("error")
     warnings.simplefilter("ignore", PbdWarning)
-    reader, faults, refused = READERS[name], [], 0
+    faults, refused = list[str](), 0
     path = folder / reader.changed
     with tempfile.TemporaryFile() as printed:
         for stream in (1, 2):
             os.dup2(printed.fileno(), stream)
-        for file, content in reader.files.items():
+        for file, content in files.items():
             (folder / file).write_bytes(content)
-        whole = reader.files[reader.changed]
+        whole = files[reader.changed]
         for seed in range(MUTATIONS):
             path.write_bytes(_damaged(whole, name, seed))
             answer.send(seed)

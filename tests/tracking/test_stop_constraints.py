@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri
 
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.data import Calibration, Contact, Known, Place
@@ -221,7 +221,7 @@ def test_the_bound_is_as_improbable_in_space_as_in_height(dimension: int, known:
             apply_constraints(path, known)
         except TrackingError:
             refused += 1
-    share = chi2.sf(chi2.isf(0.0027, dimension) / 4.0, dimension)
+    share = chdtrc(dimension, chdtri(dimension, 0.0027) / 4.0)
     assert abs(refused - n * share) < 4.0 * np.sqrt(n * share * (1.0 - share))
 
 

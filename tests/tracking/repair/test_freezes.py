@@ -68,7 +68,7 @@ def fastest(demo: Demonstration) -> list[int]:
 def test_a_freeze_in_a_move_is_refused_or_makes_unsure(sensor: str, rate_hz: float, move: str) -> None:
     """At the highest speed of a straight move the sensor reads what it reads at rest: it seems to stop dead."""
     demo = simulate(MOVES[move], SENSORS[sensor], 1, rate_hz=rate_hz)
-    for row in fastest(demo)[1::2]:  # of "straight": a straight move and the turn
+    for row in fastest(demo):
         for seconds in (0.3, 2.0):
             assert refused_or_unsure(demo, row, row + round(seconds * rate_hz))
 
