@@ -549,6 +549,18 @@ def test_it_does_without_a_magnetometer_and_without_a_gyro() -> None:
         LiveTracker().feed(0.0, (0.0, 0.0, 9.81))
 
 
+def test_a_calm_move_without_a_gyro_is_no_stop() -> None:
+    """At 40 samples/s its acceleration changes as little as at rest; only its velocity tells."""
+    moves = (Waypoint((0.17 * ((k + 1) % 2), 0.0, 0.0), move_s=1.4, rest_s=0.8) for k in range(4))
+    demo = simulate(Task("calm", (Waypoint(rest_s=2.0), *moves)), "os5000-nogyro", 0)
+    tracker, events = fed(demo.recording)
+    assert [event.index for event in began(events)] == list(range(5))
+    assert demo.truth is not None
+    for keyframe in tracker.keyframes[1:]:
+        off = keyframe.T_nav_sensor.p - truth_at(demo.truth, keyframe.t)
+        assert distance_in_sigmas(off, keyframe.cov[:3, :3]) < 4.0
+
+
 def test_a_magnetometer_may_be_read_less_often() -> None:
     recording = poured_at_first()
     assert recording.mag is not None

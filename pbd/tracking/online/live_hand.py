@@ -11,7 +11,7 @@ import numpy as np
 from pbd.data import Keyframe, Stop
 from pbd.pose import Array, Pose, quat_log
 from pbd.tracking.estimate import BOUNCE_M, BOUNCE_RAD, BOUNCE_S, is_where_it_was
-from pbd.tracking.first_rest import STILL_ACC, Rest, restlessness
+from pbd.tracking.first_rest import Rest, restlessness
 from pbd.tracking.moving_windows import PASSES, rows_of_mean
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.online.events import LiveEvent, StopBegan, StopEnded
@@ -87,7 +87,7 @@ class LiveHand:
         self._trial: StopTrial | None = None
         self._trial_filter: OnlineFilter | None = None
         self._peak = 0.0  # m/s2, largest acceleration of a block since the hand stood still
-        self._t_knot, self._t_compass, self._acc_knot = samples[0].t, samples[0].t, samples[0].acc
+        self._t_knot, self._t_compass = samples[0].t, samples[0].t
         self.use_rest(rest, noise)
         fields = [sample.mag for sample in samples if sample.mag is not None]
         self._field: list[Array] | None = [] if fields else None
@@ -164,7 +164,7 @@ class LiveHand:
         if not self._past_stops:
             kalman.set_origin()
         kalman.clone_pose()
-        self._t_knot, self._angles, self._acc_knot = t, [np.zeros(3)], self._window[-1][0].acc
+        self._t_knot, self._angles = t, [np.zeros(3)]
 
     def _change(self, kalman: OnlineFilter) -> tuple[float, float]:
         """How far the hand is from the last stop, m, and by how much it has turned since, rad."""
@@ -187,8 +187,6 @@ class LiveHand:
         """
         ahead = self._filter if self._trial_filter is None else self._trial_filter
         off, fast = self._is_moving(ahead)
-        if self._no_gyro:  # its attitude still turns after the hand has stopped
-            fast = float(np.square(sample.acc - self._acc_knot).sum()) > STILL_ACC**2
         self.still = quiet and not fast
         if self.still:
             self._peak = 0.0
@@ -219,8 +217,7 @@ class LiveHand:
         ):
             self._trial = self._trial_filter = None
             return []
-        # A device's own attitude still turns after the hand has stopped, so it can't refute a stop.
-        off, fast = (0.0, False) if self._trial_filter is None or self._no_gyro else self._is_moving(self._trial_filter)
+        off, fast = (0.0, False) if self._trial_filter is None else self._is_moving(self._trial_filter)
         if trial is None or fast or off > VELOCITY_GATE:
             self._trial_filter = self._filter.fork()
             off, speed = self._trial_filter.velocity_test(self._sigma, self._shaking)
