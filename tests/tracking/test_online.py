@@ -510,6 +510,18 @@ def test_it_waits_for_a_rest_and_says_why() -> None:
     assert len(tracker.stops) == 4
 
 
+def test_a_calm_move_is_no_first_rest() -> None:
+    """A hand that slows down shakes less than one that is unsteady, but it certainly moves."""
+    moves = (Waypoint((0.15 * ((k + 1) % 2), 0.0, 0.0), move_s=1.4, rest_s=1.3) for k in range(4))
+    demo = simulate(Task("late", (Waypoint(rest_s=0.0), *moves)), "wt901", 0, rate_hz=50.0)
+    tracker, events = fed(demo.recording)
+    assert demo.truth is not None
+    speed = np.linalg.norm(np.gradient(demo.truth.p_nav_sensor, demo.truth.t, axis=0), axis=1)
+    assert tracker.rest is not None
+    assert speed[tracker.rest.start : tracker.rest.stop].max() < 0.05
+    assert [event.index for event in began(events)] == list(range(4))
+
+
 def test_wrong_units_are_named_while_it_waits() -> None:
     recording = pour().recording
     tracker = LiveTracker()

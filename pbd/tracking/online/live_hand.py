@@ -70,6 +70,7 @@ class LiveHand:
         flaws: what was wrong with the data since the last stop, one line each.
         still: whether the hand seems to stand still.
         restless: `restlessness` of the last window.
+        set_out: whether the hand certainly moved in the first rest.
     """
 
     def __init__(self, samples: Sequence[Sample], interval: float, rest: Rest, noise: Noise, has_gyro: bool) -> None:
@@ -95,8 +96,10 @@ class LiveHand:
         self._filter = OnlineFilter(noise, rest, self._strapdown.C, north, self._no_gyro)
         self._stop: LiveStop | None = LiveStop(samples[0], samples[0], *self._filter.pose())
         self.still, self._settled = True, True
+        self.set_out = False
         for sample in samples[1:]:
             self.advance(sample)
+            self.set_out |= not self.still and len(self._window) == self._window.maxlen
 
     def use_rest(self, rest: Rest, noise: Noise) -> None:
         """Take thresholds and noise from this rest."""

@@ -12,7 +12,7 @@ from pbd.data import Keyframe, Recording, RecordingInfo, Stop
 from pbd.data.frozen_arrays import numeric
 from pbd.errors import PbdError, TrackingError, WrongTypeError
 from pbd.pose import Array, readonly
-from pbd.tracking.first_rest import QUIET_RATIO, REST_S, STILL_ACC, Rest, find_rest
+from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, QUIET_RATIO, REST_S, STILL_ACC, Rest, find_rest
 from pbd.tracking.noise import noise_of
 from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan, StopEnded
 from pbd.tracking.online.live_hand import LiveHand
@@ -150,8 +150,11 @@ class LiveTracker:
         rest = replace(rest, start=samples[0].row, stop=samples[-1].row + 1)
         if hand is None:
             interval = float(np.median(np.diff(recording.t)))
-            self._conditioner.interval = interval
-            self._hand = LiveHand(samples, interval, rest, noise, bool(self._has_gyro))
+            hand = LiveHand(samples, interval, rest, noise, bool(self._has_gyro))
+            if hand.set_out and (rest.shake > QUIET_ACC**2 or rest.turn > QUIET_GYR**2):
+                self._waiting = f"hold still for {REST_S:g} s: the hand moves"
+                return []
+            self._conditioner.interval, self._hand = interval, hand
             return [RestFound(t, rest), self._hand.current_stop(t)]
         if rest.restless < hand.rest.restless / QUIET_RATIO:
             hand.use_rest(rest, noise)
