@@ -70,7 +70,7 @@ class LiveHand:
         flaws: what was wrong with the data since the last stop, one line each.
         still: whether the hand seems to stand still.
         restless: `restlessness` of the last window.
-        set_out: whether the hand certainly moved in the first rest.
+        set_out: whether the hand certainly moved in what seemed a stop.
     """
 
     def __init__(self, samples: Sequence[Sample], interval: float, rest: Rest, noise: Noise, has_gyro: bool) -> None:
@@ -99,7 +99,6 @@ class LiveHand:
         self.set_out = False
         for sample in samples[1:]:
             self.advance(sample)
-            self.set_out |= not self.still and len(self._window) == self._window.maxlen
 
     def use_rest(self, rest: Rest, noise: Noise) -> None:
         """Take thresholds and noise from this rest."""
@@ -190,7 +189,7 @@ class LiveHand:
         """
         ahead = self._filter if self._trial_filter is None else self._trial_filter
         off, fast = self._is_moving(ahead)
-        self.still = quiet and not fast
+        self.still, self.set_out = quiet and not fast, self.set_out or fast
         if self.still:
             self._peak = 0.0
             if self._knot_is_due(sample):
