@@ -104,3 +104,28 @@ def test_what_it_refuses(tmp_path: Path) -> None:
     ):
         export(trajectory, slow, "urscript", place, source=source)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_program_may_begin_anywhere_and_with_the_gripper(tmp_path: Path) -> None:
+    plan, robot, source = planned("ur5")
+    tiny = np.full((1, 4, 6), 0.0)
+    c = plan.trajectory.coefficients.copy()
+    c[:, 0] += 4.4e-7  # no joint is a number of six decimals
+    tiny[0, 0], tiny[0, 2:] = c[0, 0], [[3e-8] * 6, [-2e-8] * 6]  # there is no digit for this move of 1e-8 rad
+    c[:, 0] += 1e-8
+    hold = np.concatenate((c[:1, :1], np.zeros((1, 3, 6))), axis=1)
+    motion = replace(
+        plan.trajectory,
+        knots=np.concatenate(([0.0, 1.0], 2.0 + plan.trajectory.knots)),
+        coefficients=np.concatenate((tiny, hold, c)),
+        gripper_t=np.array([0.0, 1.0, 1.8]),
+        gripper_opening=np.array([1.0, 1.0, 0.0]),
+        keyframe_t=2.0 + plan.trajectory.keyframe_t,
+        keyframe_q=plan.trajectory.keyframe_q + 4.5e-7,
+    )
+    for rate_hz in (None, 125.0, 500.0):
+        export(motion, robot, "urscript", tmp_path / "p.script", rate_hz, dense=rate_hz is not None, source=source)
+        controller = Controller(motion.at(0.0).q[0])
+        controller.run((tmp_path / "p.script").read_text())
+        assert controller.calls[1] == (pytest.approx(1.0, abs=0.01), "gripper_close")
+        assert_allclose(controller.q, motion.at(motion.duration).q[0], atol=1e-6)

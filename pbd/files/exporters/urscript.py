@@ -89,7 +89,9 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
     """Write the program."""
     trajectory, gripper = request.trajectory, request.robot.gripper
     name = re.sub(r"\W", "_", request.source.name, flags=re.ASCII)
-    stroke, start = _seconds(1.0 if gripper is None else gripper.stroke_s), _numbers(trajectory.at(np.zeros(1)).q[0], 6)
+    # A servoj goes on from there within 2 ms, so a rounded start would be a jerk.
+    start = _numbers(trajectory.at(np.zeros(1)).q[0], 12 if request.dense else 6)
+    stroke = _seconds(1.0 if gripper is None else gripper.stroke_s)
     demo = " ".join(request.source.name.split())
     lines = [HEAD.format(demo=demo, robot=request.robot.name, name=name, stroke=stroke, start=start)]
     arrives = {round(float(t), 6): i for i, t in enumerate(trajectory.keyframe_t)}
@@ -105,20 +107,23 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
         else:
             a, v = _acceleration_and_velocity(request, phase)
             q = trajectory.at(np.array([phase.end])).q[0]
-            lines.append(f"  movej([{_numbers(q, 6)}], a={a:.6f}, v={v:.6f}){comment}\n")
+            lines.append(f"  movej([{_numbers(q, 6)}], a={_positive(a)}, v={_positive(v)}){comment}\n")
     if request.dense and phase.moves:
         lines += _end_of_servo(request, phase.end)
     path.write_text(sealed(f"{''.join(lines)}end\n\npbd_{name}()\n"), encoding="utf-8")
 
 
 def _phases(request: ExportRequest) -> list[_Phase]:
-    """Cut the motion where the arm comes to rest, and merge neighbouring phases without motion."""
+    """Cut the motion where the arm comes to rest, and merge neighbouring phases without motion.
+
+    A move too small for the program's decimals counts as none.
+    """
     c, knots = request.trajectory.coefficients, request.trajectory.knots
-    stands = np.abs(c[:, 1:]).max(axis=(1, 2)) == 0.0
+    q = request.trajectory.at(knots).q
     rests = np.append(np.abs(c[:, 1]).max(axis=1) <= AT_REST, True)
     phases: list[_Phase] = []
     for a, b in pairwise(np.flatnonzero(rests).tolist()):
-        moves = not stands[a:b].all()
+        moves = bool(np.abs(q[a + 1 : b + 1] - q[a]).max() > OFF_LINE_RAD)
         start = phases.pop().start if phases and not (moves or phases[-1].moves) else float(knots[a])
         phases.append(_Phase(start, float(knots[b]), moves))
     return phases
@@ -195,6 +200,11 @@ def _seconds(seconds: float) -> str:
     return f"{round(seconds, 6):g}"
 
 
+def _positive(x: float) -> str:
+    """Return a number above zero with seven digits; a slow move's would vanish in six decimals."""
+    return np.format_float_positional(x, 7, fractional=False)
+
+
 def _numbers(q: Array, decimals: int) -> str:
     return ", ".join(f"{x:.{decimals}f}" for x in np.round(q, decimals) + 0.0)
 
@@ -206,16 +216,15 @@ def read(path: Path) -> Samples:
     up to SETTLE_S per stop.
     """
     head, *body = path.read_text(encoding="utf-8").partition("\n  start = ")
-    run = _Run(_floats(body[1].partition("\n")[0]), float(re.findall(r"sleep\((.+)\)", head)[0]))
-    for name, given in re.findall(
-        r"^  (movej|servoj|sleep|gripper_open|gripper_close)\((.*?)\)(?:  #|$)", body[1], re.M
-    ):
+    calls = re.findall(r"^  (movej|servoj|sleep|gripper_open|gripper_close)\((.*?)\)(?:  #|$)", body[1], re.M)
+    periods = [_servoj_seconds(given) for name, given in calls if name == "servoj"]
+    stroke = float(re.findall(r"sleep\((.+)\)", head)[0])
+    run = _Run(_floats(body[1].partition("\n")[0]), stroke, min(periods, default=0.0))
+    for name, given in calls:
         if name == "movej":
             run.move(_floats(given), *(float(each) for each in re.findall(r"[av]=([^,]+)", given)))
         elif name == "servoj":
-            seconds = float(given.split("], ")[1].split(", ")[2])
-            run.period = run.period or seconds
-            for _ in range(round(seconds / run.period)):
+            for _ in range(round(_servoj_seconds(given) / run.period)):
                 run.add(run.period, _floats(given))
         else:
             seconds = float(given) if name == "sleep" else run.stroke
@@ -227,12 +236,16 @@ def _floats(listed: str) -> Array:
     return np.array([float(each) for each in listed.partition("[")[2].partition("]")[0].split(",")])
 
 
-class _Run:
-    """The simulated arm; `period`, s, is that of servoj, or 0 before the first one."""
+def _servoj_seconds(given: str) -> float:
+    return float(given.split("], ")[1].split(", ")[2])
 
-    def __init__(self, q: Array, stroke: float) -> None:
+
+class _Run:
+    """The simulated arm; `period`, s, is that of servoj, or 0 where there is none."""
+
+    def __init__(self, q: Array, stroke: float, period: float) -> None:
         """Start at joints q (6,), rad; `stroke`: duration of a gripper's call, s."""
-        self.stroke, self.period = stroke, 0.0
+        self.stroke, self.period = stroke, period
         self.rows: list[tuple[float, Array, Array, Array, float]] = [(0.0, q, 0.0 * q, 0.0 * q, np.nan)]
 
     def add(self, dt: float, q: Array, qd: float | Array = 0.0, qdd: float | Array = 0.0) -> None:
