@@ -127,5 +127,7 @@ def test_a_program_may_begin_anywhere_and_with_the_gripper(tmp_path: Path) -> No
         export(motion, robot, "urscript", tmp_path / "p.script", rate_hz, dense=rate_hz is not None, source=source)
         controller = Controller(motion.at(0.0).q[0])
         controller.run((tmp_path / "p.script").read_text())
-        assert controller.calls[1] == (pytest.approx(1.0, abs=0.01), "gripper_close")
+        (_, (t, name), *_) = controller.calls
+        assert name == "gripper_close"
+        assert t == pytest.approx(1.0, abs=0.21)  # dense: the arm settles first
         assert_allclose(controller.q, motion.at(motion.duration).q[0], atol=1e-6)
