@@ -12,7 +12,12 @@ import pytest
 from pbd.driving.encoder_counts import EncoderCounts, servo_names
 from pbd.errors import CalibrationError, RobotError
 from pbd.files.robot import load_robot
-from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration, write_servo_calibration
+from pbd.files.servo_calibration import (
+    ServoCalibration,
+    find_servo_calibration,
+    read_servo_calibration,
+    write_servo_calibration,
+)
 from tests.driving.emulator import calibration_of
 
 SO101 = load_robot("so101")
@@ -107,6 +112,15 @@ def test_an_implausible_calibration_is_refused(name: str, change: dict[str, int]
     servos = calibration_of("so101")
     with pytest.raises(CalibrationError, match=says):
         EncoderCounts(SO101, servos | {name: replace(servos[name], **change)})
+
+
+@pytest.mark.parametrize("robot", ["so100", "so101"])
+def test_a_real_calibration_is_plausible(robot: str) -> None:
+    """Made by LeRobot, of a real SO-ARM101 (github.com/matrix97317/UniRobot, so_arm101_calib.py)."""
+    ranges = ((746, 3477), (822, 3211), (901, 3110), (849, 3216), (135, 3984), (1975, 3565))
+    arm = load_robot(robot)
+    servos = zip(servo_names(arm), ranges, strict=True)
+    EncoderCounts(arm, {name: ServoCalibration(i, 0, 0, *ends) for i, (name, ends) in enumerate(servos, start=1)})
 
 
 def test_an_arm_without_servos_is_refused() -> None:
