@@ -98,10 +98,12 @@ class Plan:
 def place_remark(plan: Plan) -> str:
     """Return where in base the motion starts if no calibration was named; "" if one was."""
     dock = plan.calibration.T_base_dock
-    if plan.calibration is not plan.robot.dock or dock is None:
+    fallback = plan.robot.dock is None and plan.calibration.name == "default"
+    if dock is None or not (fallback or plan.calibration is plan.robot.dock):
         return ""
     at = ", ".join(f"{x + 0.0:.3f}" for x in dock.p.tolist())
-    return f"the hand starts at {plan.robot.name}'s own dock, ({at}) m in base; for yours give --calibration NAME"
+    whose = "the default dock" if fallback else f"{plan.robot.name}'s own dock"
+    return f"the hand starts at {whose}, ({at}) m in base; for yours give --calibration NAME"
 
 
 def size_remark(plan: Plan) -> str:

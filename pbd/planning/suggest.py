@@ -90,6 +90,7 @@ def suggest(
         RobotError: none was found; the message says why the best one failed.
     """
     from pbd.arm.ik.branches import margins
+    from pbd.arm.ik.partial_pose import is_partial
     from pbd.arm.ik.starts import dexterity
 
     arm = arm_of(robot)
@@ -99,6 +100,7 @@ def suggest(
     touching: dict[tuple[str, str], int] = {}
     why = f"no dock has all keyframes within reach, even at {SCALES[-1]} of the size; correct base or T_body_tool"
     why += "" if table is None else ", or table_height"
+    why += ", or take a demonstration that tilts the tool less (--for)" if is_partial(arm) else ""
     for table_known, scale, places in _search_order(table, p[R[:, 2, 2] < -DOWN, 2], lowest):
         docks = list(islice(_possible_docks(arm, (p, R), keyframes, table_known, scale), places))
         reachable = _rank(arm, docks, keyframes)

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from pbd.audit.arm import AuditArm
+from pbd.cli.robots.rank import _table
 from pbd.files.find_by_name import names
 from pbd.files.robot import read_robot
 from pbd.planning import arm_of
+from pbd.view.units import Units
 from tests.arm.test_own_robot import own_toml, own_urdf
 from tests.cli.running import Capture, refused, run, run_json
 
@@ -99,6 +101,26 @@ def test_a_tool_that_never_points_down_is_named(capsys: Capture, guide: str) -> 
     fixed = guide.replace("[arm]", '[arm]\njoints = ["joint1"]').replace("home = [0.0, -0.3, 0.9, 0.0, 0.97, 0.0]", "")
     TOML.write_text(re.sub(r"\[(\d+\.0, ){5}\d+\.0\]", "[1.0]", fixed), encoding="utf-8")
     assert "points down in only 0 of 20000 random configurations" in refused(capsys, 1, "robots", "--suggest", TOML)
+
+
+def test_an_arm_that_cannot_tilt_its_tool_is_offered_another_demonstration(capsys: Capture, guide: str) -> None:
+    fixed = guide.replace("[arm]", '[arm]\njoints = ["joint1"]').replace("home = [0.0, -0.3, 0.9, 0.0, 0.97, 0.0]", "")
+    fixed = fixed.replace("rpy_deg = [180.0, -90.0, 0.0]", "rpy_deg = [180.0, 0.0, 0.0]")
+    TOML.write_text(re.sub(r"\[(\d+\.0, ){5}\d+\.0\]", "[1.0]", fixed), encoding="utf-8")
+    told = refused(capsys, 1, "robots", "--suggest", TOML)
+    assert "or take a demonstration that tilts the tool less (--for)" in told
+
+
+def test_an_arm_without_a_dock_is_told_where_the_hand_starts(capsys: Capture, guide: str) -> None:
+    TOML.write_text(guide.partition("[dock]")[0], encoding="utf-8")
+    _, _, told = run(capsys, "replay", "paper-test2", "--robot", "mine", "--html", "page.html")
+    assert "pbd: the hand starts at the default dock, (0.400, -0.150, 0.250) m in base; for yours give" in told
+
+
+def test_all_remarks_on_an_arm_are_shown() -> None:
+    row: dict[str, object] = dict.fromkeys(("duration_s", "farthest_m", "reach_m", "torque", "scale", "why"))
+    table = _table([{**row, "name": "mine", "warnings": ["it ends there; see", "61 degrees off; move"]}], Units())
+    assert list(table.columns[-1].cells) == ["it ends there; 61 degrees off"]
 
 
 def test_the_fastest_arm_comes_first_and_the_others_say_why(

@@ -18,6 +18,8 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.model import ArmModel, from_se3, to_se3
+from pbd.data.world import beyond_reach
+from pbd.errors import RobotError
 from pbd.io.meshes import from_mesh, mesh_triangles
 from pbd.io.urdf_shapes import Shape, Triple, collision_shapes
 from pbd.pose import Array, Pose, readonly
@@ -76,7 +78,7 @@ def bodies_of(arm: ArmModel, shapes: Iterable[Shape]) -> tuple[Body, ...]:
     """Make bodies of links' shapes, each in the frame of the joint that carries it.
 
     Raises:
-        RobotError: a mesh can't be read.
+        RobotError: a mesh can't be read, or is in mm.
     """
     bodies = []
     for shape in shapes:
@@ -84,7 +86,11 @@ def bodies_of(arm: ArmModel, shapes: Iterable[Shape]) -> tuple[Body, ...]:
         placed = shape.link, int(frame.parentJoint), from_se3(frame.placement) @ shape.T_link_shape
         if shape.kind == "mesh":
             mesh = shape.mesh, shape.scale
-            bodies.append(Body(*placed, "hull", points=_hull(*mesh), pad=PAD_M, mesh=mesh))
+            points = _hull(*mesh)
+            if far := beyond_reach(points.ravel()):
+                remedy = 'if it is in mm, give it scale="0.001 0.001 0.001" in the URDF'
+                raise RobotError(f"mesh {shape.mesh} has a corner at {far}; {remedy}", path=shape.mesh)
+            bodies.append(Body(*placed, "hull", points=points, pad=PAD_M, mesh=mesh))
         else:
             bodies.append(Body(*placed, shape.kind, shape.size))
     return tuple(bodies)

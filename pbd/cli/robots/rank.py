@@ -62,6 +62,6 @@ def _table(rows: list[dict[str, Any]], units: Units) -> Table:
             *units.lengths((row["farthest_m"], row["reach_m"]), finer=-1),
             "" if row["torque"] is None else f"{100.0 * row['torque']:.0f}",
             "" if row["scale"] is None else f"{row['scale']:g}",
-            (row["why"] or "; ".join(row["warnings"])).partition("; ")[0],
+            "; ".join(words.partition("; ")[0] for words in ([row["why"]] if row["why"] else row["warnings"])),
         )
     return table

@@ -153,6 +153,11 @@ def test_a_mesh_is_found_and_scaled(tmp_path: Path, cache: Path, address: str) -
             '<mesh filename="meshes/t.obj" scale="1 two 3"/>',
             "scale = '1 two 3' in the <mesh> of link 'hand' is not three",
         ),
+        (
+            OBJ,
+            '<mesh filename="meshes/t.obj" scale="100 100 100"/>',
+            "t.obj has a corner at 100 m, beyond any arm's reach; if it is in mm, give it scale=",
+        ),
         (OBJ, '<mesh scale="1 1 1"/>', "a <mesh> of link 'hand' has no filename; correct it"),
         (
             OBJ,
