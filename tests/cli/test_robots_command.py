@@ -107,7 +107,8 @@ def test_an_arm_that_cannot_tilt_its_tool_is_offered_another_demonstration(capsy
     fixed = guide.replace("[arm]", '[arm]\njoints = ["joint1"]').replace("home = [0.0, -0.3, 0.9, 0.0, 0.97, 0.0]", "")
     fixed = fixed.replace("rpy_deg = [180.0, -90.0, 0.0]", "rpy_deg = [180.0, 0.0, 0.0]")
     TOML.write_text(re.sub(r"\[(\d+\.0, ){5}\d+\.0\]", "[1.0]", fixed), encoding="utf-8")
-    told = refused(capsys, 1, "robots", "--suggest", TOML)
+    code, _, told = run(capsys, "robots", "--suggest", TOML)
+    assert code == 1
     assert "or take a demonstration that tilts the tool less (--for)" in told
 
 
