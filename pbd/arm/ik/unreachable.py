@@ -38,7 +38,7 @@ class Unreached:
         at = " and ".join(f"{joint} at its {side} limit" for joint, side in self.limits)
         if self.beyond_m == 0.0:
             return f"reachable, but not with the tool at this angle{f' ({at})' if at else ''}"
-        off = "beyond the arm's reach" if self.outside else "from the nearest place that its tool reaches"
+        off = "beyond the arm's reach" if self.outside else "from the nearest place that the tool reaches"
         where = f"{100.0 * self.beyond_m:.1f} cm {off}"
         return f"{where}, with {at}" if at else where
 

@@ -58,7 +58,7 @@ def test_a_pose_too_near_is_inside_the_reach(stiff: Callable[[float], ArmModel])
     found = hindrance(arm, near)
     assert found.beyond_m > 0.1
     assert not found.outside
-    assert "cm from the nearest place that its tool reaches, with panda_joint4 at its lower limit" in str(found)
+    assert "cm from the nearest place that the tool reaches, with panda_joint4 at its lower limit" in str(found)
     assert hindrance(arm, far).outside
 
 
@@ -103,7 +103,7 @@ def error(arm: ArmModel, pose: Pose, q: Array) -> float:
         (Unreached(0.123, True, ()), "12.3 cm beyond the arm's reach"),
         (
             Unreached(0.05, False, (("elbow", "lower"),)),
-            "5.0 cm from the nearest place that its tool reaches, with elbow at its lower limit",
+            "5.0 cm from the nearest place that the tool reaches, with elbow at its lower limit",
         ),
         (
             Unreached(0.0, False, (("a", "upper"), ("b", "lower"))),
