@@ -91,10 +91,12 @@ def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
             continue
         registered = {k: one for k, (_, one, _) in found.items()}
         back = {k: one for k, (_, _, one) in found.items()}
-        middle = ref.p[run].mean(axis=0)
-        shifts = np.array([one.apply(takes[k]).p[run].mean(axis=0) - middle for k, one in registered.items()])  # m
+        places = np.array([ref.p[run], *(one.apply(takes[k]).p[run] for k, one in registered.items())])  # m
+        shifts = places[1:] - places[0]
         far = lengths(shifts) > HAND_M
-        if (far.all() and np.abs(shifts[:, 2]).max() < LEVEL_M) if alone else far.any():
+        level = np.abs(shifts[..., 2]).max() < LEVEL_M
+        alike = (lengths(places[:, None] - places) <= HAND_M).sum(axis=1)  # takes with the keyframe at the same place
+        if far.all() and level and 2 * alike.max() <= len(places) if alone else far.any(axis=0).all():
             best = MovedKeyframes(first, end - 1, gain, reference, registered, back)
     return best
 

@@ -27,8 +27,9 @@ def shown(shifts: Array, sigma: float = 1e-3) -> list[Keyframes]:
 
 @pytest.mark.parametrize(
     ("shifts", "found"),
-    [(ELSEWHERE, (3, 3)), (IN_THE_AIR, None), (ELSEWHERE * ((0,), (0,), (1,)), None), (ELSEWHERE[:2], None)],
-    ids=["on a table", "in the air", "in one take only", "of two takes"],
+    [(ELSEWHERE, (3, 3)), (IN_THE_AIR, None), (ELSEWHERE * ((0,), (0,), (1,)), None), (ELSEWHERE[:2], None)]
+    + [(ELSEWHERE[[1, 0, 0]], None), (0.08 * np.eye(3), None)],
+    ids=["on a table", "in the air", "in one take only", "of two takes", "in the first take only", "with a neighbour"],
 )
 def test_a_single_keyframe_that_moved(shifts: Array, found: tuple[int, int] | None) -> None:
     moved = find_moved_keyframes(shown(shifts))
