@@ -23,8 +23,9 @@ from pbd.tracking.estimate import relative_to_first
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX
 from pbd.tracking.smoother.state import lower_matrix
 
-LEVER_M, LEVER_FREEDOM = 0.005, 3.0
-"""Prior of the levers: sigma along each axis, m, and its degrees of freedom."""
+LEVER_M, LEVER_FREEDOM, LARGEST_LEVER_M = 0.005, 3.0, 0.05
+"""Prior of the levers: sigma along each axis, m, its degrees of freedom, and its largest value, half a hand's width.
+Without a bound, takes that differ get levers of metres, with which a tilt of the hand by 1 degree explains 5 cm."""
 
 DAMPING = 0.01
 """Damping (1/m2, 1/rad2) of all unknowns but the devices' errors, so that no matrix is singular."""
@@ -164,6 +165,7 @@ def estimate_jointly(observations: Observations, x: TaskState, scatter: Scatter)
         x = _updated(x, step, columns)
         square = float((x.lever**2).sum() + np.diagonal(cov)[levers].sum())
         lever_variance = (square + LEVER_FREEDOM * LEVER_M**2) / (len(levers) + LEVER_FREEDOM)
+        lever_variance = min(lever_variance, LARGEST_LEVER_M**2)
         before, scatter = scatter, scatter.improved(precision, weighted, group, tracking)
         if np.abs(step[columns.poses]).max() < CONVERGED and scatter.change(before) < CONVERGED_LOG:
             break

@@ -10,6 +10,7 @@ import numpy as np
 
 from pbd.calibration.demonstrated_path import led_between
 from pbd.data import Stop
+from pbd.errors import TrackingError
 from pbd.pose import Array, Pose, quat_canonical, quat_from_matrix, quat_slerp
 
 
@@ -52,8 +53,17 @@ def average_paths(paths: Sequence[TakePath], m: Array, A: Array, interval: float
         paths: the takes' paths. A move is the mean of the takes that have both its ends.
         m, A: (J, 3) m and (J, 3, 3), the task's keyframes, at which the mean path stops.
         interval: s, time between two rows.
+
+    Raises:
+        TrackingError: no take has both ends of a move.
     """
     edges = np.array([path.stops for path in paths])  # (K, J, 2)
+    moves = np.isfinite(edges[:, :-1] + edges[:, 1:]).all(axis=2).any(axis=0)
+    if not moves.all():
+        j = int(np.argmin(moves))
+        raise TrackingError(
+            f"no take that agrees with the others has both keyframe {j} and {j + 1}; record another take"
+        )
     dwell = np.nanmedian(edges[:, :, 1] - edges[:, :, 0], axis=0)
     move = np.nanmedian(edges[:, 1:, 0] - edges[:, :-1, 1], axis=0)
     rest_rows = np.maximum(np.round(dwell / interval), 1.0).astype(int) + 1

@@ -12,6 +12,7 @@ from pbd.data import Calibration, Contact, Demonstration, GripEvent, HandPath, L
 from pbd.errors import CalibrationError, RecordingError, TrackingError, collected_warnings
 from pbd.fusion.calibration import _composed, device_errors
 from pbd.fusion.marginals import SHARED, estimate_with_device, marginal_of
+from pbd.fusion.mean_path import TakePath, average_paths
 from pbd.fusion.takes import tracked_take
 from pbd.pipeline import fused_demo, track
 from pbd.pose import Pose, quat_exp, quat_multiply
@@ -74,6 +75,16 @@ def test_the_path_is_continuous_and_rests_at_its_keyframes(path: HandPath) -> No
         assert not path.v_nav_sensor[stop.start : stop.stop].any()
 
 
+def test_a_move_of_which_each_take_has_one_end_is_refused() -> None:
+    t, still = np.arange(4.0), np.tile((1.0, 0.0, 0.0, 0.0), (4, 1))
+    ends = np.array(((0.0, 1.0), (2.0, 3.0)))
+    one, other = (
+        TakePath(t, np.zeros((4, 3)), still, np.where(has, ends, np.nan), np.ones(2)) for has in np.eye(2)[..., None]
+    )
+    with pytest.raises(TrackingError, match="has both keyframe 0 and 1"):
+        average_paths((one, other), np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), 0.1)
+
+
 def test_keyframes_have_the_learned_tolerances(path: HandPath) -> None:
     assert path.fusion is not None
     for k, keyframe in enumerate(find_keyframes(path)):
@@ -113,7 +124,7 @@ def test_no_errors_of_a_device_without_a_gyro_are_given(path: HandPath) -> None:
 def test_another_device_with_the_same_sensor_name_is_told_apart(takes: list[Demonstration]) -> None:
     own, _ = takes_of(Scenario("wt901", 1), SEED)
     assert own[0].recording.info.sensor == takes[0].recording.info.sensor
-    another = takes_of(Scenario("wt901", 2), SEED, device=17)[0][1]
+    another = takes_of(Scenario("wt901", 3), SEED, device=17)[0][2]  # a hand that misses otherwise than in the two
     fused = pbd.fuse([*takes[:2], renamed(another, "other")])
     assert fused.fusion is not None
     assert [take.device for take in fused.fusion.takes] == [0, 0, 1]

@@ -15,7 +15,7 @@ from pbd.fusion.scatter import common_scatter, keyframe_scatter
 from pbd.pose import Array, matrix_log
 from pbd.simulation.sensor_model import SENSOR_MODELS
 from tests.benchmarks.fuse import errors_of, one_device
-from tests.fusion.made import initial_state, observations, truth
+from tests.fusion.made import initial_state, observations, rotations, truth
 
 MM = 1e-3
 
@@ -147,6 +147,14 @@ def test_a_take_that_is_off_at_all_keyframes_is_an_outlier(takes_shown: int) -> 
     true, away = truth(takes_shown), np.random.default_rng(1).normal(scale=0.03, size=(takes_shown, 6, 3))
     away[[k for k in range(takes_shown) if k != 2]] = 0.0
     takes = observations(true, np.array(2.0 * MM), MM, off=away)
+    assert remove_outliers(takes, estimate_jointly(takes, initial_state(true), common_scatter(6)))[2].take == 2
+
+
+def test_a_take_is_an_outlier_even_if_a_lever_of_metres_would_explain_it() -> None:
+    true = truth(3)
+    tilted = rotations(0.03 * np.random.default_rng(0).normal(size=(6, 3)))
+    true = replace(true, A=tilted, lever=np.array(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 2.0))))
+    takes = observations(true, np.array(2.0 * MM), MM)
     assert remove_outliers(takes, estimate_jointly(takes, initial_state(true), common_scatter(6)))[2].take == 2
 
 
