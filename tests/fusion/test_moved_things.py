@@ -15,7 +15,7 @@ IN_THE_AIR = ELSEWHERE + np.array(((0.0, 0.0, 0.0), (0.0, 0.0, 0.03), (0.0, 0.0,
 
 
 def shown(shifts: Array, sigma: float = 1e-3, turn: float = 5.0) -> list[Keyframes]:
-    """Return takes of six keyframes in one nav; the fourth is shifted, and turned about the vertical by `turn` rad/m."""
+    """Return takes of six keyframes in one nav, the fourth shifted, and turned about the vertical by `turn`, rad/m."""
     task, rng, takes = truth(1), np.random.default_rng(1), []
     for shift in shifts:
         p, R = task.m + 5e-4 * rng.normal(size=(6, 3)), rotations(0.01 * rng.normal(size=(6, 3))) @ task.A
