@@ -19,13 +19,14 @@ from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, PbdError, SensorError, UsageError, listed
 from pbd.files.calibration import load_calibration
-from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_demo
+from pbd.files.demo import demo_folder, load_demo, newest_demo, write_demo
 from pbd.files.find_by_name import bundled, bundled_names
 from pbd.files.points import Points, points_csv
 from pbd.files.set_aside import is_aside
 from pbd.io.atomic import atomic_file, is_file, refuse_file
 from pbd.io.made_by_pbd import refuse_others_file
 from pbd.io.read_file import read_text
+from pbd.io.toml import utc_now
 from pbd.pose import Array
 
 if TYPE_CHECKING:

@@ -17,12 +17,12 @@ from pbd.files.demo import (
     refuse_demo_folder,
     refuse_lost_recording,
     shell_word,
-    utc_now,
     write_demo,
 )
 from pbd.files.keyframes import NAME
 from pbd.fusion.calibration import device_errors
 from pbd.fusion.tables import fusion_rows, fusion_table, held_alike, takes_table
+from pbd.io.toml import utc_now
 from pbd.pipeline import fused_demo, track
 from pbd.view.terminal_tables import print_table
 

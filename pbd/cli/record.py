@@ -20,7 +20,8 @@ from pbd.cli.recording.takes import how_to_hold, next_command
 from pbd.data import SensorErrors
 from pbd.errors import UsageError, collected_warnings, warn
 from pbd.files.calibration import load_calibration
-from pbd.files.demo import demo_folder, read_demo, refuse_demo_folder, utc_now
+from pbd.files.demo import demo_folder, read_demo, refuse_demo_folder
+from pbd.io.toml import utc_now
 from pbd.record import Outcome, RecordOptions, record
 from pbd.record.loop import SCREEN_EVERY_S, Poll
 from pbd.record.session_types import FEWEST_STOPS

@@ -8,9 +8,8 @@ import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -65,6 +64,22 @@ def newest_demo(failed: bool = False) -> str:
 
 def read_demo(folder: Path) -> Demonstration:
     """Read a demonstration's folder; a RecordingError tells the file and, if known, line and column."""
+    info, grip, optional = read_demo_toml(folder)
+    if takes := optional["takes"]:
+        recording = replace(takes[0].recording, info=info)
+    else:
+        _refuse_without(folder, "imu.csv")
+        recording = _read_recording(read_table(folder / "imu.csv"), grip, info)
+    if os.path.lexists(truth := folder / "truth.csv"):
+        values = read_table(truth).columns(*TRUTH)
+        optional["truth"] = Truth(values[:, 0], values[:, 1:4], values[:, 4:])
+    if os.path.lexists(edited := folder / keyframes.NAME):
+        optional |= {"keyframes": keyframes.read_keyframes(edited), "touch_ups": keyframes.read_touch_ups(edited)}
+    return Demonstration(recording, folder=folder, **optional)
+
+
+def read_demo_toml(folder: Path) -> tuple[RecordingInfo, tuple[GripEvent, ...], dict[str, Any]]:
+    """Read demo.toml alone: what it says of the recording, the grip's events, other arguments of `Demonstration`."""
     _refuse_without(folder, "demo.toml")
     top = read_toml(folder / "demo.toml", RecordingError)
     top.format(FORMAT)
@@ -92,16 +107,7 @@ def read_demo(folder: Path) -> Demonstration:
         what, step = "is not used, only its takes' are", f"remove it; correct theirs, or save and edit {keyframes.NAME}"
         top.tables("grip")[0].fail("t_s", what, step)
     top.done()
-    if not takes:
-        _refuse_without(folder, "imu.csv")
-    recording = replace(takes[0].recording, info=info) if takes else None
-    recording = recording or _read_recording(read_table(folder / "imu.csv"), grip, info)
-    if os.path.lexists(truth := folder / "truth.csv"):
-        values = read_table(truth).columns(*TRUTH)
-        optional["truth"] = Truth(values[:, 0], values[:, 1:4], values[:, 4:])
-    if os.path.lexists(edited := folder / keyframes.NAME):
-        optional |= {"keyframes": keyframes.read_keyframes(edited), "touch_ups": keyframes.read_touch_ups(edited)}
-    return Demonstration(recording, folder=folder, takes=takes, **optional)
+    return info, grip, optional | {"takes": takes}
 
 
 def _refuse_without(folder: Path, name: str) -> None:
@@ -127,7 +133,7 @@ def _read_takes(sections: Sequence[Section], folder: Path) -> tuple[Demonstratio
 
 
 def write_demo(
-    demo: Demonstration, folder: Path, force: bool = False, extra_files: Mapping[str, str] = MappingProxyType({})
+    demo: Demonstration, folder: Path, force: bool = False, extra_files: Mapping[str, str] | None = None
 ) -> None:
     """Write a demonstration's folder atomically.
 
@@ -144,7 +150,7 @@ def write_demo(
     refuse_demo_folder(folder, force)
     refuse_lost_recording(demo, folder)
     with atomic_folder(folder, replace=force, why_kept=why_kept) as new:
-        for name, text in ({"demo.toml": demo_toml(demo, folder.name, folder)} | dict(extra_files)).items():
+        for name, text in ({"demo.toml": demo_toml(demo, folder.name, folder)} | dict(extra_files or {})).items():
             (new / name).write_text(text, encoding="utf-8")
         if not demo.takes:
             write_table(new / "imu.csv", *_imu_columns(demo.recording))
@@ -200,11 +206,6 @@ def as_text(name: str) -> str:
     return os.fsencode(name).decode("utf-8", "backslashreplace")
 
 
-def utc_now() -> str:
-    """Return the present time in UTC, in demo.toml's format."""
-    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-
-
 def demo_toml(demo: Demonstration, name: str, folder: Path | None = None) -> str:
     """Return the text of demo.toml.
 
@@ -218,9 +219,8 @@ def demo_toml(demo: Demonstration, name: str, folder: Path | None = None) -> str
     """
     import tomlkit
 
-    recording, info = demo.recording, demo.recording.info
+    recording, info, grasped = demo.recording, demo.recording.info, demo.grasped
     rate_hz = info.rate_hz or (recording.rate_hz if len(recording) > 1 else None)
-    grasped = demo.grasped
     values: dict[str, Any] = {
         "format": FORMAT,
         "name": name,

@@ -62,6 +62,11 @@ def instant_of(created: str) -> datetime:
     return date if date.tzinfo is not None else date.replace(tzinfo=UTC)
 
 
+def utc_now() -> str:
+    """Return the present time in UTC, as `instant_of` reads it."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
 class Section:
     """One table of a TOML file. `name` is its dotted name, empty for the top level.
 

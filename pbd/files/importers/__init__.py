@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from pbd.data import Demonstration
 from pbd.errors import RecordingError, warn
-from pbd.files.demo import RATES_HZ, as_text, read_demo
+from pbd.files.demo import RATES_HZ, as_text, read_demo_toml
 
 if TYPE_CHECKING:
     from pbd.files.importers.columns import Understood
@@ -109,20 +109,21 @@ def import_recording(
     info = replace(recording.info, name=as_text(path.stem), sensor=f"{sensor} (imported)")
     demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {as_text(path.name)}.")
     if path.name == "imu.csv" and (path.parent / "demo.toml").is_file():
-        demo = _as_before(demo, read_demo(path.parent), same_times)
+        demo = _as_before(demo, path.parent, same_times)
     return Imported(demo, understood)
 
 
-def _as_before(demo: Demonstration, before: Demonstration, same_times: bool) -> Demonstration:
-    """Return a demonstration whose recording was imported anew, with what its demo.toml knows of it."""
-    earlier = before.recording.info
+def _as_before(demo: Demonstration, folder: Path, same_times: bool) -> Demonstration:
+    """Return a demonstration whose recording was imported anew, with what the folder's demo.toml knows of it."""
+    earlier, grip, known = read_demo_toml(folder)
     info = replace(demo.recording.info, sensor=earlier.sensor, clock=earlier.clock)
-    demo = replace(demo, recording=replace(demo.recording, info=info), closed=before.closed, grasped=before.grasped)
+    recording = replace(demo.recording, info=info)
+    demo = replace(demo, recording=recording, closed=known["closed"], grasped=known["grasped"])
     if not same_times:
         warn("other times than in demo.toml: its [[grip]], [[place]] and [[contact]] are left out")
         return demo
-    recording = replace(demo.recording, grip=before.recording.grip)
-    return replace(demo, recording=recording, places=before.places, contacts=before.contacts)
+    recording = replace(recording, grip=grip)
+    return replace(demo, recording=recording, places=known["places"], contacts=known["contacts"])
 
 
 def check_rate(path: Path, rate_hz: float, what: str) -> None:
