@@ -73,9 +73,9 @@ def test_a_straight_line_is_tried_before_it_is_recommended(
 ) -> None:
     if not can:
         monkeypatch.setattr("pbd.arm.ladder_checks.follow", lambda *args: None)
-    code, _, err = run(capsys, "export", "pouring", "--robot", "ur5", "-o", f"{tmp_path}/x.csv")
+    code, _, err = run(capsys, "export", "paper-test1", "--robot", "panda", "-o", f"{tmp_path}/x.csv")
     assert code == 0
-    said = "--path-tolerance 0.01 keeps it straight" if can else "ur5 can't keep it straight"
+    said = "--path-tolerance 0.01 keeps it straight" if can else "panda can't keep it straight"
     assert f" from a straight line; {said}\n" in err
 
 

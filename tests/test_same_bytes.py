@@ -25,7 +25,7 @@ def test_a_plan_has_the_same_bytes_whatever_was_planned_and_solved_before(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Two plans in either order, then again after poses of more arms than the sixteen that a cache holds."""
-    asked = ("paper-test2", "panda"), ("paper-test1", "so101")
+    asked = ("paper-test2", "panda"), ("paper-test2", "so101")
     first = [exported(*each, tmp_path) for each in asked]
     assert [exported(*each, tmp_path) for each in reversed(asked)] == first[::-1]
     for name in 2 * NAMES:

@@ -145,8 +145,8 @@ def test_only_barred_moves_are_mended() -> None:
 
 def test_the_checks_for_each_keyframe_do_not_grow_with_their_number(monkeypatch: pytest.MonkeyPatch) -> None:
     """With several windows of the ladder; collision checks are counted."""
-    monkeypatch.setattr(motion_module, "WINDOW", 24)
-    monkeypatch.setattr(motion_module, "KEPT", 8)
+    monkeypatch.setattr(motion_module, "WINDOW", 12)
+    monkeypatch.setattr(motion_module, "KEPT", 4)
     counted, is_free = list[Leg](), CollisionScene.is_free
 
     def count(self: CollisionScene, q: Array, leg: Leg) -> bool:
@@ -156,7 +156,7 @@ def test_the_checks_for_each_keyframe_do_not_grow_with_their_number(monkeypatch:
     monkeypatch.setattr(CollisionScene, "is_free", count)
     checks = []
     for many in (1, 2):
-        poses = [moved(x=0.002 * i, y=(-0.2, 0.2)[i % 2], z=-0.1) for i in range(30)] * many
+        poses = [moved(x=0.002 * i, y=(-0.2, 0.2)[i % 2], z=-0.1) for i in range(15)] * many
         counted.clear()
         motion = chosen(poses, approach=False)
         assert kinds(motion) == [STRAIGHT] * len(poses)

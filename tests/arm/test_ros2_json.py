@@ -28,9 +28,8 @@ MOTIONS = [
     ("panda", "pouring", "keyframes"),
     ("xarm7", "paper-test1", "line"),
     ("ur5", "paper-test2", "demo"),
-    ("so101", "paper-test1", "keyframes"),
 ]
-"""Arms of five, six and seven joints, straight and along curves."""
+"""Straight and along curves."""
 
 
 @cache

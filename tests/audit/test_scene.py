@@ -36,7 +36,7 @@ def swing(robot: Robot, seed: int = 0) -> JointTrajectory:
     return time_keyframes(load_model(robot), q, [0.1] * 4, grips, robot.home)
 
 
-@pytest.mark.parametrize("name", ["odd", "panda", "so101", "kinova"])
+@pytest.mark.parametrize("name", ["odd", "so101", "kinova"])
 def test_no_point_moves_farther_than_its_bound(name: str, odd_robot: Robot) -> None:
     """Path length of a point on each joint, relative to the base, in steps of 20 us between instants of the grid."""
     robot = odd_robot if name == "odd" else arm_of(name).robot
@@ -53,7 +53,7 @@ def test_no_point_moves_farther_than_its_bound(name: str, odd_robot: Robot) -> N
             assert np.linalg.norm(steps, axis=1).sum() <= travel[row + 1] - travel[row] + 1e-9
 
 
-@pytest.mark.parametrize("name", ["odd", "panda", "so101", "kinova"])
+@pytest.mark.parametrize("name", ["odd", "panda"])
 def test_nothing_touches_in_spans_that_bounding_spheres_rule_out(name: str, odd_robot: Robot) -> None:
     """All pairs, with a table, a ball and a carried bottle, at a random instant of every other such span."""
     robot = odd_robot if name == "odd" else arm_of(name).robot
@@ -84,7 +84,7 @@ def test_the_last_instant_is_in_a_span_whatever_their_number() -> None:
     assert len(counts) == SPAN
 
 
-@pytest.mark.parametrize("name", ["panda", "ur3", "so101", "z1"])
+@pytest.mark.parametrize("name", ["panda", "so101"])
 def test_a_hull_encloses_its_mesh_closely(name: str) -> None:
     directions = np.random.default_rng(0).normal(size=(30, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]

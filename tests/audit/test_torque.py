@@ -17,7 +17,7 @@ from pbd.data.world import gripped_spans
 from pbd.errors import PbdWarning, PlanError
 from pbd.planning import Plan, PlanOptions, plan_keyframes
 from pbd.pose import Array, Pose
-from tests.arm.bundled import FOLDER, NAMES, arm_of, keyframes_of
+from tests.arm.bundled import FOLDER, KINDS, arm_of, keyframes_of
 from tests.audit.mujoco_arm import MujocoArm
 
 PENDULUM = """<robot name="pendulum">
@@ -112,9 +112,9 @@ def mujoco_torques(robot: Robot, trajectory: JointTrajectory, t: Array, load: Lo
     return np.array(said)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", KINDS)
 def test_torques_agree_with_mujoco(name: str) -> None:
-    """For each bundled arm, with a load beside the tool's point."""
+    """For an arm of each kind, with a load beside the tool's point."""
     robot, trajectory, load = arm_of(name).robot, planned(name).trajectory, Load(0.5, (0.03, -0.02, 0.05))
     t = np.linspace(0.0, trajectory.duration, 200)[:-1]
     ours, theirs = torques(AuditArm(robot), trajectory, t, load), mujoco_torques(robot, trajectory, t, load)

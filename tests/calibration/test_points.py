@@ -87,7 +87,7 @@ def test_errors_are_within_their_sigmas(tracker: float) -> None:
     perfect = replace(perfect, cov=perfect.cov + np.outer(stretched, stretched))
     root = tracker * np.linalg.cholesky(perfect.cov + 0.001**2 * np.eye(12))
     inside, chi2, left_out = [], [], []
-    for seed in range(100 if tracker == 1.0 else 50):
+    for seed in range(60 if tracker == 1.0 else 30):
         noise = root @ np.random.default_rng(seed).normal(size=12)
         fit = fit_points(replace(perfect, p_nav_sensor=perfect.p_nav_sensor + noise.reshape(4, 3)), POINTS[:4])
         turn = quat_log(quat_multiply(fit.T_base_nav.wxyz, quat_inverse(T_base_nav.wxyz)))
@@ -95,12 +95,12 @@ def test_errors_are_within_their_sigmas(tracker: float) -> None:
         inside.append(np.abs(error) < 2.0 * np.sqrt(np.diagonal(fit.cov))[[0, 1, 2, 5]])
         left_out.append(np.abs(fit.left_out) < 2.0 * fit.left_out_sigma)
         chi2.append(fit.chi2)
-    assert np.mean(inside) > 0.88  # 400 or 200 draws of 0.95, in fours: one sigma is up to 0.02 or 0.03
+    assert np.mean(inside) > 0.88  # 240 or 120 draws of 0.95, in fours: one sigma is up to 0.03 or 0.04
     assert np.mean(left_out) > 0.88
     if tracker == 1.0:
         assert np.mean(inside) < 0.99
         assert np.mean(left_out) < 1.0
-        assert np.mean(chi2) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / 8.0 / 100.0))
+        assert np.mean(chi2) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / 8.0 / 60.0))
 
 
 def test_the_jacobian_agrees_with_finite_differences() -> None:

@@ -15,12 +15,13 @@ from numpy.testing import assert_allclose
 
 from pbd.cli import main
 from pbd.files.exporters import export
-from pbd.files.exporters.mcap import UNDATED_NS
+from pbd.files.exporters.mcap import UNDATED_NS, _start_ns
 from pbd.pose import Array, Pose, quat_from_xyzw
 from tests.arm.bundled import arm_of
 from tests.files.test_formats import planned
 
 Topics = dict[str, list[tuple[int, Any]]]
+CREATED = "2026-05-01T12:00:00.75+02:00"
 
 
 def by_rosbags(path: Path) -> Topics:
@@ -71,7 +72,7 @@ def tool_by_tf(topics: Topics, robot: Any, i: int) -> Pose:
 )
 def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, demo: str, read: Any) -> None:
     plan, robot, source = planned(name, demo)
-    export(plan.trajectory, robot, "mcap", tmp_path / "p.mcap", 20.0, source=source)
+    export(plan.trajectory, robot, "mcap", tmp_path / "p.mcap", 10.0, source=source)
     assert list(tmp_path.iterdir()) == [tmp_path / "p.mcap"]
     topics, trajectory = read(tmp_path / "p.mcap"), plan.trajectory
     start = topics["/robot_description"][0][0]
@@ -80,7 +81,7 @@ def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, dem
     states, k = topics["/joint_states"], len(robot.joints)
     t = 1e-9 * np.array([ns - start for ns, _ in states])
     points = trajectory.at(t)
-    assert_allclose(t, trajectory.sample(20.0).t, atol=1e-9)
+    assert_allclose(t, trajectory.sample(10.0).t, atol=1e-9)
     assert_allclose([message.position[:k] for _, message in states], points.q, atol=1e-8)
     assert_allclose([message.velocity[:k] for _, message in states], points.qd, atol=1e-6)
     gripper = robot.gripper
@@ -124,34 +125,29 @@ def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, dem
     assert_allclose(hand_p, hand.p_nav_sensor)
 
 
-@pytest.mark.parametrize(
-    ("created", "ns"),
-    [
-        ("2026-05-01T12:00:00.75+02:00", 1777629600_750000000),
-        ("2026-05-01T10:00:00", 1777629600_000000000),  # UTC on every computer
-        ("2045-01-01T00:00:00Z", UNDATED_NS),  # a clock that is off
-        ("1969-12-31T23:59:59Z", UNDATED_NS),
-        (None, UNDATED_NS),
-    ],
-)
-def test_the_bag_begins_when_the_recording_does(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, created: str | None, ns: int
-) -> None:
-    monkeypatch.setenv("TZ", "America/New_York")
-    time.tzset()
+def test_the_bag_begins_when_the_recording_does(tmp_path: Path) -> None:
+    ns = 1777629600_750000000  # CREATED
     plan, robot, source = planned("panda", "paper-test2")
     tracking = source.hand.tracking
     assert tracking is not None
     recording = tracking.demo.recording
-    dated = replace(tracking.demo, recording=replace(recording, info=replace(recording.info, created=created)))
+    dated = replace(tracking.demo, recording=replace(recording, info=replace(recording.info, created=CREATED)))
     source = replace(source, hand=replace(source.hand, tracking=replace(tracking, demo=dated)))
     export(plan.trajectory, robot, "mcap", tmp_path / "p.mcap", 10.0, source=source)
-    monkeypatch.undo()
-    time.tzset()
     topics = by_rosbags(tmp_path / "p.mcap")
     assert {topics[topic][0][0] for topic in ("/joint_states", "/imu", "/hand/pose", "/tf")} == {ns}
     stamp = topics["/imu"][0][1].header.stamp
     assert 10**9 * stamp.sec + stamp.nanosec == ns
+
+
+def test_without_a_date_that_can_be_a_bag_begins_at_one_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "America/New_York")
+    time.tzset()
+    assert _start_ns("2026-05-01T10:00:00") == 1777629600_000000000  # UTC on every computer
+    for off in ("2045-01-01T00:00:00Z", "1969-12-31T23:59:59Z", None):
+        assert _start_ns(off) == UNDATED_NS
+    monkeypatch.undo()
+    time.tzset()
 
 
 def test_a_fused_demonstration_has_the_hands_mean_path_and_no_takes_samples(tmp_path: Path) -> None:

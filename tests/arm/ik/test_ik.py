@@ -35,7 +35,7 @@ def test_every_reachable_pose_is_reached(arm: ArmModel, oracle: Callable[[Array]
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in (*FIVE_JOINTS, "panda")])
 def test_every_arm_reaches_its_own_poses(name: str) -> None:
     arm = arm_of(name)
-    for truth in random_joints(arm.robot, 200, seed=9):
+    for truth in random_joints(arm.robot, 100, seed=9):
         pose = arm.forward(truth)
         q = solve(arm, pose).q
         assert_reaches(arm, lambda q, arm=arm: to_se3(arm.forward(q)), pose, q)  # type: ignore[misc]
@@ -110,12 +110,12 @@ def test_out_of_reach_gives_the_nearest_pose(arm: ArmModel, pose: Pose) -> None:
     here = pose.distance(arm.forward(result.q))
     np.testing.assert_allclose((result.position_error_m, result.rotation_error_rad), here, atol=1e-12)
 
-    # Oracle: scipy's bounded least squares, from the solution and from three other starts, gets no nearer.
+    # Oracle: scipy's bounded least squares, from the solution and from another start, gets no nearer.
     def error(q: Array) -> Array:
         at, wanted = to_se3(arm.forward(q)), to_se3(pose)
         return np.concatenate((at.translation - wanted.translation, pin.log3(at.rotation @ wanted.rotation.T)))
 
-    starts = np.vstack((result.q, random_joints(arm.robot, 3, seed=13, margin=0.05)))
+    starts = np.vstack((result.q, random_joints(arm.robot, 1, seed=13, margin=0.05)))
     inside = np.clip(starts, arm.limits.lower + 1e-9, arm.limits.upper - 1e-9)
     least = min(
         least_squares(error, q, bounds=(arm.limits.lower, arm.limits.upper), max_nfev=200).cost * 2 for q in inside

@@ -59,8 +59,7 @@ def test_the_path_parameter_is_the_time_of_the_slowest_joint() -> None:
     np.testing.assert_allclose(curve.s, [0.0, 1.0, 3.0], atol=1e-12)
 
 
-@pytest.mark.parametrize("jerk", [8000.0, 400.0, 80.0, 20.0])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("jerk", "seed"), [(8000.0, 0), (400.0, 1), (80.0, 0), (20.0, 1)])
 def test_limits_are_kept_ends_are_met_and_the_curve_is_followed(jerk: float, seed: int) -> None:
     limits, waypoints = limits_of(2.0, 8.0, jerk), random_waypoints(seed)
     curve = Curve.through(waypoints, limits)

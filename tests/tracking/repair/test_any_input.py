@@ -49,7 +49,7 @@ def recordings(draw: st.DrawFn) -> Recording:
 
 
 @quietly
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(recordings(), st.sampled_from(METHODS))
 def test_any_few_numbers_are_refused_or_give_a_sound_path(recording: Recording, method: str) -> None:
     path_or_none(recording, method)
@@ -110,7 +110,7 @@ def spoilt_recordings(draw: st.DrawFn) -> Recording:
 
 
 @quietly
-@settings(max_examples=35, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(spoilt_recordings(), st.sampled_from(METHODS))
 def test_a_spoilt_recording_is_refused_or_gives_a_sound_path(recording: Recording, method: str) -> None:
     path_or_none(recording, method)

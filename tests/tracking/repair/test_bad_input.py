@@ -118,7 +118,7 @@ def test_no_or_one_sample_is_refused(method: str, rows: int) -> None:
 
 
 @every_method
-@pytest.mark.parametrize("row", [0, *range(250, 350, 7)])
+@pytest.mark.parametrize("row", [0, 250, 299])
 def test_ten_samples_are_refused_wherever_they_are_from(method: str, row: int) -> None:
     """In a tenth of a second any motion looks like a rest."""
     with pytest.raises(RecordingError, match=r"the recording lasts 0\.1 s \(10 samples\); record at least a second of"):
@@ -136,8 +136,7 @@ def test_a_magnetometer_of_zeros_is_left_out() -> None:
 
 @every_method
 @every_channel
-@pytest.mark.parametrize("value", [np.nan, -1e300])
-@pytest.mark.parametrize("column", [0, slice(None)], ids=["one column", "all columns"])
+@pytest.mark.parametrize(("value", "column"), [(np.nan, slice(None)), (-1e300, 0)])
 def test_a_channel_without_a_number_is_named(method: str, channel: str, value: float, column: int | slice) -> None:
     recording = pour().recording
     values = np.array(getattr(recording, channel))
@@ -147,7 +146,7 @@ def test_a_channel_without_a_number_is_named(method: str, channel: str, value: f
 
 
 @pytest.mark.filterwarnings("ignore:--method paper finds:pbd.errors.PbdWarning")
-@pytest.mark.parametrize(("method", "value"), [("default", np.nan), ("default", -1e300), ("paper", np.nan)])
+@pytest.mark.parametrize(("method", "value"), [("default", np.nan), ("paper", -1e300)])
 @every_channel
 def test_rows_without_a_number_are_bridged(method: str, channel: str, value: float) -> None:
     """Three rows in a move, 40 ms between good ones."""

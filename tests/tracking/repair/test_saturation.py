@@ -75,7 +75,7 @@ def marked(clips: tuple[Clip, ...], sensor: str, n: int) -> np.ndarray[tuple[int
 
 @clipping
 @pytest.mark.parametrize("sensor", ["os5000", "wt901", "modern", "ideal"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_exactly_the_clipped_samples_of_a_long_clip_are_marked(sensor: str, seed: int) -> None:
     limit = np.radians(150.0)
     clipped = simulate(fast(seed), limited(sensor, gyr_deg=150.0), seed).recording
@@ -111,8 +111,8 @@ def test_each_sensors_end_is_named() -> None:
         find_clips(clipped)
 
 
-@pytest.mark.parametrize("rate_hz", [25.0, 60.0, 250.0])
-@pytest.mark.parametrize("sensor", ["os5000", "os5000-nogyro", "wt901", "modern", "ideal"])
+@pytest.mark.parametrize("rate_hz", [25.0, 250.0])
+@pytest.mark.parametrize("sensor", ["os5000-nogyro", "wt901", "modern", "ideal"])
 def test_nothing_is_found_where_nothing_clips(sensor: str, rate_hz: float) -> None:
     tasks: tuple[str | Task, ...] = (*TASKS, random_task(0), fast(0), fast(1))
     for task in tasks:

@@ -19,7 +19,7 @@ from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.simulation.calibration_tasks import sides
 from pbd.simulation.hand_motion import Waypoint
-from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task
+from pbd.simulation.simulate import TASKS, World, random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.channel_faults import frozen_rows
@@ -61,7 +61,7 @@ def with_spike(recording: Recording, channel: str, row: int, axis: int, value: f
     return with_channel(recording, channel, values)
 
 
-@pytest.mark.parametrize(("sensor", "t"), [("modern", 0.0), ("modern", 2.9), ("modern", 22.0), ("os5000", 2.9)])
+@pytest.mark.parametrize(("sensor", "t"), [("modern", 0.0), ("os5000", 2.9)])
 @pytest.mark.parametrize(("channel", "value"), [("acc", -500.0), ("gyr", 30.0)])
 def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: float, t: float) -> None:
     recording = pour(sensor, 1).recording
@@ -77,7 +77,7 @@ def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: fl
     assert max(off) < 0.003
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(
     st.sampled_from(WITH_GYRO),
     st.sampled_from(["pour", "random"]),
@@ -118,7 +118,7 @@ def test_a_tap_is_no_wild_sample() -> None:
     assert without_wild(tapped) is tapped
 
 
-@pytest.mark.parametrize("sensor", ["os5000", "wt901", "modern"])
+@pytest.mark.parametrize("sensor", ["os5000", "modern"])
 @pytest.mark.parametrize(("channel", "name"), [("acc", "accelerometer"), ("gyr", "gyro")])
 @pytest.mark.parametrize("begin", [0.0, 5.0])
 def test_a_stuck_axis_is_named(sensor: str, channel: str, name: str, begin: float) -> None:
@@ -137,7 +137,7 @@ def test_a_gyro_that_says_nothing_is_refused(sensor: str) -> None:
         track(replace(recording, gyr=np.zeros_like(recording.acc)))
 
 
-@pytest.mark.parametrize("sensor", [*SENSOR_MODELS])
+@pytest.mark.parametrize("sensor", ["os5000-nogyro", "modern"])
 def test_samples_that_never_change_are_refused(sensor: str) -> None:
     recording = pour(sensor).recording
     same = replace(with_rows(recording, np.zeros(len(recording), dtype=np.intp)), t=recording.t)
@@ -193,13 +193,9 @@ def test_a_sensor_that_freezes_in_a_move_is_refused() -> None:
         track(held(pour().recording, 280, 310))
 
 
-@pytest.mark.parametrize("sensor", [*SENSOR_MODELS])
-def test_nothing_is_frozen_in_a_clean_recording(sensor: str, data_folder: Path) -> None:
-    tasks: list[str | Task] = [*TASKS, random_task(0)]
-    for task in tasks:
-        assert not frozen_rows(simulate(task, sensor, 0).recording).any()
-    if sensor == "modern":
-        assert not any(frozen_rows(recording).any() for recording in real_recordings(data_folder).values())
+def test_nothing_is_frozen_in_a_real_recording(data_folder: Path) -> None:
+    """Nor in simulated ones: test_freezes.py."""
+    assert not any(frozen_rows(recording).any() for recording in real_recordings(data_folder).values())
 
 
 def turned(gyr: Array, how: str) -> Array:
@@ -217,8 +213,8 @@ def spoilt(demo: Demonstration, how: str) -> Recording:
     return replace(demo.recording, gyr=turned(demo.recording.gyr, how))
 
 
-@pytest.mark.parametrize("sensor", WITH_GYRO)
-@pytest.mark.parametrize("task", ["pour", "pick-and-place-stops", "random"])
+@pytest.mark.parametrize("sensor", ["os5000", "modern"])
+@pytest.mark.parametrize("task", ["pick-and-place-stops", "random"])
 @pytest.mark.parametrize("unit", ["deg/s", "rad/s"])
 def test_a_gyro_in_another_unit_is_found_out(sensor: str, task: str, unit: str) -> None:
     demo = simulate(random_task(4) if task == "random" else task, sensor, 1)
@@ -263,9 +259,7 @@ def test_a_turn_about_the_vertical_is_not_taken_for_rest(seed: int) -> None:
     assert np.abs(bias).max() < np.radians(2.0)
 
 
-@pytest.mark.parametrize(
-    ("how", "sensor"), [("swapped", "os5000"), ("mirrored", "wt901"), ("turned round", "modern"), ("swapped", "wt901")]
-)
+@pytest.mark.parametrize(("how", "sensor"), [("swapped", "os5000"), ("mirrored", "wt901"), ("turned round", "modern")])
 def test_axes_that_are_not_the_accelerometers_are_found_out(how: str, sensor: str) -> None:
     """They are found nearly always if the hand turns about several axes. If it hardly turns, nothing shows them."""
     said = []
@@ -289,9 +283,8 @@ def test_gravity_is_what_the_sensor_shows(sensor: str, gravity: float, seed: int
 
 
 @pytest.mark.parametrize("sensor", ["wt901", "modern"])
-@pytest.mark.parametrize("seed", range(3))
-def test_a_hand_that_speeds_up_to_one_side_and_down_is_no_dead_gyro(sensor: str, seed: int) -> None:
+def test_a_hand_that_speeds_up_to_one_side_and_down_is_no_dead_gyro(sensor: str) -> None:
     """With 5 m/s2, 15 degrees below horizontal, specific force is steady, has norm g and is 30 degrees off vertical."""
     here, there = Waypoint(move_s=1.0, rest_s=1.0), Waypoint((0.87, 0.0, -0.23), move_s=1.0, rest_s=1.0)
     waypoints = [Waypoint(rest_s=1.0), *(4 * [there, here])]
-    refuse_disagreement(simulate(Task("brisk", tuple(waypoints)), sensor, seed).recording)
+    refuse_disagreement(simulate(Task("brisk", tuple(waypoints)), sensor, 1).recording)
