@@ -11,11 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import settings
 from xdist.scheduler import WorkStealingScheduling  # type: ignore[import-untyped]
 
 # Matrices are small, and each core has a worker: more threads wait for each other, and take twice the time.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+# One of its plugins loads trio, which takes half a second of each process and serves no test.
+os.environ["HYPOTHESIS_NO_PLUGINS"] = "1"
+
+from hypothesis import settings
 
 from pbd.files.robot import read_robot
 from tests.remembered import FUNCTIONS, reading_once, remembering

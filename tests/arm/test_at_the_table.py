@@ -40,13 +40,12 @@ def along_the_table(robot: Robot, seed: int) -> list[Keyframe]:
     ]
 
 
-@pytest.mark.parametrize(("name", "seed"), [("panda", 16), ("ur5", 7)])
-def test_a_line_along_the_table_leads_to_a_grasp(name: str, seed: int) -> None:
-    """Of 120 random motions, these fail if the cup counts as held on the way to it."""
-    robot = pbd.load_robot(name)
+def test_a_line_along_the_table_leads_to_a_grasp() -> None:
+    """Of 120 random motions, this one fails if the cup counts as held on the way to it."""
+    robot = pbd.load_robot("panda")
     assert robot.dock is not None
     alone = PlanOptions(path="line", approach=False, retreat=False)
-    plan = plan_keyframes(along_the_table(robot, seed), robot.dock, robot, alone, None, CUP)
+    plan = plan_keyframes(along_the_table(robot, 16), robot.dock, robot, alone, None, CUP)
     assert {way.kind for way in plan.segments[1:]} == {LINE}
 
 

@@ -243,13 +243,12 @@ def test_a_common_table_fits_into_80_columns(capsys: pytest.CaptureFixture[str],
     assert [line.split() for line in shown[-len(rows) :]] == rows
 
 
-@pytest.mark.parametrize("columns", [60, 160])
-def test_no_number_is_cut_in_a_narrow_terminal(columns: int, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_number_is_cut_in_a_narrow_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     """Columns that do not fit go below, each part with the row's number."""
     assert main(["keyframes", "tea", "--robot", "panda"]) == 0
     piped = capsys.readouterr().out
-    shown = in_terminal(columns, "keyframes", "tea", "--robot", "panda")
-    assert max(map(len, shown.splitlines())) <= columns
+    shown = in_terminal(60, "keyframes", "tea", "--robot", "panda")
+    assert max(map(len, shown.splitlines())) <= 60
     assert "…" not in shown
     assert set(re.findall(r"-?\d+\.\d+", piped)) <= set(shown.split())
 

@@ -11,8 +11,6 @@ import pytest
 import pbd
 from pbd.cli import main
 from pbd.files.keyframes import read_keyframes
-from pbd.plots import compare_figures
-from pbd.plots.compare import compare_plot
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
@@ -47,6 +45,9 @@ def test_a_lever_found_by_pivoting_says_nothing_of_the_rotation(capsys: Capture)
 
 
 def test_a_keyframe_that_a_person_typed_has_no_sigma(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    from pbd.plots import compare_figures  # loads slowly, and few of the processes that collect this need it
+    from pbd.plots.compare import compare_plot
+
     assert main(["simulate", "pour", "tea"]) == 0
     assert main(["keyframes", "tea", "--save"]) == 0
     file = Path("demos/tea/keyframes.toml")

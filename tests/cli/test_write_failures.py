@@ -118,7 +118,7 @@ def mode(folder: Path, bits: int) -> Iterator[None]:
         folder.chmod(0o700)
 
 
-@pytest.mark.parametrize(("name", "bits"), [("old", 0o500), ("new", 0o500), ("new", 0o600)])
+@pytest.mark.parametrize(("name", "bits"), [("old", 0o500), ("new", 0o600)])
 @pytest.mark.parametrize("writer", WRITERS)
 def test_a_folder_without_permission(capsys: Capture, there: Path, writer: str, name: str, bits: int) -> None:
     place = {"keyframes": "there/old", "plot": f"there/{name}/figures"}.get(writer, "there")

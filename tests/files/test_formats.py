@@ -20,7 +20,7 @@ from pbd.planning import Plan, PlanOptions, plan_path, source_of
 from pbd.pose import Pose
 from tests.arm.bundled import arm_of, path_of
 
-ARMS = ("panda", "ur5", "so101", "kinova")
+ARMS = ("panda", "ur5")
 
 
 @cache

@@ -87,7 +87,7 @@ def test_tracked_keyframes_are_read_as_written(tmp_path: Path) -> None:
     assert {keyframe.grip for keyframe in read} == {True, False, None}
 
 
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(
     st.lists(
         st.tuples(

@@ -1,4 +1,4 @@
-"""Seventy random cases of the fault matrix (tests/benchmarks/faults.py has them all)."""
+"""Forty-five random cases of the fault matrix (tests/benchmarks/faults.py has them all)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from tests.tracking.fault_matrix import REFUSED, SILENT_RIGHT, SILENT_WRONG, cases, outcome
 
-SAMPLE, MOST_SILENT, LEAST_RIGHT = 70, 1, 14
-"""Number of cases; most that may be silently wrong (under 1 % of all are, so two in seventy by chance in 16 %); least
+SAMPLE, MOST_SILENT, LEAST_RIGHT = 45, 1, 9
+"""Number of cases; most that may be silently wrong (under 1 % of all are, so two of them by chance in 7 %); least
 that are right without a warning, else too much is refused."""
 
 

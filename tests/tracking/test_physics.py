@@ -55,7 +55,7 @@ def test_a_hand_that_never_moves_stays_where_it_is(
 
 
 @every_method
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_perfect_sensor_gives_the_truth(method: str, seed: int) -> None:
     task = hand(method, seed, turns=method == "default")  # a device's attitude is its own, not the tracker's
     path, truth = perfect(method, task)
@@ -107,7 +107,7 @@ def test_the_papers_sums_converge_where_its_stops_are_given() -> None:
 
 
 @every_method
-@pytest.mark.parametrize(("sensor", "axis"), [("ideal", 0), ("ideal", 1), ("ideal", 2), ("modern", 2)])
+@pytest.mark.parametrize(("sensor", "axis"), [("ideal", 0), ("modern", 2)])
 def test_a_gyros_constant_bias_is_found_in_two_seconds_of_rest(method: str, sensor: str, axis: int) -> None:
     model = replace(SENSOR_MODELS[sensor], attitude=AttitudeOutput())
     recording = simulate(hand(method, 6), model, 1, rate_hz=RATE_HZ[method]).recording

@@ -43,9 +43,8 @@ DOCS = Path(__file__).parents[2] / "docs" / "tracking.md"
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
-@pytest.mark.parametrize("sensor", ["modern", "os5000"])
-def test_the_stages_one_by_one_give_what_track_gives(sensor: str) -> None:
-    demo = pour(sensor)
+def test_the_stages_one_by_one_give_what_track_gives() -> None:
+    demo = pour("os5000")
     path = track(demo.recording)
     recording, gaps = condition(demo.recording)
     rest = find_rest(recording)

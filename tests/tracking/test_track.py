@@ -150,7 +150,7 @@ def test_motion_at_either_end_is_told() -> None:
 
 
 @pytest.mark.filterwarnings("ignore:no motion between the stops:pbd.errors.PbdWarning")  # samples alias what shakes
-@pytest.mark.parametrize(("rest_too", "vibration_hz"), [(False, 137.0), (True, 137.0), (False, 228.0)])
+@pytest.mark.parametrize(("rest_too", "vibration_hz"), [(True, 137.0), (False, 228.0)])
 def test_what_vibrates_takes_the_hand_nowhere(rest_too: bool, vibration_hz: float) -> None:
     """A motor or a phone beside the sensor, with 4 m/s2: always, or every other 2 s. 228 Hz is sampled as 58 Hz."""
     demo = simulate(replace(TASKS["pour"], waypoints=TASKS["pour"].waypoints[:4]), "modern", 0, rate_hz=286.0)
@@ -174,10 +174,9 @@ def test_what_vibrates_takes_the_hand_nowhere(rest_too: bool, vibration_hz: floa
 @uncalibrated
 @pytest.mark.filterwarnings("ignore:.*end of the range:pbd.errors.PbdWarning")  # the roll clips the gyro
 @pytest.mark.parametrize("sensor", ["modern", "os5000", "wt901"])
-@pytest.mark.parametrize("slower", [1.25, 2.0])
-def test_a_slow_smooth_hand_stops_where_it_stops(sensor: str, slower: float) -> None:
+def test_a_slow_smooth_hand_stops_where_it_stops(sensor: str) -> None:
     """Half-way through such a move the sensor is as quiet as at a stop."""
-    waypoints = tuple(replace(waypoint, move_s=slower * waypoint.move_s) for waypoint in TASKS["pour"].waypoints)
+    waypoints = tuple(replace(waypoint, move_s=2.0 * waypoint.move_s) for waypoint in TASKS["pour"].waypoints)
     _, errors = keyframes_and_errors(simulate(replace(TASKS["pour"], waypoints=waypoints), sensor, 0))
     assert len(errors) == len(waypoints)
     assert errors.max() < 0.07

@@ -18,7 +18,7 @@ from pbd.arm.model import load_model
 from pbd.data import Robot
 from pbd.errors import RobotError
 from pbd.pose import Array, Pose
-from tests.arm.bundled import KINDS, NAMES, arm_of
+from tests.arm.bundled import KINDS, arm_of
 from tests.arm.collision_oracles import (
     coordinates,
     hull_distance,
@@ -35,7 +35,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache" / "pbd" / "hulls"
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", KINDS)
 def test_every_mesh_lies_in_the_bodies_of_its_link(name: str) -> None:
     """Checked for the extreme corner of each mesh in 6 directions, and the centre of other shapes, by pinocchio."""
     arm = arm_of(name)
