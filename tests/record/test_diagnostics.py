@@ -74,9 +74,10 @@ def test_a_saturated_axis_is_told_at_once(pouring: Recording, name: str, limit: 
     assert at - pouring.t[first.stop - 1] <= CHECK_EVERY_S + 0.011
 
 
-@pytest.mark.parametrize(("name", "axis", "sensor"), [("acc", 0, "accelerometer"), ("gyr", 2, "gyro")])
-def test_a_dead_axis_is_told_soon(pouring: Recording, name: str, axis: int, sensor: str) -> None:
-    since = 3.0
+@pytest.mark.parametrize(
+    ("name", "axis", "sensor", "since"), [("acc", 0, "accelerometer", 0.0), ("gyr", 2, "gyro", 3.0)]
+)
+def test_a_dead_axis_is_told_soon(pouring: Recording, name: str, axis: int, sensor: str, since: float) -> None:
     lines = told(stuck(pouring, name, axis, since))
     at, line = lines[0]
     assert line.startswith(f"the {'xyz'[axis]} axis of the {sensor} is stuck at ")
