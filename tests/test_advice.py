@@ -14,7 +14,7 @@ from pbd.planning import PlanOptions, arm_of, plan_keyframes
 from pbd.pose import Pose
 from tests.cli.running import Capture, run
 from tests.reading_meshes import read_mesh
-from tests.test_planning import PANDA, TURN, dock, keyframe, low, planned
+from tests.test_planning import PANDA, TURN, UR5, dock, keyframe, low, planned
 
 
 def test_other_options_are_named_where_they_work() -> None:
@@ -28,11 +28,12 @@ def test_other_options_are_named_where_they_work() -> None:
 
 def test_options_that_do_not_work_either_are_not_named() -> None:
     """The line past the arm's base can't be followed. The other line is blocked, and so is the straight move."""
-    past_base = [keyframe(0.0, x=-0.45, y=-0.35, z=0.2), keyframe(1.0, x=-0.45, y=0.35, z=0.2)]
+    own = UR5.dock or dock()
+    past_base = [keyframe(0.0, x=-0.3, y=-0.2, z=0.2), keyframe(1.0, x=-0.3, y=0.6, z=0.2)]
     with pytest.raises(PlanError, match=r"can't follow the straight line .*; move the dock, or use --path keyframes$"):
-        plan_keyframes(past_base, dock(), PANDA, PlanOptions(path="line", approach=False, retreat=False))
+        plan_keyframes(past_base, own, UR5, PlanOptions(path="line", approach=False, retreat=False))
     with pytest.raises(PlanError, match=r"the straight line .*; move the dock, or leave out --path-tolerance$"):
-        plan_keyframes(past_base, dock(), PANDA, PlanOptions(tolerance_m=0.01, approach=False, retreat=False))
+        plan_keyframes(past_base, own, UR5, PlanOptions(tolerance_m=0.01, approach=False, retreat=False))
     with pytest.raises(PlanError, match=r"; raise the keyframe or the dock, or view .* --allow-collision$"):
         plan_keyframes(*low(), PANDA, PlanOptions(path="line"))
 
