@@ -107,18 +107,19 @@ class SampleClock(Generic[T]):
         """Whether the device has a clock."""
         return self._last is not None
 
-    def take(self, sample: T, t_device: float | None, arrival: float) -> list[tuple[float, T]]:
+    def take(self, sample: T, t_device: float | None, arrival: float, after: int = 0) -> list[tuple[float, T]]:
         """Add the next sample; return (time, sample) of each sample whose time is now known.
 
         Args:
             sample: the sample.
             t_device: s on the device's clock; None if the sample has no time.
             arrival: s on the host's clock.
+            after: how many samples came after it in the same piece.
         """
         if self._last is None and (self._stamper or t_device is None):
             self._stamper = self._stamper or Stamper()
             self.times.append(arrival)
-            return [(self._stamper.stamp(arrival), sample)]
+            return [(self._stamper.stamp(arrival, after), sample)]
         if t_device is None:  # the packet with its time was lost
             self.doubted += 1
             return []
@@ -180,20 +181,29 @@ class Stamper:
     """Stamps samples as they arrive, for the screen and the file. At the end `straighten` gives better times."""
 
     def __init__(self) -> None:
-        self._arrivals: deque[float] = deque(maxlen=MEAN_SAMPLES + 1)
-        self._t = 0.0
+        self._t, self._count = 0.0, 0
+        self._pieces: deque[tuple[float, int]] = deque(maxlen=MEAN_SAMPLES + 1)
+        """For each sample the arrival of its piece, and the number of that piece's last sample, which did not wait."""
         self._behind: deque[tuple[float, float]] = deque()
         """(arrival, delay) pairs of the last LONGEST_BURST_S with rising delays, so that the first is the least."""
 
-    def stamp(self, arrival: float) -> float:
-        """Return the time of the next sample, s since the first, which arrived at `arrival` s on the host's clock."""
-        self._arrivals.append(arrival)
-        n = len(self._arrivals) - 1
-        if n == 0:
-            self._begun = arrival
+    def stamp(self, arrival: float, after: int = 0) -> float:
+        """Return the time of the next sample, s since the first.
+
+        Args:
+            arrival: s on the host's clock.
+            after: how many samples came after it in the same piece. It has waited for them.
+        """
+        last = self._count + after
+        self._count += 1
+        self._pieces.append((arrival, last))
+        begun, first = self._pieces[0]
+        if last == first:  # the first piece does not tell the interval
+            self._first = arrival, last
+            self._t += SHORTEST_STEP_S if self._count > 1 else 0.0
             return self._t
-        interval = max((arrival - self._arrivals[0]) / n, SHORTEST_STEP_S)
-        delay = arrival - self._begun - (self._t + interval)
+        interval = max((arrival - begun) / (last - first), SHORTEST_STEP_S)
+        delay = arrival - self._first[0] - interval * (after - self._first[1]) - (self._t + interval)
         while self._behind and self._behind[-1][1] >= delay:
             self._behind.pop()
         self._behind.append((arrival, delay))

@@ -156,3 +156,16 @@ def test_stamps_as_they_come_increase_and_follow(kind: str, rate_hz: float) -> N
     assert (np.diff(t) > 0.0).all()
     off = t - (true - true[0])
     assert np.percentile(np.abs(off - np.median(off)), 95) < 0.015
+
+
+@pytest.mark.parametrize("in_a_piece", [1, 5, 50])
+@pytest.mark.parametrize("rate_hz", [40.0, 100.0, 1000.0])
+def test_stamps_of_samples_that_come_together_are_as_even_as_of_those_that_come_alone(
+    in_a_piece: int, rate_hz: float
+) -> None:
+    n = round(20.0 * rate_hz) // in_a_piece * in_a_piece
+    after = in_a_piece - 1 - np.arange(n) % in_a_piece
+    arrival = 700.0 + (np.arange(n) + after) / rate_hz
+    clock = SampleClock[int]()
+    t = np.array([clock.take(0, None, at, k)[0][0] for at, k in zip(arrival.tolist(), after.tolist(), strict=True)])
+    assert np.diff(t[in_a_piece:]) == pytest.approx(1.0 / rate_hz, rel=0.01)

@@ -63,10 +63,9 @@ class Session:
 
     def take(self, data: bytes, arrival: float) -> None:
         """Decode bytes that arrived at `arrival` s; stamp and store their samples."""
-        for decoded in self.decoder.feed(data):
-            if decoded.acc is None:
-                continue
-            for t, sample in self._clock.take(decoded, decoded.t_device, arrival):
+        piece = [sample for sample in self.decoder.feed(data) if sample.acc is not None]
+        for k, decoded in enumerate(piece, 1):
+            for t, sample in self._clock.take(decoded, decoded.t_device, arrival, len(piece) - k):
                 self.t = t
                 self.samples += 1
                 if self.demo is None:

@@ -168,3 +168,15 @@ def test_what_is_shown_as_lost_on_the_way_is_what_is_told_at_the_end(
     session.close()
     assert session.outcome("stopped by you").lost == missing == 0
     assert set(shown) == {0}
+
+
+def test_samples_that_come_together_get_even_times_at_once(tmp_path: Path) -> None:
+    """A wireless link delivers five samples every 50 ms. Their live times are on disk before the recording ends."""
+    hand, speaker = random_hand(300, seed=1, rate_hz=100.0), SPEAKERS["razor"]
+    session = Session(speaker.decoder(), RecordOptions(tmp_path / "tea", "razor", "2026-01-02T03:04:05Z"))
+    for row in range(0, 300, 5):
+        session.take(b"".join(speaker.encode(hand, row + k) for k in range(5)), 700.0 + 0.01 * row)
+        session.flush()
+    t = np.loadtxt(tmp_path / "tea" / "imu.csv", delimiter=",", skiprows=1, usecols=0)
+    assert np.diff(t)[10:] == pytest.approx(0.01, rel=0.01)
+    session.close()

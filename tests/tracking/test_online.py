@@ -450,7 +450,7 @@ def test_a_long_hole_in_a_move_is_told_and_makes_its_keyframe_unsure() -> None:
     whole, _ = plain()
     tracker, events = fed(with_hole(recording, 2.9, 3.2))
     (flaw,) = (event for event in events if isinstance(event, DataFlaw))
-    assert flaw.message == "300 ms of data are missing before row 320 (t = 3.20 s)"
+    assert flaw.message == "300 ms of data are missing before row 320 (t = 3.20 s): if the hand moved, record again"
     assert flaw.t == pytest.approx(2.89)
     told = [event.flaws for event in began(events)]
     assert told[1] == (flaw.message,)
@@ -471,6 +471,27 @@ def test_a_long_hole_in_a_rest_changes_nothing_but_is_told() -> None:
     assert len(tracker.stops) == 4
     for ours, theirs in zip(tracker.keyframes, whole.keyframes, strict=True):
         assert ours.T_nav_sensor.distance(theirs.T_nav_sensor)[0] < 0.01
+
+
+def test_a_hole_from_one_rest_to_another_attitude_ends_the_stop() -> None:
+    """What is interpolated there is as calm as a rest."""
+    waypoints = (Waypoint(rest_s=2.0), Waypoint(turn=(0.2, 0.0, 0.0), move_s=1.5, rest_s=1.5))
+    recording = simulate(Task("turn", waypoints), "modern", 3).recording
+    tracker, _ = fed(with_hole(recording, 1.6, 4.6))
+    assert tracker.stops[0].dwell_s == pytest.approx(1.6, abs=0.05)
+
+
+def test_a_gyro_that_warms_up_loses_no_stop() -> None:
+    """By 0.02 deg/s each second: after 80 s more than the rate at which a hand counts as turning."""
+    waypoints = (
+        Waypoint(rest_s=80.0),
+        *(Waypoint((0.1 * (k % 2), 0.0, 0.0), move_s=1.0, rest_s=1.0) for k in range(1, 4)),
+    )
+    recording = simulate(Task("warm", waypoints), "os5000", 3).recording
+    assert recording.gyr is not None
+    warm = recording.gyr + np.radians(0.02) * recording.t[:, None] * (0.6, 0.0, 0.8)
+    tracker, _ = fed(replace(recording, gyr=warm))
+    assert len(tracker.stops) == 4
 
 
 def test_rows_with_impossible_times_are_left_out_and_told_once() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from pbd.data import Keyframe, Stop
 from pbd.pose import Array, Pose, quat_log
 from pbd.tracking.estimate import BOUNCE_M, BOUNCE_RAD, BOUNCE_S, is_where_it_was
-from pbd.tracking.first_rest import Rest, restlessness
+from pbd.tracking.first_rest import STILL_ACC, Rest, restlessness
 from pbd.tracking.moving_windows import PASSES, rows_of_mean
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.online.events import LiveEvent, StopBegan, StopEnded
@@ -20,7 +20,7 @@ from pbd.tracking.online.samples import Sample
 from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
-from pbd.tracking.smoother.preintegration import integral_of_means
+from pbd.tracking.smoother.preintegration import GYR_BIAS, integral_of_means
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, energies, quiet_limits, speed_by_energies
 
 CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_NO_GYRO_S = 0.2, 2.0, 0.6
@@ -134,6 +134,7 @@ class LiveHand:
     def _measure_stillness(self) -> bool:
         """Whether the last window is quiet. Also sets sigma and tremor of a zero-velocity update."""
         force, rate = (np.array(seen) for seen in zip(*((u, rate) for _, u, rate in self._window), strict=True))
+        rate = rate - self._filter.x[GYR_BIAS]  # it drifts while the gyro warms up
         shake, turn = (each[len(each) // 2] for each in energies(force, rate, min(self._n, len(force))))
         self.restless = float(restlessness(shake, turn))
         self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise))
@@ -185,11 +186,15 @@ class LiveHand:
         """Continue a stop, or find that it is over.
 
         A slow start is seen late, so each knot becomes final only at the next one. A hand that arrives slowly seems to
-        stand still too early, so its second knot replaces the first.
+        stand still too early, so its second knot replaces the first. The attitude after a gap may show that it moved.
         """
+        if sample.unseen:
+            return []
         ahead = self._filter if self._trial_filter is None else self._trial_filter
         off, fast = self._is_moving(ahead)
-        self.still, self.set_out = quiet and not fast, self.set_out or fast
+        gap = sample.t - stop.last.t > ENERGY_WINDOW_S
+        turned = gap and float(np.linalg.norm(sample.acc - stop.last.acc)) > STILL_ACC
+        self.still, self.set_out = quiet and not (fast or turned), self.set_out or fast
         if self.still:
             self._peak = 0.0
             if self._knot_is_due(sample):

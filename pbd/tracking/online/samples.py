@@ -116,7 +116,10 @@ class Conditioner:
             )
             for k in range(1, steps)
         ]
-        wrong = f"{1e3 * missing_s:.0f} ms of data are missing before row {sample.row} (t = {sample.t:.2f} s)"
+        wrong = (
+            f"{1e3 * missing_s:.0f} ms of data are missing before row {sample.row} (t = {sample.t:.2f} s): if the hand "
+            "moved, record again"
+        )
         return [*put_back, sample], wrong if unseen else ""
 
 
