@@ -529,6 +529,15 @@ def test_it_waits_for_a_rest_and_says_why() -> None:
     assert len(tracker.stops) == 4
 
 
+@pytest.mark.parametrize(("sensor", "seed", "rest_s"), [("os5000", 3, 0.3), ("modern", 3, 0.5), ("wt901", 4, 0.3)])
+def test_the_end_of_a_move_is_no_stop_before_the_first_rest(sensor: str, seed: int, rest_s: float) -> None:
+    """A second that begins in the end of a move can be quiet on average."""
+    move = Waypoint((0.2, 0.0, 0.1), (0.3, 0.0, 0.0), move_s=0.7, rest_s=1.3)
+    waypoints = (Waypoint(rest_s=rest_s), move, Waypoint(move_s=0.8, rest_s=1.0))
+    tracker, _ = fed(simulate(Task("early", waypoints), sensor, seed).recording)
+    assert [stop.dwell_s > 0.9 for stop in tracker.stops] == [True, True]
+
+
 def test_a_calm_move_is_no_first_rest() -> None:
     """A hand that slows down shakes less than one that is unsteady, but it certainly moves."""
     moves = (Waypoint((0.15 * ((k + 1) % 2), 0.0, 0.0), move_s=1.4, rest_s=1.3) for k in range(4))

@@ -151,7 +151,8 @@ class LiveTracker:
         if hand is None:
             interval = float(np.median(np.diff(recording.t)))
             hand = LiveHand(samples, interval, rest, noise, bool(self._has_gyro))
-            if hand.set_out and (rest.shake > QUIET_ACC**2 or rest.turn > QUIET_GYR**2):
+            loud = rest.shake > QUIET_ACC**2 or rest.turn > QUIET_GYR**2
+            if len(hand.stops) > 1 or not hand.still or (hand.set_out and loud):
                 self._waiting = f"hold still for {REST_S:g} s: the hand moves"
                 return []
             self._conditioner.interval, self._hand = interval, hand
