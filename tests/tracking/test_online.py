@@ -481,6 +481,15 @@ def test_a_hole_from_one_rest_to_another_attitude_ends_the_stop() -> None:
     assert tracker.stops[0].dwell_s == pytest.approx(1.6, abs=0.05)
 
 
+def test_a_long_rest_says_nothing_of_the_scales() -> None:
+    """Noise times its own noise is positive, and pulled each scale by a sigma in two minutes."""
+    recording = simulate(Task("rest", (Waypoint(rest_s=120.0),)), "wt901", 3, rate_hz=40.0).recording
+    hand = fed(recording)[0]._hand
+    assert hand is not None
+    assert np.abs(hand._filter.x[GYR_MATRIX]).max() < 0.001
+    assert np.abs(hand._filter.x[ACC_MATRIX]).max() < 0.004
+
+
 def test_a_gyro_that_warms_up_loses_no_stop() -> None:
     """By 0.02 deg/s each second: after 80 s more than the rate at which a hand counts as turning."""
     waypoints = (

@@ -118,7 +118,7 @@ class LiveHand:
             return []
         quiet = self._measure_stillness()
         up = self._filter.E[2] * self._filter.gravity
-        leg = strapdown.leg(up)
+        leg = strapdown.leg(up, quiet)
         self._peak = max(self._peak, float(np.linalg.norm(leg.dU / leg.T - up)))
         self._angles.append(self._angles[-1] + leg.angle)
         for each in self._filters():

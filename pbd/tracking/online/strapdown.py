@@ -127,13 +127,17 @@ class Strapdown:
             lost = CLIPPED_SHARE * dt * self._fastest
             self._gap_noise[0] += lost**2 * (2.0 * self._same + 1.0)  # variance grows as the square of the duration
 
-    def leg(self, up: Array) -> Leg:
-        """The leg since the last call; `up` (3,) m/s2 is specific force at rest, in the gyro frame."""
+    def leg(self, up: Array, quiet: bool = False) -> Leg:
+        """The leg since the last call; `up` (3,) m/s2 is specific force at rest, in the gyro frame.
+
+        If it is quiet, the readings' effect on scales is that of a rest: noise times its own noise would change them.
+        """
         T, n = self.T, self.count
         C = self._Cs[n // 2]
         rate, force = np.mean(self._rates, axis=0), np.mean(self._accs, axis=0)
         J = np.zeros((9, ERRORS))
-        (J[ROT, OF_GYR],), (J[VEL, OF_ACC],) = of_blocks_by_errors(C[None], rate[None], force[None], np.array([T]))
+        by = (np.zeros(3), up @ C) if quiet else (rate, force)
+        (J[ROT, OF_GYR],), (J[VEL, OF_ACC],) = of_blocks_by_errors(C[None], *(each[None] for each in by), np.array([T]))
         J[VEL, OF_GYR] = -0.5 * skew(self.U) @ J[ROT, OF_GYR]
         J[VEL, LAG] = (T / (n + 1) * (C @ self._by_lag))[:, None]
         J[POS] = 0.5 * T * J[VEL]
