@@ -136,8 +136,8 @@ class Strapdown:
         C = self._Cs[n // 2]
         rate, force = np.mean(self._rates, axis=0), np.mean(self._accs, axis=0)
         J = np.zeros((9, ERRORS))
-        by_rate, by_force = (np.zeros(3), up @ C) if quiet else (rate, force)
-        (J[ROT, OF_GYR],), (J[VEL, OF_ACC],) = of_blocks_by_errors(C[None], by_rate[None], by_force[None], np.array([T]))
+        w, f = (np.zeros(3), up @ C) if quiet else (rate, force)
+        (J[ROT, OF_GYR],), (J[VEL, OF_ACC],) = of_blocks_by_errors(C[None], w[None], f[None], np.array([T]))
         J[VEL, OF_GYR] = -0.5 * skew(self.U) @ J[ROT, OF_GYR]
         J[VEL, LAG] = (T / (n + 1) * (C @ self._by_lag))[:, None]
         J[POS] = 0.5 * T * J[VEL]
