@@ -22,13 +22,15 @@ from pbd.pose import Array, Pose
 class Gripper:
     """Finger joints, their positions (m or rad) when open and closed, and the duration of a full stroke.
 
-    A model may have no finger joints. The motion still says when the gripper opens and closes.
+    A model may have no finger joints. The motion still says when the gripper opens and closes. `mimics` names those of
+    the joints that mimic another one.
     """
 
     joints: tuple[str, ...]
     open: Array
     closed: Array
     stroke_s: float
+    mimics: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         k = len(self.joints)

@@ -41,7 +41,8 @@ def read_gripper(section: Section, urdf: Urdf, chain: Sequence[UrdfJoint]) -> Gr
         if 0.0 < joint.velocity < abs(opened - closed) / stroke_s:  # 0 in a URDF means unknown
             what = f"moves {joint.name} at {abs(opened - closed) / stroke_s:g}, above the URDF's own {joint.velocity:g}"
             section.fail("stroke_s", what, "make it longer, or correct the URDF")
-    return Gripper(names, np.array(positions["open"]), np.array(positions["closed"]), stroke_s)
+    mimics = tuple(joint.name for joint in joints if joint.mimic)
+    return Gripper(names, np.array(positions["open"]), np.array(positions["closed"]), stroke_s, mimics)
 
 
 def _check_mimicking_fingers(

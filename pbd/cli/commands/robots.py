@@ -97,8 +97,9 @@ def robots(parser: ArgumentParser) -> None:
       pbd robots --suggest robots/mine.toml
     """
     option(parser, "robot", "R", "a robot's name or file; default: all", nargs="?")
-    able = "which robots can replay this demonstration on their own docks, fastest first; what stops the others"
-    option(parser, "--for", "DEMO", able, dest="demo")
+    able = "which robots can replay this demonstration, those that hold its poses first, the fastest first; what stops"
+    option(parser, "--for", "DEMO", f"{able} the others", dest="demo")
+    option(parser, "--calibration", "C", "with --for: name or file; default: each robot's own dock")
     missing = "find a home and a dock for a robot's TOML that lacks them, with which it replays --for (pouring)"
     option(parser, "--suggest", "FILE", missing, type=Path)
     add_table(parser, units="m")

@@ -19,31 +19,33 @@ from pbd.view.units import Units
 
 
 def rank_robots(args: argparse.Namespace) -> None:
-    """Plan the demonstration for each robot, on its own dock, and print the fastest first."""
+    """Plan the demonstration for each robot, and print them: first those that hold its poses, the fastest first."""
     demo = load_demonstration(args.demo)
     path, _ = track_demonstration(demo, "default", None, accept_gap=False)
     arms = [args.robot] if args.robot else names("robots", ".toml")
     rows = []
     for number, name in enumerate(arms, start=1):
         with working(f"planning for {name}, {number} of {len(arms)}"):
-            rows.append(_row(name, path))
-    rows.sort(key=lambda row: (row["why"] is not None, row["duration_s"] or 0.0))
+            rows.append(_row(name, args.calibration, path))
+    rows.sort(key=lambda row: (row["why"] is not None, not row["holds_poses"], row["duration_s"]))
     print_result(args, {"demo": demo.recording.info.name, "robots": rows}, _table(rows, args.units))
 
 
-def _row(name: str, path: HandPath) -> dict[str, Any]:
+def _row(name: str, calibration_name: str | None, path: HandPath) -> dict[str, Any]:
     """Return a robot's row of the JSON: the figures of its motion, or `why` it can't do it."""
+    from pbd.arm.ik.partial_pose import WARN_RAD
     from pbd.planning import arm_of, load_arm, plan_path
 
     row: dict[str, Any] = {"name": name}
-    row |= dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "why"))
+    row |= dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "holds_poses", "why"))
     with collected_warnings() as row["warnings"]:
         try:
-            robot, calibration = load_arm(name)
+            robot, calibration = load_arm(name, calibration_name)
             row |= {"reach_m": reach(arm_of(robot)), "scale": calibration.scale}
             plan = plan_path(path, calibration, robot)
             row["farthest_m"] = max(float(np.hypot(*pose.p[:2])) for pose in plan.T_base_tool)
             row["duration_s"] = plan.trajectory.duration
+            row["holds_poses"] = bool(plan.off_rad.max() <= WARN_RAD)
             row["torque"] = plan.report.torque and plan.report.torque.share
         except PbdError as error:
             row["why"] = error.message

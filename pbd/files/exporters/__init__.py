@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from pbd.errors import PlanError, UsageError, is_number, listed, nearest, require_kind, require_type, warn
-from pbd.io.atomic import atomic_file, atomic_folder
+from pbd.io.atomic import atomic_file, atomic_folder, refuse_output
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -146,12 +146,15 @@ def export(
 
     Raises:
         UsageError: as `check_format` and `check_suffix`.
-        PbdError: the file can't be written.
-        PlanError: the motion is another robot's; or, interpolated as receivers do, it would exceed a limit, miss a
+        PbdError: the file can't be written, or pbd did not make the one that is there.
+        PlanError: the motion is another robot's, or exceeds a limit of its joints; or, interpolated as receivers do, it would exceed a limit, miss a
             keyframe or touch something. Nothing is written.
         WrongTypeError: an argument has the wrong type, for example a robot's name.
     """
+    import numpy as np
+
     from pbd.data import JointTrajectory, Robot
+    from pbd.files.exporters.check_export import EXACT_RAD, check_received, reached
     from pbd.files.exporters.export_request import ExportRequest, Source
 
     require_type("export", trajectory, "pbd.plan", JointTrajectory)
@@ -164,9 +167,13 @@ def export(
     if trajectory.joint_names != robot.joints:
         what = f"this motion is not {robot.name}'s: its joints are {listed(trajectory.joint_names)}"
         raise PlanError(f"{what}; give the robot that it was planned for", value=robot.name)
+    beyond = np.maximum(robot.limits.lower - trajectory.q, trajectory.q - robot.limits.upper).max(axis=0)
+    if beyond.max() > EXACT_RAD:
+        what = f"this motion takes {robot.joints[int(beyond.argmax())]} {beyond.max():.3g} beyond {robot.name}'s limit"
+        raise PlanError(f"{what}; give the robot that it was planned for", value=robot.name)
     if format_name in FOLDERS:
         return export_dataset([(trajectory, source)], robot, path)[0]
-    from pbd.files.exporters.check_export import check_received, reached
+    refuse_output(path)
     from pbd.files.exporters.controller_interpolation import limit_shares
 
     file = import_module(f"{__name__}.{FORMATS[format_name].file}")
