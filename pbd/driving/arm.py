@@ -147,8 +147,12 @@ class ServoArm:
             GOAL, goals, lambda has, wanted: abs(decode_word(has) - decode_word(wanted)) <= GOAL_TOLERANCE
         )
         write_verified(self._bus, TORQUE_LIMIT, {self.counts.ids[-1]: encode_word(GRIPPER_TORQUE)})
-        self._write_verified(TORQUE_ENABLE, [b"\x01"] * len(self.counts.ids))
-        self.hold(counts)
+        try:
+            self._write_verified(TORQUE_ENABLE, [b"\x01"] * len(self.counts.ids))
+            self.hold(counts)
+        except SensorError as error:
+            what = f"{error.message}; the other servos may be stiff already: `pbd run --release` lets go of them"
+            raise SensorError(what, **error.fields) from None
 
     def _write_verified(self, address: int, values: list[bytes], matches: Callable[[bytes, bytes], bool] = eq) -> None:
         write_verified(self._bus, address, dict(zip(self.counts.ids, values, strict=True)), matches)
@@ -198,7 +202,7 @@ def identify(bus: Bus, ids: Mapping[str, int]) -> list[bytes]:
             raise SensorError(_no_servo(bus.device, error.heard), path=bus.device) from None
         silent = ", ".join(f"{id_} ({names[id_]})" for id_ in error.ids)
         what = f"no answer from servo {silent} on {bus.device}; the others answer: check its cable and its id"
-        raise SensorError(what, path=bus.device) from None
+        raise SensorError(what, path=bus.device, silent=error.ids) from None
     for id_, name in names.items():
         if (model := decode_word(found[id_].data)) != STS3215:
             what = f"servo {id_} ({name}) says it is model {model}, not an STS3215 ({STS3215}); pbd run drives no other"

@@ -100,9 +100,10 @@ def test_the_fingers_are_a_goal_of_their_own(tmp_path: Path) -> None:
     robot, trajectory = planned("panda", "pouring", "keyframes")
     read = goals(robot, trajectory, tmp_path / "goal.json")
     assert robot.gripper is not None
-    refuse(read["gripper"], robot.gripper.joints)
-    opening = Controller(read["gripper"]).at(trajectory.t) / robot.gripper.open
-    assert_allclose(opening, np.repeat(trajectory.gripper[:, None], 2, axis=1), atol=1e-7)
+    assert robot.gripper.mimics == ("panda_finger_joint2",)  # ros2_control gives it no command interface
+    refuse(read["gripper"], ["panda_finger_joint1"])
+    opening = Controller(read["gripper"]).at(trajectory.t) / robot.gripper.open[0]
+    assert_allclose(opening, trajectory.gripper[:, None], atol=1e-7)
     assert seconds(read["gripper"]["points"][-1]["time_from_start"]) == pytest.approx(trajectory.duration)
     closes, opens = read["gripper_commands"]
     assert (closes["opening"], opens["opening"]) == (0.0, 1.0)

@@ -17,6 +17,7 @@ from pbd.planning import arm_of
 from pbd.view.units import Units
 from tests.arm.test_own_robot import own_toml, own_urdf
 from tests.cli.running import Capture, refused, run, run_json
+from tests.test_docs import ROOT
 
 TOML = Path("robots") / "mine.toml"
 TIAGO = """
@@ -124,6 +125,19 @@ def test_all_remarks_on_an_arm_are_shown() -> None:
     assert list(table.columns[-1].cells) == ["it ends there; 61 degrees off"]
 
 
+def test_an_arm_that_holds_the_poses_comes_first(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = {"slow": (9.0, True, None), "tilted": (5.0, False, None), "quick": (7.0, True, None), "no": (None, None, "?")}
+
+    def row(name: str, *_: object) -> dict[str, object]:
+        figures = dict.fromkeys(("farthest_m", "reach_m", "torque", "scale"))
+        return figures | {"name": name, "warnings": []} | dict(zip(("duration_s", "holds_poses", "why"), rows[name]))
+
+    monkeypatch.setattr("pbd.cli.robots.rank.names", lambda *_: [*rows])
+    monkeypatch.setattr("pbd.cli.robots.rank._row", row)
+    ranked = run_json(capsys, "robots", "--for", "paper-test2")["robots"]
+    assert [row["name"] for row in ranked] == ["quick", "slow", "tilted", "no"]
+
+
 def test_the_fastest_arm_comes_first_and_the_others_say_why(
     capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -138,6 +152,12 @@ def test_the_fastest_arm_comes_first_and_the_others_say_why(
     able = [row["duration_s"] for row in rows if row["why"] is None]
     assert {row["name"] for row in rows} == few
     assert able == sorted(able)
+    assert all(row["holds_poses"] for row in rows if row["why"] is None)
+    Path("low.toml").write_text((ROOT / "calibration" / "default.toml").read_text().replace("0.25", "0.15"))
+    low = run_json(capsys, "robots", "panda", "--for", "paper-test2", "--calibration", "low.toml")["robots"][0]
+    assert low["duration_s"] != next(row["duration_s"] for row in rows if row["name"] == "panda")
+    told = refused(capsys, 2, "robots", "panda", "--calibration", "low.toml")
+    assert told.endswith("--calibration is for --for, which ranks the robots: leave it out")
     assert [row["name"] for row in rows[len(able) :]] == ["mine"]
     panda = next(row for row in rows if row["name"] == "panda")
     replayed = run_json(capsys, "replay", "paper-test2", "--robot", "panda")

@@ -78,6 +78,24 @@ def test_goals_that_do_not_arrive_leave_the_arm_loose(emulator: Emulator) -> Non
         assert not any(servo.registers[40] for servo in emulator.servos.values())
 
 
+def test_a_servo_that_falls_silent_leaves_the_others_stiff(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(address: int, data: bytes) -> None:
+        take(address, data)
+        servo.silent = address == 40
+
+    servo = emulator.servos[4]
+    take = servo.write
+    with Bus.open(emulator.device, PATIENT_S) as bus:
+        arm = connect(bus)
+        counts = arm.state().counts
+        monkeypatch.setattr(servo, "write", write)
+        with pytest.raises(SensorError, match="servo 4 on .* did not answer; .*; the other servos may be stiff already"):
+            arm.enable_torque(counts)
+    assert all(each.registers[40] for each in emulator.servos.values())
+
+
 def test_a_bad_cable_is_asked_again(emulator: Emulator) -> None:
     with Bus.open(emulator.device, PATIENT_S) as bus:
         arm = connect(bus)

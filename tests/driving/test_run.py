@@ -131,6 +131,29 @@ def test_it_lets_go_only_when_told(emulator: Emulator, words: list[str], capsys:
     assert not any(servo.registers[40] for servo in emulator.servos.values())
 
 
+def test_those_that_answer_let_go(emulator: Emulator, words: list[str], capsys: Capture) -> None:
+    for servo in emulator.servos.values():
+        servo.registers[40] = 1
+    emulator.servos[3].silent = True
+    told = refused(capsys, 1, "run", *words, "--port", emulator.device, "--release", "--yes")
+    assert "no answer from servo 3 (elbow_flex)" in told
+    assert told.endswith("; shoulder_pan, shoulder_lift, wrist_flex, wrist_roll, gripper have let go")
+    assert [id_ for id_, servo in emulator.servos.items() if servo.registers[40]] == [3]
+
+
+def test_the_reason_is_said_to_a_reader_that_has_gone(
+    emulator: Emulator, words: list[str], capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(result: object) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr("pbd.cli.run.drive.print_json", gone)
+    emulator.at_goal, emulator.fault = 100, lambda: emulator.servos[2].put(63, bytes([68]))
+    code, _, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--yes", "--json")
+    assert code == 141
+    assert "shoulder_lift is at 68 °C, and switches off at 70: let it cool down; the arm holds" in err
+
+
 def test_a_termination_is_no_answer(words: list[str]) -> None:
     with Emulator(calibration_of("so101"), resting("so101"), Clock()) as real:
         real.servos[1].registers[40] = 1

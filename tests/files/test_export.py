@@ -33,7 +33,7 @@ ROBOT = Robot(
     joints=("shoulder", "elbow"),
     home=np.zeros(2),
     gripper=Gripper(("finger",), np.array([0.04]), np.array([0.0]), 0.02),
-    limits=JointLimits(-np.ones(2), np.ones(2), np.full(2, 1e9), np.full(2, 1e9), np.full(2, 1e9), "a test"),
+    limits=JointLimits(np.full(2, -2.0), np.full(2, 2.0), np.full(2, 1e9), np.full(2, 1e9), np.full(2, 1e9), "a test"),
 )
 """A robot with two joints and almost no limits."""
 
@@ -76,6 +76,10 @@ def test_another_robots_motion_and_another_formats_name_are_refused(tmp_path: Pa
     other = replace(ROBOT, name="other", joints=("hip", "knee"))
     with pytest.raises(PlanError, match="this motion is not other's: its joints are shoulder, elbow; give the robot"):
         export(motion, other, "csv", tmp_path / "motion.csv")
+    short = replace(ROBOT, limits=replace(ROBOT.limits, lower=np.array([-2.0, -1.2])))
+    for format_name in ("csv", "keyframes"):
+        with pytest.raises(PlanError, match=r"takes elbow 0.05 beyond two's limit; give the robot that it was planned"):
+            export(motion, short, format_name, tmp_path / "motion")
     with pytest.raises(UsageError, match=r"motion.json looks like ros2-json, but the format is csv; name another file"):
         export(motion, ROBOT, "csv", tmp_path / "motion.json")
     assert not list(tmp_path.iterdir())
@@ -150,11 +154,15 @@ def test_the_default_rate_is_1_khz(tmp_path: Path, motion: JointTrajectory) -> N
     assert_array_equal(export(motion, ROBOT, "npz", tmp_path / "motion.npz").samples.t, motion.t)
 
 
-def test_a_file_of_that_name_is_replaced(tmp_path: Path, motion: JointTrajectory) -> None:
+def test_a_file_of_that_name_is_replaced_if_pbd_wrote_it(tmp_path: Path, motion: JointTrajectory) -> None:
     path = tmp_path / "motion.csv"
-    path.write_text("old")
+    path.write_text("notes")
+    with pytest.raises(PbdError, match=r"motion.csv is not an earlier output of pbd, so it is not overwritten"):
+        export(motion, ROBOT, "csv", path)
+    assert path.read_text() == "notes"
+    path.write_text("t,q_shoulder,q_elbow,gripper\n")
     export(motion, ROBOT, "csv", path)
-    assert path.read_text().startswith("t,q_shoulder,q_elbow,")
+    assert path.read_text().startswith("t,q_shoulder,q_elbow,dq_")
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -165,7 +173,8 @@ def test_a_file_appears_completely_or_not_at_all(
 ) -> None:
     path = tmp_path / "motion.npz"
     if is_there:
-        path.write_text("old")
+        export(motion, ROBOT, "npz", path)
+    before = {file: file.read_bytes() for file in tmp_path.iterdir()}
 
     def half(request: ExportRequest, points: Samples, unfinished: Path) -> None:
         unfinished.write_bytes(b"half a fil")
@@ -176,14 +185,14 @@ def test_a_file_appears_completely_or_not_at_all(
         export(motion, ROBOT, "npz", path)
     if isinstance(fault, OSError):
         assert str(caught.value) == f"{path} can't be written (No space left on device); give another place"
-    assert [(file, file.read_text()) for file in tmp_path.iterdir()] == ([(path, "old")] if is_there else [])
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
 @pytest.mark.parametrize("place", ["no/such/folder/motion.csv", "a-file/motion.csv", "a-folder"])
 def test_a_path_that_cannot_be_written_is_refused(tmp_path: Path, motion: JointTrajectory, place: str) -> None:
     (tmp_path / "a-file").touch()
     (tmp_path / "a-folder").mkdir()
-    with pytest.raises(PbdError, match=r"can't be written \(.+\); give another place$|a-folder is a folder"):
+    with pytest.raises(PbdError, match=r"can't be written: .+ give another place$|a-folder is a folder"):
         export(motion, ROBOT, "csv", tmp_path / place)
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["a-file", "a-folder"]
 

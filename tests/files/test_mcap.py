@@ -98,7 +98,8 @@ def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, dem
     assert list(goal.joint_names) == list(robot.joints)
     at = [each.time_from_start.sec + 1e-9 * each.time_from_start.nanosec for each in goal.points]
     assert_allclose([each.positions for each in goal.points], trajectory.at(np.array(at)).q, atol=1e-8)
-    assert ("/gripper_trajectory" in topics) == bool(gripper.joints)
+    fingers = [list(message.joint_names) for _, message in topics.get("/gripper_trajectory", ())]
+    assert fingers == ([["panda_finger_joint1"]] if name == "panda" else [])
 
     assert_allclose([1e-9 * (ns - start) for ns, _ in topics["/keyframes"]], trajectory.keyframe_t, atol=1e-9)
     for (_, message), q in zip(topics["/keyframes"], trajectory.keyframe_q, strict=True):

@@ -305,6 +305,7 @@ def test_a_finger_that_mimics_another_belongs_to_the_gripper(folder: Path) -> No
     gripper = read_robot(folder / "mine.toml").gripper
     assert gripper is not None
     assert gripper.joints == ("claw", "thumb_joint")
+    assert gripper.mimics == ("thumb_joint",)
     np.testing.assert_allclose(gripper.open, [0.5, -0.9])
     np.testing.assert_allclose(gripper.closed, [0.0, 0.1])
 

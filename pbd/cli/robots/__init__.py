@@ -16,7 +16,7 @@ from pbd.cli.console import say, working
 from pbd.cli.robots.rank import rank_robots
 from pbd.cli.robots.suggest import suggest_home_and_dock
 from pbd.data import Robot
-from pbd.errors import RobotError, warn
+from pbd.errors import RobotError, UsageError, warn
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
 from pbd.view.terminal_tables import print_table, robots_table, words_table
@@ -24,6 +24,8 @@ from pbd.view.terminal_tables import print_table, robots_table, words_table
 
 def run(args: argparse.Namespace) -> None:
     """List the robots; or suggest a home and a dock for one; or rank them by a demonstration."""
+    if args.calibration and (args.suggest is not None or args.demo is None):
+        raise UsageError("--calibration is for --for, which ranks the robots: leave it out")
     if args.suggest is not None:
         return suggest_home_and_dock(args)
     if args.demo is not None:

@@ -21,7 +21,7 @@ from pbd.driving.arm import identify, release
 from pbd.driving.bus import Bus
 from pbd.driving.calibrating import FULL_TURN_JOINT, Calibrating, calibrating
 from pbd.driving.encoder_counts import EncoderCounts, servo_names
-from pbd.errors import PbdError, UsageError
+from pbd.errors import PbdError, SensorError, UsageError, listed
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import COUNTS, own_servo_calibration, write_servo_calibration
 from pbd.io.atomic import is_folder, refuse_folder, refuse_output
@@ -89,13 +89,22 @@ def _calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
 
 
 def _release_servos(args: argparse.Namespace, robot: Robot) -> None:
-    """Switch the servos' torque off, after a question."""
+    """Switch the servos' torque off, after a question; of those that answer, if some do not."""
     device, ids = args.port or only_port("arm", ""), _ids(robot)
+    silent = None
     with Keys() as keys, Bus.open(device) as bus:
-        identify(bus, ids)
+        try:
+            identify(bus, ids)
+        except SensorError as error:
+            if not (dumb := error.fields.get("silent")):
+                raise
+            silent, ids = error, {name: id_ for name, id_ in ids.items() if id_ not in dumb}
+            identify(bus, ids)
         if not args.yes:
             keys.ask(SINKS)
         release(bus, tuple(ids.values()))
+    if silent:
+        raise SensorError(f"{silent.message}; {listed(ids)} have let go")
     say("the servos have let go")
     if args.json:
         print_json({"robot": robot.name, "port": device, "released": True})

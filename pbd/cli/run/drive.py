@@ -85,6 +85,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
                 dry_run=args.dry_run,
                 stall_s=streaming.STALL_S,
             )
+    code = report_end(done, watch, counts, args, device)  # before the JSON, whose reader may be gone
     if args.json:
         print_json(
             {
@@ -99,7 +100,6 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
                 "warnings": args.warnings,
             }
         )
-    code = report_end(done, watch, counts, args, device)
     return 128 + keys.signal if done.by_hand and keys.signal else code
 
 

@@ -16,7 +16,6 @@ from pbd.driving.bus import Bus
 from pbd.driving.encoder_counts import EncoderCounts
 from pbd.driving.stream import StreamResult
 from pbd.driving.watch import Watch
-from pbd.errors import SensorError
 from pbd.pose import Array
 from pbd.view.terminal_tables import make_table
 
@@ -77,7 +76,8 @@ def report_end(done: StreamResult, watch: Watch, counts: EncoderCounts, args: ar
     elif args.dry_run:
         holds = "nothing moved"
     if done.stopped is not None:
-        raise SensorError(f"stopped after {done.t:.2f} s: {done.stopped.message}; {holds}", **done.stopped.fields)
+        say(f"stopped after {done.t:.2f} s: {done.stopped.message}; {holds}")
+        return done.stopped.exit_code
     if done.by_hand:
         say(f"stopped by hand after {done.t:.2f} s: {holds}; {lets_go}")
         return STOPPED_BY_HAND
