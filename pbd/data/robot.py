@@ -22,8 +22,7 @@ from pbd.pose import Array, Pose
 class Gripper:
     """Finger joints, their positions (m or rad) when open and closed, and the duration of a full stroke.
 
-    A model may have no finger joints. The motion still says when the gripper opens and closes. `mimics` names those of
-    the joints that mimic another one.
+    A model may have no finger joints. The motion still says when the gripper opens and closes. `mimics` mimic others.
     """
 
     joints: tuple[str, ...]

@@ -99,12 +99,15 @@ def suggest(
     lowest = -min(keyframe.T_nav_sensor.p[2] for keyframe in keyframes)
     touching: dict[tuple[str, str], int] = {}
     why = f"no dock has all keyframes within reach, even at {SCALES[-1]} of the size; correct base or T_body_tool"
+    z_down = p[R[:, 2, 2] < -DOWN, 2]
     why += "" if table is None else ", or table_height"
     why += ", or take a demonstration that tilts the tool less (--for)" if is_partial(arm) else ""
-    for table_known, scale, places in _search_order(table, p[R[:, 2, 2] < -DOWN, 2], lowest):
+    why += f"; the tool can point down at heights from {z_down.min():.2f} to {z_down.max():.2f} m"
+    for table_known, scale, places in _search_order(table, z_down, lowest):
         docks = list(islice(_possible_docks(arm, (p, R), keyframes, table_known, scale), places))
         reachable = _rank(arm, docks, keyframes)
-        tell(f"{len(reachable)} of {len(docks)} docks have all keyframes within reach at {scale:g} of the size")
+        if docks:
+            tell(f"{len(reachable)} of {len(docks)} docks have all keyframes within reach at {scale:g} of the size")
         planned, refusals = _plan_at_best(robot, reachable, keyframes, grasped)
         if refusals and not planned and not touching and (touching := _often_touching(arm)):
             robot = replace(robot, may_touch=(*robot.may_touch, *touching))

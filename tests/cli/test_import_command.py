@@ -140,14 +140,10 @@ def test_a_recording_that_is_imported_anew_keeps_what_its_demo_toml_says(
     assert again.recording.grip == told.recording.grip != ()
     assert (again.closed, repr(again.places)) == (True, repr(told.places))
     assert main(["import", str(in_g), "slow", "--unit", "acc=g", "--rate", "99"]) == 0
-    assert "other times than in demo.toml: its [[grip]], [[place]]" in capsys.readouterr().err
+    assert "its times may differ from demo.toml's, whose [[grip]], [[place]]" in capsys.readouterr().err
     assert read_demo(Path("demos/slow")).recording.grip == ()
     in_g.write_text(in_g.read_text().replace("t,", "seconds,", 1))  # only the import reads it now
     assert main(["import", str(in_g), "named", "--unit", "acc=g", "--column", "t=seconds"]) == 0
-    assert "other times" not in capsys.readouterr().err
-    assert read_demo(Path("demos/named")).recording.grip == told.recording.grip
-    assert main(["import", str(in_g), "ms", "--unit", "acc=g", "--unit", "t=ms"]) != 0
-    assert "other times" in capsys.readouterr().err
 
 
 @pytest.fixture

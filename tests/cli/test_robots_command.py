@@ -75,7 +75,7 @@ def test_where_few_docks_will_do_more_are_weighed(capsys: Capture, guide: str, m
     monkeypatch.setattr("pbd.planning.suggest.MORE_DOCKS", 8)
     code, lines, told = run(capsys, "robots", "--suggest", TOML)
     assert code == 0
-    assert "0 of 0 docks have all keyframes within reach at 0.25 of the size" in told
+    assert " of 0 docks" not in told
     assert "scale = 0.5" in lines
 
 
@@ -126,11 +126,20 @@ def test_all_remarks_on_an_arm_are_shown() -> None:
 
 
 def test_an_arm_that_holds_the_poses_comes_first(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = {"slow": (9.0, True, None), "tilted": (5.0, False, None), "quick": (7.0, True, None), "no": (None, None, "?")}
+    rows = {
+        "slow": (9.0, True, None),
+        "tilted": (5.0, False, None),
+        "quick": (7.0, True, None),
+        "no": (None, None, ""),
+    }
 
     def row(name: str, *_: object) -> dict[str, object]:
         figures = dict.fromkeys(("farthest_m", "reach_m", "torque", "scale"))
-        return figures | {"name": name, "warnings": []} | dict(zip(("duration_s", "holds_poses", "why"), rows[name]))
+        return (
+            figures
+            | {"name": name, "warnings": []}
+            | dict(zip(("duration_s", "holds_poses", "why"), rows[name], strict=True))
+        )
 
     monkeypatch.setattr("pbd.cli.robots.rank.names", lambda *_: [*rows])
     monkeypatch.setattr("pbd.cli.robots.rank._row", row)

@@ -78,9 +78,7 @@ def test_goals_that_do_not_arrive_leave_the_arm_loose(emulator: Emulator) -> Non
         assert not any(servo.registers[40] for servo in emulator.servos.values())
 
 
-def test_a_servo_that_falls_silent_leaves_the_others_stiff(
-    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_servo_that_falls_silent_leaves_the_others_stiff(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
     def write(address: int, data: bytes) -> None:
         take(address, data)
         servo.silent = address == 40
@@ -91,7 +89,7 @@ def test_a_servo_that_falls_silent_leaves_the_others_stiff(
         arm = connect(bus)
         counts = arm.state().counts
         monkeypatch.setattr(servo, "write", write)
-        with pytest.raises(SensorError, match="servo 4 on .* did not answer; .*; the other servos may be stiff already"):
+        with pytest.raises(SensorError, match=r"servo 4 .* not answer; .*; the other servos may be stiff already"):
             arm.enable_torque(counts)
     assert all(each.registers[40] for each in emulator.servos.values())
 

@@ -15,6 +15,7 @@ from pbd.errors import PlanError
 from pbd.pose import Array, Pose
 
 _STARTS = 2  # sampled seeds for the position alone
+_RISE_M, _STEEP = 0.01, 0.7  # the nearest pose is higher or lower by more than this, m, and as a share of its distance
 _SHARE = 0.1  # a joint at its limit is named if its gradient exceeds this share of the largest
 
 
@@ -72,10 +73,13 @@ def out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> Pla
     nearest = solve(arm, pose, q_seed)
     reason = find_reason(arm, pose, nearest)
     x, y, z = pose.p
+    rise = float(arm.forward(nearest.q).p[2] - z)
+    steep = abs(rise) > max(_RISE_M, _STEEP * nearest.position_error_m)
+    height = "" if not steep else " higher" if rise > 0.0 else " lower"
     return PlanError(
         f"keyframe {keyframe} is out of reach: the tool stays {100 * nearest.position_error_m:.1f} cm and "
         f"{np.rad2deg(nearest.rotation_error_rad):.1f} degrees from its pose at ({x:.3f}, {y:.3f}, {z:.3f}) m, which is"
-        f" {reason}; move the dock, or make the path smaller with --scale",
+        f" {reason}; move the dock{height}, or make the path smaller with --scale",
         keyframe=keyframe,
         value=nearest.position_error_m,
         bound=TOLERANCE_M,

@@ -96,7 +96,7 @@ def _release_servos(args: argparse.Namespace, robot: Robot) -> None:
         try:
             identify(bus, ids)
         except SensorError as error:
-            if not (dumb := error.fields.get("silent")):
+            if not isinstance(dumb := error.fields.get("silent"), tuple):
                 raise
             silent, ids = error, {name: id_ for name, id_ in ids.items() if id_ not in dumb}
             identify(bus, ids)

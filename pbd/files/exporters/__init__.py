@@ -147,7 +147,7 @@ def export(
     Raises:
         UsageError: as `check_format` and `check_suffix`.
         PbdError: the file can't be written, or pbd did not make the one that is there.
-        PlanError: the motion is another robot's, or exceeds a limit of its joints; or, interpolated as receivers do, it would exceed a limit, miss a
+        PlanError: the motion is another robot's; or, interpolated as receivers do, it would exceed a limit, miss a
             keyframe or touch something. Nothing is written.
         WrongTypeError: an argument has the wrong type, for example a robot's name.
     """

@@ -70,14 +70,12 @@ def read(path: Path) -> Samples:
 
 
 def finger_message(trajectory: JointTrajectory, gripper: Gripper) -> dict[str, Any]:
-    """Make the goal of the finger joints. It has only positions, which the controller joins linearly, as planned.
-
-    Joints that mimic another are left out: ros2_control gives them no command interface.
-    """
+    """Make the goal of the finger joints. It has only positions, which the controller joins linearly, as planned."""
     t = np.concatenate(([0.0], trajectory.gripper_t, [trajectory.duration]))
     _, first = np.unique(np.round(1e9 * t), return_index=True)
     opening = np.interp(t[first], trajectory.gripper_t, trajectory.gripper_opening)
     fingers = gripper.closed + opening[:, None] * (gripper.open - gripper.closed)
+    # ros2_control gives joints that mimic another no command interface.
     own = [i for i, joint in enumerate(gripper.joints) if joint not in gripper.mimics]
     return goal_message(tuple(gripper.joints[i] for i in own), t[first], (fingers[:, own],))
 

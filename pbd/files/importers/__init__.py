@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from pbd.data import Demonstration
 from pbd.errors import RecordingError, warn
@@ -112,9 +109,6 @@ def import_recording(
     info = replace(recording.info, name=as_text(path.stem), sensor=f"{sensor} (imported)")
     demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {as_text(path.name)}.")
     if path.name == "imu.csv" and (path.parent / "demo.toml").is_file():
-        if not same_times:
-            with suppress(RecordingError):
-                same_times = np.array_equal(import_recording(path).demo.recording.t, recording.t)
         demo = _as_before(demo, path.parent, same_times)
     return Imported(demo, understood)
 
@@ -126,7 +120,7 @@ def _as_before(demo: Demonstration, folder: Path, same_times: bool) -> Demonstra
     recording = replace(demo.recording, info=info)
     demo = replace(demo, recording=recording, closed=known["closed"], grasped=known["grasped"])
     if not same_times:
-        warn("other times than in demo.toml: its [[grip]], [[place]] and [[contact]] are left out")
+        warn("its times may differ from demo.toml's, whose [[grip]], [[place]] and [[contact]] are left out")
         return demo
     recording = replace(recording, grip=grip)
     return replace(demo, recording=recording, places=known["places"], contacts=known["contacts"])

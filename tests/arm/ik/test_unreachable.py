@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pbd.arm.ik.solver import solve
-from pbd.arm.ik.unreachable import Unreached, find_reason
+from pbd.arm.ik.unreachable import Unreached, find_reason, out_of_reach
 from pbd.arm.model import ArmModel, load_model
 from pbd.data import Robot
 from pbd.pose import Array, Pose
@@ -38,6 +38,13 @@ def test_the_distance_beyond_reach_is_that_of_the_nearest_position(name: str) ->
         assert nearest - 0.06 * reach < found.beyond_m <= nearest
         assert found.outside
         assert str(found).startswith(f"{100 * found.beyond_m:.1f} cm beyond the arm's reach")
+
+
+@pytest.mark.parametrize(("z", "advice"), [(1.0, "lower,"), (-0.7, "higher,"), (0.3, ",")])
+def test_the_way_that_the_dock_must_move(arm: ArmModel, z: float, advice: str) -> None:
+    pose = Pose.from_rpy((0.45 if advice != "," else 1.2, 0.0, z), DOWN)
+    error = out_of_reach(arm, 0, pose, arm.robot.home)
+    assert f"; move the dock {advice}".replace(" ,", ",") in error.message
 
 
 @pytest.fixture
