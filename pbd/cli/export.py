@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
     elif args.output != STDOUT:
         refuse_output(args.output, (*args.demos, args.robot, args.calibration, args.start))
     plans = [_plan(args, name) for name in args.demos or (None,)]
-    _say_remarks(plans)
+    _say_remarks(plans, args.calibration)
     done = _write(args, plans, format_name)
     count, duration = sum(len(each.samples.t) for each in done), sum(plan.trajectory.duration for plan in plans)
     name = "to standard output" if args.output == STDOUT else args.output
@@ -67,11 +67,11 @@ def _plan(args: argparse.Namespace, name: str | None) -> Plan:
     return plan
 
 
-def _say_remarks(plans: list[Plan]) -> None:
+def _say_remarks(plans: list[Plan], calibration: str | None) -> None:
     """Say the remarks on the motions: one on all of them once, one on some of them with their names."""
     named: dict[str, list[str]] = {}
     for plan in plans:
-        for remark in remarks(plan):
+        for remark in remarks(plan, calibration):
             named.setdefault(remark, []).append(plan.name)
     for remark, names in named.items():
         say(remark if len(names) == len(plans) else f"{listed(names)}: {remark}")

@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> None:
     duration, warned = plan.trajectory.duration, list(args.warnings)
     spare = f"audited, {args.margin:g} % of the limits to spare" if args.margin else "audited"
     say(f"'{plan.name}' on {plan.robot.name}: {len(plan.keyframes)} keyframes, {duration:.1f} s, {spare}")
-    for remark in remarks(plan):
+    for remark in remarks(plan, args.calibration):
         say(remark)
     if plan.touching is not None:
         later = len(plan.touching.hits) - 1

@@ -95,14 +95,13 @@ class Plan:
         return brief(self, repr(self.trajectory), touches)
 
 
-def place_remark(plan: Plan) -> str:
-    """Return where in base the motion starts if no calibration was named; "" if one was."""
+def place_remark(plan: Plan, calibration: str | None) -> str:
+    """Return where in base the motion starts if no `calibration` was named; "" if one was."""
     dock = plan.calibration.T_base_dock
-    fallback = plan.robot.dock is None and plan.calibration.name == "default"
-    if dock is None or not (fallback or plan.calibration is plan.robot.dock):
+    if dock is None or calibration:
         return ""
     at = ", ".join(f"{x + 0.0:.3f}" for x in dock.p.tolist())
-    whose = "the default dock" if fallback else f"{plan.robot.name}'s own dock"
+    whose = "the default dock" if plan.robot.dock is None else f"{plan.robot.name}'s own dock"
     return f"the hand starts at {whose}, ({at}) m in base; for yours give --calibration NAME"
 
 

@@ -117,6 +117,8 @@ def test_an_arm_without_a_dock_is_told_where_the_hand_starts(capsys: Capture, gu
     TOML.write_text(guide.partition("[dock]")[0], encoding="utf-8")
     _, _, told = run(capsys, "replay", "paper-test2", "--robot", "mine", "--html", "page.html")
     assert "pbd: the hand starts at the default dock, (0.400, -0.150, 0.250) m in base; for yours give" in told
+    _, _, told = run(capsys, "replay", "paper-test2", "--robot", "mine", "--html", "p.html", "--calibration", "default")
+    assert "the hand starts at" not in told
 
 
 def test_all_remarks_on_an_arm_are_shown() -> None:

@@ -54,7 +54,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
         say(f"'{plan.name}' on {robot.name} at {device}, its servos calibrated in {file}")
         print_table(preview_table(counts, before, goals, t, plan.trajectory), sys.stderr)
         say(timetable(plan.trajectory, t, plan.retreat is not None))
-        for remark in filter(None, (place_remark(plan), size_remark(plan), torque_remark(plan))):
+        for remark in filter(None, (place_remark(plan, args.calibration), size_remark(plan), torque_remark(plan))):
             say(remark)
         with Keys() as keys:
             if args.dry_run:
