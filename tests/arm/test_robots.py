@@ -37,6 +37,7 @@ def test_the_list_says_reach_joints_gripper_and_what_is_assumed(capsys: pytest.C
     listed = capsys.readouterr().out
     assert f"{rows['ur5']['reach_m']:.2f}" in listed
     assert "velocity, acceleration, jerk" in listed  # of so100
+    assert listed.count("not in the model") == sum(not rows[name]["gripper_joints"] for name in NAMES) > 0
 
 
 def test_one_robot_is_shown_with_what_is_not_checked(capsys: pytest.CaptureFixture[str]) -> None:

@@ -59,6 +59,15 @@ def test_torques_of_a_pendulum(tmp_path: Path) -> None:
     np.testing.assert_allclose(torques(arm, swing(), t, load, pace=0.5)[:, 0], slower, atol=1e-12)
 
 
+def test_a_peak_inside_a_long_piece_is_found(tmp_path: Path) -> None:
+    """A constant turn through the horizontal, at 1.47 s of 2.8 s: both ends need less."""
+    none, turn = np.zeros(0), np.array([0.1, 1.0, 0.0, 0.0]).reshape(1, 4, 1)
+    motion = JointTrajectory(("hinge",), np.array([0.0, 2.8]), turn, np.zeros(1), np.ones(1), none, np.zeros((0, 1)))
+    found = find_torque(pendulum(tmp_path, INERTIAL), motion, Load(), np.ones(1))
+    assert found.value == pytest.approx(9.81 * 2.0 * 0.4, rel=1e-4)
+    assert found.t == pytest.approx(np.pi / 2 - 0.1, abs=0.02)
+
+
 def test_a_joint_bears_what_follows_it(tmp_path: Path) -> None:
     """A second rod of the same kind mimics the first at twice its angle."""
     q, t = 0.2, np.zeros(1)

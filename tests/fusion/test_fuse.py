@@ -13,12 +13,14 @@ from pbd.errors import CalibrationError, RecordingError, TrackingError, collecte
 from pbd.fusion.calibration import _composed, device_errors
 from pbd.fusion.marginals import SHARED, estimate_with_device, marginal_of
 from pbd.fusion.mean_path import TakePath, average_paths
+from pbd.fusion.tables import fusion_table
 from pbd.fusion.takes import tracked_take
 from pbd.pipeline import fused_demo, track
 from pbd.pose import Pose, quat_exp, quat_multiply
 from pbd.simulation.sensor_model import SENSOR_MODELS
 from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import find_keyframes
+from pbd.view.units import Units
 from tests.benchmarks.fuse import Scenario, _through, hand_poses, one_device, takes_of
 from tests.benchmarks.fuse import _shape as shape_errors
 
@@ -48,6 +50,12 @@ def test_four_takes_are_more_accurate_and_certain_than_each(path: HandPath, take
     alone = [track(take.recording) for take in takes]
     assert median_error(path) < 0.7 * float(np.mean([median_error(one) for one in alone]))
     assert np.trace(path.cov[-1, :3, :3]) < 0.5 * min(np.trace(one.cov[-1, :3, :3]) for one in alone)
+
+
+def test_the_table_has_the_largest_sigma_of_a_position(path: HandPath) -> None:
+    """Those of the rotation, in rad, are larger."""
+    shown = [float(cell) for cell in fusion_table(path, Units()).columns[5].cells]
+    np.testing.assert_allclose(shown, [1e3 * np.sqrt(np.diagonal(cov)[:3].max()) for cov in path.cov], atol=0.06)
 
 
 def test_a_take_is_estimated_with_given_errors_of_its_device(takes: list[Demonstration]) -> None:

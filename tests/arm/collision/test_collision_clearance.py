@@ -251,6 +251,17 @@ def test_the_first_contact_does_not_depend_on_the_order_of_pairs() -> None:
         assert pairs[met.pair] == [0, 2]
 
 
+def test_of_contacts_that_begin_together_the_deepest_is_named() -> None:
+    arm = arm_of("panda")
+    back, (hand, _) = Pose(np.zeros(3), quat_about_z(-0.6)), beside(arm, 0.0).bodies
+    balls = [beside(arm, -depth).bodies[1] for depth in (0.02, 0.03)]
+    bodies = [hand, *(replace(ball, name=str(ball), T_joint_body=back @ ball.T_joint_body) for ball in balls)]
+    for pairs in ([[0, 1], [0, 2]], [[0, 2], [0, 1]]):
+        met = Clearance(arm, bodies, np.array(pairs)).first_contact(swing(arm, 1.2))
+        assert met is not None
+        assert pairs[met.pair] == [0, 2]
+
+
 def dropped(arm: ArmModel) -> dict[frozenset[str], str]:
     return {frozenset((pair.first, pair.second)): pair.why for pair in link_pairs(arm)[1]}
 
