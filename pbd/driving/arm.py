@@ -151,8 +151,7 @@ class ServoArm:
             self._write_verified(TORQUE_ENABLE, [b"\x01"] * len(self.counts.ids))
             self.hold(counts)
         except SensorError as error:
-            what = f"{error.message}; the other servos may be stiff already: `pbd run --release` lets go of them"
-            raise SensorError(what, **error.fields) from None
+            raise SensorError(f"{error.message}; the other servos may be stiff already (--release)") from None
 
     def _write_verified(self, address: int, values: list[bytes], matches: Callable[[bytes, bytes], bool] = eq) -> None:
         write_verified(self._bus, address, dict(zip(self.counts.ids, values, strict=True)), matches)

@@ -90,8 +90,7 @@ def _calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
 
 def _release_servos(args: argparse.Namespace, robot: Robot) -> None:
     """Switch the servos' torque off, after a question; of those that answer, if some do not."""
-    device, ids = args.port or only_port("arm", ""), _ids(robot)
-    silent = None
+    device, ids, silent = args.port or only_port("arm", ""), _ids(robot), None
     with Keys() as keys, Bus.open(device) as bus:
         try:
             identify(bus, ids)

@@ -151,8 +151,6 @@ def export(
             keyframe or touch something. Nothing is written.
         WrongTypeError: an argument has the wrong type, for example a robot's name.
     """
-    import numpy as np
-
     from pbd.data import JointTrajectory, Robot
     from pbd.files.exporters.check_export import EXACT_RAD, check_received, reached
     from pbd.files.exporters.export_request import ExportRequest, Source
@@ -167,7 +165,7 @@ def export(
     if trajectory.joint_names != robot.joints:
         what = f"this motion is not {robot.name}'s: its joints are {listed(trajectory.joint_names)}"
         raise PlanError(f"{what}; give the robot that it was planned for", value=robot.name)
-    beyond = np.maximum(robot.limits.lower - trajectory.q, trajectory.q - robot.limits.upper).max(axis=0)
+    beyond = abs(trajectory.q - trajectory.q.clip(robot.limits.lower, robot.limits.upper)).max(axis=0)
     if beyond.max() > EXACT_RAD:
         what = f"this motion takes {robot.joints[int(beyond.argmax())]} {beyond.max():.3g} beyond {robot.name}'s limit"
         raise PlanError(f"{what}; give the robot that it was planned for", value=robot.name)

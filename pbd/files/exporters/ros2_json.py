@@ -75,8 +75,7 @@ def finger_message(trajectory: JointTrajectory, gripper: Gripper) -> dict[str, A
     _, first = np.unique(np.round(1e9 * t), return_index=True)
     opening = np.interp(t[first], trajectory.gripper_t, trajectory.gripper_opening)
     fingers = gripper.closed + opening[:, None] * (gripper.open - gripper.closed)
-    # ros2_control gives joints that mimic another no command interface.
-    own = [i for i, joint in enumerate(gripper.joints) if joint not in gripper.mimics]
+    own = [i for i, joint in enumerate(gripper.joints) if joint not in gripper.mimics]  # ros2_control takes no other
     return goal_message(tuple(gripper.joints[i] for i in own), t[first], (fingers[:, own],))
 
 
