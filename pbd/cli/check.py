@@ -8,12 +8,12 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from pbd.check_demos import DemoCheck, check_all
 from pbd.cli.common import print_result, without_aside
 from pbd.errors import RecordingError, listed
+from pbd.view.screen import Screen
 from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units
 
@@ -36,7 +36,7 @@ def _checked(args: argparse.Namespace) -> tuple[DemoCheck, ...]:
 
     demos = without_aside(args.demos)
     columns = ("checking", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+    with Progress(*columns, console=Screen(sys.stderr), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("", total=len(demos))
         return check_all(demos, args.robot, args.jobs, lambda number: bar.update(task, completed=number))
 

@@ -10,15 +10,7 @@ from dataclasses import replace
 from pbd.cli.common import decoder_maker, store_demonstration, why_failed
 from pbd.cli.console import say, working
 from pbd.data import Demonstration
-from pbd.errors import (
-    RecordingError,
-    SensorError,
-    TrackingError,
-    UsageError,
-    collected_warnings,
-    listed,
-    warn,
-)
+from pbd.errors import RecordingError, SensorError, TrackingError, UsageError, collected_warnings, listed, warn
 from pbd.files.demo import demo_folder
 from pbd.files.importers import Imported, import_recording
 from pbd.files.importers.columns import UNUSED, Understood
@@ -53,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
     if demo.recording.gyr is None:
         warn(NO_GYRO)
     # Refuse wrong units or a wrong clock before anything is stored. A TrackingError is left to the tracking command.
-    with suppress(TrackingError), working("checking it"), _said_of_the_file(args, understood):
+    with suppress(TrackingError), _said_of_the_file(args, understood), working("checking it"):
         recording, _ = condition(demo.recording)
         acc = understood.of("acc")
         rest = find_rest(recording, abs(acc[0].factor) if acc else 1.0)
@@ -74,7 +66,7 @@ def run(args: argparse.Namespace) -> None:
     more = {"columns": columns, "unread": dict(understood.unread)} if columns else {}
     store_demonstration(args, replace(demo, failed=bool(failure)), "imported", more=more)
     if failure:
-        warn(f"{failure}; so no command takes it unless you name it")
+        warn(f"{failure}; so it is never the default demonstration")
     _print_columns(args, understood)
 
 

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import termios
 import time
+from contextlib import suppress
 from pathlib import Path
 
 PBD = [sys.executable, "-m", "pbd"]
@@ -46,6 +47,13 @@ class Terminal:
                 except OSError:  # it has ended
                     assert text in self.text, self.text
         self.text = self.text.partition(text)[2]
+
+    def rest(self) -> str:
+        """Read until `pbd` ends; return what was not read before."""
+        with suppress(OSError):  # it has ended
+            while read := os.read(self._handle, 65536):
+                self.text += read.decode(errors="replace")
+        return self.text
 
     def type(self, keys: str) -> None:
         """Press keys."""

@@ -106,7 +106,7 @@ def test_a_table_without_times_is_told_of_the_rate_and_takes_it(in_g: Path, caps
     rows = [line.partition(",")[2] for line in in_g.read_text().splitlines()]
     Path("notime.csv").write_text("\n".join(rows))
     assert main(["import", "notime.csv", "tea", "--unit", "acc=g"]) == 1
-    assert "or import it with its --rate HZ" in capsys.readouterr().err
+    assert "or with its --rate HZ" in capsys.readouterr().err
     assert main(["import", "notime.csv", "tea", "--unit", "acc=g", "--rate", "100"]) == 0
     ours, theirs = read_demo(Path("demos/tea")).recording, read_demo(in_g.parent).recording
     assert ours.t == pytest.approx(theirs.t, abs=1e-6)
@@ -235,6 +235,6 @@ def test_an_import_that_cant_be_replayed_is_not_the_default(capsys: pytest.Captu
         assert main(["import", str(file), file.stem]) == 0
         err = capsys.readouterr().err
         assert why in err
-        assert err.endswith("so no command takes it unless you name it\n")
+        assert err.endswith("so it is never the default demonstration\n")
         assert read_demo(Path("demos") / file.stem).failed
     assert newest_demo() == "pouring"

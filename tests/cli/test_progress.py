@@ -60,6 +60,18 @@ def test_each_step_of_a_command_is_named(tmp_path: Path) -> None:
         assert terminal.exit_code() == 0
 
 
+def test_no_escape_code_is_printed_as_text(tmp_path: Path) -> None:
+    """Neither by the bar of `check`, nor in the table that an import prints before it refuses a file."""
+    (tmp_path / "ms.csv").write_text("t,ax,ay,az\n" + "".join(f"{10 * k},0,0,9.81\n" for k in range(400)))
+    write_demo(simulate("pick-and-place-direct", "ideal", 0), tmp_path / "demos" / "mine")
+    for words, shown in ((("check", "demos/mine"), "checking"), (("import", "ms.csv", "tea"), "decided")):
+        terminal = Terminal(*words, cwd=tmp_path)
+        text = terminal.rest()
+        assert shown in text
+        assert "\\x" not in text
+        terminal.exit_code()
+
+
 def test_what_may_last_counts_down() -> None:
     """The seconds left as rich draws them, never below zero."""
     countdown = _Countdown("listening to /dev/ttyUSB0", 9.0)
