@@ -217,13 +217,13 @@ def _phyphox_quantities(header: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _read_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[str]] | None:
-    """Read phyphox' files; return the recording, its columns and the files that were read, or None."""
+    """Read phyphox' files, the named one first; return the recording, its columns and the files read, or None."""
     streams: dict[str, Stream] = {}
     columns: list[Column] = []
     unread: dict[str, str] = {}
     files_read = {PHYPHOX_MOMENTS}
     moments = _moments(path, files)
-    for name in sorted(files.keys() - {PHYPHOX_MOMENTS}, key=lambda name: name != path.stem):  # the named file first
+    for name in sorted(files.keys() - {PHYPHOX_MOMENTS}, key=lambda name: (name != path.stem, name)):
         try:
             sheet = _sheet(path, name, files[name])
         except RecordingError:
