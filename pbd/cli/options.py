@@ -53,6 +53,14 @@ class Parser(argparse.ArgumentParser):
             )
 
 
+class HelpFormatter(argparse.RawDescriptionHelpFormatter):
+    """Wraps descriptions to the terminal's width; examples keep their lines."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        kind = argparse.RawDescriptionHelpFormatter if "\n  " in text else argparse.HelpFormatter
+        return kind._fill_text(self, text, width, indent)
+
+
 class AppendOnce(argparse.Action):
     """Appends a pair of a name and a value, and refuses a name that was given before."""
 
@@ -101,7 +109,7 @@ def add_commands(
             help=summary[:1].lower() + summary[1:].rstrip("."),
             description=description,
             epilog=f"example:\n  {example}",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
+            formatter_class=HelpFormatter,
         )
         module = ".".join(["pbd.cli", *parser.prog.split()[1:], add.__name__])  # pbd.cli.calibrate.dock
         command.set_defaults(parser=command, module=module)

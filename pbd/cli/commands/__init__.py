@@ -10,7 +10,7 @@ from pbd import __version__
 from pbd.cli.commands import demonstrations, robots, tracking
 from pbd.cli.commands.calibrate import calibrate
 from pbd.cli.commands.completion import SHELLS, PrintCompletion
-from pbd.cli.options import Parser, add_commands
+from pbd.cli.options import HelpFormatter, Parser, add_commands
 from pbd.errors import nearest
 
 EPILOG = """\
@@ -30,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
         prog="pbd",
         description="Show a robot arm a task with a small inertial sensor in your hand; the arm replays it.",
         epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=HelpFormatter,
     )
     top.add_argument("--version", action="version", version=f"pbd {__version__}")
     completion = "print the script that completes commands, options and names in that shell"

@@ -48,9 +48,9 @@ def dock(parser: ArgumentParser) -> None:
     joints = "the arm's joints there, degrees (sliding joints: m); needs --robot"
     option(where, "--joints", "Q", joints, nargs="+", type=finite)
     option(where, "--from-keyframe", ("DEMO", "K"), "where demonstration DEMO stopped at its keyframe K", nargs=2)
-    rpy = "with --position: roll, pitch, yaw, degrees (as in NAME's dock, else 0 0 0)"
+    rpy = "with --position: roll, pitch, yaw, degrees (as in CALIBRATION's dock, else 0 0 0)"
     option(parser, "--rpy", ("R", "P", "Y"), rpy, nargs=3, type=finite)
-    option(parser, "--calibration", "C", "calibration to track --from-keyframe with (NAME itself)")
+    option(parser, "--calibration", "C", "calibration to track --from-keyframe with (CALIBRATION)")
     option(parser, "--robot", "R", "robot of --joints; checks that it reaches the dock")
     option(parser, "--sigma-mm", "MM", "one sigma of the position, each axis, mm (3)", type=up_to_10_m, default=3.0)
     turn = "one sigma of the rotation, each axis, degrees (1)"

@@ -24,7 +24,7 @@ def record(parser: ArgumentParser) -> None:
       pbd record tea --live                      and see the hand, its path and its stops in the browser
       pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s
     """
-    option(parser, "name", "NAME", "name in ./demos; default: the date and the time", nargs="?")
+    option(parser, "name", "NAME", "name (in ./demos) or folder; default: the date and the time", nargs="?")
     option(parser, "--sensor", "SENSOR", "protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it")
     port = "the serial port, a phone's http:// address, or a gamepad's /dev/input/eventN"
     option(parser, "--port", "P", f"{port}; default: the only one plugged in")

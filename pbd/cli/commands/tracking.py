@@ -97,7 +97,7 @@ def plot(parser: ArgumentParser) -> None:
       pbd plot pouring --save figures --format svg
       pbd plot paper-test1 paper-test2 --csv > spread.csv
     """
-    several = "names (in ./demos, or bundled), folders, or recordings (.csv, .npz); two or more are compared"
+    several = "names (in ./demos, or bundled), folders, or recordings (.csv, .txt, .npz); two or more are compared"
     option(parser, "demos", "DEMO", f"{several}; default: the newest in ./demos, else 'pouring'", nargs="*")
     option(parser, "--save", "DIR", "folder for the files (./plots/NAME); older figures are replaced", type=Path)
     option(parser, "--format", None, "format of the files (png)", choices=FIGURE_FORMATS, default="png")
