@@ -196,8 +196,8 @@ def _refuse_turned_dock(demo: Demonstration, path: HandPath, method: str) -> Non
         where = "" if demo.folder is None else f"{demo.folder}/keyframes.toml: "
         raise RecordingError(
             f"{where}the first keyframe is turned by {np.degrees(turned):.1f} degrees, but it is the dock, to which "
-            "all others refer; restore it, insert a keyframe after it, or name the --method that found it "
-            f"(not {method})",
+            "all others refer; restore it, insert a keyframe after it, or name the --method and "
+            f"--calibration that found it (the method here is {method})",
             path=demo.folder,
         )
 

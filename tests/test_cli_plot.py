@@ -137,7 +137,7 @@ def test_what_goes_wrong_is_one_line(capsys: Capture, elsewhere: Path) -> None:
     write_recording(elsewhere / "g.csv", norm=1.0)
     needed = "is a file, and a folder is needed there"
     for args, end in (
-        (("tee",), "no demonstration named 'tee', nor a file or folder of that path; known are"),
+        (("tee",), "no demonstration named 'tee' in ./demos, nor a file or folder of that path; known are"),
         (("pouring", "--save", "file"), f"file can't be written (it {needed}); give another --save"),
         (("pouring", "--save", "file/in"), f"file/in can't be written (file {needed}); give another --save"),
         (("pouring", "g.csv"), "g: at rest the accelerometer reads 1, but gravity is 9.81 m/s2; the values are"),

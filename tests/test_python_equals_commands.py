@@ -141,5 +141,5 @@ def test_edited_keyframes_that_start_elsewhere_are_refused(tea: Demonstration) -
 def test_keyframes_that_another_method_found_are_told_from_edited_ones() -> None:
     demo = simulate("pick-and-place-stops", "wt901", 2)
     demo = replace(demo, keyframes=keyframes_of(pbd.track(demo)))
-    with pytest.raises(RecordingError, match=r"or name the --method that found it \(not paper\)$"):
+    with pytest.raises(RecordingError, match=r"--calibration that found it \(the method here is paper\)$"):
         pbd.track(demo, "paper")

@@ -25,8 +25,9 @@ def run(args: argparse.Namespace) -> None:
             raise UsageError(f"--html needs a name that ends in .html, got '{args.html}'")
     plan = plan_demonstration(args)
     duration, warned = plan.trajectory.duration, list(args.warnings)
-    spare = f"audited, {args.margin:g} % of the limits to spare" if args.margin else "audited"
-    say(f"'{plan.name}' on {plan.robot.name}: {len(plan.keyframes)} keyframes, {duration:.1f} s, {spare}")
+    used = 100.0 * max(plan.report.velocity, plan.report.acceleration, plan.report.jerk)
+    audited = f"{duration:.1f} s, audited, at most {used:.0f} % of the limits"
+    say(f"'{plan.name}' on {plan.robot.name}: {len(plan.keyframes)} keyframes, {audited}")
     for remark in remarks(plan, args.calibration):
         say(remark)
     if plan.touching is not None:

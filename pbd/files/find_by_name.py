@@ -50,7 +50,8 @@ def find(kind: str, name: str | Path, suffix: str, error: type[PbdError]) -> Pat
     known = f"known are {listed(valid)}{hint}" if valid else f"none is known; put one into ./{kind}"
     if is_folder(given):
         raise error(f"{name} is a folder: give a name, or a file; {known}", value=name, valid=valid)
-    raise error(f"no {what} named '{name}', nor a file or folder of that path; {known}", value=name, valid=valid)
+    known = f"nor a file or folder of that path; {known}"
+    raise error(f"no {what} named '{name}' in ./{kind}, {known}", value=name, valid=valid)
 
 
 def _name(entry: Path, suffix: str) -> str:

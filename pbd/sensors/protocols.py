@@ -131,7 +131,7 @@ def protocol(name: str, also: Iterable[str] = ()) -> WireProtocol:
     """Look up a sensor's protocol. UsageError: unknown; its message lists the names, with those of `also` first."""
     if name not in PROTOCOLS:
         known = (*also, *PROTOCOLS)
-        raise UsageError(
-            f"sensor {name!r} is unknown; the sensors are {', '.join(known)}{nearest(name, known)}", value=name
-        )
+        models = (key for key, each in PROTOCOLS.items() if name.lower() in each.title.lower().replace(",", "").split())
+        hint = "".join(f"; did you mean {key}?" for key in models) or nearest(name, known)
+        raise UsageError(f"sensor {name!r} is unknown; the sensors are {', '.join(known)}{hint}", value=name)
     return PROTOCOLS[name]

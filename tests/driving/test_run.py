@@ -178,7 +178,7 @@ def test_nobody_to_ask(words: list[str], capsys: Capture) -> None:
 )
 def test_other_arms_have_other_programs(robot: str, way: str, capsys: Capture) -> None:
     told = refused(capsys, 2, "run", "--robot", robot, "--yes")
-    assert f"pbd run drives so100 and so101 alone; for {robot}: `pbd export --robot {robot} " in told
+    assert f"pbd run drives so100 and so101 alone; for {robot}: `pbd export DEMO --robot {robot} " in told
     assert way in told
 
 

@@ -97,7 +97,8 @@ def test_an_unknown_name_lists_the_valid_ones() -> None:
     with pytest.raises(RecordingError) as caught:
         find("demos", "te", "", RecordingError)
     assert caught.value.message == (
-        "no demonstration named 'te', nor a file or folder of that path; known are pouring, tea; did you mean tea?"
+        "no demonstration named 'te' in ./demos, nor a file or folder of that path; known are pouring, tea; "
+        "did you mean tea?"
     )
     assert caught.value.fields == {"value": "te", "valid": ["pouring", "tea"]}
 
@@ -111,7 +112,8 @@ def test_only_a_similar_name_is_proposed() -> None:
 
 
 def test_without_any_names_the_error_tells_the_folder() -> None:
-    with pytest.raises(CalibrationError, match=r"no grippers named 'x', .*; none is known; put one into \./grippers$"):
+    told = r"no grippers named 'x' in .*; none is known; put one into \./grippers$"
+    with pytest.raises(CalibrationError, match=told):
         find("grippers", "x", ".toml", CalibrationError)
 
 

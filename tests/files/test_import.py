@@ -191,8 +191,8 @@ def test_a_date_may_be_the_time(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize(
     ("header", "columns", "units", "message"),
     [
-        ("t,gx,gy,gz", {}, {}, "no column for ax, ay, az (specific force); the columns are t, gx, gy, gz: say which"),
-        ("ax,ay,az", {}, {}, "no column for t (time); the columns are ax, ay, az: say which is which with --column"),
+        ("t,gx,gy,gz", {}, {}, "no column for ax, ay, az (specific force); the columns are t, gx, gy, gz: import it"),
+        ("ax,ay,az", {}, {}, "no column for t (time); the columns are ax, ay, az: import it with --column"),
         ("t,ax,ay", {}, {}, "no column for 'az', though there is 'ax'; the columns are t, ax, ay: name it with --col"),
         ("t,ax,ay,az,gz", {}, {}, "no column for 'gx', though there is 'gz'; "),
         ("t (days),ax,ay,az", {}, {}, "the unit 'days' of column 't (days)' is not known; give one of s, ms, us, ns"),

@@ -146,7 +146,7 @@ def test_lines_that_sketches_print(tmp_path: Path, line: str) -> None:
     assert recording.gyr is not None
     assert_allclose(recording.gyr[0], [1.5, 0.0, -2.0])
     assert len(recording) == 4
-    with pytest.raises(RecordingError, match=r"no column for t .*or import it with its --rate HZ"):
+    with pytest.raises(RecordingError, match=r"no column for t .*or with its --rate HZ"):
         imported(tmp_path, text, None, "monitor.log")
 
 

@@ -24,6 +24,8 @@ def test_an_unknown_sensor() -> None:
     assert protocol("xsens") is PROTOCOLS["xsens"]
     with pytest.raises(UsageError, match="'xsense' is unknown; the sensors are os5000, "):
         protocol("xsense")
+    with pytest.raises(UsageError, match=r"did you mean witmotion\?$"):  # by the name on its box
+        protocol("wt901")
 
 
 def test_commands_that_set_the_rate() -> None:

@@ -150,7 +150,7 @@ def held_poses(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tu
         warn(
             f"{arm.robot.name} has {q.shape[1]} joints and can't match the hand's orientation: its approach axis is up "
             f"to {approach:.0f} degrees off, the rotation about it up to {about:.0f} degrees, worst at keyframe "
-            f"{worst}; use an arm with six joints, or move the dock"
+            f"{worst}; use an arm with six joints, move the dock, or give a smaller --scale"
         )
     return held, off
 

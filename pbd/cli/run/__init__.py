@@ -44,8 +44,8 @@ def run(args: argparse.Namespace) -> int:
         name, program = OTHER_PROGRAMS.get(robot.name, ("ros2-json", "ros2_control"))
         file = f"motion.{'json' if name == 'ros2-json' else name}"
         raise UsageError(
-            f"pbd run drives {' and '.join(DRIVEN)} alone; for {robot.name}: `pbd export --robot {args.robot} --format "
-            f"{name} -o {file}`, and {program} as in docs/exports.md, 'Programs that drive the arms'"
+            f"pbd run drives {' and '.join(DRIVEN)} alone; for {robot.name}: `pbd export DEMO --robot {args.robot} "
+            f"--format {name} -o {file}`, and {program} as in docs/exports.md, 'Programs that drive the arms'"
         )
     if args.calibrate:
         _calibrate_servos(args, robot)

@@ -291,6 +291,6 @@ def _refuse_not_understood(path: Path, unread: Mapping[str, str]) -> None:
             raise RecordingError.at(
                 path,
                 f"{listed(alike)} {look} like {'a gyro' if letter == 'g' else 'inertial data'}, but {are} not "
-                f"understood; say which is which with {column} and its like, or remove {them}",
+                f"understood; import it with {column} and its like, or remove {them}",
                 value=alike[0],
             )

@@ -71,9 +71,9 @@ def read_csv(
         found = found.without(wrong[0], "--rate is used instead")
     timed = bool(found.of("t"))
     known = f"the columns are {listed(sheet.header)}"
-    say = "say which is which with --column, for example --column ax=NAME"
+    say = "import it with --column for each, for example --column ax=NAME"
     if not timed and rate_hz is None:
-        what = f"no column for t (time); {known}: {say.replace('ax=', 't=')}, or import it with its --rate HZ"
+        what = f"no column for t (time); {known}: {say.replace('ax=', 't=')}, or with its --rate HZ"
         raise RecordingError.at(path, what)
     if not found.of("acc"):
         without = [name for name, why in found.unread.items() if "gravity" in why]

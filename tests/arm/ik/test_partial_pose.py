@@ -132,7 +132,8 @@ def test_poses_that_are_held_with_another_rotation_are_warned_of() -> None:
         held, off_rad = held_poses(arm, wanted, q)
     assert [str(warning.message) for warning in told] == [
         "so101 has 5 joints and can't match the hand's orientation: its approach axis is up to 4 degrees off,"
-        " the rotation about it up to 29 degrees, worst at keyframe 0; use an arm with six joints, or move the dock"
+        " the rotation about it up to 29 degrees, worst at keyframe 0; use an arm with six joints,"
+        " move the dock, or give a smaller --scale"
     ]
     np.testing.assert_allclose(off_rad, [[np.radians(4.0), 0.0], [0.0, 0.5]], atol=1e-9)
     assert all(max(pose.distance(here)) < 1e-12 for pose in held)
