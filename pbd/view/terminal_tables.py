@@ -75,6 +75,9 @@ def _rebuilt(columns: Sequence[Column]) -> Table:
     cells: list[list[Any]] = [list(column.cells) for column in columns]
     table = make_table(*(str(column.header) for column in columns), left=left, rows=zip(*cells, strict=True))
     table.collapse_padding = True  # NARROW_GAP
+    for column in table.columns:
+        column.overflow = "fold"
+        column.no_wrap |= not any(" " in str(cell) for cell in column.cells)  # a name stays whole, to be copied
     return table
 
 
@@ -181,5 +184,5 @@ def ports_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Serial ports, and the sensors that were found there."""
     shown = {"port": "port", "device": "title", "USB id": "usb"}
     if any("sensor" in row for row in rows):
-        shown |= {"speaks": "sensor", "baud": "baud", "": "note"}
+        shown |= {"speaks": "sensor", "baud": "baud", "remarks": "note"}
     return words_table(list(shown), ([str(row[key] or "") for key in shown.values()] for row in rows))
