@@ -15,7 +15,7 @@ import numpy as np
 from pbd.pose import Array, matrix_log, quat_about_z, quat_to_matrix
 
 HAND_M, HAND_RAD, HAND_SHARE = 0.03, np.radians(10.0), 0.1
-"""Repeatability of a hand, for matching only: m, rad, and a share of the move."""
+"""Repeatability of a hand, for matching only: m, rad, and a share of the move. More than HAND_M is warned of."""
 
 SKIP, GRIP = 8.0, 12.0
 """Cost of a keyframe without a match, and of a different grip, in squared sigmas. Two keyframes match up to a cost of

@@ -239,6 +239,17 @@ def test_a_keyframe_whose_attitude_is_off_is_said_so(takes: list[Demonstration],
     assert np.degrees(fused.fusion.takes[3].off_rad[3]) == pytest.approx(40.0, abs=6.0)
 
 
+def test_two_tasks_that_match_by_chance_are_warned_of(takes: list[Demonstration], path: HandPath) -> None:
+    task = takes_of(Scenario("wt901", 1), SEED)[1]
+    p, A = hand_poses(task)
+    p[1:] += np.random.default_rng(1).normal(0.0, 0.09, p[1:].shape)
+    other = simulate(_through(task, p, A, np.ones(7)), one_device(SENSOR_MODELS["wt901"], SEED), 1)
+    with pytest.warns(match=r"the keyframes scatter by 3\d mm from take to take, more than a hand's"):
+        pbd.fuse([takes[0], renamed(other, "other")])
+    assert path.fusion is not None
+    assert path.fusion.overall[0] < 0.01
+
+
 def test_a_single_stop_is_reported_in_the_singular(takes: list[Demonstration]) -> None:
     first, second = (shortened(take, stops) for take, stops in zip(takes, (2, 1), strict=False))
     with pytest.warns(match="only take 1 has stop 1, and it is left out; a third take would show whether it belongs"):
