@@ -49,6 +49,11 @@ def test_a_dock_is_written_and_replayed_from(capsys: Capture) -> None:
     assert rows[0]["base_position_m"] == pytest.approx([0.45, -0.15, 0.25])
 
 
+def test_a_dock_for_a_small_arm_tells_that_the_arms_own_has_another_scale(capsys: Capture) -> None:
+    err = run(capsys, "calibrate", "dock", "bench", "--position", "0.2", "0", "0", "--robot", "so101")[2]
+    assert err.endswith("bench.toml has scale = 1, so101's own dock 0.3: edit it if keyframes are out of reach\n")
+
+
 def test_a_dock_that_is_moved_stays_turned_as_it_was(capsys: Capture) -> None:
     assert run(capsys, *DOCK, "--rpy", "1", "-2", "30")[0] == 0
     moved = ("calibrate", "dock", "bench", "--position", "0.5", "0.1", "0.2")

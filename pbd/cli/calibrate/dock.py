@@ -63,6 +63,9 @@ def run(args: argparse.Namespace) -> None:
         for note in robot.notes:
             if note.startswith(ABOUT_BASE):
                 say(note)
+    if robot is not None and robot.dock is not None and robot.dock.scale != calibration.scale:
+        both = f"{path} has scale = {calibration.scale:g}, {robot.name}'s own dock {robot.dock.scale:g}"
+        say(f"{both}: edit it if keyframes are out of reach")
     if args.json:
         print_json(
             {
