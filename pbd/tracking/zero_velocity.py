@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array
-from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, Rest
+from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, REST_S, Rest
 from pbd.tracking.moving_windows import (
     moving_mean_variance,
     rows_of_mean,
@@ -37,6 +37,9 @@ LULL_SHARE, LULL_S = 0.01, 1.0
 """In a lull, such as a foot's stance, the calmest window counts as still even if it isn't quiet. Energies in a lull are
 below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after: acceleration and rate are a tenth of
 the move's. (Below 10^-2.6, stances are missed; above 10^-1.9, a fast hand that turns back seems to rest.)"""
+
+DRIFTED_SHARE = 0.5
+"""A gyro has drifted if it reads more than this share of QUIET_GYR at rest: soon it would seem to turn."""
 
 SHORTEST_MOVE_S = 0.1
 """s: a shorter motion between two stops is a jolt and joins them."""
@@ -82,6 +85,19 @@ def find_candidates(
     # A sample is still if any window that contains it is quiet.
     still = window_maxima(np.pad(quiet, n - 1), n)
     return _merge_close(t, runs(still), gaps)
+
+
+def rates_between(t: Array, gyr: Array, stops: Spans) -> Array | None:
+    """The mean rates of long stops, interpolated at each row (n, 3), rad/s; None if they are far below QUIET_GYR.
+
+    Before the first of them and after the last one they are constant. In a shorter stop, a hand's sway is as fast.
+    """
+    long = [(start, stop) for start, stop in stops if lasts(t, (start, stop), REST_S)]
+    means = np.array([gyr[start:stop].mean(axis=0) for start, stop in long]).reshape(-1, 3)
+    if np.abs(means).max(initial=0.0) < DRIFTED_SHARE * QUIET_GYR:
+        return None
+    middles = t[np.array(long).sum(axis=1) // 2]
+    return np.column_stack([np.interp(t, middles, axis) for axis in means.T])
 
 
 def _move_energy(energy: Array, n: int, dt: float) -> Array:

@@ -26,6 +26,8 @@ from pbd.pose import (
     quat_multiply,
     quat_rotate,
 )
+from pbd.simulation.simulate import simulate
+from pbd.simulation.tasks import random_task
 from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import STILL_ACC, STILL_GYR, find_rest, restlessness
 from pbd.tracking.keyframes import find_keyframes, find_segments
@@ -248,6 +250,15 @@ def test_a_bend_is_what_fourth_differences_show_beyond_white_noise(n: int) -> No
 @pytest.mark.parametrize(("rate_hz", "rows"), [(40.0, 1), (100.0, 1), (200.0, 2), (400.0, 5)])
 def test_motion_is_averaged_over_an_eightieth_of_a_second(rate_hz: float, rows: int) -> None:
     assert rows_of_mean(rate_hz) == rows
+
+
+def test_a_gyro_that_warms_up_does_not_seem_to_turn() -> None:
+    recording = simulate(random_task(1, moves=40), "os5000", 1).recording
+    assert recording.gyr is not None
+    warm = np.radians(0.03) * recording.t[:, None] * (0.6, 0.0, 0.8)  # 2.3 degrees per second in the end
+    path, as_it_was = track(replace(recording, gyr=recording.gyr + warm)), track(recording)
+    assert len(path.stops) == len(as_it_was.stops) == 41
+    assert np.abs(path.p_nav_sensor - as_it_was.p_nav_sensor).max() < 0.02
 
 
 def test_each_row_of_a_span_lasts_until_the_next() -> None:

@@ -26,7 +26,7 @@ from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
 from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, Impulse
 from pbd.tracking.smoother.state import GRAVITY, SHARED, Fixed, Prior, State
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, energies, find_candidates, still_speed
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, energies, find_candidates, rates_between, still_speed
 
 WIDE_LAG_SIGMA, REMOVED_LAG = 0.03, 0.005
 """Lag of the gyro behind the accelerometer, s: one sigma of the wide prior (two low-pass filters of one chip), and the
@@ -115,11 +115,19 @@ def smooth(
         frame = frame_of(_without_lag_and_scale(recording, lag, scale), rest.gyro_bias * (1.0 + scale))
         window = min(max(2, round(ENERGY_WINDOW_S / frame.dt)), len(frame.t))
         # The device's own attitude follows a turn late. So without a gyro, specific force is judged in sensor axes.
-        energy = energies(*((frame.acc, np.zeros_like(frame.acc)) if no_gyro else (frame.u, frame.gyr)), window)
-        still_sigma = still_speed(*energy, len(frame.t), rest, noise)
-        density = row_noise(frame, rest, noise, gaps, no_gyro)
+        force, rate = (frame.acc, np.zeros_like(frame.acc)) if no_gyro else (frame.u, frame.gyr)
+        energy = energies(force, rate, window)
         if stops is None:
             stops = find_candidates(frame.t, frame.dt, *energy, rest, gaps)
+        # While a gyro warms up, the rests before show its drift, without which it would seem to turn.
+        while (drift := rates_between(frame.t, rate, stops)) is not None:
+            energy = energies(force, rate - drift, window)
+            more = find_candidates(frame.t, frame.dt, *energy, rest, gaps)
+            if sum(stop - start for start, stop in more) <= sum(stop - start for start, stop in stops):
+                break
+            stops = more
+        still_sigma = still_speed(*energy, len(frame.t), rest, noise)
+        density = row_noise(frame, rest, noise, gaps, no_gyro)
         if not stops:
             return None
         problem = build(stops, stops)
