@@ -14,7 +14,7 @@ from pbd.data import GRAVITY, Recording
 from pbd.pose import Array
 from pbd.record.session_types import recording_from_samples
 from pbd.sensors.decoding import Sample
-from pbd.tracking.repair.channel_faults import LIVE_SHARE, SENSOR_NAMES, STUCK_S, stuck_axes
+from pbd.tracking.repair.channel_faults import LIVE_SHARE, SENSOR_NAMES, STUCK_S, frozen_rows, stuck_axes
 from pbd.tracking.repair.saturation import TOP_TOLERANCE, clips_of
 
 CHECK_EVERY_S = 0.25
@@ -93,6 +93,10 @@ class Diagnostics:
             what, value = f"{'xyz'[axis]} axis of the {SENSOR_NAMES[name]}", float(given[name][start, axis])
             stuck = f"the {what} is stuck at {value:.4g}, while others change: repair or replace the sensor"
             faults[f"{what} stuck"] = stuck
+        now = window.t > window.t[-1] - 2.0 * CHECK_EVERY_S
+        gyro_goes_on = window.gyr is not None and _changes(window.gyr[now])
+        if gyro_goes_on and not _changes(window.acc[now]) and frozen_rows(window)[now].all():
+            faults["acc frozen"] = "the accelerometer repeats itself while the gyro goes on: plug the sensor in again"
         if long_enough and np.std(window.acc, axis=0).max() > MOVING_STD:
             if window.gyr is not None and not _changes(window.gyr):
                 faults["gyro dead"] = (

@@ -106,6 +106,12 @@ def test_a_sensor_that_freezes_is_told(pouring: Recording) -> None:
     assert 8.0 <= at <= 8.0 + 2.0 * CHECK_EVERY_S
 
 
+def test_an_accelerometer_that_freezes_alone_is_told(pouring: Recording) -> None:
+    at, line = told(stuck(pouring, "acc", slice(0, 3), 6.0))[0]
+    assert line == "the accelerometer repeats itself while the gyro goes on: plug the sensor in again"
+    assert 6.5 <= at <= 6.5 + 2.0 * CHECK_EVERY_S
+
+
 def test_a_coarse_sensor_at_rest_is_not_called_stuck() -> None:
     """An Arduino that prints two decimals says the same for as long as it rests."""
     still = Recording(np.arange(600) / 100.0, np.tile((0.0, 0.0, 9.8), (600, 1)), np.zeros((600, 3)))

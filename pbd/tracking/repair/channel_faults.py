@@ -22,9 +22,9 @@ from pbd.tracking.zero_velocity import run_edges, runs
 
 SENSOR_NAMES = {"acc": "accelerometer", "gyr": "gyro"}
 
-STUCK_S = 2.0
-"""s: an axis that is constant this long is stuck, if another axis of the same sensor changes. (The other sensor does
-not count: some gyros read 0 on all axes at rest.)"""
+STUCK_S, STUCK_AXIS_S = 2.0, 1.0
+"""s: a sensor is stuck that is constant for STUCK_S, and an axis that is constant for STUCK_AXIS_S while another axis of
+the same sensor changes. (The other sensor does not count: some gyros read 0 on all axes at rest.)"""
 
 LIVE_SHARE = 0.7
 """A working axis changes in at least this share of its rows."""
@@ -88,7 +88,7 @@ def refuse_dead(recording: Recording) -> None:
 
 
 def stuck_axes(recording: Recording) -> Iterator[tuple[str, int, int, int]]:
-    """Find axes that don't change for STUCK_S or more, while another axis of the same sensor does.
+    """Find axes that don't change for STUCK_AXIS_S or more, while another axis of the same sensor does.
 
     Yields:
         The sensor (key of SENSOR_NAMES), the axis, and the half-open range of rows.
@@ -97,8 +97,11 @@ def stuck_axes(recording: Recording) -> Iterator[tuple[str, int, int, int]]:
         values = getattr(recording, name)
         for axis in range(3) if values is not None else ():
             spans = run_edges(values[1:, axis] == values[:-1, axis])
-            for start, last in spans[np.diff(recording.t[spans], axis=1)[:, 0] >= STUCK_S].tolist():
-                if any(_axis_has_noise(other) for other in np.delete(values[start : last + 1], axis, axis=1).T):
+            for start, last in spans[np.diff(recording.t[spans], axis=1)[:, 0] >= STUCK_AXIS_S].tolist():
+                part = values[start : last + 1]
+                live = (np.abs(np.diff(part, axis=0)) > ROUNDING).mean(axis=0) >= LIVE_SHARE
+                shown = values[:, live], part[:, live]  # within a move no noise may show
+                if any(_axis_has_noise(column) for columns in shown for column in columns.T):
                     yield name, axis, start, last + 1
 
 

@@ -130,6 +130,16 @@ def test_a_stuck_axis_is_named(sensor: str, channel: str, name: str, begin: floa
             track(with_channel(recording, channel, values))
 
 
+@pytest.mark.parametrize("channel", ["acc", "gyr"])
+def test_an_axis_that_is_stuck_for_a_second_within_moves_is_named(channel: str) -> None:
+    recording = pour("modern").recording
+    values = getattr(recording, channel).copy()
+    held_rows = (recording.t >= 3.0) & (recording.t < 4.1)
+    values[held_rows, 1] = values[held_rows, 1][0]
+    with pytest.raises(RecordingError, match=r"axis y of the .* is stuck .* from 3\.0\d s .* to 4\.\d\d s"):
+        track(with_channel(recording, channel, values))
+
+
 @pytest.mark.parametrize("sensor", WITH_GYRO)
 def test_a_gyro_that_says_nothing_is_refused(sensor: str) -> None:
     recording = pour(sensor).recording
