@@ -41,10 +41,11 @@ class Chromium(Chrome):  # type: ignore[misc]  # selenium is not followed
         self.set_media()
 
     def set_size(self, width: int = 1200, height: int = 750) -> None:
-        """Set the size of pages, pixels."""
+        """Set the size of pages, pixels; return when the page has seen it."""
         self.size = width, height
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+        self.execute_async_script("const [seen] = arguments; requestAnimationFrame(() => requestAnimationFrame(seen));")
 
     def set_media(self, scheme: str = "light", motion: str = "reduce") -> None:
         """Set what the user prefers.
