@@ -214,6 +214,46 @@ def test_the_time_axis_shows_moves_and_grip(replay: Replay) -> None:
     assert replay.browser.find_elements(By.CSS_SELECTOR, "#touching i") == []
 
 
+def test_it_says_where_the_arm_is(replay: Replay, scene: ReplayScene) -> None:
+    """At the instant of its arrival the arm is at a keyframe; at the end it has come home, or stands at the last one."""
+    for k, t in enumerate(scene.trajectory.keyframe_t):
+        replay(f"pbd.page.player.seek({t})")
+        assert replay.read("#phase") == f"at keyframe {k}: {scene.keyframes[k].label}"
+    replay(f"pbd.page.player.seek({scene.trajectory.keyframe_t[3] - 0.3})")
+    assert replay.read("#phase") == "to keyframe 3: over the cup"
+    home = """
+        const { replay, keyframes } = pbd.page, last = replay.keyframes.length - 1, { t } = replay.keyframes[last];
+        const returns = { ...replay, moves: [...replay.moves, [t + 0.5, t + 2.008]], duration: t + 2 };
+        const words = (after) => pbd.page.words.call({ replay: returns, keyframes }, last, t + after);
+        return [0, 0.4, 1, 2].map(words);"""
+    assert replay(home) == ["at keyframe 7: away"] * 2 + ["going back", "at rest"]
+
+
+def test_labels_stay_near_their_keyframes(replay: Replay) -> None:
+    """Where there are too many for that, some are left out; the current one never is."""
+    farthest, shown, current = replay("""
+        const { stage, keyframes, replay } = pbd.page, old = [...element("labels").children];
+        const many = Array.from({ length: 100 }, (_, i) => make("button", String(i), { className: i === 99 ? "now" : "" }));
+        const points = many.map((_, i) => [0.5 + 0.006 * (i % 10), 0.1, 0.3 + 0.006 * Math.floor(i / 10)]);
+        element("labels").replaceChildren(...many);
+        stage.label(many, points);
+        stage.placeLabels();
+        const seen = (p) => stage.viewer.scene.localToWorld(new MeshCat.THREE.Vector3(...p)).project(stage.camera);
+        const off = (label, i) => {
+          const { top, height } = label.getBoundingClientRect();
+          return Math.abs(top + height / 2 + 22 - (0.5 - 0.5 * seen(points[i]).y) * innerHeight);
+        };
+        const shown = many.map((label) => label.style.visibility === "visible");
+        const found = [Math.max(...many.map(off).filter((_, i) => shown[i])), shown.filter(Boolean).length, shown[99]];
+        element("labels").replaceChildren(...old);
+        stage.label(keyframes.labels, replay.keyframes.map((k) => k.p));
+        stage.placeLabels();
+        return found;""")
+    assert farthest < 60.0
+    assert 1 < shown < 100
+    assert current
+
+
 def test_the_subtitle_has_the_largest_share_of_a_torque_limit(replay: Replay) -> None:
     assert replay.read("#subtitle").replace("\u00a0", " ").endswith(" \u00b7 torques up to 67 % of the limits")
 
@@ -277,7 +317,7 @@ def test_all_controls_have_an_accessible_name(replay: Replay) -> None:
         assert node["name"]["value"].strip(), node
     assert replay.browser.find_element(By.ID, "play").accessible_name == "Play"
     value = replay.browser.find_element(By.ID, "seek").get_attribute("aria-valuetext")
-    assert value == "0.00 seconds, to keyframe 1: grasp"
+    assert value == "0.00 seconds, at keyframe 0: dock"
 
 
 LAID_OUT = """

@@ -42,8 +42,8 @@ class KeyframeTable {
     const number = make("td");
     number.append(make("button", this.number(i), { ariaLabel: `Go to ${this.title(i)}`, title: this.title(i), className: this.doubt(i) && "doubted" }));
     const name = make("td", this.name(i), { title: this.name(i) });
-    if (k.label && k.grip !== null) name.append(make("span", k.grip ? " ▸◂" : " ◂▸", { className: "grip", title: k.grip ? "gripper closes" : "gripper opens" }));
-    if (k.detour) name.append(make("span", " ↷", { className: "detour", title: "the arm takes a detour to this keyframe, around an obstacle" }));
+    if (k.label && k.grip !== null) name.prepend(make("span", k.grip ? "▸◂ " : "◂▸ ", { className: "grip", title: k.grip ? "gripper closes" : "gripper opens" }));
+    if (k.detour) name.prepend(make("span", "↷ ", { className: "detour", title: "the arm takes a detour to this keyframe, around an obstacle" }));
     const place = k.p.map((metres) => make("td", digits(100 * metres, 1)));
     const [metres, radians] = k.sigma ?? [];
     const sigma = k.sigma ? [digits(1000 * metres, 1), digits((180 / Math.PI) * radians, 1)] : ["", ""];

@@ -47,12 +47,15 @@ class Page {
     this.joints.show(time);
   }
 
-  // What the arm does at this time.
+  // What the arm does at this time. A move's end is up to 10 ms late.
   words(current, time) {
-    const last = this.replay.keyframes.length - 1;
-    const moves = this.replay.moves.some(([from, to]) => from <= time && time < to);
-    if (!moves) return current < 0 ? "at rest" : `at ${this.keyframes.title(current)}`;
-    return current < last ? `to ${this.keyframes.title(current + 1)}` : "going back";
+    const { keyframes, moves, duration } = this.replay;
+    const at = keyframes[current]?.t;
+    const end = moves.filter(([from]) => from <= time).at(-1)?.[1] ?? 0;
+    const moving = time < Math.min(end, duration);
+    if ((moving ? time : end) - at < 0.011) return `at ${this.keyframes.title(current)}`;
+    if (!moving) return "at rest";
+    return current < keyframes.length - 1 ? `to ${this.keyframes.title(current + 1)}` : "going back";
   }
 
   describe() {

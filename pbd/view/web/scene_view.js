@@ -4,6 +4,7 @@
 // The scene's axes are the robot's base, z up; three.js' world has y up.
 class SceneView {
   static together_px = 12; // labels whose points are closer on the screen stand side by side
+  static steps = 30; // a row of labels moves by at most half as many steps of 3 pixels
 
   constructor(pane) {
     this.THREE = MeshCat.THREE;
@@ -141,7 +142,8 @@ class SceneView {
     this.labels = elements.map((element, i) => ({ element, point: vector(points[i]) }));
   }
 
-  // Labels of (nearly) one point stand in a row. A row that would overlap another one moves up or down.
+  // Labels of (nearly) one point stand in a row. A row that would overlap another one moves up or down, and is left out
+  // where it would move too far from its point. The current keyframe's row stays.
   placeLabels() {
     const rows = [];
     for (const { element, point } of this.labels) {
@@ -154,14 +156,22 @@ class SceneView {
       row.elements.push(element);
       row.width += element.offsetWidth + 1;
     }
-    rows.forEach((row, i) => {
+    const current = (row) => row.elements.some((element) => element.matches(".now"));
+    rows.sort((a, b) => current(b) - current(a));
+    const placed = [];
+    for (const row of rows) {
       const overlaps = (other) => Math.abs(row.x - other.x) < (row.width + other.width) / 2 && Math.abs(row.y - other.y) < 22;
-      for (let k = 1; rows.slice(0, i).some(overlaps); k++) row.y += (k % 2 ? -3 : 3) * k; // up, down, further up, ...
+      for (let k = 1; k <= SceneView.steps && placed.some(overlaps); k++) row.y += (k % 2 ? -3 : 3) * k; // up, down, further up, ...
+      if (placed.some(overlaps)) {
+        for (const element of row.elements) element.style.visibility = "hidden";
+        continue;
+      }
+      placed.push(row);
       let left = row.x - row.width / 2;
       for (const element of row.elements) {
         element.style.transform = `translate(${left.toFixed(1)}px, ${row.y.toFixed(1)}px) translateY(-50%)`;
         left += element.offsetWidth + 1;
       }
-    });
+    }
   }
 }

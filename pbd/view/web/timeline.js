@@ -4,7 +4,7 @@
 class Timeline {
   static apart_px = 16;
 
-  constructor({ keyframes, moves, detours, closed, touching, duration, rate }, seek) {
+  constructor({ keyframes, moves, detours, closed, touching, duration }, seek) {
     this.duration = duration;
     this.numbers = keyframes.map((k, i) => this.at(make("span", `${i}${k.sure === null ? "" : "?"}`, { className: k.sure === null ? "" : "doubted" }), k.t));
     element("numbers").replaceChildren(...this.numbers);
@@ -13,7 +13,7 @@ class Timeline {
     element("done").replaceChildren(...this.spans(moves));
     element("closed").replaceChildren(...this.spans(closed));
     element("touching").replaceChildren(...this.spans(touching.map(({ start, end }) => [start, end])));
-    Object.assign(element("seek"), { max: duration, step: 1 / rate, oninput: (event) => seek(Number(event.target.value)) });
+    Object.assign(element("seek"), { max: duration, oninput: (event) => seek(Number(event.target.value)) });
     new ResizeObserver(() => this.thin()).observe(element("timeline"));
   }
 
