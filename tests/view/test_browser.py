@@ -251,7 +251,7 @@ def test_labels_stay_near_their_keyframes(replay: Replay) -> None:
         stage.label(keyframes.labels, replay.keyframes.map((k) => k.p));
         stage.placeLabels();
         return found;""")
-    assert farthest < 48.0
+    assert farthest < 57.0  # 15 steps of 3 pixels, and 12 within a row
     assert 1 < shown < 100
     assert current
 
