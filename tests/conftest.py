@@ -55,7 +55,10 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # among them (below), and after each 50,000 new objects instead of 700: else it takes a tenth of the time.
 gc.set_threshold(50_000, 5, 5)
 gc.disable()
-atexit.register(gc.unfreeze)  # else libraries take what is still there at the end for leaks
+if "PYTEST_XDIST_WORKER" in os.environ:
+    atexit.register(os._exit, 0)  # a worker has reported all its results; to free its objects takes seconds
+else:
+    atexit.register(gc.unfreeze)  # else libraries take what is still there at the end for leaks
 
 # Each bundled robot is read once, so that all tests of a process share what is cached of it.
 pytest.MonkeyPatch().setattr("pbd.files.robot.read_robot", reading_once(read_robot))

@@ -11,7 +11,7 @@ import coal
 import numpy as np
 
 from pbd.audit.arm import AuditArm, se3
-from pbd.io.meshes import from_mesh, mesh_triangles
+from pbd.io.meshes import from_mesh, mesh_triangles, rounded_points
 from pbd.io.urdf_shapes import Shape, Triple, collision_shapes
 from pbd.pose import Array
 
@@ -174,7 +174,7 @@ def _is_inside(inner: Solid, T_inner: Any, outer: Solid, T_outer: Any) -> bool:
 
 def _hull_corners(triangles: Array) -> dict[str, Array]:
     """Return the corners (n, 3) m of a mesh's hull. Rounding its points first leaves far fewer corners."""
-    points = np.unique(np.rint(triangles.reshape(-1, 3) / ROUNDED_M), axis=0) * ROUNDED_M
+    points = rounded_points(triangles, ROUNDED_M)
     try:
         return {"corners": np.array(_convex_hull(points).points())}
     except (RuntimeError, ValueError):  # a flat mesh has no hull; its bounding box serves

@@ -99,6 +99,15 @@ def mesh_triangles(path: Path, scale: Sequence[float]) -> Array:
     return triangles
 
 
+def rounded_points(triangles: Array, step_m: float) -> Array:
+    """Return the different corners (n, 3) of triangles, rounded to multiples of `step_m`, in ascending order."""
+    steps = np.rint(triangles.reshape(-1, 3) / step_m)
+    steps = steps[np.lexsort(steps.T[::-1])]  # np.unique with an axis takes ten times as long
+    different = np.append(True, (steps[1:] != steps[:-1]).any(axis=1))
+    points: Array = steps[different] * step_m
+    return points
+
+
 def _parse(path: Path, data: bytes) -> TriangleSoup:
     kind = path.suffix.lower()
     try:

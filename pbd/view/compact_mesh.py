@@ -10,8 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from pbd.io.meshes import TriangleSoup
 from pbd.pose import Array
@@ -122,6 +120,9 @@ def _on_grid(points: Array) -> tuple[NDArray[np.int16], Array, float]:
 
 def _split(faces: NDArray[np.int64], normals: Array, rgb: Array) -> NDArray[np.int64]:
     """Label the corners (3 m,) of faces. Corners at one vertex share a label if only smooth edges lie between them."""
+    from scipy.sparse import coo_array  # loads slowly, and meshes are cached on disk
+    from scipy.sparse.csgraph import connected_components
+
     m = len(faces)
     corners = np.arange(3 * m).reshape(m, 3)
     sides = ((0, 1), (1, 2), (2, 0))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pbd.errors import RobotError
-from pbd.io.meshes import FORMATS, from_mesh
+from pbd.io.meshes import FORMATS, from_mesh, rounded_points
 from pbd.pose import Array
 from tests.reading_meshes import read_mesh
 from tests.unprivileged import full_disk
@@ -84,6 +84,12 @@ def test_a_mirrored_part_keeps_its_outside(tmp_path: Path) -> None:
     corners, _ = read(tmp_path, triangle, mirror)
     normal = np.cross(corners[0, 1] - corners[0, 0], corners[0, 2] - corners[0, 0])
     assert normal[2] < 0.0
+
+
+def test_rounded_points_are_different_and_in_order() -> None:
+    corners = np.random.default_rng(0).uniform(-0.004, 0.004, (600, 3, 3))
+    expected = np.unique(np.rint(corners.reshape(-1, 3) / 1e-3), axis=0) * 1e-3
+    assert np.array_equal(rounded_points(corners, 1e-3), expected)
 
 
 @pytest.mark.parametrize(

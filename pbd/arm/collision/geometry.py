@@ -20,7 +20,7 @@ import pinocchio as pin
 from pbd.arm.model import ArmModel, from_se3, to_se3
 from pbd.data.world import beyond_reach
 from pbd.errors import RobotError
-from pbd.io.meshes import from_mesh, mesh_triangles
+from pbd.io.meshes import from_mesh, mesh_triangles, rounded_points
 from pbd.io.urdf_shapes import Shape, Triple, collision_shapes
 from pbd.pose import Array, Pose, readonly
 
@@ -104,7 +104,7 @@ def _hull(path: Path, scale: Triple) -> Array:
 def _corners(triangles: Array) -> dict[str, Any]:
     from scipy.spatial import ConvexHull, QhullError  # loads slowly, and hulls are cached on disk
 
-    rounded = np.unique(np.rint(triangles.reshape(-1, 3) / ROUNDED_M), axis=0) * ROUNDED_M
+    rounded = rounded_points(triangles, ROUNDED_M)
     try:
         return {"points": rounded[ConvexHull(rounded).vertices]}
     except (QhullError, ValueError):
