@@ -101,11 +101,8 @@ def _components(values: ArrayLike) -> list[Array]:
 
 
 def _vectors(*components: Array) -> Array:
-    """Stack components along a new last axis."""
-    vectors = np.empty((*components[0].shape, len(components)))
-    for i, component in enumerate(components):
-        vectors[..., i] = component
-    return vectors
+    """Stack components along a new last axis; each stays contiguous, with which numpy is several times as fast."""
+    return np.moveaxis(np.array(components), 0, -1)
 
 
 def quat_exp(rotation_vector: ArrayLike) -> Array:
@@ -159,7 +156,7 @@ def quat_to_matrix(wxyz: ArrayLike) -> Array:
         *(x * y2 + w * z2, 1.0 - x * x2 - z * z2, y * z2 - w * x2),
         *(x * z2 - w * y2, y * z2 + w * x2, 1.0 - x * x2 - y * y2),
     )
-    return rows.reshape(*w.shape, 3, 3)
+    return np.ascontiguousarray(rows).reshape(*w.shape, 3, 3)
 
 
 def quat_from_matrix(matrix: ArrayLike) -> Array:

@@ -37,7 +37,7 @@ def moving_mean_variance(values: Array, n: int, k: int) -> Array:
 
 def cumulative(steps: Array) -> Array:
     """Sums (n + 1, ...) of the first 0, 1, ... n of the steps (n, ...)."""
-    sums = np.zeros((len(steps) + 1, *steps.shape[1:]))
+    sums = np.zeros((len(steps) + 1, *steps.shape[1:]), order="F")
     np.cumsum(steps, axis=0, out=sums[1:])
     return sums
 
@@ -62,7 +62,7 @@ def moving_means(values: Array, n: int, passes: int) -> Array:
     if n == 1:
         return values
     weights = _weights(n, passes)
-    return np.stack([np.convolve(column, weights, "valid") for column in values.T], axis=1)
+    return np.array([np.convolve(column, weights, "valid") for column in values.T]).T
 
 
 def white_noise_variance(n: int, passes: int = PASSES) -> float:

@@ -97,7 +97,7 @@ def rates_between(t: Array, gyr: Array, stops: Spans) -> Array | None:
     if np.abs(means).max(initial=0.0) < DRIFTED_SHARE * QUIET_GYR:
         return None
     middles = t[np.array(long).sum(axis=1) // 2]
-    return np.column_stack([np.interp(t, middles, axis) for axis in means.T])
+    return np.array([np.interp(t, middles, axis) for axis in means.T]).T
 
 
 def _move_energy(energy: Array, n: int, dt: float) -> Array:

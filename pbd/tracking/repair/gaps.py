@@ -29,7 +29,7 @@ def interpolated(t: Array, values: Array, good: NDArray[np.bool_]) -> Array:
     """Values (n, k), with rows that are not good (n,) interpolated linearly in t (n,)."""
     if good.all():
         return values
-    return np.column_stack([np.interp(t, t[good], column) for column in values[good].T])
+    return np.array([np.interp(t, t[good], column) for column in values[good].T]).T
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ from pbd.tracking.repair.gaps import BRIDGED_S, Gap, find_gaps, interpolated, wa
 from pbd.tracking.repair.gyro_consistency import refuse_disagreement
 from pbd.tracking.repair.splices import in_order, refuse_doubled, without_wild
 
+CHANNELS = "acc", "gyr", "mag", "device_rpy"
+
 LARGEST_READING = 1e5
 """Largest possible reading of any sensor, in its SI unit or uT. A larger one counts as missing."""
 
@@ -38,7 +40,9 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
         RecordingError: it is too short, time runs backwards or jumps, a channel is empty or stuck, or the gyro
             contradicts gravity.
     """
-    recording = with_clock(recording)
+    # Contiguous columns: numpy is several times as fast with them.
+    given = {name: np.asfortranarray(values) for name in CHANNELS if (values := getattr(recording, name)) is not None}
+    recording = with_clock(dataclasses.replace(recording, **given))
     t, interval = recording.t, 1.0 / recording.rate_hz
     recording, missing = _fill_missing(recording)
     refuse_dead(recording)
@@ -88,7 +92,7 @@ def _fill_missing(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
     """Interpolate missing readings. Also returns the rows (n,) without a reading of accelerometer or gyro."""
     missing = np.zeros(len(recording), dtype=bool)
     filled: dict[str, Any] = {}
-    for name in ("acc", "gyr", "mag", "device_rpy"):
+    for name in CHANNELS:
         values = getattr(recording, name)
         if values is None:
             continue

@@ -52,7 +52,7 @@ def path_of(problem: Problem, x: State) -> Path:
     )
     n, length = len(frame.t), np.diff(rows)
     length[-1] += 1  # the last knot is the last row
-    path = Path(np.empty((n, 4)), *np.empty((3, n, 3)))
+    path = Path(np.empty((n, 4)), *np.empty((3, 3, n)).transpose(0, 2, 1))
     for legs in batches(len(T)):
         at = slice(rows[legs.start], rows[legs.start] + length[legs].sum())
         at_rows = (np.repeat(each[legs], length[legs], axis=0) for each in of_legs)
@@ -75,7 +75,7 @@ def between_stops(t: Array, stops: Sequence[Stop], first: Array, last: Array) ->
     Args:
         first, last: (k, 3) m, shift of each stop at its first and at its last row.
     """
-    shift, faster = np.zeros((2, len(t), 3))
+    shift, faster = np.zeros((2, 3, len(t))).transpose(0, 2, 1)
     shift[: stops[0].start], shift[stops[-1].stop :] = first[0], last[-1]
     for k, (stop, following) in enumerate(pairwise(stops)):
         between = slice(stop.stop, following.start)

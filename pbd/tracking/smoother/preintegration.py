@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.pose import Array, quat_cumulative, quat_exp, quat_rotate, quat_to_matrix, skew
+from pbd.pose import Array, cross, quat_cumulative, quat_exp, quat_rotate, quat_to_matrix, skew
 from pbd.tracking.moving_windows import cumulative
 
 Rows = NDArray[np.intp]
@@ -100,7 +100,7 @@ def turns_between_middles(t: Array, gyr: Array, interval: float) -> Array:
     # Beyond its ends the recording is continued with the first and the last rate.
     padded = np.vstack((gyr[:1], gyr[:1], gyr, gyr[-1:]))
     earlier, before, own, later = padded[:-3], padded[1:-2], padded[2:-1], padded[3:]
-    turns: Array = dt * (9.0 * (before + own) - earlier - later) / 16.0 + dt**2 / 12.0 * np.cross(before, own)
+    turns: Array = dt * (9.0 * (before + own) - earlier - later) / 16.0 + dt**2 / 12.0 * cross(before, own)
     return turns
 
 
@@ -201,7 +201,7 @@ def preintegrate(
     lasts = np.maximum(h, np.finfo(float).tiny)[:, None]  # samples with equal time stamps make an empty block
     rate, force = integrals(frame.gyr) / lasts, integrals(frame.acc) / lasts
     by_gyr, by_acc = of_blocks_by_errors(C, rate, force, h)
-    by_lag = C @ integrals(np.cross(frame.gyr, frame.acc))[:, :, None]
+    by_lag = C @ integrals(cross(frame.gyr, frame.acc))[:, :, None]
     turned = np.cumsum(by_gyr, axis=0) - 0.5 * by_gyr  # at the block's middle
     turned -= (turned[starts] - 0.5 * by_gyr[starts])[leg]  # since the leg's start
     swung = skew(-dU) @ turned
@@ -290,5 +290,5 @@ def _add_impulses(Q: Array, frame: GyroFrame, rows: Rows, impulses: Sequence[Imp
     push = quat_rotate(wxyz, np.array([impulse.acc for impulse in impulses]))
     dV = frame.U[end] - frame.U[at]
     dP = frame.UU[end] - frame.UU[at] - frame.U[at] * to_end
-    effect = np.hstack((turn, np.cross(turn, dV) + push, np.cross(turn, dP) + push * to_end))
+    effect = np.hstack((turn, cross(turn, dV) + push, cross(turn, dP) + push * to_end))
     np.add.at(Q, k, effect[:, :, None] * effect[:, None, :])

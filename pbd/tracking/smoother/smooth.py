@@ -176,7 +176,7 @@ def _without_lag_and_scale(recording: Recording, lag: float, scale: float) -> Re
     if recording.gyr is None or (lag == 0.0 and scale == 0.0):
         return recording
     at = recording.t + lag
-    gyr = np.column_stack([np.interp(at, recording.t, axis) for axis in recording.gyr.T]) * (1.0 + scale)
+    gyr = np.array([np.interp(at, recording.t, axis) for axis in recording.gyr.T]).T * (1.0 + scale)
     return replace(recording, gyr=gyr)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.pose import Array, quat_exp, quat_rotate, quat_to_matrix
+from pbd.pose import Array, cross, quat_exp, quat_rotate, quat_to_matrix
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, Solved
 from pbd.tracking.smoother.preintegration import LOWER, POS, ROT, VEL
 
@@ -40,8 +40,8 @@ class State:
         turn = quat_exp(d[:, ROT])
         return State(
             quat_to_matrix(turn) @ self.E,
-            quat_rotate(turn, self.v) + d[:, VEL] - np.cross(d[:, ROT], self.v),
-            quat_rotate(turn, self.p) + d[:, POS] - np.cross(d[:, ROT], self.p),
+            quat_rotate(turn, self.v) + d[:, VEL] - cross(d[:, ROT], self.v),
+            quat_rotate(turn, self.p) + d[:, POS] - cross(d[:, ROT], self.p),
             self.gyr_bias + d[:, GYR_BIAS],
             self.acc_bias + d[:, ACC_BIAS],
             self.shared + step.d_shared,
