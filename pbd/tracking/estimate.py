@@ -123,10 +123,7 @@ def _sensor_estimate(solution: Solution, first: int) -> SensorEstimate:
     solved, x, noise, rest = solution.solved, solution.state, solution.problem.noise, solution.problem.rest
     sensor, acc_factor, prior = noise.sensor, acc_sigma_factor(noise, rest), solution.fixed.prior
     sigma = np.sqrt(np.diagonal(solved.shared))
-    biases = slice(GYR_BIAS.start, ACC_BIAS.stop)
-    right = np.zeros((*solved.scale.shape, 6))
-    right[first, biases] = np.eye(6)
-    of_biases = np.sqrt(np.diagonal(solved.columns(right)[first, biases]))
+    of_biases = np.sqrt(np.diagonal(solved.of_knots(slice(GYR_BIAS.start, ACC_BIAS.stop))[first]))
     acc_scale, none = acc_factor * sensor.acc_scale, np.array(0.0)
     M = x.shared[GYR_MATRIX].reshape(3, 3) - solution.scale * np.eye(3)
     N = lower_matrix(x.shared[ACC_MATRIX])
