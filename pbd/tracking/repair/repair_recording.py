@@ -21,6 +21,7 @@ from pbd.tracking.repair.gyro_consistency import refuse_disagreement
 from pbd.tracking.repair.splices import in_order, refuse_doubled, without_wild
 
 CHANNELS = "acc", "gyr", "mag", "device_rpy"
+"""Readings of a recording that may have missing samples."""
 
 LARGEST_READING = 1e5
 """Largest possible reading of any sensor, in its SI unit or uT. A larger one counts as missing."""
@@ -41,8 +42,9 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
             contradicts gravity.
     """
     # Contiguous columns: numpy is several times as fast with them.
-    given = {name: np.asfortranarray(values) for name in CHANNELS if (values := getattr(recording, name)) is not None}
-    recording = with_clock(dataclasses.replace(recording, **given))
+    given = {name: values for name in CHANNELS if (values := getattr(recording, name)) is not None}
+    columns: dict[str, Any] = {name: np.asfortranarray(values) for name, values in given.items()}
+    recording = with_clock(dataclasses.replace(recording, **columns))
     t, interval = recording.t, 1.0 / recording.rate_hz
     recording, missing = _fill_missing(recording)
     refuse_dead(recording)
