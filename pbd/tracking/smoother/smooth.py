@@ -144,8 +144,9 @@ def smooth(
     narrow = Prior(noise.lag if lag == 0.0 else 0.0, noise.lag_sigma)
     # The model is linear in lag and scale, so the prior can be exchanged without a new linearisation.
     change = shared_prior(problem, found.at, narrow) - shared_prior(problem, found.at, prior)
-    x, fixed = found.at.moved(found.solved.plus(change)), replace(fixed, prior=narrow)
-    found = descend(problem, x, fixed)
+    found, fixed = replace(found, solved=found.solved.plus(change)), replace(fixed, prior=narrow)
+    if not found.converged:
+        found = descend(problem, found.x, fixed)
     path = path_of(problem, found.x)
     candidates: Spans = stops or []
     cut = np.zeros(len(candidates), dtype=np.bool_)
