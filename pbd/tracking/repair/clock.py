@@ -62,8 +62,8 @@ def with_clock(recording: Recording) -> Recording:
     if 2 * (steps > 0.0).sum() > len(steps):  # another unit, before its steps are taken for jumps
         _refuse_slow(float(np.median(steps[steps > 0.0])))
     _refuse_disorder(recording.t)
-    recording = replace(recording, t=steady_clock(recording))
-    t = recording.t
+    t = steady_clock(recording)
+    recording = recording if t is recording.t else replace(recording, t=t)
     step = float(np.median(np.diff(t)))
     if step <= 0.0:
         raise RecordingError(

@@ -55,7 +55,7 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     missing |= frozen_rows(recording, missing)
     gaps = find_gaps(t, missing, interval)
     warn_of_gaps(gaps, t, interval)
-    if not missing.all():
+    if missing.any() and not missing.all():
         gyr = None if recording.gyr is None else interpolated(t, recording.gyr, ~missing)
         recording = dataclasses.replace(recording, acc=interpolated(t, recording.acc, ~missing), gyr=gyr)
     long = tuple(gap for gap in gaps if gap.missing_s > BRIDGED_S + 1e-6)
@@ -105,5 +105,6 @@ def _fill_missing(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
             raise RecordingError(f"'{name}' has no number in any row; leave the column out or record again")
         # A magnetometer is often sampled more slowly: rows without it are no gap.
         missing |= ~good if name in ("acc", "gyr") else False
-        filled[name] = interpolated(recording.t, values, good)
-    return dataclasses.replace(recording, **filled), missing
+        if not good.all():
+            filled[name] = interpolated(recording.t, values, good)
+    return dataclasses.replace(recording, **filled) if filled else recording, missing
