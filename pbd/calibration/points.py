@@ -42,6 +42,9 @@ WRONG_CHI2 = 100.0
 """Chi-square per degree of freedom above which the points contradict the demonstration: the misfit is ten times as
 large as the tracker's sigmas allow. Rough moves make it up to three times as large."""
 
+MIRRORED = {"x or y, and whether x and y are exchanged": (1.0, -1.0, 1.0), "z": (1.0, 1.0, -1.0)}
+"""What to check if the points fit mirrored -> that mirror. All mirrors across a vertical plane fit alike."""
+
 
 @dataclass(frozen=True, eq=False)
 class PointFit:
@@ -124,14 +127,25 @@ def _find_wrong_points(problem: Problem) -> tuple[list[int], Fit, dict[int, Fit]
         gained = {k: fit.chi2 - each.chi2 for k, each in without.items()}
         worst = max(gained, key=lambda k: gained[k], default=None)
         if worst is None or not _is_wrong(gained[worst], without[worst]):
-            if fit.chi2 > WRONG_CHI2 * fit.freedom:  # no single point explains it: mirrored axes, a unit, the order
-                raise _contradiction(problem, fit, used)
-            return wrong, fit, without
+            if fit.chi2 <= WRONG_CHI2 * fit.freedom:
+                return wrong, fit, without
+            worst = None  # no single point explains it: mirrored axes, a unit, the order
+        _refuse_mirrored(problem, fit if worst is None else without[worst])
+        if worst is None:
+            raise _contradiction(problem, fit, used)
         rivals = [k for k in gained if k != worst and gained[worst] - gained[k] < CLEARER_CHI2]
         if rivals or len(used) <= FEWEST or fit.freedom < 6:
             raise _contradiction(problem, fit, [worst, *rivals] if rivals else used)
         wrong.append(worst)
         fit = without[worst]
+
+
+def _refuse_mirrored(problem: Problem, instead: Fit) -> None:
+    """Refuse points that fit mirrored, if that fits as they should, and not clearly worse than `instead`."""
+    for check, mirror in MIRRORED.items():
+        fit = register(replace(problem, points=problem.points * mirror))
+        if fit.chi2 < min(POOR_CHI2 * fit.freedom, instead.chi2 + CLEARER_CHI2):
+            raise CalibrationError(f"the points fit the demonstration as in a mirror; check the sign of {check}")
 
 
 def _is_wrong(gained: float, others: Fit) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbd.calibration.accelerometer import AccelerometerFit, fit_accelerometer, up_sigma
+from pbd.calibration.field_uniformity import DISTURBED_HEADING
 from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.magnetometer import MagnetometerFit, fit_magnetometer
 from pbd.calibration.rests import Rests, find_rests
@@ -27,8 +28,8 @@ CONTRADICTING = 1.5
 which exceed it once in twelve even if the sensor is that good."""
 
 UNEVEN_FIELD = 0.05
-"""Rms variation over a recording of the field's strength (a share) or dip (rad) above which the fit is not to be
-trusted."""
+"""Rms variation over a recording of the field's strength (a share) above which the fit is not to be trusted. That of
+the dip may turn a heading by DISTURBED_HEADING: only the field's level part, cos(dip) of it, shows the heading."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +117,10 @@ def calibrate_sensor(
             remarks.append(f"the magnetometer is left out: {reason}")
         else:
             errors = replace(errors, mag=mag.linear, field=mag.field, dip=mag.dip)
-            if max(mag.uneven, mag.dip_uneven) > UNEVEN_FIELD:
+            if mag.uneven > UNEVEN_FIELD or mag.dip_uneven > DISTURBED_HEADING * np.cos(mag.dip):
                 remarks.append(
                     f"the corrected magnetic field varies by {100.0 * mag.uneven:.0f} % in strength and by "
-                    f"{np.degrees(mag.dip_uneven):.0f} degrees in dip, so headings will be wrong: check the axes and "
+                    f"{np.degrees(mag.dip_uneven):.1f} degrees in dip, so headings will be wrong: check the axes and "
                     "signs of mx, my, mz, move away from iron and motors, and turn every side up; calibrate again"
                 )
     return SensorFit(errors, rests, acc, mag, tuple(remarks))

@@ -159,13 +159,27 @@ def test_three_points_that_contradict_each_other_are_refused() -> None:
         fit_points(base, wrong)
 
 
-@pytest.mark.parametrize(
-    "mistake", [np.diag([-1.0, 1.0, 1.0]), np.eye(3)[[1, 0, 2]], np.eye(3) / 2.54], ids=["sign", "swapped", "inches"]
-)
-def test_points_that_fit_nothing_are_refused(mistake: Array) -> None:
+def test_points_that_fit_nothing_are_refused() -> None:
     """No single point explains the misfit; whole Gauss-Newton steps diverge from inches that were read as cm."""
     with pytest.raises(CalibrationError, match=r"contradict the demonstration .* their coordinates and their order"):
-        fit_points(touched(Pose.identity()), POINTS @ mistake.T)
+        fit_points(touched(Pose.identity()), POINTS / 2.54)
+
+
+@pytest.mark.parametrize(
+    ("mistake", "check"),
+    [
+        (np.diag([-1.0, 1.0, 1.0]), "x or y, and whether x and y are exchanged"),
+        (np.eye(3)[[1, 0, 2]], "x or y, and whether x and y are exchanged"),
+        (np.diag([1.0, 1.0, -1.0]), "z"),
+    ],
+    ids=["sign", "swapped", "upside down"],
+)
+@pytest.mark.parametrize("points", [POINTS, [[0.3, -0.2, 0.1], [0.4, -0.1, 0.1], [0.6, 0.1, 0.1], [0.5, -0.2, 0.4]]])
+def test_mirrored_points_are_refused(points: Array, mistake: Array, check: str) -> None:
+    """Of the second ones three lie on a line: all but one fit mirrored, and that one must not be called wrong."""
+    points = np.array(points)
+    with pytest.raises(CalibrationError, match=f"fit the demonstration as in a mirror; check the sign of {check}$"):
+        fit_points(touched(Pose.identity(), points), points @ mistake.T)
 
 
 @pytest.mark.parametrize(

@@ -298,6 +298,18 @@ def test_a_magnetometer_that_was_not_turned_is_refused() -> None:
         fit_magnetometer(mag, once, SIDES[:1])
 
 
+def test_a_magnet_beside_three_of_twelve_rests_is_said(recording: Recording, rests: Rests) -> None:
+    """One of a tenth of the field: the fit hides most of it in strength and dip, but headings are off by 3.5 degrees."""
+    assert recording.mag is not None
+    mag = recording.mag.copy()
+    for k, towards in zip((6, 7, 8), np.eye(3), strict=True):
+        mag[rests.start[k] - 50 : rests.stop[k] + 50] += 5.0 * towards
+    fit = calibrate_sensor(replace(recording, mag=mag), gravity=EARTH.gravity)
+    assert fit.mag is not None
+    assert max(fit.mag.uneven, fit.mag.dip_uneven) < 0.05
+    assert [line for line in fit.remarks if "headings will be wrong" in line]
+
+
 # --- all together -----------------------------------------------------------------------------------------------------
 
 
