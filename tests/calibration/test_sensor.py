@@ -299,7 +299,7 @@ def test_a_magnetometer_that_was_not_turned_is_refused() -> None:
 
 
 def test_a_magnet_beside_three_of_twelve_rests_is_said(recording: Recording, rests: Rests) -> None:
-    """One of a tenth of the field: the fit hides most of it in strength and dip, but headings are off by 3.5 degrees."""
+    """One of a tenth of the field. The fit hides most of it in strength and dip; headings are off by 3.5 degrees."""
     assert recording.mag is not None
     mag = recording.mag.copy()
     for k, towards in zip((6, 7, 8), np.eye(3), strict=True):
