@@ -110,7 +110,7 @@ def _sensor(section: Section) -> SensorErrors:
 
 def _linear(section: Section) -> Linear:
     matrix = np.reshape(section.numbers("matrix", 9, (1, 0, 0, 0, 1, 0, 0, 0, 1)), (3, 3))
-    if abs(np.linalg.det(matrix)) < 0.1:
+    if np.linalg.det(matrix) < 0.1:  # below 0: a mirror
         section.fail("matrix", "must be near the unit matrix")
     sigma = section.numbers("bias_sigma", 3, (np.nan, np.nan, np.nan))
     matrix_sigma = section.number("matrix_sigma", np.nan, positive=True)

@@ -72,7 +72,8 @@ def simulate(
         sensor: a name of SENSOR_MODELS, or a model (`dataclasses.replace` changes one).
         seed: seed of the device's errors and noise. The same seed gives the same bytes.
         rate_hz: replaces the model's rate.
-        device: seed of the device's errors; default: `seed`. Recordings with the same one are of the same device.
+        device: seed of the device's errors: recordings with the same one are of the same device. Default: the errors
+            follow from `seed`; that is another device than `device=seed`.
 
     Returns:
         The demonstration: recording, truth at each sample, grasped object. Its notes say that it is simulated.

@@ -40,6 +40,13 @@ position = [0.0, 0.5, 0.6]
 DOCK = TOML[TOML.index("[dock]") : TOML.index("[mount]")]
 PARTS = TOML[TOML.index("[dock]") : TOML.index("[[obstacle]]")]
 MOUNT = TOML[TOML.index("[mount]") : TOML.index("[[obstacle]]")]
+MIRRORED = """\
+[sensor]
+name = "wt901"
+[sensor.gyr]
+bias = [0.0, 0.0, 0.0]
+matrix = [1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0]
+"""
 NAV = DOCK.replace("[dock]", "[nav]").replace("any_attitude = true\n", "")
 
 
@@ -128,6 +135,7 @@ def test_keys_that_the_default_comments_out_are_valid(tmp_path: Path) -> None:
         ),
         ("[0.1]", "[25]", ":22: [obstacle] size has 25 m, beyond any arm's reach; give metres, not cm or mm"),
         ("0.25]", "25]", ":7: [dock] position has 25 m, beyond any arm's reach; give metres, not cm or mm"),
+        (MOUNT, MOUNT + MIRRORED, ":17: [sensor.gyr] matrix must be near the unit matrix"),
         (DOCK, DOCK + NAV, ":6: dock and [nav] can't both be given; remove one"),
         ('name = "shelf"\n', "", ":13: [obstacle] name is missing; add it"),
         ('"lamp"', '"shelf"', ":20: [obstacle] name 'shelf' is another obstacle's too; rename one of them"),
