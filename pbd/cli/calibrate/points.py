@@ -84,14 +84,14 @@ def run(args: argparse.Namespace) -> None:
     known = calibration.T_base_nav if part == "nav" else calibration.T_base_dock
     if known is not None and not args.force:
         what = f"the points fit {worse} worse than the tracker's uncertainty predicts"
-        again = f"touch them again, more calmly, or correct their coordinates{scale}"
+        again = f"touch them again, more calmly, or correct their coordinates, the tip in [mount]{scale}"
         keep_good_part(path, calibration, f"{part}.chi2", fit.chi2, what, again)
     values = pose_values(pose, "in base", cov) | {"fit": (figures, ""), "any_attitude": (None, "")}
     update_calibration(path, {part: values}, renames=instead, scale=fit.scale if args.find_scale else None)
     if fit.chi2 > POOR_CHI2:
         warn(
             f"the points fit {worse} worse than the tracker's uncertainty predicts: do not use {path} until you have "
-            f"touched the points again, more calmly, or corrected their coordinates{scale}"
+            f"touched the points again, more calmly, or corrected their coordinates, the tip in [mount]{scale}"
         )
     if args.json:
         rpy_deg = np.degrees(quat_to_rpy(pose.wxyz))
