@@ -6,7 +6,7 @@ import argparse
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -142,24 +142,11 @@ def plan_options(args: argparse.Namespace, robot: Robot, measured: tuple[float, 
     mass, *p_tool = args.payload
     if mass < 0.0 or len(p_tool) not in (0, 3):
         raise UsageError("--payload takes KG, zero or above, or KG X Y Z, the centre of mass in m")
-    return PlanOptions(
-        path=args.path,
-        tolerance_m=args.path_tolerance,
-        time=args.time,
-        scale=args.scale,
-        orientation=args.orientation,
-        speed=args.speed,
-        margin=args.margin / 100.0,
-        dwell_s=args.dwell,
-        approach=not args.no_approach,
-        start=measured or (None if args.start is None else _start_joints(args, robot)),
-        retreat=not args.no_retreat,
-        detour=not args.no_detour,
-        allow_collision=args.allow_collision,
-        payload=mass,
-        p_tool_payload=(p_tool[0], p_tool[1], p_tool[2]) if p_tool else (0.0, 0.0, 0.0),
-        at=tuple(ThingPlace(name, (x, y, z), math.radians(sum(turn_deg))) for name, (x, y, z, *turn_deg) in args.at),
-    )
+    given = {each.name: getattr(args, each.name) for each in fields(PlanOptions) if each.name in args}
+    given |= {"margin": args.margin / 100.0, "payload": mass, "p_tool_payload": tuple(p_tool) or (0.0, 0.0, 0.0)}
+    given["start"] = measured or (None if args.start is None else _start_joints(args, robot))
+    given["at"] = tuple(ThingPlace(name, (x, y, z), math.radians(sum(deg))) for name, (x, y, z, *deg) in args.at)
+    return PlanOptions(**given)
 
 
 def _start_joints(args: argparse.Namespace, robot: Robot) -> tuple[float, ...]:

@@ -112,7 +112,7 @@ def _format(args: argparse.Namespace) -> str:
     if name not in FOLDERS and (len(args.demos) > 1 or args.task):
         what = "--task is" if args.task else "several demonstrations are"
         raise UsageError(f"{what} for {', '.join(FOLDERS)}; {name} has one motion a file")
-    if name in FOLDERS and (args.no_approach or args.no_retreat):
+    if name in FOLDERS and not (args.approach and args.retreat):
         raise UsageError(
             f"{name}'s episodes begin and end away from the task: leave --no-approach and --no-retreat out"
         )

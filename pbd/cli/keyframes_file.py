@@ -71,7 +71,7 @@ def save_keyframes(
         raise RecordingError(what, path=demo.folder / NAME)
     # `dwells` gives the first and the last keyframe no stay. A person may insert others beyond them, so both get one.
     padded = (keyframes[0], *keyframes, keyframes[-1])
-    stays = dwells(padded, PlanOptions(time=args.time, dwell_s=args.dwell))[1:-1]
+    stays = dwells(padded, PlanOptions(time=args.time, dwell_s=args.dwell_s))[1:-1]
     magnetic = demo.recording.mag is not None
     path = write_keyframes(demo.folder, keyframes, magnetic, args.force, stays, demo.touch_ups, for_touch)
     say(f"wrote {path}: edit it; from now on the arm follows this file")

@@ -86,8 +86,10 @@ def option(
 
 
 def flag(to: argparse._ActionsContainer, name: str, text: str) -> None:
-    """Add an option without a value."""
-    to.add_argument(name, action="store_true", help=text)
+    """Add an option without a value; --no-WORD sets `word`, which is else true, to false."""
+    word = name.removeprefix("--no-")
+    dest, action = (None, "store_true") if word == name else (word, "store_false")
+    to.add_argument(name, action=action, dest=dest, help=text)
 
 
 def add_commands(
@@ -175,16 +177,16 @@ def add_planning(
     way = "between keyframes: straight in joint space, the tool on a straight line, or as the hand went (keyframes)"
     option(group, "--path", None, way, choices=("keyframes", "line", "demo"), default="keyframes")
     tolerance = "with --path keyframes: moves that stray farther from a straight line are made straight"
-    option(group, "--path-tolerance", "METRES", tolerance, type=positive)
+    option(group, "--path-tolerance", "METRES", tolerance, type=positive, dest="tolerance_m")
     pace = "as fast as the limits allow, or at the hand's own pace where they allow it (limits)"
     option(group, "--time", None, pace, choices=("limits", "demo"), default="limits")
     option(group, "--speed", "F", "share of the joints' limits, up to 1 (1)", type=within(0.01, 1.0), default=1.0)
     margin = "share of those limits that is left for the controller: 0, or 1 to 50 (5)"
     option(group, "--margin", "PERCENT", margin, type=percent, default=5.0)
     dwell = "longest stay at a keyframe, s (0.5; the hand's own with --time demo; what an edited keyframes.toml says)"
-    option(group, "--dwell", "S", dwell, type=not_negative)
+    option(group, "--dwell", "S", dwell, type=not_negative, dest="dwell_s")
     if measured:
-        parser.set_defaults(start=None, no_approach=False, allow_collision=False)
+        parser.set_defaults(start=None, approach=True, allow_collision=False)
     else:
         start = group.add_mutually_exclusive_group()
         joints = "the arm's present joints: a list, an object by name, a /joint_states message, or a file"

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> None:
         if view is not None:
             from pbd.cli.recording import live as recording_live
 
-            view.open(name, sensor, not args.no_open)
+            view.open(name, sensor, args.open)
             live = recording_live.LiveScreen(view, screen.show, options.tolerance_m)
             show, every_s = live.show, recording_live.PAGE_EVERY_S
         if hand is not None:

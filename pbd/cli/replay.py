@@ -63,4 +63,4 @@ def run(args: argparse.Namespace) -> None:
             }
         )
     elif not args.html:
-        show_replay(replay_scene(plan, warned), open_browser=not args.no_open)
+        show_replay(replay_scene(plan, warned), open_browser=args.open)

@@ -31,14 +31,8 @@ def record(parser: ArgumentParser) -> None:
     option(parser, "--baud", "B", "baud rate; default: try the sensor's usual rates", type=int)
     option(parser, "--rate", "HZ", "first set the device's rate, where it can be set", type=positive)
     option(parser, "--duration", "S", "end after this many seconds", type=positive)
-    option(
-        parser,
-        "--tolerance",
-        "CM",
-        "say 'pause now' when a move is more uncertain than this (1)",
-        type=positive,
-        default=1.0,
-    )
+    pause = "say 'pause now' when a move is more uncertain than this (1)"
+    option(parser, "--tolerance", "CM", pause, type=positive, default=1.0)
     taps = "what marks the grip: space, or also two quick taps on the sensor's back"
     option(parser, "--grip", None, taps, choices=("space", "tap"), default="space")
     flag(parser, "--closed", "the hand will end where it began; tracking uses that")
@@ -76,14 +70,8 @@ def simulate(parser: ArgumentParser) -> None:
         parser, "--sensor-model", "M", "os5000, os5000-nogyro, wt901, modern, phone or ideal (modern)", default="modern"
     )
     seed = integer("zero or a whole number above", range(sys.maxsize))
-    option(
-        parser,
-        "--seed",
-        "N",
-        "random seed of the sensor's errors and noise (0): another seed, another device",
-        type=seed,
-        default=0,
-    )
+    another = "random seed of the sensor's errors and noise (0): another seed, another device"
+    option(parser, "--seed", "N", another, type=seed, default=0)
     option(parser, "--rate", "HZ", "sample rate (the sensor model's own)", type=positive)
     add_force(parser)
     add_json(parser)
@@ -112,13 +100,7 @@ def import_(parser: ArgumentParser) -> None:
     sensor = "the sensor that recorded it, such as wt901, whose usual errors tracking then expects, and by which its "
     sensor += "calibration knows it; of a raw.bin, its protocol"
     option(parser, "--sensor", "SENSOR", sensor)
-    option(
-        parser,
-        "--rate",
-        "HZ",
-        "sample rate of a raw.bin, or of a table without right times",
-        type=positive,
-    )
+    option(parser, "--rate", "HZ", "sample rate of a raw.bin, or of a table without right times", type=positive)
     option(parser, "--grip", None, "find the grips that two quick taps on the sensor's back marked", choices=("tap",))
     option(parser, "--topic", "TOPIC", "topic of a bag's sensor_msgs/Imu messages; default: the only one")
     flag(parser, "--closed", "the hand ended where it began")

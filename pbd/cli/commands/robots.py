@@ -67,14 +67,8 @@ def run(parser: ArgumentParser) -> None:
     servos = "the servos' calibration, LeRobot's JSON; default: ./calibration/R-servos.json, else LeRobot's own"
     option(parser, "--servos", "FILE", servos, type=Path)
     flag(parser, "--yes", "do not ask before the arm moves or sinks")
-    option(
-        parser,
-        "--tolerance",
-        "DEG",
-        "stop the arm if a joint is farther than this from its goal (10)",
-        type=positive,
-        default=10.0,
-    )
+    off = "stop the arm if a joint is farther than this from its goal (10)"
+    option(parser, "--tolerance", "DEG", off, type=positive, default=10.0)
     pace = within(40.0, 100.0, " Hz")  # slower, and a stop would take longer than 50 ms; no servo answers faster
     option(parser, "--rate", "HZ", "goals a second, from 40 to 100 (50)", type=pace, default=50.0)
     instead = parser.add_mutually_exclusive_group()

@@ -83,7 +83,7 @@ def touch(parser: ArgumentParser) -> None:
     option(parser, "--calibration", "C", wanted)
     add_accept_gap(parser)
     add_table(parser, units="m")
-    parser.set_defaults(time="limits", dwell=None, force=False)
+    parser.set_defaults(time="limits", dwell_s=None, force=False)
 
 
 def plot(parser: ArgumentParser) -> None:
