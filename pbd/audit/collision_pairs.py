@@ -15,8 +15,7 @@ from pbd.audit.grasp import follow_object, gripper_joints, resting_contact, tool
 from pbd.audit.solids import Solid, clearance, half_space, hull_distance, link_solids, one_encloses_other, simple_solid
 from pbd.data import Calibration, GraspedObject, JointTrajectory
 from pbd.data.world import TABLE, THE_TOOL, Stay
-from pbd.io.urdf import read_urdf_xml
-from pbd.io.xml import read_xml
+from pbd.io.urdf import read_urdf_xml, read_xml
 
 TRUSTED_REASONS = ("Adjacent", "Never")
 """Reasons for which an SRDF may exclude a pair. Pairs that it excludes for another reason are checked."""

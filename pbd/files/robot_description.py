@@ -16,8 +16,7 @@ from pathlib import Path
 
 from pbd.errors import RobotError, listed
 from pbd.io.numbers import finite
-from pbd.io.urdf import LONGEST_M, read_urdf_xml
-from pbd.io.xml import read_xml
+from pbd.io.urdf import LONGEST_M, read_urdf_xml, read_xml
 
 ACTUATED = ("revolute", "continuous", "prismatic")
 RESERVED = "universe"

@@ -1,4 +1,4 @@
-"""A URDF's XML with its size and its numbers checked. Format: https://wiki.ros.org/urdf/XML.
+"""XML of a URDF or an SRDF; a URDF's size and numbers are checked. Format: https://wiki.ros.org/urdf/XML.
 
 The libraries get this checked XML instead of the file: urdfdom prints its errors to stderr, and a mesh scale that is
 not a number crashes the distance computation.
@@ -12,7 +12,10 @@ from pathlib import Path
 
 from pbd.errors import RobotError, listed, printable
 from pbd.io.numbers import finite_list
-from pbd.io.xml import read_xml
+from pbd.io.read_file import read_bytes
+
+MOST_BYTES = 100_000_000
+"""Largest XML file, bytes."""
 
 MOST_LINKS = 500
 """Largest number of links, or joints, of a robot. The largest robot in example-robot-data has 130 links."""
@@ -78,6 +81,25 @@ RULES: dict[str, dict[str, _Rule]] = {
 LINK_PARTS = ("inertial", "visual", "collision")
 JOINT_PARTS = ("origin", "parent", "child", "axis", "limit", "mimic")
 SOLIDS = ("box", "cylinder", "sphere", "mesh")
+
+
+def read_xml(path: Path) -> ET.Element:
+    """Parse an XML file and return its root; RobotError: it can't be read, with the line if the parser knows it."""
+    data = read_bytes(path, RobotError, "correct its path, or mend the file", MOST_BYTES)
+    try:
+        root: ET.Element = ET.fromstring(data, parser=ET.XMLParser(target=_NoDoctype()))
+    except ET.ParseError as reason:
+        raise RobotError(f"{path}: not valid XML: {reason}; correct it", path=path) from None
+    except (ValueError, LookupError) as reason:  # the parser does not know the encoding
+        raise RobotError(f"{path}: not valid XML: {reason}; save it as UTF-8", path=path) from None
+    return root
+
+
+class _NoDoctype(ET.TreeBuilder):
+    """Refuses a DOCTYPE: its entities can make gigabytes of a small file, and no URDF or SRDF needs one."""
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        raise ET.ParseError(f"a DOCTYPE ({name[:40]}) is not allowed")
 
 
 def read_urdf_xml(path: Path) -> ET.Element:

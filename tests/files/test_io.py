@@ -22,7 +22,7 @@ from pbd.io.meshes import mesh_file
 from pbd.io.numbers import number, seconds
 from pbd.io.read_file import read_bytes
 from pbd.io.toml import read_toml
-from pbd.io.xml import read_xml
+from pbd.io.urdf import read_xml
 from pbd.record.redecode import decode_raw
 from pbd.sensors.protocols import protocol
 from tests.fuzz import bodies

@@ -15,7 +15,7 @@ from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.link_frames import link_tree
 from pbd.arm.model import ArmModel
 from pbd.data.world import THE_TOOL
-from pbd.io.xml import read_xml
+from pbd.io.urdf import read_xml
 from pbd.pose import Array
 
 TRUSTED = ("Adjacent", "Never")
