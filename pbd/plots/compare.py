@@ -172,15 +172,11 @@ def _remarks(demos: Sequence[Tracked], partners: Sequence[Sequence[int | None]],
         missing = [f"{k} ({others[k].t:.1f} s in {usual})" for k, own in enumerate(partner) if own is None]
         more = [f"{i} ({keyframe.t:.1f} s)" for i, keyframe in enumerate(keyframes) if i not in partner]
         if missing:
-            remarks.append(f"{name} has no keyframe{_s(missing)} {', '.join(missing)}")
+            remarks.append(f"{name} has no keyframe{'s' * (len(missing) > 1)} {', '.join(missing)}")
         if more:
-            many = "one more stop" if len(more) == 1 else f"{len(more)} more stops"
-            remarks.append(f"{name} has {many}, its keyframe{_s(more)} {', '.join(more)}: left out")
+            many, s = ("one more stop", "") if len(more) == 1 else (f"{len(more)} more stops", "s")
+            remarks.append(f"{name} has {many}, its keyframe{s} {', '.join(more)}: left out")
     return remarks
-
-
-def _s(several: Sequence[str]) -> str:
-    return "" if len(several) == 1 else "s"
 
 
 # --- for the terminal and for programs ---

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -114,17 +114,13 @@ def length_text(metres: float) -> str:
     return f"{100.0 * metres:.1f} cm" if metres < 1.0 else f"{metres:.2f} m"
 
 
-def _grouped(found: Iterator[Weighed], summary: str) -> list[Finding]:
+def _grouped(found: Iterable[Weighed], summary: str) -> list[Finding]:
     """The findings, worst first; more than MAX_LISTED are summed up in one."""
     worst = [finding for _, finding in sorted(found, key=lambda each: -each[0])]
-    if len(worst) > MAX_LISTED:
-        return [
-            Finding(
-                f"{len(worst)} {summary}",
-                tuple(span for finding in worst[:MAX_HIGHLIGHTED] for span in finding.spans),
-            )
-        ]
-    return worst
+    if len(worst) <= MAX_LISTED:
+        return worst
+    spans = (span for finding in worst[:MAX_HIGHLIGHTED] for span in finding.spans)
+    return [Finding(f"{len(worst)} {summary}", tuple(spans))]
 
 
 def _first_rest(path: HandPath) -> Iterator[Finding]:
@@ -201,23 +197,17 @@ def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
 def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
     """Find moves that add much uncertainty."""
     added = _added_sigma_m(path)
-    unsure = sorted(np.flatnonzero(added > UNSURE_MOVE_M).tolist(), key=lambda k: -added[k])
-    moves = [
-        (f"from {names[k]} to {names[k + 1]} ({_move_s(path, k):.1f} s)", length_text(float(added[k]))) for k in unsure
-    ]
-    spans = [_move_span(path, k) for k in unsure]
-    advice = "stop on the way, or move more calmly"
-    if len(moves) > MAX_LISTED:
-        worst, sigma = moves[0]
-        words = (
-            f"{len(moves)} moves add an uncertainty of more than {length_text(UNSURE_MOVE_M)} each (one sigma), the "
-            f"worst, {worst}, {sigma}: {advice}"
-        )
-        return [Finding(words, tuple(spans[:MAX_HIGHLIGHTED]))]
-    return [
-        Finding(f"the move {move} adds an uncertainty of {sigma} (one sigma): {advice}", (span,))
-        for (move, sigma), span in zip(moves, spans, strict=True)
-    ]
+    advice, found, worst = "stop on the way, or move more calmly", list[Weighed](), ""
+    for k in sorted(np.flatnonzero(added > UNSURE_MOVE_M).tolist(), key=lambda k: -added[k]):
+        move = f"from {names[k]} to {names[k + 1]} ({_move_s(path, k):.1f} s)"
+        sigma = length_text(float(added[k]))
+        words = f"the move {move} adds an uncertainty of {sigma} (one sigma): {advice}"
+        found.append((float(added[k]), Finding(words, (_move_span(path, k),))))
+        worst = worst or f"{move}, {sigma}"
+    least = length_text(UNSURE_MOVE_M)
+    return _grouped(
+        found, f"moves add an uncertainty of more than {least} each (one sigma), the worst, {worst}: {advice}"
+    )
 
 
 def _added_sigma_m(path: HandPath) -> Array:

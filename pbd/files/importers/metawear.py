@@ -15,7 +15,7 @@ from pathlib import Path
 from pbd.data import Recording
 from pbd.data.streams import Stream
 from pbd.errors import RecordingError
-from pbd.files.importers.columns import CHANNELS, UNUSED, Column, Understood, understand
+from pbd.files.importers.columns import CHANNELS, UNUSED, Understood, understand
 from pbd.files.importers.header_names import split_unit
 from pbd.files.importers.phones import joined_recording
 from pbd.files.table import open_sheet
@@ -46,20 +46,18 @@ def read_metawear(path: Path) -> tuple[Recording, Understood] | None:
     ((_, files),) = recordings.items()
     if "Accelerometer" not in files:
         raise RecordingError.at(path, "no file of the accelerometer is beside it; export all sensors of the recording")
-    streams, columns, unread = dict[str, Stream](), list[Column](), dict[str, str]()
+    streams, understood = dict[str, Stream](), Understood(program=TITLE)
     for sensor, file in files.items():
         channel, sheet = SENSORS[sensor], open_sheet(file, foreign=True)
         axes = [next((name for name in sheet.header if split_unit(name)[0] == axis), axis) for axis in AXES]
         ours = dict(zip(("t", *CHANNELS[channel]), (TIME, *axes), strict=True))
-        understood = understand(sheet, ours, {})
+        its = understand(sheet, ours, {})
         values = sheet.read(list(ours.values())).values
-        streams[channel] = Stream.of(values[:, 0], values[:, 1:] * understood.of(channel)[0].factor)
-        columns += [
-            replace(column, name=f"{file.name}: {column.name}", named_by=TITLE) for column in understood.columns
-        ]
-        unread |= {f"{file.name}: {name}": why for name, why in understood.unread.items()}
-    unread |= {file.name: UNUSED for file in sorted(folder.glob("*.csv")) if file not in files.values()}
-    return joined_recording(path, streams), Understood(tuple(columns), unread, TITLE)
+        streams[channel] = Stream.of(values[:, 0], values[:, 1:] * its.of(channel)[0].factor)
+        columns = tuple(replace(column, named_by=TITLE) for column in its.columns)
+        understood = understood.with_file(file.name, replace(its, columns=columns))
+    others = (file.name for file in sorted(folder.glob("*.csv")) if file not in files.values())
+    return joined_recording(path, streams), understood.with_unread(dict.fromkeys(others, UNUSED))
 
 
 def _is_of_metabase(file: Path) -> bool:
