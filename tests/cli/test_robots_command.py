@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pbd.audit.arm import AuditArm
-from pbd.cli.robots.rank import _table
+from pbd.cli.robots import _ranked_table
 from pbd.files.find_by_name import names
 from pbd.files.robot import read_robot
 from pbd.planning import arm_of
@@ -123,7 +123,9 @@ def test_an_arm_without_a_dock_is_told_where_the_hand_starts(capsys: Capture, gu
 
 def test_all_remarks_on_an_arm_are_shown() -> None:
     row: dict[str, object] = dict.fromkeys(("duration_s", "farthest_m", "reach_m", "torque", "scale", "why"))
-    table = _table([{**row, "name": "mine", "warnings": ["it ends there; see", "61 degrees off; move"]}], Units())
+    table = _ranked_table(
+        [{**row, "name": "mine", "warnings": ["it ends there; see", "61 degrees off; move"]}], Units()
+    )
     assert list(table.columns[-1].cells) == ["it ends there; 61 degrees off"]
 
 
@@ -143,8 +145,8 @@ def test_an_arm_that_holds_the_poses_comes_first(capsys: Capture, monkeypatch: p
             | dict(zip(("duration_s", "holds_poses", "why"), rows[name], strict=True))
         )
 
-    monkeypatch.setattr("pbd.cli.robots.rank.names", lambda *_: [*rows])
-    monkeypatch.setattr("pbd.cli.robots.rank._row", row)
+    monkeypatch.setattr("pbd.cli.robots.names", lambda *_: [*rows])
+    monkeypatch.setattr("pbd.cli.robots._ranked_row", row)
     ranked = run_json(capsys, "robots", "--for", "paper-test2")["robots"]
     assert [row["name"] for row in ranked] == ["quick", "slow", "tilted", "no"]
 
@@ -153,7 +155,7 @@ def test_the_fastest_arm_comes_first_and_the_others_say_why(
     capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     few = {"mine", "panda", "ur5"}
-    monkeypatch.setattr("pbd.cli.robots.rank.names", lambda *args: [name for name in names(*args) if name in few])
+    monkeypatch.setattr("pbd.cli.robots.names", lambda *args: [name for name in names(*args) if name in few])
     TOML.write_text(guide.replace("0.38, -0.12, 0.3", "3.8, -0.12, 0.3"), encoding="utf-8")
     mine = run_json(capsys, "robots", "mine", "--for", "paper-test2")["robots"]
     assert [row["duration_s"] for row in mine] == [None]

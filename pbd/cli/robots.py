@@ -1,0 +1,224 @@
+"""pbd robots [R]: list the robots, or show one; rank them by a demonstration; suggest a home and a dock for one."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.table import Table
+
+from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
+from pbd.arm.collision.allowed_collisions import link_pairs
+from pbd.arm.collision.geometry import link_bodies
+from pbd.arm.collision.shape_coverage import doubtful_shapes
+from pbd.arm.model import ArmModel, load_model
+from pbd.arm.reach import reach
+from pbd.cli.common import load_demonstration, print_result, track_demonstration
+from pbd.cli.console import print_json, say, working
+from pbd.data import HandPath, Robot
+from pbd.errors import PbdError, RobotError, UsageError, collected_warnings, warn
+from pbd.files.find_by_name import names
+from pbd.files.robot import load_robot, read_robot
+from pbd.pose import quat_to_rpy
+from pbd.view.terminal_tables import make_table, print_table, robots_table, words_table
+from pbd.view.units import Units
+
+if TYPE_CHECKING:
+    from pbd.planning.suggest import Suggestion
+
+EASY_DEMO = "pouring"
+"""The demonstration that the suggested home and dock make possible if none is named."""
+
+
+def run(args: argparse.Namespace) -> None:
+    """List the robots; or suggest a home and a dock for one; or rank them by a demonstration."""
+    if args.calibration and (args.suggest is not None or args.demo is None):
+        raise UsageError("--calibration is for --for, which ranks the robots: leave it out")
+    if args.suggest is not None:
+        return suggest_home_and_dock(args)
+    if args.demo is not None:
+        return rank_robots(args)
+    with working("reading the robots"):
+        arms = [load_model(load_robot(args.robot))] if args.robot else _readable_arms()
+        robots, reach_m = [arm.robot for arm in arms], [reach(arm) for arm in arms]
+        collision = [_collision(arm) for arm in arms] if args.robot else []
+    rows = [_row(robot, reach) for robot, reach in zip(robots, reach_m, strict=True)]
+    for row, checked in zip(rows, collision, strict=False):
+        row["collision"] = checked
+    if not print_result(args, {"robots": rows}, robots_table(robots, reach_m, args.units)):
+        return None
+    for checked in collision:
+        bare = ", ".join(checked["links_without_shape"]) or "none"
+        print(f"\nlinks with a collision shape: {', '.join(checked['links'])}\nlinks without: {bare}")
+        for doubt in checked["doubtful_shapes"]:
+            print(f"contacts may be missed: {doubt['link']} {doubt['why']}")
+        print("\nnot checked against each other:")
+        print_table(words_table(("link", "and link", "why"), (each.values() for each in checked["left_out"])))
+    if args.robot:
+        print("".join(f"\n{note}\n" for note in robots[0].notes), end="")
+    else:
+        say("`pbd robots NAME` adds what to know about one robot, and which of its links are checked for collisions")
+    return None
+
+
+def _readable_arms() -> list[ArmModel]:
+    """Load all robots; warn of those that can't be read."""
+    arms = []
+    for name in names("robots", ".toml"):
+        try:
+            arms.append(load_model(replace(load_robot(name), name=name)))  # a copied file may still carry the old name
+        except RobotError as error:
+            warn(str(error))
+    return arms
+
+
+def _row(robot: Robot, reach_m: float) -> dict[str, Any]:
+    """Return a robot's row of the JSON."""
+    return {
+        "name": robot.name,
+        "description": robot.description,
+        "joints": list(robot.joints),
+        "reach_m": reach_m,
+        "gripper": robot.gripper is not None,
+        "gripper_joints": list(robot.gripper.joints) if robot.gripper else [],
+        "limits_source": robot.limits.source,
+        "limits_sources": dict(robot.limits.sources),
+        "assumed": list(robot.limits.assumed),
+        "notes": list(robot.notes),
+        "license": robot.license,
+    }
+
+
+def _collision(arm: ArmModel) -> dict[str, Any]:
+    """Return which links have a collision shape, and which pairs of links are not checked against each other."""
+    solid = dict.fromkeys(body.name for body in link_bodies(arm))
+    _, unchecked = link_pairs(arm)
+    return {
+        "links": list(solid),
+        "links_without_shape": [link for link in arm.links if link not in solid],
+        "doubtful_shapes": [{"link": link, "why": why} for link, why in doubtful_shapes(arm).items()],
+        "left_out": [vars(each) for each in unchecked],
+    }
+
+
+def rank_robots(args: argparse.Namespace) -> None:
+    """Plan the demonstration for each robot, and print them: first those that hold its poses, the fastest first."""
+    demo = load_demonstration(args.demo)
+    path, _ = track_demonstration(demo, "default", None, accept_gap=False)
+    arms = [args.robot] if args.robot else names("robots", ".toml")
+    rows = []
+    for number, name in enumerate(arms, start=1):
+        with working(f"planning for {name}, {number} of {len(arms)}"):
+            rows.append(_ranked_row(name, args.calibration, path))
+    rows.sort(key=lambda row: (row["why"] is not None, not row["holds_poses"], row["duration_s"]))
+    print_result(args, {"demo": demo.recording.info.name, "robots": rows}, _ranked_table(rows, args.units))
+
+
+def _ranked_row(name: str, calibration_name: str | None, path: HandPath) -> dict[str, Any]:
+    """Return a robot's row of the JSON: the figures of its motion, or `why` it can't do it."""
+    from pbd.arm.ik.partial_pose import WARN_RAD
+    from pbd.planning import arm_of, load_arm, plan_path
+
+    row: dict[str, Any] = {"name": name}
+    row |= dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "holds_poses", "why"))
+    with collected_warnings() as row["warnings"]:
+        try:
+            robot, calibration = load_arm(name, calibration_name)
+            row |= {"reach_m": reach(arm_of(robot)), "scale": calibration.scale}
+            plan = plan_path(path, calibration, robot)
+            row["farthest_m"] = max(float(np.hypot(*pose.p[:2])) for pose in plan.T_base_tool)
+            row["duration_s"] = plan.trajectory.duration
+            row["holds_poses"] = bool(plan.off_rad.max() <= WARN_RAD)
+            row["torque"] = plan.report.torque and plan.report.torque.share
+        except PbdError as error:
+            row["why"] = error.message
+    return row
+
+
+def _ranked_table(rows: list[dict[str, Any]], units: Units) -> Table:
+    m = units.length
+    figures = (f"time ({units.time})", f"farthest keyframe ({m})", f"reach ({m})", "torque (%)", "scale")
+    remarks = "problems and remarks"
+    table = make_table("name", *figures, remarks, left=("name", remarks))
+    for row in rows:
+        table.add_row(
+            row["name"],
+            *units.times(row["duration_s"]),
+            *units.lengths((row["farthest_m"], row["reach_m"]), finer=-1),
+            "" if row["torque"] is None else f"{100.0 * row['torque']:.0f}",
+            "" if row["scale"] is None else f"{row['scale']:g}",
+            "; ".join(words.partition("; ")[0] for words in ([row["why"]] if row["why"] else row["warnings"])),
+        )
+    return table
+
+
+def suggest_home_and_dock(args: argparse.Namespace) -> None:
+    """Search for them, and print them with the reasons for the choice."""
+    from pbd.planning.suggest import suggest
+
+    if args.robot or args.csv:
+        raise UsageError("--suggest takes the file itself, and prints TOML, or JSON with --json")
+    robot = read_robot(args.suggest, draft=True)
+    name = args.demo or EASY_DEMO
+    demo = load_demonstration(name)
+    _, keyframes = track_demonstration(demo, "default", None, accept_gap=False)
+    with working(f"searching a home and a dock for {robot.name}"):
+        found = suggest(robot, keyframes, demo.grasped, say)
+    values, reasons = _values(found), _reasons(found, name)
+    if args.json:
+        print_json({"robot": robot.name, "demo": name, **values, "weighed": reasons})
+    else:
+        print(_toml(values, reasons))
+
+
+def _values(found: Suggestion) -> dict[str, Any]:
+    """Return the sections [arm] and [dock] of the robot's TOML."""
+    dock, at = found.plan.calibration, found.plan.calibration.T_base_dock
+    place: dict[str, Any] = {}
+    if at is not None:
+        yaw_deg = round(float(np.degrees(quat_to_rpy(at.wxyz)[2])), 1) + 0.0
+        place = {"position": at.p.round(3).tolist(), "rpy_deg": [0.0, 0.0, yaw_deg]}
+    touch = {"may_touch": [list(pair) for pair in found.robot.may_touch]} if found.robot.may_touch else {}
+    return {
+        "arm": {"joints": list(found.robot.joints), "home": found.robot.home.tolist(), **touch},
+        "dock": {**place, "table_height": dock.table_height, "scale": dock.scale},
+    }
+
+
+def _reasons(found: Suggestion, demo: str) -> list[str]:
+    """Explain this home and this dock in sentences."""
+    joint, room = found.at
+    dock, took_s = found.plan.calibration, found.plan.trajectory.duration
+    table = "the table's height is the file's own"
+    if not found.own_table:
+        stands = dock.table_height == 0.0
+        table = "the arm is taken to stand on the table" if stands else "the table is put as low as the arm needs it"
+        table += " (a table_height in [dock] says better)"
+    touching = [
+        f"{first} and {second} overlap in {count} of {CONFIGURATIONS} random configurations: taken to do so by design, "
+        "so that nothing checks whether they touch; else take them out of may_touch and correct their shapes"
+        for (first, second), count in found.touching.items()
+    ]
+    alone_s = np.abs(np.diff(found.plan.trajectory.keyframe_q, axis=0)).sum(axis=0) / found.robot.limits.velocity
+    slowest = found.robot.joints[int(alone_s.argmax())]
+    slow = f"{slowest} alone takes {alone_s.max():.1f} s of that at top speed; left out of [arm] joints it stays at 0"
+    return [
+        *touching,
+        f"{found.within_reach} of {found.ranked} docks have all of {demo} within reach at {dock.scale:g} of its size; "
+        f"of those farthest from limits and singularities this one is the fastest: {took_s:.1f} s",
+        *([slow] if alone_s.max() > 0.5 * took_s else ()),
+        f"{table}; nothing touches it or the arm itself, as far as the URDF has shapes",
+        f"home is over the dock: {joint} is {room:.2f} from its limit (rad; m where it slides), manipulability is "
+        f"{found.dexterity:.1f} times the lower quartile of all configurations",
+    ]
+
+
+def _toml(values: dict[str, Any], reasons: list[str]) -> str:
+    """Format the sections as TOML; the reasons follow as comments."""
+    lines = ["# In place of [arm] and [dock]."]
+    for section, items in values.items():
+        lines += [f"[{section}]", *(f"{key} = {json.dumps(value)}" for key, value in items.items()), ""]
+    return "\n".join((*lines, *(f"# {sentence}." for sentence in reasons)))
