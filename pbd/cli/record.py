@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import errno
 import os
+import shlex
 import sys
 from contextlib import ExitStack, closing, nullcontext, suppress
 from datetime import datetime
+from pathlib import Path
 
 from pbd.calibration.sensor import refuse_other_sensor
 from pbd.cli.common import decoder_maker, refuse_columns, say_hidden, why_failed
@@ -16,17 +18,26 @@ from pbd.cli.recording.device import find_sensor
 from pbd.cli.recording.keys import Keys, Person
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
 from pbd.cli.recording.simulated import Show, SimulatedHand, simulated_hand
-from pbd.cli.recording.takes import how_to_hold, next_command
 from pbd.data import SensorErrors
 from pbd.errors import UsageError, collected_warnings, warn
 from pbd.files.calibration import load_calibration
-from pbd.files.demo import demo_folder, read_demo, refuse_demo_folder
+from pbd.files.demo import demo_folder, read_demo, refuse_demo_folder, shell_word
 from pbd.io.toml import utc_now
 from pbd.record import Outcome, RecordOptions, record
 from pbd.record.loop import SCREEN_EVERY_S, Poll
 from pbd.record.session_types import FEWEST_STOPS
 
 SIMULATED = "sim"
+
+HOLDS = (
+    "hold the sensor as you like, and remember how",
+    "turn the sensor by a quarter about the vertical, as it lies at the dock",
+    "turn the sensor by a quarter about a level axis, so that another side of it is up at the dock",
+    "turn the sensor by another quarter about the vertical",
+)
+"""How to hold the sensor in takes 1, 2, 3 and 4. Later takes repeat 2, 3 and 4."""
+
+WHY = "its own errors then point elsewhere in each take, and fusing tells them from the motion"
 
 
 def run(args: argparse.Namespace) -> None:
@@ -142,4 +153,23 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
         if failure:
             warn(failure)
         else:
-            print(f"next: {next_command(args, outcome.folder)}")
+            print(f"next: {_next_command(args, outcome.folder)}")
+
+
+def how_to_hold(take: int) -> str:
+    """Say how to hold the sensor in take 1, 2, ..., and why."""
+    how = HOLDS[(take - 1) % len(HOLDS)] if take <= len(HOLDS) else HOLDS[1 + (take - 2) % (len(HOLDS) - 1)]
+    return f"take {take}: {how}{'' if take == 1 else f': {WHY}'}; the hand starts and moves as before"
+
+
+def _next_command(args: argparse.Namespace, folder: Path) -> str:
+    """Return the command that follows a recording; after a take, the next take, or `pbd fuse`."""
+    if args.take is None:
+        return f"pbd keyframes {shell_word(folder)}"
+    sensor = f" --sensor {args.sensor}" if args.sensor else ""
+    more = f"pbd record {shlex.quote(args.name)} --take {args.take + 1}{sensor}"
+    if args.take < 2:
+        return more
+    takes = (folder.with_name(f"{Path(args.name).name}{take}") for take in range(1, args.take + 1))
+    words = " ".join(map(shell_word, takes))
+    return f"{more}; or pbd fuse {words} -o {shlex.quote(args.name)}"

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.cli.recording.takes import how_to_hold
+from pbd.cli.record import how_to_hold
 from pbd.data import FusedTake
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import load_demo, write_demo

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pbd.cli.run.report import timetable
+from pbd.cli.run.drive import timetable
 from pbd.data import JointTrajectory
 from pbd.driving import bus, stream
 from pbd.driving.arm import ServoArm

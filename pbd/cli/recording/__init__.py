@@ -1,1 +1,1 @@
-"""Parts of `pbd record`: the device, the keys, the screen, the browser, the simulated hand, advice for takes."""
+"""Parts of `pbd record`: the device, the keys, the screen, the browser, and the simulated hand."""
