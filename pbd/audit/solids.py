@@ -12,7 +12,7 @@ import numpy as np
 
 from pbd.audit.arm import AuditArm, se3
 from pbd.io.meshes import from_mesh, mesh_triangles, rounded_points
-from pbd.io.urdf_shapes import Shape, Triple, collision_shapes
+from pbd.io.urdf import Shape, Triple, collision_shapes
 from pbd.pose import Array
 
 MESH_DISTANCES_M = (2e-3, 5e-4, 1e-4)

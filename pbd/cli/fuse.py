@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
         path = track(demo, calibration=calibration, accept_gap=args.accept_gap)
     files = []
     if args.plot is not None:
-        from pbd.plots.fusion_figures import FUSION_FIGURES, draw_fusion
+        from pbd.plots.compare_figures import FUSION_FIGURES, draw_fusion
 
         files = write_figures(args.plot, "png", FUSION_FIGURES, lambda name: draw_fusion(name, path))
     write_demo(demo, folder, force=args.force)

@@ -13,7 +13,7 @@ import numpy as np
 from pbd.data import Robot
 from pbd.errors import RobotError
 from pbd.io.meshes import TriangleSoup, from_mesh
-from pbd.io.urdf_shapes import Triple, read_shapes
+from pbd.io.urdf import Triple, read_shapes
 from pbd.pose import Pose
 from pbd.view import shapes
 from pbd.view.compact_mesh import Mesh, compact

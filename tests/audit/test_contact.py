@@ -23,7 +23,7 @@ from pbd.data import Calibration, JointTrajectory, Obstacle, Robot
 from pbd.data.world import THE_TOOL
 from pbd.errors import PlanError
 from pbd.files.demo import load_demo
-from pbd.io.urdf_shapes import Shape
+from pbd.io.urdf import Shape
 from pbd.planning import plan_keyframes
 from pbd.pose import Array, Pose
 from tests.arm.bundled import arm_of, keyframes_of, path_of

@@ -21,7 +21,7 @@ from pbd.arm.model import ArmModel, from_se3, to_se3
 from pbd.data.world import beyond_reach
 from pbd.errors import RobotError
 from pbd.io.meshes import from_mesh, mesh_triangles, rounded_points
-from pbd.io.urdf_shapes import Shape, Triple, collision_shapes
+from pbd.io.urdf import Shape, Triple, collision_shapes
 from pbd.pose import Array, Pose, readonly
 
 ROUNDED_M = 1e-3

@@ -15,7 +15,7 @@ import pinocchio as pin
 from pbd.arm.collision.geometry import Body, bodies_of, link_bodies
 from pbd.arm.collision.motion_bounds import outline
 from pbd.arm.model import ArmModel
-from pbd.io.urdf_shapes import Shape, read_shapes
+from pbd.io.urdf import Shape, read_shapes
 
 SMALL = 0.5
 """A shape is doubtful if its size is below this share of its link's visual shape, or of the distance between its
