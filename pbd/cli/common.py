@@ -17,7 +17,7 @@ from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Recording, Robot
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, PbdError, SensorError, UsageError, listed
+from pbd.errors import PbdError, SensorError, UsageError, listed
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, write_demo
 from pbd.files.find_by_name import bundled, bundled_names
@@ -111,21 +111,6 @@ def why_failed(demo: Demonstration) -> str:
 def named_calibration(args: argparse.Namespace) -> Calibration | None:
     """Load the calibration of --calibration, or None: a command without a robot tracks with no other."""
     return load_calibration(args.calibration) if args.calibration else None
-
-
-def replaced_part(path: Path, calibration: Calibration, part: str, force: bool) -> dict[str, str]:
-    """Return {old: new} if the new `part`, "dock" or "nav", replaces the other of the two; else {}.
-
-    Raises:
-        CalibrationError: it would replace the other, and `force` was not given.
-    """
-    other = "nav" if part == "dock" else "dock"
-    if (calibration.T_base_nav if other == "nav" else calibration.T_base_dock) is None:
-        return {}
-    if not force:
-        what = f"{path} has a [{other}], and a calibration can't have [{part}] too"
-        raise CalibrationError(f"{what}; replace it with --force, or give another name", path=path)
-    return {other: part}
 
 
 def sigma_json(cov: Array) -> dict[str, Any]:

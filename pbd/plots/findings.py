@@ -180,8 +180,6 @@ def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
     """For each sample, whether the hand trembles about one pose during this and the next n - 1 samples."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-    if len(path.t) <= n:
-        return np.zeros(len(path.t), dtype=bool)
     attitude = quat_to_matrix(path.wxyz_nav_sensor).reshape(-1, 9)
     values = np.hstack((path.p_nav_sensor / TREMBLE_WITHIN_M, attitude / TREMBLE_WITHIN_RAD))
     ahead = -(n // 2)  # scipy centres its windows

@@ -110,8 +110,6 @@ def _is_closed(faces: NDArray[np.int64], corners: Array) -> bool:
 
 def _on_grid(points: Array) -> tuple[NDArray[np.int16], Array, float]:
     """Round points (n, 3) m to the grid of 16 bits that spans them; return grid, centre and step of a `Mesh`."""
-    if not len(points):
-        return np.empty((0, 3), dtype=np.int16), np.zeros(3), 1.0
     low, high = points.min(axis=0), points.max(axis=0)
     centre = 0.5 * (low + high)
     step = float(max(np.max(high - low) / 65534.0, 1e-12))

@@ -8,7 +8,7 @@ import shlex
 import numpy as np
 
 from pbd.calibration.dock import dock_at
-from pbd.cli.common import replaced_part
+from pbd.cli.calibrate import replaced_part
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Robot
 from pbd.data.world import IN_METRES, REACH_M, beyond_reach

@@ -120,8 +120,6 @@ def _files_in_folder(path: Path) -> Files:
     folder = path if path.is_dir() else path.parent
     family: tuple[str, ...] = ()
     if path.is_file():
-        if path.suffix.lower() != ".csv":
-            return {}
         with path.open("rb") as file:
             header = file.readline(1000).decode("utf-8", "replace")
         logger = path.stem in LOGGER_FILES and set(header.strip().split(",")) >= {*LOGGER_COLUMNS}
