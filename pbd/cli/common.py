@@ -86,13 +86,12 @@ def track_demonstration(
     return path, keyframes
 
 
-def track_recording(args: argparse.Namespace, calibration: Calibration) -> tuple[Recording, HandPath]:
-    """Load args.demo and track its recording alone, without known places and edited keyframes."""
+def track_with(args: argparse.Namespace, demo: Demonstration | Recording, calibration: Calibration) -> HandPath:
+    """Track a demonstration, or its recording alone: without its known places and edited keyframes."""
     from pbd.pipeline import track
 
-    recording = load_demo(args.demo).recording
     with working("tracking"):
-        return recording, track(recording, calibration=calibration, accept_gap=args.accept_gap)
+        return track(demo, calibration=calibration, accept_gap=args.accept_gap)
 
 
 def why_failed(demo: Demonstration) -> str:

@@ -42,7 +42,8 @@ def run(args: argparse.Namespace) -> None:
     if format_name == "tum-hand":  # the hand's time, not the arm's
         say(f"wrote {name}: {count} poses, {np.ptp(plans[0].tracked[0].t):.1f} s")
     else:
-        say(f"wrote {name}: {count} {done[0].counted}, {duration:.1f} s, {len(plans[0].robot.joints)} joints")
+        what, joints = FORMATS[format_name].counted, len(plans[0].robot.joints)
+        say(f"wrote {name}: {count} {what}, {duration:.1f} s, {joints} joints")
     if format_name in FOLDERS:
         first, numbers = first_frame(plans[0].robot, done[0].samples), ", ".join(str(each.episode) for each in done)
         say(f"episode{'s' if len(done) > 1 else ''} {numbers} (lerobot-replay --dataset.episode={done[0].episode})")

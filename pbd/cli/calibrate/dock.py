@@ -9,6 +9,7 @@ import numpy as np
 
 from pbd.calibration.dock import dock_at
 from pbd.cli.calibrate import replaced_part
+from pbd.cli.common import track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Robot
 from pbd.data.world import IN_METRES, REACH_M, beyond_reach
@@ -17,7 +18,6 @@ from pbd.files.calibration import load_calibration
 from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.files.robot import load_robot
-from pbd.pipeline import track
 from pbd.pose import Array, Pose, quat_to_rpy
 from pbd.tracking.keyframes import keyframes_of
 
@@ -134,9 +134,7 @@ def _pose_at_keyframe(args: argparse.Namespace, calibration: Calibration) -> tup
     if not (args.calibration or calibration.knows_start):
         what = f"the calibration '{args.name}' does not say where the hand starts, so it is unknown where {name} did"
         raise CalibrationError(f"{what}; name another one with --calibration")
-    demo = load_demo(name)
-    with working("tracking"):
-        keyframes = keyframes_of(track(demo, calibration=through, accept_gap=args.accept_gap))
+    keyframes = keyframes_of(track_with(args, load_demo(name), through))
     if not (index.isdigit() and int(index) < len(keyframes)):
         last = len(keyframes) - 1
         what = f"{name} has the keyframes 0 to {last}, not '{index}'; `pbd keyframes {shlex.quote(name)}` lists them"

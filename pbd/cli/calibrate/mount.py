@@ -10,13 +10,14 @@ from pbd.calibration.mount import PivotFit, TurnsFit, fit_pivot, fit_turns
 from pbd.calibration.points import POOR_CHI2
 from pbd.calibration.rests import rms
 from pbd.cli.calibrate import keep_good_part
-from pbd.cli.common import sigma_json, track_recording
+from pbd.cli.common import sigma_json, track_with
 from pbd.cli.console import print_json, say
 from pbd.data import Calibration
 from pbd.data.calibration import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data.covariance import one_sigma
 from pbd.errors import UsageError, warn
 from pbd.files.calibration_edit import earlier_figures, existing_calibration, pose_values, update_calibration
+from pbd.files.demo import load_demo
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.terminal_tables import print_table, words_table
@@ -27,7 +28,7 @@ def run(args: argparse.Namespace) -> None:
     if not (args.pivot or args.turns):
         raise UsageError("say what the recording shows: --pivot, --turns x,-x,z, or both")
     path, calibration = existing_calibration(args.name)
-    _, hand = track_recording(args, calibration)
+    hand = track_with(args, load_demo(args.demo).recording, calibration)
     keyframes = find_keyframes(hand)
     pivot = fit_pivot(keyframes, hand.covariance, calibration.scale) if args.pivot else None
     turns = fit_turns(keyframes, args.turns) if args.turns else None

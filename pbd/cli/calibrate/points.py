@@ -17,7 +17,7 @@ from pbd.calibration.registration import PointObservations, observe_points
 from pbd.calibration.rests import rms
 from pbd.calibration.sensor import corrected
 from pbd.cli.calibrate import keep_good_part, replaced_part
-from pbd.cli.common import sigma_json, track_recording
+from pbd.cli.common import sigma_json, track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording
 from pbd.data.covariance import one_sigma
@@ -41,7 +41,8 @@ def run(args: argparse.Namespace) -> None:
     """Track, match stops with points, fit nav in base, write it, and report its uncertainty."""
     points = read_points(args.points, args.unit)
     path, calibration = existing_calibration(args.name)
-    recording, hand = track_recording(args, calibration)
+    recording = load_demo(args.demo).recording
+    hand = track_with(args, recording, calibration)
     if recording.mag is not None:
         with collected_warnings():  # tracking has issued them
             recording = replace(recording, mag=condition(recording)[0].mag)  # None if it is dead

@@ -11,13 +11,12 @@ import numpy as np
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.calibration.uncertainty import PARTS, base_sigmas, tool_covariances
-from pbd.cli.common import load_demonstration, sigma_json
+from pbd.cli.common import load_demonstration, sigma_json, track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration
 from pbd.errors import CalibrationError, PbdError
 from pbd.files.calibration import load_calibration
 from pbd.io.atomic import atomic_file, refuse_output
-from pbd.pipeline import track
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import keyframes_of
 from pbd.view.calibration_tables import base_table, calibration_table
@@ -62,8 +61,7 @@ def _placed(args: argparse.Namespace, calibration: Calibration) -> tuple[str, Ke
         return None
     try:
         demo = load_demonstration(args.demo)
-        with working("tracking"):
-            keyframes = keyframes_of(track(demo, calibration=calibration, accept_gap=args.accept_gap))
+        keyframes = keyframes_of(track_with(args, demo, calibration))
         return demo.recording.info.name, in_base(keyframes, calibration)
     except PbdError as reason:
         if args.demo is not None:

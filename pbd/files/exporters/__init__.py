@@ -76,13 +76,11 @@ class Export:
 
     Attributes:
         samples: the arm's points.
-        counted: what messages call them.
         receiver: rule of the format's receivers -> largest used fraction of velocity, acceleration and jerk limits.
         episode: the motion's index in a dataset; None in other formats.
     """
 
     samples: Samples
-    counted: str
     receiver: Shares
     episode: int | None = None
 
@@ -191,7 +189,7 @@ def export(
                 f"{reached(request, points, 'cubic', worst)}; send each sample at its time, give a higher --rate, or "
                 "take ros2-json, which is exact"
             )
-    return Export(points, request.format.counted, receiver)
+    return Export(points, receiver)
 
 
 def export_dataset(
@@ -226,5 +224,5 @@ def export_dataset(
         for request, sampled, episode in zip(requests, points, written, strict=True):
             received = lerobot.read(robot, episode)
             used = check_received(request, received, request.format.rules, lerobot.FLOAT32_EPSILON)
-            exports.append(Export(sampled, request.format.counted, used, len(before) + len(exports)))
+            exports.append(Export(sampled, used, len(before) + len(exports)))
     return exports
