@@ -130,11 +130,6 @@ class Understood:
         """Set how the column of the time was found."""
         return replace(self, columns=tuple(replace(c, named_by=by) if c.name == name else c for c in self.columns))
 
-    def without(self, column: Column, why: str) -> Understood:
-        """Leave out a column."""
-        columns = tuple(each for each in self.columns if each != column)
-        return replace(self, columns=columns, unread={**self.unread, column.name: why})
-
     def with_file(self, file: str, other: Understood) -> Understood:
         """Add the columns of another file."""
         columns = (replace(column, name=f"{file}: {column.name}") for column in other.columns)

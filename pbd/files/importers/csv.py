@@ -68,7 +68,8 @@ def read_csv(
         found = understand(sheet, columns, units).with_clock(dates, "its dates")
     if rate_hz is not None and (wrong := found.of("t")):
         warn(f"{path}: --rate {rate_hz:g} is used instead of the times in the column '{wrong[0].name}'")
-        found = found.without(wrong[0], "--rate is used instead")
+        others = tuple(column for column in found.columns if column not in wrong)
+        found = replace(found, columns=others).with_unread({wrong[0].name: "--rate is used instead"})
     timed = bool(found.of("t"))
     known = f"the columns are {listed(sheet.header)}"
     say = "import it with --column for each, for example --column ax=NAME"
