@@ -84,7 +84,7 @@ def test_trimesh_reads_the_arm_upright_and_each_mesh_once(tmp_path: Path) -> Non
     assert low[1] == pytest.approx(0.0, abs=1e-3)  # y is up
     assert 0.6 < high[1] < 1.0
     triads = [name for name in scene.graph.nodes_geometry if "triad" in name]
-    assert len(triads) == 11 * 3  # each has three colours
+    assert len(triads) == 5 * 3  # each has three colours
     assert len({scene.graph[name][1] for name in triads}) == 3
     assert (tmp_path / "m.glb").stat().st_size < 4e6
     for mesh in scene.geometry.values():

