@@ -6,7 +6,7 @@ import importlib
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,8 @@ def key(value: object) -> object:
         return value, value.stat().st_mtime_ns if value.is_file() else None
     if is_dataclass(value) and not isinstance(value, type):
         return type(value), *(key(getattr(value, field.name)) for field in fields(value))
+    if isinstance(value, partial):  # the covariance of a path that was closed
+        return value.func, key(value.args), key(value.keywords)
     if isinstance(value, Mapping):
         return tuple((name, key(each)) for name, each in value.items())
     return tuple(map(key, value)) if isinstance(value, tuple | list) else value
