@@ -91,14 +91,15 @@ def test_a_file_reads_in_one_sitting_and_a_folder_at_a_glance() -> None:
 
 def test_nothing_heavy_is_loaded_early() -> None:
     """The help does not load numpy either."""
+    code = "import sys\n"
     for statement, heavy in (
         ("import pbd.cli; pbd.cli.parser()", HEAVY | {"numpy"}),
         ("import pbd; pbd.track; pbd.load_robot", HEAVY),
         ("import pbd.cli.record", {"http.client"}),
     ):
-        code = f"{statement}\nimport sys\nprint(*sorted(sys.modules.keys() & {heavy!r}))"
-        result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-        assert result.stdout.split() == [], statement
+        code += f"{statement}\nprint({statement!r}, *sorted(sys.modules.keys() & {heavy!r}), sep=': ')\n"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert [line for line in result.stdout.splitlines() if ": " in line] == []
     at_top = [
         f"{here} imports {there}"
         for here, found in all_imports().items()

@@ -119,7 +119,7 @@ def test_what_is_said_of_all_demonstrations_is_said_once(elsewhere: Path, capsys
 
 
 def test_a_reader_that_goes_away_is_no_error() -> None:
-    command = f"{sys.executable} -m pbd {' '.join(EXPORT)} --rate 1000 --format csv -o - | head -1"
+    command = f"{sys.executable} -m pbd export paper-test2 --robot ur5 --rate 1000 --format csv -o - | head -1"
     run = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert run.stdout.startswith("t,q_")
     assert "Traceback" not in run.stderr

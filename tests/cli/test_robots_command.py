@@ -50,7 +50,7 @@ def guide(elsewhere: Path) -> str:
 
 
 def test_what_is_suggested_replays_as_it_says(capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 10)
+    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 5)
     bare = guide.split("[arm]")[0] + "[gripper]" + guide.split("[gripper]")[1].split("[dock]")[0]
     TOML.write_text(bare, encoding="utf-8")
     code, lines, _ = run(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")
@@ -62,7 +62,7 @@ def test_what_is_suggested_replays_as_it_says(capsys: Capture, guide: str, monke
 
 
 def test_the_users_own_table_is_kept(capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 10)
+    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 3)
     TOML.write_text(guide.replace("table_height = 0.0", "table_height = 0.1").replace("0.97", "97.0"), encoding="utf-8")
     dock = run_json(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")["dock"]
     assert dock["table_height"] == 0.1
@@ -72,7 +72,7 @@ def test_the_users_own_table_is_kept(capsys: Capture, guide: str, monkeypatch: p
 def test_where_few_docks_will_do_more_are_weighed(capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch) -> None:
     TOML.write_text(guide, encoding="utf-8")
     monkeypatch.setattr("pbd.planning.suggest.DOCKS", 0)
-    monkeypatch.setattr("pbd.planning.suggest.MORE_DOCKS", 8)
+    monkeypatch.setattr("pbd.planning.suggest.MORE_DOCKS", 4)
     code, lines, told = run(capsys, "robots", "--suggest", TOML)
     assert code == 0
     assert " of 0 docks" not in told
@@ -84,7 +84,7 @@ def test_links_that_touch_by_design_are_found_and_may(
 ) -> None:
     """The spheres of the flange and of link4 overlap in seven of ten configurations."""
     urdf = own_urdf()
-    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 10)
+    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 3)
     for link, x, radius in (("link4", 0.05, 0.0536), ("link5", 0.0, 0.01), ("flange", 0.0, 0.06)):
         solid = f'<collision><origin xyz="{x} 0 0"/><geometry><sphere radius="{radius}"/></geometry></collision>'
         urdf = urdf.replace(f"<link name='{link}'/>", f"<link name='{link}'>{solid}</link>")

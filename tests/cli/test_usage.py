@@ -70,20 +70,31 @@ def test_every_command_speaks_so(capsys: Capture, command: str) -> None:
     assert err.endswith(f"see {command} --help\n")
 
 
+FULL = "pbd: standard output can't be written (No space left on device); send it elsewhere"
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 @pytest.mark.parametrize(
     "words",
     ["segments pouring", "demos --json", "sensors --csv", "--print-completion bash", "--version", "export --help"],
 )
-def test_output_that_can_not_be_written_is_told_in_one_line(words: str) -> None:
-    with Path("/dev/full").open("w") as full:
-        run = subprocess.run(
-            [sys.executable, "-m", "pbd", *words.split()], stdout=full, stderr=subprocess.PIPE, text=True, check=False
-        )
-    *before, line = run.stderr.splitlines()
-    assert run.returncode == 1
-    assert line == "pbd: standard output can't be written (No space left on device); send it elsewhere"
+def test_output_that_can_not_be_written_is_told_in_one_line(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch, words: str
+) -> None:
+    with Path("/dev/full").open("w") as full, monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", full)
+        assert main(words.split()) == 1
+    *before, line = capsys.readouterr().err.splitlines()
+    assert line == FULL
     assert all(said.startswith("pbd: ") for said in before)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_nor_does_the_interpreter_complain_at_its_end() -> None:
+    run = subprocess.run(
+        ["bash", "-c", f"{sys.executable} -m pbd --version >/dev/full"], capture_output=True, text=True, check=False
+    )
+    assert (run.returncode, run.stderr) == (1, f"{FULL}\n")
 
 
 def test_an_error_that_is_not_of_the_output_stays_a_bug(monkeypatch: pytest.MonkeyPatch) -> None:
