@@ -18,12 +18,12 @@ from pbd.io.atomic import refuse_output
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
-EXPORT = ("export", "paper-test2", "--robot", "panda")
+EXPORT = ("export", "paper-test2", "--robot", "ur5")
 
 
 def command_of(format_name: str) -> list[str]:
     sampled = [] if FORMATS[format_name].usual_hz is None else ["--rate", "20"]
-    return ["export", "paper-test2", "--robot", "ur5" if FORMATS[format_name].for_some else "panda", *sampled]
+    return ["export", "paper-test2", "--robot", "ur5", *sampled]
 
 
 FILES = tuple(name for name in FORMATS if name not in FOLDERS)
@@ -36,7 +36,7 @@ def test_every_suffix_says_a_format() -> None:
 
 def test_the_hands_path_is_told_in_the_hands_own_time(capsys: pytest.CaptureFixture[str]) -> None:
     """The arm's motion has another duration."""
-    assert main(["export", "paper-test1", "--robot", "panda", "--format", "tum-hand", "-o", "hand.tum"]) == 0
+    assert main(["export", "paper-test1", "--robot", "ur5", "--format", "tum-hand", "-o", "hand.tum"]) == 0
     t = np.loadtxt("hand.tum")[:, 0]
     assert capsys.readouterr().err.endswith(f"pbd: wrote hand.tum: {len(t)} poses, {np.ptp(t):.1f} s\n")
 

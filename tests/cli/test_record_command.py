@@ -54,14 +54,16 @@ def test_at_a_terminal(tmp_path: Path) -> None:
     assert [event.closed for event in recording.grip] == [True]
 
 
-def test_discarded_at_a_terminal(tmp_path: Path) -> None:
-    terminal = Terminal("record", "tea", "--sensor", "sim", cwd=tmp_path)
-    terminal.until("Hz,")
-    terminal.type("qy")
-    terminal.until("discarded")
-    assert terminal.echoes()
-    assert terminal.exit_code() == 0
-    assert not (tmp_path / "demos" / "tea").exists()
+def test_a_discarded_recording_leaves_nothing(
+    elsewhere: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    demo, keys = elsewhere / "demos" / "tea", iter("qy")
+    monkeypatch.setattr(Keys, "next", lambda _: next(keys, "") if demo.exists() else "")
+    code, out, error = run(capsys, "record", "tea", "--sensor", "sim")
+    assert code == 0
+    assert "discarded" in out + error
+    assert next(keys, None) is None
+    assert not demo.exists()
 
 
 @pytest.mark.parametrize("hung_up", [True, False])
@@ -185,6 +187,7 @@ def test_discarding_a_forced_recording_brings_the_old_one_back(tmp_path: Path) -
     terminal.type("qy")
     terminal.until("the old demos/tea is back")
     terminal.until("discarded")
+    assert terminal.echoes()
     assert terminal.exit_code() == 0
     assert folders(tmp_path) == ["tea"]
     assert (tmp_path / "demos" / "tea" / "imu.csv").read_bytes() == before

@@ -37,8 +37,8 @@ WRITERS = {
     "simulate": Writer("simulate pour {} --force"),
     "record": Writer("record {} --sensor sim --duration 0.4 --force"),
     "import": Writer("import walk.csv {} --force"),
-    "export": Writer("export paper-test2 --robot panda -o {}", ".csv"),
-    "replay": Writer("replay paper-test2 --robot panda --html {}", ".html"),
+    "export": Writer("export paper-test2 --robot ur5 -o {}", ".csv"),
+    "replay": Writer("replay paper-test2 --robot ur5 --html {}", ".html"),
     "plot": Writer("plot paper-test2 --save {}/figures"),
     "keyframes": Writer("keyframes {} --save --force"),
     "dock": Writer("calibrate dock {} --position 0.4 0 0.2 --rpy 0 0 0", ".toml"),
@@ -150,7 +150,7 @@ def test_an_odd_name(capsys: Capture, there: Path, writer: str, name: str) -> No
 
 
 @pytest.mark.parametrize(
-    "words", ["touch {} 1 --robot panda --by 0 0 0.002", "keyframes {} --save", "fuse {} there/old -o there/new"]
+    "words", ["touch {} 1 --robot ur5 --by 0 0 0.002", "keyframes {} --save", "fuse {} there/old -o there/new"]
 )
 def test_a_demonstration_whose_folder_is_not_utf_8(capsys: Capture, there: Path, words: str) -> None:
     """It can be read, but nothing that names it can be written."""

@@ -202,9 +202,19 @@ def test_a_motion_beyond_the_calibrated_range(emulator: Emulator, words: list[st
     assert emulator.goals == []
 
 
-@pytest.mark.parametrize(("key", "code"), [("x", 130), (signal.SIGTERM, 143)])
-def test_a_person_at_a_terminal(words: list[str], key: str | signal.Signals, code: int) -> None:
-    """In real time: asked, started with Enter, stopped with a key or a signal, as Ctrl-C is one."""
+def test_a_signal_stops_the_arm(emulator: Emulator, words: list[str], capsys: Capture) -> None:
+    """As Ctrl-C is one."""
+    emulator.at_goal, emulator.fault = 20, lambda: os.kill(os.getpid(), signal.SIGTERM)
+    code, _, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--yes")
+    assert code == 143
+    assert "stopped by hand after" in err
+    assert "lets go of it" in err
+    assert 20 < len(emulator.goals) < 250  # of 1100
+    assert all(servo.registers[40] for servo in emulator.servos.values())
+
+
+def test_a_person_at_a_terminal(words: list[str]) -> None:
+    """In real time: asked, started with Enter, stopped with a key."""
     with Emulator(calibration_of("so101"), resting("so101"), Clock()) as real:
         terminal = Terminal("run", "paper-test2", *words, "--port", real.device, cwd=Path.cwd())
         terminal.until("Enter starts it; any other key cancels.")
@@ -213,13 +223,10 @@ def test_a_person_at_a_terminal(words: list[str], key: str | signal.Signals, cod
         terminal.until("any key stops it")
         while len(real.goals) < 20:
             time.sleep(0.01)
-        if isinstance(key, str):
-            terminal.type(key)
-        else:
-            os.kill(terminal.process, key)
+        terminal.type("x")
         terminal.until("stopped by hand after")
         terminal.until("lets go of it")
-        assert terminal.exit_code() == code
+        assert terminal.exit_code() == 130
         assert len(real.goals) < 250  # of 380
         assert all(servo.registers[40] for servo in real.servos.values())
 
