@@ -53,7 +53,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Recordings of one bad sensor: `sides`, put down in twelve orientations, and the demonstration `tea`."""
     folder = tmp_path_factory.mktemp("recorded") / "demos"
     write_demo(simulate(sides(1, rest_s=1.5), BAD, 1), folder / "sides")
-    write_demo(simulate("pour", BAD, 1), folder / "tea")
+    write_demo(simulate("pick-and-place-stops", BAD, 1), folder / "tea")
     return folder
 
 

@@ -22,7 +22,7 @@ from tests.cli.running import HEADER, write_recording
 def in_g(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A table whose acceleration is in g without saying so."""
     monkeypatch.chdir(tmp_path)
-    demo = simulate("pour", "modern", 0)
+    demo = simulate("pick-and-place-stops", "modern", 0)
     write_demo(replace(demo, recording=replace(demo.recording, acc=demo.recording.acc / GRAVITY)), tmp_path / "g")
     return tmp_path / "g" / "imu.csv"
 

@@ -133,7 +133,7 @@ def written(dialect: Dialect, recording: Recording, devices: Sequence[str] = ("W
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    return simulate("pour", "wt901", 3).recording
+    return simulate("pick-and-place-stops", "wt901", 3).recording
 
 
 @pytest.mark.parametrize("dialect", DIALECTS.values(), ids=list(DIALECTS))
