@@ -83,6 +83,12 @@ def remembered(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def unadvised(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take each line for one that the arm can follow: to find out takes a plan, for advice (tests/test_advice.py)."""
+    monkeypatch.setattr("pbd.cli.plan_report.can_plan", lambda *_: True)
+
+
+@pytest.fixture
 def data_folder() -> Path:
     """The folder of real recordings with optical truth. They are not part of the project."""
     folder = Path(os.environ.get("PBD_DATA", Path(__file__).parents[2] / "shared" / "data"))

@@ -11,7 +11,7 @@ import pytest
 
 from tests.cli.running import Capture, refused, run, run_json, write_recording
 
-pytestmark = pytest.mark.usefixtures("elsewhere", "remembered")
+pytestmark = pytest.mark.usefixtures("elsewhere", "remembered", "unadvised")
 
 POSE_KEYS = {"index", "t_s", "dwell_s", "position_m", "wxyz", "sigma_m", "sigma_deg", "weight", "grip"}
 

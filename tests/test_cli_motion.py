@@ -12,7 +12,7 @@ import pytest
 from tests.arm.bundled import FOLDER
 from tests.cli.running import Capture, refused, run, run_json
 
-pytestmark = pytest.mark.usefixtures("elsewhere", "remembered")
+pytestmark = pytest.mark.usefixtures("elsewhere", "remembered", "unadvised")
 
 PANDA = ("--robot", "panda")
 

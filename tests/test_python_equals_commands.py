@@ -20,7 +20,8 @@ from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.keyframes import keyframes_of
 
-pytestmark = pytest.mark.usefixtures("remembered")  # who asks the same is answered the same: tests/test_same_bytes.py
+# Who asks the same is answered the same (tests/test_same_bytes.py).
+pytestmark = pytest.mark.usefixtures("remembered", "unadvised")
 
 BOTTLE = (0.12, 0.05, -0.10)
 FETCH = Task(

@@ -12,8 +12,6 @@ from pbd.cli import main
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.conftest import random_joints
 
-SOLVES = 3
-
 
 def exported(demo: str, robot: str, folder: Path) -> bytes:
     place = folder / f"{len(list(folder.iterdir()))}.csv"
@@ -30,6 +28,5 @@ def test_a_plan_has_the_same_bytes_whatever_was_planned_and_solved_before(
     assert [exported(*each, tmp_path) for each in reversed(asked)] == first[::-1]
     for name in 2 * NAMES:
         arm = load_model(arm_of(name).robot)
-        for q in random_joints(arm.robot, SOLVES, seed=1):
-            solve(arm, arm.forward(q))
+        solve(arm, arm.forward(random_joints(arm.robot, 1, seed=1)[0]))
     assert [exported(*each, tmp_path) for each in asked] == first

@@ -32,7 +32,7 @@ from tests.cli.terminal import Terminal
 from tests.driving.bench import PATIENT_PBD, PATIENT_S, UNHURRIED_S, FastClock
 from tests.driving.emulator import LEFT, Emulator, calibration_of, resting
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("remembered", "unadvised")
 
 HOME = load_robot("so101").home
 
