@@ -45,18 +45,19 @@ def path_of(problem: Problem, x: State) -> Path:
     wxyz = quat_from_matrix(x.E)
     change = wxyz[1:] * np.where((wxyz[1:] * wxyz[:-1]).sum(axis=1, keepdims=True) < 0.0, -1.0, 1.0) - wxyz[:-1]
     own = _rotate(problem.legs.J[:, 3:6], sensor_errors(x)) / T
-    # By columns: the last are coefficients of the cubic that is added to the position, in the time since the knot.
-    cubic = x.p[:-1], x.v[:-1], 0.5 * (left_v / T - g) + 3.0 * left_p / T**2, -2.0 * left_p / T**3
-    of_legs = frame.t[rows[:-1], None], U, UU, wxyz[:-1], change / T, own, *cubic, E.reshape(-1, 9)
-    columns, ends = np.hstack(of_legs).T, np.cumsum([each.shape[1] for each in of_legs])[:-1]
+    of_legs = (
+        *(frame.t[rows[:-1], None], U, UU, E, wxyz[:-1], change / T, own),
+        # Coefficients of the cubic that is added to the integrated position, in the time since the knot.
+        *(x.p[:-1], x.v[:-1], 0.5 * (left_v / T - g) + 3.0 * left_p / T**2, -2.0 * left_p / T**3),
+    )
     n, length = len(frame.t), np.diff(rows)
     length[-1] += 1  # the last knot is the last row
     path = Path(np.empty((n, 4)), *np.empty((3, 3, n)).transpose(0, 2, 1))
     for legs in batches(len(T)):
         at = slice(rows[legs.start], rows[legs.start] + length[legs].sum())
-        parts = np.split(np.repeat(columns[:, legs], length[legs], axis=1), ends)
-        t0, U0, UU0, wxyz0, turning, own_error, c0, c1, c2, c3, E_rows = (each.T for each in parts)
-        s, E_rows = frame.t[at, None] - t0, E_rows.reshape(-1, 3, 3)
+        at_rows = (np.repeat(each[legs], length[legs], axis=0) for each in of_legs)
+        t0, U0, UU0, E_rows, wxyz0, turning, own_error, c0, c1, c2, c3 = at_rows
+        s = frame.t[at, None] - t0
         between = wxyz0 + s * turning  # the turn is small: linear interpolation suffices
         path.wxyz[at] = quat_canonical(quat_multiply(between, frame.wxyz[at]))
         path.v[at] = _rotate(E_rows, frame.U[at] - U0) + c1 + s * (2.0 * c2 + 3.0 * s * c3)
