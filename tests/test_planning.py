@@ -381,6 +381,12 @@ def test_options_have_names() -> None:
         PlanOptions(time="fast")
 
 
+@pytest.mark.parametrize("path", ["line", "demo"])
+def test_a_path_tolerance_that_would_have_no_effect_is_refused(path: str) -> None:
+    with pytest.raises(UsageError, match="--path-tolerance is for --path keyframes"):
+        PlanOptions(path=path, tolerance_m=0.01)
+
+
 def test_options_in_millimetres_are_refused() -> None:
     far = "is at 450 m, beyond any arm's reach; give metres, not cm or mm"
     with pytest.raises(UsageError, match=f"^the place of 'cup' {far}$"):

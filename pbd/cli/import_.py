@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> None:
     more = {"columns": columns, "unread": dict(understood.unread)} if columns else {}
     store_demonstration(args, replace(demo, failed=bool(failure)), "imported", more=more)
     if failure:
-        warn(f"{failure}; so it is never the default demonstration")
+        warn(f"{failure}; so it is never the default demonstration, and another import needs --force")
     _print_columns(args, understood)
 
 

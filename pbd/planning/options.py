@@ -87,6 +87,8 @@ class PlanOptions:
             value = getattr(self, name)
             if value is not None and not least <= value <= most:
                 raise UsageError(f"{name} must be from {least:g} to {most:g}, got {value:g}", value=value, bound=most)
+        if self.tolerance_m is not None and self.path != "keyframes":
+            raise UsageError("--path-tolerance is for --path keyframes: leave one of them out", value=self.path)
         if not (0.0 <= self.payload < np.inf and np.isfinite(self.p_tool_payload).all()):
             raise UsageError(f"the payload is {self.payload} kg; give a number, zero or above", value=self.payload)
         if far := beyond_reach(self.p_tool_payload):

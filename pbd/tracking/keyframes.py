@@ -97,15 +97,16 @@ def _grip_at_stops(events: tuple[GripEvent, ...], t: Array, stops: tuple[Stop, .
 
 
 def _without_repeats(grips: dict[int, bool]) -> dict[int, bool]:
-    """Leave out grip events that repeat the one before."""
+    """Leave out grip events that repeat the one before. The grip is open at the start."""
     changing: dict[int, bool] = {}
     for stop in sorted(grips):
         closed = grips[stop]
-        if changing and closed == changing[max(changing)]:
-            state = "closed" if closed else "open"
+        if closed == (bool(changing) and changing[max(changing)]):
+            does, state = ("closes", "closed") if closed else ("opens", "open")
+            since = f"since stop {max(changing)}" if changing else "from the start"
             warn(
-                f"the grip {'closes' if closed else 'opens'} at stop {stop}, but it is {state} since stop "
-                f"{max(changing)}: left out; correct [[grip]] in demo.toml if one between them is missing"
+                f"the grip {does} at stop {stop}, but it is {state} {since}: left out; "
+                "see [[grip]] in demo.toml, where one may be missing, or two be at one stop"
             )
             continue
         changing[stop] = closed

@@ -235,6 +235,6 @@ def test_an_import_that_cant_be_replayed_is_not_the_default(capsys: pytest.Captu
         assert main(["import", str(file), file.stem]) == 0
         err = capsys.readouterr().err
         assert why in err
-        assert err.endswith("so it is never the default demonstration\n")
+        assert err.endswith("so it is never the default demonstration, and another import needs --force\n")
         assert read_demo(Path("demos") / file.stem).failed
     assert newest_demo() == "pouring"

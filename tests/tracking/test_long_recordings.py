@@ -91,6 +91,11 @@ def test_a_grip_that_repeats_the_one_before_is_left_out_and_told() -> None:
         assert _without_repeats({2: True, 0: True, 3: False}) == {0: True, 3: False}
 
 
+def test_a_first_grip_that_opens_is_left_out_and_told() -> None:  # as of two pairs of taps at one stop, for one
+    with pytest.warns(PbdWarning, match="the grip opens at stop 1, but it is open from the start: left out"):
+        assert _without_repeats({1: False, 3: True}) == {3: True}
+
+
 def test_each_poses_covariance_is_its_block_of_the_joint_one() -> None:
     covariance = track(pour().recording).covariance
     slowly = replace(covariance, diagonal=None).of_each
