@@ -97,9 +97,10 @@ def _refuse_slow(interval: float) -> None:
     likely = [unit for unit, scale in units.items() if SLOWEST_HZ < 1.0 / (interval * scale) <= FASTEST_HZ]
     named = likely or ["ms", "us"]
     what = "the time is likely in" if likely else "if the time is in"
+    rows = ", or with its --rate HZ if it counts rows" if interval == 1.0 else ""
     raise RecordingError(
         f"the samples come {interval:.3g} s apart; {what} {' or '.join(named)}"
-        + f"{': ' if likely else ', '}import the file with {' or '.join(f'--unit t={unit}' for unit in named)}",
+        + f"{': ' if likely else ', '}import the file with {' or '.join(f'--unit t={unit}' for unit in named)}{rows}",
         value=1.0 / interval,
         bound=SLOWEST_HZ,
     )

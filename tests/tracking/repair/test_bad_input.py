@@ -205,6 +205,12 @@ def test_a_time_that_is_not_in_seconds_is_refused(method: str, unit: str, per_s:
         track(replace(recording, t=per_s * recording.t), method)
 
 
+def test_a_time_that_may_count_the_rows_names_the_rate_too() -> None:
+    recording = pour().recording
+    with pytest.raises(RecordingError, match="--unit t=ms, or with its --rate HZ if it counts rows$"):
+        track(replace(recording, t=np.arange(len(recording.t), dtype=np.float64)))
+
+
 @pytest.mark.parametrize("interval", [1e-9, 1e-90, 1e-310])
 def test_samples_closer_than_any_sensors_are_refused(interval: float) -> None:
     recording = pour().recording
