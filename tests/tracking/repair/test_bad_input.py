@@ -207,7 +207,7 @@ def test_a_time_that_is_not_in_seconds_is_refused(method: str, unit: str, per_s:
 
 def test_a_time_that_may_count_the_rows_names_the_rate_too() -> None:
     recording = pour().recording
-    with pytest.raises(RecordingError, match="--unit t=ms, or with its --rate HZ if it counts rows$"):
+    with pytest.raises(RecordingError, match=r"--unit t=ms, or with its --rate HZ if it counts rows$"):
         track(replace(recording, t=np.arange(len(recording.t), dtype=np.float64)))
 
 
