@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 
-from pbd.cli.common import decoder_maker, store_demonstration, why_failed
+from pbd.cli.common import decoder_maker, refuse_columns, store_demonstration, why_failed
 from pbd.cli.console import say, working
 from pbd.data import Demonstration
 from pbd.errors import RecordingError, SensorError, TrackingError, UsageError, collected_warnings, listed, warn
@@ -39,6 +39,7 @@ def run(args: argparse.Namespace) -> None:
     if args.file.suffix.lower() == ".bin" or args.columns:
         imported = Imported(_decode(args), Understood())
     else:
+        refuse_columns(args, "a file with a header")
         with working(f"reading {args.file}"):
             imported = import_recording(args.file, dict(args.column), dict(args.unit), args.rate, args.topic)
     demo, understood = imported.demo, imported.understood

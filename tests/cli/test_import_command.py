@@ -213,6 +213,15 @@ def test_a_wrong_unit_of_time_is_not_answered_with_another_wrong_one(
     assert main(["import", "other.csv", "tea", "--unit", "acc=g", "--unit", f"t={remedy}"]) == 0
 
 
+@pytest.mark.parametrize("option", [("--separator", ";"), ("--prefix", "$"), ("--wrap", "65536")])
+def test_options_of_lines_are_refused_for_a_table(
+    in_g: Path, capsys: pytest.CaptureFixture[str], option: tuple[str, str]
+) -> None:
+    assert main(["import", str(in_g), "tea", "--unit", "acc=g", *option]) == 2
+    assert "are for --sensor lines; leave them out for a file with a header" in capsys.readouterr().err
+    assert not Path("demos/tea").exists()
+
+
 def test_lines_without_names_are_decoded_as_a_port_would_be(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("log.txt").write_text(in_g.read_text().partition("\n")[2])
     names = in_g.read_text().partition("\n")[0]
