@@ -23,12 +23,12 @@ def blocks(page: Path, language: str) -> list[str]:
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.stem)
 @pytest.mark.usefixtures("remembered")
 def test_the_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The blocks of a page run in order and share their names. Exports are of what is exported sooner."""
+    """The blocks of a page run in order and share their names. Exports are of a shorter demonstration."""
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     for number, block in enumerate(blocks(page, "python"), start=1):
         if page.stem == "exports":
-            block = block.replace('load_demo("pouring")', 'load_demo("paper-test2")').replace('"so101"', '"ur5"')
+            block = block.replace('load_demo("pouring")', 'load_demo("paper-test2")')
         exec(compile(block, f"{page.name}, block {number}", "exec"), names)
 
 

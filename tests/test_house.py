@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -30,22 +29,12 @@ LONGEST_FILE, FULLEST_FOLDER = 300, 20
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
-def statements(body: list[ast.stmt]) -> Iterator[ast.stmt]:
-    """All statements, at any depth; `ast.walk` would look at each expression too."""
-    for node in body:
-        yield node
-        inner = (node, *getattr(node, "handlers", ()), *getattr(node, "cases", ()))
-        for each in inner:
-            for name in ("body", "orelse", "finalbody"):
-                yield from statements(getattr(each, name, []))
-
-
 def imports(path: Path) -> list[tuple[str, bool]]:
     """(module, at top level) of each import in a file; one below `if TYPE_CHECKING` is not at top level."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     top = {id(node) for node in tree.body}
     found = []
-    for node in statements(tree.body):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             found += [(alias.name, id(node) in top) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):

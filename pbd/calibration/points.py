@@ -126,12 +126,12 @@ def _find_wrong_points(problem: Problem) -> tuple[list[int], Fit, dict[int, Fit]
         without = {k: register(problem, [*wrong, k]) for k in used if _enough(problem, [*wrong, k])}
         gained = {k: fit.chi2 - each.chi2 for k, each in without.items()}
         worst = max(gained, key=lambda k: gained[k], default=None)
-        if worst is None or not _is_wrong(gained[worst], without[worst]):
-            if fit.chi2 <= WRONG_CHI2 * fit.freedom:
-                return wrong, fit, without
-            worst = None  # no single point explains it: mirrored axes, a unit, the order
+        if worst is not None and not _is_wrong(gained[worst], without[worst]):
+            worst = None
+        if worst is None and fit.chi2 <= WRONG_CHI2 * fit.freedom:
+            return wrong, fit, without
         _refuse_mirrored(problem, fit if worst is None else without[worst])
-        if worst is None:
+        if worst is None:  # no single point explains it: a unit, the order
             raise _contradiction(problem, fit, used)
         rivals = [k for k in gained if k != worst and gained[worst] - gained[k] < CLEARER_CHI2]
         if rivals or len(used) <= FEWEST or fit.freedom < 6:

@@ -126,11 +126,15 @@ def plan_options(args: argparse.Namespace, robot: Robot, measured: tuple[float, 
     mass, *p_tool = args.payload
     if mass < 0.0 or len(p_tool) not in (0, 3):
         raise UsageError("--payload takes KG, zero or above, or KG X Y Z, the centre of mass in m")
-    given = {each.name: getattr(args, each.name) for each in fields(PlanOptions) if each.name in args}
-    given |= {"margin": args.margin / 100.0, "payload": mass, "p_tool_payload": tuple(p_tool) or (0.0, 0.0, 0.0)}
-    given["start"] = measured or (None if args.start is None else _start_joints(args, robot))
-    given["at"] = tuple(ThingPlace(name, (x, y, z), math.radians(sum(deg))) for name, (x, y, z, *deg) in args.at)
-    return PlanOptions(**given)
+    converted: dict[str, Any] = {
+        "margin": args.margin / 100.0,
+        "payload": mass,
+        "p_tool_payload": tuple(p_tool) or (0.0, 0.0, 0.0),
+        "start": measured or (None if args.start is None else _start_joints(args, robot)),
+        "at": tuple(ThingPlace(name, (x, y, z), math.radians(sum(deg))) for name, (x, y, z, *deg) in args.at),
+    }
+    as_given = {each.name: getattr(args, each.name) for each in fields(PlanOptions) if each.name not in converted}
+    return PlanOptions(**as_given, **converted)
 
 
 def _start_joints(args: argparse.Namespace, robot: Robot) -> tuple[float, ...]:

@@ -53,9 +53,14 @@ class Stream:
         before = np.maximum(after - 1, 0)
         known = (self.t[0] <= t) & (t <= self.t[-1])
         known &= (self.t[after] == t) | (self.t[after] - self.t[before] <= MAX_GAP_STEPS * usual)
-        read = np.column_stack([np.interp(t, self.t, axis) for axis in self.values.T])
+        read = interpolate(t, self.t, self.values)
         read[~known] = np.nan
         return read
+
+
+def interpolate(t: Array, known_t: Array, values: Array) -> Array:
+    """Values (n, k) at times known_t (n,), interpolated linearly at times t (m,): (m, k), with contiguous columns."""
+    return np.array([np.interp(t, known_t, column) for column in values.T]).T
 
 
 def joined(acc: Stream, gyr: Stream | None, mag: Stream | None) -> tuple[Array, Array, Array | None, Array | None]:

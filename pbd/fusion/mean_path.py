@@ -10,6 +10,7 @@ import numpy as np
 
 from pbd.calibration.demonstrated_path import led_between
 from pbd.data import Stop
+from pbd.data.streams import interpolate
 from pbd.errors import TrackingError
 from pbd.pose import Array, Pose, quat_canonical, quat_from_matrix, quat_slerp
 
@@ -107,7 +108,7 @@ def _mean_move(paths: Sequence[TakePath], j: int, share: Array, start: Pose, end
     places, attitudes = [], []
     for path in paths:
         t = path.stops[j, 1] + share * (path.stops[j + 1, 0] - path.stops[j, 1])
-        p = np.column_stack([np.interp(t, path.t, axis) for axis in path.p.T])
+        p = interpolate(t, path.t, path.p)
         after = np.clip(np.searchsorted(path.t, t), 1, len(path.t) - 1)
         fraction = (t - path.t[after - 1]) / (path.t[after] - path.t[after - 1])
         wxyz = quat_slerp(path.wxyz[after - 1], path.wxyz[after], fraction)

@@ -21,6 +21,7 @@ from pbd.data import (
     Tracking,
 )
 from pbd.data.covariance import PoseCovariance
+from pbd.data.streams import interpolate
 from pbd.fusion.grips import fused_grips
 from pbd.fusion.joint_estimate import JointEstimate, Observations
 from pbd.fusion.known_stops import points_in_base
@@ -205,9 +206,7 @@ def _mean_recording(recording: Recording, mean: MeanPath, name: str, grip: tuple
     """Return the first take's recording, at the pace of the mean path."""
 
     def at(values: Array | None) -> Array | None:
-        if values is None:
-            return None
-        return np.column_stack([np.interp(mean.t_first, recording.t, axis) for axis in values.T])
+        return None if values is None else interpolate(mean.t_first, recording.t, values)
 
     acc = at(recording.acc)
     assert acc is not None

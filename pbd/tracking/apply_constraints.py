@@ -16,6 +16,7 @@ import numpy as np
 
 from pbd.data import Calibration, ClaimFit, HandPath, Known, Stop
 from pbd.data.covariance import PoseCovariance
+from pbd.data.streams import interpolate
 from pbd.errors import TrackingError
 from pbd.pose import Array, Pose, quat_exp, quat_multiply
 from pbd.tracking.noise import OUTLIER_SIGMAS
@@ -112,7 +113,7 @@ def _move_path(path: HandPath, moved: Array) -> HandPath:
     for stop, by in zip(path.stops, moved[:, :3], strict=True):
         shift[stop.start : stop.stop] = by
     edges = t[[row for stop in path.stops for row in (stop.start, stop.stop - 1)]]
-    turn = np.column_stack([np.interp(t, edges, np.repeat(axis, 2)) for axis in moved[:, 3:].T])
+    turn = interpolate(t, edges, np.repeat(moved[:, 3:], 2, axis=0))
     return replace(
         path,
         p_nav_sensor=path.p_nav_sensor + shift,

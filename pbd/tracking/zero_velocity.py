@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pbd.data.streams import interpolate
 from pbd.pose import Array
 from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, REST_S, Rest
 from pbd.tracking.moving_windows import (
@@ -97,7 +98,7 @@ def rates_between(t: Array, gyr: Array, stops: Spans) -> Array | None:
     if np.abs(means).max(initial=0.0) < DRIFTED_SHARE * QUIET_GYR:
         return None
     middles = t[np.array(long).sum(axis=1) // 2]
-    return np.array([np.interp(t, middles, axis) for axis in means.T]).T
+    return interpolate(t, middles, means)
 
 
 def _move_energy(energy: Array, n: int, dt: float) -> Array:

@@ -11,9 +11,9 @@ import pty
 import re
 import shutil
 import struct
+import subprocess
 import sys
 import termios
-import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -51,34 +51,24 @@ def rows_of(capsys: pytest.CaptureFixture[str], *command: str) -> list[dict[str,
 
 
 def in_terminal(columns: int, *command: str) -> str:
-    """The output of a command in a terminal of that width: this process's stdout becomes that terminal."""
+    """The output of a command in a terminal of that width."""
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
-    before, shown = os.dup(1), list[bytes]()
-
-    def read() -> None:
-        with contextlib.suppress(OSError):  # the other end is closed
-            while chunk := os.read(ours, 65536):
-                shown.append(chunk)
-
-    reader = threading.Thread(target=read)
-    reader.start()
-    os.dup2(theirs, 1)
+    settings = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    pbd = subprocess.Popen(
+        [sys.executable, "-m", "pbd", *command],
+        stdout=theirs,
+        stderr=subprocess.DEVNULL,
+        env=settings | {"TERM": "xterm", "NO_COLOR": "1"},
+    )
     os.close(theirs)
-    try:
-        with pytest.MonkeyPatch.context() as patch, open(1, "w", closefd=False) as stdout:
-            for name in ("COLUMNS", "LINES"):
-                patch.delenv(name, raising=False)
-            patch.setenv("TERM", "xterm")
-            patch.setenv("NO_COLOR", "1")
-            patch.setattr(sys, "stdout", stdout)
-            assert main(list(command)) == 0
-    finally:
-        os.dup2(before, 1)
-        os.close(before)
-        reader.join()
-        os.close(ours)
-    return re.sub(r"\x1b\[[0-9;]*m", "", b"".join(shown).decode()).replace("\r\n", "\n")
+    shown = b""
+    with contextlib.suppress(OSError):  # the other end is closed
+        while chunk := os.read(ours, 65536):
+            shown += chunk
+    os.close(ours)
+    assert pbd.wait() == 0
+    return re.sub(r"\x1b\[[0-9;]*m", "", shown.decode()).replace("\r\n", "\n")
 
 
 def keyframes_of(capsys: pytest.CaptureFixture[str], *options: str) -> list[dict[str, Any]]:

@@ -39,10 +39,11 @@ def written(name: str, format_name: str, path: Path, rate_hz: float | None = Non
     return plan
 
 
-def test_keyframes_have_joints_and_the_pose_of_these_joints(tmp_path: Path) -> None:
-    plan = written("ur5", "keyframes", tmp_path / "k.json", demo="pouring")
+@pytest.mark.parametrize("name", ARMS)
+def test_keyframes_have_joints_and_the_pose_of_these_joints(tmp_path: Path, name: str) -> None:
+    plan = written(name, "keyframes", tmp_path / "k.json", demo="pouring")
     read = json.loads((tmp_path / "k.json").read_text())
-    arm, trajectory = arm_of("ur5"), plan.trajectory
+    arm, trajectory = arm_of(name), plan.trajectory
     assert read["joint_names"] == list(trajectory.joint_names)
     assert [row["index"] for row in read["keyframes"]] == list(range(len(plan.keyframes)))
     for i, row in enumerate(read["keyframes"]):

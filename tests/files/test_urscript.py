@@ -120,7 +120,7 @@ def test_a_program_may_begin_anywhere_and_with_the_gripper(tmp_path: Path) -> No
         keyframe_t=2.0 + plan.trajectory.keyframe_t,
         keyframe_q=plan.trajectory.keyframe_q + 4.5e-7,
     )
-    for rate_hz in (None, 125.0):
+    for rate_hz in (None, 125.0, 500.0):
         export(motion, robot, "urscript", tmp_path / "p.script", rate_hz, dense=rate_hz is not None, source=source)
         controller = Controller(motion.at(0.0).q[0])
         controller.run((tmp_path / "p.script").read_text())

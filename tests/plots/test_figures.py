@@ -199,9 +199,9 @@ def test_a_name_is_not_read_as_mathematics(still: DemoPlot) -> None:
 
 @pytest.mark.parametrize(("format_name", "begin"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
 def test_the_same_plot_gives_the_same_bytes(still: DemoPlot, format_name: str, begin: bytes) -> None:
-    one, other, figure = io.BytesIO(), io.BytesIO(), figures.draw("position", still)
+    one, other = io.BytesIO(), io.BytesIO()
     for stream in (one, other):
-        write(figure, stream, format_name)
+        write(figures.draw("position", still), stream, format_name)
     assert one.getvalue() == other.getvalue()
     assert one.getvalue().startswith(begin)
 

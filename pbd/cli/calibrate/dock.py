@@ -8,7 +8,7 @@ import shlex
 import numpy as np
 
 from pbd.calibration.dock import dock_at
-from pbd.cli.calibrate import replaced_part
+from pbd.cli.calibrate.replacing import replaced_part
 from pbd.cli.common import track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Robot

@@ -9,7 +9,7 @@ import numpy as np
 from pbd.calibration.mount import PivotFit, TurnsFit, fit_pivot, fit_turns
 from pbd.calibration.points import POOR_CHI2
 from pbd.calibration.rests import rms
-from pbd.cli.calibrate import keep_good_part
+from pbd.cli.calibrate.replacing import keep_good_part
 from pbd.cli.common import sigma_json, track_with
 from pbd.cli.console import print_json, say
 from pbd.data import Calibration

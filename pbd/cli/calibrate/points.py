@@ -16,7 +16,7 @@ from pbd.calibration.points import POOR_CHI2, fit_points, refuse_shape
 from pbd.calibration.registration import PointObservations, observe_points
 from pbd.calibration.rests import rms
 from pbd.calibration.sensor import corrected
-from pbd.cli.calibrate import keep_good_part, replaced_part
+from pbd.cli.calibrate.replacing import keep_good_part, replaced_part
 from pbd.cli.common import sigma_json, track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording, Stop
 from pbd.data.one_line_repr import counted
+from pbd.data.streams import interpolate
 from pbd.errors import TrackingError, warn
 from pbd.pose import Array
 from pbd.tracking.first_rest import STILL_ACC
@@ -17,7 +18,7 @@ from pbd.tracking.repair.clock import LATE_SAMPLES
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 BRIDGED_S = 0.050
-"""Longest gap, s, that is interpolated even in a move."""
+"""Longest gap, s, that is bridged even in a move."""
 
 HIDDEN_MOVE_S = 0.12
 """Longest gap in a rest, s, that can only hide a small move. A minimum-jerk move (Flash and Hogan, 1985) of T s with
@@ -25,11 +26,11 @@ peak acceleration a has length a T^2 / 5.77: 1.2 cm in this time with 5 m/s2, br
 sigma by that much (`Noise.unseen_speed`)."""
 
 
-def interpolated(t: Array, values: Array, good: NDArray[np.bool_]) -> Array:
-    """Values (n, k), with rows that are not good (n,) interpolated linearly in t (n,)."""
+def bridged(t: Array, values: Array, good: NDArray[np.bool_]) -> Array:
+    """Values (n, k), with rows that are not good (n,) bridged linearly in t (n,)."""
     if good.all():
         return values
-    return np.array([np.interp(t, t[good], column) for column in values[good].T]).T
+    return interpolate(t, t[good], values[good])
 
 
 @dataclass(frozen=True)

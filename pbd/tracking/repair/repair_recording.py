@@ -16,7 +16,7 @@ from pbd.errors import RecordingError
 from pbd.pose import Array
 from pbd.tracking.repair.channel_faults import frozen_rows, magnetometer_is_dead, refuse_dead
 from pbd.tracking.repair.clock import with_clock
-from pbd.tracking.repair.gaps import BRIDGED_S, Gap, find_gaps, interpolated, warn_of_gaps
+from pbd.tracking.repair.gaps import BRIDGED_S, Gap, bridged, find_gaps, warn_of_gaps
 from pbd.tracking.repair.gyro_consistency import refuse_disagreement
 from pbd.tracking.repair.splices import in_order, refuse_doubled, without_wild
 
@@ -34,7 +34,7 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     """Check a recording, interpolate missing and wild samples, and replace coarse time stamps by even ones.
 
     Returns:
-        The recording without NaN and with the same rows, and the gaps that are too long to be interpolated. Whether
+        The recording without NaN and with the same rows, and the gaps that are too long to be bridged. Whether
         these matter depends on whether the hand moved (`refuse_gaps`).
 
     Raises:
@@ -56,8 +56,8 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     gaps = find_gaps(t, missing, interval)
     warn_of_gaps(gaps, t, interval)
     if missing.any() and not missing.all():
-        gyr = None if recording.gyr is None else interpolated(t, recording.gyr, ~missing)
-        recording = dataclasses.replace(recording, acc=interpolated(t, recording.acc, ~missing), gyr=gyr)
+        gyr = None if recording.gyr is None else bridged(t, recording.gyr, ~missing)
+        recording = dataclasses.replace(recording, acc=bridged(t, recording.acc, ~missing), gyr=gyr)
     long = tuple(gap for gap in gaps if gap.missing_s > BRIDGED_S + 1e-6)
     part = _longest_unbroken(recording, long)
     if part is not None:
@@ -106,5 +106,5 @@ def _fill_missing(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
         # A magnetometer is often sampled more slowly: rows without it are no gap.
         missing |= ~good if name in ("acc", "gyr") else False
         if not good.all():
-            filled[name] = interpolated(recording.t, values, good)
+            filled[name] = bridged(recording.t, values, good)
     return dataclasses.replace(recording, **filled) if filled else recording, missing

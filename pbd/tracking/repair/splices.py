@@ -18,7 +18,7 @@ from pbd.errors import RecordingError, warn
 from pbd.pose import Array, lengths
 from pbd.tracking.moving_windows import squares
 from pbd.tracking.repair.channel_faults import SENSOR_NAMES, has_noise
-from pbd.tracking.repair.gaps import interpolated
+from pbd.tracking.repair.gaps import bridged
 
 WILD_DISTANCE = {"acc": (30.0, 1), "gyr": (0.3, 3)}
 """Smallest distance (m/s2, rad/s) of a wild row from the line through its neighbours, and the largest number of wild
@@ -59,7 +59,7 @@ def without_wild(recording: Recording) -> Recording:
         wild = _wild_rows(values, *WILD_DISTANCE[name], NOISE_FLOOR[name], reach)
         good = np.ones(len(values), dtype=bool)
         good[wild] = False
-        mended[name] = interpolated(recording.t, values, good)
+        mended[name] = bridged(recording.t, values, good)
         found += [(int(row), f"{sensor} {np.abs(values[row]).max():.4g} {next(iter(UNITS[name]))}") for row in wild]
     if not found:
         return recording

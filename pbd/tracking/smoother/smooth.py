@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbd.data import Recording
+from pbd.data.streams import interpolate
 from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import cumulative
@@ -176,8 +177,7 @@ def _without_lag_and_scale(recording: Recording, lag: float, scale: float) -> Re
     """The recording without the gyro's lag (s) and common scale error."""
     if recording.gyr is None or (lag == 0.0 and scale == 0.0):
         return recording
-    at = recording.t + lag
-    gyr = np.array([np.interp(at, recording.t, axis) for axis in recording.gyr.T]).T * (1.0 + scale)
+    gyr = interpolate(recording.t + lag, recording.t, recording.gyr) * (1.0 + scale)
     return replace(recording, gyr=gyr)
 
 
@@ -236,7 +236,7 @@ def _dead_reckoning(problem: Problem, E: Array) -> tuple[Array, Array]:
     legs, still = problem.legs, problem.stop_of >= 0
     T, up = legs.T[:, None], np.array([0.0, 0.0, problem.noise.gravity])
     gained = cumulative(np.einsum("kij,kj->ki", E[:-1], legs.dU) - up * T)
-    drift = np.column_stack([np.interp(problem.t, problem.t[still], axis[still]) for axis in gained.T])
+    drift = interpolate(problem.t, problem.t[still], gained[still])
     v = gained - drift
     way = np.einsum("kij,kj->ki", E[:-1], legs.dP) - 0.5 * up * T**2 - 0.5 * np.diff(drift, axis=0) * T
     return v, cumulative(v[:-1] * T + way)

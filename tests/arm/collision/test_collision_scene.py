@@ -18,7 +18,7 @@ from pbd.arm.model import ArmModel, from_se3, load_model
 from pbd.data import GraspedObject, Obstacle
 from pbd.data.world import TABLE, Stay
 from pbd.pose import Array, Pose, quat_from_rpy
-from tests.arm.bundled import NAMES, arm_of
+from tests.arm.bundled import KINDS, NAMES, arm_of
 from tests.arm.collision_oracles import coordinates, placements, points_of
 
 DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
@@ -40,7 +40,7 @@ def test_home_is_free(name: str) -> None:
     assert CollisionScene(arm, dock.table_height, dock.obstacles).hit(arm.robot.home) is None
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda"])
+@pytest.mark.parametrize("name", KINDS)
 def test_a_hit_is_what_the_distances_say(name: str) -> None:
     """It is the smallest distance, and names the two links."""
     arm = arm_of(name)
