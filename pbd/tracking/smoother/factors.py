@@ -37,13 +37,13 @@ def linearise(
 ) -> tuple[NormalEquations, Array]:
     """Linearise all factors: the normal equations, and the robust weight (m,), 0 to 1, of zero velocity at each knot.
 
-    `whiten` is from `whitener`; `anneal` multiplies the sigmas of no motion at a stop; `legs` is `leg_jacobian` at this
-    state, if it is already known.
+    `whiten` is from `whitener`; `anneal` widens the robust factors of stops and of the hand's reach; `legs` is
+    `leg_jacobian` at this state, if it is already known.
     """
     equations = NormalEquations.empty(len(problem.rows), SHARED)
     _add_legs(equations, problem, x, fixed, whiten, legs)
     still = _add_stops(equations, problem, x, fixed, anneal)
-    _add_hand(equations, problem, x)
+    _add_hand(equations, problem, x, anneal)
     if problem.no_gyro:
         _add_device_attitude(equations, problem, x)
     elif problem.field is not None:
@@ -136,10 +136,14 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fi
     return still
 
 
-def _add_hand(equations: NormalEquations, problem: Problem, x: State) -> None:
-    """Weak prior: the hand stays near where it began (Cauchy)."""
+def _add_hand(equations: NormalEquations, problem: Problem, x: State, anneal: float) -> None:
+    """Weak prior: the hand stays near where it began (Cauchy).
+
+    Annealing keeps the full weight further away. Of a hand that moves for minutes, dead reckoning ends 100 m away, from
+    where the robust factor alone would hardly bring it back.
+    """
     reach = problem.noise.reach
-    near = problem.duration / reach**2 / (1.0 + squares(x.p) / reach**2)
+    near = problem.duration / reach**2 / (1.0 + squares(x.p) / (anneal * reach) ** 2)
     equations.add_unary(POS, x.p, near)
 
 

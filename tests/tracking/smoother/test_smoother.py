@@ -155,6 +155,17 @@ def test_a_perfect_sensor_is_followed_to_half_a_millimetre() -> None:
         assert np.abs(turn).max() < np.radians(0.05)
 
 
+def test_a_hand_that_moves_on_for_long_is_brought_back_from_where_dead_reckoning_ends() -> None:
+    """The reach's robust factor alone would leave it metres away, with false stops there."""
+    task = random_task(8, moves=60, reach_m=0.6, max_turn=1.0, move_s=(0.4, 1.0), rest_s=(0.0, 0.0))
+    last = replace(task.waypoints[-1], rest_s=2.0)
+    demo = simulate(replace(task, waypoints=(*task.waypoints[:-1], last)), "modern", 8)
+    found = smoothed(demo.recording)
+    assert demo.truth is not None
+    assert len(found.stops) == 2
+    assert np.abs(found.path.p - demo.truth.p_nav_sensor).max() < 0.3
+
+
 def test_without_a_gyro_the_devices_attitude_serves() -> None:
     off, _, found = errors(simulate("pour", "os5000-nogyro", 0))
     assert len(found.stops) == 11
