@@ -429,6 +429,21 @@ def test_sensors_with_rows_of_their_own_are_joined(tmp_path: Path) -> None:
     assert_allclose(recording.acc[:, 0], t[1:])
 
 
+@pytest.mark.parametrize("clock", ["{}_TimeStamp", "time_{}", "{} time (s)"])
+def test_sensors_with_times_of_their_own_in_one_row_are_joined(tmp_path: Path, clock: str) -> None:
+    """An Android logger's lists side by side: `Acc_TimeStamp,AccX,AccY,AccZ,Gyro_TimeStamp,GyroX,...`."""
+    t, faster = 0.01 * np.arange(20), 0.0098 * np.arange(20)
+    header = f"{clock.format('Acc')},AccX,AccY,AccZ,{clock.format('Gyro')},GyroX,GyroY,GyroZ"
+    recording = imported(tmp_path, f"{header}\n{rows_of(t, t, t, t, faster, *[faster] * 3)}").demo.recording
+    assert recording.gyr is not None
+    assert_allclose(recording.gyr[:, 0], faster, atol=1e-9)
+    assert_allclose(recording.acc[:, 0], faster, atol=1e-9)
+    # The rows' own clock may be another one, so that a sensor's times say nothing of it.
+    header = f"time,ax,ay,az,{clock.format('Gyro')},gx,gy,gz"
+    recording = imported(tmp_path, f"{header}\n{rows_of(t, t, t, t, faster + 9, *[faster] * 3)}").demo.recording
+    assert_allclose(recording.acc[:, 0], t, atol=1e-9)
+
+
 @pytest.mark.parametrize("name", ["id", "sensor_id", "MAC", "imu", "node"])
 def test_rows_of_two_devices_are_refused(tmp_path: Path, name: str) -> None:
     text = rows_of([0, 0, 1, 1], ["a", "b", "a", "b"], *[[1, 9, 1, 9]] * 3)

@@ -20,7 +20,7 @@ from pbd.data.streams import Stream, joined
 from pbd.errors import RecordingError, listed, warn
 from pbd.files.importers import XIO_FILE, check_rate
 from pbd.files.importers.columns import CHANNELS, PROGRAMS, UNUSED, Column, Understood, understand
-from pbd.files.importers.header_names import is_device_time, is_time, nanoseconds_of, plain, split_unit
+from pbd.files.importers.header_names import is_device_time, is_time, nanoseconds_of, own_times_of, plain, split_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.imu_columns import ACC, device_rpy
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
@@ -90,7 +90,10 @@ def read_csv(
         clocks = [name for name in sheet.header if is_time(name)]
     parts = {name: part for name in clocks if (part := nanoseconds_of(name, sheet.header))}
     clocks = [name for name in clocks if name not in parts.values()]
-    table = sheet.read([*(column.name for column in found.columns), *clocks, *parts.values()], times=clocks)
+    own = {channel: name for channel in ("gyr", "mag") for name in sheet.header if own_times_of(name) == channel[0]}
+    own = {channel: name for channel, name in own.items() if timed and found.of(channel)}
+    dated = [*clocks, *own.values()]
+    table = sheet.read([*(column.name for column in found.columns), *dated, *parts.values()], times=dated)
     table = _with_nanoseconds(table, parts)
     if timed:
         best = _best_clock(path, table, clocks)
@@ -99,6 +102,9 @@ def read_csv(
             found = found.with_clock(best, "the best of several times")
         if best in parts:
             found = found.with_unread({parts[best]: f"read with {best}"})
+        if own_times_of(best) != "a":
+            own = {}  # those of the rows may be of another clock
+        found = found.with_unread(dict.fromkeys(own.values(), "its sensor's times"))
 
     understood, beside = _magnetometer_beside(path, found, units)
     with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples
@@ -109,7 +115,10 @@ def read_csv(
             _refuse_backwards(sheet, found.of("t")[0].name, t)
             filled = ~np.isnan(table.values).all(axis=1)  # spreadsheets write rows of empty cells
             t, channels = t[filled], {channel: values[filled] for channel, values in channels.items()}
-            if (apart := _joined(t, channels)) is not None:
+            scale = found.of("t")[0].factor
+            times = {channel: scale * table.columns(name)[filled, 0] for channel, name in own.items()}
+            times = {channel: each for channel, each in times.items() if not np.array_equal(each, t, equal_nan=True)}
+            if (apart := _joined(t, channels, times)) is not None:
                 t, channels = apart
         mag, compass = channels.get("mag"), channels.get("angle")
         recording = Recording(
@@ -187,19 +196,23 @@ def _counter_size(ticks: Array) -> float:
     return next(sizes, 0.0)
 
 
-def _joined(t: Array, channels: Mapping[str, Array]) -> tuple[Array, dict[str, Array]] | None:
-    """Join accelerometer, gyro and magnetometer if they have rows of their own; None: they share their rows."""
+def _joined(
+    t: Array, channels: Mapping[str, Array], times: Mapping[str, Array]
+) -> tuple[Array, dict[str, Array]] | None:
+    """Join accelerometer, gyro and magnetometer if they have rows or `times` of their own; None: they share both."""
     known = {name: np.isfinite(channels[name]).all(axis=1) for name in ("acc", "gyr", "mag") if name in channels}
     acc, gyr = known["acc"], known.get("gyr", known["acc"])
     alone = 2 * (acc & gyr).sum() < min(acc.sum(), gyr.sum())
-    if (not alone and (acc | gyr).mean() > 1.0 - OTHERS_ROWS) or not (np.diff(t[gyr]) > 0.0).all():
+    apart = alone or (acc | gyr).mean() <= 1.0 - OTHERS_ROWS
+    if not times and not (apart and (np.diff(t[gyr]) > 0.0).all()):
         return None
-    streams = [Stream.of(t, channels[name]) if name in channels else None for name in ("acc", "gyr", "mag")]
+    sensors = ("acc", "gyr", "mag")
+    streams = [Stream.of(times.get(name, t), channels[name]) if name in channels else None for name in sensors]
     assert streams[0] is not None
     at, *values = joined(streams[0], streams[1], streams[2])
     if len(at) < 2:  # holes in every row
         return None
-    return at, {name: each for name, each in zip(("acc", "gyr", "mag"), values, strict=True) if each is not None}
+    return at, {name: each for name, each in zip(sensors, values, strict=True) if each is not None}
 
 
 def _without_repeats(path: Path, recording: Recording) -> Recording:

@@ -88,9 +88,20 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def is_time(name: str) -> bool:
-    """Whether a column contains times."""
+    """Whether a column contains times: of the rows, or the accelerometer's own."""
     word = plain(name)
-    return re.fullmatch(f"{_TIME}|{_DEVICE_TIME}", re.sub(TIME_UNITS, "", word) or word) is not None
+    return re.fullmatch(f"{_TIME}|{_DEVICE_TIME}", re.sub(TIME_UNITS, "", word) or word) is not None or (
+        own_times_of(name) == "a"
+    )
+
+
+def own_times_of(name: str) -> str:
+    """Return g, a or m if a column contains that sensor's own times, as `Gyro_TimeStamp` or `time_acc`, else ""."""
+    word = re.sub(TIME_UNITS, "", plain(name))
+    for sensor, time in (word.partition("_")[::2], word.rpartition("_")[::-2]):
+        if re.fullmatch(_TIME, time):
+            return looks_inertial(sensor)
+    return ""
 
 
 def is_device_time(name: str) -> bool:
