@@ -29,6 +29,9 @@ LARGEST_READING = 1e5
 WEAKEST_FIELD = 0.01
 """Smallest reading of a magnetometer, uT, or as a multiple of the Earth's field. imu.csv has four decimals."""
 
+LARGEST_ANGLE = 4.0 * np.pi
+"""Largest angle of the device's own attitude, rad: a heading that counts on after a turn. Degrees pass it soon."""
+
 
 def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     """Check a recording, interpolate missing and wild samples, and replace coarse time stamps by even ones.
@@ -77,6 +80,13 @@ def _refuse_field_unit(mag: Array) -> None:
         )
 
 
+def _refuse_degrees(rpy: Array) -> None:
+    """Refuse the device's own attitude (n, 3) if it can only be in degrees. Single wild values are no sign of it."""
+    if (angle := float(np.percentile(np.abs(rpy).max(axis=1), 95.0))) > LARGEST_ANGLE:
+        what = f"the device's own attitude has angles up to {angle:.3g} rad: they are in degrees"
+        raise RecordingError(f"{what}; import the file with --unit angle=deg", value=angle)
+
+
 def _longest_unbroken(recording: Recording, gaps: tuple[Gap, ...]) -> Recording | None:
     """The longest part between gaps, in which gyro and gravity can be compared. None if it is shorter than a second."""
     if not gaps:
@@ -103,6 +113,8 @@ def _fill_missing(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
         good = (np.abs(values) < LARGEST_READING).all(axis=1)  # False for NaN
         if not good.any():
             raise RecordingError(f"'{name}' has no number in any row; leave the column out or record again")
+        if name == "device_rpy":
+            _refuse_degrees(values[good])
         # A magnetometer is often sampled more slowly: rows without it are no gap.
         missing |= ~good if name in ("acc", "gyr") else False
         if not good.all():

@@ -246,6 +246,18 @@ def test_a_field_in_another_unit_is_refused(usual: float, refused: bool) -> None
         condition(replace(recording, mag=field))
 
 
+@pytest.mark.parametrize("gyro", [True, False])
+@pytest.mark.parametrize(("factor", "turn", "refused"), [(1.0, 2.0 * np.pi, False), (180.0 / np.pi, 0.0, True)])
+def test_an_attitude_in_degrees_is_refused(gyro: bool, factor: float, turn: float, refused: bool) -> None:
+    """A heading that counts on after a turn is none."""
+    recording = simulate("pour", "modern").recording
+    assert recording.device_rpy is not None
+    rpy = factor * recording.device_rpy + [0.0, 0.0, turn]
+    recording = replace(recording, device_rpy=rpy, gyr=recording.gyr if gyro else None)
+    with pytest.raises(RecordingError, match="--unit angle=deg") if refused else nullcontext():
+        condition(recording)
+
+
 @quietly
 def test_a_disturbed_field_in_a_recording_of_a_second_is_no_bug() -> None:
     recording = with_rows(pour().recording, slice(0, 120))
