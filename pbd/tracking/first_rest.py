@@ -101,7 +101,7 @@ def find_rest(recording: Recording, acc_factor: float = 1.0) -> Rest:
             f"the hand never stands still for {REST_S:g} s: at its quietest (t = {recording.t[start]:.1f} s) it shakes "
             f"with {np.sqrt(acc_var[start]):.2f} m/s2 and {np.sqrt(gyr_var[start]):.2f} rad/s; start with two seconds "
             "of rest and stop between the moves"
-            + ("" if acc_var[start] > STILL_ACC**2 else " (if the gyro is in deg/s, import with --unit gyr=deg/s)"),
+            + ("" if acc_var.min() > STILL_ACC**2 else " (if the gyro is not in rad/s: --unit gyr=deg/s, or its own)"),
             t=float(recording.t[start]),
             value=float(np.sqrt(acc_var[start])),
             bound=STILL_ACC,

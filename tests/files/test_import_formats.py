@@ -449,6 +449,9 @@ def test_rows_of_two_devices_are_refused(tmp_path: Path, name: str) -> None:
     text = rows_of([0, 0, 1, 1], ["a", "b", "a", "b"], *[[1, 9, 1, 9]] * 3)
     with pytest.raises(RecordingError, match=f"rows of 2 devices .a, b. in the column '{name}'"):
         imported(tmp_path, f"t,{name},ax,ay,az\n{text}")
+    long = rows_of([0, 0, 1, 1], ["Accelerometer", "Gyroscope"] * 2, *[[1, 9, 1, 9]] * 3)  # as Sensor Logger's JSON
+    with pytest.raises(RecordingError, match=f"give its sensors columns of their own .* instead of '{name}'"):
+        imported(tmp_path, f"time,{name},x,y,z\n{long}")
     counter = rows_of(range(30), range(30), *[[1] * 30] * 3)
     assert len(imported(tmp_path, f"t,{name},ax,ay,az\n{counter}").demo.recording) == 30
 

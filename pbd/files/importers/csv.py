@@ -245,7 +245,7 @@ def _refuse_several_devices(sheet: Sheet) -> None:
     for name in sheet.header:
         if DEVICE_NAMES.fullmatch(plain(name)) and 1 < len(devices := set(sheet.words(name)) - {""}) <= MOST_DEVICES:
             what = f"the rows of {len(devices)} devices ({listed(sorted(devices)[:3])}) in the column '{name}'"
-            keep = "keep those of one device in a file of its own"
+            keep = f"keep one device's, or give its sensors columns of their own (ax, gx, mx, ...) instead of '{name}'"
             raise RecordingError.at(sheet.path, f"{what}; {keep}", value=len(devices))
 
 

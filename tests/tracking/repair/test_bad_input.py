@@ -110,6 +110,13 @@ def test_a_hand_that_never_rests_is_refused(method: str, sensor: str) -> None:
         track(simulate(task, sensor).recording, method)
 
 
+def test_where_the_gyro_alone_never_rests_its_unit_is_named() -> None:
+    recording = simulate("pour", "modern").recording
+    assert recording.gyr is not None
+    with pytest.raises(TrackingError, match=r"never stands still .* --unit gyr="):
+        track(replace(recording, gyr=1000.0 * recording.gyr))  # mrad/s; its quietest second is in a move
+
+
 @every_method
 @pytest.mark.parametrize("rows", [0, 1])
 def test_no_or_one_sample_is_refused(method: str, rows: int) -> None:
