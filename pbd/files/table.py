@@ -183,6 +183,8 @@ class Sheet:
             return number(cell) if cell.strip() or self.complete else float("nan")
         except ValueError:
             name, next_step = self.header[column], "correct the cell" + ", or leave it empty" * (not self.complete)
+            if order:
+                next_step += "; or import it with --rate HZ, in place of the times"
             if _DECIMAL_COMMA.fullmatch(cell):
                 write = "write numbers with a point (export it again, or put a point for each comma)"
                 next_step = f"it has a decimal comma: {write}"

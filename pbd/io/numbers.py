@@ -11,7 +11,7 @@ from datetime import date
 _STAMP = re.compile(
     r"\s*(?=\d)(?:(\d{1,4})[-/.](\d{1,2})[-/.](\d{1,4})(?:[T\s]\s*(?=\d)|\s*$))?"
     r"(?:(\d{1,2}):(\d{1,2}):(\d{1,2})(?:([.,])(\d+)|:(\d{1,3}))?(?:\s+([AaPp])\.?[Mm]\.?)?"
-    r"\s*(?:Z|UTC|([+-])(\d{2}):?(\d{2}))?)?\s*"
+    r"\s*(?:Z|UTC|([+-])(\d{2})(?::?(\d{2}))?)?)?\s*"
 )
 DAY_S = 86400.0
 DATE_ORDERS = ("ymd", "dmy", "mdy", "ydm")
@@ -67,7 +67,7 @@ def seconds(text: str, order: str = "") -> float:
     hours = int(hour or 0) if half is None else int(hour) % 12 + 12 * (half in "Pp")
     part = float(f"0.{fraction}") if mark else int(ms or 0) / 1e3
     if zone[0] and first is not None:
-        hours, minute = hours - int(zone[0] + zone[1]), int(minute or 0) - int(zone[0] + zone[2])
+        hours, minute = hours - int(zone[0] + zone[1]), int(minute or 0) - int(zone[0] + (zone[2] or "0"))
     return days * DAY_S + 3600.0 * hours + 60.0 * int(minute or 0) + int(second_of_minute or 0) + part
 
 

@@ -400,6 +400,7 @@ def test_other_ways_to_write_a_table(tmp_path: Path, text: str) -> None:
         ("time", ("24-01-31 23:59:59.995", "24-02-01 00:00:00.005")),
         ("time", ("2024-03-31T01:59:59.995+01:00", "2024-03-31T03:00:00.005+02:00")),
         ("time", ("2024-10-27T02:59:59.995+0200", "2024-10-27T02:00:00.005+0100")),
+        ("time", ("2024-10-27 02:59:59.995+02", "2024-10-27 02:00:00.005+01")),  # as PostgreSQL
     ],
 )
 def test_ways_to_write_the_time(tmp_path: Path, name: str, stamps: tuple[str, str]) -> None:
@@ -454,6 +455,14 @@ def test_rows_of_two_devices_are_refused(tmp_path: Path, name: str) -> None:
         imported(tmp_path, f"time,{name},x,y,z\n{long}")
     counter = rows_of(range(30), range(30), *[[1] * 30] * 3)
     assert len(imported(tmp_path, f"t,{name},ax,ay,az\n{counter}").demo.recording) == 30
+
+
+def test_times_in_an_unknown_form_can_be_replaced_by_the_rate(tmp_path: Path) -> None:
+    text = f"time,ax,ay,az\n{rows_of(['03-May-2024 10:00:00.000', '03-May-2024 10:00:00.010'], *[[1, 9]] * 3)}"
+    with pytest.raises(RecordingError, match=r"in column 'time' is not a number; .*--rate HZ"):
+        imported(tmp_path, text)
+    with pytest.warns(PbdWarning, match="--rate 100 is used instead"):
+        assert imported(tmp_path, text, rate_hz=100.0).demo.recording.t.tolist() == [0.0, 0.01]
 
 
 def test_a_column_of_times_without_a_number_is_named(tmp_path: Path) -> None:

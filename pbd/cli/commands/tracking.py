@@ -41,8 +41,8 @@ def keyframes(parser: ArgumentParser) -> None:
     """Where the hand stopped, and how certain that is.
 
     Print the pose at each stop of a demonstration with its uncertainty; with a robot also the tool's pose
-    in the robot's base and joints that reach it, if nothing is in the way (the motion's own: pbd export
-    --format keyframes). --save writes them for you to edit.
+    in the robot's base and joints that reach it, if nothing is in the way. Times are the hand's, whatever
+    --speed and --time say (the motion's own: pbd export --format keyframes). --save writes them for you to edit.
 
       pbd keyframes pouring --robot panda
       pbd keyframes tea --save
