@@ -228,6 +228,22 @@ def test_what_stands_in_the_table_is_told(capsys: Capture, elsewhere: Path) -> N
     assert told.endswith("; if that is wrong, correct table_height in the calibration")
 
 
+def test_a_motion_without_a_table_says_that_none_is_checked(capsys: Capture, elsewhere: Path) -> None:
+    """An arm of one's own has no dock, and `pbd calibrate dock` writes no table: the tool may go through the bench."""
+    (elsewhere / "robots").mkdir()
+    text = (FOLDER / "ur5.toml").read_text(encoding="utf-8")
+    (elsewhere / "robots" / "mine.toml").write_text(text.partition("[dock]")[0].replace('"ur5"', '"mine"'))
+    run(capsys, "calibrate", "dock", "low", "--position", "0.4", "-0.15", "-0.2", "--robot", "mine")
+    command = ("export", "paper-test2", "--robot", "mine", "--calibration", "low", "-o", "x.npz", "--json")
+    (told,) = json.loads(run(capsys, *command)[1])["warnings"]
+    assert told.startswith("no table is checked: write table_height (m in base;")
+    file = elsewhere / "calibration" / "low.toml"
+    file.write_text(f"table_height = -0.5\n{file.read_text(encoding='utf-8')}")
+    code, out, err = run(capsys, *command)
+    assert (code, json.loads(out)["warnings"]) == (0, [])
+    assert "pbd: checked against a table whose top is at -0.500 m in base (table_height)\n" in err
+
+
 def test_no_retreat_and_no_approach(capsys: Capture) -> None:
     whole = run_json(capsys, "replay", "paper-test2", *PANDA)["duration_s"]
     short = run_json(capsys, "replay", "paper-test2", *PANDA, "--no-retreat")["duration_s"]

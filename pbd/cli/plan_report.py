@@ -8,15 +8,16 @@ from typing import Any
 from pbd.cli.console import working
 from pbd.data import Load
 from pbd.planning import Plan, can_plan
-from pbd.planning.result import place_remark, size_remark
+from pbd.planning.result import place_remark, size_remark, table_remark
 
 STRAY_M = 0.01
 """Smallest distance of the tool from a straight line, m, that is reported."""
 
 
 def remarks(plan: Plan, calibration: str | None) -> list[str]:
-    """Return what to say of a plan: its place, size, torques, curved moves, how far the tool strays."""
-    found = [*filter(None, (place_remark(plan, calibration), size_remark(plan))), torque_remark(plan)]
+    """Return what to say of a plan: its place, size, table, torques, curved moves, how far the tool strays."""
+    placed = place_remark(plan, calibration), size_remark(plan), table_remark(plan)
+    found = [*filter(None, placed), torque_remark(plan)]
     for i, move in enumerate(plan.segments):
         if (hit := move.avoided) is not None and move.kind != "detour":  # planning reports detours
             how = "as the hand went" if move.kind == "demo" else "along a line"

@@ -90,7 +90,9 @@ def warn_of_shapes(arm: ArmModel) -> None:
 
 
 def warn_of_table(scene: CollisionScene) -> None:
-    """Warn of links that touch the table in nearly every configuration, so that they are not checked against it."""
+    """Warn if there is no table, and of links that nearly always touch it, so that they are not checked against it."""
+    if scene.table_height is None:
+        warn("no table is checked: write table_height (m in base; one far below if there is none) into the calibration")
     sunk = [pair.first for pair in scene.unchecked if pair.second == TABLE]
     if sunk:
         warn(

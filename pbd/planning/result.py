@@ -105,6 +105,12 @@ def place_remark(plan: Plan, calibration: str | None) -> str:
     return f"the hand starts at {whose}, ({at}) m in base; for yours give --calibration NAME"
 
 
+def table_remark(plan: Plan) -> str:
+    """Return where the table is that the motion was checked against; "" without one, of which planning warns."""
+    z = plan.calibration.table_height
+    return "" if z is None else f"checked against a table whose top is at {z + 0.0:.3f} m in base (table_height)"
+
+
 def size_remark(plan: Plan) -> str:
     """Return at which size the motion is played, and why; "" if it is as large as the hand's."""
     own, chosen = plan.calibration.scale, plan.options.scale

@@ -88,7 +88,7 @@ class CollisionScene:
         obstacles: Iterable[Obstacle] = (),
         grasped: GraspedObject | None = None,
     ) -> None:
-        self.arm, self._table_height, self._grasped = arm, table_height, grasped
+        self.arm, self.table_height, self._grasped = arm, table_height, grasped
         obstacles, self.margin_m = tuple(obstacles), MARGIN_M
         self.obstacles = frozenset(obstacle.name for obstacle in obstacles)
         self._links, (pairs, self.unchecked) = arm_bodies(arm), link_pairs(arm)
@@ -184,7 +184,7 @@ class CollisionScene:
 
     def stays(self, spans: Sequence[tuple[float, float]], tool: Callable[[float], Pose]) -> tuple[Stay, ...]:
         """Return where the object is over time: see `pbd.data.world.object_stays`; empty if there is no object."""
-        return () if self._grasped is None else object_stays(self._grasped, spans, tool, self._table_height)
+        return () if self._grasped is None else object_stays(self._grasped, spans, tool, self.table_height)
 
     def clearances(self, stay: Stay | None) -> list[QuickClearance]:
         """Return all clearances to check while the object is where `stay` says; None: there is no object."""
