@@ -260,3 +260,4 @@ def test_a_person_sees_how_much_there_is() -> None:
     assert repr(SensorErrors("witmotion", gyr=triad, mag=triad)) == "<SensorErrors 'witmotion': gyr, mag>"
     calibration = Calibration("bench", T_base_dock=Pose.identity(), table_height=0.0)
     assert repr(calibration) == "<Calibration 'bench': dock, table>"
+    assert repr(PoseCovariance.chained(np.zeros((11, 6, 6)))) == "<PoseCovariance: 11 poses>"

@@ -8,6 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from pbd.data.one_line_repr import brief, counted
 from pbd.errors import is_whole_number, require_kind
 from pbd.pose import Array
 
@@ -30,6 +31,9 @@ class PoseCovariance:
     count: int
     multiply: Callable[[Array], Array]
     diagonal: Callable[[], Array] | None = None
+
+    def __repr__(self) -> str:
+        return brief(self, counted(self.count, "pose"))
 
     @classmethod
     def chained(cls, blocks: Array) -> PoseCovariance:
