@@ -32,6 +32,7 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
     R = plan.scale * quat_to_matrix(plan.T_base_nav.wxyz)
     tolerances = [each.tolerance_m for each in plan.keyframes]
     success = success_of(placed) if any(each is not None for each in tolerances) else None
+    size = size_remark(plan.robot, plan.calibration, plan.options.scale)
     likely = success and f"probability that all keyframes are within their tolerances: {success.band}"
     return ReplayScene(
         title=demo.recording.info.name,
@@ -54,7 +55,7 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
         torque=None if plan.report.torque is None else plan.report.torque.share,
         detours=detours(plan),
         contacts=_contacts(plan),
-        notes=tuple(note for note in (size_remark(plan), demo.notes, likely) if note),
+        notes=tuple(filter(None, (size, demo.notes, likely))),
         warnings=tuple(warnings),
     )
 

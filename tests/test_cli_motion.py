@@ -264,8 +264,10 @@ def test_keyframes_have_the_joints_of_the_motion_that_was_asked_for(capsys: Capt
     assert np.abs(joints[()] - joints["--no-retreat",]).max() > 0.1
 
 
-def test_keyframes_of_an_arm_of_five_joints_say_how_far_off_the_tool_is(capsys: Capture) -> None:
-    rows = run_json(capsys, "keyframes", "paper-test1", "--robot", "so101")["keyframes"]
+def test_keyframes_of_an_arm_of_five_joints_say_the_size_and_how_far_off_the_tool_is(capsys: Capture) -> None:
+    _, out, err = run(capsys, "keyframes", "paper-test1", "--robot", "so101", "--json")
+    assert "pbd: played at 0.3 of its size (scale 0.3 of so101's own dock)\n" in err
+    rows = json.loads(out)["keyframes"]
     assert all(len(row["off_deg"]) == 2 for row in rows)
     assert max(row["off_deg"][1] for row in rows) > 0.1
     exact = run_json(capsys, "keyframes", "paper-test1", *PANDA)["keyframes"]

@@ -55,7 +55,8 @@ def run(args: argparse.Namespace) -> None:
         from pbd.tracking.taps import grip_by_taps
 
         taps = grip_by_taps(demo.recording)
-        say(f"{len(taps)} pairs of taps found: {listed(f'{event.t:.1f} s' for event in taps)}")
+        none = "the grip stays open; `pbd keyframes --save` writes a file in which to say where it closes"
+        say(f"{len(taps)} pairs of taps found: {listed(f'{event.t:.1f} s' for event in taps) if taps else none}")
         demo = replace(demo, recording=replace(demo.recording, grip=taps))
     if args.sensor:
         info = replace(demo.recording.info, sensor=args.sensor)

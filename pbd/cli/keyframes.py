@@ -22,6 +22,7 @@ from pbd.data.covariance import keyframe_sigmas
 from pbd.errors import UsageError
 from pbd.planning import arm_of, load_arm, solve_keyframes
 from pbd.planning.object_frames import things
+from pbd.planning.result import place_remark, size_remark
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
 from pbd.view.terminal_tables import joints_table, keyframes_table, print_table
@@ -50,6 +51,9 @@ def run(args: argparse.Namespace) -> None:
         for row, pose, sigma_base in zip(rows, *base, strict=True):
             row |= _pose(pose) | sigma_base
     if robot is not None and calibration is not None:
+        for remark in place_remark(robot, calibration, args.calibration), size_remark(robot, calibration, args.scale):
+            if remark:
+                say(remark)
         solved = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
         for row, pose, q, off in zip(rows, *solved, strict=True):
             row |= _pose(pose) | {"joints": q}

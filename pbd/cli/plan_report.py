@@ -16,8 +16,7 @@ STRAY_M = 0.01
 
 def remarks(plan: Plan, calibration: str | None) -> list[str]:
     """Return what to say of a plan: its place, size, table, torques, curved moves, how far the tool strays."""
-    placed = place_remark(plan, calibration), size_remark(plan), table_remark(plan)
-    found = [*filter(None, placed), torque_remark(plan)]
+    found = remarks_of_whole(plan, calibration)
     for i, move in enumerate(plan.segments):
         if (hit := move.avoided) is not None and move.kind != "detour":  # planning reports detours
             how = "as the hand went" if move.kind == "demo" else "along a line"
@@ -37,6 +36,13 @@ def remarks(plan: Plan, calibration: str | None) -> list[str]:
     how = f"--path-tolerance {STRAY_M} keeps it straight" if straight else f"{plan.robot.name} can't keep it straight"
     strays = f"the tool strays {100.0 * off_m:.1f} cm from a straight line"
     return [*found, f"between keyframes {worst - 1} and {worst} {strays}; {how}"]
+
+
+def remarks_of_whole(plan: Plan, calibration: str | None) -> list[str]:
+    """Return what holds for the whole motion: its place, size, table, torques."""
+    placed = place_remark(plan.robot, plan.calibration, calibration)
+    size = size_remark(plan.robot, plan.calibration, plan.options.scale)
+    return [*filter(None, (placed, size, table_remark(plan.calibration))), torque_remark(plan)]
 
 
 def torque_remark(plan: Plan) -> str:

@@ -95,31 +95,31 @@ class Plan:
         return brief(self, repr(self.trajectory), touches)
 
 
-def place_remark(plan: Plan, calibration: str | None) -> str:
-    """Return where in base the motion starts if no `calibration` was named; "" if one was."""
-    dock = plan.calibration.T_base_dock
-    if dock is None or calibration:
+def place_remark(robot: Robot, calibration: Calibration, named: str | None) -> str:
+    """Return where in base the motion starts if no calibration was `named`; "" if one was."""
+    dock = calibration.T_base_dock
+    if dock is None or named:
         return ""
     at = ", ".join(f"{x + 0.0:.3f}" for x in dock.p.tolist())
-    whose = "the default dock" if plan.robot.dock is None else f"{plan.robot.name}'s own dock"
+    whose = "the default dock" if robot.dock is None else f"{robot.name}'s own dock"
     return f"the hand starts at {whose}, ({at}) m in base; for yours give --calibration NAME"
 
 
-def table_remark(plan: Plan) -> str:
+def table_remark(calibration: Calibration) -> str:
     """Return where the table is that the motion was checked against; "" without one, of which planning warns."""
-    z = plan.calibration.table_height
+    z = calibration.table_height
     return "" if z is None else f"checked against a table whose top is at {z + 0.0:.3f} m in base (table_height)"
 
 
-def size_remark(plan: Plan) -> str:
-    """Return at which size the motion is played, and why; "" if it is as large as the hand's."""
-    own, chosen = plan.calibration.scale, plan.options.scale
-    if plan.scale == 1.0:
+def size_remark(robot: Robot, calibration: Calibration, chosen: float) -> str:
+    """Return at which size the motion is played, and why (a --scale was `chosen`); "" if it is the hand's."""
+    own = calibration.scale
+    if (scale := own * chosen) == 1.0:
         return ""
-    dock = f"{plan.robot.name}'s own dock" if plan.calibration is plan.robot.dock else plan.calibration.name
+    dock = f"{robot.name}'s own dock" if calibration is robot.dock else calibration.name
     causes = [f"scale {own:g} of {dock}"] if own != 1.0 else []
     causes += [f"--scale {chosen:g}"] if chosen != 1.0 else []
-    return f"played at {plan.scale:g} {'of' if plan.scale < 1.0 else 'times'} its size ({', '.join(causes)})"
+    return f"played at {scale:g} {'of' if scale < 1.0 else 'times'} its size ({', '.join(causes)})"
 
 
 def find_touching(scene: CollisionScene, trajectory: JointTrajectory) -> Touching | None:

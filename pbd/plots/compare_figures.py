@@ -21,8 +21,8 @@ from pbd.plots.space import YX, YZ, ellipse, fit_3d, label_keyframes, label_keyf
 from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, length_unit, new_figure, plain_text, style
 from pbd.pose import Array
 
-DASHES = ("-", "--", ":", "-.")
-"""Line styles. With more demonstrations than colours, the colours are repeated in the next style."""
+DASHES, DOTS = ("-", "--", ":", "-."), "os^D"
+"""Line styles and markers. With more demonstrations than colours, the colours are repeated in the next style."""
 MAX_NAMED, LONGEST_NAME = 16, 18
 """Largest number of demonstrations in a legend, and of characters in a name."""
 
@@ -188,10 +188,11 @@ def match(fusion: Fusion) -> Figure:
         ax.fill_between(k, *(sign * 1e3 * fusion.tolerance_m[:, axis] for sign in (-1, 1)), color=GREY, alpha=0.15)
         for i, take in enumerate(used):
             look = {"color": RUNS_RGB[i % len(RUNS_RGB)], "linestyle": "", "markersize": 4.5}
+            dot = DOTS[i // len(RUNS_RGB) % len(DOTS)]
             shift = 0.5 * (i + 0.5) / len(used) - 0.25
             label = plain_text(take.name, LONGEST_NAME) if i < MAX_NAMED else None
             out = np.isin(k, take.outliers)
-            ax.plot(k[~out] + shift, 1e3 * take.off[~out, axis], marker="o", label=label, **look)
+            ax.plot(k[~out] + shift, 1e3 * take.off[~out, axis], marker=dot, label=label, **look)
             ax.plot(k[out] + shift, 1e3 * take.off[out, axis], marker="x", **look)
         ax.set_ylabel(f"{XYZ[axis]} (mm)")
     axes[-1].set_xlabel("keyframe (grey: the tolerance that is learned)")

@@ -76,7 +76,8 @@ def test_dense_samples_are_the_motion(tmp_path: Path, rate_hz: float, path: str)
 def test_the_program_halts_if_the_arm_is_not_at_the_start(tmp_path: Path) -> None:
     plan, text = program(tmp_path / "p.script", "ur5")
     controller = Controller(plan.trajectory.q[0] + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.03]))
-    with pytest.raises(HaltedError, match="does not stand where the motion begins"):
+    start = ", ".join(f"{angle:.1f}" for angle in np.degrees(plan.trajectory.q[0]))  # as the teach pendant shows them
+    with pytest.raises(HaltedError, match=rf"where the motion begins \({start} degrees\)"):
         controller.run(text)
     assert controller.moves == []
 

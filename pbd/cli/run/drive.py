@@ -14,7 +14,7 @@ from rich.table import Table
 
 from pbd.cli.common import plan_demonstration
 from pbd.cli.console import print_json, say
-from pbd.cli.plan_report import torque_remark
+from pbd.cli.plan_report import remarks_of_whole
 from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import Keys
 from pbd.data import JointTrajectory, Robot
@@ -27,7 +27,6 @@ from pbd.driving.stream import Clock, StreamResult, planned_start, sample_goals,
 from pbd.driving.watch import Watch, check_health
 from pbd.errors import SensorError
 from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration
-from pbd.planning.result import place_remark, size_remark
 from pbd.pose import Array
 from pbd.view.terminal_tables import make_table, print_table
 
@@ -60,7 +59,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
         say(f"'{plan.name}' on {robot.name} at {device}, its servos calibrated in {file}")
         print_table(_preview_table(counts, before, goals, t, plan.trajectory), sys.stderr)
         say(timetable(plan.trajectory, t, plan.retreat is not None))
-        for remark in filter(None, (place_remark(plan, args.calibration), size_remark(plan), torque_remark(plan))):
+        for remark in remarks_of_whole(plan, args.calibration):
             say(remark)
         with Keys() as keys:
             if args.dry_run:

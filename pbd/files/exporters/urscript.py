@@ -53,7 +53,7 @@ def pbd_{name}():
   i = 0
   while i < 6:
     if norm(here[i] - start[i]) > 0.02:
-      popup("The arm does not stand where the motion begins: move it there", title="pbd", error=True, blocking=True)
+      popup("The arm is not where the motion begins ({degrees} degrees)", title="pbd", error=True, blocking=True)
       halt
     end
     i = i + 1
@@ -90,10 +90,12 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
     trajectory, gripper = request.trajectory, request.robot.gripper
     name = re.sub(r"\W", "_", request.source.name, flags=re.ASCII)
     # A servoj goes on from there within 2 ms, so a rounded start would be a jerk.
-    start = _numbers(trajectory.at(np.zeros(1)).q[0], 12 if request.dense else 6)
+    q = trajectory.at(np.zeros(1)).q[0]
+    start, degrees = _numbers(q, 12 if request.dense else 6), _numbers(np.degrees(q), 1)
     stroke = _seconds(1.0 if gripper is None else gripper.stroke_s)
     demo = " ".join(request.source.name.split())
-    lines = [HEAD.format(demo=demo, robot=request.robot.name, name=name, stroke=stroke, start=start)]
+    filled = {"demo": demo, "robot": request.robot.name, "name": name, "stroke": stroke}
+    lines = [HEAD.format(**filled, start=start, degrees=degrees)]
     arrives = {round(float(t), 6): i for i, t in enumerate(trajectory.keyframe_t)}
     for phase in _phases(request):
         keyframe = arrives.get(round(phase.end, 6)) if phase.moves else None
