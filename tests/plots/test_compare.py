@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.data import HandPath, Keyframe
+from pbd.data import FusedTake, Fusion, HandPath, Keyframe
 from pbd.data.covariance import PoseCovariance
 from pbd.pipeline import track
 from pbd.plots.compare import (
@@ -19,7 +19,7 @@ from pbd.plots.compare import (
     spread_rows,
     spread_table,
 )
-from pbd.plots.compare_figures import COMPARISONS, draw_comparison
+from pbd.plots.compare_figures import COMPARISONS, draw_comparison, match
 from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, quat_to_matrix
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.units import Units, parse_units
@@ -200,3 +200,11 @@ def test_a_single_demonstration_has_no_spread(tracked: list[Tracked]) -> None:
     assert cells[1] == "1"
     assert [cell == "" for cell in cells[5:]] == [True, True, True, True, False, True, True]  # only sigma is known
     assert overlaps(draw_comparison("spread", plot)) == []
+
+
+def test_ten_takes_look_different() -> None:
+    """There are six colours: from the seventh take on the marker tells them apart."""
+    takes = tuple(FusedTake(f"run{i}", (0, 1), np.zeros((2, 3)), np.zeros(2)) for i in range(10))
+    figure = match(Fusion(takes, np.zeros((2, 3)), np.zeros(2), np.zeros((2, 4)), (0.0, 0.0), (0.0, 0.0)))
+    looks = {(line.get_color(), line.get_marker()) for line in figure.axes[0].lines if line.get_marker() != "x"}
+    assert len(looks) == 10
