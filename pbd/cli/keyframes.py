@@ -51,9 +51,6 @@ def run(args: argparse.Namespace) -> None:
         for row, pose, sigma_base in zip(rows, *base, strict=True):
             row |= _pose(pose) | sigma_base
     if robot is not None and calibration is not None:
-        for remark in place_remark(robot, calibration, args.calibration), size_remark(robot, calibration, args.scale):
-            if remark:
-                say(remark)
         solved = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
         for row, pose, q, off in zip(rows, *solved, strict=True):
             row |= _pose(pose) | {"joints": q}
@@ -77,6 +74,10 @@ def run(args: argparse.Namespace) -> None:
     of_tool = [base_table(rows, args.units)] if placed else []
     tables += of_tool
     tables += [] if robot is None else [joints_table(robot.joints, rows, args.units, slides)]
+    if robot is not None and calibration is not None:
+        for remark in place_remark(robot, calibration, args.calibration), size_remark(robot, calibration, args.scale):
+            if remark:
+                say(remark)
     if not print_result(args, result, *tables):
         return
     for table in of_tool:
