@@ -8,9 +8,10 @@ from itertools import combinations, permutations
 
 import numpy as np
 
+from pbd.calibration.points import MAY_BE_MIRRORED, MIRRORED, mirrored
 from pbd.calibration.registration import align
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError
+from pbd.errors import CalibrationError, warn
 from pbd.pose import Array, Pose
 
 STOP_SIGMA_M = 0.005
@@ -72,9 +73,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
         return tuple(range(m))
     sigma = np.hypot(sigma, STOP_SIGMA_M)
     given = p_nav_tip, sigma, points, in_order
-    matches = sorted((_assign(pose, *given) for pose in _hypotheses(*given)), key=lambda match: -match.cost)
-    unique = sorted({match.stops: match for match in matches}.values(), key=lambda match: match.cost)
-    best = sorted((_refined(match, *given) for match in unique[:REFINED_MATCHES]), key=lambda match: match.cost)
+    best = _best_matches(*given)
     if not best or best[0].cost > OUTLIER_COST * max(1.0, m - 2.0):
         raise CalibrationError(
             "no stops of the demonstration have the same distances as the points; check the points' unit and "
@@ -91,7 +90,21 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
                 stops=best[0].stops,
                 others=other.stops,
             )
+    for check, mirror in MIRRORED.items():
+        for other in _best_matches(p_nav_tip, sigma, points * mirror, in_order)[:1]:
+            if other.stops != best[0].stops and other.cost < best[0].cost + AMBIGUOUS_COST:
+                if other.cost < best[0].cost - AMBIGUOUS_COST:
+                    raise mirrored(check)
+                warn(MAY_BE_MIRRORED.format(check))
     return best[0].stops
+
+
+def _best_matches(p: Array, sigma: Array, points: Array, in_order: bool) -> list[_Match]:
+    """Return the refined best matches of different stops, by cost."""
+    given = p, sigma, points, in_order
+    matches = sorted((_assign(pose, *given) for pose in _hypotheses(*given)), key=lambda match: -match.cost)
+    unique = sorted({match.stops: match for match in matches}.values(), key=lambda match: match.cost)
+    return sorted((_refined(match, *given) for match in unique[:REFINED_MATCHES]), key=lambda match: match.cost)
 
 
 def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool) -> Iterator[Pose]:

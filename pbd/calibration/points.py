@@ -16,7 +16,7 @@ from pbd.calibration.registration import (
     variance_factor,
     widened,
 )
-from pbd.errors import CalibrationError
+from pbd.errors import CalibrationError, warn
 from pbd.pose import Array, Pose
 
 TIP_SIGMA_M = 0.001
@@ -42,8 +42,15 @@ WRONG_CHI2 = 100.0
 """Chi-square per degree of freedom above which the points contradict the demonstration: the misfit is ten times as
 large as the tracker's sigmas allow. Rough moves make it up to three times as large."""
 
-MIRRORED = {"x or y, and whether x and y are exchanged": (1.0, -1.0, 1.0), "z": (1.0, 1.0, -1.0)}
+SIDEWAYS = "x or y, and whether x and y are exchanged"
+MIRRORED = {SIDEWAYS: (1.0, -1.0, 1.0), "z": (1.0, 1.0, -1.0)}
 """What to check if the points fit mirrored -> that mirror. All mirrors across a vertical plane fit alike."""
+
+MAY_BE_MIRRORED = (
+    "the points fit as in a mirror too, so a wrong sign does not show; check the sign of {}, or touch one more that "
+    "breaks the symmetry"
+)
+"""Warning; {} is one of MIRRORED."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +136,11 @@ def _find_wrong_points(problem: Problem) -> tuple[list[int], Fit, dict[int, Fit]
         if worst is not None and not _is_wrong(gained[worst], without[worst]):
             worst = None
         if worst is None and fit.chi2 <= WRONG_CHI2 * fit.freedom:
+            if SIDEWAYS in _mirrored(problem, fit, wrong):
+                warn(MAY_BE_MIRRORED.format(SIDEWAYS))
             return wrong, fit, without
-        _refuse_mirrored(problem, fit if worst is None else without[worst])
+        if checks := _mirrored(problem, fit if worst is None else without[worst]):
+            raise mirrored(checks[0])
         if worst is None:  # no single point explains it: a unit, the order
             raise _contradiction(problem, fit, used)
         rivals = [k for k in gained if k != worst and gained[worst] - gained[k] < CLEARER_CHI2]
@@ -140,12 +150,17 @@ def _find_wrong_points(problem: Problem) -> tuple[list[int], Fit, dict[int, Fit]
         fit = without[worst]
 
 
-def _refuse_mirrored(problem: Problem, instead: Fit) -> None:
-    """Refuse points that fit mirrored, if that fits as they should, and not clearly worse than `instead`."""
-    for check, mirror in MIRRORED.items():
-        fit = register(replace(problem, points=problem.points * mirror))
-        if fit.chi2 < min(POOR_CHI2 * fit.freedom, instead.chi2 + CLEARER_CHI2):
-            raise CalibrationError(f"the points fit the demonstration as in a mirror; check the sign of {check}")
+def _mirrored(problem: Problem, instead: Fit, left_out: Sequence[int] = ()) -> list[str]:
+    """Return what to check of MIRRORED: mirrored so, the points fit, and not clearly worse than `instead`."""
+    fits = {check: register(replace(problem, points=problem.points * m), left_out) for check, m in MIRRORED.items()}
+    return [
+        check for check, fit in fits.items() if fit.chi2 < min(POOR_CHI2 * fit.freedom, instead.chi2 + CLEARER_CHI2)
+    ]
+
+
+def mirrored(check: str) -> CalibrationError:
+    """Return the error that says which of MIRRORED to check."""
+    return CalibrationError(f"the points fit the demonstration as in a mirror; check the sign of {check}")
 
 
 def _is_wrong(gained: float, others: Fit) -> bool:

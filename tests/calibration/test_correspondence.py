@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.calibration.correspondence import match_points
-from pbd.errors import CalibrationError
+from pbd.errors import CalibrationError, PbdWarning
 from pbd.pose import Array, Pose, quat_about_z
 
 POINTS = np.array([[0.3, -0.2, 0.0], [0.62, -0.15, 0.02], [0.55, 0.2, 0.0], [0.2, 0.05, 0.1], [0.4, 0.0, 0.35]])
@@ -58,7 +58,17 @@ def test_a_square_is_ambiguous() -> None:
 def test_a_point_above_a_corner_breaks_the_symmetry() -> None:
     points = np.vstack((SQUARE, [[0.3, 0.0, 0.2]]))
     p, sigma = stops_at(points[[4, 2, 3, 0, 1]])
-    assert match_points(p, sigma, points, in_order=False) == (3, 4, 1, 2, 0)
+    with pytest.warns(PbdWarning, match="fit as in a mirror too"):  # across the diagonal through that corner
+        assert match_points(p, sigma, points, in_order=False) == (3, 4, 1, 2, 0)
+
+
+def test_points_that_match_better_in_a_mirror_are_refused() -> None:
+    """Three of them are their own mirror's image, so only the fourth, which would be called wrong, shows it."""
+    points = np.array([[0.2, -0.2, 0.0], [0.6, -0.2, 0.0], [0.4, 0.1, 0.0], [0.75, -0.1, 0.0]])
+    p, sigma = stops_at(points)
+    assert match_points(p, sigma, points, in_order=False) == (0, 1, 2, 3)
+    with pytest.raises(CalibrationError, match="fit the demonstration as in a mirror; check the sign of x or y"):
+        match_points(p, sigma, points * (1.0, -1.0, 1.0), in_order=False)
 
 
 @pytest.mark.parametrize("in_order", [True, False])
