@@ -230,7 +230,11 @@ def test_a_tip_is_pivoted_and_its_rotation_turned(capsys: Capture) -> None:
     assert out.count("off its point") == 10
     assert err.startswith("pbd: calibration/bench.toml: the tool is at (")
     run_json(capsys, "calibrate", "mount", "bench", "turns", "--turns", "x,-x,z")
-    out = run(capsys, "calibrate", "mount", "bench", "turns", "--turns", "x,-x,z")[1]
+    _, out, err = run(capsys, "calibrate", "mount", "bench", "turns", "--turns", "x,-x,z")
+    assert "turns about two axes fit wrong signs, or another two axes, just as well" in err
+    shown = re.search(r"the approach \(z\) +\((\S+), (\S+), (\S+)\)", out)
+    assert shown is not None
+    assert [float(each) for each in shown.groups()] == pytest.approx(z, abs=0.03)
     moves = re.findall(r"move (\d), about (\S+) +(\d+)° +axis (\d\.\d)° off", out)
     assert [(int(move), axis) for move, axis, *_ in moves] == [(0, "x"), (1, "-x"), (2, "z")]
     assert [int(turned) for *_, turned, _ in moves] == pytest.approx(np.degrees([0.8, 0.9, 0.9]), abs=2.0)

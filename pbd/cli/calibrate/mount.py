@@ -18,7 +18,7 @@ from pbd.data.covariance import one_sigma
 from pbd.errors import UsageError, warn
 from pbd.files.calibration_edit import earlier_figures, existing_calibration, pose_values, update_calibration
 from pbd.files.demo import load_demo
-from pbd.pose import Array, Pose
+from pbd.pose import Array, Pose, quat_rotate
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.terminal_tables import print_table, words_table
 
@@ -32,6 +32,11 @@ def run(args: argparse.Namespace) -> None:
     keyframes = find_keyframes(hand)
     pivot = fit_pivot(keyframes, hand.covariance, calibration.scale) if args.pivot else None
     turns = fit_turns(keyframes, args.turns) if args.turns else None
+    if turns is not None and len({name.strip("-") for name in args.turns}) < 3:
+        warn(
+            "turns about two axes fit wrong signs, or another two axes, just as well: check where the approach (z) "
+            "points, or add turns about the third axis"
+        )
     mount, cov, figures = _merged(calibration, pivot, turns)
     cov_before = calibration.cov_sensor_tool
     if pivot is not None:
@@ -106,4 +111,6 @@ def _print(args: argparse.Namespace, pivot: PivotFit | None, turns: TurnsFit | N
     if turns is not None:
         for name, move, off, angle in zip(args.turns, turns.moves, turns.off, turns.turned, strict=True):
             rows.append((f"move {move}, about {name}", f"{np.degrees(angle):.0f}°", f"axis {np.degrees(off):.1f}° off"))
+        x, y, z = quat_rotate(turns.wxyz_sensor_tool, (0.0, 0.0, 1.0))
+        rows.append(("the approach (z)", f"({x:.2f}, {y:.2f}, {z:.2f})", "in the sensor's axes"))
     print_table(words_table(("what", "value", ""), rows))

@@ -96,7 +96,7 @@ def mount(parser: ArgumentParser) -> None:
     rule; the tool's z is the approach direction, its x the direction in which the jaws open.
 
       pbd calibrate mount bench pivot --pivot
-      pbd calibrate mount bench turns --turns x,-x,z,-z
+      pbd calibrate mount bench turns --turns x,-x,y,-y,z,-z
     """
     _add_name(parser, "the recording")
     flag(parser, "--pivot", "the tip stayed on one point at every stop")
