@@ -145,8 +145,7 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
 
     result = least_squares(residuals, np.zeros(13), loss="soft_l1", f_scale=ROBUST_SIGMAS, x_scale="jac")
     bias, matrix, vertical = unpack(result.x)
-    jacobian = np.asarray(result.jac)
-    sigma = np.sqrt(np.diagonal(np.linalg.pinv(jacobian.T @ jacobian)))[:3]
+    sigma = np.linalg.norm(np.linalg.pinv(np.asarray(result.jac)), axis=1)[:3]
     dip = float(np.arcsin(np.clip(vertical / field, -1.0, 1.0)))
     strength = np.linalg.norm((used - bias) @ matrix.T, axis=1) / field
     each_dip = np.arcsin(np.clip(-vertical_part(bias, matrix) / field, -1.0, 1.0))
