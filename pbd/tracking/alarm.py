@@ -148,10 +148,16 @@ def _smallest_weight(rests: int) -> float:
 
 
 def _field_alarms(solution: Solution) -> Iterator[str]:
+    if solution.hard_iron.any():
+        yield (
+            "part of the magnetic field turns with the sensor, as that of iron or a magnet beside it; this is "
+            "corrected, but pbd calibrate sensor finds it better"
+        )
     problem, fixed = solution.problem, solution.fixed
     if problem.field is None:
         return
-    usual = np.array([0.0, np.cos(fixed.dip), np.sin(fixed.dip)])
+    level = np.cos(fixed.dip)
+    usual = np.array([level * np.sin(fixed.azimuth), level * np.cos(fixed.azimuth), np.sin(fixed.dip)])
     field = np.einsum("kij,kj->ki", solution.state.E, problem.field) / fixed.strength
     change = lengths(field - usual)
     disturbed = change > FIELD_CHANGE

@@ -119,6 +119,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "gyro's lag (then none)": (*of_noise(lag=0.0, lag_sigma=TINY), (smoother, "WIDE_LAG_SIGMA", TINY)),
     "gyro's lag (then 1 ms)": (*of_noise(lag_sigma=TINY), (smoother, "WIDE_LAG_SIGMA", TINY)),
     "a large lag taken out": ((smoother, "REMOVED_LAG", LARGE),),
+    "hard iron found": ((smoother, "find_hard_iron", lambda problem, mag, x: None),),
     "gyro's common scale found": ((smoother, "WIDE_SCALE_SIGMA", TINY),),
     "gyro's matrix": (*of_noise(gyr_scale=TINY), (smoother, "WIDE_SCALE_SIGMA", TINY)),
     "accelerometer's matrix": of_noise(acc_scale=TINY),

@@ -150,19 +150,22 @@ def _add_hand(equations: NormalEquations, problem: Problem, x: State, anneal: fl
 def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: State, fixed: Fixed) -> None:
     """The field's horizontal part points north, with a weight that drops where the field is not the earth's."""
     h = np.einsum("kij,kj->ki", x.E, field)
-    east, jacobian, trust = compass_heading(h, fixed.strength, fixed.dip, problem.noise)
+    east, jacobian, trust = compass_heading(h, fixed.strength, fixed.dip, problem.noise, fixed.azimuth)
     weight = trust * problem.duration / problem.noise.compass**2
     equations.diagonal[:, ROT, ROT] += weight[:, None, None] * jacobian[:, :, None] * jacobian[:, None, :]
     equations.g[:, ROT] += (weight * east)[:, None] * jacobian
 
 
-def compass_heading(h: Array, strength: float, dip: float, noise: Noise) -> tuple[Array, Array, Array]:
+def compass_heading(
+    h: Array, strength: float, dip: float, noise: Noise, azimuth: float = 0.0
+) -> tuple[Array, Array, Array]:
     """Angle of fields h (k, 3) in nav east of north, rad (k,); its derivative by rotation (k, 3); weight, 0 to 1 (k,).
 
-    `strength` (unit of h) and `dip` (rad) are those of the undisturbed field.
+    `strength` (unit of h), `dip` and `azimuth` (rad) are those of the undisturbed field, which shows north.
     """
     level = np.maximum(np.hypot(h[:, 0], h[:, 1]), 1e-12)
-    east = np.arctan2(h[:, 0], h[:, 1])
+    cos, sin = np.cos(azimuth), np.sin(azimuth)
+    east = np.arctan2(cos * h[:, 0] - sin * h[:, 1], sin * h[:, 0] + cos * h[:, 1])
     steeper = np.arctan2(h[:, 2], level) - dip
     with np.errstate(over="ignore"):  # a field that is stronger beyond all measure has no weight
         stronger = lengths(h) / strength - 1.0

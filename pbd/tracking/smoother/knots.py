@@ -131,7 +131,7 @@ def build_problem(
         preintegrate(frame, rows, density, impulses, _knot_velocity(frame, rows, stop_of)),
         still_sigma[rows],
         quat_to_matrix(frame.wxyz[rows]),
-        np.zeros((len(rows), 3)) if no_gyro else _mean_around(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),
+        np.zeros((len(rows), 3)) if no_gyro else mean_around(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),
         _turn_sigma(frame, rows, same_stop, noise.still_turn),
         np.maximum(np.diff(borders), dt),
         None if mag is None else _mean_field(frame, mag, rows, max(1, round(STOP_KNOT_S / dt))),
@@ -200,12 +200,12 @@ def _turn_sigma(frame: GyroFrame, rows: Rows, same_stop: NDArray[np.bool_], leas
 
 
 def _mean_field(frame: GyroFrame, mag: Array, rows: Rows, reach: int) -> Array:
-    mean = _mean_around(quat_rotate(frame.wxyz, mag), rows, reach)
+    mean = mean_around(quat_rotate(frame.wxyz, mag), rows, reach)
     largest = float(np.abs(mean).max())
     return mean / largest if largest > 0.0 else mean
 
 
-def _mean_around(values: Array, rows: Rows, reach: int) -> Array:
+def mean_around(values: Array, rows: Rows, reach: int) -> Array:
     """Means of values (n, 3) over each row and `reach` rows on either side of it."""
     sums = cumulative(values)
     first, end = np.maximum(rows - reach, 0), np.minimum(rows + reach + 1, len(values))

@@ -1,8 +1,8 @@
 """Smooth a whole recording: the most probable motion and its covariance, by Gauss-Newton over the knots.
 
 A false stop (a hand that coasts) would bend the whole path. So zero velocity is a robust factor whose sigma starts
-large and shrinks (graduated non-convexity). A first solution with wide priors finds the gyro's lag and a scale common
-to its axes. If they are large, they are removed from the samples.
+large and shrinks (graduated non-convexity). A first solution with wide priors finds the gyro's lag, a scale common to
+its axes, and hard iron. If they are large, they are removed from the samples.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
 from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revised_stops, settled
 from pbd.tracking.smoother.factors import pivot_velocity, shared_prior
 from pbd.tracking.smoother.gauss_newton import ANNEALING, descend
+from pbd.tracking.smoother.hard_iron import find_hard_iron
 from pbd.tracking.smoother.knots import Problem, build_problem, row_noise
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
@@ -51,6 +52,7 @@ class Solution:
         path: the estimate at each row.
         lag: s, removed from the gyro's time stamps.
         scale: the gyro's readings were multiplied by 1 + scale.
+        hard_iron: (3,) in the unit of the magnetic field, removed from it.
         candidates: spans that looked still, accepted or not.
         converged: whether the iterations converged.
         leg_residuals: the legs' whitened residuals (m - 1, 9), and the covariance (m - 1, 9, 9) of their predictions by
@@ -65,6 +67,7 @@ class Solution:
     path: Path
     lag: float
     scale: float
+    hard_iron: Array
     candidates: Spans
     converged: bool
     leg_residuals: tuple[Array, Array] | None = None
@@ -98,7 +101,7 @@ def smooth(
     Raises:
         TrackingError: there is neither a gyro nor the device's attitude.
     """
-    lag, scale = 0.0, 0.0
+    lag, scale, hard_iron, azimuth = 0.0, 0.0, np.zeros(3), 0.0
     stops: Spans | None = None
     no_gyro = recording.gyr is None
     prior = Prior(noise.lag, WIDE_LAG_SIGMA, WIDE_SCALE_SIGMA)
@@ -107,8 +110,9 @@ def smooth(
     extra_rows = [*extra_rows, *(min(impulse.row + 1, len(recording) - 1) for impulse in impulses)]
 
     def build(stops: Spans, calm: Spans) -> Problem:
+        mag = None if recording.mag is None else recording.mag - hard_iron
         return build_problem(
-            *(frame, recording.mag, rest, noise, stops, calm, still_sigma, density, extra_rows, impulses, gaps),
+            *(frame, mag, rest, noise, stops, calm, still_sigma, density, extra_rows, impulses, gaps),
             no_gyro=no_gyro,
         )
 
@@ -134,13 +138,17 @@ def smooth(
         problem = build(stops, stops)
         if not problem.stops:
             return None
-        initial, fixed = _initial_state(problem, prior)
+        initial, fixed = _initial_state(problem, prior, azimuth)
         found = descend(problem, initial, fixed, ANNEALING)
+        if no_gyro:
+            break
         # Before it has settled, an estimate far from the truth may look significant.
         more_lag, more_scale = _large_lag_and_scale(found.x, found.solved) if found.converged else (0.0, 0.0)
+        iron = None if recording.mag is None or hard_iron.any() else find_hard_iron(problem, recording.mag, found.x)
         # A lag outside the wide prior is another fault.
-        if no_gyro or (more_lag == 0.0 and more_scale == 0.0) or abs(lag + more_lag) > OUTLIER_SIGMAS * WIDE_LAG_SIGMA:
+        if not (more_lag or more_scale or iron) or abs(lag + more_lag) > OUTLIER_SIGMAS * WIDE_LAG_SIGMA:
             break
+        hard_iron, azimuth = iron or (hard_iron, azimuth)
         lag, scale = lag + more_lag, (1.0 + scale) * (1.0 + more_scale) - 1.0
     narrow = Prior(noise.lag if lag == 0.0 else 0.0, noise.lag_sigma)
     # The model is linear in lag and scale, so the prior can be exchanged without a new linearisation.
@@ -169,7 +177,8 @@ def smooth(
         found = descend(problem, x, fixed, ANNEALING[-1:])
         path = path_of(problem, found.x)
     return Solution(
-        problem, found.x, fixed, found.still_weight, found.solved, path, lag, scale, candidates, found.converged
+        *(problem, found.x, fixed, found.still_weight, found.solved, path, lag, scale, hard_iron),
+        *(candidates, found.converged),
     )
 
 
@@ -203,7 +212,7 @@ def _origin_knot(problem: Problem) -> int:
     return int(np.median(np.flatnonzero(problem.stop_of == 0)))
 
 
-def _initial_state(problem: Problem, prior: Prior) -> tuple[State, Fixed]:
+def _initial_state(problem: Problem, prior: Prior, azimuth: float = 0.0) -> tuple[State, Fixed]:
     """Initial state: dead reckoning, levelled by `first_guess`, with nav's heading."""
     m, origin = len(problem.rows), _origin_knot(problem)
     strength = dip = 0.0
@@ -224,7 +233,7 @@ def _initial_state(problem: Problem, prior: Prior) -> tuple[State, Fixed]:
     shared = np.zeros(SHARED)
     shared[LAG], shared[GRAVITY] = prior.lag, problem.noise.gravity
     state = State(E, *_dead_reckoning(problem, E), none, none, shared)
-    return state, Fixed(origin, strength, dip, prior, np.ones(6))
+    return state, Fixed(origin, strength, dip, azimuth, prior, np.ones(6))
 
 
 def _dead_reckoning(problem: Problem, E: Array) -> tuple[Array, Array]:
