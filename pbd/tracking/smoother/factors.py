@@ -139,11 +139,12 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fi
 def _add_hand(equations: NormalEquations, problem: Problem, x: State, anneal: float) -> None:
     """Weak prior: the hand stays near where it began (Cauchy).
 
-    Annealing keeps the full weight further away. Of a hand that moves for minutes, dead reckoning ends 100 m away, from
-    where the robust factor alone would hardly bring it back.
+    Annealing keeps the full weight further away, by its square, as a wrong tilt moves the hand by the square of time.
+    Of a hand that moves for minutes, dead reckoning may end a kilometre away, from where the robust factor alone would
+    hardly bring it back.
     """
     reach = problem.noise.reach
-    near = problem.duration / reach**2 / (1.0 + squares(x.p) / (anneal * reach) ** 2)
+    near = problem.duration / reach**2 / (1.0 + squares(x.p) / (anneal**2 * reach) ** 2)
     equations.add_unary(POS, x.p, near)
 
 
