@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,9 @@ from pbd.errors import PbdWarning
 from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.tracking.keyframes import find_keyframes
-from tests.benchmarks.tracking import slower_strides, stride_errors
+from pbd.tracking.noise import FACTORY
+from tests.benchmarks.tracking import orientation_errors, slower_strides, stride_errors
+from tests.benchmarks.trials import read_broad
 
 
 def test_rests_agree_with_the_optics(data_folder: Path) -> None:
@@ -26,6 +29,19 @@ def test_rests_agree_with_the_optics(data_folder: Path) -> None:
             truly = ~arrays["moving"]
         f1 = 2.0 * (still & truly).sum() / (still.sum() + truly.sum())
         assert f1 > 0.985, file.name
+
+
+@pytest.mark.filterwarnings("ignore:the hand moves when the recording ends:pbd.errors.PbdWarning")
+def test_minutes_without_a_stop_are_tracked_with_a_gyro_that_drifts(data_folder: Path) -> None:
+    """Its bias walks half as far again as the model assumes. Dead reckoning may end a kilometre away."""
+    for file in sorted((data_folder / "broad").glob("1[06]_*.npz")):
+        trial = read_broad(file)["40"]
+        recording, rng = trial.recording, np.random.default_rng(4)
+        assert recording.gyr is not None
+        step = 1.5 * FACTORY.gyr_walk / np.sqrt(recording.rate_hz)
+        walk = np.cumsum(step * rng.normal(size=recording.gyr.shape), axis=0)
+        path = track(replace(recording, gyr=recording.gyr + walk))
+        assert orientation_errors(trial, path.wxyz_nav_sensor)["tilt_deg"] < 0.5, file.name
 
 
 def test_the_short_walk_has_its_stops(data_folder: Path) -> None:
