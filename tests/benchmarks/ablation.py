@@ -4,6 +4,8 @@ One part at a time is taken out: a parameter set to where it does nothing, or a 
 
 - Windows of real recordings at the sensor, 40 Hz, cm, as tracking.py has them; `inside`: the share of their errors
   inside one sigma. Strides: at the heel, cm, and how many are found.
+- `iron`, `drift`: the attitude's largest RMSE of these recordings, degrees, if a magnet of half the earth's field is
+  beside the sensor, and if the gyro's bias walks as its class may.
 - Keyframes of simulated tasks by three sensors: position in mm, attitude in degrees, 95th percentiles.
 - `slow`: stops missed or too many in tasks three times as slow.
 - `faults`: of some cases of the fault matrix, how many are silent and wrong.
@@ -43,8 +45,8 @@ from pbd.tracking.smoother import doubtful_stops, factors, preintegration, varia
 from pbd.tracking.smoother import smooth as smoother
 from tests.benchmarks import trials, windows
 from tests.benchmarks.report import add_data, arguments, print_machine
-from tests.benchmarks.tracking import inside, stride_errors
-from tests.benchmarks.trials import at_sensor, fit_lever, kind_of, read_broad
+from tests.benchmarks.tracking import inside, orientation_errors, stride_errors
+from tests.benchmarks.trials import Trial, at_sensor, fit_lever, kind_of, read_broad, with_drift, with_hard_iron
 from tests.benchmarks.windows import motion_of, window_errors
 from tests.tracking import fault_matrix
 
@@ -202,18 +204,31 @@ def real(data: Path) -> dict[str, float]:
     """The figures that tell the parts apart, cm at 40 Hz."""
     errors: dict[tuple[str, float], list[float]] = defaultdict(list)
     z_scores: list[float] = []
+    iron, drift = 0.0, 0.0
     for file in sorted((data / "broad").glob("*.npz")):
         trial = read_broad(file)["40"]
         for window in window_errors(at_sensor(trial, lever(file)), motion_of(trial)):
             errors[kind_of(file.stem), window.length].append(100.0 * float(np.linalg.norm(window.error)))
             z_scores.extend(window.z)
+        iron = max(iron, attitude_error(trial, with_hard_iron(trial.recording)))
+        drift = max(drift, *(attitude_error(trial, with_drift(trial.recording, 1.0, seed)) for seed in range(3)))
     found = {name: float(np.percentile(errors[window], percent)) for name, window, percent in COLUMNS}
     strides = stride_errors(import_file(next(iter((data / "strides").glob("*.npz")))))[2]
     return found | {
         "inside": inside(z_scores)["inside_1_sigma"],
         "at the heel p95": float(np.percentile(strides, 95)) if strides else np.inf,
         "strides": float(len(strides)),
+        "iron": iron,
+        "drift": drift,
     }
+
+
+def attitude_error(trial: Trial, recording: Recording) -> float:
+    """RMSE of the attitude while moving, degrees; infinite if the recording is refused."""
+    try:
+        return orientation_errors(trial, track(recording).wxyz_nav_sensor)["total_deg"]
+    except PbdError:
+        return np.inf
 
 
 def simulated(seeds: range) -> dict[str, float]:

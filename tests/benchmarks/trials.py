@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.pose import Array, quat_rotate
+from pbd.tracking.noise import FACTORY
 
 OPTICS_AHEAD_S = 0.8 / 286.0
 """The optics run ahead of the sensor by this much."""
@@ -87,6 +88,20 @@ def averaged(recording: Recording, every: int) -> Recording:
     rate = recording.info.rate_hz
     info = replace(recording.info, rate_hz=rate and rate / every)
     return replace(recording, t=mean(recording.t), acc=mean(recording.acc), gyr=gyr, mag=mag, info=info)
+
+
+def with_hard_iron(recording: Recording) -> Recording:
+    """As with a magnet of 20 uT beside the sensor, half the earth's field."""
+    assert recording.mag is not None
+    return replace(recording, mag=recording.mag + np.array((10.0, 10.0, -14.0)))
+
+
+def with_drift(recording: Recording, share: float, seed: int) -> Recording:
+    """As with a gyro whose bias walks by that share of what is assumed of its class."""
+    assert recording.gyr is not None
+    step = share * FACTORY.gyr_walk / np.sqrt(recording.rate_hz)
+    walk = np.cumsum(step * np.random.default_rng(seed).normal(size=recording.gyr.shape), axis=0)
+    return replace(recording, gyr=recording.gyr + walk)
 
 
 def slope(p: Array, rate_hz: float) -> Array:

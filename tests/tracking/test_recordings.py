@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,8 @@ from pbd.errors import PbdWarning
 from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.noise import FACTORY
 from tests.benchmarks.tracking import orientation_errors, slower_strides, stride_errors
-from tests.benchmarks.trials import read_broad
+from tests.benchmarks.trials import read_broad, with_drift
 
 
 def test_rests_agree_with_the_optics(data_folder: Path) -> None:
@@ -36,11 +34,7 @@ def test_minutes_without_a_stop_are_tracked_with_a_gyro_that_drifts(data_folder:
     """Its bias walks half as far again as the model assumes. Dead reckoning may end a kilometre away."""
     for file in sorted((data_folder / "broad").glob("1[06]_*.npz")):
         trial = read_broad(file)["40"]
-        recording, rng = trial.recording, np.random.default_rng(4)
-        assert recording.gyr is not None
-        step = 1.5 * FACTORY.gyr_walk / np.sqrt(recording.rate_hz)
-        walk = np.cumsum(step * rng.normal(size=recording.gyr.shape), axis=0)
-        path = track(replace(recording, gyr=recording.gyr + walk))
+        path = track(with_drift(trial.recording, 1.5, 4))
         assert orientation_errors(trial, path.wxyz_nav_sensor)["tilt_deg"] < 0.5, file.name
 
 
