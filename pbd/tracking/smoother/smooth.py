@@ -142,8 +142,7 @@ def smooth(
         found = descend(problem, initial, fixed, ANNEALING)
         if no_gyro:
             break
-        # Before it has settled, an estimate far from the truth may look significant.
-        more_lag, more_scale = _large_lag_and_scale(found.x, found.solved) if found.converged else (0.0, 0.0)
+        more_lag, more_scale = _large_lag_and_scale(found.x, found.solved)
         iron = None if recording.mag is None or hard_iron.any() else find_hard_iron(problem, recording.mag, found.x)
         # A lag outside the wide prior is another fault.
         if not (more_lag or more_scale or iron) or abs(lag + more_lag) > OUTLIER_SIGMAS * WIDE_LAG_SIGMA:
@@ -193,18 +192,20 @@ def _without_lag_and_scale(recording: Recording, lag: float, scale: float) -> Re
 def _large_lag_and_scale(x: State, solved: Solved) -> tuple[float, float]:
     """The lag (s) and the common scale error, each if it is significant and too large for a linear model; else 0.
 
+    Before it has settled, an estimate far from the truth may look significant: the last step must be below a sigma.
     The scale multiplies the gyro's noise too, which a scale of zero silences. So where little turns, the estimate tends
     to minus one by the noise's share of the information, which is 1 for each leg and axis.
     """
-    i = np.arange(SHARED)
+    i, step = np.arange(SHARED), solved.d_shared
     tau, sigma = float(x.shared[LAG][0]), float(np.sqrt(solved.shared[0, 0]))
     away = tau - Noise.lag
-    lag = tau if abs(away) > max(REMOVED_LAG, OUTLIER_SIGMAS * sigma) else 0.0
+    lag = tau if abs(away) > max(REMOVED_LAG, OUTLIER_SIGMAS * sigma) and abs(step[LAG][0]) < sigma else 0.0
     diagonal = i[GYR_MATRIX][::4]
     more_scale = -float(x.shared[diagonal].mean())  # w_true = (1 - M) w
     sigma = float(np.sqrt(solved.shared[np.ix_(diagonal, diagonal)].mean()))
     of_noise = 3.0 * (len(x.p) - 1) * sigma**2
-    return lag, more_scale if abs(more_scale) > max(REMOVED_SCALE, SCALE_OUTLIER_SIGMAS * sigma, of_noise) else 0.0
+    large = abs(more_scale) > max(REMOVED_SCALE, SCALE_OUTLIER_SIGMAS * sigma, of_noise)
+    return lag, more_scale if large and abs(step[diagonal].mean()) < sigma else 0.0
 
 
 def _origin_knot(problem: Problem) -> int:
