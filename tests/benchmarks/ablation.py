@@ -210,8 +210,9 @@ def real(data: Path) -> dict[str, float]:
         for window in window_errors(at_sensor(trial, lever(file)), motion_of(trial)):
             errors[kind_of(file.stem), window.length].append(100.0 * float(np.linalg.norm(window.error)))
             z_scores.extend(window.z)
-        iron = max(iron, attitude_error(trial, with_hard_iron(trial.recording)))
-        drift = max(drift, *(attitude_error(trial, with_drift(trial.recording, 1.0, seed)) for seed in range(3)))
+        for seed in range(3):
+            iron = max(iron, attitude_error(trial, with_hard_iron(trial.recording, seed)))
+            drift = max(drift, attitude_error(trial, with_drift(trial.recording, 1.0, seed)))
     found = {name: float(np.percentile(errors[window], percent)) for name, window, percent in COLUMNS}
     strides = stride_errors(import_file(next(iter((data / "strides").glob("*.npz")))))[2]
     return found | {

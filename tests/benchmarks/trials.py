@@ -90,10 +90,11 @@ def averaged(recording: Recording, every: int) -> Recording:
     return replace(recording, t=mean(recording.t), acc=mean(recording.acc), gyr=gyr, mag=mag, info=info)
 
 
-def with_hard_iron(recording: Recording) -> Recording:
+def with_hard_iron(recording: Recording, seed: int) -> Recording:
     """As with a magnet of 20 uT beside the sensor, half the earth's field."""
     assert recording.mag is not None
-    return replace(recording, mag=recording.mag + np.array((10.0, 10.0, -14.0)))
+    way = np.random.default_rng(seed).normal(size=3)
+    return replace(recording, mag=recording.mag + 20.0 * way / np.linalg.norm(way))
 
 
 def with_drift(recording: Recording, share: float, seed: int) -> Recording:
