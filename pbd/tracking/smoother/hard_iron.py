@@ -45,7 +45,8 @@ def find_hard_iron(problem: Problem, mag: Array, x: State) -> tuple[Array, float
     known = own - mixed @ np.linalg.pinv(rest) @ mixed.T
     sure = iron @ known @ iron > 3.0 * (OUTLIER_SIGMAS * density) ** 2
     large = iron @ iron > noise.field**2 * (earth @ earth)
-    if not (sure and large):
+    most_fit = weight.sum() > 0.5 * problem.duration.sum()
+    if not (sure and large and most_fit):
         return None
     north = field_nav[problem.stop_of == 0].mean(axis=0)
     return iron, float(np.arctan2(earth[0], earth[1]) - np.arctan2(north[0], north[1]))

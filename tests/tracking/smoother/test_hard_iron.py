@@ -55,6 +55,8 @@ def test_none_is_found_in_a_sound_room_and_where_the_sensor_does_not_turn(seed: 
     room = EARTH + Noise.compass * float(np.hypot(EARTH[0], EARTH[1])) * rng.normal(size=(KNOTS, 3))
     assert found(turns, room) is None
     assert found(0.1 * turns, room) is None
+    stuck = quat_rotate(quat_exp(turns), EARTH) + 0.3 * rng.normal(size=(KNOTS, 3))
+    assert found(turns, stuck) is None
     assert found(0.0 * turns, np.tile(EARTH, (KNOTS, 1))) is None
     small = quat_rotate(quat_exp(turns), np.array([0.0, 0.0, 3.0]))  # a room's field differs by as much
     assert found(turns, EARTH + small) is None
