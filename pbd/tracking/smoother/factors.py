@@ -120,18 +120,18 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fi
     # Annealing adds a speed that does not depend on tremor: a coasting hand is as fast with or without it.
     variance = fixed.components[5] * problem.still_sigma**2 + (anneal**2 - 1.0) * noise.still_speed**2
     v, swing = pivot_velocity(problem, x)
-    still = _robust(squares(v) / variance) * (problem.stop_of >= 0)
+    still = robust_weights(squares(v) / variance) * (problem.stop_of >= 0)
     equations.add_unary(VEL, v, still / variance)
     equations.add_by_turn(VEL, PIVOT, skew(x.v), swing, v, still / variance)
     equations.add_shared(VEL, PIVOT, slice(None), swing, v, still / variance)
     swing, sigma_shift = -np.diff(R, axis=0), anneal * noise.still_shift
     shift = np.diff(x.p, axis=0) + swing @ x.shared[PIVOT]
-    stay = _robust(squares(shift) / sigma_shift**2) * within
+    stay = robust_weights(squares(shift) / sigma_shift**2) * within
     equations.add_pairs(POS, shift, stay / sigma_shift**2)
     equations.add_shared(POS, PIVOT, slice(1, None), swing, shift, stay / sigma_shift**2)
     equations.border[:-1, POS, PIVOT] -= (stay / sigma_shift**2)[:, None, None] * swing
     turned = matrix_log(R[1:] @ R[:-1].transpose(0, 2, 1))
-    same_attitude = _robust(squares(turned) / problem.turn_sigma**2) * within
+    same_attitude = robust_weights(squares(turned) / problem.turn_sigma**2) * within
     equations.add_pairs(ROT, turned, same_attitude / problem.turn_sigma**2)
     return still
 
@@ -222,6 +222,6 @@ def _information(noise: Noise, acc_factor: float, prior: Prior) -> Array:
     return readonly(np.linalg.inv(covariance))
 
 
-def _robust(squares: Array) -> Array:
+def robust_weights(squares: Array) -> Array:
     """Geman-McClure weights of residuals, given their squared lengths in sigmas."""
     return 1.0 / (1.0 + squares / OUTLIER_SIGMAS**2) ** 2

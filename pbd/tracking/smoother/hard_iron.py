@@ -7,6 +7,7 @@ import numpy as np
 from pbd.pose import Array
 from pbd.tracking.moving_windows import squares
 from pbd.tracking.noise import OUTLIER_SIGMAS
+from pbd.tracking.smoother.factors import robust_weights
 from pbd.tracking.smoother.knots import Problem, mean_around
 from pbd.tracking.smoother.preintegration import BLOCK_S
 from pbd.tracking.smoother.state import State
@@ -38,7 +39,7 @@ def find_hard_iron(problem: Problem, mag: Array, x: State) -> tuple[Array, float
         both = np.linalg.lstsq(information, np.tensordot(weighted, field_nav, axes=((0, 1), (0, 1))))[0]
         iron, earth = np.split(np.asarray(both, dtype=np.float64), 2)
         off = squares(field_nav - A @ both) / (noise.field**2 * (earth @ earth))
-        weight = problem.duration / (1.0 + off / OUTLIER_SIGMAS**2) ** 2
+        weight = problem.duration * robust_weights(off)
     # A room's field varies by as much as it turns the heading.
     density = noise.compass * np.hypot(earth[0], earth[1])
     own, mixed, rest = information[:3, :3], information[:3, 3:], information[3:, 3:]

@@ -20,7 +20,7 @@ from pbd.tracking.moving_windows import cumulative
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
 from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revised_stops, settled
-from pbd.tracking.smoother.factors import pivot_velocity, shared_prior
+from pbd.tracking.smoother.factors import pivot_velocity, robust_weights, shared_prior
 from pbd.tracking.smoother.gauss_newton import ANNEALING, descend
 from pbd.tracking.smoother.hard_iron import find_hard_iron
 from pbd.tracking.smoother.knots import Problem, build_problem, row_noise
@@ -76,7 +76,7 @@ class Solution:
         """Weight of each stop, 0 to 1: the largest robust weight among its knots."""
         at, weights = self.problem.stop_of >= 0, np.zeros(len(self.problem.stops))
         excess = lengths(pivot_velocity(self.problem, self.state)[0][at]) ** 2 / self.problem.still_sigma[at] ** 2 - 3.0
-        np.maximum.at(weights, self.problem.stop_of[at], 1.0 / (1.0 + np.maximum(excess, 0.0) / OUTLIER_SIGMAS**2) ** 2)
+        np.maximum.at(weights, self.problem.stop_of[at], robust_weights(np.maximum(excess, 0.0)))
         return weights
 
 

@@ -22,9 +22,9 @@ from pbd.tracking.smoother.factors import (
     GAUGE_WEIGHT,
     _add_device_attitude,
     _add_priors,
-    _robust,
     compass_heading,
     linearise,
+    robust_weights,
     whitener,
 )
 from pbd.tracking.smoother.knots import Problem, _turn_sigma
@@ -289,4 +289,4 @@ def test_the_first_guess_moves_as_the_samples_say() -> None:
 
 def test_noise_makes_one_knot_in_twenty_seem_to_move() -> None:
     squares = np.square(np.random.default_rng(0).normal(size=(100_000, 3))).sum(axis=1)
-    assert (_robust(squares) < MOVING_WEIGHT).mean() == pytest.approx(0.05, abs=0.005)
+    assert (robust_weights(squares) < MOVING_WEIGHT).mean() == pytest.approx(0.05, abs=0.005)
