@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,21 @@ def test_minutes_without_a_stop_are_tracked_with_a_gyro_that_drifts(data_folder:
         trial = read_broad(file)["40"]
         path = track(with_drift(trial.recording, 1.5, 4))
         assert orientation_errors(trial, path.wxyz_nav_sensor)["tilt_deg"] < 0.5, file.name
+
+
+def test_a_real_hand_is_tracked_while_its_sensor_is_tapped(data_folder: Path) -> None:
+    """A tap turns the sensor by 0.8 degrees in one sample, and pushes it; it turns back in a fifth of a second."""
+    (file,) = (data_folder / "broad").glob("14_*.npz")
+    trial = read_broad(file)["286"]
+    acc, gyr = trial.recording.acc.copy(), trial.recording.gyr
+    assert gyr is not None
+    gyr = gyr.copy()
+    for row in range(5000, len(acc) - 5000, 1000):
+        acc[row : row + 3, 2] += (60.0, -90.0, 30.0)
+        gyr[row, 0] += 4.0
+        gyr[row + 1 : row + 51, 0] -= 0.08
+    path = track(replace(trial.recording, acc=acc, gyr=gyr))
+    assert orientation_errors(trial, path.wxyz_nav_sensor)["tilt_deg"] < 0.3
 
 
 def test_the_short_walk_has_its_stops(data_folder: Path) -> None:

@@ -17,12 +17,17 @@ from pbd.data.units import UNITS
 from pbd.errors import RecordingError, warn
 from pbd.pose import Array, lengths
 from pbd.tracking.moving_windows import squares
+from pbd.tracking.noise import OUTLIER_SIGMAS
 from pbd.tracking.repair.channel_faults import SENSOR_NAMES, has_noise
 from pbd.tracking.repair.gaps import bridged
 
 WILD_DISTANCE = {"acc": (30.0, 1), "gyr": (0.3, 3)}
 """Smallest distance (m/s2, rad/s) of a wild row from the line through its neighbours, and the largest number of wild
 rows in sequence. A longer run may be real (a tap)."""
+
+KNOCK_LEVER = 0.02
+"""m: a knock turns the sensor about a point at least this far away (a wrist, the other end of what a hand holds). So it
+pushes it too: the accelerometer jumps by this times the gyro's jump in a sampling interval, or more."""
 
 OUTLIER_RATIO = 25.0
 """Smallest ratio that shows a splice: of a wild row's distance to noise, motion around it and the jump that remains
@@ -57,6 +62,7 @@ def without_wild(recording: Recording) -> Recording:
         if values is None or len(values) < 2 * reach:
             continue
         wild = _wild_rows(values, *WILD_DISTANCE[name], NOISE_FLOOR[name], reach)
+        wild = wild[~_knocked(recording, wild, reach)]
         good = np.ones(len(values), dtype=bool)
         good[wild] = False
         mended[name] = bridged(recording.t, values, good)
@@ -178,6 +184,27 @@ def _wild_rows(values: Array, away: float, most: int, least: float, reach: int) 
         alone = far > OUTLIER_RATIO * np.maximum(usual, lengths(after - before))
         wild.append(block[alone & (far > away)].ravel())
     return np.unique(np.concatenate(wild)) - 2
+
+
+def _knocked(recording: Recording, rows: Rows, reach: int) -> NDArray[np.bool_]:
+    """Whether the sensor was knocked at some rows (k,): both its sensors jump, as KNOCK_LEVER says."""
+    if recording.gyr is None:
+        return np.zeros(len(rows), dtype=bool)
+    (push, usual_push), (turn, usual_turn) = (
+        _jumps_at(getattr(recording, name), rows, reach, least) for name, least in NOISE_FLOOR.items()
+    )
+    both = (push > OUTLIER_SIGMAS * usual_push) & (turn > OUTLIER_SIGMAS * usual_turn)
+    return np.asarray(both & (push > KNOCK_LEVER * recording.rate_hz * turn))
+
+
+def _jumps_at(values: Array, rows: Rows, reach: int, least: float) -> tuple[Array, Array]:
+    """Largest jump (k,) of readings (n, 3) at some rows, and rms (k,), at least `least`, of those around (`reach`)."""
+    before, after = _extrapolate_everywhere(values)
+    jumps = np.pad(lengths(after - before), (2 + reach, 1 + reach))
+    near = np.lib.stride_tricks.sliding_window_view(jumps, 2 * reach + 1)[rows]
+    own = near[:, reach - 1 : reach + 3]  # before the row, after it, and one further to either side
+    around = squares(near) - squares(own)
+    return own.max(axis=1), np.sqrt(np.maximum(around / (2 * reach - 3), least**2))
 
 
 def _swapped_blocks(recording: Recording) -> tuple[int, int] | None:

@@ -74,6 +74,34 @@ def test_wild_gyro_rows_are_left_out_however_small(rows: int) -> None:
     assert np.abs(mended.gyr - recording.gyr).max() < 0.1
 
 
+@pytest.mark.parametrize(
+    ("push", "late", "shake", "is_knock"),
+    [
+        (2.7, 0, 0.0, False),
+        (5.0, 0, 0.0, True),
+        (5.0, 2, 0.0, True),
+        (5.0, -2, 0.0, True),
+        (5.0, 3, 0.0, False),
+        (5.0, -3, 0.0, False),
+        (5.0, 0, 3.0, False),
+    ],
+)
+def test_a_turn_is_real_if_a_knock_pushed_the_sensor_as_much(
+    push: float, late: int, shake: float, is_knock: bool
+) -> None:
+    """2 rad/s within 10 ms, about a point 2 cm away or further: 4 m/s2 or more, and more than the hand shakes."""
+    recording = pour("wt901", 1).recording
+    assert recording.gyr is not None
+    acc, gyr = recording.acc.copy(), recording.gyr.copy()
+    acc[:, 0] += np.resize((shake, -shake), len(acc))
+    acc[500 + late, 0] += push
+    gyr[500, 1] += 2.0
+    knocked = replace(recording, acc=acc, gyr=gyr)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PbdWarning)
+        assert (without_wild(knocked) is knocked) == is_knock
+
+
 def test_a_hand_that_meets_a_table_is_no_wild_sample() -> None:
     """The hand stops from 8 cm/s within a sample, and may rock."""
     recording = pour("os5000", 1).recording
