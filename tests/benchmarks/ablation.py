@@ -4,8 +4,8 @@ One part at a time is taken out: a parameter set to where it does nothing, or a 
 
 - Windows of real recordings at the sensor, 40 Hz, cm, as tracking.py has them; `inside`: the share of their errors
   inside one sigma. Strides: at the heel, cm, and how many are found.
-- `iron`, `drift`: the attitude's largest RMSE of these recordings, degrees, if a magnet of half the earth's field is
-  beside the sensor, and if the gyro's bias walks as its class may.
+- `iron`, `drift`, `taps`: the attitude's largest RMSE of these recordings, degrees, if a magnet of half the earth's
+  field is beside the sensor, if the gyro's bias walks as its class may, and if the sensor is tapped (286 Hz).
 - Keyframes of simulated tasks by three sensors: position in mm, attitude in degrees, 95th percentiles.
 - `slow`: stops missed or too many in tasks three times as slow.
 - `faults`: of some cases of the fault matrix, how many are silent and wrong.
@@ -41,12 +41,22 @@ from pbd.tracking import zero_velocity
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise, noise_of
+from pbd.tracking.repair import splices
 from pbd.tracking.smoother import doubtful_stops, factors, preintegration, variance_components
 from pbd.tracking.smoother import smooth as smoother
 from tests.benchmarks import trials, windows
 from tests.benchmarks.report import add_data, arguments, print_machine
 from tests.benchmarks.tracking import inside, orientation_errors, stride_errors
-from tests.benchmarks.trials import Trial, at_sensor, fit_lever, kind_of, read_broad, with_drift, with_hard_iron
+from tests.benchmarks.trials import (
+    Trial,
+    at_sensor,
+    fit_lever,
+    kind_of,
+    read_broad,
+    with_drift,
+    with_hard_iron,
+    with_taps,
+)
 from tests.benchmarks.windows import motion_of, window_errors
 from tests.tracking import fault_matrix
 
@@ -121,6 +131,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "gyro's lag (then none)": (*of_noise(lag=0.0, lag_sigma=TINY), (smoother, "WIDE_LAG_SIGMA", TINY)),
     "gyro's lag (then 1 ms)": (*of_noise(lag_sigma=TINY), (smoother, "WIDE_LAG_SIGMA", TINY)),
     "a large lag taken out": ((smoother, "REMOVED_LAG", LARGE),),
+    "knocks kept": ((splices, "_knocked", lambda recording, rows, reach: np.zeros(len(rows), dtype=bool)),),
     "hard iron found": ((smoother, "find_hard_iron", lambda problem, mag, x: None),),
     "gyro's common scale found": ((smoother, "WIDE_SCALE_SIGMA", TINY),),
     "gyro's matrix": (*of_noise(gyr_scale=TINY), (smoother, "WIDE_SCALE_SIGMA", TINY)),
@@ -204,9 +215,11 @@ def real(data: Path) -> dict[str, float]:
     """The figures that tell the parts apart, cm at 40 Hz."""
     errors: dict[tuple[str, float], list[float]] = defaultdict(list)
     z_scores: list[float] = []
-    iron, drift = 0.0, 0.0
+    iron, drift, taps = 0.0, 0.0, 0.0
     for file in sorted((data / "broad").glob("*.npz")):
-        trial = read_broad(file)["40"]
+        at_rates = read_broad(file)
+        trial, fast = at_rates["40"], at_rates["286"]
+        taps = max(taps, attitude_error(fast, with_taps(fast.recording)))
         for window in window_errors(at_sensor(trial, lever(file)), motion_of(trial)):
             errors[kind_of(file.stem), window.length].append(100.0 * float(np.linalg.norm(window.error)))
             z_scores.extend(window.z)
@@ -221,6 +234,7 @@ def real(data: Path) -> dict[str, float]:
         "strides": float(len(strides)),
         "iron": iron,
         "drift": drift,
+        "taps": taps,
     }
 
 

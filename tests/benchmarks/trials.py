@@ -105,6 +105,17 @@ def with_drift(recording: Recording, share: float, seed: int) -> Recording:
     return replace(recording, gyr=recording.gyr + walk)
 
 
+def with_taps(recording: Recording) -> Recording:
+    """As if tapped every thousand samples: a tap pushes, and turns by 4 rad/s in one sample, then back within fifty."""
+    assert recording.gyr is not None
+    acc, gyr = recording.acc.copy(), recording.gyr.copy()
+    for row in range(5000, len(acc) - 5000, 1000):
+        acc[row : row + 3, 2] += (60.0, -90.0, 30.0)
+        gyr[row, 0] += 4.0
+        gyr[row + 1 : row + 51, 0] -= 0.08
+    return replace(recording, acc=acc, gyr=gyr)
+
+
 def slope(p: Array, rate_hz: float) -> Array:
     """Velocity (n, 3) as the optics have it: the slope of a quartic over VELOCITY_S, which loses half of 12 Hz."""
     from scipy.signal import savgol_filter  # loads scipy.stats, which takes a second
