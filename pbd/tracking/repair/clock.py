@@ -112,7 +112,7 @@ def steady_clock(recording: Recording) -> Array:
     `recording.t` must not run backwards. Warns if it changes the stamps.
     """
     t, nominal_hz = recording.t, recording.info.rate_hz
-    new = np.concatenate(([True], (np.diff(t) > 0.0) | row_changes(recording)))
+    new = np.concatenate(([True], (np.diff(t) > 0.0) | row_changes(recording.acc, recording.gyr)))
     stamps = t[new]
     if len(stamps) > 4 * LATE_SAMPLES and stamps[-1] > stamps[0]:
         interval, reach, complete = _sampling_interval(stamps, nominal_hz)
@@ -154,11 +154,10 @@ def _refuse_disorder(t: Array) -> None:
             )
 
 
-def row_changes(recording: Recording) -> NDArray[np.bool_]:
-    """Whether each row differs from the one before it, (n - 1,)."""
-    given = [values for values in (recording.acc, recording.gyr) if values is not None]
-    changes: NDArray[np.bool_] = np.any([(values[1:] != values[:-1]).any(axis=1) for values in given], axis=0)
-    return changes
+def row_changes(*sensors: Array | None) -> NDArray[np.bool_]:
+    """Whether each row of the readings (n, 3) of some sensors differs from the one before it, (n - 1,)."""
+    changes = [(values[1:] != values[:-1]).any(axis=1) for values in sensors if values is not None]
+    return np.asarray(np.any(changes, axis=0))
 
 
 def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, int, bool]:

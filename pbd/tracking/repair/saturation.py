@@ -86,20 +86,18 @@ def find_clips(recording: Recording) -> tuple[Clip, ...]:
 def clips_of(recording: Recording) -> tuple[Clip, ...]:
     """`find_clips` without its warning."""
     given = {name: values for name in SENSOR_NAMES if (values := getattr(recording, name)) is not None}
-    # A row that was only repeated does not count as another sample of a flat top.
-    new = np.concatenate(([True], row_changes(recording)))
     clips = (
         Clip(sensor, axis, sign, start, stop)
         for sensor, values in given.items()
         for axis in range(3)
         for sign in (1.0, -1.0)
-        for start, stop in _clipped_runs(sign * values[:, axis], sensor, new)
+        for start, stop in _clipped_runs(sign * values[:, axis], sensor, np.append(True, row_changes(values)))
     )
     return tuple(sorted(clips, key=lambda clip: clip.start))
 
 
 def _clipped_runs(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Runs in which x (n,) is clipped at its largest value. `new` (n,): the row does not repeat the one before."""
+    """Runs in which x (n,) is clipped at its largest value. `new` (n,): the sensor's readings do not repeat."""
     top = float(x.max())
     if top < LEAST_RANGE[sensor]:
         return []

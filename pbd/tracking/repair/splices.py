@@ -112,8 +112,12 @@ def refuse_doubled(recording: Recording) -> None:
         return
     order = np.argsort(blocks, kind="stable")
     same = np.flatnonzero(np.diff(blocks[order]) == 0.0)
-    different = np.diff(np.sort(np.lib.stride_tricks.sliding_window_view(sums, DOUBLED_ROWS)[order[same]])).all(axis=1)
-    first, again = new[order[same[different]]], new[order[same[different] + 1]]
+    # The readings of a coarse sensor recur. A block that came twice has rows that occur nowhere else.
+    _, of_row, rows_alike = np.unique(sums, return_inverse=True, return_counts=True)
+    _, of_block, blocks_alike = np.unique(blocks, return_inverse=True, return_counts=True)
+    in_block = np.lib.stride_tricks.sliding_window_view(of_row, DOUBLED_ROWS)[order[same]]
+    nowhere_else = (rows_alike[in_block] == blocks_alike[of_block[order[same]], None]).all(axis=1)
+    first, again = new[order[same[nowhere_else]]], new[order[same[nowhere_else] + 1]]
     # Of ten million sums some are equal by chance, within rounding.
     first, again = np.stack((first, again))[:, (rows[first] == rows[again]).all(axis=1)]
     if len(first) == 0 or not has_noise(recording.acc):

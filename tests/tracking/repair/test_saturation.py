@@ -158,6 +158,12 @@ def test_a_row_that_is_repeated_at_a_peak_is_no_flat_top() -> None:
     assert find_clips(held) == ()
 
 
+def test_a_slow_accelerometer_beside_a_faster_gyro_has_no_flat_top() -> None:
+    recording = simulate("pick-and-place-stops", "modern").recording
+    acc = np.repeat(recording.acc[::4], 4, axis=0)[: len(recording)]
+    assert find_clips(replace(recording, acc=acc)) == ()
+
+
 def test_a_clipped_parabola_is_continued_and_as_unsure_as_the_continuation() -> None:
     t = np.arange(400.0)
     x = 30.0 * np.clip(1.0 - ((t - 200.0) / 20.0) ** 2, 0.0, 1.0) + 1e-3 * np.sin(7.0 * t)

@@ -10,12 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pbd.data import GRAVITY
 from pbd.errors import PbdWarning, RecordingError
+from pbd.pose import Array
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.repair import splices
 from pbd.tracking.repair.splices import _extrapolate, in_order, refuse_doubled, without_wild
+from tests.benchmarks.trials import read_broad
 from tests.scenarios import pour, simulate, with_rows
 from tests.tracking.repair.test_sensors_as_they_are import real_recordings
 
@@ -137,3 +140,22 @@ def test_a_sum_that_is_equal_by_chance_is_no_block_that_came_twice(monkeypatch: 
     assert gyr is not None
     gyr[500:520] = gyr[480:500]
     refuse_doubled(replace(recording, acc=acc, gyr=gyr))
+
+
+def test_the_readings_of_a_coarse_sensor_recur_but_no_block_came_twice(data_folder: Path) -> None:
+    """With 8 bits over 2 g and 250 degrees/s, a hand that rests shows the same six rows again."""
+    (file,) = (data_folder / "broad").glob("05_*.npz")
+    fine = read_broad(file)["286"].recording
+    assert fine.gyr is not None
+    acc, gyr = coarsely(fine.acc, 4.0 * GRAVITY / 256.0), coarsely(fine.gyr, np.radians(500.0) / 256.0)
+    coarse = replace(fine, acc=acc, gyr=gyr)
+    refuse_doubled(coarse)
+    fastest = int(np.argmax(np.abs(gyr).max(axis=1)))
+    rows = np.insert(np.arange(len(acc)), fastest + 30, np.arange(fastest, fastest + 30))
+    again = replace(with_rows(coarse, rows), t=np.arange(len(rows)) / 286.0)
+    with pytest.raises(RecordingError, match="a block came twice"):
+        refuse_doubled(again)
+
+
+def coarsely(values: Array, step: float) -> Array:
+    return np.asarray(step * np.round(values / step))
