@@ -21,15 +21,47 @@ UT_PER_GAUSS = 100.0
 
 UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
-        "acc": {"m/s2": 1.0, "m/s^2": 1.0, "m/s/s": 1.0, "g": GRAVITY, "mg": MG, "mm/s2": 1e-3, "cm/s2": 1e-2},
-        "gyr": {"rad/s": 1.0, "deg/s": DEG, "dps": DEG, "mdeg/s": 1e-3 * DEG, "mdps": 1e-3 * DEG},
+        "acc": {"m/s2": 1.0, "g": GRAVITY, "mg": MG, "mm/s2": 1e-3, "cm/s2": 1e-2},
+        "gyr": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": DEG, "dps": DEG, "mdeg/s": 1e-3 * DEG, "mdps": 1e-3 * DEG}
+        | {"rpm": 2.0 * pi / 60.0},
         "mag": {"uT": 1.0, "nT": 1e-3, "mT": 1e3, "T": 1e6, "gauss": UT_PER_GAUSS, "mgauss": 1e-3 * UT_PER_GAUSS}
         | {"G": UT_PER_GAUSS, "mG": 1e-3 * UT_PER_GAUSS, "a.u.": 1.0, "local_flux": 1.0},
         "angle": {"rad": 1.0, "deg": DEG},
-        "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "0.1ms": 1e-4},
+        "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "day": 86400.0} | {"0.1ms": 1e-4},
     }
 )
 """Factor to m/s2, rad/s, uT, rad and s by quantity and unit. The first unit of each quantity has the factor 1."""
+
+_SIGNS = str.maketrans({"µ": "u", "μ": "u", "ʯ": "u", "?": "u"} | dict(zip("¹²⁻−", "12--", strict=True)))
+"""Signs in units, among them the micro sign in wrong encodings."""
+
+_SPELLINGS = (
+    (r"[\s()]", ""),
+    (r"milli-?", "m"),
+    (r"micro-?", "u"),
+    (r"nano", "n"),
+    (r"sec(?:ond)?s?", "s"),
+    (r"_?per_?", "/"),
+    (r"[.·⋅*]?s\^?-1$", "/s"),
+    (r"[.·⋅*]?s\^?-2$|/s(?:\^|\*\*)2$|/s/s$", "/s2"),
+    (r"(?:[°º]|grad|deg(?:ree)?s?)(?=/s|$)", "deg"),
+    (r"rad(?:ian)?s?(?=/s|$)", "rad"),
+    (r"met(?:er|re)s?(?=/)", "m"),
+    (r"tesla$", "t"),
+    (r"^(-?[\d.]*m?)g(?:'?s|-?force)$", r"\1g"),
+    (r"^minutes?$", "min"),
+    (r"^h(?:ou)?rs?$", "h"),
+    (r"^days$|^d$", "day"),
+)
+"""Patterns of units as programs spell them in lower case, and what replaces them, in this order."""
+
+
+def spelled(unit: str) -> str:
+    """Return a unit in lower case as UNITS spells it: `°/sec` -> `deg/s`, `m·s⁻²` -> `m/s2`."""
+    unit = unit.lower().translate(_SIGNS)
+    for pattern, ours in _SPELLINGS:
+        unit = re.sub(pattern, ours, unit)
+    return unit
 
 
 def unit_factor(quantity: str, unit: str) -> float | None:
@@ -38,7 +70,7 @@ def unit_factor(quantity: str, unit: str) -> float | None:
     Case is ignored, because programs write UT and Mg.
     """
     factors = {name.lower(): factor for name, factor in UNITS[quantity].items()}
-    if (unit := unit.strip().lower()) in factors:
+    if (unit := spelled(unit)) in factors:
         return factors[unit]
     match = re.fullmatch(r"(\d+\.?\d*|\.\d+)(e[-+]?\d+)?\s*([a-z]\S*)", unit)
     factor = float(match[1] + (match[2] or "")) * factors.get(match[3], 0.0) if match else 0.0

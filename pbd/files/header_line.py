@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pbd.errors import warn
 from pbd.files.imu_columns import ACC, GYR, MAG
+from pbd.io.numbers import MISSING
 
 HEADER_CELLS = 4
 """Smallest number of cells in a header (t, ax, ay, az). The lines of a preamble have fewer."""
@@ -18,9 +19,9 @@ START = "0123456789-+."
 
 
 def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
-    """Return the header's index and the number of lines with units below it (0 or 1); None if no line is wide enough.
+    """Return the header's index and the number of lines of axes or units below it; None if no line is wide enough.
 
-    The header is the last wide line above the first row of numbers, or the one before it if the last has the units.
+    The header is the last wide line above the first row of numbers, or the first above lines whose cells repeat.
     """
     wide = [k for k, line in enumerate(lines) if max(map(line.count, ",;\t")) >= HEADER_CELLS - 1]
     if not wide:
@@ -29,12 +30,20 @@ def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
     above = [k for k in wide if row is None or k < row]
     if row is None or not above:
         return wide[0], 0
-    header = above[-1]
-    delimiter = max(",;\t", key=lines[header].count)
-    cells = [cell.strip() for cell in lines[header].split(delimiter) if cell.strip()]
-    if len(above) > 1 and len(set(cells)) < len(cells) and len(lines[above[-2]].split(delimiter)) >= len(cells):
-        return above[-2], header - above[-2]  # cells that repeat are units: names don't repeat
-    return header, 0
+    header = last = above.pop()
+    while above and _repeats(cells := _cells(lines[header])) and len(_cells(lines[above[-1]])) >= sum(map(bool, cells)):
+        header = above.pop()
+    return header, last - header
+
+
+def _cells(line: str) -> list[str]:
+    return [cell.strip(' "') for cell in line.split(max(",;\t", key=line.count))]
+
+
+def _repeats(cells: Sequence[str]) -> bool:
+    """Whether the cells are units or axes (`x`, `X (g)`), which repeat, not names of columns."""
+    words = [re.sub(r"^([xyzXYZ])\W.*", r"\1", cell) for cell in cells if cell]
+    return len(set(words)) < len(words)
 
 
 def without_comments(text: str, foreign: bool) -> str:
@@ -49,7 +58,9 @@ def without_comments(text: str, foreign: bool) -> str:
 
 
 def with_delimiters(text: str) -> str:
-    """Replace the spaces of a table that has no other delimiters by tabs."""
+    """Put tabs for the spaces of a table without other delimiters, and a delimiter after a serial monitor's times."""
+    if stamped := re.match(r"\d\d:\d\d:\d\d\.\d+ ->.*", text):
+        text = re.sub(r"(?m)^([\d:.]+) -> *", r"\1" + max(",;\t", key=stamped[0].count), text)
     rows = re.sub(r"(?m)^[ \t]*#.*$", "", text) if "#" in text else text
     if any(mark in rows for mark in ",;\t"):
         return text
@@ -75,16 +86,26 @@ def without_cut_row(path: Path, body: str, cells: int, delimiter: str) -> str:
 def _is_row(line: str) -> bool:
     # Between other delimiters, a comma is a decimal mark.
     delimiter = next((mark for mark in ";\t" if line.count(mark) >= HEADER_CELLS - 1), ",")
-    cells = [cell.strip() for cell in line.split(delimiter) if cell.strip()]
+    cells = [cell for cell in map(str.strip, line.split(delimiter)) if cell.lower() not in MISSING]
     numbers = sum(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?|nan", cell) is not None for cell in cells)
     return numbers >= HEADER_CELLS - 1 and 2 * numbers >= len(cells)
 
 
-def with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
-    """Append each unit to its column's name: `acc_x` and `g` become `acc_x (g)`."""
-    given = [*units, *[""] * (len(header) - len(units))]
-    given = [re.sub(r"^[\[(](.*)[\])]$", r"\1", unit) for unit in given]
-    return [f"{name} ({unit})" if unit and name else name for name, unit in zip(header, given, strict=False)]
+def with_line_below(header: Sequence[str], below: Sequence[str]) -> list[str]:
+    """Add the cells below the names of columns: axes to their group, as in `Gyroscope,,` and `x,y,z`, else units.
+
+    `Gyroscope` and `x` become `Gyroscope x`, `acc_x` and `g` become `acc_x (g)`.
+    """
+    names, group = [], ""
+    for name, cell in zip(header, [*below, *[""] * (len(header) - len(below))], strict=False):
+        group = name or group
+        unit = re.sub(r"^[\[(](.*)[\])]$", r"\1", cell)
+        if re.fullmatch(r"[xyzXYZ](?:\W.*)?", cell):
+            words, *its_unit = re.split(r"(?=[(\[])", group, maxsplit=1)
+            names.append(" ".join([words.strip(), cell, *its_unit]))
+        else:
+            names.append(f"{name} ({unit})" if unit and name else name or unit)
+    return names
 
 
 def import_command(path: Path, count: int, delimiter: str) -> str:

@@ -18,11 +18,11 @@ from pbd.files.header_line import (
     find_header,
     import_command,
     with_delimiters,
-    with_units,
+    with_line_below,
     without_comments,
     without_cut_row,
 )
-from pbd.io.numbers import date_order, number, seconds
+from pbd.io.numbers import MISSING, date_order, number, seconds
 from pbd.io.read_file import decoded, read_bytes
 from pbd.pose import Array
 
@@ -178,9 +178,9 @@ class Sheet:
         try:
             if self.foreign and self.delimiter != "," and _DECIMAL_COMMA.fullmatch(cell):
                 cell = cell.replace(",", ".")
-            if order:
-                return seconds(cell, order)
-            return number(cell) if cell.strip() or self.complete else float("nan")
+            if not self.complete and cell.strip().lower() in MISSING:
+                return float("nan")
+            return seconds(cell, order) if order else number(cell)
         except ValueError:
             name, next_step = self.header[column], "correct the cell" + ", or leave it empty" * (not self.complete)
             if order:
@@ -261,8 +261,8 @@ def open_sheet(
         raise error.at(path, "a header but no rows; record again")
     delimiter = max(",;\t", key=first.count)
     header = [name.strip().strip('"') for name in first.split(delimiter)]
-    if skipped:
-        header = with_units(header, [cell.strip().strip('"') for cell in lines[above + 1].split(delimiter)])
+    for line in lines[above + 1 : above + 1 + skipped]:
+        header = with_line_below(header, [cell.strip().strip('"') for cell in line.split(delimiter)])
     if foreign and re.fullmatch(r"[-+.,\deE\s]+", "".join(header)):
         what = "numbers where the column names should be; add a line with the names above them, or give the right names"
         raise error.at(path, f"{what}: {import_command(path, len(header), delimiter)}", above + 1)
@@ -270,8 +270,8 @@ def open_sheet(
         header.pop()
     if foreign:
         body = without_cut_row(path, body, len(header), delimiter)
-    line, preamble = above + 2 + skipped, "\n".join(lines[:above])
-    return Sheet(path, tuple(header), body, delimiter, line, foreign, error, preamble=preamble)
+    first_row, preamble = above + 2 + skipped, "\n".join(lines[:above])
+    return Sheet(path, tuple(header), body, delimiter, first_row, foreign, error, preamble=preamble)
 
 
 def read_table(path: Path) -> Table:

@@ -9,11 +9,16 @@ from contextlib import suppress
 from datetime import date
 
 _STAMP = re.compile(
-    r"\s*(?=\d)(?:(\d{1,4})[-/.](\d{1,2})[-/.](\d{1,4})(?:[T\s]\s*(?=\d)|\s*$))?"
-    r"(?:(\d{1,2}):(\d{1,2}):(\d{1,2})(?:([.,])(\d+)|:(\d{1,3}))?(?:\s+([AaPp])\.?[Mm]\.?)?"
+    r"\s*(?=\d)(?:(\d{1,4})[-/.](\d{1,2}|[A-Za-z]{3})[-/.](\d{1,4})(?:[T\s]\s*(?=\d)|\s*$))?"
+    r"(?:(?:(\d{1,2}):(?=\d+:)|(?=\d+:\d+[.,]\d))(\d{1,2}):(\d{1,2})(?:([.,])(\d+)|:(\d{1,3}))?(?:\s+([AaPp])\.?[Mm]\.?)?"
     r"\s*(?:Z|UTC|([+-])(\d{2})(?::?(\d{2}))?)?)?\s*"
 )
-DAY_S = 86400.0
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+DAY_S, HOUR_S = 86400.0, 3600.0
+MISSING = frozenset(
+    ("", "-", "--", "none", "null", "na", "n/a", "#n/a", "#nv", "<na>", "-nan(ind)", "1.#qnan", "-1.#ind")
+)
+"""Cells without a number, in lower case: pandas.read_csv's, dashes, German spreadsheets' #NV, Windows' NaN."""
 DATE_ORDERS = ("ymd", "dmy", "mdy", "ydm")
 YEAR_2000 = date(2000, 1, 1).toordinal()
 
@@ -49,9 +54,10 @@ def is_stamp(text: str) -> bool:
 def seconds(text: str, order: str = "") -> float:
     """Parse a time, s: a number, a date, a time of day, or both: `2026-10-02T07:48:45.830+02:00`.
 
-    `12:05:00 AM` is five past midnight. In `2025-10-9 8:18:9:94` the last number is ms. Dates count from the year 2000,
-    times of day from midnight. With a date, a time zone counts, because it changes in spring and autumn. An empty text
-    and "null" are NaN. ValueError: it is none of these.
+    `12:05:00 AM` is five past midnight; `25:14.5` is in minutes and s. In `2025-10-9 8:18:9:94` the last number is ms.
+    MATLAB writes `09-Jul-2025 8:18:09` and `0.5 sec`. Dates count from the year 2000, times of day from midnight. With
+    a date, a time zone counts, because it changes in spring and autumn.
+    ValueError: it is none of these.
 
     Args:
         text: the time.
@@ -59,16 +65,16 @@ def seconds(text: str, order: str = "") -> float:
     """
     match = _STAMP.fullmatch(text)
     if match is None:
-        return math.nan if text.strip().lower() in ("", "null") else number(text)
+        return number(text.strip().removesuffix(" sec"))
     first, second, third, hour, minute, second_of_minute, mark, fraction, ms, half, *zone = match.groups()
     days = 0
     if first is not None:
         days = _day((first, second, third), order or date_order((text,)))
-    hours = int(hour or 0) if half is None else int(hour) % 12 + 12 * (half in "Pp")
+    hours = int(hour or 0) if half is None else int(hour or 0) % 12 + 12 * (half in "Pp")
     part = float(f"0.{fraction}") if mark else int(ms or 0) / 1e3
     if zone[0] and first is not None:
         hours, minute = hours - int(zone[0] + zone[1]), int(minute or 0) - int(zone[0] + (zone[2] or "0"))
-    return days * DAY_S + 3600.0 * hours + 60.0 * int(minute or 0) + int(second_of_minute or 0) + part
+    return days * DAY_S + HOUR_S * hours + 60.0 * int(minute or 0) + int(second_of_minute or 0) + part
 
 
 def date_order(texts: Iterable[str]) -> str:
@@ -86,6 +92,9 @@ def date_order(texts: Iterable[str]) -> str:
 
 
 def _day(parts: Sequence[str | None], order: str) -> int:
-    """Return the number of days since the year 2000 of a date's three numbers."""
-    year, month, day = (int(parts[order.index(part)] or 0) for part in "ymd")
+    """Return the number of days since the year 2000 of a date's three parts."""
+    named = {part: parts[order.index(part)] or "0" for part in "ymd"}
+    if named["m"].isalpha():
+        named["m"] = str(_MONTHS.index(named["m"].lower()) + 1)
+    year, month, day = map(int, named.values())
     return date(year + 2000 * (year < 100), month, day).toordinal() - YEAR_2000

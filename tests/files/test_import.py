@@ -195,7 +195,12 @@ def test_a_date_may_be_the_time(tmp_path: Path, name: str) -> None:
         ("ax,ay,az", {}, {}, "no column for t (time); the columns are ax, ay, az: import it with --column"),
         ("t,ax,ay", {}, {}, "no column for 'az', though there is 'ax'; the columns are t, ax, ay: name it with --col"),
         ("t,ax,ay,az,gz", {}, {}, "no column for 'gx', though there is 'gz'; "),
-        ("t (days),ax,ay,az", {}, {}, "the unit 'days' of column 't (days)' is not known; give one of s, ms, us, ns"),
+        (
+            "t (weeks),ax,ay,az",
+            {},
+            {},
+            "the unit 'weeks' of column 't (weeks)' is not known; give one of s, ms, us, ns",
+        ),
         ("t,ax (lb),ay (lb),az (lb)", {}, {}, "the unit 'lb' of column 'ax (lb)' is not known; give one of m/s2, "),
         ("t,ax,ay,az", {}, {"acc": "deg/s"}, "the unit 'deg/s' of column 'ax' is not known; give one of m/s2, "),
         ("t,ax,ay,az", {}, {"ax": "g"}, "no unit can be given for 'ax'; give it for acc, gyr, mag, angle, t"),

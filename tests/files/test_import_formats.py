@@ -458,7 +458,7 @@ def test_rows_of_two_devices_are_refused(tmp_path: Path, name: str) -> None:
 
 
 def test_times_in_an_unknown_form_can_be_replaced_by_the_rate(tmp_path: Path) -> None:
-    text = f"time,ax,ay,az\n{rows_of(['03-May-2024 10:00:00.000', '03-May-2024 10:00:00.010'], *[[1, 9]] * 3)}"
+    text = f"time,ax,ay,az\n{rows_of(['3 May 2024 10:00:00.000', '3 May 2024 10:00:00.010'], *[[1, 9]] * 3)}"
     with pytest.raises(RecordingError, match=r"in column 'time' is not a number; .*--rate HZ"):
         imported(tmp_path, text)
     with pytest.warns(PbdWarning, match="--rate 100 is used instead"):

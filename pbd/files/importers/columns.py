@@ -10,7 +10,7 @@ from math import log
 from pathlib import Path
 from types import MappingProxyType
 
-from pbd.data.units import UNITS, unit_factor
+from pbd.data.units import UNITS, spelled, unit_factor
 from pbd.errors import RecordingError, UsageError, listed, printable
 from pbd.files.importers.header_names import TIME_UNITS, looks_inertial, our_name, plain, split_unit, why_never_read
 from pbd.files.imu_columns import ACC, DEVICE, GYR, MAG
@@ -29,20 +29,8 @@ UNUSED = "a file that isn't used"
 NO_UNIT = "no unit given"
 """Source of a unit that neither the file nor the caller gives; ours is assumed."""
 
-_SHORT_UNITS = (
-    (r"(?:n|nano)s(?:ec(?:ond)?s?)?", "ns"),
-    (r"(?:u|micro)s(?:ec(?:ond)?s?)?", "us"),
-    (r"(?:m|milli)s(?:ec(?:ond)?s?)?", "ms"),
-    (r"s(?:ec(?:ond)?s?)?|seconds_elapsed", "s"),
-)
-"""Patterns of units of time in names, and the unit."""
-
 _NOT_A_UNIT = r"txt|local|.*\b(?:utc|gmt|iso\W*8601)\b.*|(?:[yYdDmMoO]{2,4}\W+){2}.*|[hH]{1,2}:[mM]{2}\b.*"
 """Notes beside the name of a column of dates or times of day, such as `hh:mm:ss.ms`: their format, or the zone."""
-_MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u", "²": "2", " ": "", "(": "", ")": ""})
-"""Spellings of unit signs, among them the micro sign in wrong encodings."""
-
-_SPELLINGS = {"ms-2": "m/s2", "ms^-2": "m/s2", "rads-1": "rad/s", "rads^-1": "rad/s", "degs-1": "deg/s", "g's": "g"}
 
 
 @dataclass(frozen=True)
@@ -239,19 +227,17 @@ def _unit(
         if channel == "t":
             given = re.sub(r"^(?:epoch|unix)\W+|\W*\b(?:epoch|unix|since)\b.*", "", given, flags=re.IGNORECASE)
             given = "" if re.fullmatch(_NOT_A_UNIT, given.lower()) else given
-    if not given and channel == "t":
-        word = plain(name)
-        suffix = re.search(TIME_UNITS, word)
-        word = suffix[1] if suffix else word
-        given = next((unit for pattern, unit in _SHORT_UNITS if re.fullmatch(pattern, word)), word if suffix else "")
+    if not given and channel == "t" and not re.fullmatch(_NOT_A_UNIT, name.lower()):
+        suffix = re.search(TIME_UNITS, word := plain(name))
+        word = suffix[1] if suffix else word.removesuffix("_elapsed")
+        given = "" if unit_factor("t", word) is None else word
     if not given and channel != "t":
         given, by = beside.get(CHANNEL_OF[ours], ""), "another axis's name"
     if not given and program is not None and channel in program.units:
         given, by = program.units[channel], program.title
     if not given:
         return 1.0, standard, NO_UNIT
-    unit = given.lower().translate(_MANGLED)
-    unit = _SPELLINGS.get(unit, unit)
+    unit = spelled(given)
     sign = -1.0 if unit.startswith("-") else 1.0
     unit = unit.removeprefix("-")
     if unit_factor(channel, unit) is None:

@@ -24,13 +24,14 @@ from pbd.files.importers.header_names import is_device_time, is_time, nanosecond
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.imu_columns import ACC, device_rpy
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
-from pbd.io.numbers import DAY_S, date_order, is_stamp, seconds
+from pbd.io.numbers import DAY_S, HOUR_S, date_order, is_stamp, seconds
 from pbd.pose import Array
 
 DEVICE_NAMES = re.compile(
     r"(?:device|sensor|imu|node|board|tracker)(?:_?(?:id|name|tag|mac|address|serial|nr|no|number))?"
-    r"|id|mac(?:_?address)?|address|设备名称"
+    r"|id|mac(?:_?address)?|address|设备名称|i|instance(?:_?id)?"
 )
+"""Patterns of names of columns that tell devices apart. `I` is ArduPilot's number of an IMU."""
 COUNTER_SIZES, LONGEST_COUNT = (2.0**16, 2.0**32), 3.0
 """Numbers of values of a device's counter, and its longest step, as a multiple of the usual one, when it wraps."""
 
@@ -177,8 +178,8 @@ def _unwrapped(t: Array, found: Understood, sheet: Sheet) -> Array:
     """Unwrap times (n,), s, if the program's clock wraps, or if they are times of day that pass midnight."""
     clock = found.of("t")[0]
     wraps = next((p.wraps for p in PROGRAMS if p.title == found.program), 0.0) * clock.factor
-    if t[0] < DAY_S and is_stamp(sheet.cell(clock.name, 0)[1]):
-        wraps = DAY_S
+    if t[0] < DAY_S and is_stamp(first := sheet.cell(clock.name, 0)[1]):
+        wraps = DAY_S if first.count(":") > 1 else HOUR_S
     if not wraps:
         wraps = clock.factor * _counter_size(t / clock.factor)
     return t + wraps * np.cumsum(np.diff(t, prepend=t[0]) < -0.5 * wraps)

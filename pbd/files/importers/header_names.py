@@ -20,21 +20,31 @@ _WORDS = {
     "m": r"(?:.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|b|h|磁场|magnetfeld",
     "angle": r"angle|角度",
 }
-_PART = r"(?:_(?:ln|wr|ag|data|cal|calibrated|rs_s))*"
-"""Suffixes of a quantity: the chip (Shimmer has a low-noise and a wide-range accelerometer), `calibrated`, or a frame
-(EuRoC)."""
+_PART = r"\d?(?:_(?:ln|wr|ag|data|cal|calibrated|rs_s|rad|m_s2))*"
+"""Suffixes of a quantity: a number, the chip (Shimmer has a low-noise and a wide-range accelerometer), `calibrated`, a
+frame (EuRoC), or the SI unit (PX4)."""
+
+_NUMBERED = r"(?:[a-z]+\d+_)?"
+"""A device before a quantity, as in `s1_ax` and `bmi160_a_x`."""
+
+_AXES = (
+    r"(?P<quantity>.+?)_?(?P<axis>[xyz])(?P<device>(?:_cal)?)",
+    r"(?P<quantity>.+?)_?(?P<axis>[xyz])(?P<device>_?\d\d?|_[a-dlrxy])",
+    r"(?:.*_)?(?P<axis>[xyz])_?(?P<quantity>(?:acc|gyr|ang|mag)\w*)(?P<device>)",
+)
+"""Patterns of an axis: `acc_x`; `acc_x_1`, `acc_x_l` (a device, a side, one of two joined tables); `x_acc`."""
 
 _TIME = (
     r"t|ts|time|timestamp|time_?stamp|seconds|secs?|ms|us|时间|zeit|zeitstempel|(?:seconds_|time_)?elapsed|elapsed_?time|"
-    r"millis|micros|date_?time|time_?since_?start(?:_in)?|time_?start_?up|"
-    r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|(?:system_|unix_|logging_)?time(?:_?stamp)?"
+    r"millis|micros|date_?time|time_?since_?start|time_?start_?up|time(?:_?stamp)?_(?:\d|[a-dlrxy])|"
+    r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|(?:system_|unix_|unit_|logging_)?time(?:_?stamp)?"
 )
 _DEVICE_TIME = r"chip_?time|片上时间|(?:.*_)?header_stamp(?:_secs?)?"
 TIME_UNITS = r"_((?:n|u|m|nano|micro|milli)?s(?:ecs?|econds?)?|min)$"
 """A unit of time at the end of a name, as in `timestamp_us`."""
 
 _SUFFIXES = (
-    {unit: unit for unit in ("m/s2", "m/s^2", "m/s/s", "g", "mg", "dps", "deg/s", "rad/s", "ut", "gauss")}
+    {unit: unit for unit in ("m/s2", "m/s^2", "m/s/s", "g", "mg", "dps", "mdps", "deg/s", "rad/s", "ut", "gauss")}
     | dict.fromkeys(("mps2", "ms2", "m_s2"), "m/s2")
     | dict.fromkeys(("degs", "deg_s"), "deg/s")
     | dict.fromkeys(("rads", "rad_s", "radps"), "rad/s")
@@ -78,8 +88,13 @@ def plain(name: str) -> str:
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """Split off the unit, "" if there is none: `Gyroscope X (deg/s)` -> `Gyroscope X`, `deg/s`."""
-    name = name.strip()
+    """Split off the unit, "" if there is none: `Gyroscope X (deg/s)` -> `Gyroscope X`, `deg/s`.
+
+    It may follow ` / ` or ` in ` too. An index is an axis: `gyro_rad[0]` -> `gyro_rad_x`.
+    """
+    name = re.sub(r"\[([012])\]$", lambda index: "_" + "xyz"[int(index[1])], name.strip())
+    if separated := re.fullmatch(r"(.*\w) (?:/|in) (\S+)", name):
+        return separated[1], separated[2]
     opening = max(name.rfind(" ("), name.rfind("[")) if name.endswith("))") else max(name.rfind("("), name.rfind("["))
     if opening < 0 or not name.endswith((")", "]")):
         suffix = re.fullmatch(rf"(.+[xyzXYZ])_({'|'.join(map(re.escape, _SUFFIXES))})", name)
@@ -123,13 +138,13 @@ def our_name(name: str) -> tuple[str, str] | None:
         return "t", word
     if word in DEVICE:
         return word, "compass"
-    if match := re.fullmatch(r"(.+?)_?([xyz])((?:_cal)?)", word):
-        group = match[1] + match[3]
-        if any(re.fullmatch(pattern, match[1]) for pattern, _ in _NEVER_READ):
+    for match in filter(None, (re.fullmatch(axis, word) for axis in _AXES)):
+        quantity = match["quantity"]
+        if any(re.fullmatch(pattern, quantity) for pattern, _ in _NEVER_READ):
             return None
         for first, words in _WORDS.items():
-            if re.fullmatch(rf"(?:{words}){_PART}", match[1]):
-                return first + match[2], group
+            if re.fullmatch(rf"{_NUMBERED}(?:{words}){_PART}", quantity):
+                return first + match["axis"], quantity + match["device"]
     return None
 
 

@@ -15,6 +15,7 @@ from pbd.data import Recording
 from pbd.data.one_line_repr import counted
 from pbd.data.tracking import batched_interval
 from pbd.errors import RecordingError, warn
+from pbd.io.numbers import DAY_S
 from pbd.pose import Array
 
 SLOWEST_HZ, FASTEST_HZ = 4.0, 4000.0
@@ -70,8 +71,10 @@ def with_clock(recording: Recording) -> Recording:
             "most rows carry the same time; the column 't' must be seconds that increase, or import it with --rate HZ"
         )
     if step < 1.0 / FASTEST_HZ:
+        days = SLOWEST_HZ < 1.0 / (step * DAY_S) <= FASTEST_HZ
+        unit = "time is likely in days: import the file with --unit t=day" if days else "column 't' must be seconds"
         raise RecordingError(
-            f"the samples come {step:.3g} s apart, closer than any sensor's; the column 't' must be seconds",
+            f"the samples come {step:.3g} s apart, closer than any sensor's; the {unit}",
             value=step,
             bound=1.0 / FASTEST_HZ,
         )

@@ -1,0 +1,154 @@
+"""The same table as programs and spreadsheets spell it: units, names of axes, headers, missing cells, times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pbd.data import Recording
+from pbd.data.units import unit_factor
+from pbd.errors import RecordingError
+from pbd.files.importers import import_recording
+from pbd.tracking.repair.clock import with_clock
+
+DEG = np.pi / 180.0
+ACC, GYR = (0.5, 0.25, 9.75), (1.5, 0.0, -2.0)
+AXES = ("ax", "ay", "az", "gx", "gy", "gz")
+
+
+def table(header: str, times: Sequence[object] = (0.0, 0.01), delimiter: str = ",") -> str:
+    return "\n".join([header, *(delimiter.join(map(str, (t, *ACC, *GYR))) for t in times)]) + "\n"
+
+
+def read(folder: Path, text: str, rate_hz: float | None = None, **units: str) -> Recording:
+    (folder / "run.csv").write_text(text, encoding="utf-8")
+    return import_recording(folder / "run.csv", {}, units, rate_hz).demo.recording
+
+
+def assert_read(recording: Recording, end: float = 0.01) -> None:
+    assert_allclose(recording.t[-1], end, atol=2e-6)
+    assert_allclose(recording.acc[0], ACC)
+    assert recording.gyr is not None
+    assert_allclose(recording.gyr[0], GYR)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "unit", "factor"),
+    [
+        *(("gyr", unit, DEG) for unit in ("deg/sec", "°/sec", "º/s", "degrees/second", "deg.s-1", "°·s⁻¹", "Grad/s")),
+        *(("gyr", unit, 1.0) for unit in ("rad/sec", "radians/s", "rad s^-1", "rad_per_s")),
+        ("gyr", "rpm", 2.0 * np.pi / 60.0),
+        ("gyr", "mrad/s", 1e-3),
+        *(("acc", unit, 1.0) for unit in ("m/sec^2", "m/s**2", "m·s⁻²", "m.s-2", "meters/s^2", "m/(sec^2)")),
+        *(("acc", unit, 9.80665) for unit in ("g's", "Gs", "g-force", "1000 milli-g")),
+        *(("mag", unit, 1.0) for unit in ("microTesla", "micro T", "uTesla", "10 milligauss")),
+        *(("t", unit, factor) for unit, factor in (("msec", 1e-3), ("microseconds", 1e-6), ("Hours", 3600.0))),
+    ],
+)
+def test_a_unit_may_be_spelled_in_many_ways(quantity: str, unit: str, factor: float) -> None:
+    assert unit_factor(quantity, unit) == pytest.approx(factor, rel=1e-12)
+
+
+@pytest.mark.parametrize("today", [45000.123456, 738000.5])
+def test_spreadsheets_and_matlabs_day_numbers_are_recognised_by_their_steps(tmp_path: Path, today: float) -> None:
+    text = table("Time,ax,ay,az,gx,gy,gz", [f"{today + k * 0.01 / 86400.0:.10f}" for k in range(200)])
+    with pytest.raises(RecordingError, match=r"likely in days: import the file with --unit t=day$"):
+        with_clock(read(tmp_path, text))
+    assert_allclose(with_clock(read(tmp_path, text, t="day")).t, np.arange(200) * 0.01, atol=3e-5)
+
+
+@pytest.mark.parametrize("cell", ["", "N/A", "n/a", "NULL", "None", "-", "#N/A", "#NV", "NaN", "-nan(ind)"])
+def test_a_cell_may_say_that_it_has_no_number(tmp_path: Path, cell: str) -> None:
+    recording = read(tmp_path, f"t,ax,ay,az,gx,gy,gz\n0,{cell},1,9,1,{cell},{cell}\n0.01,0,1,9,1,2,3\n")
+    assert recording.gyr is not None
+    assert_allclose(recording.gyr, [[1.0, np.nan, np.nan], [1.0, 2.0, 3.0]])
+
+
+def test_rows_whose_cells_mostly_have_no_number_are_not_the_header(tmp_path: Path) -> None:
+    text = "t,ax,ay,az,mx,my,mz,temp,hum\n0,0.5,0.25,9.75,N/A,N/A,N/A,N/A,N/A\n0.01,0.5,0.25,9.75,1,2,3,20,50\n"
+    assert len(read(tmp_path, text).t) == 2
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Time,Accelerometer,,,Gyroscope,,\n,x,y,z,x,y,z",
+        ",Accelerometer,,,Gyroscope,,,\nTime,x,y,z,x,y,z,",
+        "Time (s),Acceleration (m/s²),,,Angular rate (rad/s),,\n,X,Y,Z,X,Y,Z",
+        "Time,Accelerometer,,,Gyroscope,,\n(s),X (m/s²),Y (m/s²),Z (m/s²),X (rad/s),Y (rad/s),Z (rad/s)",
+        "Time,Accelerometer,,,Gyroscope,,\n,X,Y,Z,X,Y,Z\ns,m/s²,m/s²,m/s²,rad/s,rad/s,rad/s",
+        "Time,Acc,Acc,Acc,Gyr,Gyr,Gyr\n,x,y,z,x,y,z",  # pandas' columns of two levels
+    ],
+)
+def test_merged_cells_name_the_axes_below_them(tmp_path: Path, header: str) -> None:
+    assert_read(read(tmp_path, table(header)))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Time_A,Acc_x_A,Acc_y_A,Acc_z_A,Gyro_x_A,Gyro_y_A,Gyro_z_A",
+        "time,acc_x_1,acc_y_1,acc_z_1,gyro_x_1,gyro_y_1,gyro_z_1",
+        "time,acc1_x,acc1_y,acc1_z,gyro1_x,gyro1_y,gyro1_z",
+        "t,S1_ax,S1_ay,S1_az,S1_gx,S1_gy,S1_gz",
+        "time_x,acc_x_x,acc_y_x,acc_z_x,angular_velocity_x_x,angular_velocity_y_x,angular_velocity_z_x",  # pandas.merge
+        "Time,X_Acceleration,Y_Acceleration,Z_Acceleration,X_AngularVelocity,Y_AngularVelocity,Z_AngularVelocity",
+        "Time,M.xacc,M.yacc,M.zacc,M.xgyro,M.ygyro,M.zgyro",  # QGroundControl
+        "Time,accelerometer_m_s2[0],accelerometer_m_s2[1],accelerometer_m_s2[2],gyro_rad[0],gyro_rad[1],gyro_rad[2]",
+        "Time / s,AccX / m/s²,AccY / m/s²,AccZ / m/s²,GyrX / rad/s,GyrY / rad/s,GyrZ / rad/s",
+        "Time in s,Acc X in m/s²,Acc Y in m/s²,Acc Z in m/s²,Gyro X in rad/s,Gyro Y in rad/s,Gyro Z in rad/s",
+        "unit__timestamp[s],bmi160_a_x[m/s2],bmi160_a_y[m/s2],bmi160_a_z[m/s2],bmi160_g_x,bmi160_g_y,bmi160_g_z",
+    ],
+)
+def test_names_of_axes(tmp_path: Path, header: str) -> None:
+    assert_read(read(tmp_path, table(header)))
+
+
+def test_angles_of_a_marker_are_not_turn_rates(tmp_path: Path) -> None:
+    header, *rows = table("t,ax,ay,az,gx,gy,gz").strip().split("\n")
+    assert_read(read(tmp_path, "\n".join([f"x_rot,y_rot,z_rot,{header}", *(f"7,8,9,{row}" for row in rows)])))
+
+
+def test_ardupilots_imus_are_told_apart(tmp_path: Path) -> None:
+    """One file has the rows of all IMUs, numbered in `I` (ArduPilot, libraries/AP_InertialSensor/LogStructure.h)."""
+    rows = [f"{1000 * k + i},{i},0,0,0,0,0,-9.8" for k in range(5) for i in range(2)]
+    text = "\n".join(["TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ", *rows])
+    with pytest.raises(RecordingError, match=r"rows of 2 devices \(0, 1\) in the column 'I'; keep one device's"):
+        read(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        ("59:59.99", "00:00.00"),  # as spreadsheets show times with fractions
+        ("0 sec", "0.01 sec"),  # MATLAB's durations
+    ],
+)
+def test_times_as_spreadsheets_and_matlab_write_them(tmp_path: Path, times: tuple[str, str]) -> None:
+    assert_read(read(tmp_path, table("Time,ax,ay,az,gx,gy,gz", times)))
+
+
+def test_matlabs_dates(tmp_path: Path) -> None:
+    midnight = datetime(2025, 8, 1)
+    times = [f"{midnight + timedelta(seconds=s):%d-%b-%Y %H:%M:%S.%f}"[:-3] for s in (-0.005, 0.005)]
+    assert times[0] == "31-Jul-2025 23:59:59.995"
+    assert_read(read(tmp_path, table("Timestamp,ax,ay,az,gx,gy,gz", times)))
+
+
+def test_a_column_of_times_of_day_may_be_called_after_their_format(tmp_path: Path) -> None:
+    """ST's Unicleo writes `hh:mm:ss.ms`."""
+    assert_read(read(tmp_path, table("hh:mm:ss.ms,ax,ay,az,gx,gy,gz", ["10:00:00.000", "10:00:00.010"])))
+
+
+@pytest.mark.parametrize("delimiter", [",", "\t"])
+def test_a_table_that_arduinos_serial_monitor_stamped(tmp_path: Path, delimiter: str) -> None:
+    header, *rows = table(delimiter.join(AXES), ["", ""], delimiter).strip().split("\n")
+    rows = [row[1:] for row in rows]
+    stamps = ("12:00:00.000", "12:00:00.000", "12:00:00.010")
+    text = "\n".join(f"{stamp} -> {line}" for stamp, line in zip(stamps, [header, *rows], strict=True))
+    assert_read(read(tmp_path, text))
