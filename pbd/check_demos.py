@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -129,7 +130,7 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None) -> DemoCh
             warn_tracked_upside_down(path, demo.recording)
             plot = demo_plot(path, remarks)
         except PbdError as error:
-            return replace(check, why=error.message.partition("; known are ")[0])
+            return replace(check, why=re.sub("; known are [^;]*", "", error.message))  # "did you mean" stays
         keyframes = plot.keyframes
         T_dock_nav = level_onto(keyframes[0].T_nav_sensor, Pose.identity())  # the sensor's heading there is 0
         check = replace(

@@ -99,6 +99,10 @@ def test_a_sensor_that_lies_upside_down_is_told(takes: list[str]) -> None:
     assert "at the first rest the sensor lies upside down" in check_one("turned").findings[0]
 
 
+def test_a_name_that_is_misspelled_is_corrected() -> None:
+    assert check_one("pourin").why.endswith("nor a file or folder of that path; did you mean pouring?")
+
+
 def test_what_stops_the_robot_is_told(takes: list[str]) -> None:
     toml = Path("demos/tea1/keyframes.toml")
     assert main(["keyframes", "tea1", "--save"]) == 0

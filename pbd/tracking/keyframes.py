@@ -27,7 +27,8 @@ def keyframes_of(path: HandPath) -> tuple[Keyframe, ...]:
 
 def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
     """One keyframe per stop, at the stop's middle, with its position and mean attitude."""
-    grips, fusion = _without_repeats(_grip_at_stops(path.grip, path.t, path.stops)), path.fusion
+    events = path.grip if len(path.stops) > 1 else ()  # without a move all events are at the one stop
+    grips, fusion = _without_repeats(_grip_at_stops(events, path.t, path.stops)), path.fusion
     return tuple(
         Keyframe(
             t=0.5 * float(path.t[stop.start] + path.t[stop.stop - 1]),

@@ -17,6 +17,8 @@ from pbd.tracking.first_rest import STILL_ACC
 from pbd.tracking.repair.clock import LATE_SAMPLES
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
+FROZEN = "frozen (the reading repeats)"
+
 BRIDGED_S = 0.050
 """Longest gap, s, that is bridged even in a move."""
 
@@ -35,11 +37,15 @@ def bridged(t: Array, values: Array, good: NDArray[np.bool_]) -> Array:
 
 @dataclass(frozen=True)
 class Gap:
-    """Rows between `before` and `after` have no data. They are `missing_s` (s) further apart than one interval."""
+    """Rows between `before` and `after` have no data. They are `missing_s` (s) further apart than one interval.
+
+    `fault` says why in words: the rows are missing, or repeat the one before.
+    """
 
     before: int
     after: int
     missing_s: float
+    fault: str = "missing"
 
 
 def find_gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap]:
@@ -62,13 +68,14 @@ def find_gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap
 
 
 def warn_of_gaps(gaps: list[Gap], t: Array, interval: float) -> None:
-    """Warn of missing samples: how many, in how many gaps, and the longest."""
+    """Warn of missing and frozen samples: how many, in how many gaps, and the longest."""
     if not gaps:
         return
     longest = max(gaps, key=lambda gap: gap.missing_s)
     lost = sum(round(gap.missing_s / interval) for gap in gaps)
+    faults = " or ".join(dict.fromkeys(gap.fault for gap in gaps))
     warn(
-        f"{counted(lost, 'sample')} missing, in {counted(len(gaps), 'gap')}; the longest is "
+        f"{counted(lost, 'sample')} {faults}, in {counted(len(gaps), 'gap')}; the longest is "
         f"{longest.missing_s * 1e3:.0f} ms after row {longest.before} (t = {t[longest.before]:.2f} s)"
     )
 
@@ -91,8 +98,9 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
         k = bisect_right(starts, gap.before) - 1
         if k < 0 or not _rests_on_both_sides(recording, gap, stops[k]):
             raise TrackingError(
-                f"{gap.missing_s * 1e3:.0f} ms of data are missing after row {gap.before} (t = {t[gap.before]:.2f} s), "
-                f"while the hand moves; at most {BRIDGED_S * 1e3:.0f} ms can be bridged: record again",
+                f"{gap.missing_s * 1e3:.0f} ms of data are {gap.fault} after row {gap.before} "
+                f"(t = {t[gap.before]:.2f} s), while the hand moves; "
+                f"at most {BRIDGED_S * 1e3:.0f} ms can be bridged: record again",
                 row=gap.before,
                 t=float(t[gap.before]),
                 value=gap.missing_s,
@@ -103,8 +111,8 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
         return
     longest = max(inner, key=lambda gap: gap.missing_s)
     said = (
-        f"{longest.missing_s * 1e3:.0f} ms of data are missing in a rest, {_where(longest, t)}: a move may be hidden "
-        "in it" + (f", and in {counted(len(inner) - 1, 'other gap')}" if len(inner) > 1 else "")
+        f"{longest.missing_s * 1e3:.0f} ms of data are {longest.fault} in a rest, {_where(longest, t)}: a move may be "
+        "hidden in it" + (f", and in {counted(len(inner) - 1, 'other gap')}" if len(inner) > 1 else "")
     )
     if longest.missing_s > HIDDEN_MOVE_S + 1e-6 and not accept:
         raise TrackingError(

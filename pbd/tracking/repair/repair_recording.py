@@ -16,7 +16,7 @@ from pbd.errors import RecordingError
 from pbd.pose import Array
 from pbd.tracking.repair.channel_faults import frozen_rows, magnetometer_is_dead, refuse_dead
 from pbd.tracking.repair.clock import with_clock
-from pbd.tracking.repair.gaps import BRIDGED_S, Gap, bridged, find_gaps, warn_of_gaps
+from pbd.tracking.repair.gaps import BRIDGED_S, FROZEN, Gap, bridged, find_gaps, warn_of_gaps
 from pbd.tracking.repair.gyro_consistency import refuse_disagreement
 from pbd.tracking.repair.splices import in_order, refuse_doubled, without_wild
 
@@ -55,8 +55,10 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     if magnetometer_is_dead(recording):
         recording = dataclasses.replace(recording, mag=None)
     recording = in_order(without_wild(recording))
-    missing |= frozen_rows(recording, missing)
+    frozen = frozen_rows(recording, missing)
+    missing |= frozen
     gaps = find_gaps(t, missing, interval)
+    gaps = [dataclasses.replace(gap, fault=FROZEN) if frozen[gap.before : gap.after + 1].any() else gap for gap in gaps]
     warn_of_gaps(gaps, t, interval)
     if missing.any() and not missing.all():
         gyr = None if recording.gyr is None else bridged(t, recording.gyr, ~missing)

@@ -197,8 +197,8 @@ def test_a_sensor_that_freezes_in_a_move_is_refused() -> None:
     assert not frozen_rows(held(pour().recording, 280, 285)).any()  # 40 ms
     assert frozen_rows(held(pour().recording, 280, 287)).any()  # 60 ms
     with (
-        pytest.warns(PbdWarning, match="29 samples missing, in 1 gap"),
-        pytest.raises(TrackingError, match=r"290 ms of data are missing after row 280 .* while the hand moves"),
+        pytest.warns(PbdWarning, match=r"29 samples frozen \(the reading repeats\), in 1 gap"),
+        pytest.raises(TrackingError, match=r"290 ms of data are frozen .* after row 280 .* while the hand moves"),
     ):
         track(held(pour().recording, 280, 310))
 
