@@ -31,19 +31,23 @@ def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
     if row is None or not above:
         return wide[0], 0
     header = last = above.pop()
-    while above and _repeats(cells := _cells(lines[header])) and len(_cells(lines[above[-1]])) >= sum(map(bool, cells)):
+    while above and _repeats(cells := _words(lines[header])) and len(_words(lines[above[-1]])) >= sum(map(bool, cells)):
         header = above.pop()
+        if "x" in cells:  # the line above the axes has the names
+            break
     return header, last - header
 
 
-def _cells(line: str) -> list[str]:
-    return [cell.strip(' "') for cell in line.split(max(",;\t", key=line.count))]
+def _words(line: str) -> list[str]:
+    """Return the cells of a line of a header in lower case; of axes, such as `X (g)`, the axis alone."""
+    cells = (cell.strip(' "').lower() for cell in line.split(max(",;\t", key=line.count)))
+    return [re.sub(r"^([xyz])\W.*", r"\1", cell) for cell in cells]
 
 
 def _repeats(cells: Sequence[str]) -> bool:
-    """Whether the cells are units or axes (`x`, `X (g)`), which repeat, not names of columns."""
-    words = [re.sub(r"^([xyzXYZ])\W.*", r"\1", cell) for cell in cells if cell]
-    return len(set(words)) < len(words)
+    """Whether cells are units or axes, which repeat, not names of columns."""
+    filled = [cell for cell in cells if cell]
+    return len(set(filled)) < len(filled)
 
 
 def without_comments(text: str, foreign: bool) -> str:
@@ -58,13 +62,13 @@ def without_comments(text: str, foreign: bool) -> str:
 
 
 def with_delimiters(text: str) -> str:
-    """Put tabs for the spaces of a table without other delimiters, and a delimiter after a serial monitor's times."""
+    """Put tabs for bars or spaces where nothing else separates, and a delimiter after a serial monitor's times."""
     if stamped := re.match(r"\d\d:\d\d:\d\d\.\d+ ->.*", text):
         text = re.sub(r"(?m)^([\d:.]+) -> *", r"\1" + max(",;\t", key=stamped[0].count), text)
     rows = re.sub(r"(?m)^[ \t]*#.*$", "", text) if "#" in text else text
     if any(mark in rows for mark in ",;\t"):
         return text
-    return re.sub(r" +", "\t", re.sub(r"(?m)^ +| +$|(?<=#) +", "", text))
+    return re.sub(r" *\| *" if "|" in rows else " +", "\t", re.sub(r"(?m)^ +| +$|(?<=#) +", "", text))
 
 
 def without_cut_row(path: Path, body: str, cells: int, delimiter: str) -> str:

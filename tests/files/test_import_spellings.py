@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 from pbd.data import Recording
 from pbd.data.units import unit_factor
-from pbd.errors import RecordingError
+from pbd.errors import PbdWarning, RecordingError
 from pbd.files.importers import import_recording
 from pbd.tracking.repair.clock import with_clock
 
@@ -102,6 +102,7 @@ def test_merged_cells_name_the_axes_below_them(tmp_path: Path, header: str) -> N
         "Time,accelerometer_m_s2[0],accelerometer_m_s2[1],accelerometer_m_s2[2],gyro_rad[0],gyro_rad[1],gyro_rad[2]",
         "Time / s,AccX / m/s²,AccY / m/s²,AccZ / m/s²,GyrX / rad/s,GyrY / rad/s,GyrZ / rad/s",
         "Time in s,Acc X in m/s²,Acc Y in m/s²,Acc Z in m/s²,Gyro X in rad/s,Gyro Y in rad/s,Gyro Z in rad/s",
+        "Timestamp,Accel_X_m_s2,Accel_Y_m_s2,Accel_Z_m_s2,Gyro_X_rad_per_s,Gyro_Y_rad_per_s,Gyro_Z_rad_per_s",  # eSense
         "unit__timestamp[s],bmi160_a_x[m/s2],bmi160_a_y[m/s2],bmi160_a_z[m/s2],bmi160_g_x,bmi160_g_y,bmi160_g_z",
     ],
 )
@@ -109,9 +110,36 @@ def test_names_of_axes(tmp_path: Path, header: str) -> None:
     assert_read(read(tmp_path, table(header)))
 
 
+def test_a_range_in_a_name_is_no_unit(tmp_path: Path) -> None:
+    with pytest.raises(
+        RecordingError, match="acc_x_2g, acc_y_2g, acc_z_2g look like inertial data, but are not understood"
+    ):
+        read(tmp_path, table("t,acc_x_2g,acc_y_2g,acc_z_2g,gx,gy,gz"))
+
+
 def test_angles_of_a_marker_are_not_turn_rates(tmp_path: Path) -> None:
     header, *rows = table("t,ax,ay,az,gx,gy,gz").strip().split("\n")
     assert_read(read(tmp_path, "\n".join([f"x_rot,y_rot,z_rot,{header}", *(f"7,8,9,{row}" for row in rows)])))
+
+
+def test_two_imus_below_merged_cells_are_told(tmp_path: Path) -> None:
+    """APDM's Mobility Lab writes a line with the sensors above those of the quantities and axes."""
+    header = "Format=7,1,,Waist,,,2,,Hand,,,\nTime,Accelerometer,,,Gyroscope,,,Accelerometer,,,Gyroscope,,\n"
+    rows = "".join(f"{t},{','.join(map(str, (*ACC, *GYR, *ACC, *GYR)))}\n" for t in (0.0, 0.01))
+    with pytest.raises(RecordingError, match=r"the column 'Accelerometer X' is there twice; rename one"):
+        read(tmp_path, f"{header},X,Y,Z,X,Y,Z,X,Y,Z,X,Y,Z\n{rows}")
+
+
+def test_bars_may_separate_cells(tmp_path: Path) -> None:
+    assert_read(read(tmp_path, table("t | ax | ay | az | gx | gy | gz", delimiter=" | ")))
+
+
+def test_a_unit_of_times_that_is_not_known_does_not_matter_with_a_rate(tmp_path: Path) -> None:
+    text = table("Time (mm:ss:ms),ax,ay,az,gx,gy,gz", ["00:00:000", "00:00:010"])
+    with pytest.raises(RecordingError, match=r"the unit 'mm:ss:ms' .* with --unit t=UNIT, or --rate HZ$"):
+        read(tmp_path, text)
+    with pytest.warns(PbdWarning, match="--rate 100 is used instead of the times"):
+        assert_read(read(tmp_path, text, rate_hz=100.0))
 
 
 def test_ardupilots_imus_are_told_apart(tmp_path: Path) -> None:

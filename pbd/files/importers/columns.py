@@ -244,7 +244,7 @@ def _unit(
         raise (UsageError if by == "--unit" else RecordingError).at(
             path,
             f"the unit '{printable(given)}' of column '{printable(name)}' is not known; give one of "
-            f"{', '.join(UNITS[channel])} with --unit {channel}=UNIT",
+            f"{', '.join(UNITS[channel])} with --unit {channel}=UNIT" + ", or --rate HZ" * (channel == "t"),
             value=given,
         )
     return sign, next((name for name in UNITS[channel] if name.lower() == unit), unit), by

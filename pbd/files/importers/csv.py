@@ -61,6 +61,7 @@ def read_csv(
     del text  # as large as the file
     if rate_hz is not None:
         check_rate(path, rate_hz, "the rate is")
+        units = {"t": "s", **units}  # of times that are not read
     _refuse_several_devices(sheet)
     found = understand(sheet, columns, units)
     if not found.of("t") and rate_hz is None and (dates := _dated(sheet)):

@@ -11,12 +11,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from pbd.data.units import unit_factor
 from pbd.files.imu_columns import DEVICE
 
 _WORDS = {
     "g": r"(?:.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|angular_?velocity|angular_?rate)|"
     r"g|w|omega|as|rotation|rot|ω|角速度|drehrate|winkelgeschwindigkeit|gyroskop",
-    "a": r"(?:.*_)?(?:acc|accel|acceleration|accelerometer|specific_?force)|a|g_?f|加速度|beschl(?:eunigung)?",
+    "a": r"(?:.*_)?(?:acc|accl|accel|acceleration|accelerometer|specific_?force)|a|g_?f|加速度|beschl(?:eunigung)?",
     "m": r"(?:.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|b|h|磁场|magnetfeld",
     "angle": r"angle|角度",
 }
@@ -42,15 +43,6 @@ _TIME = (
 _DEVICE_TIME = r"chip_?time|片上时间|(?:.*_)?header_stamp(?:_secs?)?"
 TIME_UNITS = r"_((?:n|u|m|nano|micro|milli)?s(?:ecs?|econds?)?|min)$"
 """A unit of time at the end of a name, as in `timestamp_us`."""
-
-_SUFFIXES = (
-    {unit: unit for unit in ("m/s2", "m/s^2", "m/s/s", "g", "mg", "dps", "mdps", "deg/s", "rad/s", "ut", "gauss")}
-    | dict.fromkeys(("mps2", "ms2", "m_s2"), "m/s2")
-    | dict.fromkeys(("degs", "deg_s"), "deg/s")
-    | dict.fromkeys(("rads", "rad_s", "radps"), "rad/s")
-    | dict.fromkeys(("uT", "microT"), "ut")
-)
-"""Units at the end of a name, as in `accel_x_mps2`."""
 
 _NEVER_READ = (
     (
@@ -90,15 +82,16 @@ def plain(name: str) -> str:
 def split_unit(name: str) -> tuple[str, str]:
     """Split off the unit, "" if there is none: `Gyroscope X (deg/s)` -> `Gyroscope X`, `deg/s`.
 
-    It may follow ` / ` or ` in ` too. An index is an axis: `gyro_rad[0]` -> `gyro_rad_x`.
+    It may follow ` / `, ` in ` or an axis too (`accel_x_mps2`). An index is an axis: `gyro_rad[0]` -> `gyro_rad_x`.
     """
     name = re.sub(r"\[([012])\]$", lambda index: "_" + "xyz"[int(index[1])], name.strip())
     if separated := re.fullmatch(r"(.*\w) (?:/|in) (\S+)", name):
         return separated[1], separated[2]
     opening = max(name.rfind(" ("), name.rfind("[")) if name.endswith("))") else max(name.rfind("("), name.rfind("["))
     if opening < 0 or not name.endswith((")", "]")):
-        suffix = re.fullmatch(rf"(.+[xyzXYZ])_({'|'.join(map(re.escape, _SUFFIXES))})", name)
-        return (suffix[1], _SUFFIXES[suffix[2]]) if suffix else (name, "")
+        suffix = re.fullmatch(r"(.+[xyzXYZ])_([a-zA-Z].*)", name)
+        known = suffix and any(unit_factor(quantity, suffix[2]) for quantity in ("acc", "gyr", "mag"))
+        return (suffix[1], suffix[2]) if suffix and known else (name, "")
     return name[:opening].rstrip(), name[opening:].strip()[1:-1].strip()
 
 

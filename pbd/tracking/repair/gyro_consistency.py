@@ -145,10 +145,13 @@ def warn_upside_down(recording: Recording, up_sensor: Array, start: int, stop: i
         field = recording.mag[start:stop].mean(axis=0)  # with a NaN there is no hint
         if up_sensor @ field > STEEP_FIELD * np.linalg.norm(field):
             hint = " (likely, because the magnetic field points up, as it does only south of the equator)"
+    read = {"a": recording.acc, "g": recording.gyr, "m": recording.mag}
+    turned = (f"--column {first}{axis}=-{first}{axis}" for first in read if read[first] is not None for axis in "yz")
     warn(
         f"at the first rest the sensor lies upside down (z reads {GRAVITY * up_sensor[2]:.1f} m/s2), or the signs of "
         f"its accelerometer are flipped{hint}; if z was up, import the file with --unit acc=-g (or -m/s2), or "
-        "--column az=-az for that axis alone"
+        "--column az=-az for that axis alone; if its axes point forward, right and down, as a drone's, with "
+        + " ".join(turned)
     )
 
 

@@ -227,6 +227,14 @@ def test_a_field_that_points_up_is_a_second_witness(field_z: float, told: bool) 
     assert ("south of the equator" in str(caught[0].message)) == told
 
 
+def test_a_drones_axes_are_another_way_to_be_upside_down() -> None:
+    """ArduPilot's and PX4's x, y, z are forward, right, down: all signs of the accelerometer would mirror them."""
+    recording = Recording(t=np.array((0.0, 0.1)), acc=np.zeros((2, 3)), gyr=np.zeros((2, 3)))
+    turned = "--column ay=-ay --column az=-az --column gy=-gy --column gz=-gz"
+    with pytest.warns(PbdWarning, match=f"forward, right and down, as a drone's, with {turned}$"):
+        warn_upside_down(recording, np.array([0.0, 0.0, -1.0]), 0, 2)
+
+
 @pytest.mark.parametrize(("degrees", "told"), [(5.0, False), (9.0, True)])
 def test_a_wrong_sign_is_told_where_gravity_contradicts_it_by_more_than_a_moving_hand(
     degrees: float, told: bool
