@@ -110,6 +110,12 @@ def test_names_of_axes(tmp_path: Path, header: str) -> None:
     assert_read(read(tmp_path, table(header)))
 
 
+def test_of_several_devices_the_first_with_both_sensors_is_read(tmp_path: Path) -> None:
+    header, *rows = table("t,acc_x_2,acc_y_2,acc_z_2,gyr_x_2,gyr_y_2,gyr_z_2").strip().split("\n")
+    first = "acc_x_1,acc_y_1,acc_z_1"
+    assert_read(read(tmp_path, "\n".join([f"{first},{header}", *(f"7,8,9,{row}" for row in rows)])))
+
+
 def test_a_range_in_a_name_is_no_unit(tmp_path: Path) -> None:
     with pytest.raises(
         RecordingError, match="acc_x_2g, acc_y_2g, acc_z_2g look like inertial data, but are not understood"

@@ -202,16 +202,24 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
 
 
 def _by_name(header: Sequence[str]) -> dict[str, str]:
-    """Map our names to the file's columns: for each channel the first complete set of axes, else the first set."""
+    """Map our names to the file's columns: for each channel the first complete set of axes, else the first set.
+
+    Of several devices it is the first that has an accelerometer and a gyro.
+    """
     sets: dict[str, dict[str, dict[str, str]]] = {}
+    device_of: dict[str, str] = {}
     for name in header:
         if given := our_name(name):
-            ours, group = given
+            ours, group, device_of[given[1]] = given
             sets.setdefault(CHANNEL_OF[ours], {}).setdefault(group, {}).setdefault(ours, name)
-    found: dict[str, str] = {}
     for channel, groups in sets.items():
-        complete = [group for group in groups.values() if len(group) == len(CHANNELS[channel])]
-        found |= (complete or list(groups.values()))[0]
+        complete = {group: axes for group, axes in groups.items() if len(axes) == len(CHANNELS[channel])}
+        sets[channel] = complete or groups
+    of_gyro = [device_of[group] for group in sets.get("gyr", ())]
+    device = next((device_of[group] for group in sets.get("acc", ()) if device_of[group] in of_gyro), "")
+    found: dict[str, str] = {}
+    for groups in sets.values():
+        found |= groups[next((group for group in groups if device_of[group] == device), next(iter(groups)))]
     return found
 
 

@@ -15,17 +15,17 @@ from pbd.data.units import unit_factor
 from pbd.files.imu_columns import DEVICE
 
 _WORDS = {
-    "g": r"(?:.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|angular_?velocity|angular_?rate)|"
+    "g": r"(?P<before>.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|angular_?velocity|angular_?rate)|"
     r"g|w|omega|as|rotation|rot|ω|角速度|drehrate|winkelgeschwindigkeit|gyroskop",
-    "a": r"(?:.*_)?(?:acc|accl|accel|acceleration|accelerometer|specific_?force)|a|g_?f|加速度|beschl(?:eunigung)?",
-    "m": r"(?:.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|b|h|磁场|magnetfeld",
+    "a": r"(?P<before>.*_)?(?:accl?|accel(?:eration|erometer)?|specific_?force)|a|g_?f|加速度|beschl(?:eunigung)?",
+    "m": r"(?P<before>.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|b|h|磁场|magnetfeld",
     "angle": r"angle|角度",
 }
-_PART = r"\d?(?:_(?:ln|wr|ag|data|cal|calibrated|rs_s|rad|m_s2))*"
+_PART = r"(?P<number>\d?)(?:_(?:ln|wr|ag|data|cal|calibrated|rs_s|rad|m_s2))*"
 """Suffixes of a quantity: a number, the chip (Shimmer has a low-noise and a wide-range accelerometer), `calibrated`, a
 frame (EuRoC), or the SI unit (PX4)."""
 
-_NUMBERED = r"(?:[a-z]+\d+_)?"
+_NUMBERED = r"(?P<numbered>[a-z]+\d+_)?"
 """A device before a quantity, as in `s1_ax` and `bmi160_a_x`."""
 
 _AXES = (
@@ -124,20 +124,24 @@ def nanoseconds_of(seconds: str, header: Sequence[str]) -> str:
     return next((name for name in header if whole and re.fullmatch(part, plain(name))), "")
 
 
-def our_name(name: str) -> tuple[str, str] | None:
-    """Return our name and the name of the set of axes, `Accel_LN_X` -> ax, `accel_ln`; None if the column has none."""
+def our_name(name: str) -> tuple[str, str, str] | None:
+    """Return our name, that of the set of axes, and the device; None if the column has none.
+
+    `Accel_LN_X` -> ax, `accel_ln`, ""; `left_gyr_x_2` -> gx, `left_gyr_2`, `left_2`.
+    """
     word = plain(name)
     if is_time(name):
-        return "t", word
+        return "t", word, ""
     if word in DEVICE:
-        return word, "compass"
+        return word, "compass", ""
     for match in filter(None, (re.fullmatch(axis, word) for axis in _AXES)):
         quantity = match["quantity"]
         if any(re.fullmatch(pattern, quantity) for pattern, _ in _NEVER_READ):
             return None
         for first, words in _WORDS.items():
-            if re.fullmatch(rf"{_NUMBERED}(?:{words}){_PART}", quantity):
-                return first + match["axis"], quantity + match["device"]
+            if found := re.fullmatch(rf"{_NUMBERED}(?:{words}){_PART}", quantity):
+                device = "".join(filter(None, (*found.groups(), match["device"])))
+                return first + match["axis"], quantity + match["device"], device
     return None
 
 
