@@ -245,7 +245,7 @@ def test_a_recording_that_cannot_be_tracked_says_so_at_its_end(
     acc[-140:], gyr[-140:] = acc[-140], gyr[-140]  # the last 1.4 s, in which the hand rests
     write_demo(replace(demo, recording=replace(demo.recording, acc=acc, gyr=gyr)), Path("demos/stuck"))
     outcome = Outcome(Path("demos/stuck"), 100, 1.0, 0, 0, stops=2, ended_by="you")
-    with pytest.warns(UserWarning, match="ms of data are missing in a rest"):
+    with pytest.warns(UserWarning, match=r"ms of data are frozen .* in a rest"):
         _report(argparse.Namespace(json=False, take=None), outcome)
     assert "next:" not in capsys.readouterr().out
 
@@ -273,7 +273,7 @@ def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(elsewhe
         (2, ("--sensor", "witmotion", "--wrap", "9"), "are for --sensor lines; leave them out for witmotion"),
         (2, ("--port", "http://127.0.0.1:1", "--prefix", "x"), "are for --sensor lines; leave them out for phyphox"),
         (1, ("--sensor", "witmotion", "--port", "/dev/null", "--baud", "9600"), "/dev/null is not a serial port"),
-        (2, ("--sensor", "razor", "--unit", "gyr=rpm", "--port", "/dev/null"), "'rpm' is not a unit of gyr"),
+        (2, ("--sensor", "razor", "--unit", "gyr=turns", "--port", "/dev/null"), "'turns' is not a unit of gyr"),
     ],
 )
 def test_what_can_not_be_opened_is_told(
