@@ -137,7 +137,7 @@ def test_two_imus_below_merged_cells_are_told(tmp_path: Path) -> None:
 
 
 def test_bars_may_separate_cells(tmp_path: Path) -> None:
-    assert_read(read(tmp_path, table("t | ax | ay | az | gx | gy | gz", delimiter=" | ")))
+    assert_read(read(tmp_path, table("t|ax|ay|az|gx|gy|gz", delimiter="|")))
 
 
 def test_a_unit_of_times_that_is_not_known_does_not_matter_with_a_rate(tmp_path: Path) -> None:
