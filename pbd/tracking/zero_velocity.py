@@ -11,9 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.data.streams import interpolate
 from pbd.pose import Array
-from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, REST_S, Rest
+from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, Rest
 from pbd.tracking.moving_windows import (
     moving_mean_variance,
     rows_of_mean,
@@ -40,7 +39,7 @@ below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after
 the move's. (Below 10^-2.6, stances are missed; above 10^-1.9, a fast hand that turns back seems to rest.)"""
 
 DRIFTED_SHARE = 0.5
-"""A gyro has drifted if it reads more than this share of QUIET_GYR at rest: soon it would seem to turn."""
+"""A gyro has drifted if its bias changed by more than this share of QUIET_GYR: soon it would seem to turn at rest."""
 
 SHORTEST_MOVE_S = 0.1
 """s: a shorter motion between two stops is a jolt and joins them."""
@@ -86,19 +85,6 @@ def find_candidates(
     # A sample is still if any window that contains it is quiet.
     still = window_maxima(np.pad(quiet, n - 1), n)
     return _merge_close(t, runs(still), gaps)
-
-
-def rates_between(t: Array, gyr: Array, stops: Spans) -> Array | None:
-    """The mean rates of long stops, interpolated at each row (n, 3), rad/s; None if they are far below QUIET_GYR.
-
-    Before the first of them and after the last one they are constant. In a shorter stop, a hand's sway is as fast.
-    """
-    long = [(start, stop) for start, stop in stops if lasts(t, (start, stop), REST_S)]
-    means = np.array([gyr[start:stop].mean(axis=0) for start, stop in long]).reshape(-1, 3)
-    if np.abs(means).max(initial=0.0) < DRIFTED_SHARE * QUIET_GYR:
-        return None
-    middles = t[np.array(long).sum(axis=1) // 2]
-    return interpolate(t, middles, means)
 
 
 def _move_energy(energy: Array, n: int, dt: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,16 @@ def test_minutes_without_a_stop_are_tracked_with_a_gyro_that_drifts(data_folder:
         trial = read_broad(file)["40"]
         path = track(with_drift(trial.recording, 1.5, 4))
         assert orientation_errors(trial, path.wxyz_nav_sensor)["tilt_deg"] < 0.5, file.name
+
+
+def test_a_gyro_that_warms_up_while_a_hand_moves_hides_no_rest(data_folder: Path) -> None:
+    """When the hand rests again after two minutes, the gyro seems to turn by 1.4 degrees/s."""
+    (file,) = (data_folder / "broad").glob("10_*.npz")
+    recording = read_broad(file)["40"].recording
+    assert recording.gyr is not None
+    warm = np.radians(1.0) * (1.0 - np.exp(-recording.t / 60.0))[:, None] * (1.0, -1.0, 0.5)
+    path = track(replace(recording, gyr=recording.gyr + warm))
+    assert [stop.start for stop in path.stops] == pytest.approx([stop.start for stop in track(recording).stops], abs=4)
 
 
 def test_a_real_hand_is_tracked_while_its_sensor_is_tapped(data_folder: Path) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from pbd.data import Recording
 from pbd.data.streams import interpolate
 from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
-from pbd.tracking.first_rest import Rest
+from pbd.tracking.first_rest import QUIET_GYR, Rest
 from pbd.tracking.moving_windows import cumulative
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
@@ -28,7 +28,7 @@ from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
 from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, Impulse
 from pbd.tracking.smoother.state import GRAVITY, SHARED, Fixed, Prior, State
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, energies, find_candidates, rates_between, still_speed
+from pbd.tracking.zero_velocity import DRIFTED_SHARE, ENERGY_WINDOW_S, Spans, energies, find_candidates, still_speed
 
 WIDE_LAG_SIGMA, REMOVED_LAG = 0.03, 0.005
 """Lag of the gyro behind the accelerometer, s: one sigma of the wide prior (two low-pass filters of one chip), and the
@@ -103,6 +103,7 @@ def smooth(
     """
     lag, scale, hard_iron, azimuth = 0.0, 0.0, np.zeros(3), 0.0
     stops: Spans | None = None
+    drift: Array | float = 0.0  # rad/s, of the gyro's bias since the first rest
     no_gyro = recording.gyr is None
     prior = Prior(noise.lag, WIDE_LAG_SIGMA, WIDE_SCALE_SIGMA)
 
@@ -121,16 +122,9 @@ def smooth(
         window = min(max(2, round(ENERGY_WINDOW_S / frame.dt)), len(frame.t))
         # The device's own attitude follows a turn late. So without a gyro, specific force is judged in sensor axes.
         force, rate = (frame.acc, np.zeros_like(frame.acc)) if no_gyro else (frame.u, frame.gyr)
-        energy = energies(force, rate, window)
+        energy = energies(force, rate - drift, window)
         if stops is None:
             stops = find_candidates(frame.t, frame.dt, *energy, rest, gaps)
-        # While a gyro warms up, the rests before show its drift, without which it would seem to turn.
-        while (drift := rates_between(frame.t, rate, stops)) is not None:
-            energy = energies(force, rate - drift, window)
-            more = find_candidates(frame.t, frame.dt, *energy, rest, gaps)
-            if sum(stop - start for start, stop in more) <= sum(stop - start for start, stop in stops):
-                break
-            stops = more
         still_sigma = still_speed(*energy, len(frame.t), rest, noise)
         density = row_noise(frame, rest, noise, gaps, no_gyro)
         if not stops:
@@ -142,6 +136,12 @@ def smooth(
         found = descend(problem, initial, fixed, ANNEALING)
         if no_gyro:
             break
+        if np.abs(found.x.gyr_bias).max() > DRIFTED_SHARE * QUIET_GYR:  # later rests seem to turn
+            drift = interpolate(frame.t, problem.t, found.x.gyr_bias)
+            more = find_candidates(frame.t, frame.dt, *energies(force, rate - drift, window), rest, gaps)
+            if sum(stop - start for start, stop in more) > sum(stop - start for start, stop in stops):
+                stops = more
+                continue
         more_lag, more_scale = _large_lag_and_scale(found.x, found.solved)
         iron = None if recording.mag is None or hard_iron.any() else find_hard_iron(problem, recording.mag, found.x)
         # A lag outside the wide prior is another fault.
