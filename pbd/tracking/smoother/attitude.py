@@ -10,10 +10,6 @@ from pbd.pose import Array, lengths, quat_canonical, quat_from_rpy, quat_inverse
 from pbd.tracking.smoother.preintegration import GyroFrame, Rows, gyro_frame
 from pbd.tracking.zero_velocity import Spans
 
-LEVEL_S, SURE_STOP_S = 6.0, 0.5
-"""s: a stop of SURE_STOP_S or more shows the vertical by itself. Around a shorter one specific force is averaged over
-LEVEL_S. (A hand that comes at 2 m/s and goes back as fast then tilts the vertical by 4 degrees.)"""
-
 
 def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
     """The gyro frame of a recording; without a gyro, integrated in the device's own attitude.
@@ -39,14 +35,10 @@ def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
 def first_guess(frame: GyroFrame, rows: Rows, stops: Spans) -> Array:
     """Rotation level frame <- gyro frame, (k, 4) wxyz at some rows, each by the nearest stop.
 
-    At each stop the shortest turn since the stop before makes mean specific force vertical. In a false stop the hand
-    accelerates, and its mean would lean by tens of degrees. So around a short stop the mean is over LEVEL_S.
+    At each stop the shortest turn since the stop before makes mean specific force vertical.
     """
     t, (start, stop) = frame.t, np.transpose(stops)
-    middle, half = 0.5 * (t[stop - 1] + t[start]), 0.5 * (t[stop - 1] - t[start])
-    half[half < 0.5 * SURE_STOP_S] = 0.5 * LEVEL_S
-    first, last = (np.searchsorted(t[:-1], middle + side * half - 1e-9) for side in (-1.0, 1.0))
-    force = (frame.U[last] - frame.U[first]) / (t[last] - t[first])[:, None]
+    force = (frame.U[stop - 1] - frame.U[start]) / (t[stop - 1] - t[start])[:, None]
     levels, level = [], np.array([1.0, 0.0, 0.0, 0.0])
     for up in force / np.maximum(lengths(force), 1e-9)[:, None]:
         level = quat_canonical(quat_multiply(to_upright(quat_rotate(level, up)), level))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pbd.pose import quat_inverse, quat_log, quat_multiply, quat_to_matrix
-from pbd.tracking.smoother.attitude import first_guess
 from pbd.tracking.smoother.preintegration import LAG, POS, VEL, Impulse, gyro_frame, preintegrate
 
 
@@ -45,16 +44,6 @@ def test_a_late_gyro_turns_what_the_accelerometer_says() -> None:
     assert J[VEL, LAG][:, 0] == pytest.approx(v[-1], abs=0.02 * float(np.linalg.norm(v[-1])))
     p = (0.5 * dt * (v[1:] + v[:-1])).sum(axis=0)
     assert J[POS, LAG][:, 0] == pytest.approx(p, abs=0.02 * float(np.linalg.norm(p)))
-
-
-def test_the_first_guess_is_level_where_a_hand_only_seems_to_stop() -> None:
-    t = 0.01 * np.arange(2000.0)
-    acc = np.column_stack((6.0 * np.sin(5.0 * t), 6.0 * np.cos(5.0 * t), np.full(2000, 9.8)))
-    guess = first_guess(
-        gyro_frame(t, np.zeros((2000, 3)), acc, 0.01), np.arange(0, 2000, 25), [(k, k + 10) for k in range(0, 1990, 50)]
-    )
-    turn = quat_log(guess)
-    assert np.degrees(np.hypot(turn[:, 0], turn[:, 1])).max() < 6.0  # by what it reads it leans by 31
 
 
 def test_a_turn_that_is_lost_turns_what_comes_after_it() -> None:
