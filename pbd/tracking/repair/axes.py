@@ -182,7 +182,8 @@ def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]
         # Where gravity hardly turns, any factor that stops the gyro removes the contradiction.
         or_order = "" if 0 in counted else "gx, gy, gz are in another order (gravity turns too little to tell), or "
         for factor, what in UNITS:
-            fit = _median(up.off(turn(factor))[unit_pairs])
+            by_factor = up.off(turn(factor))
+            fit = max(_median(by_factor[moved[0]]), _median(by_factor[unit_pairs]))
             if fit < min(off_deg / IMPROVEMENT, found.fit_deg if found else np.inf):
                 return Contradiction("a", off_deg, fit, pair, or_order + what)
         if found is None and not np.ptp(by_gyro, axis=0).any():

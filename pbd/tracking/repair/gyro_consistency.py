@@ -47,13 +47,14 @@ STEEP_FIELD = 0.5
 CHECK_HZ = 50.0
 """Samples are averaged down to about this rate, Hz, which is fast enough for a hand."""
 
-STEADY_S, STEADY_ACC = 0.2, 0.05
+STEADY_S, STEADY_ACC = 0.3, 0.05
 """A steady moment, in which the accelerometer shows gravity alone, lasts STEADY_S (s). The standard deviation of
 specific force, and ||mean| - g|, are below STEADY_ACC g. (A WT901's bias of 20 mg changes the norm by 4 % between
-two sides of the sensor.)"""
+two sides of the sensor. In a brisk move specific force is often so steady for 0.2 s, hardly ever for 0.3 s.)"""
 
-PAIR_SHORTEST_S, PAIR_LONGEST_S = 0.5, 5.0
-"""Shortest and longest time between the two steady moments of a pair, s; at most one pair begins per STEADY_S / 2."""
+PAIR_AFTER_S, PAIR_LONGEST_S = (0.5, 1.0, 2.0, 4.0), 5.0
+"""A steady moment is paired with the first one after each of these times, if this is not later than the longest (s). A
+slow turn shows only after seconds. At most one moment per STEADY_S / 2 begins pairs."""
 
 SHOWN_BY = {"a": "gravity", "m": "the field", "": "the device's own attitude"}
 """Channel of a witness -> its name."""
@@ -210,10 +211,10 @@ def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], ND
     """Pairs of steady moments to compare: indices of the first (k,) and of the second (k,)."""
     if len(rows) == 0:
         return rows, rows
-    _, first = np.unique(rows // max(1, round(0.5 * STEADY_S * rate_hz)), return_index=True)
-    second = np.searchsorted(rows, rows[first] + PAIR_SHORTEST_S * rate_hz)
-    exists = second < len(rows)
-    first, second = first[exists], second[exists]
+    _, starts = np.unique(rows // max(1, round(0.5 * STEADY_S * rate_hz)), return_index=True)
+    second = np.searchsorted(rows, rows[starts, None] + rate_hz * np.array(PAIR_AFTER_S)).ravel()
+    pairs = np.column_stack((np.repeat(starts, len(PAIR_AFTER_S)), second))[second < len(rows)]
+    first, second = np.unique(pairs, axis=0).T
     near = rows[second] - rows[first] <= PAIR_LONGEST_S * rate_hz
     return first[near], second[near]
 

@@ -298,3 +298,15 @@ def test_a_hand_that_speeds_up_to_one_side_and_down_is_no_dead_gyro(sensor: str)
     here, there = Waypoint(move_s=1.0, rest_s=1.0), Waypoint((0.87, 0.0, -0.23), move_s=1.0, rest_s=1.0)
     waypoints = [Waypoint(rest_s=1.0), *(4 * [there, here])]
     refuse_disagreement(simulate(Task("brisk", tuple(waypoints)), sensor, 1).recording)
+
+
+@pytest.mark.parametrize(("move_s", "reach_m", "lean_deg"), [(0.8, 0.5, 8.0), (0.9, 0.6, 12.0)])
+def test_a_hand_that_speeds_up_for_a_fifth_of_a_second_is_not_taken_for_a_turn(
+    move_s: float, reach_m: float, lean_deg: float
+) -> None:
+    """In both moves specific force is steady for 0.2 s, has norm g and is over 20 degrees off vertical."""
+    lean = float(np.radians(lean_deg))
+    there = Waypoint((reach_m, 0.0, -0.1), (0.0, lean, 0.0), move_s=move_s, rest_s=0.8)
+    back = Waypoint(turn=(0.0, -lean, 0.0), move_s=move_s, rest_s=0.8)
+    task = Task("brisk", (Waypoint(rest_s=1.5), there, back), start_rpy=(0.0, 0.0, 0.0))
+    refuse_disagreement(replace(simulate(task, "modern", 1).recording, mag=None, device_rpy=None))
