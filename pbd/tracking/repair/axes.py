@@ -27,9 +27,6 @@ CONTRADICTION_DEG = 12.0
 """A direction contradicts the gyro if the median angle between it and the gyro's prediction is larger (degrees). A hand
 that never quite stops is up to 9 degrees off (BROAD's trial 14)."""
 
-UNIT_DEG = 20.0
-"""The same for a wrong unit, degrees: a factor of 57 shows clearly, and a noisy gyro must not be taken for it."""
-
 IMPROVEMENT = 4.0
 """Another reading is accepted if it makes that angle smaller by this factor."""
 
@@ -174,32 +171,32 @@ def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]
         fits = [(channel, reading, left[channel][:, k]) for k, reading in enumerate(READINGS) for channel in "gam"]
         used = ([k for k in counted if k < n] for n in range(len(witnesses), 0, -1))
         found = next(filter(None, (_find_remedy(witnesses, telling, fits, k) for k in used if k)), None)
-    up = witnesses[0]
-    unit_pairs = _differ(up.first, up.second, UNIT_DEG) | _differ(up.first, _rotate(up.first, by_gyro), UNIT_DEG)
-    off_deg = _median(apart[0][unit_pairs])
-    if unit_pairs.sum() >= SIMPLE_PAIRS and off_deg > UNIT_DEG:
-        pair = int(np.argmax(unit_pairs))
-        # Where gravity hardly turns, any factor that stops the gyro removes the contradiction.
-        or_order = "" if 0 in counted else "gx, gy, gz are in another order (gravity turns too little to tell), or "
-        for factor, what in UNITS:
-            by_factor = up.off(turn(factor))
-            fit = max(_median(by_factor[moved[0]]), _median(by_factor[unit_pairs]))
-            if fit < min(off_deg / IMPROVEMENT, found.fit_deg if found else np.inf):
-                return Contradiction("a", off_deg, fit, pair, or_order + what)
-        if found is None and not np.ptp(by_gyro, axis=0).any():
-            dead = "it reads the same all the time, so it is dead; check the columns gx, gy, gz"
-            return Contradiction("a", off_deg, off_deg, pair, dead)
-        if found is None and 0 in counted and off[0] > CONTRADICTION_DEG:
-            return _find_scale(up, turn, moved[0], telling[0], float(off[0]))
+    if telling[0].sum() < SIMPLE_PAIRS or off[0] <= CONTRADICTION_DEG:
+        return found
+
+    def fit_of(factor: float) -> float:
+        """Degrees by which gravity is off with that factor on the gyro, where it turns and where it doesn't."""
+        by_factor = witnesses[0].off(turn(factor))
+        return max(_median(by_factor[moved[0]]), _median(by_factor[telling[0]]))
+
+    off_deg, pair = float(off[0]), int(np.argmax(telling[0]))
+    # Where gravity hardly turns, any factor that stops the gyro removes the contradiction.
+    or_order = "" if 0 in counted else "gx, gy, gz are in another order (gravity turns too little to tell), or "
+    for factor, what in UNITS:
+        fit = fit_of(factor)
+        if fit < min(off_deg / IMPROVEMENT, found.fit_deg if found else np.inf):
+            return Contradiction("a", off_deg, fit, pair, or_order + what)
+    if found is None and not np.ptp(by_gyro, axis=0).any():
+        dead = "it reads the same all the time, so it is dead; check the columns gx, gy, gz"
+        return Contradiction("a", off_deg, off_deg, pair, dead)
+    if found is None and 0 in counted:
+        return _find_scale(fit_of, off_deg, pair)
     return found
 
 
-def _find_scale(
-    up: Witness, turn: Callable[[float], Array], moved: NDArray[np.bool_], telling: NDArray[np.bool_], off_deg: float
-) -> Contradiction | None:
-    """Find the factor nearest to 1 that makes the gyro agree with gravity, both where it turns and where it doesn't."""
-    apart = [up.off(turn(float(factor))) for factor in FACTORS]
-    fits = np.array([max(_median(off[moved]), _median(off[telling])) for off in apart])
+def _find_scale(fit_of: Callable[[float], float], off_deg: float, pair: int) -> Contradiction | None:
+    """Find the factor nearest to 1 that makes the gyro agree with gravity."""
+    fits = np.array([fit_of(float(factor)) for factor in FACTORS])
     good = np.flatnonzero(fits <= min(fits.min() + AS_GOOD_DEG, off_deg / IMPROVEMENT))
     if not len(good):
         return None
@@ -212,7 +209,7 @@ def _find_scale(
         f"it turns about {1.0 / FACTORS[best]:.2g} times as far: its unit or its full scale is wrong (--unit gyr=...), "
         "or the times are, and with them every distance (--unit t=..., --rate)"
     )
-    return Contradiction("a", off_deg, float(fits[best]), int(np.argmax(telling)), what)
+    return Contradiction("a", off_deg, float(fits[best]), pair, what)
 
 
 Fit = tuple[str, Reading, Array]
@@ -252,9 +249,9 @@ def _rotate(directions: Array, turn: Array) -> Array:
     return carried
 
 
-def _differ(a: Array, b: Array, by_deg: float = CONTRADICTION_DEG) -> NDArray[np.bool_]:
-    """Whether the angle between each two directions (k, 3) is larger than `by_deg` degrees."""
-    differ: NDArray[np.bool_] = np.degrees(angles(a, b)) > by_deg
+def _differ(a: Array, b: Array) -> NDArray[np.bool_]:
+    """Whether the angle between each two directions (k, 3) contradicts."""
+    differ: NDArray[np.bool_] = np.degrees(angles(a, b)) > CONTRADICTION_DEG
     return differ
 
 
