@@ -25,7 +25,7 @@ from pbd.tracking.moving_windows import median
 
 CONTRADICTION_DEG = 12.0
 """A direction contradicts the gyro if the median angle between it and the gyro's prediction is larger (degrees). A hand
-that never quite stops is up to 9 degrees off (BROAD's trial 14)."""
+that never quite stops is up to 14 degrees off (BROAD's trial 14), which no other reading of the axes mends."""
 
 IMPROVEMENT = 4.0
 """Another reading is accepted if it makes that angle smaller by this factor."""
