@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pbd.data import GRAVITY
 from pbd.errors import PbdWarning
 from pbd.files.importers import import_file
 from pbd.pipeline import track
@@ -37,6 +38,17 @@ def test_minutes_without_a_stop_are_tracked_with_a_gyro_that_drifts(data_folder:
         trial = read_broad(file)["40"]
         path = track(with_drift(trial.recording, 1.5, 4))
         assert orientation_errors(trial, path.wxyz_nav_sensor)["tilt_deg"] < 0.5, file.name
+
+
+@pytest.mark.filterwarnings("ignore:.*at the end of the range:pbd.errors.PbdWarning")
+@pytest.mark.filterwarnings("ignore:no motion between the stops fits:pbd.errors.PbdWarning")
+def test_a_fast_hand_is_tracked_by_an_accelerometer_of_2_g(data_folder: Path) -> None:
+    """It reaches up to 9 g, and passes 2 g in most of its moves."""
+    (file,) = (data_folder / "broad").glob("16_*.npz")
+    trial = read_broad(file)["40"]
+    acc = np.clip(trial.recording.acc, -2.0 * GRAVITY, 2.0 * GRAVITY)
+    path = track(replace(trial.recording, acc=acc))
+    assert orientation_errors(trial, path.wxyz_nav_sensor)["tilt_deg"] < 1.0
 
 
 def test_a_gyro_that_warms_up_while_a_hand_moves_hides_no_rest(data_folder: Path) -> None:

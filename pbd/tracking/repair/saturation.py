@@ -47,7 +47,8 @@ CLIPPED_CHANCE = 1e-4
 """An axis is clipped if one of its flat tops would be a rounded peak with less than this chance."""
 
 LARGEST_OVERSHOOT = 0.5
-"""Largest height of an extrapolated peak above the range, as a share of the range."""
+"""Largest height of a gyro's extrapolated peak above its range, as a share of the range. (A lost turn counts as small;
+lost velocity may be large.)"""
 
 LOST_SHARE = 0.1
 """One sigma of the lost motion is the whole extrapolation plus this share of the range, over the time of the clip."""
@@ -135,6 +136,8 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
         values = channels[clip.sensor]
         top = abs(float(values[clip.start, clip.axis]))
         overshoot = _overshoot(values[:, clip.axis], clip.sign, clip.start, clip.stop)
+        if clip.sensor == "gyr":
+            overshoot = np.minimum(overshoot, LARGEST_OVERSHOOT * top)
         values[clip.start : clip.stop, clip.axis] += clip.sign * overshoot
         lost = np.zeros(3)
         lost[clip.axis] = (float(overshoot.sum()) + LOST_SHARE * top * len(overshoot)) * interval / np.sqrt(2.0)
@@ -155,5 +158,5 @@ def _overshoot(x: Array, sign: float, start: int, stop: int) -> Array:
     u = np.arange(1, width) / width
     cubic = before * (1 + 2 * u) * (1 - u) ** 2 + after * u**2 * (3 - 2 * u)
     cubic += width * (rise * u * (1 - u) ** 2 - fall * u**2 * (1 - u))
-    overshoot: Array = np.clip(cubic - top, 0.0, LARGEST_OVERSHOOT * top)
+    overshoot: Array = np.maximum(cubic - top, 0.0)
     return overshoot

@@ -143,6 +143,8 @@ def smooth(
                 stops = more
                 continue
         more_lag, more_scale = _large_lag_and_scale(found.x, found.solved)
+        if lag and abs(lag + more_lag) < REMOVED_LAG:  # without the lag there seems to be its opposite: there is none
+            more_lag, prior = -lag, replace(prior, lag=noise.lag, lag_sigma=noise.lag_sigma)
         iron = None if recording.mag is None or hard_iron.any() else find_hard_iron(problem, recording.mag, found.x)
         # A lag outside the wide prior is another fault.
         if not (more_lag or more_scale or iron) or abs(lag + more_lag) > OUTLIER_SIGMAS * WIDE_LAG_SIGMA:

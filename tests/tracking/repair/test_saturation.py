@@ -178,6 +178,17 @@ def test_a_clipped_parabola_is_continued_and_as_unsure_as_the_continuation() -> 
     assert [impulse.row for impulse in impulses] == [189 + 5, 212 - 5]
 
 
+@pytest.mark.parametrize(("sensor", "top"), [("acc", 36.0), ("gyr", 18.0)])
+def test_two_thirds_of_a_peak_are_continued_of_an_accelerometer_but_not_of_a_gyro(sensor: str, top: float) -> None:
+    t = np.arange(400.0)
+    x = 36.0 * np.clip(1.0 - ((t - 200.0) / 20.0) ** 2, 0.0, 1.0) + 1e-3 * np.sin(7.0 * t)
+    peak = np.column_stack((np.minimum(x, 12.0), 0.1 * np.sin(t), np.cos(t)))
+    quiet = np.column_stack((np.sin(t), np.cos(t), np.full(400, 9.8)))
+    clipped = Recording(0.01 * t, *((peak, quiet) if sensor == "acc" else (quiet, peak)))
+    restored, _ = restore(clipped, [clip for clip in clips_of(clipped) if clip.sensor == sensor])
+    assert getattr(restored, sensor)[:, 0].max() == pytest.approx(top, rel=0.04)
+
+
 @clipping
 def test_the_roll_of_test_1_is_put_back_by_gravity() -> None:
     """Its peak of 640 deg/s clips at 500 deg/s, which loses about five degrees."""
