@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pbd.errors import warn
 from pbd.files.imu_columns import ACC, GYR, MAG
-from pbd.io.numbers import MISSING
+from pbd.io.numbers import NO_NUMBER
 
 HEADER_CELLS = 4
 """Smallest number of cells in a header (t, ax, ay, az). The lines of a preamble have fewer."""
@@ -90,7 +90,7 @@ def without_cut_row(path: Path, body: str, cells: int, delimiter: str) -> str:
 def _is_row(line: str) -> bool:
     # Between other delimiters, a comma is a decimal mark.
     delimiter = next((mark for mark in ";\t" if line.count(mark) >= HEADER_CELLS - 1), ",")
-    cells = [cell for cell in map(str.strip, line.split(delimiter)) if cell.lower() not in MISSING]
+    cells = [cell for cell in map(str.strip, line.split(delimiter)) if cell.lower() not in NO_NUMBER]
     numbers = sum(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?|nan", cell) is not None for cell in cells)
     return numbers >= HEADER_CELLS - 1 and 2 * numbers >= len(cells)
 

@@ -22,7 +22,7 @@ from pbd.files.header_line import (
     without_comments,
     without_cut_row,
 )
-from pbd.io.numbers import MISSING, date_order, number, seconds
+from pbd.io.numbers import NO_NUMBER, date_order, number, seconds
 from pbd.io.read_file import decoded, read_bytes
 from pbd.pose import Array
 
@@ -178,7 +178,7 @@ class Sheet:
         try:
             if self.foreign and self.delimiter != "," and _DECIMAL_COMMA.fullmatch(cell):
                 cell = cell.replace(",", ".")
-            if not self.complete and cell.strip().lower() in MISSING:
+            if not self.complete and cell.strip().lower() in NO_NUMBER:
                 return float("nan")
             return seconds(cell, order) if order else number(cell)
         except ValueError:

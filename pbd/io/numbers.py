@@ -15,7 +15,7 @@ _STAMP = re.compile(
 )
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 DAY_S, HOUR_S = 86400.0, 3600.0
-MISSING = frozenset(
+NO_NUMBER = frozenset(
     ("", "-", "--", "none", "null", "na", "n/a", "#n/a", "#nv", "<na>", "-nan(ind)", "1.#qnan", "-1.#ind")
 )
 """Cells without a number, in lower case: pandas.read_csv's, dashes, German spreadsheets' #NV, Windows' NaN."""

@@ -38,9 +38,6 @@ LULL_SHARE, LULL_S = 0.01, 1.0
 below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after: acceleration and rate are a tenth of
 the move's. (Below 10^-2.6, stances are missed; above 10^-1.9, a fast hand that turns back seems to rest.)"""
 
-DRIFTED_SHARE = 0.5
-"""A gyro has drifted if its bias changed by more than this share of QUIET_GYR: soon it would seem to turn at rest."""
-
 SHORTEST_MOVE_S = 0.1
 """s: a shorter motion between two stops is a jolt and joins them."""
 

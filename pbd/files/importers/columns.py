@@ -29,8 +29,8 @@ UNUSED = "a file that isn't used"
 NO_UNIT = "no unit given"
 """Source of a unit that neither the file nor the caller gives; ours is assumed."""
 
-_NOT_A_UNIT = r"txt|local|.*\b(?:utc|gmt|iso\W*8601)\b.*|(?:[yYdDmMoO]{2,4}\W+){2}.*|[hH]{1,2}:[mM]{2}\b.*"
-"""Notes beside the name of a column of dates or times of day, such as `hh:mm:ss.ms`: their format, or the zone."""
+_NOT_A_UNIT = r"txt|local|.*\b(?:utc|gmt|iso\W*8601)\b.*|(?:[ydmo]{2,4}\W+){2}.*|h{1,2}:mm\b.*"
+"""Notes, in lower case, of a column of dates or times of day: their format, such as `hh:mm:ss.ms`, or the zone."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
 def _by_name(header: Sequence[str]) -> dict[str, str]:
     """Map our names to the file's columns: for each channel the first complete set of axes, else the first set.
 
-    Of several devices it is the first that has an accelerometer and a gyro.
+    Of several devices, the first with an accelerometer and a gyro is read.
     """
     sets: dict[str, dict[str, dict[str, str]]] = {}
     device_of: dict[str, str] = {}

@@ -31,7 +31,7 @@ DEVICE_NAMES = re.compile(
     r"(?:device|sensor|imu|node|board|tracker)(?:_?(?:id|name|tag|mac|address|serial|nr|no|number))?"
     r"|id|mac(?:_?address)?|address|设备名称|i|instance(?:_?id)?"
 )
-"""Patterns of names of columns that tell devices apart. `I` is ArduPilot's number of an IMU."""
+"""Names of columns that tell devices apart. `I` is ArduPilot's number of an IMU."""
 COUNTER_SIZES, LONGEST_COUNT = (2.0**16, 2.0**32), 3.0
 """Numbers of values of a device's counter, and its longest step, as a multiple of the usual one, when it wraps."""
 

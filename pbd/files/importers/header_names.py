@@ -125,9 +125,9 @@ def nanoseconds_of(seconds: str, header: Sequence[str]) -> str:
 
 
 def our_name(name: str) -> tuple[str, str, str] | None:
-    """Return our name, that of the set of axes, and the device; None if the column has none.
+    """Return our name for a column, its set of axes and its device ("" for none); None if we have no name for it.
 
-    `Accel_LN_X` -> ax, `accel_ln`, ""; `left_gyr_x_2` -> gx, `left_gyr_2`, `left_2`.
+    `Accel_LN_X` -> ax, `accel_ln`, ""; `left_gyr_x_2` -> gx, `left_gyr_2`, `left__2`.
     """
     word = plain(name)
     if is_time(name):

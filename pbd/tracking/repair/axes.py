@@ -250,7 +250,7 @@ def _rotate(directions: Array, turn: Array) -> Array:
 
 
 def _differ(a: Array, b: Array) -> NDArray[np.bool_]:
-    """Whether the angle between each two directions (k, 3) contradicts."""
+    """Whether each two directions (k, 3) are more than CONTRADICTION_DEG apart."""
     differ: NDArray[np.bool_] = np.degrees(angles(a, b)) > CONTRADICTION_DEG
     return differ
 

@@ -72,9 +72,9 @@ def with_clock(recording: Recording) -> Recording:
         )
     if step < 1.0 / FASTEST_HZ:
         days = SLOWEST_HZ < 1.0 / (step * DAY_S) <= FASTEST_HZ
-        unit = "time is likely in days: import the file with --unit t=day" if days else "column 't' must be seconds"
+        advice = "time is likely in days: import the file with --unit t=day" if days else "column 't' must be seconds"
         raise RecordingError(
-            f"the samples come {step:.3g} s apart, closer than any sensor's; the {unit}",
+            f"the samples come {step:.3g} s apart, closer than any sensor's; the {advice}",
             value=step,
             bound=1.0 / FASTEST_HZ,
         )

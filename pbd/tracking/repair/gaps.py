@@ -18,6 +18,7 @@ from pbd.tracking.repair.clock import LATE_SAMPLES
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 FROZEN = "frozen (the reading repeats)"
+"""Fault of a gap whose rows repeat the one before."""
 
 BRIDGED_S = 0.050
 """Longest gap, s, that is bridged even in a move."""
@@ -39,7 +40,7 @@ def bridged(t: Array, values: Array, good: NDArray[np.bool_]) -> Array:
 class Gap:
     """Rows between `before` and `after` have no data. They are `missing_s` (s) further apart than one interval.
 
-    `fault` says why in words: the rows are missing, or repeat the one before.
+    `fault` is what messages say of its samples: `missing`, or FROZEN.
     """
 
     before: int

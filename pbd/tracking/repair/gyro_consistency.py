@@ -53,8 +53,8 @@ specific force, and ||mean| - g|, are below STEADY_ACC g. (A WT901's bias of 20 
 two sides of the sensor. In a brisk move specific force is often so steady for 0.2 s, hardly ever for 0.3 s.)"""
 
 PAIR_AFTER_S, PAIR_LONGEST_S = (0.5, 1.0, 2.0, 4.0), 5.0
-"""A steady moment is paired with the first one after each of these times, if this is not later than the longest (s). A
-slow turn shows only after seconds. At most one moment per STEADY_S / 2 begins pairs."""
+"""A steady moment is paired with the first one after each of these times, if that comes within PAIR_LONGEST_S
+(s). A slow turn shows only after seconds. At most one moment per STEADY_S / 2 begins pairs."""
 
 SHOWN_BY = {"a": "gravity", "m": "the field", "": "the device's own attitude"}
 """Channel of a witness -> its name."""

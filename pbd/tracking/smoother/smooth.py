@@ -28,7 +28,10 @@ from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
 from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, Impulse
 from pbd.tracking.smoother.state import GRAVITY, SHARED, Fixed, Prior, State
-from pbd.tracking.zero_velocity import DRIFTED_SHARE, ENERGY_WINDOW_S, Spans, energies, find_candidates, still_speed
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, energies, find_candidates, still_speed
+
+DRIFTED_SHARE = 0.5
+"""A gyro has drifted if its bias changed by more than this share of QUIET_GYR: soon it would seem to turn at rest."""
 
 WIDE_LAG_SIGMA, REMOVED_LAG = 0.03, 0.005
 """Lag of the gyro behind the accelerometer, s: one sigma of the wide prior (two low-pass filters of one chip), and the
