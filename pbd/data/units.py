@@ -49,7 +49,7 @@ _SPELLINGS = (
     (r"met(?:er|re)s?(?=/)", "m"),
     (r"tesla$", "t"),
     (r"^(-?[\d.]*m?)g(?:'?s|-?force)$", r"\1g"),
-    (r"^minutes?$", "min"),
+    (r"^min(?:ute)?s?$", "min"),
     (r"^h(?:ou)?rs?$", "h"),
     (r"^days$|^d$", "day"),
 )

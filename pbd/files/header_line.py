@@ -23,7 +23,7 @@ def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
 
     The header is the last wide line above the first row of numbers, or the first above lines whose cells repeat.
     """
-    wide = [k for k, line in enumerate(lines) if max(map(line.count, ",;\t")) >= HEADER_CELLS - 1]
+    wide = [k for k, line in enumerate(lines) if line.count(delimiter_of(line)) >= HEADER_CELLS - 1]
     if not wide:
         return None
     row = next((k for k in wide if _is_row(lines[k])), None)
@@ -38,9 +38,14 @@ def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
     return header, last - header
 
 
+def delimiter_of(line: str) -> str:
+    """Return the delimiter that occurs most often in a line."""
+    return max(",;\t", key=line.count)
+
+
 def _words(line: str) -> list[str]:
     """Return the cells of a line of a header in lower case; of axes, such as `X (g)`, the axis alone."""
-    cells = (cell.strip(' "').lower() for cell in line.split(max(",;\t", key=line.count)))
+    cells = (cell.strip(' "').lower() for cell in line.split(delimiter_of(line)))
     return [re.sub(r"^([xyz])\W.*", r"\1", cell) for cell in cells]
 
 
@@ -64,7 +69,7 @@ def without_comments(text: str, foreign: bool) -> str:
 def with_delimiters(text: str) -> str:
     """Put tabs for bars or spaces where nothing else separates, and a delimiter after a serial monitor's times."""
     if stamped := re.match(r"\d\d:\d\d:\d\d\.\d+ ->.*", text):
-        text = re.sub(r"(?m)^([\d:.]+) -> *", r"\1" + max(",;\t", key=stamped[0].count), text)
+        text = re.sub(r"(?m)^([\d:.]+) -> *", r"\1" + delimiter_of(stamped[0]), text)
     rows = re.sub(r"(?m)^[ \t]*#.*$", "", text) if "#" in text else text
     if any(mark in rows for mark in ",;\t"):
         return text

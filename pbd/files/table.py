@@ -15,6 +15,7 @@ import numpy as np
 
 from pbd.errors import PbdError, RecordingError, listed, printable
 from pbd.files.header_line import (
+    delimiter_of,
     find_header,
     import_command,
     with_delimiters,
@@ -259,7 +260,7 @@ def open_sheet(
         raise error.at(path, "can't be read as text (NUL bytes, as a crash may leave); give a CSV file")
     if not body.strip():
         raise error.at(path, "a header but no rows; record again")
-    delimiter = max(",;\t", key=first.count)
+    delimiter = delimiter_of(first)
     header = [name.strip().strip('"') for name in first.split(delimiter)]
     for line in lines[above + 1 : above + 1 + skipped]:
         header = with_line_below(header, [cell.strip().strip('"') for cell in line.split(delimiter)])

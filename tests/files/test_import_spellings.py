@@ -47,7 +47,10 @@ def assert_read(recording: Recording, end: float = 0.01) -> None:
         *(("acc", unit, 1.0) for unit in ("m/sec^2", "m/s**2", "m·s⁻²", "m.s-2", "meters/s^2", "m/(sec^2)")),
         *(("acc", unit, 9.80665) for unit in ("g's", "Gs", "g-force", "1000 milli-g")),
         *(("mag", unit, 1.0) for unit in ("microTesla", "micro T", "uTesla", "10 milligauss")),
-        *(("t", unit, factor) for unit, factor in (("msec", 1e-3), ("microseconds", 1e-6), ("Hours", 3600.0))),
+        *(
+            ("t", unit, factor)
+            for unit, factor in (("msec", 1e-3), ("microseconds", 1e-6), ("mins", 60.0), ("Hours", 3600.0))
+        ),
     ],
 )
 def test_a_unit_may_be_spelled_in_many_ways(quantity: str, unit: str, factor: float) -> None:
