@@ -76,10 +76,17 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
     best = _best_matches(*given)
     if not best or best[0].cost > OUTLIER_COST * max(1.0, m - 2.0):
         raise CalibrationError(
-            "no stops of the demonstration have the same distances as the points; check the points' unit and "
-            + ("coordinates, their order (--any-order finds it)" if in_order else "coordinates")
+            "no stops of the demonstration have the same distances as the points; check the points' unit, signs "
+            + ("and coordinates, their order (--any-order finds it)" if in_order else "and coordinates")
             + ", and that the hand stopped on each"
         )
+    alike = []
+    for check, mirror in MIRRORED.items():
+        for other in _best_matches(p_nav_tip, sigma, points * mirror, in_order)[:1]:
+            if other.cost < best[0].cost - AMBIGUOUS_COST:
+                raise mirrored(check)
+            if other.stops != best[0].stops and other.cost < best[0].cost + AMBIGUOUS_COST:
+                alike.append(check)
     for other in best[1:]:
         metres, rad = other.T_base_nav.distance(best[0].T_base_nav)
         if other.cost - best[0].cost < AMBIGUOUS_COST and (metres > SAME_M or rad > SAME_RAD):
@@ -90,12 +97,8 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
                 stops=best[0].stops,
                 others=other.stops,
             )
-    for check, mirror in MIRRORED.items():
-        for other in _best_matches(p_nav_tip, sigma, points * mirror, in_order)[:1]:
-            if other.stops != best[0].stops and other.cost < best[0].cost + AMBIGUOUS_COST:
-                if other.cost < best[0].cost - AMBIGUOUS_COST:
-                    raise mirrored(check)
-                warn(MAY_BE_MIRRORED.format(check))
+    for check in alike:
+        warn(MAY_BE_MIRRORED.format(check))
     return best[0].stops
 
 

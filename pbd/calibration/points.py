@@ -136,11 +136,12 @@ def _find_wrong_points(problem: Problem) -> tuple[list[int], Fit, dict[int, Fit]
         if worst is not None and not _is_wrong(gained[worst], without[worst]):
             worst = None
         if worst is None and fit.chi2 <= WRONG_CHI2 * fit.freedom:
-            if SIDEWAYS in _mirrored(problem, fit, wrong):
+            if _fits_mirrored(SIDEWAYS, problem, fit, wrong):
                 warn(MAY_BE_MIRRORED.format(SIDEWAYS))
             return wrong, fit, without
-        if checks := _mirrored(problem, fit if worst is None else without[worst]):
-            raise mirrored(checks[0])
+        for check in MIRRORED:
+            if _fits_mirrored(check, problem, fit if worst is None else without[worst]):
+                raise mirrored(check)
         if worst is None:  # no single point explains it: a unit, the order
             raise _contradiction(problem, fit, used)
         rivals = [k for k in gained if k != worst and gained[worst] - gained[k] < CLEARER_CHI2]
@@ -150,12 +151,10 @@ def _find_wrong_points(problem: Problem) -> tuple[list[int], Fit, dict[int, Fit]
         fit = without[worst]
 
 
-def _mirrored(problem: Problem, instead: Fit, left_out: Sequence[int] = ()) -> list[str]:
-    """Return what to check of MIRRORED: mirrored so, the points fit, and not clearly worse than `instead`."""
-    fits = {check: register(replace(problem, points=problem.points * m), left_out) for check, m in MIRRORED.items()}
-    return [
-        check for check, fit in fits.items() if fit.chi2 < min(POOR_CHI2 * fit.freedom, instead.chi2 + CLEARER_CHI2)
-    ]
+def _fits_mirrored(check: str, problem: Problem, instead: Fit, left_out: Sequence[int] = ()) -> bool:
+    """Say whether the points fit in this one of MIRRORED, and not clearly worse than `instead`."""
+    fit = register(replace(problem, points=problem.points * MIRRORED[check]), left_out)
+    return fit.chi2 < min(POOR_CHI2 * fit.freedom, instead.chi2 + CLEARER_CHI2)
 
 
 def mirrored(check: str) -> CalibrationError:
@@ -209,7 +208,9 @@ def refuse_shape(points: Array, free: bool) -> None:
     for j in range(len(points)):
         for k in range(j):
             if np.linalg.norm(points[j] - points[k]) < 1e-4:
-                raise CalibrationError(f"points {k + 1} and {j + 1} are the same place; remove one", points=(k, j))
+                raise CalibrationError(
+                    f"points {k + 1} and {j + 1} are the same place; remove one, or correct their unit", points=(k, j)
+                )
     if bad := _bad_shape(points, free):
         raise CalibrationError(bad)
 
@@ -229,7 +230,7 @@ def _bad_shape(points: Array, free: bool) -> str:
     if spread_m < LEAST_SPREAD_M:
         return (
             f"the points lie above each other (within {100.0 * spread_m:.1f} cm), so the heading is unknown; touch "
-            "points at least 20 cm apart on the table"
+            "points at least 20 cm apart on the table, or correct their unit"
         )
     return ""
 

@@ -72,6 +72,16 @@ def test_points_that_match_better_in_a_mirror_are_refused() -> None:
 
 
 @pytest.mark.parametrize("in_order", [True, False])
+def test_many_mirrored_points_are_not_called_symmetric(in_order: bool) -> None:
+    """Of points on a grid several mirrored ones fit turned stops, in more than one way."""
+    rng = np.random.default_rng(3)
+    grid = 0.2 * np.array([(a, b, 0.0) for a in range(3) for b in range(3)]) + 0.03 * rng.normal(size=(9, 3))
+    p, sigma = stops_at(np.vstack(((0.1, -0.3, 0.2), grid)))
+    with pytest.raises(CalibrationError, match="fit the demonstration as in a mirror; check the sign of x or y"):
+        match_points(p, sigma, grid * (-1.0, 1.0, 1.0), in_order)
+
+
+@pytest.mark.parametrize("in_order", [True, False])
 def test_stops_that_can_not_match_are_refused(in_order: bool) -> None:
     p, sigma = stops_at(POINTS[:3])
     with pytest.raises(CalibrationError, match="has 3 stops, but there are 5 points; hold still"):
@@ -88,5 +98,5 @@ def test_a_wrong_order_is_named_as_a_cause_only_where_order_counts() -> None:
     with pytest.raises(CalibrationError, match=r"and coordinates, their order \(--any-order finds it\), and that"):
         match_points(p, sigma, POINTS, in_order=True)
     assert match_points(p, sigma, POINTS, in_order=False) == (4, 3, 2, 1, 0)
-    with pytest.raises(CalibrationError, match=r"unit and coordinates, and that the hand"):
+    with pytest.raises(CalibrationError, match=r"unit, signs and coordinates, and that the hand"):
         match_points(p, sigma, 10.0 * POINTS, in_order=False)
