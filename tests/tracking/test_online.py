@@ -50,7 +50,7 @@ from pbd.tracking.smoother.preintegration import (
     gyro_frame,
     preintegrate,
 )
-from tests.benchmarks.trials import read_broad
+from tests.benchmarks.trials import read_broad, with_drift
 from tests.scenarios import pour, simulate, truth_at, uncalibrated, with_hole, with_rows
 
 SENSORS = ("modern", "os5000", "wt901")
@@ -501,6 +501,15 @@ def test_a_gyro_that_warms_up_loses_no_stop() -> None:
     warm = recording.gyr + np.radians(0.08) * recording.t[:, None] * (0.6, 0.0, 0.8)
     tracker, _ = fed(replace(recording, gyr=warm))
     assert len(tracker.stops) == 4
+
+
+def test_minutes_without_a_stop_end_in_a_stop_with_a_gyro_that_drifts(data_folder: Path) -> None:
+    """Its bias walks three times as far as assumed. In such a move only the hand's reach tells where is down."""
+    (file,) = (data_folder / "broad").glob("10*.npz")
+    recording = with_drift(with_rows(read_broad(file)["40"].recording, slice(1300, None)), 3.0, seed=1)
+    tracker, _ = fed(recording)
+    assert len(tracker.stops) == 2
+    assert np.abs(tracker.p_nav_sensor).max() < 5.0  # it was 20 km
 
 
 def test_rows_with_impossible_times_are_left_out_and_told_once() -> None:

@@ -154,6 +154,12 @@ class OnlineFilter:
         if trust > 0.0:
             self._update_heading(east, by_turn, self.noise.compass**2 / lasted / trust)
 
+    def update_reach(self, lasted: float) -> None:
+        """For `lasted` s the hand was within reach of its first rest; robust by Cauchy's weight, as in `factors`."""
+        H, (x, y, _) = H_POS.copy(), self.p
+        H[:, 2] = y, -x, 0.0  # a distance tells nothing of the heading
+        self._update(H, -self.p, (self.noise.reach**2 + float(self.p @ self.p)) / lasted, robust=False)
+
     def update_device_attitude(self, rate: Array) -> None:
         """Without a gyro the gyro frame is nav, but the device's attitude errs, and lags at `rate` (3,) rad/s."""
         variance = self.noise.device_turn**2 + self.noise.device_lag**2 * float(rate @ rate)

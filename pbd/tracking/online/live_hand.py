@@ -128,7 +128,7 @@ class LiveHand:
         )
         # Not in the sample of a knot, which has work enough.
         if sample.t - self._t_compass >= STOP_KNOT_S and self._t_knot < sample.t:
-            self._update_heading(sample)
+            self._update_between_knots(sample)
         return events
 
     def _measure_stillness(self) -> bool:
@@ -148,9 +148,11 @@ class LiveHand:
         """The filter, and the one under test if there is one."""
         return [self._filter] if self._trial_filter is None else [self._filter, self._trial_filter]
 
-    def _update_heading(self, sample: Sample) -> None:
-        """Update the heading with the compass, or the attitude with the device's own."""
+    def _update_between_knots(self, sample: Sample) -> None:
+        """Update the heading with the compass, or the attitude with the device's own; in a move, bound the position."""
         for each in self._filters():
+            if self._stop is None:
+                each.update_reach(sample.t - self._t_compass)
             if self._no_gyro:
                 each.update_device_attitude(self._strapdown.rate)
             if self._field:
