@@ -155,21 +155,25 @@ STEP_ROWS = 4096
 """Number of rows, spread over a recording, from which the step (resolution) of its readings is found."""
 
 
-def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = None) -> Noise:
+def noise_of(
+    recording: Recording, rest: Rest, errors: SensorErrors | None = None, steps: tuple[float, float] | None = None
+) -> Noise:
     """Noise of a recording: white densities from its rest, all else from the sensor's class or a calibration.
 
     Args:
         recording: its `info.sensor` gives the class.
         rest: its first quiet second.
         errors: the calibration's, already corrected in the recording. It also gives the local gravity.
+        steps: of the gyro and the accelerometer; by default the recording's own.
     """
     sensor = next((found for word, found in CLASSES.items() if word in recording.info.sensor), FACTORY)
     gravity = Noise.gravity
     if errors is not None and errors.acc is not None:
         sensor, gravity = _calibrated(sensor, errors.acc, errors.gyr), errors.gravity
     white = 3.0 * white_noise_variance(rows_of_mean(recording.rate_hz))
-    gyr, gyr_held = (0.0, 0.0) if recording.gyr is None else _rounding(recording.gyr, np.sqrt(rest.turn / white))
-    acc, acc_held = _rounding(recording.acc, np.sqrt(rest.shake / white))
+    gyr_step, acc_step = steps_of(recording) if steps is None else steps
+    gyr, gyr_held = _rounding(gyr_step, np.sqrt(rest.turn / white))
+    acc, acc_held = _rounding(acc_step, np.sqrt(rest.shake / white))
     sensor = replace(
         sensor,
         acc_bias=float(np.hypot(sensor.acc_bias, acc_held)),
@@ -180,21 +184,31 @@ def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = Non
     return Noise(gyr * root, acc * root, sensor, gravity=gravity)
 
 
-def _rounding(values: Array, rms: float) -> tuple[float, float]:
+def steps_of(recording: Recording) -> tuple[float, float]:
+    """The step of the gyro's readings, rad/s, and of the accelerometer's, m/s2; infinity: no reading differs."""
+    gyr, acc = (np.inf if values is None else _step(values) for values in (recording.gyr, recording.acc))
+    return gyr, acc
+
+
+def _step(values: Array) -> float:
+    """The smallest difference between two readings (n, 3) of an axis."""
+    some = values[:: max(1, len(values) // STEP_ROWS)]
+    return min(float(np.diff(np.unique(axis)).min(initial=np.inf)) for axis in some.T)
+
+
+def _rounding(step: float, rms: float) -> tuple[float, float]:
     """White noise per sample and axis, and the rounding error that stays constant while the reading does.
 
-    The step of the readings is the smallest difference between two of them. Noise larger than the step makes the
-    rounding error white (dither). Of smaller noise, a share exp(-2 pi^2 rms^2 / step^2) of the error is constant in a
-    rest and differs between rests. It adds to the bias, and to its random walk per sqrt(s).
+    Noise larger than the step makes the rounding error white (dither). Of smaller noise, a share
+    exp(-2 pi^2 rms^2 / step^2) of the error is constant in a rest and differs between rests. It adds to the bias, and
+    to its random walk per sqrt(s).
 
     Args:
-        values: (n, 3) readings of one sensor.
+        step: of one sensor's readings.
         rms: per axis, at rest.
 
     Source: B. Widrow, I. Kollar, Quantization noise, Cambridge 2008, 9.
     """
-    some = values[:: max(1, len(values) // STEP_ROWS)]
-    step = min(float(np.diff(np.unique(axis)).min(initial=np.inf)) for axis in some.T)
     if not FINEST_STEP < step < np.inf:
         return rms, 0.0
     rounding = step / np.sqrt(12.0)

@@ -33,13 +33,14 @@ from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import FACTORY, Noise, densities, noise_of
-from pbd.tracking.online.filter import IDENTITY, NORTH, STATES, UP, OnlineFilter
+from pbd.tracking.online.filter import IDENTITY, NORTH, SENSOR_ERRORS, STATES, UP, OnlineFilter
 from pbd.tracking.online.samples import Conditioner, Sample
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 from pbd.tracking.smoother.preintegration import (
     ACC_BIAS,
     ACC_MATRIX,
+    ERRORS,
     GYR_BIAS,
     GYR_MATRIX,
     LAG,
@@ -587,6 +588,29 @@ def test_it_learns_from_a_far_quieter_second() -> None:
     assert tracker.rest is not None
     assert tracker.rest.shake < 0.01 * found.rest.shake
     assert len(tracker.stops) == 4
+
+
+def test_a_coarse_sensor_shows_its_step_once_it_moves() -> None:
+    """At rest all its readings are the same. Taken for a sensor without noise, it never came to a stop again."""
+    recording, step = poured_at_first(), np.radians(2.0)
+    assert recording.gyr is not None
+    coarse = replace(recording, acc=0.15 * np.round(recording.acc / 0.15), gyr=step * np.round(recording.gyr / step))
+    assert len(fed(coarse)[0].keyframes) == 4
+
+
+def test_a_bias_that_rounding_hid_has_tilted_the_vertical_too() -> None:
+    """So at the same attitude a rest goes on to fit, however large that bias may be."""
+    rest = find_rest(poured_at_first())
+    noise = noise_of(poured_at_first(), rest)
+    kalman = OnlineFilter(noise, rest, quat_to_matrix(quat_exp(np.array((0.5, -0.3, 0.2)))), None, no_gyro=False)
+    kalman.P = np.zeros((STATES, STATES))
+    kalman.use_noise(replace(noise, sensor=replace(noise.sensor, acc_walk=0.04)))
+    assert np.diagonal(kalman.P)[SENSOR_ERRORS][ACC_BIAS] == pytest.approx(0.04**2 - noise.sensor.acc_walk**2)
+    T, J = 0.05, np.zeros((9, ERRORS))
+    J[VEL, ACC_BIAS] = -T * kalman.C
+    up = kalman.E.T @ UP * kalman.gravity
+    kalman.propagate(Leg(T, T * up, 0.5 * T**2 * up, J, np.zeros((9, 9)), kalman.C, np.zeros(3)))
+    assert np.abs(kalman.P[VEL, VEL]).max() < 1e-12
 
 
 def test_it_does_without_a_magnetometer_and_without_a_gyro() -> None:

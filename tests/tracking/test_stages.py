@@ -32,7 +32,7 @@ from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import STILL_ACC, STILL_GYR, find_rest, restlessness
 from pbd.tracking.keyframes import find_keyframes, find_segments
 from pbd.tracking.moving_windows import rows_of_mean, white_noise_variance
-from pbd.tracking.noise import FACTORY, Noise, _bends, _rounding, noise_of
+from pbd.tracking.noise import FACTORY, Noise, _bends, _rounding, _step, noise_of
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother.preintegration import integral_of_means, integral_of_values, turns_between_middles
 from pbd.tracking.zero_velocity import lasts
@@ -270,7 +270,7 @@ def test_each_row_of_a_span_lasts_until_the_next() -> None:
 def test_an_axis_that_always_reads_the_same_says_nothing_of_the_step() -> None:
     """Nor does an axis with a coarser step. Rounding adds step / sqrt(12), which is constant at rest."""
     values = 0.01 * np.random.default_rng(0).integers(-3, 4, (200, 3)) * np.array((1.0, 5.0, 0.0))
-    assert _rounding(values, 0.0) == pytest.approx((0.01 / np.sqrt(12.0), 0.01 / np.sqrt(12.0)))
+    assert _rounding(_step(values), 0.0) == pytest.approx((0.01 / np.sqrt(12.0), 0.01 / np.sqrt(12.0)))
 
 
 def test_a_hand_at_the_limit_of_either_sensor_is_as_restless() -> None:

@@ -84,12 +84,28 @@ class OnlineFilter:
         errors[ACC_MATRIX] = acc_factor * sensor.acc_scale
         sigma[SENSOR_ERRORS], sigma[GRAVITY], sigma[NORTH] = errors, noise.gravity_sigma, noise.compass
         self.P = np.diag(sigma**2)
-        self._walks = np.repeat((sensor.gyr_walk**2, sensor.acc_walk**2), 3)
+        self._walks = _walks(noise)
         self.clone_pose()
 
     def fork(self) -> OnlineFilter:
         """A copy that goes on from here. It is shallow, because no array is changed in place."""
         return copy(self)
+
+    def use_noise(self, noise: Noise) -> None:
+        """Take this noise. If the readings at rest turn out to be rounded, the biases found there were too sure.
+
+        Gravity showed the vertical with the accelerometer's bias in it. So tilt and gravity are wrong with that bias.
+        """
+        more = np.maximum(_walks(noise) - self._walks, 0.0)
+        self.noise, self._walks = noise, _walks(noise)
+        if not more.any():
+            return
+        error, g = np.zeros((STATES, len(BIASES))), self.gravity
+        error[BIASES, np.arange(len(BIASES))] = 1.0
+        x, y, z = self._last_knot[0]
+        error[ROT, 3:] = error[KNOT_ROT, 3:] = -y / g, x / g, np.zeros(3)
+        error[GRAVITY, 3:] = -z
+        self.P = self.P + error * more @ error.T
 
     def predict(self, strapdown: Strapdown) -> tuple[Array, Array, Array]:
         """wxyz_nav_sensor (4,), p_nav_sensor (3,) m and v_nav_sensor (3,) m/s at the latest sample, within a leg."""
@@ -220,6 +236,11 @@ class OnlineFilter:
         self.gravity, self.north = self.gravity + float(d[GRAVITY]), self.north + float(d[NORTH])
         attitude, p = self._last_knot
         self._last_knot = turn_matrix(d[KNOT_ROT]) @ attitude, p + d[KNOT_POS]
+
+
+def _walks(noise: Noise) -> Array:
+    """Variance (6,) of the biases' random walks, per second."""
+    return np.repeat((noise.sensor.gyr_walk**2, noise.sensor.acc_walk**2), 3)
 
 
 def _level(up: Array, field: Array | None) -> Array:

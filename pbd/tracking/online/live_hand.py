@@ -89,11 +89,11 @@ class LiveHand:
         self._trial_filter: OnlineFilter | None = None
         self._peak = 0.0  # m/s2, largest acceleration of a block since the hand stood still
         self._t_knot, self._t_compass = samples[0].t, samples[0].t
-        self.use_rest(rest, noise)
         fields = [sample.mag for sample in samples if sample.mag is not None]
         self._field: list[Array] | None = [] if fields else None
         north = np.mean(fields, axis=0) if fields else None
         self._filter = OnlineFilter(noise, rest, self._strapdown.C, north, self._no_gyro)
+        self.use_rest(rest, noise)
         self._stop: LiveStop | None = LiveStop(samples[0], samples[0], *self._filter.pose())
         self.still, self._settled = True, True
         self.set_out = False
@@ -105,6 +105,8 @@ class LiveHand:
         self.rest, self._noise, self._limits = rest, noise, quiet_limits(rest)
         if not self._no_gyro:
             self._strapdown.noise = noise
+        for each in self._filters():
+            each.use_noise(noise)
 
     def advance(self, sample: Sample) -> list[LiveEvent]:
         """Take the next sample; return the events that it completes."""

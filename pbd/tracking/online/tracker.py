@@ -13,7 +13,7 @@ from pbd.data.frozen_arrays import numeric
 from pbd.errors import PbdError, TrackingError, WrongTypeError
 from pbd.pose import Array, readonly
 from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, QUIET_RATIO, REST_S, STILL_ACC, Rest, find_rest
-from pbd.tracking.noise import noise_of
+from pbd.tracking.noise import Noise, noise_of, steps_of
 from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan, StopEnded
 from pbd.tracking.online.live_hand import LiveHand
 from pbd.tracking.online.samples import Conditioner, Sample
@@ -53,6 +53,7 @@ class LiveTracker:
         self._t_next_look = -np.inf
         self._waiting = f"waiting for {REST_S:g} s of rest"
         self._hand: LiveHand | None = None
+        self._steps = (np.inf, np.inf)  # as `steps_of` the samples seen so far
 
     def feed(
         self,
@@ -107,7 +108,9 @@ class LiveTracker:
             self._hand.flaws += [wrong] if wrong else []
         for sample in samples:
             if self._hand is not None:
-                events += self._hand.advance(sample)
+                events += (news := self._hand.advance(sample))
+                if any(isinstance(event, StopEnded) for event in news):
+                    self._learn_steps(self._hand)
             self._keep_last_second(sample)
             if sample.t >= self._t_next_look and self._recent[-1].t - self._recent[0].t >= REST_S:
                 events += self._look_for_rest(list(self._recent))
@@ -135,18 +138,13 @@ class LiveTracker:
             stands = hand.still and hand.stops[-1].first.t <= samples[0].t
             if not stands or hand.restless > hand.rest.restless:
                 return []
-        recording = Recording(
-            np.array([sample.t for sample in samples]),
-            np.array([sample.acc for sample in samples]),
-            np.array([sample.gyr for sample in samples]) if self._has_gyro else None,
-            info=RecordingInfo(sensor=self._sensor),
-        )
+        recording = self._recording_of(samples)
         try:
             rest = find_rest(recording)
         except PbdError as error:
             self._waiting = _rest_advice(error)
             return []
-        noise = noise_of(recording, rest)
+        noise = self._noise_of(recording, rest)
         rest = replace(rest, start=samples[0].row, stop=samples[-1].row + 1)
         if hand is None:
             interval = float(np.median(np.diff(recording.t)))
@@ -160,6 +158,24 @@ class LiveTracker:
         if rest.restless < hand.rest.restless / QUIET_RATIO:
             hand.use_rest(rest, noise)
         return []
+
+    def _learn_steps(self, hand: LiveHand) -> None:
+        """A coarse sensor's readings may all be the same at rest. Once the hand has set out, they show their step."""
+        if len(self._recent) > 2:
+            hand.use_rest(hand.rest, self._noise_of(self._recording_of(list(self._recent)), hand.rest))
+
+    def _noise_of(self, recording: Recording, rest: Rest) -> Noise:
+        gyr, acc = (min(pair) for pair in zip(self._steps, steps_of(recording), strict=True))
+        self._steps = gyr, acc
+        return noise_of(recording, rest, steps=self._steps)
+
+    def _recording_of(self, samples: list[Sample]) -> Recording:
+        return Recording(
+            np.array([sample.t for sample in samples]),
+            np.array([sample.acc for sample in samples]),
+            np.array([sample.gyr for sample in samples]) if self._has_gyro else None,
+            info=RecordingInfo(sensor=self._sensor),
+        )
 
     @property
     def waiting(self) -> str:
