@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pbd.cli.console import print_json, say, working
-from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Recording, Robot
+from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
 from pbd.errors import PbdError, SensorError, UsageError, listed
@@ -86,8 +86,8 @@ def track_demonstration(
     return path, keyframes
 
 
-def track_with(args: argparse.Namespace, demo: Demonstration | Recording, calibration: Calibration) -> HandPath:
-    """Track a demonstration, or its recording alone: without its known places and edited keyframes."""
+def track_with(args: argparse.Namespace, demo: Demonstration, calibration: Calibration) -> HandPath:
+    """Track a demonstration that a calibration is made from."""
     from pbd.pipeline import track
 
     with working("tracking"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -152,6 +152,12 @@ class Demonstration:
     def known(self) -> Known:
         """What tracking may rely on: `closed`, `places` and `contacts`."""
         return Known(self.closed, self.places, self.contacts)
+
+    @property
+    def recorded(self) -> Demonstration:
+        """The same as the sensor alone shows it: nothing known of its stops or its takes' stops, nothing edited."""
+        takes = tuple(take.recorded for take in self.takes)
+        return replace(self, keyframes=None, touch_ups=(), closed=False, places=(), contacts=(), takes=takes)
 
 
 @dataclass(frozen=True)

@@ -193,6 +193,16 @@ def test_points_put_the_demonstration_into_base(capsys: Capture, touched: Touchi
     assert rows[0]["base_sigma_m"] == pytest.approx(result["nav"]["sigma_m"], rel=1e-3)
 
 
+def test_fused_takes_that_touch_points_are_all_used(capsys: Capture) -> None:
+    for take in (1, 2):
+        run(capsys, "simulate", "touch", f"touch{take}", "--seed", str(take))
+    assert run(capsys, "fuse", "touch1", "touch2", "-o", "both")[0] == 0
+    points = ("--points", "demos/touch1/points.csv")
+    one, both = (run_json(capsys, "calibrate", "points", name, name, *points)["nav"] for name in ("touch1", "both"))
+    assert max(both["sigma_m"]) < 0.9 * max(one["sigma_m"])
+    assert np.linalg.norm(np.subtract(both["position_m"], (0.45, -0.15, 0.25))) < 0.003
+
+
 def test_points_in_any_order(capsys: Capture, touched: Touching) -> None:
     write_points(touched.points[[4, 2, 0, 5, 1, 3]])
     result = run_json(capsys, *POINTS, "--any-order")

@@ -182,6 +182,16 @@ def test_what_is_wrong_with_a_recording_of_sides(capsys: Capture) -> None:
         assert f"argument {option}: must be" in capsys.readouterr().err
 
 
+def test_fused_takes_are_not_one_recording_of_sides(capsys: Capture) -> None:
+    takes = "".join(f'[[take]]\ndemo = "../take{k}"\n' for k in (1, 2))
+    for k in (1, 2):
+        save(f"take{k}", simulate(sides(1), BAD, k))
+    Path("demos/both").mkdir()
+    Path("demos/both/demo.toml").write_text(f'format = 1\nname = "both"\nsensor = "w"\n{takes}')
+    line = refused_by(capsys, "calibrate", "sensor", "bench", "both")
+    assert line.startswith("both is fused from 2 takes; name one of them, or use `pbd fuse TAKE... --save-calibration ")
+
+
 # --- record -----------------------------------------------------------------------------------------------------------
 
 

@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> None:
     if not (args.pivot or args.turns):
         raise UsageError("say what the recording shows: --pivot, --turns x,-x,z, or both")
     path, calibration = existing_calibration(args.name)
-    hand = track_with(args, load_demo(args.demo).recording, calibration)
+    hand = track_with(args, load_demo(args.demo).recorded, calibration)
     keyframes = find_keyframes(hand)
     pivot = fit_pivot(keyframes, hand.covariance, calibration.scale) if args.pivot else None
     turns = fit_turns(keyframes, args.turns) if args.turns else None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import shlex
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,21 +14,19 @@ from pbd.calibration.field_uniformity import field_spread, heading_changes
 from pbd.calibration.points import POOR_CHI2, fit_points, refuse_shape
 from pbd.calibration.registration import PointObservations, observe_points
 from pbd.calibration.rests import rms
-from pbd.calibration.sensor import corrected
 from pbd.cli.calibrate.replacing import keep_good_part, replaced_part
 from pbd.cli.common import sigma_json, track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, collected_warnings, warn
+from pbd.errors import CalibrationError, warn
 from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.files.points import Points, read_points
 from pbd.pipeline import track
 from pbd.pose import Pose, quat_to_rpy
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.repair.repair_recording import condition
 from pbd.view.calibration_tables import points_table
 from pbd.view.terminal_tables import print_table
 
@@ -41,11 +38,9 @@ def run(args: argparse.Namespace) -> None:
     """Track, match stops with points, fit nav in base, write it, and report its uncertainty."""
     points = read_points(args.points, args.unit)
     path, calibration = existing_calibration(args.name)
-    recording = load_demo(args.demo).recording
-    hand = track_with(args, recording, calibration)
-    if recording.mag is not None:
-        with collected_warnings():  # tracking has issued them
-            recording = replace(recording, mag=condition(recording)[0].mag)  # None if it is dead
+    hand = track_with(args, load_demo(args.demo).recorded, calibration)
+    assert hand.tracking is not None
+    recording = hand.tracking.recording
     part = args.part or ("dock" if recording.mag is None else "nav")
     instead = replaced_part(path, calibration, part, args.force)
     keyframes = find_keyframes(hand)
@@ -139,9 +134,7 @@ def _report_heading(
                 f"demonstrations that start with the same heading{'' if args.free else '; use --as dock instead'}"
             )
         return None, 0.0
-    mag = corrected(recording, calibration.sensor).mag
-    assert mag is not None
-    at_stops = [mag[np.abs(recording.t - keyframe.t) <= 0.5 * keyframe.dwell_s] for keyframe in keyframes]
+    at_stops = [recording.mag[np.abs(recording.t - keyframe.t) <= 0.5 * keyframe.dwell_s] for keyframe in keyframes]
     means = np.array([each.mean(axis=0) for each in at_stops])
     spread = field_spread(means, np.array([keyframe.T_nav_sensor.wxyz for keyframe in keyframes]))
     heading = spread.heading

@@ -27,7 +27,11 @@ def run(args: argparse.Namespace) -> None:
     gravity = args.gravity or (GRAVITY if args.latitude is None else gravity_at(args.latitude))
     path, calibration = existing_calibration(args.name)
     with working(f"reading {args.demo}"):
-        recording, gaps = condition(load_demo(args.demo).recording)
+        demo = load_demo(args.demo)
+        if demo.takes:
+            again = f"name one of them, or use `pbd fuse TAKE... --save-calibration {args.name}`"
+            raise CalibrationError(f"{args.demo} is fused from {counted(len(demo.takes), 'take')}; {again}")
+        recording, gaps = condition(demo.recording)
     if gaps:
         at, missing = float(recording.t[gaps[0].before]), 1e3 * gaps[0].missing_s
         raise CalibrationError(f"{args.demo} has a gap of {missing:.0f} ms at {at:.2f} s; record it again")
