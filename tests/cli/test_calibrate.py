@@ -128,6 +128,16 @@ def test_joints_that_may_be_rad_are_doubted(capsys: Capture) -> None:
     assert "warning" not in run(capsys, *command, *degrees)[2]
 
 
+def test_a_docks_angles_that_may_be_rad_are_doubted(capsys: Capture) -> None:
+    """A yaw of a quarter turn in rad put a keyframe half a metre away 0.7 m off, in silence."""
+    err = run(capsys, *DOCK, "--rpy", "0", "0", "1.5708")[2]
+    assert (
+        "pbd: warning: no angle is beyond 1.57 degrees; --rpy takes degrees, so if they are rad, convert them\n" in err
+    )
+    assert "warning" not in run(capsys, *DOCK, "--rpy", "0", "0", "90")[2]
+    assert "warning" not in run(capsys, *DOCK, "--rpy", "0", "0", "0")[2]
+
+
 def test_a_dock_out_of_reach_is_refused_with_exit_3(capsys: Capture) -> None:
     line = refused(capsys, 3, "calibrate", "dock", "far", "--position", "1.4", "0", "0.3", "--robot", "panda")
     assert line.startswith(

@@ -25,7 +25,7 @@ LIMIT_TOLERANCE = 1e-6
 """Largest excess of a given joint over its limit, rad or m. Limits are printed in rounded degrees."""
 
 MAYBE_RAD = 2.0 * np.pi
-"""Joints whose largest is at most this, in degrees, are hardly bent: they may be rad."""
+"""Angles in degrees whose largest is at most this are small for an arm or a dock: they may be rad."""
 
 ABOUT_BASE = "base is "
 """How a robot's note begins that says in which direction its base points."""
@@ -87,6 +87,8 @@ def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibratio
         rpy_deg = kept if args.rpy is None else args.rpy
         if far := beyond_reach(args.position):
             raise UsageError(f"--position has {far}; {IN_METRES}", value=args.position, bound=REACH_M)
+        if args.rpy is not None:
+            _doubt_degrees("angle", "--rpy", np.array(args.rpy))
         turned = "" if args.rpy is not None or not kept.any() else ", with its former rotation (--rpy changes it)"
         return Pose.from_rpy(args.position, np.radians(rpy_deg)), np.zeros((6, 6)), f"as given{turned}"
     if args.joints is not None:
@@ -121,10 +123,15 @@ def _tool_at_joints(joints: list[float], robot: Robot | None) -> Pose:
             joint=robot.joints[k],
             value=float(q[k]),
         )
-    largest = np.abs(np.where(model.turns, joints, 0.0)).max()
-    if 0.0 < largest <= MAYBE_RAD:
-        warn(f"no joint is beyond {largest:.3g} degrees; --joints takes degrees, so if they are rad, convert them")
+    _doubt_degrees("joint", "--joints", np.where(model.turns, joints, 0.0))
     return model.forward(q)
+
+
+def _doubt_degrees(what: str, option: str, angles: Array) -> None:
+    """Warn if angles (n,), degrees, may be rad."""
+    largest = np.abs(angles).max()
+    if 0.0 < largest <= MAYBE_RAD:
+        warn(f"no {what} is beyond {largest:.3g} degrees; {option} takes degrees, so if they are rad, convert them")
 
 
 def _pose_at_keyframe(args: argparse.Namespace, calibration: Calibration) -> tuple[Pose, Array]:
