@@ -51,6 +51,7 @@ from pbd.tracking.smoother.preintegration import (
     gyro_frame,
     preintegrate,
 )
+from pbd.tracking.smoother.smooth import WIDE_LAG_SIGMA
 from tests.benchmarks.trials import read_broad, with_drift
 from tests.scenarios import pour, simulate, truth_at, uncalibrated, with_hole, with_rows
 
@@ -596,6 +597,35 @@ def test_a_coarse_sensor_shows_its_step_once_it_moves() -> None:
     assert recording.gyr is not None
     coarse = replace(recording, acc=0.15 * np.round(recording.acc / 0.15), gyr=step * np.round(recording.gyr / step))
     assert len(fed(coarse)[0].keyframes) == 4
+
+
+def test_an_accelerometer_slower_than_its_gyro_is_late_and_loses_no_stop() -> None:
+    """Read in every third row, it is 10 ms behind: a stop after a turn seemed to have a velocity, and was lost."""
+    demo = half_poured("modern", SEEDS[0])
+    late = demo.recording.acc[np.arange(len(demo.recording)) // 3 * 3]
+    keyframes = fed(replace(demo.recording, acc=late))[0].keyframes
+    assert demo.truth is not None
+    assert len(keyframes) == 7
+    for keyframe in keyframes:
+        assert keyframe.T_nav_sensor.p == pytest.approx(truth_at(demo.truth, keyframe.t), abs=0.015)
+
+
+def test_a_prior_of_the_lag_that_is_widened_late_gives_what_a_wide_one_gives() -> None:
+    """From the start: the filter is linear in the lag."""
+    rest = find_rest(poured_at_first())
+    noise, J = noise_of(poured_at_first(), rest), np.zeros((9, ERRORS))
+    J[VEL, LAG] = np.array([[0.3], [-0.2], [0.1]])
+
+    def moved(lag_sigma: float) -> OnlineFilter:
+        kalman = OnlineFilter(replace(noise, lag_sigma=lag_sigma), rest, np.eye(3), None, no_gyro=False)
+        kalman.propagate(Leg(0.05, 0.05 * GRAVITY * UP, np.zeros(3), J, 1e-6 * np.eye(9), np.eye(3), np.zeros(3)))
+        kalman.update_zero_velocity(0.01, np.array((0.002, 0.0, 0.0)), robust=False)
+        return kalman
+
+    late, wide = moved(noise.lag_sigma), moved(WIDE_LAG_SIGMA)
+    late._free_lag()
+    np.testing.assert_allclose(late.P, wide.P, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(np.concatenate((late.x, late.v)), np.concatenate((wide.x, wide.v)), rtol=0.0, atol=1e-7)
 
 
 def test_a_bias_that_rounding_hid_has_tilted_the_vertical_too() -> None:

@@ -32,6 +32,7 @@ from pbd.tracking.online.strapdown import Leg, Strapdown, turn_matrix
 from pbd.tracking.smoother.attitude import heading, to_upright
 from pbd.tracking.smoother.factors import compass_heading
 from pbd.tracking.smoother.preintegration import ACC_BIAS, ACC_MATRIX, ERRORS, GYR_BIAS, GYR_MATRIX, LAG, POS, ROT, VEL
+from pbd.tracking.smoother.smooth import WIDE_LAG_SIGMA
 
 SENSOR_ERRORS = slice(9, 9 + ERRORS)
 GRAVITY, NORTH, KNOT_ROT, KNOT_POS = 31, 32, slice(33, 36), slice(36, 39)
@@ -47,8 +48,9 @@ UP = np.array((0.0, 0.0, 1.0))
 IDENTITY = np.eye(STATES)
 H_VEL, H_POS, H_TILT = IDENTITY[VEL], IDENTITY[POS], IDENTITY[:2]
 H_SHIFT = IDENTITY[POS] - IDENTITY[KNOT_POS]
+H_LAG = IDENTITY[SENSOR_ERRORS][LAG]
 H_MOTION = np.vstack((H_SHIFT, IDENTITY[ROT] - IDENTITY[KNOT_ROT]))
-"""Measurement matrices: velocity, position, tilt; shift since the last knot; shift and turn since the last knot."""
+"""Measurement matrices: velocity, position, tilt; shift since the last knot; lag; shift and turn since that knot."""
 
 BIASES = np.arange(STATES)[SENSOR_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
 
@@ -76,6 +78,7 @@ class OnlineFilter:
         self.x, self.gravity, self.north = np.zeros(ERRORS), noise.gravity, 0.0
         self.x[LAG] = noise.lag
         self.C = C
+        self._lag_is_free = False
         sigma = np.zeros(STATES)
         sigma[:2], sigma[VEL] = LEVEL_SIGMA, noise.still_speed
         acc_factor, errors = acc_sigma_factor(noise, rest), np.zeros(ERRORS)
@@ -90,6 +93,25 @@ class OnlineFilter:
     def fork(self) -> OnlineFilter:
         """A copy that goes on from here. It is shallow, because no array is changed in place."""
         return copy(self)
+
+    def fork_at_stop(self, sigma: float, shaking: Array, gate: float) -> tuple[OnlineFilter, float, float]:
+        """A copy that goes on from a possible stop, with its `velocity_test`.
+
+        If the velocity is not zero within the gate, but with a free lag it is, the copy's lag is free.
+        """
+        fork = self.fork()
+        if (test := fork.velocity_test(sigma, shaking))[0] > gate and not self._lag_is_free:
+            freed = self.fork()
+            freed._free_lag()
+            if (with_lag := freed.velocity_test(sigma, shaking))[0] < gate:
+                fork, test = freed, with_lag
+        return fork, *test
+
+    def _free_lag(self) -> None:
+        """Widen the lag's prior to WIDE_LAG_SIGMA, as if it had always been so: an update with negative information."""
+        less = self.noise.lag_sigma**-2 - WIDE_LAG_SIGMA**-2
+        self._update(H_LAG, self.noise.lag - self.x[LAG], -1.0 / less, robust=False)
+        self._lag_is_free = True
 
     def use_noise(self, noise: Noise) -> None:
         """Take this noise. If the readings at rest turn out to be rounded, the biases found there were too sure.

@@ -230,8 +230,8 @@ class LiveHand:
             return []
         off, fast = (0.0, False) if self._trial_filter is None else self._is_moving(self._trial_filter)
         if trial is None or fast or off > VELOCITY_GATE:
-            self._trial_filter = self._filter.fork()
-            off, speed = self._trial_filter.velocity_test(self._sigma, self._shaking)
+            kalman, off, speed = self._filter.fork_at_stop(self._sigma, self._shaking, VELOCITY_GATE)
+            self._trial_filter = kalman
             # Was there only a jolt since the last stop? It seems to have made the hand fast within a window.
             soon = sample.t - last.t < SHORTEST_MOVE_S + 2.0 * ENERGY_WINDOW_S and speed < ENERGY_WINDOW_S * self._peak
             jolted = off > VELOCITY_GATE and soon and self._change(self._trial_filter)[1] < BOUNCE_RAD

@@ -40,8 +40,8 @@ class LiveTracker:
     beginning of the same stop (the sensor bounced when put down, or was knocked), and the newer keyframe replaces it.
 
     Model and noise are those of `pbd.track`. Only `pbd.track` uses later stops, the quietest second of the whole
-    recording, known places and short pauses too restless for a stop (of a foot), and corrects a large lag of the gyro
-    and clipped axes.
+    recording, known places and short pauses too restless for a stop (of a foot), and corrects clipped axes. A large lag
+    of the gyro is estimated once a stop shows it.
     """
 
     def __init__(self, sensor: str = "") -> None:
