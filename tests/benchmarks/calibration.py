@@ -7,8 +7,9 @@
   accelerometer's bias tilts it, the same for every demonstration that starts alike.) `inside`: the share of the errors
   of x, y, z and that heading within one and two of the fit's own sigmas, and `interval_2_sigma`, in which that share
   lies by 95 % (binomial, by Clopper and Pearson, as though the four of a trial were independent); of this and of other
-  tasks, 3 to 8 points, 15 to 60 cm apart, by better sensors, with a hand that is yawed. `lost`: the tracker refused,
-  or found other stops; `refused`: the points seemed to contradict each other.
+  tasks, 3 to 8 points, 15 to 60 cm apart, by better sensors, with a hand that is yawed, or that sways and misses as
+  the model says it does. `nees`: the mean normalised squared error of x, y, z and heading; 1 if the covariance is true.
+  `lost`: the tracker refused, or found other stops; `refused`: the points seemed to contradict each other.
 - `outlier`: one of six points is wrong by 10 cm in a direction drawn at random; the share in which that one and no
   other is named, and in which a right one is, where none is wrong.
 - `gyro`: the bias after five seconds of rest, largest over the axes.
@@ -69,9 +70,12 @@ TASKS: dict[str, Any] = {
     "modern_4": (4, "modern", 0.3),
     "modern_8": (8, "modern", 0.3),
     "wt901_5_yawed": (5, "wt901", 0.3, 90.0),
+    "wt901_3_sways": (3, "wt901", 0.3, 0.0, 1e-3, 1e-3),
+    "wt901_8_sways": (8, "wt901", 0.3, 0.0, 1e-3, 1e-3),
+    "modern_8_sways": (8, "modern", 0.3, 0.0, 1e-3, 1e-3),
 }
-"""How many points, the sensor, how far they lie apart (m), by how much the hand is yawed on each way (degrees); the
-first is the one asked for."""
+"""How many points, the sensor, how far they lie apart (m), by how much the hand is yawed on each way (degrees), how
+fast it sways (m/s), and by how much its tip misses (m); the first is the one asked for."""
 
 
 def main() -> None:
@@ -95,13 +99,11 @@ def spread(values: Sequence[float], name: str) -> dict[str, float]:
     return {f"{name}_median": float(np.median(values)), f"{name}_p95": float(np.percentile(values, 95))}
 
 
-def points_figures(
-    seeds: Sequence[int], count: int, sensor: str, spacing_m: float, yawed_deg: float = 0.0
-) -> dict[str, Any]:
+def points_figures(seeds: Sequence[int], count: int, sensor: str, spacing_m: float, *hand: float) -> dict[str, Any]:
     """Of one of TASKS."""
-    metres, yaws, nav_yaws, sigmas, refused = [], [], [], [], 0
+    metres, yaws, nav_yaws, sigmas, squared, refused = [], [], [], [], [], 0
     for seed in seeds:
-        touched = touching(seed, count, sensor, spacing_m, yawed_deg)
+        touched = touching(seed, count, sensor, spacing_m, *hand)
         try:
             found = registered(touched, touched.points)
         except CalibrationError:
@@ -117,10 +119,13 @@ def points_figures(
         metres.append(1e3 * float(np.linalg.norm(off)))
         yaws.append(abs(np.degrees(yaw)))
         nav_yaws.append(abs(np.degrees(wrapped(yaw_toward(fit.T_base_nav.wxyz, touched.T_base_nav.wxyz)))))
-        sigmas.append(np.abs([*off, yaw]) / np.sqrt(np.diagonal(fit.cov))[[0, 1, 2, 5]])
+        error, cov = np.array([*off, -yaw]), fit.cov[np.ix_([0, 1, 2, 5], [0, 1, 2, 5])]
+        sigmas.append(np.abs(error) / np.sqrt(np.diagonal(cov)))
+        squared.append(error @ np.linalg.solve(cov, error) / 4.0)
     figures = spread(metres, "position_mm") | spread(yaws, "yaw_deg") | spread(nav_yaws, "nav_yaw_deg")
     return figures | {
-        "inside": inside(np.array(sigmas)) | {"lost": len(seeds) - len(sigmas) - refused, "refused": refused}
+        "nees": float(np.mean(squared)),
+        "inside": inside(np.array(sigmas)) | {"lost": len(seeds) - len(sigmas) - refused, "refused": refused},
     }
 
 
