@@ -27,6 +27,9 @@ CONTRADICTION_DEG = 12.0
 """A direction contradicts the gyro if the median angle between it and the gyro's prediction is larger (degrees). A hand
 that never quite stops is up to 14 degrees off (BROAD's trial 14), which no other reading of the axes mends."""
 
+SCALE_DEG = 20.0
+"""A scale of the gyro is looked for, which takes as long as tracking, if gravity is off by more than this, degrees."""
+
 IMPROVEMENT = 4.0
 """Another reading is accepted if it makes that angle smaller by this factor."""
 
@@ -189,7 +192,7 @@ def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]
     if found is None and not np.ptp(by_gyro, axis=0).any():
         dead = "it reads the same all the time, so it is dead; check the columns gx, gy, gz"
         return Contradiction("a", off_deg, off_deg, pair, dead)
-    if found is None and 0 in counted:
+    if found is None and 0 in counted and off_deg > SCALE_DEG:
         return _find_scale(fit_of, off_deg, pair)
     return found
 

@@ -90,9 +90,10 @@ def clips_of(recording: Recording) -> tuple[Clip, ...]:
     clips = (
         Clip(sensor, axis, sign, start, stop)
         for sensor, values in given.items()
+        for new in [np.append(True, row_changes(values))]
         for axis in range(3)
         for sign in (1.0, -1.0)
-        for start, stop in _clipped_runs(sign * values[:, axis], sensor, np.append(True, row_changes(values)))
+        for start, stop in _clipped_runs(sign * values[:, axis], sensor, new)
     )
     return tuple(sorted(clips, key=lambda clip: clip.start))
 

@@ -192,7 +192,7 @@ def _wild_rows(values: Array, away: float, most: int, least: float, reach: int) 
 
 def _knocked(recording: Recording, rows: Rows, reach: int) -> NDArray[np.bool_]:
     """Whether the sensor was knocked at some rows (k,): both its sensors jump, as KNOCK_LEVER says."""
-    if recording.gyr is None:
+    if recording.gyr is None or len(rows) == 0:
         return np.zeros(len(rows), dtype=bool)
     (push, usual_push), (turn, usual_turn) = (
         _jumps_at(getattr(recording, name), rows, reach, least) for name, least in NOISE_FLOOR.items()
