@@ -8,6 +8,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pbd.pose import Array, lengths, matrix_log, quat_exp, quat_to_matrix, readonly, skew
 from pbd.tracking.moving_windows import squares
@@ -32,6 +33,10 @@ GAUGE_WEIGHT = 1e10
 """Weight that fixes what is chosen, not measured: the origin (1/m2), and without a compass the heading (1/rad2)."""
 
 
+LONGEST_STRIDE_S = 2.0
+"""s: a foot stands still more often than this (healthy people walk at 1 to 1.4 s a stride, slow ones at up to 2 s)."""
+
+
 def linearise(
     problem: Problem, x: State, fixed: Fixed, whiten: Array, anneal: float = 1.0, legs: Array | None = None
 ) -> tuple[NormalEquations, Array]:
@@ -43,7 +48,7 @@ def linearise(
     equations = NormalEquations.empty(len(problem.rows), SHARED)
     _add_legs(equations, problem, x, fixed, whiten, legs)
     still = _add_stops(equations, problem, x, fixed, anneal)
-    _add_hand(equations, problem, x, anneal)
+    _add_reach(equations, problem, x, still > 0.5, anneal)
     if problem.no_gyro:
         _add_device_attitude(equations, problem, x)
     elif problem.field is not None:
@@ -136,16 +141,21 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fi
     return still
 
 
-def _add_hand(equations: NormalEquations, problem: Problem, x: State, anneal: float) -> None:
-    """Weak prior: the hand stays near where it began (Cauchy).
+def _add_reach(equations: NormalEquations, problem: Problem, x: State, still: NDArray[np.bool_], anneal: float) -> None:
+    """Weak prior: the hand stays near where it began (Cauchy). It does not hold within a stride of a stop out of reach.
+
+    `still` (m,) flags the knots that stand still. Someone who stands still far away has walked there. The prior would
+    pull such stops together, against their zero velocity.
 
     Annealing keeps the full weight further away, by its square, as a wrong tilt moves the hand by the square of time.
     Of a hand that moves for minutes, dead reckoning may end a kilometre away, from where the robust factor alone would
     hardly bring it back.
     """
-    reach = problem.noise.reach
-    near = problem.duration / reach**2 / (1.0 + squares(x.p) / (anneal**2 * reach) ** 2)
-    equations.add_unary(POS, x.p, near)
+    reach, t, away = problem.noise.reach, problem.t, squares(x.p)
+    there = np.concatenate(([0], np.cumsum(still & (away > (OUTLIER_SIGMAS * reach) ** 2))))
+    first, end = np.searchsorted(t, t - LONGEST_STRIDE_S), np.searchsorted(t, t + LONGEST_STRIDE_S, side="right")
+    near = problem.duration / reach**2 / (1.0 + away / (anneal**2 * reach) ** 2)
+    equations.add_unary(POS, x.p, near * (there[end] == there[first]))
 
 
 def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: State, fixed: Fixed) -> None:

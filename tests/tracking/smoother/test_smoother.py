@@ -11,7 +11,9 @@ import pytest
 
 from pbd.data import Demonstration, Recording
 from pbd.pose import Array, lengths, quat_inverse, quat_log, quat_multiply, quat_rotate, yaw_toward
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task
+from pbd.simulation.tasks import Task
 from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import acc_sigma_factor, noise_of
@@ -33,6 +35,7 @@ from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, POS, ROT, VEL,
 from pbd.tracking.smoother.smooth import _initial_state, _large_lag_and_scale
 from pbd.tracking.smoother.state import PIVOT, SHARED
 from pbd.tracking.zero_velocity import Spans
+from tests.benchmarks.trials import with_drift
 from tests.scenarios import simulate
 
 SENSORS = ("os5000", "wt901", "modern")
@@ -153,6 +156,19 @@ def test_a_perfect_sensor_is_followed_to_half_a_millimetre() -> None:
         off, turn, _ = errors(simulate(random_task(seed), "ideal", rate_hz=100.0))
         assert np.linalg.norm(off, axis=1).max() < 5e-4
         assert np.abs(turn).max() < np.radians(0.05)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_reach_of_a_hand_pulls_no_stop_of_a_foot_that_walks_far_away(seed: int) -> None:
+    """28 m out, back and out again, with a gyro that drifts."""
+    strides = [Waypoint(rest_s=2.0)]
+    for k in range(60):
+        x = strides[-1].p[0] + (-1.4 if k // 20 == 1 else 1.4)
+        strides.append(Waypoint((x, 0.0, 0.0), (0.0, 0.5 * (-1) ** k, np.pi * (k in (20, 40))), 1.0, 0.3))
+    demo = simulate(Task("walk", tuple(strides)), "wt901", seed)
+    found = smoothed(with_drift(replace(demo.recording, mag=None), 1.0, seed))
+    assert len(found.stops) == 61
+    assert np.linalg.norm(found.path.p[-1] - found.path.p[0]) == pytest.approx(28.0, abs=0.3)
 
 
 def test_a_hand_that_moves_on_for_long_is_brought_back_from_where_dead_reckoning_ends() -> None:
