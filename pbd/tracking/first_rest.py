@@ -95,7 +95,9 @@ def find_rest(recording: Recording, acc_factor: float = 1.0) -> Rest:
         raise TrackingError(
             "the accelerometer reads zero while at rest, so it is dead or in free fall; check the sensor", value=0.0
         )
-    _refuse_wrong_units(gravity, acc_factor)
+    shakes = np.sqrt(acc_var[start]) > STILL_ACC * max(1.0, gravity / GRAVITY)  # in any unit
+    if likely_unit(gravity, acc_factor) or not shakes:
+        _refuse_wrong_units(gravity, acc_factor)
     if acc_var[start] > STILL_ACC**2 or gyr_var[start] > STILL_GYR**2:
         raise TrackingError(
             f"the hand never stands still for {REST_S:g} s: at its quietest (t = {recording.t[start]:.1f} s) it shakes "

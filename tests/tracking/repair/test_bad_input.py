@@ -110,6 +110,14 @@ def test_a_hand_that_never_rests_is_refused(method: str, sensor: str) -> None:
         track(simulate(task, sensor).recording, method)
 
 
+@every_method
+def test_a_foot_that_runs_all_the_time_has_no_wrong_unit(method: str) -> None:
+    """Its specific force is twice gravity, even in the calmest second."""
+    task = Task("run", (Waypoint(), *(Waypoint((0.8 * (k % 2), 0.0, 0.0), (0.0, 0.5, 0.0), 0.3) for k in range(1, 40))))
+    with pytest.raises(TrackingError, match="never stands still"):
+        track(simulate(task, "modern").recording, method)
+
+
 def test_where_the_gyro_alone_never_rests_its_unit_is_named() -> None:
     recording = simulate("pour", "modern").recording
     assert recording.gyr is not None
