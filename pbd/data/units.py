@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from math import inf, pi
 from types import MappingProxyType
 
+from pbd.io.numbers import DAY_S, HOUR_S
+
 GRAVITY = 9.80665
 """Standard gravity, m/s2: a sensor's unit "g". Tracking estimates the local gravity at rest."""
 
@@ -27,7 +29,7 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "mag": {"uT": 1.0, "nT": 1e-3, "mT": 1e3, "T": 1e6, "gauss": UT_PER_GAUSS, "mgauss": 1e-3 * UT_PER_GAUSS}
         | {"G": UT_PER_GAUSS, "mG": 1e-3 * UT_PER_GAUSS, "a.u.": 1.0, "local_flux": 1.0},
         "angle": {"rad": 1.0, "deg": DEG},
-        "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "day": 86400.0} | {"0.1ms": 1e-4},
+        "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": HOUR_S, "day": DAY_S} | {"0.1ms": 1e-4},
     }
 )
 """Factor to m/s2, rad/s, uT, rad and s by quantity and unit. The first unit of each quantity has the factor 1."""

@@ -101,6 +101,9 @@ class Noise:
     lag_sigma: float = 0.0007
     """s: how much the lag differs between devices."""
 
+    wide_lag_sigma: float = 0.03
+    """s: the same where a sensor's filters may differ (two low-pass filters of one chip)."""
+
     gravity: float = 9.80
     """m/s2: half-way between the equator and 60 degrees of latitude."""
 

@@ -51,7 +51,6 @@ from pbd.tracking.smoother.preintegration import (
     gyro_frame,
     preintegrate,
 )
-from pbd.tracking.smoother.smooth import WIDE_LAG_SIGMA
 from tests.benchmarks.trials import read_broad, with_drift
 from tests.scenarios import pour, simulate, truth_at, uncalibrated, with_hole, with_rows
 
@@ -622,7 +621,7 @@ def test_a_prior_of_the_lag_that_is_widened_late_gives_what_a_wide_one_gives() -
         kalman.update_zero_velocity(0.01, np.array((0.002, 0.0, 0.0)), robust=False)
         return kalman
 
-    late, wide = moved(noise.lag_sigma), moved(WIDE_LAG_SIGMA)
+    late, wide = moved(noise.lag_sigma), moved(noise.wide_lag_sigma)
     late._free_lag()
     np.testing.assert_allclose(late.P, wide.P, rtol=0.0, atol=1e-8)
     np.testing.assert_allclose(np.concatenate((late.x, late.v)), np.concatenate((wide.x, wide.v)), rtol=0.0, atol=1e-7)

@@ -32,7 +32,6 @@ from pbd.tracking.online.strapdown import Leg, Strapdown, turn_matrix
 from pbd.tracking.smoother.attitude import heading, to_upright
 from pbd.tracking.smoother.factors import compass_heading
 from pbd.tracking.smoother.preintegration import ACC_BIAS, ACC_MATRIX, ERRORS, GYR_BIAS, GYR_MATRIX, LAG, POS, ROT, VEL
-from pbd.tracking.smoother.smooth import WIDE_LAG_SIGMA
 
 SENSOR_ERRORS = slice(9, 9 + ERRORS)
 GRAVITY, NORTH, KNOT_ROT, KNOT_POS = 31, 32, slice(33, 36), slice(36, 39)
@@ -108,8 +107,8 @@ class OnlineFilter:
         return fork, *test
 
     def _free_lag(self) -> None:
-        """Widen the lag's prior to WIDE_LAG_SIGMA, as if it had always been so: an update with negative information."""
-        less = self.noise.lag_sigma**-2 - WIDE_LAG_SIGMA**-2
+        """Widen the lag's prior, as if it had always been wide: an update with negative information."""
+        less = self.noise.lag_sigma**-2 - self.noise.wide_lag_sigma**-2
         self._update(H_LAG, self.noise.lag - self.x[LAG], -1.0 / less, robust=False)
         self._lag_is_free = True
 

@@ -33,9 +33,8 @@ from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, energies, find_ca
 DRIFTED_SHARE = 0.5
 """A gyro has drifted if its bias changed by more than this share of QUIET_GYR: soon it would seem to turn at rest."""
 
-WIDE_LAG_SIGMA, REMOVED_LAG = 0.03, 0.005
-"""Lag of the gyro behind the accelerometer, s: one sigma of the wide prior (two low-pass filters of one chip), and the
-smallest lag that is removed from the samples."""
+REMOVED_LAG = 0.005
+"""s: smallest lag of the gyro that is removed from the samples."""
 
 WIDE_SCALE_SIGMA, REMOVED_SCALE, SCALE_OUTLIER_SIGMAS = 0.15, 0.05, 5.0
 """Scale error common to the gyro's axes (0.05: 5 %): one sigma of the wide prior, the smallest error that is removed
@@ -108,7 +107,7 @@ def smooth(
     stops: Spans | None = None
     drift: Array | float = 0.0  # rad/s, of the gyro's bias since the first rest
     no_gyro = recording.gyr is None
-    prior = Prior(noise.lag, WIDE_LAG_SIGMA, WIDE_SCALE_SIGMA)
+    prior = Prior(noise.lag, noise.wide_lag_sigma, WIDE_SCALE_SIGMA)
 
     # A knot right after lost motion: the unknown turn is too large to linearise over a longer leg.
     extra_rows = [*extra_rows, *(min(impulse.row + 1, len(recording) - 1) for impulse in impulses)]
@@ -150,7 +149,7 @@ def smooth(
             more_lag, prior = -lag, replace(prior, lag=noise.lag, lag_sigma=noise.lag_sigma)
         iron = None if recording.mag is None or hard_iron.any() else find_hard_iron(problem, recording.mag, found.x)
         # A lag outside the wide prior is another fault.
-        if not (more_lag or more_scale or iron) or abs(lag + more_lag) > OUTLIER_SIGMAS * WIDE_LAG_SIGMA:
+        if not (more_lag or more_scale or iron) or abs(lag + more_lag) > OUTLIER_SIGMAS * noise.wide_lag_sigma:
             break
         hard_iron, azimuth = iron or (hard_iron, azimuth)
         lag, scale = lag + more_lag, (1.0 + scale) * (1.0 + more_scale) - 1.0
