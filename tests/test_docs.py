@@ -40,12 +40,12 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_commands_are_ones_that_there_are(page: Path) -> None:
-    """Each `pbd ...` line of a shell block is parsed; its files need not exist."""
-    for block in blocks(page, "sh"):
-        for line in block.splitlines():
-            words = shlex.split(line, comments=True)
-            if words[:1] == ["pbd"] and not any(word[0] in "|<>" for word in words):
-                parser().parse_args(words[1:])
+    """Each `pbd ...` line of a shell block, or of an indented one, is parsed; its files need not exist."""
+    indented = re.findall(r"^ {4,}(pbd .*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    for line in (*"".join(blocks(page, "sh")).splitlines(), *indented):
+        words = shlex.split(line, comments=True)
+        if words[:1] == ["pbd"] and not any(word[0] in "|<>" for word in words):
+            parser().parse_args(words[1:])
 
 
 def test_what_is_installed_is_ours() -> None:

@@ -93,8 +93,8 @@ def calibrate_sensor(
             )
         if acc.undetermined:
             remarks.append(
-                f"{acc.orientations} orientations do not determine {', '.join(acc.undetermined)}: typical values are "
-                "kept; to measure all of them, put each of the six sides and six edges up"
+                f"{acc.orientations} orientations do not determine {', '.join(acc.undetermined)}: they are kept "
+                "near zero; to measure all of them, put each of the six sides and six edges up"
             )
     force = rests.acc if errors.acc is None else errors.acc.correct(rests.acc)
     up: Array = force / np.linalg.norm(force, axis=1, keepdims=True)  # best available vertical

@@ -103,7 +103,7 @@ PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
             title="any device that prints numbers (Arduino)",
             decoder_path="",
             bauds=(115200, 9600, 57600, 230400, 250000, 500000, 1000000, 38400, 19200),
-            gives="what its columns are said to be",
+            gives="the channels that its columns name",
         ),
         "razor": WireProtocol(
             title="SparkFun Razor, 9DOF Sensor Stick (Razor AHRS)",

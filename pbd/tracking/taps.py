@@ -16,7 +16,7 @@ from pbd.data import GripEvent, Recording
 SHOCK = 3.0
 """Smallest peak of a tap above the mean before it, m/s2. ST's threshold is 7 at 417 Hz; at 100 Hz peaks are halved."""
 
-ACROSS = 0.75
+ALONG_Z = 0.75
 """Smallest share of a peak along z: a tap is within 41 degrees of the normal of the sensor's back."""
 
 SHOCK_S, QUIET_S = 0.058, 0.029
@@ -46,11 +46,11 @@ class _Shock:
     begun: float
     loud: float
     size: float
-    across: float
+    along_z: float
 
     @property
     def is_tap(self) -> bool:
-        return self.size >= SHOCK and abs(self.across) >= ACROSS * self.size
+        return self.size >= SHOCK and abs(self.along_z) >= ALONG_Z * self.size
 
 
 class TapDetector:
@@ -102,7 +102,7 @@ class TapDetector:
             if since <= SHOCK_S:
                 shock.loud = t
                 if size > shock.size:
-                    shock.size, shock.across = size, off[2]
+                    shock.size, shock.along_z = size, off[2]
             elif len(self._shocks) == 1 and t - shock.loud > QUIET_S and since <= TOGETHER_S and shock.is_tap:
                 self._shocks.append(_Shock(t, t, size, off[2]))
             else:

@@ -26,8 +26,8 @@ __all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "St
 class LiveTracker:
     """Tracks a hand sample by sample, once the sensor has rested for a second.
 
-    Feed it rows as they come. Results don't depend on how many rows a call gets. Each row takes 0.1 to 0.3 ms.
-    Only the filter's state and the list of stops are kept.
+    Feed it rows as they come. Results don't depend on how many rows a call gets. Most rows take 0.1 ms or less, one
+    in a hundred 1 ms (live.py). Only the filter's state and the list of stops are kept.
 
         tracker = LiveTracker()
         for t, acc, gyr in port:
@@ -35,9 +35,10 @@ class LiveTracker:
                 if isinstance(event, StopBegan):
                     print(f"stop {event.index}: {event.keyframe.T_nav_sensor.p} m; you may move on")
 
-    A stop is announced 0.2 s after it began if the velocity is then zero within its sigma, else after two seconds. It
-    ends once the hand has moved for 0.2 s. The same index may be announced again. Then the earlier announcement was the
-    beginning of the same stop (the sensor bounced when put down, or was knocked), and the newer keyframe replaces it.
+    A stop is announced 0.2 s after it began if the velocity is then zero within its sigma, else after two seconds
+    (0.6 s without a gyro). It ends once the hand has moved for 0.2 s. The same index may be announced again. Then the
+    earlier announcement was the beginning of the same stop (the sensor bounced when put down, or was knocked), and the
+    newer keyframe replaces it.
 
     Model and noise are those of `pbd.track`. Only `pbd.track` uses later stops, the quietest second of the whole
     recording, known places and short pauses too restless for a stop (of a foot), and corrects clipped axes. A large lag

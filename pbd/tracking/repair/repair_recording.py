@@ -34,15 +34,15 @@ LARGEST_ANGLE = 4.0 * np.pi
 
 
 def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
-    """Check a recording, interpolate missing and wild samples, and replace coarse time stamps by even ones.
+    """Check a recording; interpolate missing and wild samples, exchange swapped blocks, even out coarse time stamps.
 
     Returns:
         The recording without NaN and with the same rows, and the gaps that are too long to be bridged. Whether
         these matter depends on whether the hand moved (`refuse_gaps`).
 
     Raises:
-        RecordingError: it is too short, time runs backwards or jumps, a channel is empty or stuck, or the gyro
-            contradicts gravity.
+        RecordingError: it is too short, time runs backwards or jumps, a channel is empty, stuck or in another unit, a
+            block came twice, or the gyro contradicts gravity.
     """
     # Contiguous columns: numpy is several times as fast with them.
     given = {name: values for name in CHANNELS if (values := getattr(recording, name)) is not None}
