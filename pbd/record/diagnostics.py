@@ -14,11 +14,14 @@ from pbd.data import GRAVITY, Recording
 from pbd.pose import Array
 from pbd.record.session_types import recording_from_samples
 from pbd.sensors.decoding import Sample
-from pbd.tracking.repair.channel_faults import LIVE_SHARE, SENSOR_NAMES, STUCK_S, frozen_rows, stuck_axes
+from pbd.tracking.repair.channel_faults import LIVE_SHARE, SENSOR_NAMES, frozen_rows, stuck_axes
 from pbd.tracking.repair.saturation import TOP_TOLERANCE, clips_of
 
 CHECK_EVERY_S = 0.25
 """Time between two checks, s."""
+
+STUCK_S = 2.0
+"""Time after which a sensor whose samples are all the same is stuck, s."""
 
 WINDOW_S = STUCK_S + 2.0 * CHECK_EVERY_S
 """Duration of the latest samples that are checked, s."""

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from pbd.data import GRAVITY, Recording
-from pbd.record.diagnostics import CHECK_EVERY_S, REPEAT_WARNING_S, Diagnostics
+from pbd.record.diagnostics import CHECK_EVERY_S, REPEAT_WARNING_S, STUCK_S, Diagnostics
 from pbd.sensors.decoding import Sample, Triple
 from pbd.simulation.simulate import simulate
-from pbd.tracking.repair.channel_faults import STUCK_S
 from pbd.tracking.repair.saturation import clips_of
 
 

@@ -22,9 +22,9 @@ from pbd.tracking.zero_velocity import run_edges, runs
 
 SENSOR_NAMES = {"acc": "accelerometer", "gyr": "gyro"}
 
-STUCK_S, STUCK_AXIS_S = 2.0, 1.0
-"""s: a sensor is stuck that is constant for STUCK_S. So is an axis that is constant for STUCK_AXIS_S while another axis
-of the same sensor changes. (The other sensor does not count: some gyros read 0 on all axes at rest.)"""
+STUCK_AXIS_S = 1.0
+"""s: an axis is stuck that is constant for this long while another axis of the same sensor changes. (The other sensor
+does not count: some gyros read 0 on all axes at rest.)"""
 
 LIVE_SHARE = 0.7
 """A working axis changes in at least this share of its rows."""

@@ -14,9 +14,9 @@ from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.preintegration import VEL
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, calm_part, lasts, slow_parts, trimmed
 
-MOVING_WEIGHT, MAX_RECUTS = 0.29, 5
+MOVING_WEIGHT = 0.29
 """Robust weight of zero velocity below which the hand seems to move: noise of one sigma on each axis gives one knot in
-twenty a smaller one. Largest number of times that stops are revised."""
+twenty a smaller one."""
 
 SHORTEST_DIVIDED_S = 0.5
 """Shortest candidate, s, that can contain both a rest and a move. A shorter one is accepted or dropped as a whole."""

@@ -15,9 +15,6 @@ from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.state import Fixed, State
 
-ANNEALING = (20.0, 3.0)
-"""Factors on a stop's velocity sigma, before the last factor of 1. From an earlier solution only the last is used."""
-
 UNDOUBTED_SIGMAS = 2.0
 """An annealing step is skipped if no knot in a stop is faster than this many sigmas of the next step."""
 

@@ -19,9 +19,9 @@ from pbd.tracking.first_rest import QUIET_GYR, Rest
 from pbd.tracking.moving_windows import cumulative
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
-from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revised_stops, settled
+from pbd.tracking.smoother.doubtful_stops import doubted_stops, revised_stops, settled
 from pbd.tracking.smoother.factors import pivot_velocity, robust_weights, shared_prior
-from pbd.tracking.smoother.gauss_newton import ANNEALING, descend
+from pbd.tracking.smoother.gauss_newton import descend
 from pbd.tracking.smoother.hard_iron import find_hard_iron
 from pbd.tracking.smoother.knots import Problem, build_problem, row_noise
 from pbd.tracking.smoother.normal_equations import Solved
@@ -29,6 +29,12 @@ from pbd.tracking.smoother.path import Path, path_of
 from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, Impulse
 from pbd.tracking.smoother.state import GRAVITY, SHARED, Fixed, Prior, State
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, energies, find_candidates, still_speed
+
+ANNEALING = (20.0, 3.0)
+"""Factors on a stop's velocity sigma, before the last factor of 1. From an earlier solution only the last is used."""
+
+MAX_RECUTS = 5
+"""Largest number of times that stops are revised."""
 
 DRIFTED_SHARE = 0.5
 """A gyro has drifted if its bias changed by more than this share of QUIET_GYR: soon it would seem to turn at rest."""
