@@ -8,10 +8,9 @@ gaps between them. Truth row k is the pose at t[k]. So the rotation from truth r
 gyr[k-1]'s interval and the first half of gyr[k]'s. (A real device sends a sample half an interval later, which delays
 the whole recording by the same time.)
 
-World is x east, y magnetic north, z up. Truth is in the recording's own nav frame
-(docs/tracking.md#which-frames-there-are): the origin at the first rest and z up; x east and y magnetic north where the
-sensor has a magnetometer; else x along the sensor's x axis at the first rest laid level, or along its y axis where x is
-within 30 degrees of vertical.
+World is x east, y magnetic north, z up. Truth is in the recording's own nav frame (docs/tracking.md): the origin at the
+first rest and z up; x east and y magnetic north where the sensor has a magnetometer; else x along the sensor's x axis
+at the first rest laid level, or along its y axis where x is within 30 degrees of vertical.
 """
 
 from __future__ import annotations

@@ -48,12 +48,10 @@ class Conditioner:
 
     Attributes:
         interval: s, the sampling interval. Set it once it is known; gaps are filled from then on.
-        lost: number of samples that were filled in.
     """
 
     def __init__(self) -> None:
         self.interval: float | None = None
-        self.lost = 0
         self._row = -1
         self._last: Sample | None = None
         self._clock_wrong = False
@@ -98,7 +96,6 @@ class Conditioner:
             return [sample], ""
         missing_s = lasts - interval
         unseen = missing_s > BRIDGED_S + 1e-6
-        self.lost += steps - 1
         # In a short gap the motion is between its neighbours'; in a long gap a hand may do anything.
         turn, push = (float(((b - a) ** 2).sum()) / 12.0 for a, b in ((last.gyr, sample.gyr), (last.acc, sample.acc)))
         if unseen:

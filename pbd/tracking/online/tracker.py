@@ -26,8 +26,8 @@ __all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "St
 class LiveTracker:
     """Tracks a hand sample by sample, once the sensor has rested for a second.
 
-    Feed it rows as they come. Results don't depend on how many rows a call gets. Most rows take 0.1 ms or less, one
-    in a hundred 1 ms (live.py). Only the filter's state and the list of stops are kept.
+    Feed it rows as they come. Results don't depend on how many rows a call gets. Only the filter's state and the list
+    of stops are kept.
 
         tracker = LiveTracker()
         for t, acc, gyr in port:
@@ -187,11 +187,6 @@ class LiveTracker:
     def rest(self) -> Rest | None:
         """The rest that sets the thresholds: the first, or a later one that was far quieter."""
         return None if self._hand is None else self._hand.rest
-
-    @property
-    def lost(self) -> int:
-        """Number of samples that were lost and filled in since tracking began."""
-        return self._conditioner.lost
 
     @property
     def moving(self) -> bool:

@@ -111,7 +111,7 @@ class Witness:
 
     def off(self, turn: Array) -> Array:
         """Angles (k,), degrees, between the second direction and the first one rotated by `turn` (k, 3, 3)."""
-        return np.degrees(angles(self.second, _rotate(self.first, turn)))
+        return np.degrees(angles(self.second, (turn @ self.first[:, :, None])[:, :, 0]))
 
 
 class Contradiction(NamedTuple):
@@ -148,7 +148,8 @@ def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]
     apart = [each.off(by_gyro) for each in witnesses]
     moved = [_differ(each.first, each.second) for each in witnesses]
     telling = [
-        rows | _differ(each.first, _rotate(each.first, by_gyro)) for each, rows in zip(witnesses, moved, strict=True)
+        rows | _differ(each.first, (by_gyro @ each.first[:, :, None])[:, :, 0])
+        for each, rows in zip(witnesses, moved, strict=True)
     ]
 
     def costs(k: int, by: Array, matrices: Array) -> Array:
@@ -244,12 +245,6 @@ def _find_remedy(
     sure = not simple and sum(channel == "g" for *_, channel, _ in good) < 2
     message = _message(named[:MAX_NAMED], sure)
     return Contradiction(witnesses[wrong[0]].channel, off, best, int(np.argmax(telling[wrong[0]])), message)
-
-
-def _rotate(directions: Array, turn: Array) -> Array:
-    """Directions (k, 3), each rotated by one of (k, 3, 3)."""
-    carried: Array = np.einsum("kij,kj->ki", turn, directions)
-    return carried
 
 
 def _differ(a: Array, b: Array) -> NDArray[np.bool_]:

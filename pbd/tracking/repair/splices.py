@@ -20,6 +20,7 @@ from pbd.tracking.moving_windows import squares
 from pbd.tracking.noise import OUTLIER_SIGMAS
 from pbd.tracking.repair.channel_faults import SENSOR_NAMES, has_noise
 from pbd.tracking.repair.gaps import bridged
+from pbd.tracking.smoother.preintegration import Rows
 
 WILD_DISTANCE = {"acc": (30.0, 1), "gyr": (0.3, 3)}
 """Smallest distance (m/s2, rad/s) of a wild row from the line through its neighbours, and the largest number of wild
@@ -48,8 +49,6 @@ DOUBLED_ROWS = 6
 
 IRRATIONAL = np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0]))
 """Weights with which hardly any different sums are equal: for six channels, and for DOUBLED_ROWS rows."""
-
-Rows = NDArray[np.intp]
 
 
 def without_wild(recording: Recording) -> Recording:
