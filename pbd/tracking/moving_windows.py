@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array
 
+Rows = NDArray[np.intp]
+"""Rows of a recording."""
+
 MEAN_S, PASSES = 0.0125, 4
 """A hand's motion is judged by moving means over MEAN_S (s), in PASSES passes. Vibration of 60 Hz and more (a motor, a
 phone that vibrates, or its alias at a slower rate) does not move the hand, and less than 1 % of it passes. A 40 Hz

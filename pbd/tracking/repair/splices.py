@@ -16,11 +16,10 @@ from pbd.data.one_line_repr import counted
 from pbd.data.units import UNITS
 from pbd.errors import RecordingError, warn
 from pbd.pose import Array, lengths
-from pbd.tracking.moving_windows import squares
+from pbd.tracking.moving_windows import Rows, squares
 from pbd.tracking.noise import OUTLIER_SIGMAS
 from pbd.tracking.repair.channel_faults import SENSOR_NAMES, has_noise
 from pbd.tracking.repair.gaps import bridged
-from pbd.tracking.smoother.preintegration import Rows
 
 WILD_DISTANCE = {"acc": (30.0, 1), "gyr": (0.3, 3)}
 """Smallest distance (m/s2, rad/s) of a wild row from the line through its neighbours, and the largest number of wild

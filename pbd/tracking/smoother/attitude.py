@@ -7,7 +7,8 @@ import numpy as np
 from pbd.data import Recording
 from pbd.errors import TrackingError
 from pbd.pose import Array, lengths, quat_canonical, quat_from_rpy, quat_inverse, quat_log, quat_multiply, quat_rotate
-from pbd.tracking.smoother.preintegration import GyroFrame, Rows, gyro_frame
+from pbd.tracking.moving_windows import Rows
+from pbd.tracking.smoother.preintegration import GyroFrame, gyro_frame
 from pbd.tracking.zero_velocity import Spans
 
 

@@ -40,8 +40,9 @@ def find_hard_iron(problem: Problem, mag: Array, x: State) -> tuple[Array, float
         iron, earth = np.split(np.asarray(both, dtype=np.float64), 2)
         off = squares(field_nav - A @ both) / (noise.field**2 * (earth @ earth))
         weight = problem.duration * robust_weights(off)
-    # A room's field varies by as much as it turns the heading.
-    density = noise.compass * np.hypot(earth[0], earth[1])
+    # A room's field varies by as much as it turns the heading. Where the sensor turns little, the earth's field is
+    # uncertain too: without iron it is the mean.
+    density = noise.compass * max(np.hypot(*earth[:2]), np.hypot(*field_nav.mean(axis=0)[:2]))
     own, mixed, rest = information[:3, :3], information[:3, 3:], information[3:, 3:]
     known = own - mixed @ np.linalg.pinv(rest) @ mixed.T
     sure = iron @ known @ iron > 3.0 * (OUTLIER_SIGMAS * density) ** 2

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.tracking.first_rest import Rest
-from pbd.tracking.moving_windows import cumulative
+from pbd.tracking.moving_windows import Rows, cumulative
 from pbd.tracking.noise import Noise, densities
-from pbd.tracking.smoother.preintegration import BLOCK_S, GyroFrame, Impulse, Legs, Rows, preintegrate
+from pbd.tracking.smoother.preintegration import BLOCK_S, GyroFrame, Impulse, Legs, preintegrate
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans
 
 INSET_SHARE = 0.2

@@ -17,12 +17,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pbd.pose import Array, cross, quat_cumulative, quat_exp, quat_rotate, quat_to_matrix, skew
-from pbd.tracking.moving_windows import cumulative
-
-Rows = NDArray[np.intp]
+from pbd.tracking.moving_windows import Rows, cumulative
 
 BLOCK_S = 0.04
 """s: the Jacobians by the sensor's errors use means over blocks of this length, a tenth of a hand's fastest move."""
