@@ -26,7 +26,7 @@ from pbd.pose import (
     quat_rotate,
     quat_to_matrix,
 )
-from pbd.tracking.first_rest import likely_unit, restlessness
+from pbd.tracking.first_rest import STILL_ACC, likely_unit, restlessness
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from pbd.tracking.repair.axes import (
     AS_GOOD_DEG,
@@ -76,14 +76,20 @@ class Steady:
 
 
 def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
-    """Find the steady moments of acc (n, 3) and gyr (n, 3) rad/s, without NaN; g is that of the quietest second."""
+    """Find the steady moments of acc (n, 3) and gyr (n, 3) rad/s, without NaN; g is that of the quietest second.
+
+    Without a second of rest there are none: neither g nor the gyro's bias is known.
+    """
     second, half = max(2, round(rate_hz)), max(1, round(0.5 * STEADY_S * rate_hz))
+    none = Steady(np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(3))
     if len(acc) < max(second, 2 * half):
-        return Steady(np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(3))
+        return none
     variance, mean = window_moments(acc, second)
     # Mean square of the rate, not its variance: in a turn about the vertical the accelerometer is as quiet as at rest.
     rate = window_sums(squares(gyr), second) / second
     quietest = int(np.argmin(restlessness(variance, rate)))
+    if variance[quietest] > STILL_ACC**2:
+        return none
     g = float(np.linalg.norm(mean[quietest]))
     variance, mean = window_moments(acc, 2 * half)
     norm = np.linalg.norm(mean, axis=1)

@@ -118,6 +118,18 @@ def test_a_foot_that_runs_all_the_time_has_no_wrong_unit(method: str) -> None:
         track(simulate(task, "modern").recording, method)
 
 
+def test_a_hand_that_never_rests_shows_no_wrong_axis() -> None:
+    """It turns even in its calmest second, whose mean rate is no bias. In each second it is calm for 0.4 s."""
+    rng, t = np.random.default_rng(9), np.arange(0.0, 20.0, 0.02)
+    swung = t % 1.0 > 0.4
+    rate = np.repeat(rng.choice([-2.0, 2.0], 20) + 0.3 * rng.normal(size=20), 50) * swung
+    angle = 0.02 * np.cumsum(rate)
+    acc = np.column_stack((2.0 * rng.normal(size=1000) * swung, 9.8 * np.sin(angle), 9.8 * np.cos(angle)))
+    gyr = np.column_stack((rate, 0.0 * t, 0.0 * t)) + 0.01 * rng.normal(size=(1000, 3))
+    with pytest.raises(TrackingError, match="never stands still"):
+        track(Recording(t, acc + 0.03 * rng.normal(size=(1000, 3)), gyr))
+
+
 def test_where_the_gyro_alone_never_rests_its_unit_is_named() -> None:
     recording = simulate("pour", "modern").recording
     assert recording.gyr is not None
