@@ -83,6 +83,8 @@ def track_demonstration(
         warn_tracked_upside_down(path, demo.recording)
     if demo.keyframes is not None:
         say(f"keyframes as edited in {demo.folder}/keyframes.toml; dwell is how long the arm stays there")
+        if path.claims:
+            say("places in demo.toml do not move them; `pbd keyframes DEMO --save --force` finds them anew")
     return path, keyframes
 
 
@@ -92,6 +94,9 @@ def track_with(args: argparse.Namespace, demo: Demonstration, calibration: Calib
 
     with working("tracking"):
         return track(demo, calibration=calibration, accept_gap=args.accept_gap)
+
+
+TOO_FEW_STOPS = "it has fewer than two stops, and a motion needs two"
 
 
 def why_failed(demo: Demonstration) -> str:
@@ -104,7 +109,7 @@ def why_failed(demo: Demonstration) -> str:
             enough = len(track(demo).stops) >= FEWEST_STOPS
         except PbdError as error:
             return error.message
-    return "" if enough else "it has fewer than two stops, and a motion needs two"
+    return "" if enough else TOO_FEW_STOPS
 
 
 def named_calibration(args: argparse.Namespace) -> Calibration | None:

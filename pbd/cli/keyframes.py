@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> None:
         demo = replace(demo, keyframes=None)
     robot, calibration = load_arm(args.robot, args.calibration) if args.robot else (None, named_calibration(args))
     path, keyframes = track_demonstration(demo, args.method, calibration, args.accept_gap)
-    if path.claims:
+    if path.claims and demo.keyframes is None:
         fits = (f"{fit.saying} (off by {100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma)" for fit in path.claims)
         say(f"using: {'; '.join(fits)}")
     if args.save or args.frame:

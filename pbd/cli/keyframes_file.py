@@ -61,7 +61,9 @@ def save_keyframes(
     """
     source = demo.folder or args.demo
     if demo.bundled:
-        what = f"{source} is bundled, so nothing is saved there; copy it under another name, without 'bundled = true'"
+        what = (
+            f"{source} is bundled, so nothing is saved there; copy it, and remove 'bundled = true' from its demo.toml"
+        )
         raise RecordingError(what, path=source)
     if demo.folder is None:
         what = f"{source} is no demonstration folder, so nothing is saved there; `pbd import` it first"

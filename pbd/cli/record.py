@@ -12,7 +12,7 @@ from datetime import datetime
 from pathlib import Path
 
 from pbd.calibration.sensor import refuse_other_sensor
-from pbd.cli.common import decoder_maker, refuse_columns, say_hidden, why_failed
+from pbd.cli.common import TOO_FEW_STOPS, decoder_maker, refuse_columns, say_hidden, why_failed
 from pbd.cli.console import print_json, say
 from pbd.cli.recording.device import find_sensor
 from pbd.cli.recording.keys import Keys, Person
@@ -141,17 +141,17 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
         print("discarded", file=sys.stderr)
     else:
         bad = f", {outcome.bad_packets} bad packets" if outcome.bad_packets else ""
+        bad += f" (the last: {outcome.why_bad.partition(';')[0]})" if outcome.why_bad else ""
         print(
             f"{folder}: {outcome.duration_s:.1f} s, {outcome.samples} samples, {outcome.lost} lost{bad}, "
             f"stops after the first rest: {max(outcome.stops - 1, 0)}; ended: {outcome.ended_by}"
         )
-        if outcome.stops < FEWEST_STOPS:
-            print("fewer than two stops: nothing to replay; hold still for two seconds, then move, stop, move, stop")
-            return
         with collected_warnings():  # the person was told while it was recorded
             failure = why_failed(read_demo(outcome.folder))
-        if failure:
-            warn(failure)
+        if failure == TOO_FEW_STOPS or (outcome.stops < FEWEST_STOPS and not failure):
+            print("fewer than two stops: nothing to replay; hold still for two seconds, then move, stop, move, stop")
+        elif failure:
+            warn(failure.replace("import the file with", f"import {shell_word(outcome.folder / 'imu.csv')} with"))
         else:
             print(f"next: {_next_command(args, outcome.folder)}")
 

@@ -18,7 +18,7 @@ from pbd.io.atomic import atomic_file, refuse_output
 from pbd.io.made_by_pbd import PICTURE
 from pbd.sensors import port as serial_port
 from pbd.sensors.phyphox.experiment import MAX_QR_CODES, NAME, experiment, qr_payloads
-from pbd.sensors.probe import ProbeResult
+from pbd.sensors.probe import ProbeResult, quote_line
 from pbd.sensors.protocols import PROTOCOLS
 from pbd.view.terminal import for_rich
 from pbd.view.terminal_tables import ports_table, print_csv, print_table, words_table
@@ -80,7 +80,7 @@ def _note(found: ProbeResult) -> str:
     if found.sensor is not None:
         return ""
     if found.line is not None:
-        return f"lines such as {found.line[:40]!r}: record --sensor lines --columns ..."
+        return f'lines such as {quote_line(found.line)}: pbd record --sensor lines --columns "..."'
     return "bytes in no known protocol" if found.bytes_seen else "silent"
 
 

@@ -192,6 +192,6 @@ def _no_samples_error(session: Session, reader: Reader) -> SensorError:
         count = f"{tally.packets or 'no'} whole packet{'s' if tally.packets > 1 else ''}"
         message = (
             f"{reader.bytes_seen} bytes came from {port.device}{at}, but {count} of {sensor}: "
-            f"{describe_bytes(session.first_bytes, port.baud, sensor)}"
+            f"{describe_bytes(session.first_bytes, port.baud, sensor, tally.why)}"
         )
     return SensorError(message, path=port.device, baud=port.baud)

@@ -14,12 +14,18 @@ from pbd.record.session_types import Say
 from pbd.sensors.decoding import Sample
 from pbd.tracking.estimate import GRIP_S
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
+from pbd.tracking.repair.gyro_consistency import UPSIDE_DOWN_COS
 
 MAX_TRACKED_HZ = 250.0
 """Highest rate of the live tracker, Hz. Faster samples are averaged to it, without loss for the tracker."""
 
 REMIND_AFTER_S = 1.5
 """Time without a first rest after which the person gets a reminder, s. One second of rest is enough."""
+
+UPSIDE_DOWN = (
+    "the sensor lies upside down: turn it over; if it is mounted like that, [dock] and [mount] must say so "
+    "(docs/calibration.md)"
+)
 
 
 class Feedback:
@@ -105,6 +111,8 @@ class Feedback:
     def _report(self, event: LiveEvent) -> None:
         if isinstance(event, RestFound):
             self.say(event.t, "the rest at the start is found: you may move", bell=True)
+            if event.rest.up_sensor[2] < UPSIDE_DOWN_COS:
+                self.say(event.t, UPSIDE_DOWN)
             mag, rest = np.mean([mag for _, mag in self._field], axis=0) if self._field else None, event.rest
             for line in disagreements(self._errors, rest.gravity * rest.up_sensor, rest.gyro_bias, mag):
                 self.say(event.t, line, bell=True)

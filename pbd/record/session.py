@@ -235,6 +235,7 @@ class Session:
             stops=self.feedback.stops,
             ended_by=ended_by,
             before=self._backup_note,
+            why_bad=self.decoder.tally.why,
         )
 
     @property

@@ -125,6 +125,7 @@ class Outcome:
         folder: the demonstration's folder; None if it was discarded.
         ended_by: who or what ended it.
         before: what became of the demonstration that it replaced, in words, or "".
+        why_bad: what was wrong with the last bad packet, as in `Tally`, or "".
     """
 
     folder: Path | None
@@ -135,3 +136,4 @@ class Outcome:
     stops: int
     ended_by: str
     before: str = ""
+    why_bad: str = ""

@@ -22,6 +22,8 @@ LONGEST_LINE = 1024
 LARGEST_READING = {"acc": 2000.0, "gyr": 200.0, "mag": 1e9, "angle": 4.0 * pi}
 """Largest plausible reading, m/s2, rad/s, uT and rad. The field's bound is loose because its unit may be unknown."""
 
+CORRECT = "correct --columns, --separator or --prefix"
+
 
 class LineDecoder:
     """Makes a sample from each line, or from each group of lines.
@@ -69,8 +71,9 @@ class LineDecoder:
             prefix, start = starts[-1][0], starts[-1].end()  # an earlier prefix begins a line whose end was lost
         try:
             sample = self._readers[prefix].read(line[start:], self._clock)
-        except ValueError:
+        except ValueError as error:
             self.tally.bad_packets += 1
+            self.tally.why = str(error)
             return
         self.tally.packets += 1
         if len(self._readers) == 1:
@@ -117,16 +120,20 @@ class _LineReader:
         if len(cells) == self._columns + 1 and not cells[-1].strip():
             cells.pop()  # many sketches print a separator after each number
         if len(cells) != self._columns:
-            raise ValueError("not the columns expected")
+            raise ValueError(f"it has {len(cells)} column{'s' * (len(cells) != 1)}, not {self._columns}; {CORRECT}")
         picked = self._pick(cells)
+        try:
+            values = tuple(map(float, picked))
+        except ValueError:
+            raise ValueError(f"a column that --columns names is no number; {CORRECT}") from None
         if b"_" in text and b"_" in b" ".join(picked):  # float() accepts 1_000
             raise ValueError("not a number")
-        values = tuple(map(float, picked))
         read: list[Triple | None] = [None, None, None, None]
         for index, start, fx, fy, fz, limit in self._vectors:
             x, y, z = values[start] * fx, values[start + 1] * fy, values[start + 2] * fz
             if not (-limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit):  # NaN fails too
-                raise ValueError("an implausible number")
+                name = tuple(QUANTITIES)[index]
+                raise ValueError(f"its {name} is too large (raw counts?); give --unit {name}=..., or correct --columns")
             read[index] = (x, y, z)
         acc, gyr, mag, rpy = read
         if rpy is not None and self._compass:
@@ -135,7 +142,7 @@ class _LineReader:
         if self._t_factor is not None:
             t = values[-1] * self._t_factor
             if not isfinite(t) or t < 0.0 or (self._wrap_s and t >= self._wrap_s):
-                raise ValueError("not a time of this clock")
+                raise ValueError("its t is no time of this clock; correct --columns, --wrap or --unit t=...")
             t = clock.unwrap(t)
         return Sample(acc, gyr, mag, rpy, t)
 

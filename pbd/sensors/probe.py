@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 from pbd.errors import SensorError
 from pbd.sensors.decoding import Decoder
+from pbd.sensors.lines import CORRECT
 from pbd.sensors.port import Port
 from pbd.sensors.protocols import PROTOCOLS
 
@@ -22,6 +24,12 @@ ENOUGH_PACKETS = 3
 
 GUESSED_PROTOCOLS = tuple(name for name, known in PROTOCOLS.items() if known.bauds and name != "lines")
 """Protocols that can be identified from a serial port's bytes alone."""
+
+LONGEST_SHOWN = 72
+"""Longest line that a message quotes whole, characters: fourteen numbers of five characters."""
+
+NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w.])", re.IGNORECASE)
+"""A number in a line of text, as sketches print it."""
 
 BAUDS = tuple(dict.fromkeys(baud for name in GUESSED_PROTOCOLS for baud in PROTOCOLS[name].bauds))
 FIRST_BAUD = BAUDS[0]
@@ -94,19 +102,24 @@ def printed_line(data: bytes) -> str | None:
     if len(plain) < ENOUGH_PACKETS or len(plain) < 0.9 * len(lines):
         return None
     text = plain[-1].decode("ascii")
-    return text if text.isprintable() and any(letter.isdigit() for letter in text) else None
+    return text if text.replace("\t", " ").isprintable() and any(letter.isdigit() for letter in text) else None
 
 
-def describe_bytes(data: bytes, baud: int | None, sensor: str | None = None) -> str:
-    """Describe for a message bytes that are no packets of `sensor`, and say what to do."""
+def quote_line(line: str) -> str:
+    """Quote a printed line for a message, with how many numbers it has: that many names belong into --columns."""
+    shown = line if len(line) <= LONGEST_SHOWN else f"{line[: LONGEST_SHOWN - 3]}..."
+    return f"{shown!r} ({len(NUMBER.findall(line))} numbers)"
+
+
+def describe_bytes(data: bytes, baud: int | None, sensor: str | None = None, why: str = "") -> str:
+    """Describe for a message bytes that are no packets of `sensor`, and say what to do; `why` is its tally's."""
     known, line = identify_protocol(data), printed_line(data)
     if known is not None and known != sensor:
         return f"they are {known}'s: give --sensor {known}"
     if line is not None:
-        line = line if len(line) <= 40 else f"{line[:37]}..."
         if sensor == "lines":
-            return f"a line is {line!r}: correct --columns, --separator or --prefix"
-        return f'they are lines such as {line!r}: give --sensor lines --columns "..."'
+            return f"a line is {quote_line(line)}: {why or CORRECT}"
+        return f'they are lines such as {quote_line(line)}: give --sensor lines --columns "..."'
     at = "" if baud is None else f"{baud} baud is wrong, or "
     return f"{at}it is another kind of sensor: look with `pbd sensors --probe`"
 
@@ -131,9 +144,11 @@ def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
             path=port.device,
         )
     identified = next((data for data in heard.values() if identify_protocol(data) or printed_line(data)), b"")
+    decoder = make()
+    decoder.feed(identified)
     raise SensorError(
         f"{count} bytes came from {port.device}, but no whole packet of {sensor} (tried {tried} baud): "
-        f"{describe_bytes(identified, None, sensor)}",
+        f"{describe_bytes(identified, None, sensor, decoder.tally.why)}",
         path=port.device,
     )
 

@@ -182,3 +182,18 @@ def test_an_upside_down_sensor_is_refused_with_its_likely_cause(any_attitude: bo
     upside_down = dock(np.zeros(3), quat_about_z(0.0), any_attitude)
     with pytest.raises(CalibrationError, match=r"upside down .* if the accelerometer reads -g along the axis"):
         nav_in_base(upside_down, quat_from_rpy((np.pi, 0.0, 0.3)))
+
+
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0), (0.3, -0.2, 1.0)])
+def test_what_is_advised_for_a_sensor_that_is_mounted_upside_down_brings_the_tool_to_the_same_poses(
+    turn: tuple[float, float, float],
+) -> None:
+    """Its axes are the level sensor's, turned by half a turn about x."""
+    half_turn = Pose.from_rpy((0, 0, 0), (np.pi, 0, 0))
+    level = keyframes([Pose.identity(), Pose.from_rpy((0.1, 0.2, 0.3), turn)])
+    turned = keyframes([each.T_nav_sensor @ half_turn for each in level])
+    usual = Calibration("usual", T_base_dock=Pose.identity(), T_sensor_tool=TOOL_DOWN)
+    advised = Calibration("advised", T_base_dock=half_turn, T_sensor_tool=Pose.identity())
+    both = tool_poses(in_base(turned, advised)), tool_poses(in_base(level, usual))
+    for ours, theirs in zip(*both, strict=True):
+        assert_allclose(ours.matrix(), theirs.matrix(), atol=1e-12)

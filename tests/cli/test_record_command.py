@@ -316,6 +316,24 @@ def test_a_device_is_recognised_set_and_recorded(elsewhere: Path, capsys: Captur
     assert len(got) == told["samples"] > 100
 
 
+def test_a_missing_unit_is_named_at_the_end_and_not_taken_for_a_hand_that_never_stopped(
+    elsewhere: Path, capsys: Capture
+) -> None:
+    """The lines are in g. What is advised brings this recording in."""
+    words = ["--sensor", "lines", "--baud", "115200", "--duration", "2.5", "--columns", "t,ax,ay,az,gx,gy,gz"]
+    still = np.random.default_rng(0).normal((0, 0, 1, 0, 0, 0), 0.002, (400, 6))
+    lines = [",".join(f"{value:.5f}" for value in (k / 100.0, *row)) + "\n" for k, row in enumerate(still)]
+    lines[99] = "MPU9250 ok\n"
+    with Device([line.encode() for line in lines], 100.0) as device:
+        threading.Timer(0.3, device.go).start()
+        code, out, error = run(capsys, "record", "tea", "--port", device.device, *words)
+    assert code == 0
+    assert ", 1 bad packets (the last: it has 1 column, not 7), " in out
+    assert "fewer than two stops" not in out
+    assert "likely in g: import demos/tea/imu.csv with --unit acc=g" in error
+    assert run(capsys, "import", "demos/tea/imu.csv", "tea2", "--unit", "acc=g")[0] == 0
+
+
 def test_raw_bytes_of_lines_are_decoded_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     described = ["--columns", "t,ax,ay,az,gx,gy,gz", "--unit", "t=us", "--unit", "acc=g", "--unit", "gyr=deg/s"]

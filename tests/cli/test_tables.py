@@ -213,6 +213,20 @@ def test_another_dock_is_refused(tea: Path, capsys: pytest.CaptureFixture[str]) 
     assert "the dock, to which all others refer; restore it" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("elsewhere")
+def test_what_is_known_of_the_stops_is_said_to_move_no_keyframes_that_are_saved(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["simulate", "pour", "back"]) == 0  # closed = true
+    capsys.readouterr()
+    unmoved = "places in demo.toml do not move them; `pbd keyframes DEMO --save --force` finds them anew"
+    for options, used in ([], True), (["--save"], True), ([], False), (["--save", "--force"], True):
+        assert main(["keyframes", "back", *options]) == 0
+        err = capsys.readouterr().err
+        assert ("using: the hand returned to its start" in err) == used
+        assert (unmoved in err) is not used
+
+
 def test_nothing_is_saved_into_what_is_bundled_or_no_folder(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["keyframes", "pouring", "--save"]) == 1
     assert "is bundled, so nothing is saved there; copy it" in capsys.readouterr().err

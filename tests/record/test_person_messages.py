@@ -92,7 +92,10 @@ def test_what_can_not_be_tracked_is_told_once() -> None:
 
 @pytest.mark.parametrize(
     ("up", "shakes", "told"),
-    [(9.8, 2.0, "hold still for 1 s: the hand shakes with "), (1.0, 0.0, "the values are likely in g")],
+    [
+        (9.8, 2.0, "hold still for 1 s: the hand shakes with "),
+        (1.0, 0.0, "the values are likely in g: end the recording, and give --unit acc=g"),
+    ],
     ids=["a hand that moves from the start", "g taken for m/s2"],
 )
 def test_a_start_without_rest_is_told_soon(up: float, shakes: float, told: str) -> None:
@@ -106,6 +109,17 @@ def test_a_start_without_rest_is_told_soon(up: float, shakes: float, told: str) 
     assert told in lines[0].text
     assert lines[0].bell
     assert lines[0].t < 1.6
+
+
+@pytest.mark.parametrize("up", [9.8, -9.8])
+def test_a_sensor_that_lies_upside_down_is_told_at_the_first_rest(up: float) -> None:
+    rng, feedback = np.random.default_rng(1), Feedback(0.01)
+    for k in range(150):
+        x, y, z = rng.normal((0.0, 0.0, up), 0.01).tolist()
+        feedback.feed(k / 100.0, Sample((x, y, z), (0.001 * (k % 7), 0.0, 0.0)))
+    found, *more = feedback.take_messages()
+    assert found.text == "the rest at the start is found: you may move"
+    assert [each.text.partition(":")[0] for each in more] == ["the sensor lies upside down"] * (up < 0.0)
 
 
 def test_a_stop_that_taps_interrupt_counts_once(scripted: tuple[Feedback, Scripted]) -> None:

@@ -207,13 +207,28 @@ HEARD = [
         ximu3.text("I", 1_000_000, [0.0] * 5 + [1.0]),
         "of witmotion: they are ximu3's: give --sensor ximu3$",
     ),
-    ("witmotion", b"0.01,0.02,0.98\r\n", r"they are lines such as '0.01,0.02,0.98': give --sensor lines --columns"),
+    (
+        "witmotion",
+        b"0.01,0.02,0.98\r\n",
+        r"they are lines such as '0.01,0.02,0.98' .3 numbers.: give --sensor lines --columns",
+    ),
     (
         "os5000",
         vectornav.ymr([0.0] * 3, [0.0] * 3, [0.0, 0.0, -9.8], [0.0] * 3),
         "of os5000: they are vectornav's: give --sensor vectornav$",
     ),
-    ("lines", b"0.01,0.02,0.98\r\n", "no whole packet of lines: a line is '0.01,0.02,0.98': correct --columns"),
+    (
+        "lines",
+        b"0.01,0.02,0.98\r\n",
+        "no whole packet of lines: a line is '0.01,0.02,0.98' .3 numbers.: it has 3 columns, not 7; correct ",
+    ),
+    (
+        "lines",
+        b"9,1\t2\t3\t4\t5\t6\r\n",
+        r"'9,1.t2.t3.t4.t5.t6' .7 numbers.: it has 2 columns, not 7; correct --columns",
+    ),
+    ("lines", b"9,x,2,3,4,5,6\r\n", "a column that --columns names is no number; correct --columns, --separator"),
+    ("lines", b"9,0,0,81920000,4,5,6\r\n", "its acc is too large .raw counts..; give --unit acc=..., or correct"),
     (
         "os5000",
         b"$C320.5P0.2R-18.3T19.0*3C\r\n",

@@ -95,6 +95,23 @@ def test_whose_bytes_these_are(name: str) -> None:
         assert describe_bytes(data, 9600, "another") == f"they are {sensor}'s: give --sensor {sensor}"
 
 
+@pytest.mark.parametrize(
+    ("line", "shown"),
+    [
+        ("6551,0.07,-0.16,1e-3,31.5,0,.5,1", "'6551,0.07,-0.16,1e-3,31.5,0,.5,1' (8 numbers)"),
+        ("6551\t-8\t0\t8192", r"'6551\t-8\t0\t8192' (4 numbers)"),
+        ("t2 Gyro: 0.1 0.2 Acc: -1", "'t2 Gyro: 0.1 0.2 Acc: -1' (3 numbers)"),
+        (",".join(["-0.12345"] * 12), f"'{'-0.12345,' * 7}-0.123...' (12 numbers)"),
+    ],
+    ids=["commas", "tabs", "words", "long"],
+)
+def test_a_printed_line_is_shown_with_how_many_numbers_it_has(line: str, shown: str) -> None:
+    """So a person sees that --columns names too few; a sketch that separates by tabs is text, too."""
+    data = f"{line}\r\n".encode() * 9
+    assert describe_bytes(data, None) == f'they are lines such as {shown}: give --sensor lines --columns "..."'
+    assert describe_bytes(data, None, "lines") == f"a line is {shown}: correct --columns, --separator or --prefix"
+
+
 @pytest.mark.parametrize("data", [b"", b"hello\r\n" * 9, bytes(range(256)) * 4, b"1,2,3\n", b"\xff\n" * 50])
 def test_what_is_no_line_of_numbers(data: bytes) -> None:
     assert printed_line(data) is None

@@ -582,7 +582,9 @@ def test_wrong_units_are_named_while_it_waits() -> None:
     assert "likely in g" in tracker.waiting
     tracker = LiveTracker()
     tracker.feed(1e3 * recording.t, recording.acc, recording.gyr)
-    assert tracker.waiting.endswith("10 s lie between two samples; the time must be in seconds")
+    assert tracker.waiting.endswith(
+        "10 s lie between two samples; the time must be in seconds, or its unit given (--unit t=ms)"
+    )
 
 
 def test_it_learns_from_a_far_quieter_second() -> None:

@@ -12,7 +12,7 @@ from pbd.errors import SensorError, UsageError
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import open_port
-from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, ProbeResult, find_baud, probe
+from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, ProbeResult, find_baud, probe, quote_line
 from pbd.sensors.protocols import COMMAND_PAUSE_S, PROTOCOLS, protocol
 from pbd.sensors.reader import Source
 
@@ -97,7 +97,8 @@ def _detect(device: str) -> tuple[str, int]:
     if not found.bytes_seen:
         why = "it is silent at every baud rate; check that the sensor is on and sends by itself"
     elif found.line is not None:
-        why = f'it prints lines such as {found.line!r}; give --sensor lines --columns "..." --baud {found.baud}'
+        lines = f"it prints lines such as {quote_line(found.line)}"
+        why = f'{lines}; give --sensor lines --columns "..." --baud {found.baud}'
     else:
         why = f"{found.bytes_seen} bytes came in no known protocol; give --sensor and --baud"
     raise SensorError(f"the protocol of {device} is not recognised: {why}", path=device)

@@ -76,6 +76,9 @@ class ExportRequest:
     def source(self) -> Source:
         """What the motion was made from; PbdError: it is not known."""
         if self.made_from is None:
-            what = f"{self.format_name} needs what the motion was made from; give source=pbd.planning.source_of(...)"
+            what = (
+                f"{self.format_name} needs what the motion was made from: plan with pbd.planning.plan_path, and give "
+                "its plan.trajectory and source=pbd.planning.source_of(plan)"
+            )
             raise PbdError(what, value=self.format_name)
         return self.made_from

@@ -124,7 +124,7 @@ class LiveTracker:
             if self._hand is None:
                 self._waiting = (
                     f"waiting for {REST_S:g} s of rest without a gap: {sample.t - recent[-1].t:.3g} s lie between two "
-                    "samples; the time must be in seconds"
+                    "samples; the time must be in seconds, or its unit given (--unit t=ms)"
                 )
             recent.clear()
         recent.append(sample)
@@ -233,7 +233,7 @@ def _rest_advice(error: PbdError) -> str:
     """Why the last second was no rest, for the person who holds the sensor."""
     if error.fields.get("bound") == STILL_ACC:
         return f"hold still for {REST_S:g} s: the hand shakes with {error.fields['value']:.2f} m/s2"
-    return error.message
+    return error.message.replace("import the file with", "end the recording, and give")  # there is no file yet
 
 
 def _triples(name: str, values: ArrayLike | None, count: int) -> Array:
