@@ -126,7 +126,7 @@ def _grouped(found: Iterable[Weighed], summary: str) -> list[Finding]:
 def _first_rest(path: HandPath) -> Iterator[Finding]:
     first = path.stops[0]
     if len(path.stops) == 1:
-        yield Finding("the hand stands still all the time: there is nothing to replay")
+        yield Finding("the hand stops only once: there is nothing to replay; hold still, move, and hold still again")
     elif first.dwell_s < FIRST_REST_S:
         rest = f"the first rest lasts only {first.dwell_s:.2f} s, but all else is measured from it"
         yield Finding(f"{rest}: hold still for two seconds", (_stop_span(path, first),))

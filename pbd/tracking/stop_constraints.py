@@ -163,7 +163,8 @@ def _place(tool: _Tool, place: Place, group: int) -> Iterator[Claim]:
         p_base = np.asarray(place.p_base_tool)
         for t, stop in zip(place.t, stops, strict=True):
             saying = f"the tool at {t:.2f} s (stop {stop}) {at}"
-            yield tool.claim_at_point(saying, "that [[place]]", stop, group, variance, p_base, ALL_AXES)
+            entry = "that [[place]], or correct the dock (--calibration; each robot's own is elsewhere)"
+            yield tool.claim_at_point(saying, entry, stop, group, variance, p_base, ALL_AXES)
         return
     if place.p_base_tool is not None:
         _warn_left_out(

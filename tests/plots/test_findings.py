@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -97,9 +98,15 @@ def test_a_short_first_rest(pouring: DemoPlot) -> None:
     assert finding.spans[0][0] == pouring.path.t[pouring.path.stops[0].start]
 
 
-def test_a_hand_that_never_moved() -> None:
-    (finding,) = plot_of(simulate(Task("still", (Waypoint(rest_s=1.3),)), "modern")).findings
-    assert finding == Finding("the hand stands still all the time: there is nothing to replay")
+@pytest.mark.parametrize("moves", [0, 4])
+def test_a_hand_that_never_moved_or_never_stopped_again(moves: int) -> None:
+    arc = (Waypoint((0.1 * np.cos(k), 0.1 * np.sin(k), 0.0), move_s=1.0, rest_s=0.02) for k in range(moves))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "the hand moves when the recording ends")
+        *_, finding = plot_of(simulate(Task("once", (Waypoint(rest_s=2.0), *arc)), "modern")).findings
+    assert finding == Finding(
+        "the hand stops only once: there is nothing to replay; hold still, move, and hold still again"
+    )
 
 
 def test_an_unsure_move(pouring: DemoPlot) -> None:

@@ -159,7 +159,8 @@ SQUARE = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.0, 0.31], [0.2, 0.2
         (
             Known(places=(Place((mid(3),), (0.45, 0.2, 0.0)),)),
             "demo.toml says that the tool at 4.75 s (stop 3) is at 0.450, 0.200, 0.000 m in base, but it is 25 cm off "
-            "(sigma 1.8 cm, 14 sigma); remove that [[place]], or record again",
+            "(sigma 1.8 cm, 14 sigma); remove that [[place]], or correct the dock (--calibration; each robot's own is "
+            "elsewhere), or record again",
         ),
         (
             Known(contacts=(Contact(mid(2)), Contact(mid(3)))),
