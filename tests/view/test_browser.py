@@ -495,6 +495,7 @@ def test_warnings_stand_out_from_notes(odd: Replay) -> None:
 def test_contacts_are_shown(odd: Replay, odd_scene: ReplayScene) -> None:
     alarms = odd.browser.find_elements(By.CSS_SELECTOR, "#notes .alarm button")
     assert [alarm.text for alarm in alarms] == [each.message for each in odd_scene.contacts]
+    assert odd.read("#subtitle").endswith(f" \u00b7 {len(alarms)}\u00a0contacts")
     axis = odd.browser.find_element(By.ID, "timeline").rect
     red = [each.rect for each in odd.browser.find_elements(By.CSS_SELECTOR, "#touching i")]
     spans = [[each["x"] - axis["x"], each["x"] - axis["x"] + each["width"]] for each in red]

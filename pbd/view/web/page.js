@@ -65,7 +65,8 @@ class Page {
     element("license").textContent = `The robot's model and meshes: ${this.replay.license}.`;
     element("license").hidden = !this.replay.license;
     const torques = torque === null ? "" : ` \u00b7 torques up to ${(100 * torque).toFixed(0)}\u00a0% of the limits`;
-    element("subtitle").textContent = `${duration.toFixed(1)}\u00a0s \u00b7 ${robot}${torques}`;
+    const contacts = touching.length > 1 ? ` \u00b7 ${touching.length}\u00a0contacts` : ""; // their list may be cut off
+    element("subtitle").textContent = `${duration.toFixed(1)}\u00a0s \u00b7 ${robot}${torques}${contacts}`;
     const alarms = touching.map(({ message, start }) => {
       const alarm = make("li", "", { className: "alarm" });
       alarm.append(make("button", message, { title: "Go there", onclick: () => this.player.seek(start) }));
