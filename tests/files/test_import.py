@@ -297,6 +297,14 @@ def test_an_unknown_suffix_is_refused(tmp_path: Path) -> None:
         import_file(tmp_path / "run.XLSX")
 
 
+def test_exported_keyframes_are_not_imported_but_edited_elsewhere(tmp_path: Path) -> None:
+    (tmp_path / "tea.json").write_text("{}")
+    with pytest.raises(
+        RecordingError, match=r"edited in keyframes\.toml, which `pbd keyframes DEMO --save` writes; give"
+    ):
+        import_file(tmp_path / "tea.json")
+
+
 # --- real files -------------------------------------------------------------------------------------------------------
 
 

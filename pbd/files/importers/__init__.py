@@ -101,6 +101,8 @@ def import_recording(
             kind = "this folder: it is no bag, no x-IMU3's, no MetaWear's and no phone's"
         elif suffix == ".zip":
             kind = "this zip: no recording of Sensor Logger or phyphox is in it"
+        elif suffix == ".json":
+            kind = "'.json' files; keyframes are edited in keyframes.toml, which `pbd keyframes DEMO --save` writes"
         raise RecordingError.at(path, f"can't import {kind}; give a .csv, .tsv, .txt, .npz, .mcap or .db3")
     if columns or units:
         from pbd.files.importers.headerless import remapped
