@@ -16,7 +16,7 @@ from pbd.errors import RecordingError, TrackingError, warn
 from pbd.pose import Array, lengths
 from pbd.tracking.first_rest import STILL_ACC
 from pbd.tracking.moving_windows import window_moments
-from pbd.tracking.repair.clock import row_changes
+from pbd.tracking.repair.clock import SLOWEST_HZ, row_changes
 from pbd.tracking.repair.gaps import BRIDGED_S
 from pbd.tracking.zero_velocity import run_edges, runs
 
@@ -93,10 +93,13 @@ def stuck_axes(recording: Recording) -> Iterator[tuple[str, int, int, int]]:
     Yields:
         The sensor (key of SENSOR_NAMES), the axis, and the half-open range of rows.
     """
+    seen = (
+        np.diff(recording.t) <= 1.0 / SLOWEST_HZ
+    )  # equal readings before and after a gap say nothing of the time between
     for name in SENSOR_NAMES:
         values = getattr(recording, name)
         for axis in range(3) if values is not None else ():
-            spans = run_edges(values[1:, axis] == values[:-1, axis])
+            spans = run_edges((values[1:, axis] == values[:-1, axis]) & seen)
             for start, last in spans[np.diff(recording.t[spans], axis=1)[:, 0] >= STUCK_AXIS_S].tolist():
                 part = values[start : last + 1]
                 live = (np.abs(np.diff(part, axis=0)) > ROUNDING).mean(axis=0) >= LIVE_SHARE

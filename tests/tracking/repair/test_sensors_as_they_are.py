@@ -140,6 +140,20 @@ def test_an_axis_that_is_stuck_for_a_second_within_moves_is_named(channel: str) 
         track(with_channel(recording, channel, values))
 
 
+@pytest.mark.parametrize("channel", ["acc", "gyr"])
+def test_an_axis_that_reads_the_same_before_and_after_a_gap_is_not_stuck(channel: str) -> None:
+    """Raw counts often do. The gap itself is told."""
+    recording = pour("modern").recording
+    kept = (recording.t < 5.0) | (recording.t > 6.2)
+    values = getattr(recording, channel)[kept].copy()
+    after = int(np.count_nonzero(recording.t < 5.0))
+    values[after, 2] = values[after - 1, 2]
+    others = {name: getattr(recording, name)[kept] for name in ("t", "acc", "gyr", "mag", "device_rpy")}
+    told = pytest.raises(TrackingError, match="1210 ms of data are missing")
+    with pytest.warns(PbdWarning, match="121 samples missing"), told:
+        track(replace(recording, grip=(), **others | {channel: values}))
+
+
 @pytest.mark.parametrize("sensor", WITH_GYRO)
 def test_a_gyro_that_says_nothing_is_refused(sensor: str) -> None:
     recording = pour(sensor).recording
