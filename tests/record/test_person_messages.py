@@ -94,7 +94,7 @@ def test_what_can_not_be_tracked_is_told_once() -> None:
     ("up", "shakes", "told"),
     [
         (9.8, 2.0, "hold still for 1 s: the hand shakes with "),
-        (1.0, 0.0, "the values are likely in g: end the recording, and give --unit acc=g"),
+        (1.0, 0.0, "the accelerometer's values are likely in g: end the recording, and give --unit acc=g"),
     ],
     ids=["a hand that moves from the start", "g taken for m/s2"],
 )

@@ -233,7 +233,9 @@ def _rest_advice(error: PbdError) -> str:
     """Why the last second was no rest, for the person who holds the sensor."""
     if error.fields.get("bound") == STILL_ACC:
         return f"hold still for {REST_S:g} s: the hand shakes with {error.fields['value']:.2f} m/s2"
-    return error.message.replace("import the file with", "end the recording, and give")  # there is no file yet
+    if unit := error.fields.get("unit"):
+        return f"the accelerometer's values are likely in {unit}: end the recording, and give --unit acc={unit}"
+    return error.message
 
 
 def _triples(name: str, values: ArrayLike | None, count: int) -> Array:

@@ -93,9 +93,8 @@ def stuck_axes(recording: Recording) -> Iterator[tuple[str, int, int, int]]:
     Yields:
         The sensor (key of SENSOR_NAMES), the axis, and the half-open range of rows.
     """
-    seen = (
-        np.diff(recording.t) <= 1.0 / SLOWEST_HZ
-    )  # equal readings before and after a gap say nothing of the time between
+    # Equal readings before and after a gap say nothing of the time between.
+    seen = np.diff(recording.t) <= 1.0 / SLOWEST_HZ
     for name in SENSOR_NAMES:
         values = getattr(recording, name)
         for axis in range(3) if values is not None else ():
