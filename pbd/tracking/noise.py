@@ -129,7 +129,7 @@ class Noise:
     """m: mean distance of the pivot from the sensor: a wrist, or the point on which a foot treads."""
 
     reach: float = 2.0
-    """m: distance of the hand from its first rest, one measurement per second; robust, because walks go further."""
+    """m: distance of a hand that moves from its first rest, one measurement per second; robust, as walks go further."""
 
     compass: float = 0.15
     """rad sqrt(s): error of heading by a room's magnetic field, averaged over a second."""

@@ -142,10 +142,10 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fi
 
 
 def _add_reach(equations: NormalEquations, problem: Problem, x: State, still: NDArray[np.bool_], anneal: float) -> None:
-    """Weak prior: the hand stays near where it began (Cauchy). It does not hold within a stride of a stop out of reach.
+    """Weak prior: a hand that moves stays near where it began (Cauchy). It ends within a stride of a stop out of reach.
 
-    `still` (m,) flags the knots that stand still. Someone who stands still far away has walked there. The prior would
-    pull such stops together, against their zero velocity.
+    `still` (m,) flags the knots that stand still. A hand that rests says nothing new each second. And whoever stands
+    still far away has walked there: the prior would pull such stops together, against their zero velocity.
 
     Annealing keeps the full weight further away, by its square, as a wrong tilt moves the hand by the square of time.
     Of a hand that moves for minutes, dead reckoning may end a kilometre away, from where the robust factor alone would
@@ -155,7 +155,7 @@ def _add_reach(equations: NormalEquations, problem: Problem, x: State, still: ND
     there = np.concatenate(([0], np.cumsum(still & (away > (OUTLIER_SIGMAS * reach) ** 2))))
     first, end = np.searchsorted(t, t - LONGEST_STRIDE_S), np.searchsorted(t, t + LONGEST_STRIDE_S, side="right")
     near = problem.duration / reach**2 / (1.0 + away / (anneal**2 * reach) ** 2)
-    equations.add_unary(POS, x.p, near * (there[end] == there[first]))
+    equations.add_unary(POS, x.p, near * (~still & (there[end] == there[first])))
 
 
 def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: State, fixed: Fixed) -> None:

@@ -16,7 +16,7 @@ from pbd.simulation.simulate import random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.first_rest import find_rest
-from pbd.tracking.noise import acc_sigma_factor, noise_of
+from pbd.tracking.noise import FACTORY, Noise, acc_sigma_factor, noise_of
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother import normal_equations
 from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, revised_stops
@@ -24,6 +24,7 @@ from pbd.tracking.smoother.factors import (
     GAUGE_WEIGHT,
     _add_device_attitude,
     _add_priors,
+    _add_reach,
     compass_heading,
     linearise,
     robust_weights,
@@ -169,6 +170,15 @@ def test_the_reach_of_a_hand_pulls_no_stop_of_a_foot_that_walks_far_away(seed: i
     found = smoothed(with_drift(replace(demo.recording, mag=None), 1.0, seed))
     assert len(found.stops) == 61
     assert np.linalg.norm(found.path.p[-1] - found.path.p[0]) == pytest.approx(28.0, abs=0.3)
+
+
+def test_only_a_hand_that_moves_is_within_reach_and_not_beside_a_stop_out_of_reach() -> None:
+    t, near, far = np.arange(12.0), (1.0, 0.0, 0.0), (7.0, 0.0, 0.0)
+    problem: Any = SimpleNamespace(t=t, duration=np.ones(12), noise=Noise(0.0, 0.0, FACTORY))
+    state: Any = SimpleNamespace(p=np.array([near] * 6 + [far] * 6))
+    equations = NormalEquations.empty(12, SHARED)
+    _add_reach(equations, problem, state, np.isin(t, (3.0, 9.0)), 1.0)
+    assert equations.g[:, POS.start] == pytest.approx([0.2, 0.2, 0.2, 0.0, 0.2, 0.2, 7 / 53, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 def test_a_hand_that_moves_on_for_long_is_brought_back_from_where_dead_reckoning_ends() -> None:
