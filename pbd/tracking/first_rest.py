@@ -107,6 +107,7 @@ def find_rest(recording: Recording, acc_factor: float = 1.0) -> Rest:
             t=float(recording.t[start]),
             value=float(np.sqrt(acc_var[start])),
             bound=STILL_ACC,
+            turn=float(np.sqrt(gyr_var[start])),
         )
     return Rest(
         start=start,

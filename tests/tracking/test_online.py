@@ -581,6 +581,11 @@ def test_wrong_units_are_named_while_it_waits() -> None:
     tracker.feed(recording.t, recording.acc / GRAVITY, recording.gyr)
     assert "likely in g" in tracker.waiting
     tracker = LiveTracker()
+    assert recording.gyr is not None
+    tracker.feed(recording.t[:200], recording.acc[:200], 1e3 * recording.gyr[:200])
+    assert tracker.waiting.startswith("hold still for 1 s: the hand turns with ")
+    assert tracker.waiting.endswith("end the recording, and give the gyro's unit: --unit gyr=...")
+    tracker = LiveTracker()
     tracker.feed(1e3 * recording.t, recording.acc, recording.gyr)
     assert tracker.waiting.endswith(
         "10 s lie between two samples; the time must be in seconds, or its unit given (--unit t=ms)"

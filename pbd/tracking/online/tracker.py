@@ -232,7 +232,11 @@ class LiveTracker:
 def _rest_advice(error: PbdError) -> str:
     """Why the last second was no rest, for the person who holds the sensor."""
     if error.fields.get("bound") == STILL_ACC:
-        return f"hold still for {REST_S:g} s: the hand shakes with {error.fields['value']:.2f} m/s2"
+        shakes, hold = error.fields["value"], f"hold still for {REST_S:g} s: the hand"
+        if isinstance(shakes, float) and shakes > STILL_ACC:
+            return f"{hold} shakes with {shakes:.2f} m/s2"
+        turns = f"{hold} turns with {error.fields['turn']:.2f} rad/s"
+        return f"{turns}; if it does not, end the recording, and give the gyro's unit: --unit gyr=..."
     if unit := error.fields.get("unit"):
         return f"the accelerometer's values are likely in {unit}: end the recording, and give --unit acc={unit}"
     return error.message
