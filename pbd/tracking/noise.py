@@ -131,6 +131,9 @@ class Noise:
     reach: float = 2.0
     """m: distance of a hand that moves from its first rest, one measurement per second; robust, as walks go further."""
 
+    stride: float = 2.0
+    """s: a foot that walks stands still at least so often (healthy people stride in 1 to 1.4 s, slow ones in 2 s)."""
+
     compass: float = 0.15
     """rad sqrt(s): error of heading by a room's magnetic field, averaged over a second."""
 

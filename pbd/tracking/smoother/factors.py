@@ -33,10 +33,6 @@ GAUGE_WEIGHT = 1e10
 """Weight that fixes what is chosen, not measured: the origin (1/m2), and without a compass the heading (1/rad2)."""
 
 
-LONGEST_STRIDE_S = 2.0
-"""s: a foot stands still more often than this (healthy people walk at 1 to 1.4 s a stride, slow ones at up to 2 s)."""
-
-
 def linearise(
     problem: Problem, x: State, fixed: Fixed, whiten: Array, anneal: float = 1.0, legs: Array | None = None
 ) -> tuple[NormalEquations, Array]:
@@ -151,9 +147,9 @@ def _add_reach(equations: NormalEquations, problem: Problem, x: State, still: ND
     Of a hand that moves for minutes, dead reckoning may end a kilometre away, from where the robust factor alone would
     hardly bring it back.
     """
-    reach, t, away = problem.noise.reach, problem.t, squares(x.p)
+    reach, stride, t, away = problem.noise.reach, problem.noise.stride, problem.t, squares(x.p)
     there = np.concatenate(([0], np.cumsum(still & (away > (OUTLIER_SIGMAS * reach) ** 2))))
-    first, end = np.searchsorted(t, t - LONGEST_STRIDE_S), np.searchsorted(t, t + LONGEST_STRIDE_S, side="right")
+    first, end = np.searchsorted(t, t - stride), np.searchsorted(t, t + stride, side="right")
     near = problem.duration / reach**2 / (1.0 + away / (anneal**2 * reach) ** 2)
     equations.add_unary(POS, x.p, near * (~still & (there[end] == there[first])))
 
