@@ -124,7 +124,8 @@ class _Search(Mending):
             self.ladder.set_unchecked_cost(place, np.inf)  # use the known detours; search for no more
             return None
         if not has_free_state and not move.widened and {"widen", "connect"} & {*move.remedies}:
-            move.widened, move.remedies = True, [each for each in move.remedies if each != "widen"]
+            move.widened = True
+            move.drop_remedy("widen")
             widen(self.arm, self._pose(place), self.ladder, place)
             return None
         if not has_free_state and move.pose_hit is not None and link.at_keyframe:
@@ -159,7 +160,7 @@ class _Search(Mending):
         """
         tolerance, wide, made = self.request.tolerance_m, dict[int, ToolDeviation](), False
         q, within = self.ladder.joints(path), range(self.ladder.first + 1, self.ladder.end)
-        at = [place for place in within if self.straight(place)]
+        at = [place for place in within if self.is_straight(place)]
         deviations = tool_deviations(self.arm, q[[place - 1 for place in at]], q[at])
         for place, deviation in zip(at, deviations, strict=True):
             _, move = self.at(place)
@@ -217,9 +218,8 @@ class _Search(Mending):
         if self.scene is None:
             return None
         ends, move = self.request.T_base_tool[i - 1 : i + 1], self.moves[i]
-        before = next(place for place, link in enumerate(self.links) if link.keyframe == i)
         hand = self.request.hand
-        q_start = self.ladder.layers[before].q[0]
+        q_start = self.ladder.layers[self.places_of(i)[0] - 1].q[0]
         alone = MotionRequest(ends, q_start, False, kind=move.kind, hand=hand and (lambda: hand()[i - 1 : i]))
         found = choose_motion(self.arm, alone, None)
         if not isinstance(found, Motion):

@@ -14,7 +14,8 @@ import numpy as np
 from ompl import base, geometric, util
 
 from pbd.arm.collision.scene import CollisionScene, Leg
-from pbd.arm.ladder_links import DetourSearch
+from pbd.arm.ladder_checks import DetourSearch
+from pbd.arm.ladder_graph import joint_travel
 from pbd.arm.timing.path_smoothing import Curve
 from pbd.pose import Array
 
@@ -22,11 +23,7 @@ _START_EVERY = 20  # every 20th point of a known path is a start state of the se
 _SHORTCUTS = 40  # largest number of attempts to shorten a path
 _MOST_BENT = 8  # largest number of bent detours that are checked, the shortest first
 _MOST_GROWTH = 1.2  # largest growth of a bent detour's length, relative to that of the straight move
-_OFFSET_SHARES = (
-    0.5,
-    0.7,
-    0.85,
-)  # a bent detour keeps this share of its offset from the straight move: the first that is free
+_OFFSET_SHARES = 0.5, 0.7, 0.85  # a bent detour keeps the first share of its offset from the straight move that is free
 _SMOOTHING_STEPS = 2  # steps of OMPL's B-spline smoothing; each halves the segments
 _SPACINGS_RAD = 0.05, 0.02, 0.01  # largest joint step between the points of a polyline through which a spline is tried
 
@@ -83,11 +80,11 @@ def bend_detour(scene: CollisionScene, leg: Leg, start: Array, goal: Array, know
     detours: list[tuple[float, Array]] = []
     for path in known:
         share = np.linspace(0.0, 1.0, len(path))[:, None]
-        most = _MOST_GROWTH * _length(straight) * _length(path) / max(_length(path[[0, -1]]), 1e-9)
+        most = _MOST_GROWTH * joint_travel(straight) * joint_travel(path) / max(joint_travel(path[[0, -1]]), 1e-9)
         for directed in (path, path[::-1]):
             bent: Array = directed + (1.0 - share) * (start - directed[0]) + share * (goal - directed[-1])
             bent[0], bent[-1] = start, goal
-            if (length := _length(bent)) < most:
+            if (length := joint_travel(bent)) < most:
                 detours.append((length, bent))
     detours.sort(key=itemgetter(0))
     for _, bent in detours[:_MOST_BENT]:
@@ -96,11 +93,6 @@ def bend_detour(scene: CollisionScene, leg: Leg, start: Array, goal: Array, know
             nearer = (direct + share * (bent - direct) for share in _OFFSET_SHARES)
             return next((each for each in nearer if _is_free_curve(scene, leg, each)), bent)
     return None
-
-
-def _length(q: Array) -> float:
-    step = q[1:] - q[:-1]
-    return float(np.sqrt(np.einsum("ij,ij->i", step, step)).sum())
 
 
 def _known_paths_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:

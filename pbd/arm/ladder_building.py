@@ -6,9 +6,8 @@ A redundant arm's shortest path is then moved along the null space, toward its n
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from itertools import pairwise, product
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from pbd.arm.ik.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_b
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import FULL_POSE
 from pbd.arm.ik.unreachable import out_of_reach
-from pbd.arm.ladder_graph import Barred, Ladder, Layer
+from pbd.arm.ladder_graph import Barred, Ladder, Layer, joint_travel
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
@@ -197,12 +196,9 @@ def _move_along_null_space(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: L
             pull -= J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), J @ pull)
             ended, squares = descend_each(arm, goal, (q + pull)[None])
             # The new configuration is an improvement if its cost is below this.
-            most = costs[i] + _travel(before, q, after) - _travel(before, ended[0], after)
+            most = costs[i] + joint_travel(np.stack((before, q, after)))
+            most -= joint_travel(np.stack((before, ended[0], after)))
             if squares[0] < SOLVED and most > 0.0 and (cost := float(configuration_cost(arm, ended)[0])) < most:
                 path[i], costs[i] = ended[0], cost
     for i, goal in enumerate(goals, start=1):
         ladder.add(i, polish(arm, goal, path[i : i + 1]), costs[i : i + 1])
-
-
-def _travel(*path: Array) -> float:
-    return sum(math.sqrt(dq.dot(dq)) for dq in (b - a for a, b in pairwise(path)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,25 +14,18 @@ from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.ik.cartesian import follow, line, refine
 from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.ladder_building import turn_variants, widen
-from pbd.arm.ladder_graph import Ladder
-from pbd.arm.ladder_links import (
-    BETWEEN_TWO,
-    CHECKS,
-    CHECKS_CLOSE,
-    CHECKS_EACH,
-    ENOUGH_DETOURS,
-    FROM_ANY_TO_ANY,
-    OTHER_DETOUR_COST,
-    DetourSearch,
-    Link,
-    MoveState,
-    remedies_of,
-)
+from pbd.arm.ladder_graph import Ladder, joint_travel
+from pbd.arm.ladder_links import Link, MoveState, ends_key, remedies_of
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import STRAIGHT, MotionRequest
 from pbd.arm.tool_deviation import tool_deviations
 from pbd.pose import Array, Pose
 
+ENOUGH_DETOURS, OTHER_DETOUR_COST = 1, 100.0
+"""After ENOUGH_DETOURS detours on a link, a further one costs OTHER_DETOUR_COST rad extra, to come last."""
+CHECKS, CHECKS_EACH, CHECKS_CLOSE = 6000, 1000, 0.5
+"""Collision checks for all detours of a motion: CHECKS, plus CHECKS_EACH per keyframe; with the smaller margin CLOSE_M,
+CHECKS_CLOSE times that sum."""
 WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
 """Cost of a wide move, rad of joint travel; number of wide moves between two keyframes after which none is measured."""
 APPROACH_M = 0.08, 0.16
@@ -40,6 +34,36 @@ APPROACH_M = 0.08, 0.16
 The arm takes the first that is free where the straight move from its start touches something. The retreat does the same
 after the last keyframe.
 """
+
+
+class DetourSearch(NamedTuple):
+    """Settings of one search for a detour.
+
+    Attributes:
+        most_checks: number of collision checks after which the search gives up.
+        seed: seed of the random search.
+        step_rad: longest edge of a tree, as the norm over all joints.
+        winding_rad: how far a joint may go beyond the range of all starts and goals.
+        variants: largest number of variants of each goal, which differ by whole turns.
+    """
+
+    most_checks: int
+    seed: int = 1
+    step_rad: float = 1.0
+    winding_rad: float = np.pi
+    variants: int = 1
+
+
+BETWEEN_TWO = DetourSearch(400)
+FROM_ANY_TO_ANY = (
+    DetourSearch(1000, winding_rad=0.5 * np.pi),
+    DetourSearch(1000, variants=8),
+    DetourSearch(1000, winding_rad=0.5 * np.pi, seed=2),
+    DetourSearch(1500, winding_rad=0.5 * np.pi, seed=3, step_rad=0.5),
+    DetourSearch(1500, seed=4, step_rad=0.5),
+)
+"""Searches from any configuration to any other, in this order. A search succeeds soon or never, so several short ones
+find more than a long one."""
 
 
 class LinkChecks:
@@ -75,6 +99,10 @@ class LinkChecks:
         link = self.links[place - 1]
         return link, self.moves[link.keyframe]
 
+    def places_of(self, i: int) -> list[int]:
+        """Return the layers on the move to keyframe i, in order; the last is the keyframe's own."""
+        return [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
+
     def is_free(self, place: int, q: Array) -> bool:
         """Whether the arm is free at joints (k,) in a layer."""
         link, move = self.at(place)
@@ -107,7 +135,7 @@ class LinkChecks:
         asked = [
             i
             for i, place in enumerate(places)
-            if self.straight(place)
+            if self.is_straight(place)
             and self.at(place)[1].wide_pairs < MOST_WIDE
             # The ladder has already charged for a joint that moves by more than half a turn.
             and not (turns[i] and self.ladder.layers[place].wide_cost > 0.0)
@@ -124,10 +152,9 @@ class LinkChecks:
         if along is None:
             move.barred_pairs, cost = move.barred_pairs + 1, np.inf
         else:
-            link.free_moves[q_before.tobytes() + q.tobytes()] = along
+            link.free_moves[ends_key(q_before, q)] = along
             if move.detour:
-                path = np.vstack((q_before, along))
-                cost = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() - np.linalg.norm(q - q_before))
+                cost = joint_travel(np.vstack((q_before, along))) - joint_travel(np.stack((q_before, q)))
                 if len(link.free_moves) == ENOUGH_DETOURS:
                     self.ladder.set_unchecked_cost(place, OTHER_DETOUR_COST)
         if move.tool_barred:  # no configuration of the arm can help
@@ -136,7 +163,7 @@ class LinkChecks:
             move.drop_path_remedies()
         return cost
 
-    def straight(self, place: int) -> bool:
+    def is_straight(self, place: int) -> bool:
         """Whether the link to a layer is a straight move between two keyframes."""
         link, move = self.at(place)
         return link.poses is None and 0 < link.keyframe < self.n and not move.detour
@@ -162,8 +189,8 @@ class LinkChecks:
             return
         if not (layer.q == found[-1]).all(axis=1).any():
             ladder.add(place, found[-1:], configuration_cost(self.arm, found[-1:]))
-        link.free_moves[found[0].tobytes() + found[-1].tobytes()] = found[1:]
-        ladder.keep_only(place, found[0], found[-1], float(np.linalg.norm(np.diff(found, axis=0), axis=1).sum()))
+        link.free_moves[ends_key(found[0], found[-1])] = found[1:]
+        ladder.keep_only(place, found[0], found[-1], joint_travel(found))
 
     def _detour_between_any(self, i: int, move: MoveState, starts: Array, goals: Array) -> Array | None:
         """Return joints (m, k) of a detour to keyframe i, from any of the starts (s, k) to any of the goals (g, k)."""

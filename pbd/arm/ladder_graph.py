@@ -99,6 +99,12 @@ class Layer:
         self.length, self.move_checked, self.cost_added = length, move_checked, cost_added
 
 
+def joint_travel(q: Array) -> float:
+    """Return the length of a polyline in joint space through joints (m, k), rad."""
+    step = q[1:] - q[:-1]
+    return float(np.sqrt(np.einsum("ij,ij->i", step, step)).sum())
+
+
 class Ladder:
     """The layers through which a path is searched; layer 0 has one state, the start. `place` is the index of a layer.
 
@@ -156,12 +162,8 @@ class Ladder:
     ) -> None:
         """Mark the moves to a layer as unchecked, since they are made in another way from now on."""
         layer = self.layers[place]
-        layer.mend_after, layer.costly, layer.in_order, layer.unchecked_cost = (
-            mend_after,
-            costly,
-            in_order,
-            unchecked_cost,
-        )
+        layer.mend_after, layer.costly = mend_after, costly
+        layer.in_order, layer.unchecked_cost = in_order, unchecked_cost
         layer.link(self.layers[place - 1].q, anew=True)
         self._discard_totals(place)
 

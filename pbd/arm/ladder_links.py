@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,48 +13,6 @@ from pbd.arm.motion_request import DETOUR, STRAIGHT, Motion, MotionRequest, Segm
 from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
 from pbd.pose import Array, Pose
 
-MEND_AFTER_PATHS = 4
-"""Number of barred paths of the tool, from keyframe to keyframe, after which a link is mended."""
-MEND_AFTER_DETOURS = 4
-"""Number of pairs of configurations without a detour after which a link is mended."""
-DETOUR_EXTRA = 1.0
-"""Assumed extra length of a detour over the straight move, rad, until the detour is found."""
-ENOUGH_DETOURS, OTHER_DETOUR_COST = 1, 100.0
-"""After ENOUGH_DETOURS detours on a link, a further one costs OTHER_DETOUR_COST rad extra, to come last."""
-
-
-class DetourSearch(NamedTuple):
-    """Settings of one search for a detour.
-
-    Attributes:
-        most_checks: number of collision checks after which the search gives up.
-        seed: seed of the random search.
-        step_rad: longest edge of a tree, as the norm over all joints.
-        winding_rad: how far a joint may go beyond the range of all starts and goals.
-        variants: largest number of variants of each goal, which differ by whole turns.
-    """
-
-    most_checks: int
-    seed: int = 1
-    step_rad: float = 1.0
-    winding_rad: float = np.pi
-    variants: int = 1
-
-
-BETWEEN_TWO = DetourSearch(400)
-FROM_ANY_TO_ANY = (
-    DetourSearch(1000, winding_rad=0.5 * np.pi),
-    DetourSearch(1000, variants=8),
-    DetourSearch(1000, winding_rad=0.5 * np.pi, seed=2),
-    DetourSearch(1500, winding_rad=0.5 * np.pi, seed=3, step_rad=0.5),
-    DetourSearch(1500, seed=4, step_rad=0.5),
-)
-"""Searches from any configuration to any other, in this order: several short ones find more than a long one: a
-search succeeds soon or never."""
-CHECKS, CHECKS_EACH, CHECKS_CLOSE = 6000, 1000, 0.5
-"""Collision checks for all detours of a motion: CHECKS, plus CHECKS_EACH per keyframe; with the smaller margin CLOSE_M,
-CHECKS_CLOSE times that sum."""
-
 
 @dataclass(eq=False)
 class MoveState:
@@ -63,7 +20,7 @@ class MoveState:
 
     Attributes:
         kind: STRAIGHT, LINE or DEMO: how the move is made at present.
-        remedies: methods of Mending to try next, in order: "follow" (a path), "widen", "split", "detour", "connect".
+        remedies: what to try next, in order: "follow" (a path), "widen", "split", "detour", "connect".
         hits: kind of move -> the first hit that was found.
         pose_hit: a hit of the arm at the keyframe itself.
         barred_pairs: number of barred pairs of configurations.
@@ -94,10 +51,14 @@ class MoveState:
         self.remedies[:] = self._detours()
         return bool(self.remedies)
 
+    def drop_remedy(self, name: str) -> None:
+        """Drop one remedy."""
+        self.remedies = [each for each in self.remedies if each != name]
+
     def drop_path_remedies(self) -> None:
         """Drop the remedies that keep the tool on its present path, since it touches something there."""
-        first = self.remedies.index("split") if "split" in self.remedies else len(self.remedies)
-        self.remedies = [*self.remedies[:first], *(self._detours() if first < len(self.remedies) else ())]
+        if "split" in self.remedies:
+            self.remedies = [*self.remedies[: self.remedies.index("split")], *self._detours()]
         self.tool_barred = False
 
     def _detours(self) -> list[str]:
@@ -117,7 +78,7 @@ class Link:
         keyframe: index of the keyframe; n for the retreat.
         poses: the tool's poses along the link; None: straight in joint space.
         at_keyframe: the layer is the keyframe itself, not a pose on the way.
-        free_moves: joints (m, k) of the free moves, without the first; the key is the bytes of the joints at both ends.
+        free_moves: `ends_key` of a free move -> its joints (m, k), without the first.
         tool_free: the tool and its load are known to touch nothing on the path.
     """
 
@@ -126,6 +87,11 @@ class Link:
     at_keyframe: bool = True
     free_moves: dict[bytes, Array] = field(default_factory=dict)
     tool_free: bool = False
+
+
+def ends_key(q_before: Array, q: Array) -> bytes:
+    """Return the key of a move between two configurations (k,) in `Link.free_moves`."""
+    return q_before.tobytes() + q.tobytes()
 
 
 def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str]:
@@ -146,7 +112,7 @@ def assemble_motion(arm: ArmModel, links: Sequence[Link], moves: Sequence[MoveSt
     parts: list[list[Array]] = [[] for _ in moves]
     ends = [q[0]] * n
     for place, link in enumerate(links, start=1):
-        parts[link.keyframe].append(link.free_moves[q[place - 1].tobytes() + q[place].tobytes()])
+        parts[link.keyframe].append(link.free_moves[ends_key(q[place - 1], q[place])])
         if link.keyframe < n:
             ends[link.keyframe] = q[place]
     segments = []

@@ -11,11 +11,17 @@ from pbd.arm.ik.partial_pose import FULL_POSE
 from pbd.arm.ladder_building import CONTINUOUS_RAD, MEND_AFTER_STEPS, STARTS, STARTS_NULL_SPACE, layers_along, widen
 from pbd.arm.ladder_checks import LinkChecks
 from pbd.arm.ladder_graph import Ladder
-from pbd.arm.ladder_links import DETOUR_EXTRA, MEND_AFTER_DETOURS, MEND_AFTER_PATHS, Link
+from pbd.arm.ladder_links import Link
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, MotionRequest
 from pbd.pose import Pose
 
+MEND_AFTER_PATHS = 4
+"""Number of barred paths of the tool, from keyframe to keyframe, after which a link is mended."""
+MEND_AFTER_DETOURS = 4
+"""Number of pairs of configurations without a detour after which a link is mended."""
+DETOUR_EXTRA = 1.0
+"""Assumed extra length of a detour over the straight move, rad, until the detour is found."""
 MEND_AFTER_STRAIGHT_WIDENED = 150
 """Number of barred straight moves between two widened keyframes after which the link is mended again."""
 COARSE = 4
@@ -44,7 +50,7 @@ class Mending(LinkChecks):
 
     def _detour(self, i: int) -> None:
         """Replace the move to keyframe i by a detour in joint space; the tool's path is then free."""
-        places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
+        places = self.places_of(i)
         self.moves[i].detour = True
         self.ladder.drop(places[0], places[-1])
         self.links[places[0] - 1 : places[-1]] = [Link(i)]
@@ -55,7 +61,7 @@ class Mending(LinkChecks):
 
         A one-link move is reset to straight in joint space.
         """
-        places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
+        places = self.places_of(i)
         for place in (places[0] - 1, *places):
             if place > 0 and self.links[place - 1].keyframe < self.n:
                 widen(self.arm, self._pose(place), self.ladder, place)
@@ -73,12 +79,8 @@ class Mending(LinkChecks):
         if not self.close or move.null_space_searched or self.arm.model.nv <= FULL_POSE:
             return False
         move.null_space_searched = True
-        return (
-            widen(
-                self.arm, self._pose(place), self.ladder, place, STARTS_NULL_SPACE, partial(self.is_free_at_keyframe, i)
-            )
-            > 0
-        )
+        is_free = partial(self.is_free_at_keyframe, i)
+        return widen(self.arm, self._pose(place), self.ladder, place, STARTS_NULL_SPACE, is_free) > 0
 
     def _split(self, place: int) -> bool:
         """Insert layers along a path and the paths just before it, which decide the configuration it starts from.
@@ -92,8 +94,7 @@ class Mending(LinkChecks):
             first -= 1
         end = place
         while first <= end:
-            _, move = self.at(first)
-            move.remedies = [each for each in move.remedies if each != "split"]
+            self.at(first)[1].drop_remedy("split")
             added = self._split_one(first)
             if added is None:
                 return False

@@ -28,7 +28,7 @@ class Refusal:
 
 
 def refuse_pose(i: int, tried: int, hit: Hit) -> Refusal:
-    """Refuse keyframe i, where the arm touches something in each of the `barred_pairs` configurations."""
+    """Refuse keyframe i, where the arm touches something in each of the `tried` configurations."""
     return _collision(i, f"arm pose at keyframe {i} among {tried} tried: {describe(hit)}", STRAIGHT, hit)
 
 
