@@ -14,7 +14,7 @@ import numpy as np
 
 from pbd.arm.ik.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_branches, polish, turn_toward
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
-from pbd.arm.ik.partial_pose import FULL_POSE
+from pbd.arm.ik.partial_pose import is_redundant
 from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.ladder_graph import Barred, Ladder, Layer, joint_travel
 from pbd.arm.model import ArmModel, to_se3
@@ -83,7 +83,7 @@ def build_ladder(
     if q_end is not None:
         layers.append(Layer(q_end[None], np.zeros(1), mend_after))
     ladder = Ladder(layers)
-    if len(q_start) > FULL_POSE:
+    if is_redundant(arm):
         _move_along_null_space(arm, T_base_tool, ladder)
     return ladder
 

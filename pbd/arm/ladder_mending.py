@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.ik.cartesian import line
-from pbd.arm.ik.partial_pose import FULL_POSE
+from pbd.arm.ik.partial_pose import is_redundant
 from pbd.arm.ladder_building import CONTINUOUS_RAD, MEND_AFTER_STEPS, STARTS, STARTS_NULL_SPACE, layers_along, widen
 from pbd.arm.ladder_checks import LinkChecks
 from pbd.arm.ladder_graph import Ladder
@@ -76,7 +76,7 @@ class Mending(LinkChecks):
         Only for a redundant arm, in the search with the smaller margin.
         """
         move = self.moves[i]
-        if not self.close or move.null_space_searched or self.arm.model.nv <= FULL_POSE:
+        if not self.close or move.null_space_searched or not is_redundant(self.arm):
             return False
         move.null_space_searched = True
         is_free = partial(self.is_free_at_keyframe, i)

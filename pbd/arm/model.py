@@ -107,14 +107,14 @@ class ArmModel:
         """The limits of the arm's joints."""
         return self.robot.limits
 
+    def limit_margins(self, q: Array) -> Array:
+        """Return the distance (..., k) of each joint from its nearer limit, rad or m; negative beyond it."""
+        return np.minimum(q - self.limits.lower, self.limits.upper - q)
+
     def forward(self, q: Array) -> Pose:
         """Return T_base_tool at q (k,)."""
-        return from_se3(self.placement(q))
-
-    def placement(self, q: Array) -> Any:
-        """Return T_base_tool at q (k,) as pinocchio's SE3."""
         pin.forwardKinematics(self.model, self.data, self.configuration(q))
-        return pin.updateFramePlacement(self.model, self.data, self.tool_id)
+        return from_se3(pin.updateFramePlacement(self.model, self.data, self.tool_id))
 
     def forward_many(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the tool's positions (n, 3) in m and rotation matrices (n, 3, 3) in base, at joints (n, k).

@@ -212,7 +212,7 @@ def _reasons(found: Suggestion, demo: str) -> list[str]:
         *([slow] if alone_s.max() > 0.5 * took_s else ()),
         f"{table}; nothing touches it or the arm itself, as far as the URDF has shapes",
         f"home is over the dock: {joint} is {room:.2f} from its limit (rad; m where it slides), manipulability is "
-        f"{found.dexterity:.1f} times the lower quartile of all configurations",
+        f"{found.manipulability:.1f} times the lower quartile of all configurations",
     ]
 
 

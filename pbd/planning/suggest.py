@@ -56,7 +56,7 @@ class Suggestion:
         robot: the robot with this home and dock.
         plan: the plan of the demonstration.
         at: the joint that is nearest to a limit at home: its name and the distance, rad or m.
-        dexterity: manipulability at home, relative to the arm's 25th percentile.
+        manipulability: that at home, relative to the arm's 25th percentile.
         ranked, within_reach: number of docks ranked at this scale, and of those with all keyframes within reach.
         own_table: the user gave the table's height.
         touching: pairs of links added to `may_touch`, with the number of random configurations in which they touch.
@@ -65,7 +65,7 @@ class Suggestion:
     robot: Robot
     plan: Plan
     at: tuple[str, float]
-    dexterity: float
+    manipulability: float
     ranked: int
     within_reach: int
     own_table: bool
@@ -89,9 +89,8 @@ def suggest(
     Raises:
         RobotError: none was found; the message says why the best one failed.
     """
-    from pbd.arm.ik.branches import margins
     from pbd.arm.ik.partial_pose import is_partial
-    from pbd.arm.ik.starts import dexterity
+    from pbd.arm.ik.starts import relative_manipulability
 
     arm = arm_of(robot)
     p, R = _sampled_tool_poses(arm)
@@ -116,10 +115,11 @@ def suggest(
             planned, refusals = _plan_at_best(robot, reachable, keyframes, grasped)
         if planned:
             own, plan = min(planned, key=lambda each: each[1].trajectory.duration)
-            room = margins(arm, own.home)
+            room = arm.limit_margins(own.home)
             nearest = robot.joints[int(room.argmin())], float(room.min())
-            dexterous = float(dexterity(arm, own.home[None])[0])
-            return Suggestion(own, plan, nearest, dexterous, len(docks), len(reachable), table is not None, touching)
+            manipulability = float(relative_manipulability(arm, own.home[None])[0])
+            counts = len(docks), len(reachable)
+            return Suggestion(own, plan, nearest, manipulability, *counts, table is not None, touching)
         why = next(iter(refusals), why)
     raise RobotError(f"{robot.name}: no home and dock found: {why}", robot=robot.name)
 

@@ -8,7 +8,6 @@ import pytest
 from pbd.arm.ik.branches import find_branches
 from pbd.arm.ik.closed_form import closed_form, flipped_elbow
 from pbd.arm.ik.seven_joints import seven_joints
-from pbd.arm.ik.subproblems import limit_excess
 from pbd.arm.model import load_model, to_se3
 from pbd.pose import Pose
 from tests.arm.bundled import arm_of
@@ -28,7 +27,7 @@ def test_every_solution_reaches_the_pose_and_the_known_one_is_among_them(name: s
         off = found - truth
         assert np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi))).max(axis=1).min() < 1e-6
         count += len(found)
-        beyond = max(beyond, float(limit_excess(arm, found).max()))
+        beyond = max(beyond, float(-arm.limit_margins(found).min()))
     assert count >= ways * len(joints)
     assert beyond < 0.05
     assert beyond > 0.03 or name.startswith("ur")
@@ -59,7 +58,7 @@ def test_every_branch_of_seven_joints_reaches_the_pose_and_one_passes_the_known_
         pose = arm.forward(truth)
         branches = seven_joints(arm, to_se3(pose))
         found = [branch for branch in branches if len(branch) > 1]
-        nearly = max([nearly, *(float(limit_excess(arm, branch[0])) for branch in branches if len(branch) == 1)])
+        nearly = max([nearly, *(float(-arm.limit_margins(branch[0]).min()) for branch in branches if len(branch) == 1)])
         assert all(max(pose.distance(arm.forward(branch[len(branch) // 2]))) < 1e-5 for branch in found)
         off = np.vstack(found) - truth
         assert np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi))).max(axis=1).min() < 0.3
@@ -75,7 +74,7 @@ def test_every_branch_of_seven_joints_reaches_the_pose_and_one_passes_the_known_
 def test_the_elbow_of_an_arm_of_five_joints_is_tried_on_both_sides() -> None:
     arm, flips = arm_of("so101"), 0
     beyond = [
-        limit_excess(arm, q)
+        -arm.limit_margins(q).min(axis=-1)
         for q in (flipped_elbow(arm, q) for q in random_joints(arm.robot, 200, 11))
         if q is not None
     ]

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.arm.ik.branches import AT_LIMIT, SINGULAR, configuration_cost, margins, turn_toward
-from pbd.arm.ik.solver import check
+from pbd.arm.ik.branches import AT_LIMIT, SINGULAR, configuration_cost, turn_toward
+from pbd.arm.ik.solver import ik_result
 from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import ArmModel, load_model
 from pbd.data import Robot
@@ -38,7 +38,7 @@ def travel_ratios(arm: ArmModel) -> list[float]:
         truth = wander(arm.robot, 9, seed)
         poses = [arm.forward(q) for q in truth[1:]]
         path = solve_path(arm, poses, truth[0])
-        assert all(check(arm, pose, q).reached for pose, q in zip(poses, path, strict=True))
+        assert all(ik_result(arm, pose, q).reached for pose, q in zip(poses, path, strict=True))
         assert ((path >= arm.limits.lower) & (path <= arm.limits.upper)).all()
         ratios.append(travel(np.vstack((truth[0], path))) / travel(truth))
     return ratios
@@ -166,7 +166,7 @@ def test_the_null_space_leads_away_from_limits(arm: ArmModel) -> None:
     start = arm.robot.home.copy()
     start[0] = arm.limits.upper[0] - 0.005
     path = solve_path(arm, [arm.forward(start)] * 3, start)
-    assert margins(arm, path[-1]).min() > 0.03
+    assert arm.limit_margins(path[-1]).min() > 0.03
 
 
 @pytest.mark.parametrize("roll_deg", [-90, -45, 0, 45, 90])
@@ -183,5 +183,5 @@ def test_the_surroundings_of_the_dock_are_within_reach(arm: ArmModel, roll_deg: 
     corners = np.array(np.meshgrid(*across)).reshape(3, -1).T
     poses = [Pose.from_rpy(p, np.deg2rad((roll_deg, 0, 0))) @ dock.T_sensor_tool for p in corners]
     path = solve_path(arm, poses, arm.robot.home)
-    assert all(check(arm, pose, q).reached for pose, q in zip(poses, path, strict=True))
+    assert all(ik_result(arm, pose, q).reached for pose, q in zip(poses, path, strict=True))
     assert dock.table_height == 0.0

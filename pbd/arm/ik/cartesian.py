@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pbd.arm.ik.levenberg_marquardt import Residual
-from pbd.arm.ik.partial_pose import is_partial, refine_partial
+from pbd.arm.ik.partial_pose import is_partial, is_redundant, refine_partial
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose, quat_slerp
 
@@ -50,10 +50,10 @@ def follow(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, q_end: Ar
     """
     q, last = np.empty((len(T_base_tool), len(q_start))), len(T_base_tool) - 1
     q[0], q[last] = q_start, q_end
-    step = (q_end - q_start) / last
+    step, redundant = (q_end - q_start) / last, is_redundant(arm)
     for i in range(1, last):
         # A redundant arm's seed is drawn toward the line between the ends; another arm's keeps its offset from it.
-        kept = (last - i) / (last - i + 1) if arm.model.nv > 6 else 1.0
+        kept = (last - i) / (last - i + 1) if redundant else 1.0
         seed = q_start + i * step + kept * (q[i - 1] - q_start - (i - 1) * step)
         found = refine(arm, T_base_tool[i], seed)
         if found is None:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.ik.subproblems import INTERSECTING_M, Axis, axes_of, limit_excess, sines, wrap_to_limits
+from pbd.arm.ik.subproblems import INTERSECTING_M, Axis, axes_of, sines, wrap_to_limits
 from pbd.arm.model import ArmModel
 from pbd.pose import Array
 
@@ -46,7 +46,7 @@ def closed_form(arm: ArmModel, goal: pin.SE3) -> Array:
     every = np.stack(np.broadcast_arrays(*q), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 6)
     found = wrap_to_limits(arm, every * kind.signs)
     reached = np.max(np.broadcast_arrays(*short), axis=0).T.repeat(2) <= STRETCHED_RAD
-    solutions: Array = found[reached & (limit_excess(arm, found) <= BEYOND_RAD)]
+    solutions: Array = found[reached & (arm.limit_margins(found).min(axis=-1) >= -BEYOND_RAD)]
     return solutions
 
 
@@ -67,7 +67,7 @@ def flipped_elbow(arm: ArmModel, q: Array) -> Array | None:
     flipped = q.copy()
     flipped[first : first + 3] = np.array([a + turn, other, b + c - turn - other]) * signs
     flipped = wrap_to_limits(arm, flipped)
-    return flipped if limit_excess(arm, flipped) < BEYOND_RAD else None
+    return flipped if arm.limit_margins(flipped).min() > -BEYOND_RAD else None
 
 
 @lru_cache(maxsize=16)

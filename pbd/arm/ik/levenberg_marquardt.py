@@ -7,13 +7,13 @@ limit that the step would exceed are held.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
 
 from pbd.arm.model import ArmModel
+from pbd.data import JointLimits
 from pbd.lapack import lapack
 from pbd.pose import Array
 
@@ -59,22 +59,14 @@ def descend_each(
         solutions; without `all_seeds`, only the last can be one.
     """
     found, squares = [], []
-    residual, bounds = Residual(arm, target), (arm.limits.lower, arm.limits.upper)
+    residual = Residual(arm, target)
     for seed in q_seeds:
-        q, square = descend(residual, bounds, seed, patience=patience)
+        q, square = descend(residual, arm.limits, seed, patience=patience)
         found.append(q)
         squares.append(square)
         if square < SOLVED and not all_seeds:
             break
     return np.array(found), np.array(squares)
-
-
-def residual_norms(arm: ArmModel, target: pin.SE3, q: Array) -> tuple[float, float]:
-    """Return the tool's distance and rotation from a target at joints q (k,): m, rad."""
-    T_base_tool = arm.placement(q)
-    off = T_base_tool.translation - target.translation
-    rotation = pin.log3(T_base_tool.rotation @ target.rotation.T)
-    return math.sqrt(off.dot(off)), math.sqrt(rotation.dot(rotation))
 
 
 class Residual:
@@ -98,7 +90,7 @@ class Residual:
 
 def descend(
     residual: Callable[[Array], tuple[Array, Array]],
-    bounds: tuple[Array, Array],
+    limits: JointLimits,
     q_seed: Array,
     *,
     patience: int = NEVER_GIVE_UP,
@@ -111,7 +103,6 @@ def descend(
 
     Args:
         residual: returns e (m,) and its Jacobian (m, k) at joints (k,).
-        bounds: lower and upper (k,) rad.
         patience: number of successive slow steps after which the descent ends.
         steps: largest number of steps.
         solved: |e|^2 below which the descent ends.
@@ -119,20 +110,20 @@ def descend(
         still: the descent ends with a step in which no joint would move by this much, rad.
 
     Returns:
-        The joints, within the bounds, and |e|^2 there.
+        The joints, within the limits, and |e|^2 there.
     """
-    lower, upper = bounds
+    lower, upper = limits.lower, limits.upper
     q = np.minimum(np.maximum(q_seed, lower), upper)
     e, J = residual(q)
     square, damping, slow_steps = float(e.dot(e)), DAMPING, 0
     H = np.empty((len(q), len(q)))
     diagonal = H.ravel()[:: len(q) + 1]
-    at_a_bound = bool(((q == lower) | (q == upper)).any())
+    at_a_limit = bool(((q == lower) | (q == upper)).any())
     for _ in range(steps):
         if square < solved or slow_steps == patience:
             break
         gradient = e @ J
-        if at_a_bound:
+        if at_a_limit:
             held = ((q == lower) & (gradient > 0.0)) | ((q == upper) & (gradient < 0.0))
             J[:, held], gradient[held] = 0.0, 0.0
         np.dot(J.T, J, out=H)
@@ -155,7 +146,7 @@ def descend(
                 return q, square
             diagonal += damping * square + RIDGE - ridge
             ridge = damping * square + RIDGE
-        at_a_bound = at_a_bound or free.tobytes() != q_next.tobytes()
+        at_a_limit = at_a_limit or free.tobytes() != q_next.tobytes()
         damping = max(LEAST_DAMPING, 0.2 * damping)
         slow_steps = slow_steps + 1 if square_next > SLOW * square else 0
         at_its_end = square_next > stalled * square

@@ -78,6 +78,11 @@ def is_partial(arm: ArmModel) -> bool:
     return len(arm.robot.joints) < FULL_POSE
 
 
+def is_redundant(arm: ArmModel) -> bool:
+    """Whether an arm has more joints than a pose needs, so that it can move without moving its tool."""
+    return len(arm.robot.joints) > FULL_POSE
+
+
 def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialPose]:
     """Find different solutions for a pose, the nearest first, from seeds (m, k) and sampled starts.
 
@@ -85,8 +90,8 @@ def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialP
     """
     samples = starts_of(arm)
     starts = (q_seeds, samples.nearest(goal, NEAREST), samples.q[:ANYWHERE])
-    rough, bounds = _Residual(arm, goal, _ROUGH), (arm.limits.lower, arm.limits.upper)
-    ended = [descend(rough, bounds, q, steps=_ROUGH_STEPS) for q in np.vstack(starts)]
+    rough = _Residual(arm, goal, _ROUGH)
+    ended = [descend(rough, arm.limits, q, steps=_ROUGH_STEPS) for q in np.vstack(starts)]
     kept: list[Array] = []
     for q, _ in sorted(ended, key=lambda end: end[1]):
         if all(np.abs(q - other).max() > _APART_RAD for other in kept) and len(kept) < _KEPT:
@@ -105,10 +110,8 @@ def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialP
 
 def refine_partial(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> PartialPose:
     """Descend from a seed (k,) to a solution by the rule."""
-    bounds = (arm.limits.lower, arm.limits.upper)
-    q, _ = descend(
-        _Residual(arm, goal, _FINE), bounds, q_seed, steps=_FINE_STEPS, solved=EXACT_M**2, stalled=1.0, still=_STILL_RAD
-    )
+    fine = _Residual(arm, goal, _FINE)
+    q, _ = descend(fine, arm.limits, q_seed, steps=_FINE_STEPS, solved=EXACT_M**2, stalled=1.0, still=_STILL_RAD)
     return measure(arm, goal, nearest_position(arm, goal, q))
 
 
@@ -120,7 +123,7 @@ def nearest_position(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
         p, _, J = arm.tool(q)
         return p - p_goal, J[:3]
 
-    q, _ = descend(residual, (arm.limits.lower, arm.limits.upper), q_seed, solved=EXACT_M**2)
+    q, _ = descend(residual, arm.limits, q_seed, solved=EXACT_M**2)
     return q
 
 

@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.ik.subproblems import INTERSECTING_M, TINY, Axis, axes_of, limit_excess, sines, wrap_to_limits
+from pbd.arm.ik.subproblems import INTERSECTING_M, TINY, Axis, axes_of, sines, wrap_to_limits
 from pbd.arm.model import ArmModel
 from pbd.pose import Array
 
@@ -116,7 +116,8 @@ def _solutions(arm: ArmModel, axes: Sequence[Axis], R: Array, from_last: Array, 
     q1 = first.align(second.rotate(turn2, third.h), axis3)
     q3 = -third.align(second.unrotate(turn2, first.h), axis1)
     found = wrap_to_limits(arm, np.stack(np.broadcast_arrays(q1, q2, q3, q4, q5, q6, q7), axis=-1))
-    off = np.maximum(np.maximum(limit_excess(arm, found), short2), np.maximum(short4, short6))
+    excess = -arm.limit_margins(found).min(axis=-1)
+    off = np.maximum(np.maximum(excess, short2), np.maximum(short4, short6))
     return found.reshape(8, -1, 7), np.maximum(off, 0.0).reshape(8, -1)
 
 

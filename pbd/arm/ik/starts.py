@@ -62,7 +62,7 @@ starts_of = lru_cache(maxsize=16)(Starts)
 """Returns an arm's samples, cached."""
 
 
-def dexterity(arm: ArmModel, q: Array) -> Array:
+def relative_manipulability(arm: ArmModel, q: Array) -> Array:
     """Return the manipulability (m,) at joints (m, k) relative to the arm's own 25th percentile.
 
     For an arm that is singular in every configuration it is 1: none is worse than another.

@@ -107,9 +107,3 @@ def wrap_to_limits(arm: ArmModel, q: Array) -> Array:
     middle = np.where(np.isfinite(upper - lower), 0.5 * (np.maximum(lower, -1e3) + np.minimum(upper, 1e3)), 0.0)
     nearest: Array = q - 2.0 * np.pi * np.round((q - middle) / (2.0 * np.pi))
     return nearest
-
-
-def limit_excess(arm: ArmModel, q: Array) -> Array:
-    """Return the largest limit excess (...) of joints (..., k), rad; negative within the limits."""
-    excess: Array = np.maximum(arm.limits.lower - q, q - arm.limits.upper).max(axis=-1)
-    return excess

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from pbd.arm.ik.levenberg_marquardt import descend_each
-from pbd.arm.ik.solver import TOLERANCE_M, TOLERANCE_RAD, check, solve
+from pbd.arm.ik.solver import TOLERANCE_M, TOLERANCE_RAD, ik_result, solve
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 from tests.arm.bundled import FIVE_JOINTS, NAMES, arm_of
@@ -139,4 +139,4 @@ def test_reach_means_both_tolerances(arm: ArmModel) -> None:
         ((0, 0, 0, 0, 0.9e-5, 0), True),
         ((0, 0, 0, 0, 1.1e-5, 0), False),
     ):
-        assert check(arm, here @ Pose.exp(twist), q).reached is reached
+        assert ik_result(arm, here @ Pose.exp(twist), q).reached is reached

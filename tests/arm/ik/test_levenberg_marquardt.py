@@ -9,6 +9,7 @@ import pytest
 from pbd.arm.ik.levenberg_marquardt import NEVER_GIVE_UP, PATIENCE, SOLVED, Residual, descend, descend_each
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel, to_se3
+from pbd.data import JointLimits
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.conftest import random_joints
 
@@ -50,6 +51,7 @@ def test_it_stops_at_the_first_seed_that_arrives(any_arm: ArmModel) -> None:
 @pytest.mark.parametrize(("patience", "reached"), [(PATIENCE, 4.0), (NEVER_GIVE_UP, 10.0)])
 def test_a_seed_is_given_up_after_so_many_slow_steps(patience: int, reached: float) -> None:
     """From 10 rad away, at 1 rad a step, more than 70 % of the error remains after each of the first steps."""
-    bounds = np.array([-20.0]), np.array([20.0])
-    q, _ = descend(lambda q: (q - 10.0, np.eye(1)), bounds, np.zeros(1), patience=patience)
+    ones = np.ones(1)
+    limits = JointLimits(-20.0 * ones, 20.0 * ones, ones, ones, ones, "")
+    q, _ = descend(lambda q: (q - 10.0, np.eye(1)), limits, np.zeros(1), patience=patience)
     np.testing.assert_allclose(q, reached, atol=1e-4)
