@@ -103,8 +103,6 @@ def _rod(arm: ArmModel) -> Rod | None:
 
 def _contacts(plan: Plan) -> tuple[Contact, ...]:
     """Return all contacts; the first one's message is the plan's, which says what to change."""
-    from pbd.arm.collision.motion_check import describe
-
     if plan.touching is None:
         return ()
     first, error = plan.touching.found, plan.touching.error
@@ -112,6 +110,6 @@ def _contacts(plan: Plan) -> tuple[Contact, ...]:
     for each in plan.touching.hits:
         bodies = (each.hit.first, each.hit.second)
         is_first = each.t == first.t and bodies == (first.hit.first, first.hit.second)
-        message = error.message if is_first else f"t = {each.t:.1f} s: {describe(each.hit)}"
+        message = error.message if is_first else f"t = {each.t:.1f} s: {each.hit}"
         contacts.append(Contact(bodies, each.t, each.parted_t, message))
     return tuple(contacts)

@@ -12,7 +12,7 @@ from pbd.pose import Array
 _SAME_S = 1e-9  # instants closer than this are merged
 
 
-def sample_polyline(q: Array, opening: float, rates: Array, step_m: float = STEP_M) -> JointPath:
+def sample_polyline(q: Array, opening: float, rates: Array, step_m: float) -> JointPath:
     """Sample a polyline in joint space through joints (m, k); t is 0 to 1, with an equal share for each segment.
 
     `rates` (p, k + 1): see motion_bounds.py. No pair of bodies moves by more than `step_m` between samples.

@@ -12,7 +12,7 @@ _STARTS = 4  # best samples from which the distance is maximized
 _ON_AXIS_M = 1e-9  # keeps the gradient finite for a tool on the axis
 
 
-def sample(arm: ArmModel, count: int) -> Array:
+def sample_joints(arm: ArmModel, count: int) -> Array:
     """Draw configurations (count, k) uniformly between the joint limits, with a fixed seed.
 
     A joint with a range of more than one turn is sampled over one turn; ladder_building.py chooses whole turns later.
@@ -33,7 +33,7 @@ def reach(arm: ArmModel) -> float:
         distance = max(float(np.hypot(p[0], p[1])), _ON_AXIS_M)
         return -distance, -(p[:2] / distance) @ J[:2]
 
-    q = sample(arm, _SAMPLES)
+    q = sample_joints(arm, _SAMPLES)
     p, _ = arm.forward_many(q)
     best = q[np.argsort(-np.hypot(p[:, 0], p[:, 1]))[:_STARTS]]
     bounds = Bounds(arm.limits.lower, arm.limits.upper)

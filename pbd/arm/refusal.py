@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
-from pbd.arm.collision.motion_check import describe
 from pbd.arm.collision.scene import Hit
 from pbd.arm.ladder_links import MoveState
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion
@@ -29,7 +28,7 @@ class Refusal:
 
 def refuse_pose(i: int, tried: int, hit: Hit) -> Refusal:
     """Refuse keyframe i, where the arm touches something in each of the `tried` configurations."""
-    return _collision(i, f"arm pose at keyframe {i} among {tried} tried: {describe(hit)}", STRAIGHT, hit)
+    return _collision(i, f"arm pose at keyframe {i} among {tried} tried: {hit}", STRAIGHT, hit)
 
 
 def refuse_move(i: int, move: MoveState, infeasible_kind: str | None) -> Refusal:
@@ -43,12 +42,12 @@ def refuse_move(i: int, move: MoveState, infeasible_kind: str | None) -> Refusal
             f"the arm can't follow {path} from keyframe {i - 1} to keyframe {i}: it would have to flip its elbow or "
             "wrist on the way, or exceed its joint limits or reach; move the dock",
             keyframe=i,
-            way=infeasible_kind,
+            kind=infeasible_kind,
         )
         return Refusal(CANNOT_FOLLOW, error)
     closest = max(hits, key=lambda kind: hits[kind].distance)
     attempts = [
-        f"{_KIND_NAMES[kind]}{' (closest)' if len(hits) > 1 and kind == closest else ''}: {describe(hit)}"
+        f"{_KIND_NAMES[kind]}{' (closest)' if len(hits) > 1 and kind == closest else ''}: {hit}"
         for kind, hit in hits.items()
     ]
     if infeasible_kind is not None:
@@ -68,7 +67,7 @@ def warn_about_motion(motion: Motion, retreat_hit: Hit | None) -> None:
             where = "on its way back" if i == len(motion.q) else where
             warn(f"{where} the arm goes around {move.avoided.second}: --no-detour refuses that")
     if retreat_hit is not None:
-        message = f"no collision-free way back from the last keyframe was found ({describe(retreat_hit)})"
+        message = f"no collision-free way back from the last keyframe was found ({retreat_hit})"
         warn(f"{message}: the motion ends there")
 
 
@@ -87,9 +86,7 @@ def _collision(i: int, what: str, kind: str, hit: Hit) -> Refusal:
     error = PlanError(
         f"no collision-free {what}; {advice}",
         keyframe=i,
-        bodies=(hit.first, hit.second),
-        value=hit.depth,
-        p_base=hit.p_base,
+        **hit.fields,
         closest=kind,
     )
     return Refusal(COLLISION, error)

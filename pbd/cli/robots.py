@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.table import Table
 
-from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
-from pbd.arm.collision.allowed_collisions import link_pairs
+from pbd.arm.collision.allowed_collisions import CONFIGURATIONS, link_pairs
 from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.collision.shape_coverage import doubtful_shapes
 from pbd.arm.model import ArmModel, load_model

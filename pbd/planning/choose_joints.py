@@ -33,7 +33,7 @@ def choose_joints(
 ) -> Motion | Refused:
     """Choose joints and segments; without a scene, collisions are ignored."""
     from pbd.arm.choose_motion import choose_motion
-    from pbd.arm.collision.motion_check import describe, refuse_home
+    from pbd.arm.collision.motion_check import refuse_home
     from pbd.arm.motion_request import Motion
 
     if scene is not None:
@@ -44,8 +44,8 @@ def choose_joints(
                 return Refused(error, (_without_home(options),))
         leg, *_ = scene.legs(request.T_base_tool, request.grips)
         if options.approach and (hit := scene.hit(request.q_start, leg)) is not None:
-            what = f"at the arm's start: {describe(hit)}; move the arm, or correct the obstacles in the calibration"
-            return Refused(PlanError(what, bodies=(hit.first, hit.second), value=hit.depth, p_base=hit.p_base))
+            what = f"at the arm's start: {hit}; move the arm, or correct the obstacles in the calibration"
+            return Refused(PlanError(what, **hit.fields))
     found = choose_motion(arm, request, scene)
     return found if isinstance(found, Motion) else Refused(found.error, _alternatives(found, options))
 

@@ -227,11 +227,12 @@ def _attempt(task: Task, options: PlanOptions) -> Plan | Refused:
         return time_moves(
             arm,
             q_start if options.approach else chosen.q[0],
-            [replace(move, deviation_share=deviation_share) for move in moves],
+            moves,
             dwells(keyframes, options),
             [keyframe.grip for keyframe in keyframes],
-            retreat=retreat and replace(retreat, deviation_share=deviation_share),
+            retreat=retreat,
             speed=speed * (1.0 - options.margin),
+            deviation_share=deviation_share,
         )
 
     load = Load(options.payload, options.p_tool_payload, grasped, calibration.table_height)

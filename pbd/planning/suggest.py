@@ -126,12 +126,11 @@ def suggest(
 
 def _often_touching(arm: ArmModel) -> dict[tuple[str, str], int]:
     """Return pair of links -> in how many random configurations it touches, if in most."""
-    from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
-    from pbd.arm.collision.allowed_collisions import samples
+    from pbd.arm.collision.allowed_collisions import CONFIGURATIONS, sample_coordinates
     from pbd.arm.collision.scene import CollisionScene
 
     clearance, often = CollisionScene(arm).always, dict[tuple[str, str], int]()
-    for row, count in clearance.always_touching(samples(arm, CONFIGURATIONS), OFTEN_SHARE).items():
+    for row, count in clearance.always_touching(sample_coordinates(arm, CONFIGURATIONS), OFTEN_SHARE).items():
         first, second = (clearance.bodies[i].name for i in clearance.pairs[row])
         often[first, second] = max(count, often.get((first, second), 0))
     return often
@@ -147,9 +146,9 @@ def _plan_at_best(
 
 def _sampled_tool_poses(arm: ArmModel) -> tuple[Array, Array]:
     """Return positions (n, 3), m, and rotations (n, 3, 3) of the tool in base for random configurations."""
-    from pbd.arm.reach import sample
+    from pbd.arm.reach import sample_joints
 
-    p, R = arm.forward_many(sample(arm, SAMPLES))
+    p, R = arm.forward_many(sample_joints(arm, SAMPLES))
     if (down := int((R[:, 2, 2] < -DOWN).sum())) < DOCKS:
         off_deg = np.degrees(np.arccos(np.clip(-R[:, 2, 2].min(), -1.0, 1.0)))
         raise RobotError(

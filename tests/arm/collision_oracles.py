@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import nnls
 
-from pbd.arm.collision.allowed_collisions import samples
+from pbd.arm.collision.allowed_collisions import sample_coordinates
 from pbd.arm.collision.clearance import Clearance
 from pbd.arm.collision.geometry import Body
 from pbd.arm.model import ArmModel
@@ -19,7 +19,7 @@ from tests.arm.bundled import arm_of
 
 def coordinates(arm: ArmModel, count: int, seed: int = 1) -> Array:
     """Draw random coordinates (count, k + 1), in another order than the samples that decide which pairs are checked."""
-    return np.random.default_rng(seed).permuted(samples(arm, count), axis=0)
+    return np.random.default_rng(seed).permuted(sample_coordinates(arm, count), axis=0)
 
 
 def placements(arm: ArmModel, x: Array) -> list[Pose]:

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.reach import reach, sample
+from pbd.arm.reach import reach, sample_joints
 from pbd.data import Robot
 from tests.arm.conftest import changed, random_joints
 
 
 def test_samples_are_uniform_within_limits_and_the_same_each_time(arm: ArmModel) -> None:
     count = 20_000
-    q = sample(arm, count)
+    q = sample_joints(arm, count)
     assert q.shape == (count, 7)
     assert ((q >= arm.limits.lower) & (q <= arm.limits.upper)).all()
-    np.testing.assert_array_equal(sample(arm, count), q)
+    np.testing.assert_array_equal(sample_joints(arm, count), q)
     # uniform: the mean of each joint is its middle, to the statistical error
     middle, width = (arm.limits.lower + arm.limits.upper) / 2, arm.limits.upper - arm.limits.lower
     assert (np.abs(q.mean(axis=0) - middle) < 4 * width / np.sqrt(12 * count)).all()
@@ -37,7 +37,7 @@ def test_a_joint_is_sampled_over_one_turn_within_its_limits(
     lower, upper = odd_robot.limits.lower.copy(), odd_robot.limits.upper.copy()
     lower[2], upper[2] = bounds
     arm = load_model(replace(odd_robot, limits=changed(odd_robot.limits, lower=lower, upper=upper)))
-    q = sample(arm, 20_000)
+    q = sample_joints(arm, 20_000)
     np.testing.assert_allclose((q[:, 2].min(), q[:, 2].max()), sampled, atol=5e-3)
     np.testing.assert_allclose((q[:, 0].min(), q[:, 0].max()), (-np.pi, np.pi), atol=5e-3)  # endless
     np.testing.assert_allclose((q[:, 1].min(), q[:, 1].max()), (0.0, 0.4), atol=5e-3)  # slides

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.arm.reach import sample
+from pbd.arm.reach import sample_joints
 from pbd.cli import main
 from pbd.planning import PlanOptions, load_arm
 from pbd.pose import quat_to_matrix
@@ -26,7 +26,7 @@ def test_the_list_says_reach_joints_gripper_and_what_is_assumed(capsys: pytest.C
     assert set(rows) >= set(NAMES)
     for name in NAMES:
         arm, row = arm_of(name), rows[name]
-        p, _ = arm.forward_many(sample(arm, 20_000))
+        p, _ = arm.forward_many(sample_joints(arm, 20_000))
         assert row["reach_m"] == pytest.approx(float(np.hypot(p[:, 0], p[:, 1]).max()), rel=0.03)
         assert row["joints"] == list(arm.robot.joints)
         assert arm.robot.gripper is not None

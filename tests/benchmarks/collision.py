@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
-from pbd.arm.collision.allowed_collisions import samples
+from pbd.arm.collision.allowed_collisions import sample_coordinates
 from pbd.arm.collision.clearance import Clearance
 from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.collision.scene import CollisionScene
@@ -50,7 +50,7 @@ def measure(name: str, motions: int) -> dict[str, float]:
     robot = load_robot(name)
     arm = load_model(robot)
     scene = build(arm)
-    free = [x[:-1] for x in samples(arm, 400) if scene.hit(x[:-1]) is None]
+    free = [x[:-1] for x in sample_coordinates(arm, 400) if scene.hit(x[:-1]) is None]
     moves = [(a, a + 0.3 * (b - a)) for a, b in zip(free[:20], free[20:40], strict=False)]
     chosen = free_motions(scene, motions)
     times = np.array([timed_ms(partial(check_motion, scene, trajectory)) for trajectory in chosen])
@@ -122,7 +122,7 @@ def false_pct(name: str, count: int) -> float:
     raw = raw_meshes(name)
     scene = CollisionScene(raw.arm)
     raw.watch(links_watched(scene.always))
-    free = [x for x in samples(raw.arm, count) if not raw.touching(x)]
+    free = [x for x in sample_coordinates(raw.arm, count) if not raw.touching(x)]
     known = set(raw.links)  # of a link that can only be seen there is no raw collision mesh to compare with
     called = [any(pair <= known for pair in links_touching(scene.always, x)) for x in free]
     return 100.0 * float(np.mean(called))

@@ -10,7 +10,7 @@ import numpy as np
 
 from pbd.arm.collision.clearance import Clearance, Pairs
 from pbd.arm.collision.geometry import Body
-from pbd.arm.collision.motion_bounds import rates
+from pbd.arm.collision.motion_bounds import moving_pairs
 from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.link_frames import link_tree
 from pbd.arm.model import ArmModel
@@ -21,11 +21,11 @@ from pbd.pose import Array
 TRUSTED = ("Adjacent", "Never")
 """The SRDF's reasons that are trusted. Others ("Default", "disabled") were set by hand or found at one pose only."""
 
-SAMPLES = 200
+CONFIGURATIONS = 200
 """Number of random configurations, with a fixed seed, that decide whether two bodies nearly always touch."""
 
 NEARLY_ALWAYS = 0.95
-"""Bodies that touch in at least this share of the samples are not checked: their shapes overlap, but the links
+"""Bodies that touch in at least this share of these are not checked: their shapes overlap, but the links
 themselves cannot. MoveIt's setup assistant uses the same share."""
 
 
@@ -47,22 +47,22 @@ def link_pairs(arm: ArmModel) -> tuple[Pairs, tuple[Unchecked, ...]]:
     in nearly all configurations. Bodies that no joint moves relative to each other are in neither list.
     """
     bodies = arm_bodies(arm)
-    pairs = np.stack(np.triu_indices(len(bodies), 1), axis=1)
-    pairs = pairs[(rates(arm, bodies, pairs) > 0.0).any(axis=1)]
+    pairs = moving_pairs(arm, bodies, np.stack(np.triu_indices(len(bodies), 1), axis=1))
     names = [(bodies[a].name, bodies[b].name) for a, b in pairs]
     reasons = _reasons(arm, bodies, set(names))
     unchecked = {Unchecked(*links, reasons[links]) for links in names if links in reasons}
     pairs = pairs[[links not in reasons for links in names]]
-    always = Clearance(arm, bodies, pairs).always_touching(samples(arm, SAMPLES), NEARLY_ALWAYS)
+    x = sample_coordinates(arm, CONFIGURATIONS)
+    always = Clearance(arm, bodies, pairs).always_touching(x, NEARLY_ALWAYS)
     for row, often in always.items():
         first, second = (bodies[i].name for i in pairs[row])
-        where = "every configuration" if often == SAMPLES else f"{often} of {SAMPLES} random configurations"
-        unchecked.add(Unchecked(first, second, f"touch in {where}"))
+        share = "every configuration" if often == len(x) else f"{often} of {len(x)} random configurations"
+        unchecked.add(Unchecked(first, second, f"touch in {share}"))
     in_order = sorted(unchecked, key=lambda pair: (pair.why, pair.first, pair.second))
     return np.delete(pairs, list(always), axis=0), tuple(in_order)
 
 
-def samples(arm: ArmModel, count: int) -> Array:
+def sample_coordinates(arm: ArmModel, count: int) -> Array:
     """Draw coordinates (count, k + 1) uniformly within the limits and within one turn to either side of zero, with a
     fixed seed."""
     lower, upper = np.maximum(arm.limits.lower, -2.0 * np.pi), np.minimum(arm.limits.upper, 2.0 * np.pi)

@@ -36,9 +36,7 @@ STEP_M = 2.0 * MARGIN_M
 Pairs = NDArray[np.int64]
 AllowedTouches = Mapping[int, Callable[[Pose], bool]]
 """Index of a pair that may touch at some places -> whether it may, with the tool at T_base_tool."""
-
-
-NOWHERE: AllowedTouches = MappingProxyType({})
+NONE_ALLOWED: AllowedTouches = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +53,7 @@ class JointPath:
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactSpan:
     """A pair that touches from node `first` to node `last` of a path.
 
     `deepest`: the node of the least distance; `distance`: that distance, m, negative for overlap.
@@ -88,7 +86,7 @@ class Clearance:
     """
 
     margin_m: float = MARGIN_M
-    allowed: AllowedTouches = NOWHERE
+    allowed: AllowedTouches = NONE_ALLOWED
 
     def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs) -> None:
         self.arm, self.bodies = arm, tuple(bodies)
@@ -149,7 +147,7 @@ class Clearance:
                 always = {pair: count for pair, count in always.items() if count >= share * len(x)}
         return always
 
-    def first_contact(self, path: JointPath) -> Contact | None:
+    def first_contact(self, path: JointPath) -> ContactSpan | None:
         """Return the contact of a path that begins first; of several at the same node, the deepest.
 
         The path's nodes must be dense enough for `rates`, see path_sampling.py.
@@ -160,17 +158,17 @@ class Clearance:
             met = self._follow(sampled, pair, 0, distance, stop)
             if met is not None and (found is None or met[0] < stop or met[1] < found.distance):
                 stop = met[0]
-                found = Contact(pair, stop, stop, stop, met[1])
+                found = ContactSpan(pair, stop, stop, stop, met[1])
         return found and self._until_clear(sampled, found)
 
-    def contacts(self, path: JointPath) -> list[Contact]:
+    def contacts(self, path: JointPath) -> list[ContactSpan]:
         """Return all contacts of a path, pair by pair."""
         sampled, found = self._sampled(path), []
         stop = len(sampled.q) - 1
         for pair, distance in self._near(sampled):
             met = self._follow(sampled, pair, 0, distance, stop)
             while met is not None:
-                found.append(self._until_clear(sampled, Contact(pair, met[0], met[0], met[0], met[1])))
+                found.append(self._until_clear(sampled, ContactSpan(pair, met[0], met[0], met[0], met[1])))
                 node = found[-1].last + 1
                 if node > stop:
                     break
@@ -206,7 +204,7 @@ class Clearance:
             self._place(sampled.q[node])
             distance = self._distance(pair)
 
-    def _until_clear(self, sampled: SampledPath, contact: Contact) -> Contact:
+    def _until_clear(self, sampled: SampledPath, contact: ContactSpan) -> ContactSpan:
         """Extend a contact to the node where it ends, or from where it is allowed; find the deepest node."""
         travel = self.rates[contact.pair] @ sampled.moved
         last, deepest, node, least = contact.first, contact.first, contact.first, contact.distance
@@ -219,7 +217,7 @@ class Clearance:
             last = node
             if distance < least:
                 deepest, least = node, distance
-        return Contact(contact.pair, contact.first, last, deepest, least)
+        return ContactSpan(contact.pair, contact.first, last, deepest, least)
 
     def _next(self, travel: Array, node: int, distance: float) -> int:
         due = travel[node] + max(distance, self.margin_m) + self.margin_m

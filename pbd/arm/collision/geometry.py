@@ -30,6 +30,9 @@ ROUNDED_M = 1e-3
 PAD_M = 0.5 * 3.0**0.5 * ROUNDED_M
 """Largest displacement of a corner by rounding, m."""
 
+SLABS = 4
+"""Number of parts into which a mesh is cut: of 2 to 6, this one needs the fewest queries of ur5's meshes."""
+
 
 @dataclass(frozen=True, eq=False)
 class Body:
@@ -58,10 +61,6 @@ class Body:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", readonly(self.points))
-
-
-SLABS = 4
-"""Number of parts into which a mesh is cut: of 2 to 6, this one needs the fewest queries of ur5's meshes."""
 
 
 @lru_cache(maxsize=16)
@@ -170,7 +169,7 @@ def mesh_depth(first: Body, second: Body) -> float:
 
 
 @lru_cache(maxsize=256)
-def surface_of(body: Body) -> Any:
+def _surface_of(body: Body) -> Any:
     """Return the surface of a body's mesh as a coal geometry; the body's shape if it has no mesh."""
     if body.mesh is None:
         return shape_of(body)
@@ -185,7 +184,7 @@ def surface_of(body: Body) -> Any:
 
 
 @lru_cache(maxsize=256)
-def slabs_of(body: Body) -> tuple[Any, ...]:
+def _slabs_of(body: Body) -> tuple[Any, ...]:
     """Cut a body's mesh across its longest side; return the hulls of the parts, or the body's shape without a mesh.
 
     These hulls fit the mesh better than one hull, and are far faster to check than the mesh.
@@ -217,7 +216,7 @@ def mesh_distance(first: Body, T_first: Any, second: Body, T_second: Any, margin
     """Return a lower bound of the distance of two bodies' meshes, m; None if they are closer than `margin_m`."""
     T_first, T_second = (coal.Transform3s(T.rotation, T.translation) for T in (T_first, T_second))
     pad, asked, least = first.pad + second.pad, coal.DistanceRequest(), coal.DistanceResult()
-    for one, other in product(slabs_of(first), slabs_of(second)):
+    for one, other in product(_slabs_of(first), _slabs_of(second)):
         coal.distance(one, T_first, other, T_second, asked, least)
         if not least.min_distance - pad >= margin_m:
             break
@@ -225,7 +224,7 @@ def mesh_distance(first: Body, T_first: Any, second: Body, T_second: Any, margin
         return float(least.min_distance - pad)
     request = coal.CollisionRequest()
     request.security_margin = margin_m
-    touch = coal.collide(surface_of(first), T_first, surface_of(second), T_second, request, coal.CollisionResult())
+    touch = coal.collide(_surface_of(first), T_first, _surface_of(second), T_second, request, coal.CollisionResult())
     return None if touch else margin_m
 
 

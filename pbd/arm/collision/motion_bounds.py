@@ -34,6 +34,11 @@ def rates(arm: ArmModel, bodies: Sequence[Body], pairs: NDArray[np.int64]) -> Ar
     return bound
 
 
+def moving_pairs(arm: ArmModel, bodies: Sequence[Body], pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the pairs (p, 2) of bodies that some joint moves relative to each other."""
+    return pairs[(rates(arm, bodies, pairs) > 0.0).any(axis=1)]
+
+
 @lru_cache(maxsize=1024)
 def lever_arms(arm: ArmModel, body: Body) -> Array:
     """Return for each joint a bound on the motion of the body's points, m per rad (or per m for a prismatic joint).

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbd.arm.collision.clearance import Clearance, Contact, JointPath
+from pbd.arm.collision.clearance import Clearance, ContactSpan, JointPath
 from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import JointTrajectory
@@ -87,8 +87,8 @@ def _phases(scene: CollisionScene, trajectory: JointTrajectory) -> Iterator[tupl
 
 def _same_contact(earlier: MotionHit, later: MotionHit) -> bool:
     """Whether two hits are of the same two bodies, at nearly the same time."""
-    bodies = [(each.hit.first, each.hit.second) for each in (earlier, later)]
-    return bodies[0] == bodies[1] and later.t <= earlier.parted_t + _MERGED_S
+    same_bodies = (earlier.hit.first, earlier.hit.second) == (later.hit.first, later.hit.second)
+    return same_bodies and later.t <= earlier.parted_t + _MERGED_S
 
 
 def object_stays(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Stay, ...]:
@@ -110,9 +110,9 @@ def refuse_home(scene: CollisionScene) -> None:
     hit = scene.hit(home)
     if hit is not None:
         raise PlanError(
-            f"home of {scene.arm.robot.name}: {describe(hit)}; {_by_design(scene, hit)}{_away_from_home(scene, hit)}",
+            f"home of {scene.arm.robot.name}: {hit}; {_by_design(scene, hit)}{_away_from_home(scene, hit)}",
             home=tuple(home.tolist()),
-            **_fields(hit),
+            **hit.fields,
         )
 
 
@@ -134,19 +134,19 @@ def _by_design(scene: CollisionScene, hit: Hit) -> str:
 
 def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:
     """Describe a hit in one line; fields: keyframe, t (s), bodies, value (depth, m), p_base (m)."""
-    text = describe(found.hit)
+    text = str(found.hit)
     if found.t == 0.0:  # the arm already stands there
         text = text.replace("would touch", "touches").replace("would come", "comes")
     return PlanError(
         f"{_when(trajectory, found)} (t = {found.t:.1f} s): {text}; {_advice(scene, trajectory, found)}",
         keyframe=found.keyframe,
         t=found.t,
-        **_fields(found.hit),
+        **found.hit.fields,
     )
 
 
 def _motion_hit(
-    scene: CollisionScene, trajectory: JointTrajectory, clearance: Clearance, path: JointPath, met: Contact
+    scene: CollisionScene, trajectory: JointTrajectory, clearance: Clearance, path: JointPath, met: ContactSpan
 ) -> MotionHit:
     hit = scene.as_hit(clearance, met.pair, path.x[met.deepest], met.distance)
     t, parted_t = float(path.t[met.first]), float(path.t[met.last])
@@ -178,14 +178,6 @@ def _when(trajectory: JointTrajectory, found: MotionHit) -> str:
     return f"between keyframes {found.keyframe - 1} and {found.keyframe}"
 
 
-def describe(hit: Hit) -> str:
-    """Say which two bodies touch, and by how much they overlap."""
-    if hit.depth == 0.0:
-        return f"{hit.first} would come within {1000.0 * hit.distance:.1f} mm of {hit.second}"
-    deep = f"{1000.0 * hit.depth:.1f} mm" if hit.depth < 0.01 else f"{100.0 * hit.depth:.1f} cm"
-    return f"{hit.first} would touch {hit.second}, {deep} deep"
-
-
 def _advice(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> str:
     other = found.hit.second
     if found.t == 0.0 and not found.at_keyframe:
@@ -198,7 +190,3 @@ def _advice(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit
     if other in scene.obstacles:
         return f"move the dock or {other}, or demonstrate a path around it"
     return "move the dock, or hold the sensor at another angle there"
-
-
-def _fields(hit: Hit) -> dict[str, object]:
-    return {"bodies": (hit.first, hit.second), "value": hit.depth, "p_base": hit.p_base}

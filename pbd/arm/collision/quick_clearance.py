@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from pbd.arm.collision.clearance import MARGIN_M, NOWHERE, AllowedTouches, Clearance, JointPath, Pairs, SampledPath
+from pbd.arm.collision.clearance import MARGIN_M, NONE_ALLOWED, AllowedTouches, Clearance, JointPath, Pairs, SampledPath
 from pbd.arm.collision.geometry import Body, moves_with_tool
 from pbd.arm.gripper import tool_on_joint
 from pbd.arm.model import ArmModel, to_se3
@@ -32,7 +32,7 @@ class QuickClearance(Clearance):
         bodies: Sequence[Body],
         pairs: Pairs,
         margin_m: float = MARGIN_M,
-        allowed: AllowedTouches = NOWHERE,
+        allowed: AllowedTouches = NONE_ALLOWED,
     ) -> None:
         super().__init__(arm, bodies, pairs)
         self.margin_m, self.allowed = margin_m, allowed
@@ -53,8 +53,8 @@ class QuickClearance(Clearance):
                 return self._remember_touch(pair)
         return False
 
-    def touches_inside(self, x: Array) -> bool:
-        """Whether any pair touches inside a straight move between coordinates x (2, k + 1); not checked at its ends."""
+    def touches_on_move(self, x: Array) -> bool:
+        """Whether any pair touches on a straight move between coordinates x (2, k + 1); its ends are not checked."""
         step, q = x[1] - x[0], self.arm.configurations(x)
         dq = q[1] - q[0]
 
@@ -66,7 +66,7 @@ class QuickClearance(Clearance):
             if self._recent_pair_touches(x[0] + t * step):
                 return True
         at_start, at_end, speed = self._cached_distances(x[0]), self._cached_distances(x[1]), self.rates @ np.abs(step)
-        for pair in self._may_touch_inside(at_start, at_end, speed):
+        for pair in self._may_touch_on_way(at_start, at_end, speed):
             v = float(speed[pair])
             gaps = [(max(self.margin_m, at_start[pair]) / v, 1.0 - max(self.margin_m, at_end[pair]) / v)]
             for since, until in gaps:
@@ -82,13 +82,13 @@ class QuickClearance(Clearance):
                 gaps += ((since, t - distance / v), (t + distance / v, until))
         return False
 
-    def touches_inside_path(self, path: JointPath) -> bool:
-        """Whether any pair touches inside a path; its ends are not checked."""
+    def touches_on_path(self, path: JointPath) -> bool:
+        """Whether any pair touches on a path; its ends are not checked."""
         sampled = self._sampled(path)
         at_start, at_end = self._cached_distances(path.x[0]), self._cached_distances(path.x[-1])
-        near = self._may_touch_inside(at_start, at_end, self.rates @ sampled.moved[:, -1])
+        near = self._may_touch_on_way(at_start, at_end, self.rates @ sampled.moved[:, -1])
         return any(
-            self._touches_on(sampled, pair, at_start[pair], at_end[pair]) and self._remember_touch(pair)
+            self._pair_touches_on(sampled, pair, at_start[pair], at_end[pair]) and self._remember_touch(pair)
             for pair in near
         )
 
@@ -114,16 +114,17 @@ class QuickClearance(Clearance):
                     return pair, distance, self._witness(pair)
         return None
 
-    def _may_touch_inside(self, at_start: Array, at_end: Array, travel: Array) -> list[int]:
-        """Return the pairs that may touch inside a path, recent ones first, from their distances at its ends and the
-        bound (p,) of their motion, m."""
-        open_ = ~(at_start + at_end > travel) & (travel > 0.0)
-        near = np.flatnonzero(open_).tolist()
+    def _may_touch_on_way(self, at_start: Array, at_end: Array, travel: Array) -> list[int]:
+        """Return the pairs that may touch between the ends of a path, recent ones first.
+
+        `at_start`, `at_end`: their distances at the ends, m; `travel`: the bound (p,) of their motion, m.
+        """
+        near = np.flatnonzero(~(at_start + at_end > travel) & (travel > 0.0)).tolist()
         near.sort(key=lambda pair: self._recent.index(pair) if pair in self._recent else RECENT)
         return near
 
-    def _touches_on(self, sampled: SampledPath, pair: int, at_start: float, at_end: float) -> bool:
-        """Whether a pair touches inside a path where it may not; `at_start`, `at_end`: its distances at the ends, m."""
+    def _pair_touches_on(self, sampled: SampledPath, pair: int, at_start: float, at_end: float) -> bool:
+        """Whether a pair touches on a path where it may not; `at_start`, `at_end`: its distances at the ends, m."""
         travel = self.rates[pair] @ sampled.moved
         parts = [(0, max(self.margin_m, at_start), len(travel) - 1, max(self.margin_m, at_end))]
         for first, before, last, after in parts:

@@ -14,10 +14,16 @@ from functools import partial
 
 import numpy as np
 
-from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, SAMPLES, Unchecked, link_pairs, samples
+from pbd.arm.collision.allowed_collisions import (
+    CONFIGURATIONS,
+    NEARLY_ALWAYS,
+    Unchecked,
+    link_pairs,
+    sample_coordinates,
+)
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Clearance, Pairs
 from pbd.arm.collision.geometry import Body, body_distance
-from pbd.arm.collision.motion_bounds import rates
+from pbd.arm.collision.motion_bounds import moving_pairs
 from pbd.arm.collision.quick_clearance import QuickClearance
 from pbd.arm.gripper import arm_bodies, gripper_links, tool_on_joint
 from pbd.arm.model import ArmModel
@@ -60,6 +66,17 @@ class Hit:
     def depth(self) -> float:
         """Depth of the overlap, m; 0 if they are only near."""
         return max(0.0, -self.distance)
+
+    @property
+    def fields(self) -> dict[str, object]:
+        """The fields of an error about it: bodies, value (depth, m), p_base (m)."""
+        return {"bodies": (self.first, self.second), "value": self.depth, "p_base": self.p_base}
+
+    def __str__(self) -> str:
+        if self.depth == 0.0:
+            return f"{self.first} would come within {1000.0 * self.distance:.1f} mm of {self.second}"
+        deep = f"{1000.0 * self.depth:.1f} mm" if self.depth < 0.01 else f"{100.0 * self.depth:.1f} cm"
+        return f"{self.first} would touch {self.second}, {deep} deep"
 
 
 @dataclass(frozen=True)
@@ -127,23 +144,19 @@ class CollisionScene:
         the two.
         """
         x = np.column_stack((q[[0, -1]], (leg.opening, leg.opening)))[: len(q)]
-        return not any(
-            any(each.touches(end) for end in x)
-            or (len(q) == 2 and each.touches_inside(x))
-            or (
-                len(q) > 2
-                and each.touches_inside_path(sample_polyline(q, leg.opening, each.rates, 2.0 * self.margin_m))
-            )
-            for each in self.clearances(leg.stay)
-        )
+        for each in self.clearances(leg.stay):
+            if any(each.touches(end) for end in x) or (len(q) == 2 and each.touches_on_move(x)):
+                return False
+            if len(q) > 2 and each.touches_on_path(sample_polyline(q, leg.opening, each.rates, 2.0 * self.margin_m)):
+                return False
+        return True
 
     def tool_hit(self, T_base_tool: Sequence[Pose], leg: Leg) -> Hit | None:
         """Return a hit of what moves with the tool, with the tool at given poses, whatever the arm's configuration."""
         count = len(T_base_tool)
         middle_first = sorted(range(0, count, count // MOST_TOOL_CHECKS + 1), key=lambda i: abs(2 * i - count))
         for each in self.clearances(leg.stay):
-            poses = (T_base_tool[i] for i in middle_first)
-            met = each.tool_contact(poses, leg.opening)
+            met = each.tool_contact((T_base_tool[i] for i in middle_first), leg.opening)
             if met is not None:
                 pair, distance, p_base = met
                 return Hit(*each.names(pair), distance, p_base)
@@ -234,13 +247,13 @@ class CollisionScene:
         """Return all pairs of bodies, except those that no joint moves relative to each other."""
         others = tuple(others)
         pairs = np.array([(a, b) for a in ones for b in others], dtype=np.int64).reshape(-1, 2)
-        return pairs[(rates(self.arm, bodies, pairs) > 0.0).any(axis=1)]
+        return moving_pairs(self.arm, bodies, pairs)
 
     def _without_mount(self, around: Pairs) -> Pairs:
         """Remove the pairs of the table and links that nearly always touch it, such as the arm's mount."""
         on_table = np.flatnonzero([self._bodies[second].name == TABLE for _, second in around])
-        clearance = QuickClearance(self.arm, self._bodies, around[on_table])
-        always = on_table[list(clearance.always_touching(samples(self.arm, SAMPLES), NEARLY_ALWAYS))]
+        clearance, x = Clearance(self.arm, self._bodies, around[on_table]), sample_coordinates(self.arm, CONFIGURATIONS)
+        always = on_table[list(clearance.always_touching(x, NEARLY_ALWAYS))]
         why = "on it in nearly every configuration"
         self.unchecked += tuple(Unchecked(self._bodies[link].name, TABLE, why) for link, _ in around[always])
         return np.delete(around, always, axis=0)

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.model import ArmModel, FloatArray
-from pbd.arm.reach import sample
+from pbd.arm.reach import sample_joints
 from pbd.pose import Array
 
 SAMPLES = 10_000
@@ -35,7 +35,7 @@ class Starts:
     """
 
     def __init__(self, arm: ArmModel) -> None:
-        self.q = sample(arm, SAMPLES)
+        self.q = sample_joints(arm, SAMPLES)
         self.p, R = arm.forward_many(self.q.astype(np.float32))
         self._features = np.hstack((self.p, ROTATION_WEIGHT_M * R.reshape(-1, 9)))
         self._half_squares = 0.5 * np.einsum("nf,nf->n", self._features, self._features)

@@ -34,7 +34,6 @@ class Move:
         t: (n + 1,) s, when the demonstration passed the start and each waypoint; a curve is nowhere faster.
         least_s: shortest duration of the move, s.
         share: share of the velocity, acceleration and jerk limits.
-        deviation_share: see `curved_move`.
     """
 
     q: Array
@@ -42,17 +41,15 @@ class Move:
     t: Array | None = None
     least_s: float = 0.0
     share: float = 1.0
-    deviation_share: float = 1.0
 
-    def pieces(self, q_start: Array, limits: JointLimits, speed: float) -> PiecewiseCubic:
-        """Time the move from joints (k,); `speed` multiplies its share of the limits."""
+    def pieces(self, q_start: Array, limits: JointLimits, speed: float, deviation_share: float) -> PiecewiseCubic:
+        """Time the move from joints (k,); `speed` multiplies its share of the limits; see `curved_move`."""
         if self.curved:
             from pbd.arm.timing.path_smoothing import curved_move  # scipy loads slowly
 
             waypoints = np.vstack((q_start, self.q))
-            return curved_move(waypoints, limits, speed * self.share, self.t, self.deviation_share).lasting(
-                self.least_s
-            )
+            curve = curved_move(waypoints, limits, speed * self.share, self.t, deviation_share)
+            return curve.lasting(self.least_s)
         parts, before = [], q_start
         for q in self.q:
             parts.append(ptp_move(before, q, limits, speed * self.share))
@@ -69,6 +66,7 @@ def time_moves(
     *,
     retreat: Move | None = None,
     speed: float = 1.0,
+    deviation_share: float = 1.0,
 ) -> tuple[JointTrajectory, Array]:
     """Time a motion that stops at each keyframe; return it with the durations (n,) of the moves to the keyframes, s.
 
@@ -82,6 +80,7 @@ def time_moves(
         grips: (n,) True if the gripper closes there, False if it opens, None if it does not move.
         retreat: the move after the last keyframe, or None.
         speed: share of the velocity, acceleration and jerk limits.
+        deviation_share: see `curved_move`.
 
     Raises:
         PlanError: nothing moves at all, or the motion takes longer than LONGEST_S.
@@ -96,7 +95,7 @@ def time_moves(
     gripper_t, opening, begun, ended = [0.0], [1.0], [], []
     for i, (move, dwell, closes) in enumerate(zip(moves, dwells, grips, strict=True)):
         begun.append(t)
-        t, q = add(move.pieces(q, arm.limits, speed)), move.q[-1]
+        t, q = add(move.pieces(q, arm.limits, speed, deviation_share)), move.q[-1]
         ended.append(t)
         wanted = opening[-1] if closes is None else float(not closes)
         if wanted != opening[-1] and gripper is None:
@@ -111,7 +110,7 @@ def time_moves(
             "nothing moves: the arm already stands at every keyframe; demonstrate a motion with two different stops"
         )
     if retreat is not None:
-        t = add(retreat.pieces(q, arm.limits, speed))
+        t = add(retreat.pieces(q, arm.limits, speed, deviation_share))
     if not t <= LONGEST_S:
         message = f"the motion would take {np.ceil(t):.0f} s, at most {LONGEST_S:.0f} can be planned"
         raise PlanError(f"{message}; give a higher --speed, or shorter stays", value=t, bound=LONGEST_S)

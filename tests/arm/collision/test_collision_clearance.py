@@ -14,8 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from pbd.arm.collision import allowed_collisions
-from pbd.arm.collision.allowed_collisions import link_pairs
+from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, link_pairs, sample_coordinates
 from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance, JointPath
 from pbd.arm.collision.geometry import Body, link_bodies
 from pbd.arm.collision.motion_bounds import lever_arms, rates
@@ -191,7 +190,7 @@ class Counted(Clearance):
 
 def swing(arm: ArmModel, angle: float) -> JointPath:
     home: Array = arm.robot.home
-    return sample_polyline(np.stack((home, home + angle * np.eye(7)[0])), 1.0, np.ones((1, 8)))
+    return sample_polyline(np.stack((home, home + angle * np.eye(7)[0])), 1.0, np.ones((1, 8)), STEP_M)
 
 
 def beside(arm: ArmModel, gap: float, size: float = 0.1) -> Clearance:
@@ -350,8 +349,8 @@ def test_a_pair_that_touches_less_often_is_checked(tmp_path: Path, panda: Robot)
     foot = replace(body, size=(2.0 * float(np.mean((min(reach), max(reach)))) - 0.1,))
     hand = next(body for body in link_bodies(arm) if body.name == "hand")
     clearance = Clearance(arm, [foot, hand], np.array([[0, 1]]))
-    assert clearance.always_touching(allowed_collisions.samples(arm, 500), allowed_collisions.NEARLY_ALWAYS) == {}
-    assert (np.array([clearance.distances(x)[0] for x in allowed_collisions.samples(arm, 100)]) < 0.0).any()
+    assert clearance.always_touching(sample_coordinates(arm, 500), NEARLY_ALWAYS) == {}
+    assert (np.array([clearance.distances(x)[0] for x in sample_coordinates(arm, 100)]) < 0.0).any()
 
 
 def test_pairs_that_nearly_always_touch_are_listed_as_unchecked(tmp_path: Path, panda: Robot) -> None:
