@@ -99,13 +99,13 @@ def check_all(
 
     from joblib import Parallel, delayed
 
-    from pbd.planning import load_arm
+    from pbd.planning import load_robot_and_calibration
 
     if isinstance(demos, str | Path):
         raise WrongTypeError(f"check_all takes a list of demonstrations: check_all([{str(demos)!r}])")
     require_kind("demos", demos, "a list of demonstrations' names", isinstance(demos, Iterable))
     require_kind("jobs", jobs, "a whole number", jobs is None or is_whole_number(jobs))
-    arm = None if robot is None else load_arm(robot)
+    arm = None if robot is None else load_robot_and_calibration(robot)
     names = list(map(str, demos))
     jobs = None if jobs is None else min(jobs, len(names) or 1)  # joblib starts as many processes as it is told
     found: list[DemoCheck] = []

@@ -14,7 +14,7 @@ from pbd.audit.collision_pairs import AuditScene
 from pbd.audit.contact import Touch, coordinates, find_touch
 from pbd.audit.limits import JUMP_RAD, check_limits, check_samples, check_smoothness, fail
 from pbd.audit.torque import Torque, find_torque
-from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, Load, Robot
+from pbd.data import Calibration, GraspedObject, JointTrajectory, Load, Robot
 from pbd.errors import PlanError
 from pbd.pose import Pose
 
@@ -53,7 +53,6 @@ class AuditReport:
 
 def audit(
     trajectory: JointTrajectory,
-    limits: JointLimits,
     robot: Robot,
     T_base_tool_keyframes: Sequence[Pose],
     world: tuple[Calibration, GraspedObject | None] | None = None,
@@ -62,7 +61,7 @@ def audit(
     """Check a trajectory.
 
     Args:
-        limits: the joints' full limits, even if the planner used a share of them.
+        robot: its full limits are checked, even if the planner used a share of them.
         T_base_tool_keyframes: the tool's required poses at `trajectory.keyframe_t`.
         world: the calibration, with the obstacles, and the grasped object; None: contacts are allowed.
 
@@ -71,16 +70,16 @@ def audit(
         TouchError: the motion would touch something; the fields are the same.
     """
     _check_form(trajectory, robot, len(T_base_tool_keyframes))
-    check_smoothness(trajectory, limits)
-    shares = check_limits(trajectory, limits)
-    check_samples(trajectory, limits)
+    check_smoothness(trajectory, robot.limits)
+    shares = check_limits(trajectory, robot.limits)
+    check_samples(trajectory, robot.limits)
     errors = _check_poses(trajectory, _arm(robot), T_base_tool_keyframes)
     if world is not None:
         scene = _scene(robot, *world)
         touch = find_touch(scene.arm, trajectory, scene.pairs(trajectory))
         if touch is not None:
             _refuse(trajectory, touch)
-    return AuditReport(*shares, *errors, torque_of(trajectory, limits, robot, load))
+    return AuditReport(*shares, *errors, torque_of(trajectory, robot, load))
 
 
 def audit_received(path: JointTrajectory, robot: Robot, world: tuple[Calibration, GraspedObject | None]) -> None:
@@ -107,11 +106,10 @@ def audit_received(path: JointTrajectory, robot: Robot, world: tuple[Calibration
         raise TouchError(what, t=touch.t, bodies=touch.bodies)
 
 
-def torque_of(
-    trajectory: JointTrajectory, limits: JointLimits, robot: Robot, load: Load, pace: float = 1.0
-) -> Torque | None:
+def torque_of(trajectory: JointTrajectory, robot: Robot, load: Load, pace: float = 1.0) -> Torque | None:
     """Return the largest share of a torque limit (`find_torque`); None where no limit is known."""
-    return None if limits.effort is None else find_torque(_arm(robot), trajectory, load, limits.effort, pace)
+    effort = robot.limits.effort
+    return None if effort is None else find_torque(_arm(robot), trajectory, load, effort, pace)
 
 
 @lru_cache(maxsize=16)

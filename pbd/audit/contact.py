@@ -81,7 +81,7 @@ class Touch:
         return ordered[0].name, ordered[1].name
 
 
-class Motion:
+class SampledMotion:
     """A trajectory on a time grid of n instants, in spans of SPAN intervals.
 
     Attributes:
@@ -91,9 +91,7 @@ class Motion:
 
     def __init__(self, arm: AuditArm, trajectory: JointTrajectory) -> None:
         self.arm, self.trajectory = arm, trajectory
-        count = min(int(trajectory.duration / GRID_S) + 2, MAX_GRID)
-        even = np.linspace(0.0, trajectory.duration, count)
-        t = np.unique(np.concatenate((even, trajectory.knots, trajectory.gripper_t)))
+        t = np.union1d(time_grid(trajectory, GRID_S, MAX_GRID), trajectory.gripper_t)
         self.t = t[(t >= 0.0) & (t <= trajectory.duration)]
         self.travelled = self._travelled()
         self._q = arm.configurations(coordinates(trajectory, self.t))
@@ -154,7 +152,7 @@ class Motion:
 
 def find_touch(arm: AuditArm, trajectory: JointTrajectory, pairs: Sequence[Pair]) -> Touch | None:
     """Return the first contact of a motion, or None."""
-    motion, first = Motion(arm, trajectory), None
+    motion, first = SampledMotion(arm, trajectory), None
     for pair in pairs:
         t = _first_touch(motion, pair, min(pair.end, first.t if first else np.inf))
         if t is not None:
@@ -162,7 +160,7 @@ def find_touch(arm: AuditArm, trajectory: JointTrajectory, pairs: Sequence[Pair]
     return first
 
 
-def _first_touch(motion: Motion, pair: Pair, end: float) -> float | None:
+def _first_touch(motion: SampledMotion, pair: Pair, end: float) -> float | None:
     """Return the time (s) at which two solids first touch, or None if they don't touch until `end`."""
     travel, measured = motion.travel(pair), False
     spans = motion.close_spans(pair, travel)
@@ -188,6 +186,12 @@ def _first_touch(motion: Motion, pair: Pair, end: float) -> float | None:
         due = int(travel.searchsorted(travel[row] + share * step + apart, side="right")) - 1
         row, share = max(due - due % SPAN, row + 1), 0.0
     return None
+
+
+def time_grid(trajectory: JointTrajectory, step_s: float, most: int) -> Array:
+    """Return the knots and evenly spaced instants, s: at most `step_s` apart, but not more than `most`."""
+    even = np.linspace(0.0, trajectory.duration, min(int(trajectory.duration / step_s) + 2, most))
+    return np.union1d(even, trajectory.knots)
 
 
 def coordinates(trajectory: JointTrajectory, t: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.audit.arm import AuditArm, se3
-from pbd.audit.contact import coordinates, joint_motion
+from pbd.audit.contact import coordinates, joint_motion, time_grid
 from pbd.audit.grasp import follow_object
 from pbd.data import GraspedObject, JointTrajectory, Load
 from pbd.pose import Array
@@ -55,8 +55,7 @@ def find_torque(arm: AuditArm, trajectory: JointTrajectory, load: Load, effort: 
         effort: (k,) limits, N m, or N for a sliding joint.
         pace: speed of the motion, see `torques`.
     """
-    even = np.linspace(0.0, trajectory.duration, min(int(trajectory.duration / GRID_S) + 2, MAX_GRID))
-    t = np.union1d(even, trajectory.knots)
+    t = time_grid(trajectory, GRID_S, MAX_GRID)
     values = np.abs(torques(arm, trajectory, t, load, pace))
     i, joint = np.unravel_index(int(np.argmax(values / effort)), values.shape)
     model, joints = arm.model, [arm.model.getJointId(name) for name in arm.robot.joints]

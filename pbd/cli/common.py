@@ -158,12 +158,12 @@ def _start_joints(args: argparse.Namespace, robot: Robot) -> tuple[float, ...]:
 
 def plan_demonstration(args: argparse.Namespace, measured: tuple[float, ...] | None = None) -> Plan:
     """Load, track and plan args.demo; the motion is audited. `measured`: see `plan_options`."""
-    from pbd.planning import load_arm, plan_path
+    from pbd.planning import load_robot_and_calibration, plan_path
 
     if measured is None and args.start is None and args.units.asked:
         raise UsageError("--units is for --from alone, as motions are always in rad and m: leave it out")
     demo = load_demonstration(args.demo)
-    robot, calibration = load_arm(args.robot, args.calibration)
+    robot, calibration = load_robot_and_calibration(args.robot, args.calibration)
     path, _ = track_demonstration(demo, args.method, calibration, args.accept_gap)
     options = plan_options(args, robot, measured)
     with working(f"planning for {robot.name}"):

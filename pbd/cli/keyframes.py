@@ -20,8 +20,8 @@ from pbd.cli.keyframes_file import assign_frames
 from pbd.data import Calibration, HandPath, Keyframe, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
 from pbd.errors import UsageError
-from pbd.planning import arm_of, load_arm, solve_keyframes
-from pbd.planning.object_frames import things
+from pbd.planning import arm_of, load_robot_and_calibration, solve_keyframes
+from pbd.planning.object_frames import keyframes_of_things
 from pbd.planning.result import place_remark, size_remark
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
@@ -35,7 +35,9 @@ def run(args: argparse.Namespace) -> None:
     demo = load_demonstration(args.demo)
     if args.force:
         demo = replace(demo, keyframes=None)
-    robot, calibration = load_arm(args.robot, args.calibration) if args.robot else (None, named_calibration(args))
+    robot, calibration = (
+        load_robot_and_calibration(args.robot, args.calibration) if args.robot else (None, named_calibration(args))
+    )
     path, keyframes = track_demonstration(demo, args.method, calibration, args.accept_gap)
     if path.claims and demo.keyframes is None:
         fits = (f"{fit.saying} (off by {100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma)" for fit in path.claims)
@@ -66,7 +68,7 @@ def run(args: argparse.Namespace) -> None:
         "success": None if inside is None else {"probability": inside.of_all, "band": inside.band},
         "frames": [  # each with the tool's position at its first keyframe
             {"name": name, "keyframes": list(members), "base_position_m": rows[members[0]].get("base_position_m")}
-            for name, members in things(keyframes).items()
+            for name, members in keyframes_of_things(keyframes).items()
         ],
     }
     tables = [keyframes_table(keyframes, args.units, None if inside is None else inside.of_each)]

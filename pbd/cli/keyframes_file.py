@@ -12,7 +12,7 @@ from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed
 from pbd.files.keyframes import NAME, write_keyframes
 from pbd.files.keyframes_edit import set_frames
-from pbd.planning.object_frames import refuse_unknown_things, things
+from pbd.planning.object_frames import keyframes_of_things, refuse_unknown_things
 from pbd.planning.options import PlanOptions, dwells
 
 
@@ -25,7 +25,7 @@ def assign_frames(
         RecordingError: there is no keyframe of that number, or nothing can be saved there.
         UsageError: the thing is unknown, or a keyframe would belong to two things that do not carry each other.
     """
-    known = {names[0] for names, *_ in args.frame}.union(things(keyframes))
+    known = {names[0] for names, *_ in args.frame}.union(keyframes_of_things(keyframes))
     refuse_unknown_things((name for names, *_ in args.frame for name in names), sorted(known))
     frames: dict[int, tuple[str, ...]] = {}
     for names, first, last in args.frame:

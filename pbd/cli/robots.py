@@ -119,13 +119,13 @@ def rank_robots(args: argparse.Namespace) -> None:
 def _ranked_row(name: str, calibration_name: str | None, path: HandPath) -> dict[str, Any]:
     """Return a robot's row of the JSON: the figures of its motion, or `why` it can't do it."""
     from pbd.arm.ik.partial_pose import WARN_RAD
-    from pbd.planning import arm_of, load_arm, plan_path
+    from pbd.planning import arm_of, load_robot_and_calibration, plan_path
 
     row: dict[str, Any] = {"name": name}
     row |= dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "holds_poses", "why"))
     with collected_warnings() as row["warnings"]:
         try:
-            robot, calibration = load_arm(name, calibration_name)
+            robot, calibration = load_robot_and_calibration(name, calibration_name)
             row |= {"reach_m": reach(arm_of(robot)), "scale": calibration.scale}
             plan = plan_path(path, calibration, robot)
             row["farthest_m"] = max(float(np.hypot(*pose.p[:2])) for pose in plan.T_base_tool)
@@ -189,7 +189,7 @@ def _values(found: Suggestion) -> dict[str, Any]:
 
 def _reasons(found: Suggestion, demo: str) -> list[str]:
     """Explain this home and this dock in sentences."""
-    joint, room = found.at
+    joint, room = found.near_limit
     dock, took_s = found.plan.calibration, found.plan.trajectory.duration
     table = "the table's height is the file's own"
     if not found.own_table:

@@ -17,7 +17,7 @@ from pbd.data import TouchUp
 from pbd.errors import RecordingError, UsageError, warn
 from pbd.files.keyframes import LARGEST_NUDGE_M, NAME
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
-from pbd.planning import load_arm
+from pbd.planning import load_robot_and_calibration
 from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import Array, quat_inverse, quat_rotate
 from pbd.view.terminal_tables import make_table
@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
     if args.at and args.tool:
         raise UsageError("--tool is for --by: --at is a place in base; leave --tool out")
     demo = load_demonstration(args.demo)
-    _, calibration = load_arm(args.robot, args.calibration)
+    _, calibration = load_robot_and_calibration(args.robot, args.calibration)
     path, keyframes = track_demonstration(demo, "default", calibration, args.accept_gap)
     placed = in_base(keyframes, calibration, path=path)
     before = touched_up(placed)

@@ -7,14 +7,14 @@ from pbd.planning.export_source import source_of
 from pbd.planning.options import PlanOptions
 from pbd.planning.plan import can_plan, plan, plan_keyframes, plan_path
 from pbd.planning.result import Plan
-from pbd.planning.task import arm_of, load_arm, scene_of
+from pbd.planning.task import arm_of, load_robot_and_calibration, scene_of
 
 __all__ = [
     "Plan",
     "PlanOptions",
     "arm_of",
     "can_plan",
-    "load_arm",
+    "load_robot_and_calibration",
     "plan",
     "plan_keyframes",
     "plan_path",

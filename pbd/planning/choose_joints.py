@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pbd.arm.refusal import Refusal
 
 
-class Refused(NamedTuple):
+class PlanRefusal(NamedTuple):
     """Why there is no plan, and other options that may give one, each with its description."""
 
     error: PbdError
@@ -30,7 +30,7 @@ class Refused(NamedTuple):
 
 def choose_joints(
     arm: ArmModel, scene: CollisionScene | None, request: MotionRequest, options: PlanOptions
-) -> Motion | Refused:
+) -> Motion | PlanRefusal:
     """Choose joints and segments; without a scene, collisions are ignored."""
     from pbd.arm.choose_motion import choose_motion
     from pbd.arm.collision.motion_check import refuse_home
@@ -41,13 +41,13 @@ def choose_joints(
             try:
                 refuse_home(scene)
             except PlanError as error:
-                return Refused(error, (_without_home(options),))
+                return PlanRefusal(error, (_without_home(options),))
         leg, *_ = scene.legs(request.T_base_tool, request.grips)
         if options.approach and (hit := scene.hit(request.q_start, leg)) is not None:
             what = f"at the arm's start: {hit}; move the arm, or correct the obstacles in the calibration"
-            return Refused(PlanError(what, **hit.fields))
+            return PlanRefusal(PlanError(what, **hit.fields))
     found = choose_motion(arm, request, scene)
-    return found if isinstance(found, Motion) else Refused(found.error, _alternatives(found, options))
+    return found if isinstance(found, Motion) else PlanRefusal(found.error, _alternatives(found, options))
 
 
 def _without_home(options: PlanOptions) -> tuple[str, PlanOptions]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,7 +49,7 @@ def source_of(plan: Plan) -> Source:
         hand=hand,
         T_base_nav=plan.T_base_nav,
         tool=tool,
-        links=lambda q, opening: links_in_parents(arm, q, opening),
+        links=partial(links_in_parents, arm),
         audit=audit,
         draw=draw,
     )

@@ -28,7 +28,7 @@ class ThingPlace(NamedTuple):
         return f"{self.name}={x:.3f},{y:.3f},{z:.3f},{np.degrees(self.turn_rad) + 0.0:.0f}"
 
 
-def things(keyframes: Sequence[Keyframe]) -> dict[str, tuple[int, ...]]:
+def keyframes_of_things(keyframes: Sequence[Keyframe]) -> dict[str, tuple[int, ...]]:
     """Return the indices of each thing's keyframes by its name; a carrier comes before what it carries.
 
     A lid on a cup also moves with the tray that carries the cup at other keyframes.
@@ -53,7 +53,7 @@ def place_things(
     Raises:
         UsageError: no keyframe belongs to the thing of a place.
     """
-    poses, known = list(T_base_tool), things(keyframes)
+    poses, known = list(T_base_tool), keyframes_of_things(keyframes)
     by_name = {place.name: place for place in places}
     refuse_unknown_things(by_name, known)
     for name, members in known.items():

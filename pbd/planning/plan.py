@@ -14,13 +14,13 @@ from pbd.calibration.tool_poses import with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Load, Robot
 from pbd.errors import PbdError, PlanError, require_kind, require_type
 from pbd.pipeline import track
-from pbd.planning.choose_joints import Refused, choose_joints
-from pbd.planning.object_frames import nearest_working_place, things
+from pbd.planning.choose_joints import PlanRefusal, choose_joints
+from pbd.planning.object_frames import keyframes_of_things, nearest_working_place
 from pbd.planning.options import PlanOptions, dwells, hand_durations
 from pbd.planning.preconditions import (
     check_certainty,
     check_count,
-    check_spread,
+    spread_error,
     start_joints,
     warn_of_shapes,
     warn_of_table,
@@ -138,10 +138,8 @@ def plan_keyframes(
     _require_types(calibration, robot, options)
     require_type("plan_keyframes", hand_path, "pbd.track", HandPath, optional=True)
     require_type("plan_keyframes", grasped, "pbd.data.GraspedObject", GraspedObject, optional=True)
-    task, options = (
-        Task(tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped),
-        options or PlanOptions(),
-    )
+    task = Task(tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped)
+    options = options or PlanOptions()
     found = _attempt(task, options)
     if isinstance(found, Plan):
         return found
@@ -160,7 +158,7 @@ def _works(task: Task, options: PlanOptions, attempt: Callable[[Task, PlanOption
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # they concern a plan that nobody sees
         try:
-            return not isinstance((attempt or _attempt)(task, options), Refused)
+            return not isinstance((attempt or _attempt)(task, options), PlanRefusal)
         except PbdError:
             return False
 
@@ -174,12 +172,12 @@ def _suggest_place(task: Task, options: PlanOptions, error: PbdError) -> list[st
         return []
     others = tuple(each for each in options.at if each is not wanted)
     _, as_shown = place_keyframes(task, replace(options, at=others))
-    p_shown = as_shown[things(task.keyframes)[wanted.name][0]].p
+    p_shown = as_shown[keyframes_of_things(task.keyframes)[wanted.name][0]].p
     found = nearest_working_place(wanted, p_shown, lambda at: _works(task, replace(options, at=(*others, at))))
     return [] if found is None else [f"put the {wanted.name} nearer to where it was shown (--at {found} works)"]
 
 
-def _prepare(task: Task, options: PlanOptions) -> Prepared | Refused:
+def _prepare(task: Task, options: PlanOptions) -> Prepared | PlanRefusal:
     """Choose joints and segments, without timing. Also return T_base_nav, the tool's poses and the start."""
     keyframes, calibration, robot, hand_path, grasped = task
     if options.path == "demo" and hand_path is None:
@@ -188,9 +186,9 @@ def _prepare(task: Task, options: PlanOptions) -> Prepared | Refused:
     check_certainty(keyframes, options.scale * calibration.scale, hand_path)
     arm = arm_of(robot)
     T_base_nav, T_base_tool = place_keyframes(task, options)
-    if options.path != "demo" and (error := check_spread(T_base_tool)) is not None:
+    if options.path != "demo" and (error := spread_error(T_base_tool)) is not None:
         demo = replace(options, path="demo", tolerance_m=None)
-        return Refused(error, (("follow the hand with --path demo", demo),))
+        return PlanRefusal(error, (("follow the hand with --path demo", demo),))
     q_start = start_joints(arm, options)
     scene = scene_of(arm, calibration, grasped)
     warn_of_shapes(arm)
@@ -201,20 +199,20 @@ def _prepare(task: Task, options: PlanOptions) -> Prepared | Refused:
     hand = None if hand_path is None else cache(partial(demonstrated_moves, hand_path, *between))
     request = request_of(arm, T_base_tool, q_start, hand, options, [keyframe.grip for keyframe in keyframes])
     chosen = choose_joints(arm, scene, request, options)
-    if isinstance(chosen, Refused) and options.allow_collision:
+    if isinstance(chosen, PlanRefusal) and options.allow_collision:
         chosen = choose_joints(arm, None, request, options)
-    if isinstance(chosen, Refused):
+    if isinstance(chosen, PlanRefusal):
         return chosen
     return arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen
 
 
-def _attempt(task: Task, options: PlanOptions) -> Plan | Refused:
+def _attempt(task: Task, options: PlanOptions) -> Plan | PlanRefusal:
     from pbd.arm.ik.partial_pose import held_poses
     from pbd.arm.timing.time_moves import time_moves
     from pbd.audit.audit import TouchError, audit, torque_of
 
     prepared = _prepare(task, options)
-    if isinstance(prepared, Refused):
+    if isinstance(prepared, PlanRefusal):
         return prepared
     keyframes, calibration, robot, hand_path, grasped = task
     arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen = prepared
@@ -239,14 +237,14 @@ def _attempt(task: Task, options: PlanOptions) -> Plan | Refused:
 
     def share_at(speed: float) -> float:
         another, pace = (timed_at(speed, deviation_share)[0], 1.0) if speed else (trajectory, 0.0)
-        torque = torque_of(another, robot.limits, robot, load, pace)
+        torque = torque_of(another, robot, load, pace)
         return torque.share if torque else 0.0
 
     world = None if options.allow_collision else (calibration, grasped)
     for deviation_share in DEVIATION_SHARES:
         trajectory, took = timed_at(options.speed, deviation_share)
         try:
-            report = audit(trajectory, robot.limits, robot, held, world, load)
+            report = audit(trajectory, robot, held, world, load)
             break
         except TouchError:
             if deviation_share == DEVIATION_SHARES[-1]:

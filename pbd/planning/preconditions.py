@@ -36,7 +36,7 @@ def check_count(keyframes: Sequence[Keyframe]) -> None:
         )
 
 
-def check_spread(T_base_tool: Sequence[Pose]) -> TrackingError | None:
+def spread_error(T_base_tool: Sequence[Pose]) -> TrackingError | None:
     """Return the error if all keyframes lie in one place."""
     away = [T_base_tool[0].distance(pose) for pose in T_base_tool]
     if any(distance >= NEAR_M or angle >= NEAR_RAD for distance, angle in away):
@@ -105,7 +105,7 @@ def warn_of_wide_moves(arm: ArmModel, motion: Motion) -> None:
     """Warn of wide moves: the tool turns, or leaves the straight line, much more than needed."""
     from pbd.arm.motion_request import STRAIGHT
 
-    wide = [(i, way.wide) for i, way in enumerate(motion.segments) if way.wide is not None and way.kind == STRAIGHT]
+    wide = [(i, move.wide) for i, move in enumerate(motion.segments) if move.wide is not None and move.kind == STRAIGHT]
     if wide:
         text = ", ".join(
             f"to keyframe {i} it will {deviation}{_turns_back(arm, motion, i)}" for i, deviation in wide[:3]

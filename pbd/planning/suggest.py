@@ -55,7 +55,7 @@ class Suggestion:
     Attributes:
         robot: the robot with this home and dock.
         plan: the plan of the demonstration.
-        at: the joint that is nearest to a limit at home: its name and the distance, rad or m.
+        near_limit: the joint that is nearest to a limit at home: its name and the distance, rad or m.
         manipulability: that at home, relative to the arm's 25th percentile.
         ranked, within_reach: number of docks ranked at this scale, and of those with all keyframes within reach.
         own_table: the user gave the table's height.
@@ -64,7 +64,7 @@ class Suggestion:
 
     robot: Robot
     plan: Plan
-    at: tuple[str, float]
+    near_limit: tuple[str, float]
     manipulability: float
     ranked: int
     within_reach: int

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     Hand = Callable[[], Sequence[DemonstratedMove]]
 
 
-def load_arm(robot: str, calibration: str | None = None) -> tuple[Robot, Calibration]:
+def load_robot_and_calibration(robot: str, calibration: str | None = None) -> tuple[Robot, Calibration]:
     """Load a robot, and its calibration: the one named, else the robot's own dock, else the default.
 
     Raises:
@@ -34,10 +34,10 @@ def load_arm(robot: str, calibration: str | None = None) -> tuple[Robot, Calibra
     from pbd.files.calibration import load_calibration
     from pbd.files.robot import load_robot
 
-    arm = load_robot(robot)
-    if calibration is None and arm.dock is not None:
-        return arm, arm.dock
-    return arm, with_table(load_calibration(calibration or "default"), arm)
+    loaded = load_robot(robot)
+    if calibration is None and loaded.dock is not None:
+        return loaded, loaded.dock
+    return loaded, with_table(load_calibration(calibration or "default"), loaded)
 
 
 def request_of(

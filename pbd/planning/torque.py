@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from pbd.data import JointLimits, Load
 from pbd.errors import PlanError, warn
-from pbd.planning.choose_joints import Refused
+from pbd.planning.choose_joints import PlanRefusal
 from pbd.planning.options import PlanOptions
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ ASSUMED_FACTOR = 5.0
 
 def check_torque(
     torque: Torque | None, limits: JointLimits, load: Load, options: PlanOptions, share_at: Callable[[float], float]
-) -> Refused | None:
+) -> PlanRefusal | None:
     """Warn of torques near the limit, or above an assumed one; return the refusal of larger ones.
 
     `share_at`: returns the largest share of a torque limit at another speed; at speed 0, for the arm at rest.
@@ -45,7 +45,7 @@ def check_torque(
         what = f"{needs}: {share} {bound}; {'' if slower else 'a lower speed does not help: '}{lighter}"
         fields = {"joint": torque.joint, "t": torque.t, "value": torque.value, "bound": torque.bound}
         alternatives = ((f"use --speed {slower:g}", replace(options, speed=slower)),) if slower else ()
-        return Refused(PlanError(what, **fields), alternatives)
+        return PlanRefusal(PlanError(what, **fields), alternatives)
     if torque.share > HIGH_SHARE:
         warn(f"{needs}: {100.0 * torque.share:.0f} % of {bound}")
     return None

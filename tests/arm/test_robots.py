@@ -10,7 +10,7 @@ import pytest
 
 from pbd.arm.reach import sample_joints
 from pbd.cli import main
-from pbd.planning import PlanOptions, load_arm
+from pbd.planning import PlanOptions, load_robot_and_calibration
 from pbd.pose import quat_to_matrix
 from tests.arm.bundled import FIVE_JOINTS, FOLDER, NAMES, arm_of
 
@@ -115,9 +115,9 @@ def test_makers_figures() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_calibration_named_by_the_user_wins_over_the_robots_own(name: str, tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text('format = 1\nname = "c"\n[dock]\nposition = [0.4, 0, 0.2]\nrpy_deg = [0, 0, 0]\n')
-    chosen = [load_arm(name, c)[1] for c in (None, str(tmp_path / "c.toml"))]
+    chosen = [load_robot_and_calibration(name, c)[1] for c in (None, str(tmp_path / "c.toml"))]
     assert [calibration.name for calibration in chosen] == [name, "c"]
     no_dock = (FOLDER / f"{name}.toml").read_text(encoding="utf-8")
     (tmp_path / "free.toml").write_text(no_dock[: no_dock.index("[dock]")], encoding="utf-8")
-    _, calibration = load_arm(str(tmp_path / "free.toml"))
+    _, calibration = load_robot_and_calibration(str(tmp_path / "free.toml"))
     assert calibration.name == "default"

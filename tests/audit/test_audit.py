@@ -14,7 +14,7 @@ from scipy.interpolate import BSpline, PPoly
 from pbd.arm.model import ArmModel
 from pbd.audit.audit import audit
 from pbd.audit.limits import check_samples
-from pbd.data import JointTrajectory
+from pbd.data import JointTrajectory, Robot
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
 from tests.arm.conftest import changed, random_joints
@@ -34,7 +34,7 @@ def plan(arm: ArmModel, **factors: float) -> tuple[JointTrajectory, list[Pose]]:
 
 def test_a_sound_trajectory_passes_and_reports_its_shares(arm: ArmModel) -> None:
     trajectory, poses = plan(arm)
-    report = audit(trajectory, arm.limits, arm.robot, poses)
+    report = audit(trajectory, arm.robot, poses)
     fine = trajectory.sample(5000.0)
     velocity = (np.abs(fine.qd) / arm.limits.velocity).max()
     acceleration = (np.abs(fine.qdd) / arm.limits.acceleration).max()
@@ -51,7 +51,7 @@ def test_each_limit_is_enforced(arm: ArmModel, limit: str, unit: str) -> None:
     """A motion planned with one limit 0.1 % too wide exceeds that limit and no other."""
     trajectory, poses = plan(arm, **{limit: 1.001})
     with pytest.raises(PlanError) as caught:
-        audit(trajectory, arm.limits, arm.robot, poses)
+        audit(trajectory, arm.robot, poses)
     fields = caught.value.fields
     joint, t, value, bound = fields["joint"], fields["t"], fields["value"], fields["bound"]
     assert isinstance(t, float)
@@ -63,7 +63,11 @@ def test_each_limit_is_enforced(arm: ArmModel, limit: str, unit: str) -> None:
         "trajectory was written; please report it with the demonstration and the robot's TOML"
     )
     # The same trajectory passes the limits that it was planned with.
-    audit(trajectory, changed(arm.limits, **{limit: 1.001 * getattr(arm.limits, limit)}), arm.robot, poses)
+    audit(trajectory, limited(arm, **{limit: 1.001 * getattr(arm.limits, limit)}), poses)
+
+
+def limited(arm: ArmModel, **arrays: Array) -> Robot:
+    return replace(arm.robot, limits=changed(arm.limits, **arrays))
 
 
 def spline(arm: ArmModel, seed: int) -> tuple[JointTrajectory, PPoly]:
@@ -101,23 +105,23 @@ def test_extremes_inside_the_pieces_are_found(arm: ArmModel, seed: int) -> None:
     trajectory, q = spline(arm, seed)
     poses = [arm.forward(trajectory.keyframe_q[0])]
     velocity = max(np.abs(extremes(q.derivative(), j)).max() / arm.limits.velocity[j] for j in range(7))
-    assert audit(trajectory, arm.limits, arm.robot, poses).velocity == pytest.approx(velocity, rel=1e-9)
+    assert audit(trajectory, arm.robot, poses).velocity == pytest.approx(velocity, rel=1e-9)
     with pytest.raises(PlanError, match="has velocity") as caught:
-        audit(trajectory, changed(arm.limits, velocity=0.99 * velocity * arm.limits.velocity), arm.robot, poses)
+        audit(trajectory, limited(arm, velocity=0.99 * velocity * arm.limits.velocity), poses)
     then = np.abs(q(caught.value.fields["t"], nu=1)) / arm.limits.velocity  # type: ignore[arg-type]
     assert then.max() == pytest.approx(velocity, rel=1e-9)
     for joint in range(7):
         highest, lowest = (float(pick(extremes(q, joint))) for pick in (np.max, np.min))
         tight = {"lower": np.where(np.arange(7) == joint, lowest, -10.0), "upper": np.full(7, 10.0)}
-        audit(trajectory, changed(arm.limits, **tight), arm.robot, poses)
+        audit(trajectory, limited(arm, **tight), poses)
         tight["lower"] += 1e-5
         with pytest.raises(PlanError, match=f"{arm.robot.joints[joint]} is at") as caught:
-            audit(trajectory, changed(arm.limits, **tight), arm.robot, poses)
+            audit(trajectory, limited(arm, **tight), poses)
         assert q(caught.value.fields["t"])[joint] == pytest.approx(lowest, abs=1e-9)  # type: ignore[arg-type]
         assert caught.value.fields["value"] == pytest.approx(lowest)
         tight = {"lower": np.full(7, -10.0), "upper": np.where(np.arange(7) == joint, highest - 1e-5, 10.0)}
         with pytest.raises(PlanError, match=f"{arm.robot.joints[joint]} is at"):
-            audit(trajectory, changed(arm.limits, **tight), arm.robot, poses)
+            audit(trajectory, limited(arm, **tight), poses)
 
 
 def altered(trajectory: JointTrajectory, piece: int, order: int, by: float) -> JointTrajectory:
@@ -170,7 +174,7 @@ Alter = Callable[[JointTrajectory], JointTrajectory]
 def test_each_fault_is_found(arm: ArmModel, alter: Alter, message: str) -> None:
     trajectory, poses = plan(arm)
     with pytest.raises(PlanError, match=f"^audit: .*{message}.*; no trajectory was written; please report it"):
-        audit(alter(trajectory), arm.limits, arm.robot, poses)
+        audit(alter(trajectory), arm.robot, poses)
 
 
 @pytest.mark.parametrize("last", [1, 2])
@@ -186,7 +190,7 @@ def test_a_motion_that_does_not_end_at_rest_is_refused(arm: ArmModel, last: int)
         keyframe_q=trajectory.keyframe_q[:-1],
     )
     with pytest.raises(PlanError, match=r"jumps by .* rad/s2? in (velocity|acceleration)") as caught:
-        audit(short, arm.limits, arm.robot, poses[:-1])
+        audit(short, arm.robot, poses[:-1])
     assert caught.value.fields["t"] == short.duration
 
 
@@ -199,11 +203,11 @@ def test_a_pose_off_by_more_than_its_tolerance_is_refused(arm: ArmModel, twist: 
     trajectory, poses = plan(arm)
     required = [*poses[:3], poses[3] @ Pose.exp(twist), poses[4]]
     if sound:
-        report = audit(trajectory, arm.limits, arm.robot, required)
+        report = audit(trajectory, arm.robot, required)
         assert report.max_position_error_m + report.max_rotation_error_rad == pytest.approx(0.9e-5, rel=1e-3)
     else:
         with pytest.raises(PlanError) as caught:
-            audit(trajectory, arm.limits, arm.robot, required)
+            audit(trajectory, arm.robot, required)
         assert caught.value.fields["keyframe"] == 3
         assert "at keyframe 3 (" in caught.value.message
         assert " rad off its pose; no trajectory was written; " in caught.value.message
@@ -226,7 +230,7 @@ def test_samples_that_differ_from_the_pieces_are_found(arm: ArmModel, monkeypatc
     trajectory, poses = plan(arm)
     changed_sample(monkeypatch)
     with pytest.raises(PlanError, match="panda_joint6 has velocity"):
-        audit(trajectory, arm.limits, arm.robot, poses)
+        audit(trajectory, arm.robot, poses)
 
 
 @pytest.mark.parametrize("order", ["q", "qd", "qdd"])

@@ -15,7 +15,7 @@ from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
 from pbd.audit.collision_pairs import AuditScene
-from pbd.audit.contact import SPAN, Motion, Pair, Placement, coordinates, find_touch
+from pbd.audit.contact import SPAN, Pair, Placement, SampledMotion, coordinates, find_touch
 from pbd.audit.grasp import resting_contact, tool_rod
 from pbd.audit.solids import hull_distance, link_solids, simple_solid
 from pbd.data import Calibration, GraspedObject, Gripper, JointLimits, JointTrajectory, Obstacle, Robot
@@ -41,7 +41,7 @@ def test_no_point_moves_farther_than_its_bound(name: str, odd_robot: Robot) -> N
     """Path length of a point on each joint, relative to the base, in steps of 20 us between instants of the grid."""
     robot = odd_robot if name == "odd" else arm_of(name).robot
     arm, trajectory = AuditArm(robot), swing(robot)
-    motion, rng = Motion(arm, trajectory), np.random.default_rng(0)
+    motion, rng = SampledMotion(arm, trajectory), np.random.default_rng(0)
     still = simple_solid("still", 0, pin.SE3.Identity(), "sphere", (0.1,))
     for joint in filter(arm.driven_ancestors, range(1, arm.model.njoints)):
         p = rng.normal(0.0, 0.1, 3)
@@ -61,7 +61,7 @@ def test_nothing_touches_in_spans_that_bounding_spheres_rule_out(name: str, odd_
     trajectory = swing(robot)
     ball = Obstacle("the ball", "sphere", (0.1,), Pose.from_rpy((0.3, 0.2, 0.3), DOWN))
     scene = AuditScene(arm, replace(BENCH, table_height=-0.1, obstacles=(ball,)), BOTTLE)
-    motion, ruled_out = Motion(arm, trajectory), 0
+    motion, ruled_out = SampledMotion(arm, trajectory), 0
     starts = np.arange(0, len(motion.t), SPAN)
     rows = rng.integers(starts, np.minimum(starts + SPAN, len(motion.t) - 1) + 1)
     for pair in scene.pairs(trajectory):
@@ -77,7 +77,7 @@ def test_the_last_instant_is_in_a_span_whatever_their_number() -> None:
     arm = AuditArm(robot)
     still, thing = (simple_solid("ball", j, pin.SE3.Identity(), "sphere", (9.0,)) for j in (0, arm.tool_joint))
     for dwell in 0.1 + 0.004 * np.arange(SPAN):
-        motion = Motion(arm, time_keyframes(arm_of("panda"), robot.home[None], [dwell], [None], robot.home))
+        motion = SampledMotion(arm, time_keyframes(arm_of("panda"), robot.home[None], [dwell], [None], robot.home))
         pair, last = Pair(thing, still), len(motion.t) - 1
         assert motion.close_spans(pair, motion.travel(pair))[-1] == last // SPAN
         counts.add(last % SPAN)
@@ -285,6 +285,6 @@ def test_a_speed_that_peaks_between_two_instants_is_bounded() -> None:
         keyframe_t=np.zeros(1),
         keyframe_q=np.zeros((1, len(robot.joints))),
     )
-    motion = Motion(AuditArm(robot), trajectory)
+    motion = SampledMotion(AuditArm(robot), trajectory)
     assert motion.t.tolist() == [0.0, 0.002]
     assert motion.travelled[-1, 3] >= trajectory.at(motion.t).q[-1, 3] > 9e-6

@@ -59,7 +59,7 @@ def main() -> None:
             "ik": median_ms(lambda: solve_path(arm, T_base_tool, robot.home), runs),
             "timing": median_ms(lambda: time_keyframes(arm, q, dwells, grips, robot.home), runs),
             "collision": median_ms(lambda: check_motion(scene, plan.trajectory), runs),
-            "audit": median_ms(lambda: audit(plan.trajectory, robot.limits, robot, T_base_tool, world), runs),
+            "audit": median_ms(lambda: audit(plan.trajectory, robot, T_base_tool, world), runs),
             "audit_load": median_ms(lambda: AuditScene(AuditArm(robot), *world), runs),
             "page": median_ms(lambda: write_page(shown, page), max(3, runs // 10)),
         }

@@ -156,9 +156,7 @@ def planning(tracked: tuple[HandPath, tuple[Keyframe, ...]], runs: int) -> dict[
             "ik": median_ms(lambda: solve_path(arm, plan.T_base_tool, robot.home), runs),
             "timing": median_ms(lambda: time_keyframes(arm, q, dwells, grips, robot.home), runs),
             "collision": median_ms(lambda: check_motion(scene, plan.trajectory), runs),
-            "audit": median_ms(
-                lambda: audit(plan.trajectory, robot.limits, robot, plan.T_base_tool, (dock, grasped)), runs
-            ),
+            "audit": median_ms(lambda: audit(plan.trajectory, robot, plan.T_base_tool, (dock, grasped)), runs),
             "audit_load": median_ms(lambda: AuditScene(AuditArm(robot), dock, grasped), runs),
         },
     }
