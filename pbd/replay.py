@@ -14,7 +14,7 @@ from pbd.data import Samples
 from pbd.planning import Plan, arm_of, scene_of
 from pbd.planning.result import size_remark
 from pbd.pose import Array, quat_rotate, quat_to_matrix
-from pbd.view.replay_scene import Contact, ReplayScene, Rod
+from pbd.view.replay_scene import ReplayScene, Rod, TouchingPair
 from pbd.view.robot_motion import FRAME_RATE_HZ, RobotMotion
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
         tolerance=np.array([R @ np.diag(np.full(3, np.nan) if m is None else m**2) @ R.T for m in tolerances]),
         inside=np.ones(len(tolerances)) if success is None else success.of_each,
         hand_path_base=_hand_path(plan),
-        hand_speed=np.linalg.norm(path.v_nav_sensor[_demonstrated(plan)], axis=1),
+        hand_speed=np.linalg.norm(path.v_nav_sensor[path.demonstrated], axis=1),
         grasped=plan.grasped,
         stays=object_stays(scene_of(arm, plan.calibration, plan.grasped), plan.trajectory),
         rod=_rod(arm),
@@ -66,19 +66,13 @@ def robot_motion(arm: ArmModel, samples: Samples) -> RobotMotion:
     return RobotMotion(arm.full, samples.t, q)
 
 
-def _demonstrated(plan: Plan) -> slice:
-    """Return the samples of the hand's path from the first stop to the last."""
-    stops = plan.tracked[0].stops
-    return slice(stops[0].start, stops[-1].stop)
-
-
 def _hand_path(plan: Plan) -> Array:
     """Return where the hand would have carried the tool, (n, 3) m in base, scaled as the motion is."""
-    path, rows, T_base_nav = plan.tracked[0], _demonstrated(plan), plan.T_base_nav
-    p_base_sensor = T_base_nav.act(plan.scale * path.p_nav_sensor[rows])
+    path, T_base_nav = plan.tracked[0], plan.T_base_nav
+    p_base_sensor = T_base_nav.act(plan.scale * path.p_nav_sensor[path.demonstrated])
     if plan.options.orientation == "fixed":
         return p_base_sensor + (plan.T_base_tool[0].p - T_base_nav.p)
-    p_nav_lever = quat_rotate(path.wxyz_nav_sensor[rows], plan.calibration.T_sensor_tool.p)
+    p_nav_lever = quat_rotate(path.wxyz_nav_sensor[path.demonstrated], plan.calibration.T_sensor_tool.p)
     return p_base_sensor + quat_rotate(T_base_nav.wxyz, p_nav_lever)
 
 
@@ -101,7 +95,7 @@ def _rod(arm: ArmModel) -> Rod | None:
     return Rod(T_joint_tool.inverse() @ body.T_joint_body, *body.size)
 
 
-def _contacts(plan: Plan) -> tuple[Contact, ...]:
+def _contacts(plan: Plan) -> tuple[TouchingPair, ...]:
     """Return all contacts; the first one's message is the plan's, which says what to change."""
     if plan.touching is None:
         return ()
@@ -111,5 +105,5 @@ def _contacts(plan: Plan) -> tuple[Contact, ...]:
         bodies = (each.hit.first, each.hit.second)
         is_first = each.t == first.t and bodies == (first.hit.first, first.hit.second)
         message = error.message if is_first else f"t = {each.t:.1f} s: {each.hit}"
-        contacts.append(Contact(bodies, each.t, each.parted_t, message))
+        contacts.append(TouchingPair(bodies, each.t, each.parted_t, message))
     return tuple(contacts)

@@ -169,6 +169,11 @@ class Stop:
     dwell_s: float
     weight: float = 1.0
 
+    @property
+    def middle(self) -> int:
+        """The sample in its middle."""
+        return (self.start + self.stop - 1) // 2
+
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
@@ -243,6 +248,11 @@ class HandPath:
     def cov(self) -> Array:
         """(len(stops), 6, 6) covariance of position (m) and rotation vector (rad) in nav, at each stop."""
         return self.covariance.of_each
+
+    @property
+    def demonstrated(self) -> slice:
+        """The samples from the first stop to the last. Outside them no stop bounds the path on one side."""
+        return slice(self.stops[0].start, self.stops[-1].stop)
 
     def stop_at(self, t: float) -> int | None:
         """Index of the stop during which t (s) is; None: the hand moves then."""

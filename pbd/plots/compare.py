@@ -132,14 +132,13 @@ def _comparable(keyframes: Sequence[Keyframe]) -> Keyframes:
 def _run(
     name: str, path: HandPath, keyframes: Sequence[Keyframe], T_first_nav: Pose, partner: Sequence[int | None]
 ) -> Run:
-    rows = slice(path.stops[0].start, path.stops[-1].stop)
     t, number = list[float](), list[int]()
     for k, own in enumerate(partner):
         if own is not None:
             t += path.rest_at(keyframes[own].t)
             number += [k, k]
-    progress = np.interp(path.t[rows], t, number, left=np.nan, right=np.nan)
-    return Run(name, T_first_nav.act(path.p_nav_sensor[rows]), progress)
+    progress = np.interp(path.t[path.demonstrated], t, number, left=np.nan, right=np.nan)
+    return Run(name, T_first_nav.act(path.p_nav_sensor[path.demonstrated]), progress)
 
 
 def _spread(

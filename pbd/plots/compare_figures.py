@@ -33,7 +33,7 @@ def draw_comparison(name: str, plot: ComparePlot) -> Figure:
         return COMPARISONS[name](plot)
 
 
-def paths(plot: ComparePlot) -> Figure:
+def _paths(plot: ComparePlot) -> Figure:
     """All paths in 3-D, with numbers at the mean keyframes."""
     figure = new_figure("Paths, aligned at the first stop", 8.6, 6.6)
     ax = figure.add_subplot(projection="3d", computed_zorder=False, title=_subtitle(plot))
@@ -48,7 +48,7 @@ def paths(plot: ComparePlot) -> Figure:
     return figure
 
 
-def views(plot: ComparePlot) -> Figure:
+def _views(plot: ComparePlot) -> Figure:
     """All paths from above and along x, with ellipses of the keyframes' spread."""
     figure = new_figure("Paths from above (yx) and along x (yz)", 13.0, 6.0)
     both = figure.subplots(1, 2)
@@ -73,7 +73,7 @@ def views(plot: ComparePlot) -> Figure:
     return figure
 
 
-def positions(plot: ComparePlot) -> Figure:
+def _positions(plot: ComparePlot) -> Figure:
     """x, y and z over the progress from keyframe to keyframe."""
     figure = new_figure("Position from keyframe to keyframe", 10.0, 6.6)
     axes = figure.subplots(3, sharex=True)
@@ -90,16 +90,16 @@ def positions(plot: ComparePlot) -> Figure:
     return figure
 
 
-def spread(plot: ComparePlot) -> Figure:
+def _spread(plot: ComparePlot) -> Figure:
     """Spread of the keyframes, and the trackers' own sigmas."""
     spreads = np.array([keyframe.spread for keyframe in plot.keyframes])
     turns = np.array([keyframe.turn for keyframe in plot.keyframes])
     sigmas = np.array([keyframe.sigma for keyframe in plot.keyframes]).max(axis=1)
     title = "Spread at each keyframe, between the demonstrations"
-    return standard_deviations(title, _subtitle(plot), spreads, turns, sigmas=sigmas)
+    return _standard_deviations(title, _subtitle(plot), spreads, turns, sigmas=sigmas)
 
 
-def standard_deviations(
+def _standard_deviations(
     title: str, subtitle: str, spreads: Array, turns: Array, log_sigma: Array | None = None, sigmas: Array | None = None
 ) -> Figure:
     """Draw bars at each keyframe: standard deviations of position (k, 3) m and of attitude (k,) rad.
@@ -163,10 +163,10 @@ def _runs(plot: ComparePlot) -> list[Artist]:
 
 
 COMPARISONS: Mapping[str, Callable[[ComparePlot], Figure]] = {
-    "paths": paths,
-    "views": views,
-    "positions": positions,
-    "spread": spread,
+    "paths": _paths,
+    "views": _views,
+    "positions": _positions,
+    "spread": _spread,
 }
 """File name -> how the figure is drawn."""
 
@@ -178,7 +178,7 @@ def draw_fusion(name: str, path: HandPath) -> Figure:
         return FUSION_FIGURES[name](path.fusion)
 
 
-def match(fusion: Fusion) -> Figure:
+def _match(fusion: Fusion) -> Figure:
     """Each take's keyframes minus the fused ones, along each axis. A cross is an outlier, which the fusion ignores."""
     figure = new_figure("Keyframes of each take, minus the task's", 10.0, 6.6)
     axes = figure.subplots(3, sharex=True, sharey=True)
@@ -201,10 +201,10 @@ def match(fusion: Fusion) -> Figure:
     return figure
 
 
-def scatter(fusion: Fusion) -> Figure:
+def _scatter(fusion: Fusion) -> Figure:
     """The hand's scatter at each keyframe, and the sigma of that estimate."""
     title = "How the hand scatters from take to take, without the tracker's uncertainty"
-    return standard_deviations(title, _used_takes(fusion), fusion.scatter, fusion.turn, fusion.unsure)
+    return _standard_deviations(title, _used_takes(fusion), fusion.scatter, fusion.turn, fusion.unsure)
 
 
 def _used_takes(fusion: Fusion) -> str:
@@ -212,5 +212,5 @@ def _used_takes(fusion: Fusion) -> str:
     return f"{used} of {len(fusion.takes)} takes, {counted(len(fusion.scatter), 'keyframe')}"
 
 
-FUSION_FIGURES: Mapping[str, Callable[[Fusion], Figure]] = {"match": match, "scatter": scatter}
+FUSION_FIGURES: Mapping[str, Callable[[Fusion], Figure]] = {"match": _match, "scatter": _scatter}
 """File name -> how the figure is drawn."""

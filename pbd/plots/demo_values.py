@@ -84,11 +84,6 @@ class DemoPlot:
         """The demonstration's name."""
         return self.tracking.demo.recording.info.name
 
-    @property
-    def tracked(self) -> slice:
-        """The samples from the first stop to the last. Outside them the path is not bounded by stops on both sides."""
-        return slice(self.path.stops[0].start, self.path.stops[-1].stop)
-
     @cached_property
     def resulting(self) -> Array:
         """(n,) m/s2, the resulting acceleration: norm of the motion acceleration (the paper's equation 7)."""
@@ -121,14 +116,12 @@ class DemoPlot:
 
     def is_known(self, keyframe: Keyframe) -> bool:
         """Whether its stop had a known place or height (a claim)."""
-        return any(self._is_at(keyframe, self.path.stops[claim.stop]) for claim in self.path.claims)
+        return self.path.stop_at(keyframe.t) in {claim.stop for claim in self.path.claims}
 
     def is_doubted(self, keyframe: Keyframe) -> bool:
         """Whether the tracker doubts that the hand stood still."""
-        return any(self._is_at(keyframe, stop) for stop in self.path.stops if stop.weight < DOUBTED_WEIGHT)
-
-    def _is_at(self, keyframe: Keyframe, stop: Stop) -> bool:
-        return bool(self.path.t[stop.start] <= keyframe.t <= self.path.t[stop.stop - 1])
+        k = self.path.stop_at(keyframe.t)
+        return k is not None and self.path.stops[k].weight < DOUBTED_WEIGHT
 
 
 def demo_plot(path: HandPath, remarks: Sequence[str] = ()) -> DemoPlot:
@@ -160,7 +153,7 @@ def _truth(truth: Truth, path: HandPath) -> TruthPlot | None:
     rows = np.concatenate(([True], np.diff(truth.t) > 0.0))
     t, p, wxyz = truth.t[rows], truth.p_nav_sensor[rows], truth.wxyz_nav_sensor[rows]
     known = np.isfinite(p).all(axis=1) & np.isfinite(wxyz).all(axis=1)
-    first = (path.stops[0].start + path.stops[0].stop - 1) // 2
+    first = path.stops[0].middle
     away = np.where(known, np.abs(t - path.t[first]), np.inf)
     if len(t) < 2 or away.min() > TRUTH_NEAR_S:
         return None
@@ -213,7 +206,7 @@ def _facts(
         ("stops", f"{len(stops)}, the shortest {-dwell:.2f} s, {at_stop(names[shortest])}"),
     ]
     if len(stops) > 1:
-        inside = path.p_nav_sensor[stops[0].start : stops[-1].stop]
+        inside = path.p_nav_sensor[path.demonstrated]
         longest, duration = _largest([float(path.t[b.start] - path.t[a.stop - 1]) for a, b in pairwise(stops)])
         worst, residual = _largest(np.linalg.norm(path.closure, axis=1))
         unsure, variance = _largest(path.cov[:, range(3), range(3)].max(axis=1))
@@ -224,7 +217,7 @@ def _facts(
             ("largest sigma", f"{length_text(variance**0.5)}, at {at_stop(names[unsure])}"),
         ]
     if error is not None:
-        off = np.linalg.norm(error[[(stop.start + stop.stop - 1) // 2 for stop in stops]], axis=1)
+        off = np.linalg.norm(error[[stop.middle for stop in stops]], axis=1)
         if np.isfinite(off).any():
             worst, largest = _largest(off)
             facts.append(("largest error", f"{length_text(largest)}, at {at_stop(names[worst])}"))

@@ -65,6 +65,8 @@ def find_problems(
         error: (n, 3) m, path minus truth; None where the truth is unknown.
         remarks: warnings given while it was tracked.
     """
+    # Sigma that each move adds along its worst axis, m.
+    added_m = np.sqrt(np.diagonal(path.covariance.of_moves, axis1=1, axis2=2).max(axis=1, initial=0.0))
     doubted = [k for k, stop in enumerate(path.stops) if stop.weight < DOUBTED_WEIGHT]
     return (
         *map(Finding, remarks),
@@ -83,9 +85,9 @@ def find_problems(
             f"keyframes last less than {SHORT_STOP_S:g} s, so the hand may not have stopped there: stop for half a "
             "second",
         ),
-        *_unsure_moves(path, names),
+        *_unsure_moves(path, names, added_m),
         *_grouped(
-            _residual_velocities(path, names, doubted),
+            _residual_velocities(path, names, doubted, added_m),
             "moves end with more residual velocity than drift explains: hold still at both ends",
         ),
     )
@@ -192,15 +194,14 @@ def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
     return np.asarray((reach <= 1.0).all(axis=1) & (smallest > TREMBLE_RMS**2) & alternates)
 
 
-def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
+def _unsure_moves(path: HandPath, names: Sequence[str], added_m: Array) -> list[Finding]:
     """Find moves that add much uncertainty."""
-    added = _added_sigma_m(path)
     advice, found, worst = "stop on the way, or move more calmly", list[Weighed](), ""
-    for k in sorted(np.flatnonzero(added > UNSURE_MOVE_M).tolist(), key=lambda k: -added[k]):
+    for k in sorted(np.flatnonzero(added_m > UNSURE_MOVE_M).tolist(), key=lambda k: -added_m[k]):
         move = f"from {names[k]} to {names[k + 1]} ({_move_s(path, k):.1f} s)"
-        sigma = length_text(float(added[k]))
+        sigma = length_text(float(added_m[k]))
         words = f"the move {move} adds an uncertainty of {sigma} (one sigma): {advice}"
-        found.append((float(added[k]), Finding(words, (_move_span(path, k),))))
+        found.append((float(added_m[k]), Finding(words, (_move_span(path, k),))))
         worst = worst or f"{move}, {sigma}"
     least = length_text(UNSURE_MOVE_M)
     return _grouped(
@@ -208,18 +209,13 @@ def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
     )
 
 
-def _added_sigma_m(path: HandPath) -> Array:
-    """Sigma, m, that each move adds along its worst axis."""
-    variance = np.diagonal(path.covariance.of_moves, axis1=1, axis2=2)
-    return np.asarray(np.sqrt(variance.max(axis=1, initial=0.0)))
-
-
-def _residual_velocities(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
+def _residual_velocities(
+    path: HandPath, names: Sequence[str], doubted: Sequence[int], added_m: Array
+) -> Iterator[Weighed]:
     """Find moves that end with more velocity than drift explains, and that have no other finding."""
-    added = _added_sigma_m(path)
     for k, residual in enumerate(np.linalg.norm(path.closure, axis=1).tolist()):
         duration = _move_s(path, k)
-        remarked = added[k] > UNSURE_MOVE_M or k in doubted or k + 1 in doubted
+        remarked = added_m[k] > UNSURE_MOVE_M or k in doubted or k + 1 in doubted
         if residual > DRIFT_ACC * duration and not remarked:
             words = (
                 f"a residual velocity of {length_text(residual)}/s at {at_stop(names[k + 1])}, after a move of "
@@ -233,7 +229,7 @@ def _off_the_truth(path: HandPath, names: Sequence[str], error: Array | None) ->
     """Find the keyframe with the largest error in sigmas, if that exceeds OFF_SIGMAS."""
     if error is None:
         return
-    off = np.linalg.norm(error[[(stop.start + stop.stop - 1) // 2 for stop in path.stops]], axis=1)
+    off = np.linalg.norm(error[[stop.middle for stop in path.stops]], axis=1)
     sigma = np.sqrt(np.diagonal(path.cov, axis1=1, axis2=2)[:, :3].max(axis=1))
     sigmas = np.divide(off, sigma, out=np.zeros_like(off), where=(sigma > 0.0) & np.isfinite(off))
     if far := int((sigmas > OFF_SIGMAS).sum()):

@@ -44,11 +44,11 @@ def velocity(ax: Axes, plot: DemoPlot) -> None:
 
 def _beside_truth(ax: Axes, plot: DemoPlot, name: str) -> str:
     """Draw an attribute of the path, from the first to the last stop, and of the truth; return the unit of length."""
-    values = getattr(plot.path, name)[plot.tracked]
+    values = getattr(plot.path, name)[plot.path.demonstrated]
     scale, unit = length_unit(values)
     if plot.truth is not None:
         _truth_lines(ax, plot.truth.t, scale * getattr(plot.truth, name))
-    _lines(ax, plot.path.t[plot.tracked], scale * values)
+    _lines(ax, plot.path.t[plot.path.demonstrated], scale * values)
     return unit
 
 
@@ -71,7 +71,7 @@ def closure(ax: Axes, plot: DemoPlot) -> None:
 
 def speed(ax: Axes, plot: DemoPlot) -> None:
     """Speed of the hand, and the true one."""
-    rows, path = plot.tracked, plot.path
+    rows, path = plot.path.demonstrated, plot.path
     scale, unit = length_unit(path.v_nav_sensor[rows])
     if plot.truth is not None:
         true = np.linalg.norm(plot.truth.v_nav_sensor, axis=1)
@@ -144,7 +144,7 @@ def variance(ax: Axes, plot: DemoPlot) -> None:
 def sigma(ax: Axes, plot: DemoPlot, axis: int) -> None:
     """Sigma of the position along one axis, and the error where the truth is known. All axes have the same scale."""
     scale, unit, limit = _sigma_unit(plot)
-    begin, end = plot.tracked.start, plot.tracked.stop
+    begin, end = plot.path.demonstrated.start, plot.path.demonstrated.stop
     # Vector graphics keep every point of a filled area.
     rows = slice(begin, end, -(-(end - begin) // MAX_VECTOR_POINTS))
     one = scale * plot.sigma[rows, axis]
@@ -152,21 +152,21 @@ def sigma(ax: Axes, plot: DemoPlot, axis: int) -> None:
         area = ax.fill_between(plot.path.t[rows], -factor * one, factor * one, label=f"± {factor:g} σ")
         area.set(color=AXES_RGB[axis], alpha=alpha, linewidth=0.0)
     if plot.truth is not None:
-        error = scale * plot.truth.error[plot.tracked, axis]
-        ax.plot(plot.path.t[plot.tracked], error, color=INK, label="error")
+        error = scale * plot.truth.error[plot.path.demonstrated, axis]
+        ax.plot(plot.path.t[plot.path.demonstrated], error, color=INK, label="error")
     ax.set_ylim(-1.1 * scale * limit, 1.1 * scale * limit)
     ax.set_ylabel(f"{XYZ[axis]} ({unit})")
 
 
 def _sigma_unit(plot: DemoPlot) -> tuple[float, str, float]:
     """Scale and unit for sigma along all axes, and the largest value shown, m."""
-    shown = [2.0 * plot.sigma[:, :3]] + ([] if plot.truth is None else [plot.truth.error[plot.tracked]])
+    shown = [2.0 * plot.sigma[:, :3]] + ([] if plot.truth is None else [plot.truth.error[plot.path.demonstrated]])
     return *length_unit(*shown), max(largest(*shown), 1e-4)
 
 
 def sigma_turn(ax: Axes, plot: DemoPlot) -> None:
     """Sigma of the attitude: tilt (about the worse horizontal axis) and heading."""
-    t, turn = plot.path.t[plot.tracked], np.degrees(plot.sigma[plot.tracked, 3:])
+    t, turn = plot.path.t[plot.path.demonstrated], np.degrees(plot.sigma[plot.path.demonstrated, 3:])
     ax.plot(t, turn[:, :2].max(axis=1), color=SIGMA, label="tilt")
     ax.plot(t, turn[:, 2], color=BLUE, label="heading")
     ax.set_ylim(0.0, 1.25 * max(largest(turn), 0.1))
@@ -176,10 +176,10 @@ def sigma_turn(ax: Axes, plot: DemoPlot) -> None:
 def overall_sigma(ax: Axes, plot: DemoPlot) -> None:
     """Sigma of the position, the largest over the axes, and the norm of the error."""
     scale, unit, _ = _sigma_unit(plot)
-    t = plot.path.t[plot.tracked]
-    ax.plot(t, scale * plot.sigma[plot.tracked, :3].max(axis=1), color=SIGMA, linewidth=1.6, label="σ")
+    t = plot.path.t[plot.path.demonstrated]
+    ax.plot(t, scale * plot.sigma[plot.path.demonstrated, :3].max(axis=1), color=SIGMA, linewidth=1.6, label="σ")
     if plot.truth is not None:
-        ax.plot(t, scale * np.linalg.norm(plot.truth.error[plot.tracked], axis=1), color=INK, label="error")
+        ax.plot(t, scale * np.linalg.norm(plot.truth.error[plot.path.demonstrated], axis=1), color=INK, label="error")
     ax.set_ylim(bottom=0.0)
     ax.set_ylabel(f"σ{', error' if plot.truth is not None else ''} ({unit})")
 

@@ -61,7 +61,7 @@ def fit_3d(ax: Axes3D, shown: Sequence[Array], around: Array | None = None) -> f
 def path_3d(ax: Axes3D, plot: DemoPlot) -> tuple[Array, Array]:
     """Draw the path, its shadow, and the sensor's axes at keyframes; return the arguments of `label_keyframes_3d`."""
     inside, truth = _paths(plot)
-    at, every = np.array([keyframe.T_nav_sensor.p for keyframe in plot.keyframes]), _step(plot)
+    at, every = np.array([keyframe.T_nav_sensor.p for keyframe in plot.keyframes]), _step(len(plot.keyframes))
     size = TRIAD_SHARE * max(float(np.ptp(inside, axis=0).max()), SMALLEST_BOX_M)
     R = quat_to_matrix(np.array([keyframe.T_nav_sensor.wxyz for keyframe in plot.keyframes[::every]]))
     triads = at[::every, None] + size * R.transpose(0, 2, 1)  # keyframe, axis, (3,)
@@ -91,13 +91,14 @@ def _paths(plot: DemoPlot) -> tuple[Array, list[Array]]:
     """The path from the first to the last stop, (m, 3) m, and the truth during that time, if it is known."""
     path, truth = plot.path, plot.truth
     if truth is None:
-        return path.p_nav_sensor[plot.tracked], []
-    first, last = path.t[plot.tracked][[0, -1]]
-    return path.p_nav_sensor[plot.tracked], [truth.p_nav_sensor[(truth.t >= first) & (truth.t <= last)]]
+        return path.p_nav_sensor[plot.path.demonstrated], []
+    first, last = path.t[plot.path.demonstrated][[0, -1]]
+    return path.p_nav_sensor[plot.path.demonstrated], [truth.p_nav_sensor[(truth.t >= first) & (truth.t <= last)]]
 
 
-def _step(plot: DemoPlot) -> int:
-    return -(-len(plot.keyframes) // MAX_NUMBERED)
+def _step(count: int) -> int:
+    """Of so many keyframes, every how many-th is numbered."""
+    return -(-count // MAX_NUMBERED)
 
 
 def view(ax: Axes, shown: Sequence[Array], axes: tuple[int, int], aspect: float = 0.85) -> float:
@@ -120,7 +121,7 @@ def view(ax: Axes, shown: Sequence[Array], axes: tuple[int, int], aspect: float 
 
 def path_view(ax: Axes, plot: DemoPlot, axes: tuple[int, int]) -> tuple[Array, Array]:
     """Draw the path in a view, and keyframes with ellipses of two sigma; return the arguments of `label_keyframes`."""
-    columns, every = list(axes), _step(plot)
+    columns, every = list(axes), _step(len(plot.keyframes))
     inside, truth = _paths(plot)
     low, high = _room(np.vstack([inside, *truth]))
     reach = [2.0 * np.sqrt(np.diagonal(keyframe.cov)[:3]) for keyframe in plot.keyframes]
@@ -198,7 +199,7 @@ def label_keyframes(ax: Axes, at: Array, lines: Array) -> None:
     (left, bottom), (right, top) = to_points * np.asarray(ax.bbox.get_points())
     size = FontProperties(size="small").get_size_in_points()
     taken = np.empty((0, 4))
-    every = -(-len(spots) // MAX_NUMBERED)
+    every = _step(len(spots))
     for members in _groups(spots[::every]):
         words, place = _ranges([every * k for k in members]), every * members[0]
         half = 0.5 * size * np.array([0.64 * len(words), 1.25])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_to_xyzw
 from pbd.view.compact_mesh import Mesh
-from pbd.view.meshcat_encoding import MeshGeometry, PoseTrack, ScenePath, SetTracks, Visualizer, linear_light
+from pbd.view.meshcat_encoding import MeshGeometry, PoseTrack, ScenePath, SetTracks, Visualizer, is_still, linear_light
 from pbd.view.replay_scene import ReplayScene
 from pbd.view.scene import build
 
@@ -25,9 +25,6 @@ Z_UP = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
 
 FEW_COLOURS = 8
 """Up to this number, each colour of a part is a material. More are vertex colours, which fewer programs show."""
-
-STILL = 1e-9
-"""Smallest change over the motion, m or in a quaternion's components, that is animated."""
 
 ARRAY, INDEX = 34962, 34963
 FLOAT, UINT16, UINT32, UINT8 = 5126, 5123, 5125, 5121
@@ -112,7 +109,7 @@ class _Window:
         self.nodes[i].pop("matrix", None)  # the standard allows a matrix or these two, and animates only these
         for name, values in (("translation", track.p), ("rotation", flips[:, None] * turns)):
             self.nodes[i][name] = values[0].tolist()
-            if np.ptp(values, axis=0).max() < STILL:
+            if is_still(values):
                 continue
             seconds = self._accessor(track.t[:, None], FLOAT, bounds=True)
             sampler = {"input": seconds, "output": self._accessor(values, FLOAT)}

@@ -118,7 +118,8 @@ class LiveView:
     def _follow(self, picture: LivePicture) -> None:
         """Extend the path. A stop corrects the end of the move before it."""
         known, self._known = self._known, picture.keyframes
-        for i, keyframe in enumerate(self._known[max(len(known) - 1, 0) :], max(len(known) - 1, 0)):
+        last = max(len(known) - 1, 0)
+        for i, keyframe in enumerate(self._known[last:], last):
             p, since = keyframe.T_nav_sensor.p, keyframe.t - 0.5 * keyframe.dwell_s
             if i == 0 and not known:
                 self._path.begin(since, p)
@@ -134,8 +135,8 @@ class LiveView:
 
     def _draw(self, picture: LivePicture) -> bool:
         """Send what has changed; return whether more is left than one picture takes."""
-        # Older stops do not change any more.
-        for i, keyframe in enumerate(self._known[max(len(self._drawn) - 2, 0) :], max(len(self._drawn) - 2, 0)):
+        first = max(len(self._drawn) - 2, 0)  # older stops do not change any more
+        for i, keyframe in enumerate(self._known[first:], first):
             self._draw_stop(i, keyframe)
         for name, points, speed in self._path.take(PIECES_AT_ONCE):
             tube = shapes.tube(points, shapes.speed_rgb(speed / FAST_M_S), shapes.PATH_RADIUS_M, sides=6)

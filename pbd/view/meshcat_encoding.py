@@ -25,7 +25,7 @@ with warnings.catch_warnings():
     from meshcat.geometry import Mesh as MeshcatMesh
     from meshcat.path import Path as ScenePath
 
-__all__ = ["PoseTrack", "ScenePath", "SetTracks", "Visualizer", "linear_light", "solid", "two_sigma", "typed"]
+__all__ = ["ScenePath", "Visualizer"]  # for others, who would have to suppress the warning too
 
 EXTENSION_CODES = {
     "Uint8Array": 0x12,
@@ -38,6 +38,9 @@ EXTENSION_CODES = {
 
 FRONT_SIDE, DOUBLE_SIDE = 0, 2
 """three.js' constants."""
+
+STILL = 1e-9
+"""Smallest change over the motion, m or in a quaternion's components, that is animated."""
 
 LEAST_SIGMA_M = 5e-5
 """Smallest sigma, m, of a drawn ellipsoid: the page can't read a rotation from the matrix of a flat one."""
@@ -114,6 +117,11 @@ def two_sigma(p: Array, cov: Array) -> Array:
     return T
 
 
+def is_still(values: Array) -> bool:
+    """Whether values (n, k) over time are too alike to be animated."""
+    return bool(np.ptp(values, axis=0).max() < STILL)
+
+
 @dataclass(frozen=True, eq=False)
 class PoseTrack:
     """Poses of a node of the scene in its parent, at times t (n,) s: p (n, 3) m, wxyz (n, 4)."""
@@ -132,8 +140,7 @@ class PoseTrack:
         return {"path": self.path.lower(), "clip": {"fps": 1, "name": "default", "tracks": tracks}}
 
     def _keys(self, name: str, kind: str, values: Array) -> dict[str, Any]:
-        still = bool(np.ptp(values, axis=0).max() < 1e-9)
-        t, values = (self.t[:1], values[:1]) if still else (self.t, values)
+        t, values = (self.t[:1], values[:1]) if is_still(values) else (self.t, values)
         return {
             "name": f".{name}",
             "type": kind,

@@ -25,7 +25,7 @@ class Rod(NamedTuple):
     length: float
 
 
-class Contact(NamedTuple):
+class TouchingPair(NamedTuple):
     """Two bodies that touch during the motion.
 
     Attributes:
@@ -82,7 +82,7 @@ class ReplayScene:
     slides: tuple[bool, ...] = ()
     torque: float | None = None
     detours: tuple[tuple[float, float], ...] = ()
-    contacts: tuple[Contact, ...] = ()
+    contacts: tuple[TouchingPair, ...] = ()
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 

@@ -32,6 +32,8 @@ OBJECT_RGB, OBJECT_OPACITY = (0.16, 0.55, 0.53), 0.72
 """The grasped object is translucent, so that it does not hide keyframes and the path."""
 GRIPPER_RGB, GRIPPER_OPACITY = (0.55, 0.58, 0.63), 0.55
 """Colour of the rod, and of a drawn palm with two fingers, whose size is a guess and which is not checked."""
+TOLERANCE_RGB, TOLERANCE_OPACITY = (0.92, 0.59, 0.16), 0.3
+"""Colour of the ellipsoids of keyframes' tolerances, which may contain those of two sigma."""
 FINGER_M, HALF_STROKE_M = 0.055, 0.04
 """Length of these fingers, and half the distance between them when they hold nothing, m."""
 OBSTACLE_MARGIN_M = 0.15
@@ -146,7 +148,7 @@ def _thinned(points: Array) -> tuple[Array, Array]:
 def _keyframes(scene: ReplayScene, into: Visualizer) -> None:
     triad = solid(shapes.triad(shapes.TRIAD_M, shapes.TRIAD_RADIUS_M))
     uncertain = solid(shapes.sphere(1.0, shapes.UNSURE_RGB), opacity=shapes.UNSURE_OPACITY)
-    allowed = solid(shapes.sphere(1.0, shapes.TOLERANCE_RGB), opacity=shapes.TOLERANCE_OPACITY)
+    allowed = solid(shapes.sphere(1.0, TOLERANCE_RGB), opacity=TOLERANCE_OPACITY)
     for i, (T_base_tool, cov, tolerance) in enumerate(zip(scene.T_base_tool, scene.cov, scene.tolerance, strict=True)):
         into[f"{i}/triad"].set_object(triad)
         into[f"{i}/triad"].set_transform(T_base_tool.matrix())
@@ -195,4 +197,4 @@ def _swept(poses: Poses, corners: Array) -> Array:
 
 
 def _corners(shape: str, size: tuple[float, ...]) -> Array:
-    return shapes.solid_of(shape, size, (0.0, 0.0, 0.0)).bounds()
+    return shapes.solid_of(shape, size, (0.0, 0.0, 0.0)).box_corners()

@@ -9,7 +9,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.text import Text
 
-from pbd.view.terminal import for_rich, visible
+from pbd.view.terminal import escaped, for_rich
 
 
 class Screen(Console):
@@ -20,9 +20,9 @@ class Screen(Console):
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Make control characters visible before rich measures the text."""
-        return super().render_str(visible(text), **options)
+        return super().render_str(escaped(text), **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Make control characters visible in what rich prints, except in rich's own control sequences."""
         for segment in super().render(renderable, options):
-            yield segment if segment.control else Segment(visible(segment.text), segment.style)
+            yield segment if segment.control else Segment(escaped(segment.text), segment.style)

@@ -22,8 +22,6 @@ PATH_RADIUS_M = 0.0025
 TRIAD_M, TRIAD_RADIUS_M = 0.05, 0.0012
 UNSURE_RGB, UNSURE_OPACITY = (0.10, 0.72, 0.85), 0.6
 """Colour of the ellipsoids of two sigma. Nothing else has this colour, as they are often smaller than a fingertip."""
-TOLERANCE_RGB, TOLERANCE_OPACITY = (0.92, 0.59, 0.16), 0.3
-"""Colour of the ellipsoids of keyframes' tolerances, which may contain those of two sigma."""
 
 
 def speed_rgb(share: ArrayLike) -> Array:

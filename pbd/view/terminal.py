@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TextIO, cast
 
 _BIDI = (*range(0x202A, 0x202F), *range(0x2066, 0x206A))
-_VISIBLE = (
+_ESCAPES = (
     {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0)) if chr(code) not in "\a\t\n"}
     | {code: f"\\u{code:04x}" for code in (*_BIDI, *range(0xD800, 0xE000))}
     | {0xDC00 + byte: f"\\x{byte:02x}" for byte in range(0x80, 0x100)}
@@ -19,9 +19,9 @@ _VISIBLE = (
 """Escapes of control characters, and of bytes of a file name that are not UTF-8. The recorder needs the bell (\\a)."""
 
 
-def visible(text: str) -> str:
+def escaped(text: str) -> str:
     """Replace control characters, which may move the cursor or clear the terminal, by escapes such as \\x1b."""
-    return text.translate(_VISIBLE)
+    return text.translate(_ESCAPES)
 
 
 class Stream:
@@ -40,7 +40,7 @@ class Stream:
 
     def write(self, text: str) -> int:
         """Write, and return the number of characters."""
-        self._try(lambda: self.stream.write(text if self.drawn else visible(text)))
+        self._try(lambda: self.stream.write(text if self.drawn else escaped(text)))
         return len(text)
 
     def flush(self) -> None:

@@ -13,7 +13,7 @@ from unittest.mock import Mock
 import pytest
 
 from pbd.cli import main
-from pbd.view.terminal import Stream, visible
+from pbd.view.terminal import Stream, escaped
 from tests.cli.terminal import PBD, Terminal
 
 Capture = pytest.CaptureFixture[str]
@@ -65,7 +65,7 @@ def test_a_message_is_one_line(capsys: Capture) -> None:
 
 
 def test_a_name_that_is_not_utf_8_shows_its_bytes() -> None:
-    assert visible(os.fsdecode(b"t\xff")) == r"t\xff"
+    assert escaped(os.fsdecode(b"t\xff")) == r"t\xff"
 
 
 def pbd(words: str, redirected: str, cwd: Path) -> subprocess.CompletedProcess[str]:

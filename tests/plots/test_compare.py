@@ -19,7 +19,7 @@ from pbd.plots.compare import (
     spread_rows,
     spread_table,
 )
-from pbd.plots.compare_figures import COMPARISONS, draw_comparison, match
+from pbd.plots.compare_figures import COMPARISONS, FUSION_FIGURES, draw_comparison
 from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, quat_to_matrix
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.units import Units, parse_units
@@ -205,6 +205,7 @@ def test_a_single_demonstration_has_no_spread(tracked: list[Tracked]) -> None:
 def test_ten_takes_look_different() -> None:
     """There are six colours: from the seventh take on the marker tells them apart."""
     takes = tuple(FusedTake(f"run{i}", (0, 1), np.zeros((2, 3)), np.zeros(2)) for i in range(10))
-    figure = match(Fusion(takes, np.zeros((2, 3)), np.zeros(2), np.zeros((2, 4)), (0.0, 0.0), (0.0, 0.0)))
+    fusion = Fusion(takes, np.zeros((2, 3)), np.zeros(2), np.zeros((2, 4)), (0.0, 0.0), (0.0, 0.0))
+    figure = FUSION_FIGURES["match"](fusion)
     looks = {(line.get_color(), line.get_marker()) for line in figure.axes[0].lines if line.get_marker() != "x"}
     assert len(looks) == 10

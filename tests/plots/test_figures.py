@@ -75,7 +75,7 @@ def named(figure: Figure) -> set[str]:
 
 
 def test_lines_are_the_trackers_values(pouring: DemoPlot, sheets: dict[str, tuple[Figure, list[Drawn]]]) -> None:
-    path, rows, tracking = pouring.path, pouring.tracked, pouring.tracking
+    path, rows, tracking = pouring.path, pouring.path.demonstrated, pouring.tracking
     rpy = np.degrees(quat_to_rpy(path.wxyz_nav_sensor))  # no angle of this task comes near a half turn
     for name, panel, label, values in (
         ("position", 0, "y", 100.0 * path.p_nav_sensor[rows, 1]),
@@ -94,7 +94,7 @@ def test_the_path_in_space_and_its_triads(pouring: DemoPlot, sheets: dict[str, t
     (ax,) = sheets["path"][0].axes
     assert isinstance(ax, Axes3D)
     drawn = {str(line.get_label()): np.column_stack(line.get_data_3d()) for line in ax.get_lines()}
-    assert drawn["path"] == pytest.approx(100.0 * pouring.path.p_nav_sensor[pouring.tracked])
+    assert drawn["path"] == pytest.approx(100.0 * pouring.path.p_nav_sensor[pouring.path.demonstrated])
     low, high = np.transpose((ax.get_xlim(), ax.get_ylim(), ax.get_zlim()))
     keyframe = pouring.keyframes[5]  # the hand is rolled there
     for k, name in enumerate("xyz"):
@@ -111,7 +111,7 @@ def test_views_have_one_scale_and_are_no_mirror_image(
     pouring: DemoPlot, sheets: dict[str, tuple[Figure, list[Drawn]]], name: str, across: int, up: int
 ) -> None:
     (ax,) = flat(sheets[name][0])
-    path = 100.0 * pouring.path.p_nav_sensor[pouring.tracked]
+    path = 100.0 * pouring.path.p_nav_sensor[pouring.path.demonstrated]
     assert lines(ax)["path"] == pytest.approx(path[:, [across, up]])
     per_unit = ax.transData.transform([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
     right, upwards = per_unit[1] - per_unit[0], per_unit[2] - per_unit[0]

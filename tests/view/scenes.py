@@ -16,7 +16,7 @@ from pbd.data import Calibration, GraspedObject, Gripper, JointLimits, JointTraj
 from pbd.data.world import gripped_spans, object_stays
 from pbd.pose import Array, Pose
 from pbd.replay import robot_motion
-from pbd.view.replay_scene import Contact, ReplayScene
+from pbd.view.replay_scene import ReplayScene, TouchingPair
 from pbd.view.robot_motion import FRAME_RATE_HZ
 
 QUARTER_TURN = Pose.from_rpy(np.zeros(3), (0.0, 0.0, np.pi / 2))
@@ -159,8 +159,10 @@ def in_the_way() -> ReplayScene:
     wall = Obstacle("the wall", "box", (0.02, 8.0, 1.0), Pose(np.array([-0.5, 0.0, 0.5]), np.eye(4)[0]))
     message = "panda_hand touches the post at 4.00 s, 12 mm deep; move the post"
     contacts = (
-        Contact(("panda_hand", "the post"), 4.0, 5.0, message),
-        Contact(("panda_link6", "the table"), 7.0, 7.25, "t = 7.0 s: panda_link6 would touch the table, 3.0 mm deep"),
+        TouchingPair(("panda_hand", "the post"), 4.0, 5.0, message),
+        TouchingPair(
+            ("panda_link6", "the table"), 7.0, 7.25, "t = 7.0 s: panda_link6 would touch the table, 3.0 mm deep"
+        ),
     )
     calibration = Calibration("bench", table_height=0.0, obstacles=(post, wall))
     return replace(pouring(), calibration=calibration, contacts=contacts, warnings=(f"collision: {message}",))

@@ -83,7 +83,7 @@ def test_a_mirrored_mesh_keeps_its_outside() -> None:
     assert plain.closed
     assert mirrored.closed
     np.testing.assert_allclose(
-        mirrored.bounds() * (1.0, -1.0, 1.0), plain.bounds()[[2, 3, 0, 1, 6, 7, 4, 5]], atol=1e-9
+        mirrored.box_corners() * (1.0, -1.0, 1.0), plain.box_corners()[[2, 3, 0, 1, 6, 7, 4, 5]], atol=1e-9
     )
 
 

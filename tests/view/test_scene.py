@@ -17,7 +17,7 @@ from pbd.io.meshes import mesh_file
 from pbd.pose import Pose
 from pbd.view import visuals
 from pbd.view.meshcat_encoding import LEAST_SIGMA_M, ScenePath, Visualizer, two_sigma
-from pbd.view.replay_scene import Contact, ReplayScene, Rod
+from pbd.view.replay_scene import ReplayScene, Rod, TouchingPair
 from pbd.view.robot_motion import FRAME_RATE_HZ
 from pbd.view.scene import build, carried_object
 from pbd.view.visuals import read_visuals
@@ -198,7 +198,7 @@ def test_the_rod_that_is_checked_is_drawn(scene: Callable[[], ReplayScene], ahea
 @pytest.mark.parametrize("touches", [False, True])
 def test_the_placeholder_is_red_where_it_touches(touches: bool) -> None:
     full = with_rod(scenes.ur5_moves(), 0.16, 0.145)
-    contact = Contact(("the tool", "the table"), 1.0, 2.0, "it does")
+    contact = TouchingPair(("the tool", "the table"), 1.0, 2.0, "it does")
     objects = placeholders(replace(full, contacts=(contact,) if touches else ())).values()
     assert len(objects) == 4
     assert [colours(each) == {RED} for each in objects] == [touches] * 4
@@ -227,7 +227,7 @@ class TestVisuals:
             f'<origin xyz="1 2 3" rpy="0 0 1.5"/><geometry>{geometry}</geometry><material name="tea"/>',
         )
         assert visual.link == "cup"
-        np.testing.assert_allclose(np.ptp(visual.mesh.bounds(), axis=0), size, atol=1e-4)
+        np.testing.assert_allclose(np.ptp(visual.mesh.box_corners(), axis=0), size, atol=1e-4)
         np.testing.assert_allclose(visual.T_link_visual.log(), [1, 2, 3, 0, 0, 1.5], atol=1e-12)
         assert (visual.mesh.rgb == [0, 128, 0]).all()
 
