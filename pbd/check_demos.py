@@ -16,7 +16,7 @@ from pbd.errors import PbdError, WrongTypeError, collected_warnings, is_whole_nu
 from pbd.files.demo import load_demo
 from pbd.fusion.matching import HAND_M
 from pbd.pipeline import track
-from pbd.plots.demo_values import demo_plot
+from pbd.plots.demo_values import demo_values
 from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import Array, Pose, level_onto, quat_about_z, quat_rotate
 from pbd.tracking.repair.gyro_consistency import warn_tracked_upside_down
@@ -128,7 +128,7 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None) -> DemoCh
             check = replace(check, duration_s=float(demo.recording.t[-1]))
             path = track(demo)
             warn_tracked_upside_down(path, demo.recording)
-            plot = demo_plot(path, remarks)
+            plot = demo_values(path, remarks)
         except PbdError as error:
             return replace(check, why=re.sub("; known are [^;]*", "", error.message))  # "did you mean" stays
         keyframes = plot.keyframes

@@ -224,4 +224,4 @@ class _Search(Mending):
         found = choose_motion(self.arm, alone, None)
         if not isinstance(found, Motion):
             return None
-        return self.scene.check_path(np.vstack((found.q[:1], found.segments[1].q)), self.legs[i])
+        return self.scene.check_path(np.vstack((found.q[:1], found.segments[1].q)), self.grasps[i])

@@ -13,7 +13,7 @@ from operator import itemgetter
 import numpy as np
 from ompl import base, geometric, util
 
-from pbd.arm.collision.scene import CollisionScene, Leg
+from pbd.arm.collision.scene import CollisionScene, GraspState
 from pbd.arm.ladder_checks import DetourSearch
 from pbd.arm.ladder_graph import joint_travel
 from pbd.arm.timing.path_smoothing import Curve
@@ -30,7 +30,7 @@ _SPACINGS_RAD = 0.05, 0.02, 0.01  # largest joint step between the points of a p
 
 def find_detour(
     scene: CollisionScene,
-    leg: Leg,
+    grasp: GraspState,
     starts: Array,
     goals: Array,
     settings: DetourSearch,
@@ -41,19 +41,19 @@ def find_detour(
 
     Args:
         most_checks: collision checks before the search gives up; smoothing needs further checks.
-        known: free paths (m, k) of the same leg; the detour may follow part of one, in either direction.
+        known: free paths (m, k) in the same grasp state; the detour may follow part of one, in either direction.
 
     Returns:
         Joints (m, k) on a smooth curve from a start to a goal, or only these two if the straight move is free, or None
         if nothing was found; and the number of collision checks.
     """
-    starts = np.array([q for q in starts if scene.is_free(q[None], leg)]).reshape(-1, goals.shape[1])
-    goals = np.array([q for q in goals if scene.is_free(q[None], leg)]).reshape(-1, goals.shape[1])
+    starts = np.array([q for q in starts if scene.is_free(q[None], grasp)]).reshape(-1, goals.shape[1])
+    goals = np.array([q for q in goals if scene.is_free(q[None], grasp)]).reshape(-1, goals.shape[1])
     if not len(starts) or not len(goals) or most_checks <= 0:
         return None, 0
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(settings.seed)
-    search = _Search(scene, leg, np.vstack((starts, goals)), settings.winding_rad)
+    search = _Search(scene, grasp, np.vstack((starts, goals)), settings.winding_rad)
     paths = _known_paths_from(starts, known)
     found = next((paths[q.tobytes()] for q in goals if q.tobytes() in paths), None)
     if found is None:
@@ -66,8 +66,10 @@ def find_detour(
     return search.smooth(found), search.checker.checks
 
 
-def bend_detour(scene: CollisionScene, leg: Leg, start: Array, goal: Array, known: Sequence[Array]) -> Array | None:
-    """Bend a known detour (m, k) of the same leg to new ends (k,).
+def bend_detour(
+    scene: CollisionScene, grasp: GraspState, start: Array, goal: Array, known: Sequence[Array]
+) -> Array | None:
+    """Bend a known detour (m, k) in the same grasp state to new ends (k,).
 
     Most detours around one obstacle are similar. This needs one or two collision checks, a search about fifty.
 
@@ -75,7 +77,7 @@ def bend_detour(scene: CollisionScene, leg: Leg, start: Array, goal: Array, know
         Joints (m, k): only the ends if the straight move is free, else the shortest free detour; None if none is free.
     """
     straight: Array = np.stack((start, goal))
-    if scene.is_free(straight, leg):
+    if scene.is_free(straight, grasp):
         return straight
     detours: list[tuple[float, Array]] = []
     for path in known:
@@ -88,10 +90,10 @@ def bend_detour(scene: CollisionScene, leg: Leg, start: Array, goal: Array, know
                 detours.append((length, bent))
     detours.sort(key=itemgetter(0))
     for _, bent in detours[:_MOST_BENT]:
-        if _is_free_curve(scene, leg, bent):
+        if _is_free_curve(scene, grasp, bent):
             direct = start + np.linspace(0.0, 1.0, len(bent))[:, None] * (goal - start)
             nearer = (direct + share * (bent - direct) for share in _OFFSET_SHARES)
-            return next((each for each in nearer if _is_free_curve(scene, leg, each)), bent)
+            return next((each for each in nearer if _is_free_curve(scene, grasp, each)), bent)
     return None
 
 
@@ -115,18 +117,18 @@ def _known_paths_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Arra
     return paths
 
 
-def _is_free_curve(scene: CollisionScene, leg: Leg, q: Array) -> bool:
+def _is_free_curve(scene: CollisionScene, grasp: GraspState, q: Array) -> bool:
     """Whether the smooth curve through joints (m, k) is free and within the limits."""
     limits = scene.arm.limits
     if (q < limits.lower).any() or (q > limits.upper).any() or (curve := Curve.through(q, limits)) is None:
         return False
-    return scene.is_free(curve.q(curve.grid()), leg)
+    return scene.is_free(curve.q(curve.grid()), grasp)
 
 
 class _Search:
-    """An OMPL problem for one leg; its joint space reaches `winding_rad` beyond the range of the ends (m, k)."""
+    """An OMPL problem in one grasp state; its joint space reaches `winding_rad` beyond the range of the ends (m, k)."""
 
-    def __init__(self, scene: CollisionScene, leg: Leg, ends: Array, winding_rad: float) -> None:
+    def __init__(self, scene: CollisionScene, grasp: GraspState, ends: Array, winding_rad: float) -> None:
         limits, count = scene.arm.limits, ends.shape[1]
         space, bounds = base.RealVectorStateSpace(count), base.RealVectorBounds(count)
         lower = np.maximum(limits.lower, ends.min(axis=0) - winding_rad)
@@ -136,7 +138,7 @@ class _Search:
             bounds.setHigh(joint, float(upper[joint]))
         space.setBounds(bounds)
         self.information = base.SpaceInformation(space)
-        self.checker = _Checker(self.information, scene, leg, count)
+        self.checker = _Checker(self.information, scene, grasp, count)
         self.information.setStateValidityChecker(self.checker.is_free_state)
         self.information.setMotionValidator(self.checker)
         self.information.setup()
@@ -176,7 +178,7 @@ class _Search:
         for waypoints in (self.checker.joints(path), corners):
             for between_rad in _SPACINGS_RAD:
                 dense = _subdivided(waypoints, between_rad)
-                if _is_free_curve(self.checker.scene, self.checker.leg, dense):
+                if _is_free_curve(self.checker.scene, self.checker.grasp, dense):
                     return dense
         return None
 
@@ -187,22 +189,24 @@ class _Search:
 
 
 class _Checker(base.MotionValidator):  # type: ignore[misc]
-    """The collision checks of one leg, as OMPL calls them.
+    """The collision checks in one grasp state, as OMPL calls them.
 
     It must not refer to `_Search`: OMPL cannot free reference cycles.
     """
 
-    def __init__(self, information: base.SpaceInformation, scene: CollisionScene, leg: Leg, count: int) -> None:
+    def __init__(
+        self, information: base.SpaceInformation, scene: CollisionScene, grasp: GraspState, count: int
+    ) -> None:
         super().__init__(information)
-        self.scene, self.leg, self.count, self.checks = scene, leg, count, 0
+        self.scene, self.grasp, self.count, self.checks = scene, grasp, count, 0
 
     def is_free_state(self, state: base.State) -> bool:
         self.checks += 1
-        return self.scene.is_free(self._joints_of(state)[None], self.leg)
+        return self.scene.is_free(self._joints_of(state)[None], self.grasp)
 
     def checkMotion(self, before: base.State, after: base.State) -> bool:
         self.checks += 1
-        return self.scene.is_free(np.stack((self._joints_of(before), self._joints_of(after))), self.leg)
+        return self.scene.is_free(np.stack((self._joints_of(before), self._joints_of(after))), self.grasp)
 
     def joints(self, path: geometric.PathGeometric) -> Array:
         return np.array([self._joints_of(state) for state in path.getStates()])

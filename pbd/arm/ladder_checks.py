@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pbd.arm.collision.clearance import MARGIN_M
-from pbd.arm.collision.scene import CollisionScene, Hit, Leg
+from pbd.arm.collision.scene import CollisionScene, GraspState, Hit
 from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.ik.cartesian import follow, line, refine
 from pbd.arm.ik.partial_pose import is_partial
@@ -72,16 +72,16 @@ class LinkChecks:
     Without a scene, collisions are ignored.
 
     Attributes:
-        legs: legs[i] leads to keyframe i, legs[n] away from the last one.
+        grasps: grasps[i] holds on the way to keyframe i, grasps[n] after the last one.
         moves: moves[i] leads to keyframe i, moves[n] back home.
         checks_left: collision checks that all detour searches of this motion may still use.
-        detours: leg -> the detours (m, k) that searches between two configurations found.
+        detours: grasp state -> the detours (m, k) that searches between two configurations found.
         close: the scene uses the smaller margin CLOSE_M.
     """
 
     def __init__(self, arm: ArmModel, request: MotionRequest, scene: CollisionScene | None, ladder: Ladder) -> None:
         self.arm, self.request, self.scene, self.ladder = arm, request, scene, ladder
-        self.legs = () if scene is None else scene.legs(request.T_base_tool, request.grips)
+        self.grasps = () if scene is None else scene.grasp_states(request.T_base_tool, request.grips)
         self.n = len(request.T_base_tool)
         self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
         may_detour = request.detour and scene is not None
@@ -89,7 +89,7 @@ class LinkChecks:
             MoveState(STRAIGHT, remedies_of(request, i, may_detour=may_detour)) for i in range(len(self.links))
         ]
         self.checks_left = CHECKS + self.n * CHECKS_EACH
-        self.detours: dict[Leg, list[Array]] = {}
+        self.detours: dict[GraspState, list[Array]] = {}
         self.close = scene is not None and scene.margin_m < MARGIN_M
         if self.close:
             self.checks_left = int(CHECKS_CLOSE * self.checks_left)
@@ -110,24 +110,24 @@ class LinkChecks:
         if self.scene is None or i == self.n:
             return True
         if not link.at_keyframe:
-            return self.scene.is_free(q[None], self.legs[i])
+            return self.scene.is_free(q[None], self.grasps[i])
         if self.is_free_at_keyframe(i, q):
             return True
         if move.pose_hit is None:  # keep the first one for the message
-            hits = (self.scene.hit(q, leg) for leg in self.legs[i : i + 2])
+            hits = (self.scene.hit(q, grasp) for grasp in self.grasps[i : i + 2])
             move.pose_hit = next((hit for hit in hits if hit), None)
         return False
 
     def is_free_at_keyframe(self, i: int, q: Array) -> bool:
         """Whether the arm touches nothing at keyframe i with joints (k,), as it arrives and as it leaves."""
-        legs = dict.fromkeys(self.legs[i : i + 2])  # often equal: check once
-        return self.scene is None or all(self.scene.is_free(q[None], leg) for leg in legs)
+        grasps = dict.fromkeys(self.grasps[i : i + 2])  # often equal: check once
+        return self.scene is None or all(self.scene.is_free(q[None], grasp) for grasp in grasps)
 
     def tool_hit(self, i: int, T_base_tool: Sequence[Pose]) -> Hit | None:
         """Return a hit of the tool and its load on poses to keyframe i: it occurs in every configuration of the arm."""
         if self.scene is None or is_partial(self.arm):
             return None
-        return self.scene.tool_hit(T_base_tool, self.legs[i])
+        return self.scene.tool_hit(T_base_tool, self.grasps[i])
 
     def wide_costs(self, places: Sequence[int], q_before: Array, q: Array) -> list[float]:
         """Return the extra cost of wide moves, rad, for straight moves from rows of joints (n, k) to rows (n, k)."""
@@ -171,7 +171,7 @@ class LinkChecks:
     def connect(self, place: int) -> None:
         """Replace all moves to a layer by one detour from any state of the layer before; bar them if none is found.
 
-        The search may use paths that are known to be free on links with the same leg.
+        The search may use paths that are known to be free on links with the same grasp state.
         """
         ladder, (link, move) = self.ladder, self.at(place)
         before, layer, i = ladder.layers[place - 1], ladder.layers[place], link.keyframe
@@ -194,11 +194,11 @@ class LinkChecks:
 
     def _detour_between_any(self, i: int, move: MoveState, starts: Array, goals: Array) -> Array | None:
         """Return joints (m, k) of a detour to keyframe i, from any of the starts (s, k) to any of the goals (g, k)."""
-        legs, count = self.legs, starts.shape[1]
+        grasps, count = self.grasps, starts.shape[1]
         known = [
             np.vstack((np.frombuffer(ends)[:count], along))
             for link in self.links
-            if legs[link.keyframe] == legs[i]
+            if grasps[link.keyframe] == grasps[i]
             for ends, along in link.free_moves.items()
         ]
         for settings in FROM_ANY_TO_ANY:
@@ -214,7 +214,7 @@ class LinkChecks:
 
         assert self.scene is not None
         most_checks = min(settings.most_checks, self.checks_left)
-        found, checks = find_detour(self.scene, self.legs[i], starts, goals, settings, most_checks, known)
+        found, checks = find_detour(self.scene, self.grasps[i], starts, goals, settings, most_checks, known)
         move.detour_checks, self.checks_left = move.detour_checks + checks, self.checks_left - checks
         return found
 
@@ -223,8 +223,8 @@ class LinkChecks:
         from pbd.arm.detour import bend_detour
 
         assert self.scene is not None
-        known = self.detours.setdefault(self.legs[i], [])
-        found = bend_detour(self.scene, self.legs[i], q_before, q, known)
+        known = self.detours.setdefault(self.grasps[i], [])
+        found = bend_detour(self.scene, self.grasps[i], q_before, q, known)
         if found is None:
             found = self._find_detour(i, move, q_before[None], q[None], BETWEEN_TWO)
             if found is not None and len(found) > 2:
@@ -245,16 +245,16 @@ class LinkChecks:
                 move.hits[move.kind] = tool_hit
                 return None
         along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
-        if along is None or scene is None or scene.is_free(along, self.legs[i]):
+        if along is None or scene is None or scene.is_free(along, self.grasps[i]):
             return None if along is None else along[1:]
         ends = (q, q_before) if i == 0 else (q_before, q)
-        if i in (0, self.n) and (between := self._via_point_on_axis(self.legs[i], *ends)) is not None:
+        if i in (0, self.n) and (between := self._via_point_on_axis(self.grasps[i], *ends)) is not None:
             return np.stack((between, q))
-        if move.kind not in move.hits and (hit := scene.check_path(along, self.legs[i])):
+        if move.kind not in move.hits and (hit := scene.check_path(along, self.grasps[i])):
             move.hits[move.kind] = hit
         return None
 
-    def _via_point_on_axis(self, leg: Leg, q: Array, q_away: Array) -> Array | None:
+    def _via_point_on_axis(self, grasp: GraspState, q: Array, q_away: Array) -> Array | None:
         """Find a via point (k,) on the tool's approach axis, between joints q at a keyframe and q_away; None: none."""
         assert self.scene is not None
         T_base_tool, before = self.arm.forward(q), q
@@ -265,6 +265,6 @@ class LinkChecks:
                 if found is None:
                     return None
                 before = found
-            if self.scene.is_free(np.stack((q, before, q_away)), leg):
+            if self.scene.is_free(np.stack((q, before, q_away)), grasp):
                 return before
         return None

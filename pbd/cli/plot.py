@@ -35,10 +35,10 @@ def run(args: argparse.Namespace) -> None:
     folder = _figures_folder(args.save, _folder_name(demo))
     path, _ = _tracked(args, demo, named_calibration(args))
     with working("preparing the plots"):
-        from pbd.plots.demo_values import demo_plot
+        from pbd.plots.demo_values import demo_values
         from pbd.plots.figures import draw, names
 
-        plot = demo_plot(path, args.warnings)
+        plot = demo_values(path, args.warnings)
     for finding in plot.findings:
         if finding.words not in args.warnings:
             say(f"check: {finding.words}")
@@ -65,10 +65,10 @@ def _compare(args: argparse.Namespace) -> None:
         except PbdError as error:
             raise type(error)(f"{title}: {error.message}", **error.fields) from None
     with working("comparing"):
-        from pbd.plots.compare import compare_plot, spread_rows, spread_table
+        from pbd.plots.compare import compare, spread_rows, spread_table
         from pbd.plots.compare_figures import COMPARISONS, draw_comparison
 
-        plot = compare_plot(tracked)
+        plot = compare(tracked)
     for remark in plot.remarks:
         say(remark)
     files = write_figures(folder, args.format, COMPARISONS, lambda name: draw_comparison(name, plot))

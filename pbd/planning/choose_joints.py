@@ -42,8 +42,8 @@ def choose_joints(
                 refuse_home(scene)
             except PlanError as error:
                 return PlanRefusal(error, (_without_home(options),))
-        leg, *_ = scene.legs(request.T_base_tool, request.grips)
-        if options.approach and (hit := scene.hit(request.q_start, leg)) is not None:
+        grasp, *_ = scene.grasp_states(request.T_base_tool, request.grips)
+        if options.approach and (hit := scene.hit(request.q_start, grasp)) is not None:
             what = f"at the arm's start: {hit}; move the arm, or correct the obstacles in the calibration"
             return PlanRefusal(PlanError(what, **hit.fields))
     found = choose_motion(arm, request, scene)

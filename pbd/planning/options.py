@@ -134,7 +134,7 @@ def dwells(keyframes: Sequence[Keyframe], options: PlanOptions) -> list[float]:
 def hand_durations(keyframes: Sequence[Keyframe], path: HandPath | None) -> list[float]:
     """Return the time that the hand took from each keyframe to the next, without its rests, s.
 
-    The rests are those of the path, since the dwell of an edited keyframe is the arm's; without a path, the dwells.
+    The rests are taken from the path, since an edited keyframe's dwell is the arm's; without a path, from the dwells.
     """
     rests = [
         (each.t - 0.5 * each.dwell_s, each.t + 0.5 * each.dwell_s) if path is None else path.rest_at(each.t)

@@ -65,7 +65,7 @@ class SpreadKeyframe:
 
 
 @dataclass(frozen=True, eq=False)
-class ComparePlot:
+class Comparison:
     """Several demonstrations of one task.
 
     Attributes:
@@ -84,7 +84,7 @@ class ComparePlot:
         return np.array([np.full(3, np.nan) if pose is None else pose.p for pose in poses])
 
 
-def compare_plot(demos: Sequence[Tracked]) -> ComparePlot:
+def compare(demos: Sequence[Tracked]) -> Comparison:
     """Align demonstrations at their first stop (position and heading, as the dock does it) and match their keyframes.
 
     The common nav is the first demonstration's. If all have the same number of keyframes, these are matched by order.
@@ -108,7 +108,7 @@ def compare_plot(demos: Sequence[Tracked]) -> ComparePlot:
     partners = [_partners(comparable[reference], own) for own in comparable]
     runs = [_run(*demo, T, partner) for demo, T, partner in zip(demos, aligned, partners, strict=True)]
     spreads = [_spread([partner[k] for partner in partners], poses, covs) for k in range(counts[reference])]
-    return ComparePlot(tuple(runs), tuple(spreads), len(usual) == 1, tuple(_remarks(demos, partners, reference)))
+    return Comparison(tuple(runs), tuple(spreads), len(usual) == 1, tuple(_remarks(demos, partners, reference)))
 
 
 def _partners(reference: Keyframes, other: Keyframes) -> tuple[int | None, ...]:
@@ -181,23 +181,23 @@ def _remarks(demos: Sequence[Tracked], partners: Sequence[Sequence[int | None]],
 # --- for the terminal and for programs ---
 
 
-def spread_table(plot: ComparePlot, units: Units) -> Table:
+def spread_table(comparison: Comparison, units: Units) -> Table:
     """At each keyframe: mean position, standard deviations, furthest demonstration. Unknown values are blank."""
     m, deg = units.length, units.angle_sign
     positions, spreads = ([f"{what}{axis} ({m})" for axis in "xyz"] for what in ("", "spread "))
     ends = (f"spread ({deg})", f"σ ({m})", f"furthest ({m})", "which")
-    columns = ("#", f"in (of {len(plot.runs)})", *positions, *spreads, *ends)
+    columns = ("#", f"in (of {len(comparison.runs)})", *positions, *spreads, *ends)
     rows = []
-    for number, keyframe in enumerate(plot.keyframes):
+    for number, keyframe in enumerate(comparison.keyframes):
         off = keyframe.count > 1 and keyframe.furthest_m > 0.0
         near = *units.lengths(keyframe.p), *units.lengths(keyframe.spread, finer=1), *units.angles(keyframe.turn)
         sigma, furthest = units.lengths((keyframe.sigma.max(), keyframe.furthest_m), finer=1)
-        far = (furthest, plot.runs[keyframe.furthest].name) if off else ("", "")
+        far = (furthest, comparison.runs[keyframe.furthest].name) if off else ("", "")
         rows.append((str(number), str(keyframe.count), *near, sigma, *far))
     return make_table(*columns, left=("which",), rows=rows)
 
 
-def spread_rows(plot: ComparePlot) -> list[dict[str, Any]]:
+def spread_rows(comparison: Comparison) -> list[dict[str, Any]]:
     """The same for `--json`; unknown values are NaN."""
     return [
         {
@@ -207,8 +207,8 @@ def spread_rows(plot: ComparePlot) -> list[dict[str, Any]]:
             "spread_m": keyframe.spread.tolist(),
             "spread_deg": float(np.degrees(keyframe.turn)),
             "sigma_m": keyframe.sigma.tolist(),
-            "furthest": plot.runs[keyframe.furthest].name,
+            "furthest": comparison.runs[keyframe.furthest].name,
             "furthest_m": keyframe.furthest_m,
         }
-        for number, keyframe in enumerate(plot.keyframes)
+        for number, keyframe in enumerate(comparison.keyframes)
     ]

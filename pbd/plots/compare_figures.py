@@ -15,7 +15,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from pbd.data import Fusion, HandPath
 from pbd.data.one_line_repr import counted
-from pbd.plots.compare import ComparePlot
+from pbd.plots.compare import Comparison
 from pbd.plots.panels import XYZ
 from pbd.plots.space import YX, YZ, ellipse, fit_3d, label_keyframes, label_keyframes_3d, view
 from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, length_unit, new_figure, plain_text, style
@@ -27,76 +27,78 @@ MAX_NAMED, LONGEST_NAME = 16, 18
 """Largest number of demonstrations in a legend, and of characters in a name."""
 
 
-def draw_comparison(name: str, plot: ComparePlot) -> Figure:
+def draw_comparison(name: str, comparison: Comparison) -> Figure:
     """Draw one of COMPARISONS."""
     with style():
-        return COMPARISONS[name](plot)
+        return COMPARISONS[name](comparison)
 
 
-def _paths(plot: ComparePlot) -> Figure:
+def _paths(comparison: Comparison) -> Figure:
     """All paths in 3-D, with numbers at the mean keyframes."""
     figure = new_figure("Paths, aligned at the first stop", 8.6, 6.6)
-    ax = figure.add_subplot(projection="3d", computed_zorder=False, title=_subtitle(plot))
+    ax = figure.add_subplot(projection="3d", computed_zorder=False, title=_subtitle(comparison))
     assert isinstance(ax, Axes3D)
-    shown = [run.p for run in plot.runs]
+    shown = [run.p for run in comparison.runs]
     scale = fit_3d(ax, shown)
-    for k, run in enumerate(plot.runs):
+    for k, run in enumerate(comparison.runs):
         ax.plot(*(scale * run.p).T, **_line(k))
-        ax.plot(*(scale * plot.positions(k)).T, **_dots(k))
-    legend(figure, [], _runs(plot))
-    label_keyframes_3d(ax, scale * np.array([keyframe.p for keyframe in plot.keyframes]), scale * np.vstack(shown))
+        ax.plot(*(scale * comparison.positions(k)).T, **_dots(k))
+    legend(figure, [], _runs(comparison))
+    label_keyframes_3d(
+        ax, scale * np.array([keyframe.p for keyframe in comparison.keyframes]), scale * np.vstack(shown)
+    )
     return figure
 
 
-def _views(plot: ComparePlot) -> Figure:
+def _views(comparison: Comparison) -> Figure:
     """All paths from above and along x, with ellipses of the keyframes' spread."""
     figure = new_figure("Paths from above (yx) and along x (yz)", 13.0, 6.0)
     both = figure.subplots(1, 2)
-    both[0].set_title(_subtitle(plot))
-    shown, numbered = [run.p for run in plot.runs], []
+    both[0].set_title(_subtitle(comparison))
+    shown, numbered = [run.p for run in comparison.runs], []
     for ax, axes in zip(both, (YX, YZ), strict=True):
         scale, columns = view(ax, shown, axes, 1.0), list(axes)
-        covered = [scale * run.p[:, columns] for run in plot.runs]
+        covered = [scale * run.p[:, columns] for run in comparison.runs]
         for k, path in enumerate(covered):
             ax.plot(*path.T, **_line(k))
-            ax.plot(*(scale * plot.positions(k)[:, columns]).T, **_dots(k))
-        for keyframe in plot.keyframes:
+            ax.plot(*(scale * comparison.positions(k)[:, columns]).T, **_dots(k))
+        for keyframe in comparison.keyframes:
             if keyframe.count > 1:
                 points = np.array([pose.p[columns] for pose in keyframe.poses if pose is not None])
                 covered.append(ellipse(scale * keyframe.p[columns], scale**2 * np.cov(points.T)))
                 ax.plot(*covered[-1].T, color=INK, linewidth=0.8, zorder=6.0)
-        numbered.append((ax, scale * np.array([keyframe.p[columns] for keyframe in plot.keyframes]), covered))
+        numbered.append((ax, scale * np.array([keyframe.p[columns] for keyframe in comparison.keyframes]), covered))
     more: Artist = Line2D([], [], color=INK, linewidth=0.8, label="2 standard\ndeviations")
-    legend(figure, [], [*_runs(plot), more])
+    legend(figure, [], [*_runs(comparison), more])
     for ax, at, covered in numbered:
         label_keyframes(ax, at, np.vstack(covered))
     return figure
 
 
-def _positions(plot: ComparePlot) -> Figure:
+def _positions(comparison: Comparison) -> Figure:
     """x, y and z over the progress from keyframe to keyframe."""
     figure = new_figure("Position from keyframe to keyframe", 10.0, 6.6)
     axes = figure.subplots(3, sharex=True)
-    axes[0].set_title(_subtitle(plot))
-    scale, unit = length_unit(*(run.p for run in plot.runs))
+    axes[0].set_title(_subtitle(comparison))
+    scale, unit = length_unit(*(run.p for run in comparison.runs))
     for axis, ax in enumerate(axes):
-        for k, run in enumerate(plot.runs):
+        for k, run in enumerate(comparison.runs):
             ax.plot(run.progress, scale * run.p[:, axis], **_line(k))
-            ax.plot(range(len(plot.keyframes)), scale * plot.positions(k)[:, axis], **_dots(k))
+            ax.plot(range(len(comparison.keyframes)), scale * comparison.positions(k)[:, axis], **_dots(k))
         ax.set_ylabel(f"{XYZ[axis]} ({unit})")
-    _keyframe_axis(axes[-1], len(plot.keyframes))
+    _keyframe_axis(axes[-1], len(comparison.keyframes))
     figure.align_ylabels(axes)
-    legend(figure, [], _runs(plot))
+    legend(figure, [], _runs(comparison))
     return figure
 
 
-def _spread(plot: ComparePlot) -> Figure:
+def _spread(comparison: Comparison) -> Figure:
     """Spread of the keyframes, and the trackers' own sigmas."""
-    spreads = np.array([keyframe.spread for keyframe in plot.keyframes])
-    turns = np.array([keyframe.turn for keyframe in plot.keyframes])
-    sigmas = np.array([keyframe.sigma for keyframe in plot.keyframes]).max(axis=1)
+    spreads = np.array([keyframe.spread for keyframe in comparison.keyframes])
+    turns = np.array([keyframe.turn for keyframe in comparison.keyframes])
+    sigmas = np.array([keyframe.sigma for keyframe in comparison.keyframes]).max(axis=1)
     title = "Spread at each keyframe, between the demonstrations"
-    return _standard_deviations(title, _subtitle(plot), spreads, turns, sigmas=sigmas)
+    return _standard_deviations(title, _subtitle(comparison), spreads, turns, sigmas=sigmas)
 
 
 def _standard_deviations(
@@ -136,9 +138,9 @@ def _keyframe_axis(ax: Axes, count: int) -> None:
     ax.set_xlabel("keyframe")
 
 
-def _subtitle(plot: ComparePlot) -> str:
-    how = "matched by order" if plot.by_order else "matched by their moves and the grip"
-    return f"{len(plot.runs)} demonstrations, {counted(len(plot.keyframes), 'keyframe')} {how}"
+def _subtitle(comparison: Comparison) -> str:
+    how = "matched by order" if comparison.by_order else "matched by their moves and the grip"
+    return f"{len(comparison.runs)} demonstrations, {counted(len(comparison.keyframes), 'keyframe')} {how}"
 
 
 def _line(run: int) -> dict[str, Any]:
@@ -151,18 +153,18 @@ def _dots(run: int) -> dict[str, Any]:
     return look | {"linestyle": "", "zorder": 5.0}
 
 
-def _runs(plot: ComparePlot) -> list[Artist]:
+def _runs(comparison: Comparison) -> list[Artist]:
     """The legend's entries for the demonstrations."""
     named: list[Artist] = [
         Line2D([], [], **_line(k), label=plain_text(run.name, LONGEST_NAME))
-        for k, run in enumerate(plot.runs[:MAX_NAMED])
+        for k, run in enumerate(comparison.runs[:MAX_NAMED])
     ]
-    if len(plot.runs) > MAX_NAMED:
-        named.append(Line2D([], [], linestyle="", label=f"and {len(plot.runs) - MAX_NAMED} more"))
+    if len(comparison.runs) > MAX_NAMED:
+        named.append(Line2D([], [], linestyle="", label=f"and {len(comparison.runs) - MAX_NAMED} more"))
     return named
 
 
-COMPARISONS: Mapping[str, Callable[[ComparePlot], Figure]] = {
+COMPARISONS: Mapping[str, Callable[[Comparison], Figure]] = {
     "paths": _paths,
     "views": _views,
     "positions": _positions,

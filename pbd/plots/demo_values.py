@@ -27,7 +27,7 @@ LATE_RATIO = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class TruthPlot:
+class TruthValues:
     """The true motion, aligned with the path at the first stop (position and heading, as the dock does it).
 
     Attributes:
@@ -46,7 +46,7 @@ class TruthPlot:
 
 
 @dataclass(frozen=True, eq=False)
-class FieldPlot:
+class FieldValues:
     """The magnetic field.
 
     Attributes:
@@ -62,7 +62,7 @@ class FieldPlot:
 
 
 @dataclass(frozen=True, eq=False)
-class DemoPlot:
+class DemoValues:
     """Values that the figures of one tracked demonstration show.
 
     Attributes:
@@ -74,8 +74,8 @@ class DemoPlot:
     path: HandPath
     tracking: Tracking
     keyframes: tuple[Keyframe, ...]
-    truth: TruthPlot | None
-    field: FieldPlot | None
+    truth: TruthValues | None
+    field: FieldValues | None
     facts: tuple[tuple[str, str], ...]
     findings: tuple[Finding, ...]
 
@@ -124,7 +124,7 @@ class DemoPlot:
         return k is not None and self.path.stops[k].weight < DOUBTED_WEIGHT
 
 
-def demo_plot(path: HandPath, remarks: Sequence[str] = ()) -> DemoPlot:
+def demo_values(path: HandPath, remarks: Sequence[str] = ()) -> DemoValues:
     """Collect the values that the figures of a demonstration show.
 
     Args:
@@ -143,12 +143,12 @@ def demo_plot(path: HandPath, remarks: Sequence[str] = ()) -> DemoPlot:
     names = stop_names(path, keyframes)
     error = None if truth is None else truth.error
     facts = tuple(_facts(demo.recording, path, names, error, field))
-    return DemoPlot(
+    return DemoValues(
         path, tracking, keyframes, truth, field, facts, find_problems(path, names, tracking.a_nav, error, remarks)
     )
 
 
-def _truth(truth: Truth, path: HandPath) -> TruthPlot | None:
+def _truth(truth: Truth, path: HandPath) -> TruthValues | None:
     """Align the truth with the path at the first stop; None if the truth has no sample near it."""
     rows = np.concatenate(([True], np.diff(truth.t) > 0.0))
     t, p, wxyz = truth.t[rows], truth.p_nav_sensor[rows], truth.wxyz_nav_sensor[rows]
@@ -165,7 +165,7 @@ def _truth(truth: Truth, path: HandPath) -> TruthPlot | None:
     ours = np.unwrap(quat_to_rpy(path.wxyz_nav_sensor), axis=0)[first]
     rpy += 2.0 * np.pi * np.round((ours - rpy[row]) / (2.0 * np.pi))
     at = np.column_stack([np.interp(path.t, t, axis, left=np.nan, right=np.nan) for axis in p.T])
-    return TruthPlot(t, p, _velocity(t, p), rpy, path.p_nav_sensor - at)
+    return TruthValues(t, p, _velocity(t, p), rpy, path.p_nav_sensor - at)
 
 
 def _velocity(t: Array, p: Array) -> Array:
@@ -177,10 +177,10 @@ def _velocity(t: Array, p: Array) -> Array:
     return v
 
 
-def _field(mag: Array, path: HandPath, first_rest: slice) -> FieldPlot:
+def _field(mag: Array, path: HandPath, first_rest: slice) -> FieldValues:
     field_nav = quat_rotate(path.wxyz_nav_sensor, mag)
     rest = field_nav[first_rest].mean(axis=0)
-    return FieldPlot(
+    return FieldValues(
         np.linalg.norm(mag, axis=1), _dip(field_nav), float(np.linalg.norm(rest)), float(_dip(rest[None])[0])
     )
 
@@ -192,7 +192,7 @@ def _dip(field_nav: Array) -> Array:
 
 
 def _facts(
-    recording: Recording, path: HandPath, names: Sequence[str], error: Array | None, field: FieldPlot | None
+    recording: Recording, path: HandPath, names: Sequence[str], error: Array | None, field: FieldValues | None
 ) -> list[tuple[str, str]]:
     """Names and values for the summary, in words."""
     t, stops = recording.t, path.stops

@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from pbd.plots import panels
-from pbd.plots.demo_values import DemoPlot
+from pbd.plots.demo_values import DemoValues
 from pbd.plots.space import YX, YZ, label_keyframes, label_keyframes_3d, path_3d, path_view
 from pbd.plots.style import (
     AXES_RGB,
@@ -34,7 +34,7 @@ from pbd.plots.style import (
     style,
 )
 
-Panel = Callable[[Axes, DemoPlot], None]
+Panel = Callable[[Axes, DemoValues], None]
 
 TIME_WIDTH = 10.0
 """Width of a figure over time, inches."""
@@ -46,60 +46,60 @@ FINDING_WIDTH, FINDING_LINES, LINES = 46, 5, 14
 """In the summary: characters per line, lines of one finding, and lines of all findings."""
 
 
-def names(plot: DemoPlot) -> tuple[str, ...]:
+def names(demo: DemoValues) -> tuple[str, ...]:
     """Names of a demonstration's figures; there is no "field" without a magnetometer."""
-    return tuple(name for name in FIGURES if name != "field" or plot.field is not None)
+    return tuple(name for name in FIGURES if name != "field" or demo.field is not None)
 
 
-def draw(name: str, plot: DemoPlot) -> Figure:
+def draw(name: str, demo: DemoValues) -> Figure:
     """Draw one of the figures that `names` lists."""
     with style():
-        return FIGURES[name](plot)
+        return FIGURES[name](demo)
 
 
-def _over_time(title: str, *rows: tuple[float, Panel]) -> Callable[[DemoPlot], Figure]:
+def _over_time(title: str, *rows: tuple[float, Panel]) -> Callable[[DemoValues], Figure]:
     """A figure of panels with a common time axis, each with its height in inches."""
 
-    def drawn(plot: DemoPlot) -> Figure:
+    def drawn(demo: DemoValues) -> Figure:
         heights = [height for height, _ in rows]
         figure = new_figure(title, TIME_WIDTH, 1.3 + sum(heights))
         axes = figure.subplots(len(rows), sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-        axes[0].set_title(_subtitle(plot))
+        axes[0].set_title(_subtitle(demo))
         for ax, (_, panel) in zip(axes, rows, strict=True):
-            panel(ax, plot)
-            mark_events(ax, plot, numbers=ax is axes[0])
+            panel(ax, demo)
+            mark_events(ax, demo, numbers=ax is axes[0])
         axes[-1].set_xlabel("time (s)")
         figure.align_ylabels(axes)
-        legend(figure, axes, event_legend(plot))
+        legend(figure, axes, event_legend(demo))
         return figure
 
     return drawn
 
 
-def _subtitle(plot: DemoPlot) -> str:
-    return f"{plain_text(plot.name, 40)}, {plain_text(plot.tracking.recording.info.sensor, 24)}, {_tracked_by(plot)}"
+def _subtitle(demo: DemoValues) -> str:
+    return f"{plain_text(demo.name, 40)}, {plain_text(demo.tracking.recording.info.sensor, 24)}, {_tracked_by(demo)}"
 
 
-def _tracked_by(plot: DemoPlot) -> str:
-    method = plot.tracking.method
+def _tracked_by(demo: DemoValues) -> str:
+    method = demo.tracking.method
     return "tracked as the paper does" if method == "paper" else f"tracked by the {method} method"
 
 
-def _path(plot: DemoPlot) -> Figure:
+def _path(demo: DemoValues) -> Figure:
     figure = new_figure("Path, with the sensor's axes at the keyframes (as the paper's figure 8)", *VIEW_SIZE)
-    ax = figure.add_subplot(projection="3d", computed_zorder=False, title=_subtitle(plot))
+    ax = figure.add_subplot(projection="3d", computed_zorder=False, title=_subtitle(demo))
     assert isinstance(ax, Axes3D)
-    numbered = path_3d(ax, plot)
+    numbered = path_3d(ax, demo)
     legend(figure, [ax])
     label_keyframes_3d(ax, *numbered)
     return figure
 
 
-def _view(title: str, axes: tuple[int, int]) -> Callable[[DemoPlot], Figure]:
-    def drawn(plot: DemoPlot) -> Figure:
+def _view(title: str, axes: tuple[int, int]) -> Callable[[DemoValues], Figure]:
+    def drawn(demo: DemoValues) -> Figure:
         figure = new_figure(title, *VIEW_SIZE)
-        ax = figure.add_subplot(title=_subtitle(plot))
-        numbered = path_view(ax, plot, axes)
+        ax = figure.add_subplot(title=_subtitle(demo))
+        numbered = path_view(ax, demo, axes)
         legend(figure, [ax])
         label_keyframes(ax, *numbered)
         return figure
@@ -107,28 +107,28 @@ def _view(title: str, axes: tuple[int, int]) -> Callable[[DemoPlot], Figure]:
     return drawn
 
 
-def _sampling(plot: DemoPlot) -> Figure:
+def _sampling(demo: DemoValues) -> Figure:
     figure = new_figure("Sampling intervals, as recorded", TIME_WIDTH, 5.5)
     upper, lower = figure.subplots(2)
-    upper.set(title=_subtitle(plot), xlabel="time (s)")
-    panels.intervals(upper, plot)
-    mark_events(upper, plot, numbers=True)
-    panels.histogram(lower, plot)
-    legend(figure, [upper], event_legend(plot))
+    upper.set(title=_subtitle(demo), xlabel="time (s)")
+    panels.intervals(upper, demo)
+    mark_events(upper, demo, numbers=True)
+    panels.histogram(lower, demo)
+    legend(figure, [upper], event_legend(demo))
     return figure
 
 
-def _summary(plot: DemoPlot) -> Figure:
+def _summary(demo: DemoValues) -> Figure:
     """One page: the path, the motion over time, and the findings in words."""
     with matplotlib.rc_context({"font.size": 8.0, "lines.linewidth": 0.9}):
-        figure = new_figure(plain_text(plot.name, 60), *A4)
+        figure = new_figure(plain_text(demo.name, 60), *A4)
         upper, lower = cast(list[SubFigure], figure.subfigures(2, height_ratios=(3.1, 5.0)))
         left, right = cast(list[SubFigure], upper.subfigures(1, 2, width_ratios=(4.4, 7.2)))
         space = left.add_subplot(projection="3d", computed_zorder=False)
         assert isinstance(space, Axes3D)
-        numbered = path_3d(space, plot)
-        _words(right, plot)
-        last = panels.specific_force if plot.field is None else panels.field_strength
+        numbered = path_3d(space, demo)
+        _words(right, demo)
+        last = panels.specific_force if demo.field is None else panels.field_strength
         rows: tuple[tuple[Panel, Panel], ...] = (
             (panels.position, panels.attitude),
             (panels.velocity, panels.closure),
@@ -138,43 +138,43 @@ def _summary(plot: DemoPlot) -> Figure:
         axes = lower.subplots(len(rows), 2, sharex=True)
         for k, row in enumerate(rows):
             for ax, panel in zip(axes[k], row, strict=True):
-                panel(ax, plot)
-                mark_events(ax, plot, numbers=k == 0)
+                panel(ax, demo)
+                mark_events(ax, demo, numbers=k == 0)
                 ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
         for ax in axes[-1]:
             ax.set_xlabel("time (s)")
         for column in axes.T:
             lower.align_ylabels(column)
-        right.legend(handles=_summary_legend(plot), loc="lower left", ncols=6, columnspacing=1.2, labelspacing=0.35)
+        right.legend(handles=_summary_legend(demo), loc="lower left", ncols=6, columnspacing=1.2, labelspacing=0.35)
         label_keyframes_3d(space, *numbered)
         return figure
 
 
-def _summary_legend(plot: DemoPlot) -> list[Artist]:
+def _summary_legend(demo: DemoValues) -> list[Artist]:
     """The legend's entries for all axes of the summary."""
     names = zip(("x, roll", "y, pitch", "z, yaw"), AXES_RGB, strict=True)
     handles: list[Artist] = [Line2D([], [], color=colour, label=name) for name, colour in names]
     handles.append(Line2D([], [], color=SIGMA, linewidth=1.6, label="σ"))
-    if plot.truth is not None:
+    if demo.truth is not None:
         handles += [Line2D([], [], color=GREY, label="truth", **PALE), Line2D([], [], color=INK, label="error")]
-    colour, label = (GREY, "g, at rest") if plot.field is None else (VERMILION, "disturbed beyond")
-    return [*handles, Line2D([], [], color=colour, linestyle="--", label=label), *event_legend(plot)]
+    colour, label = (GREY, "g, at rest") if demo.field is None else (VERMILION, "disturbed beyond")
+    return [*handles, Line2D([], [], color=colour, linestyle="--", label=label), *event_legend(demo)]
 
 
-def _words(figure: SubFigure, plot: DemoPlot) -> None:
+def _words(figure: SubFigure, demo: DemoValues) -> None:
     """Write facts and findings beside the path."""
-    facts = [("tracked", _tracked_by(plot).removeprefix("tracked ")), *plot.facts]
+    facts = [("tracked", _tracked_by(demo).removeprefix("tracked ")), *demo.facts]
     for k, (name, value) in enumerate(facts):
         figure.text(0.0, 0.97 - 0.058 * k, name, va="top", color=GREY)
         figure.text(0.2, 0.97 - 0.058 * k, plain_text(value, 44), va="top", color=INK)
-    look = {"bbox": CHECK | {"linewidth": 1.0}} if plot.findings else {}
-    figure.text(0.59, 0.97, "check" if plot.findings else "no problems found", va="top", color=INK, **look)
+    look = {"bbox": CHECK | {"linewidth": 1.0}} if demo.findings else {}
+    figure.text(0.59, 0.97, "check" if demo.findings else "no problems found", va="top", color=INK, **look)
     line = 0.0
-    for k, finding in enumerate(plot.findings):
+    for k, finding in enumerate(demo.findings):
         words = plain_text(finding.words, FINDING_WIDTH * FINDING_LINES)
         wrapped = textwrap.wrap(words, FINDING_WIDTH, max_lines=FINDING_LINES, placeholder=" …")
         full = line + len(wrapped) > LINES
-        text = f"and {len(plot.findings) - k} more" if full else "\n".join(wrapped)
+        text = f"and {len(demo.findings) - k} more" if full else "\n".join(wrapped)
         figure.text(0.59, 0.9 - 0.048 * line, text, va="top", color=INK, linespacing=1.35)
         if full:
             break
@@ -184,7 +184,7 @@ def _words(figure: SubFigure, plot: DemoPlot) -> None:
 VARIANCE = "Variance of the resulting acceleration, equations 8 and 9 (as the paper's figure 6)"
 FORCE = ((2.3, panels.specific_force), (2.3, panels.motion_acceleration))
 SIGMAS = [(1.25, partial(panels.sigma, axis=axis)) for axis in range(3)]
-FIGURES: Mapping[str, Callable[[DemoPlot], Figure]] = {
+FIGURES: Mapping[str, Callable[[DemoValues], Figure]] = {
     "summary": _summary,
     "resulting-acceleration": _over_time(
         "Resulting acceleration, equation 7 (as the paper's figure 5)", (3.2, panels.resulting)

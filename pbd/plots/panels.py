@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import NullLocator
 
 from pbd.data import Stop
-from pbd.plots.demo_values import DemoPlot
+from pbd.plots.demo_values import DemoValues
 from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, PALE, SIGMA, SKY, VERMILION, largest, length_unit
 from pbd.pose import Array
 from pbd.tracking.alarm import FIELD_CHANGE
@@ -32,29 +32,29 @@ def _truth_lines(ax: Axes, t: Array, values: Array) -> None:
     ax.plot([], [], color=GREY, label="truth", **PALE)
 
 
-def position(ax: Axes, plot: DemoPlot) -> None:
+def position(ax: Axes, demo: DemoValues) -> None:
     """Position of the hand, and the true one."""
-    ax.set_ylabel(f"position ({_beside_truth(ax, plot, 'p_nav_sensor')})")
+    ax.set_ylabel(f"position ({_beside_truth(ax, demo, 'p_nav_sensor')})")
 
 
-def velocity(ax: Axes, plot: DemoPlot) -> None:
+def velocity(ax: Axes, demo: DemoValues) -> None:
     """Velocity of the hand, and the true one."""
-    ax.set_ylabel(f"velocity ({_beside_truth(ax, plot, 'v_nav_sensor')}/s)")
+    ax.set_ylabel(f"velocity ({_beside_truth(ax, demo, 'v_nav_sensor')}/s)")
 
 
-def _beside_truth(ax: Axes, plot: DemoPlot, name: str) -> str:
+def _beside_truth(ax: Axes, demo: DemoValues, name: str) -> str:
     """Draw an attribute of the path, from the first to the last stop, and of the truth; return the unit of length."""
-    values = getattr(plot.path, name)[plot.path.demonstrated]
+    values = getattr(demo.path, name)[demo.path.demonstrated]
     scale, unit = length_unit(values)
-    if plot.truth is not None:
-        _truth_lines(ax, plot.truth.t, scale * getattr(plot.truth, name))
-    _lines(ax, plot.path.t[plot.path.demonstrated], scale * values)
+    if demo.truth is not None:
+        _truth_lines(ax, demo.truth.t, scale * getattr(demo.truth, name))
+    _lines(ax, demo.path.t[demo.path.demonstrated], scale * values)
     return unit
 
 
-def closure(ax: Axes, plot: DemoPlot) -> None:
+def closure(ax: Axes, demo: DemoValues) -> None:
     """The residual velocity at the end of each move, before it is corrected."""
-    path = plot.path
+    path = demo.path
     scale, unit = length_unit(path.closure)
     ax.set_ylabel(f"closure ({unit}/s)")
     if len(path.stops) < 2:
@@ -69,26 +69,26 @@ def closure(ax: Axes, plot: DemoPlot) -> None:
         ax.plot(x, scale * values, color=colour, marker="o", markersize=3.5, linestyle="", label=XYZ[axis])
 
 
-def speed(ax: Axes, plot: DemoPlot) -> None:
+def speed(ax: Axes, demo: DemoValues) -> None:
     """Speed of the hand, and the true one."""
-    rows, path = plot.path.demonstrated, plot.path
+    rows, path = demo.path.demonstrated, demo.path
     scale, unit = length_unit(path.v_nav_sensor[rows])
-    if plot.truth is not None:
-        true = np.linalg.norm(plot.truth.v_nav_sensor, axis=1)
-        ax.plot(plot.truth.t, scale * true, color=GREY, label="truth", **PALE)
+    if demo.truth is not None:
+        true = np.linalg.norm(demo.truth.v_nav_sensor, axis=1)
+        ax.plot(demo.truth.t, scale * true, color=GREY, label="truth", **PALE)
     ax.plot(path.t[rows], scale * np.linalg.norm(path.v_nav_sensor[rows], axis=1), color=INK, label="speed")
     ax.set_ylabel(f"speed ({unit}/s)")
 
 
-def moves(ax: Axes, plot: DemoPlot) -> None:
+def moves(ax: Axes, demo: DemoValues) -> None:
     """Moves found by the method that tracked the hand, and by the paper's Algorithm 1."""
-    method = plot.tracking.method
-    rows = {method: (plot.path.stops, BLUE), "paper": (plot.paper_stops, SKY)}
+    method = demo.tracking.method
+    rows = {method: (demo.path.stops, BLUE), "paper": (demo.paper_stops, SKY)}
     for row, (stops, colour) in enumerate(rows.values()):
-        bars = _between(stops, plot.path.t)
+        bars = _between(stops, demo.path.t)
         ax.broken_barh(bars, (row - 0.32, 0.64), facecolor=colour, linewidth=0.0, zorder=2.0)
         if not bars:
-            ax.text(plot.path.t[0], row, " none", ha="left", va="center", fontsize="small", color=GREY)
+            ax.text(demo.path.t[0], row, " none", ha="left", va="center", fontsize="small", color=GREY)
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.set_yticks(range(len(rows)), list(rows))
     ax.grid(visible=False, axis="y")
@@ -101,38 +101,38 @@ def _between(stops: tuple[Stop, ...], t: Array) -> list[tuple[float, float]]:
     return [(begin, end - begin) for begin, end in zip(edges[::2], edges[1::2], strict=True) if end > begin]
 
 
-def attitude(ax: Axes, plot: DemoPlot) -> None:
+def attitude(ax: Axes, demo: DemoValues) -> None:
     """Roll, pitch and yaw, and the true ones."""
-    if plot.truth is not None:
-        _truth_lines(ax, plot.truth.t, np.degrees(plot.truth.rpy_nav_sensor))
-    _lines(ax, plot.path.t, np.degrees(plot.rpy_nav_sensor), ("roll", "pitch", "yaw"))
+    if demo.truth is not None:
+        _truth_lines(ax, demo.truth.t, np.degrees(demo.truth.rpy_nav_sensor))
+    _lines(ax, demo.path.t, np.degrees(demo.rpy_nav_sensor), ("roll", "pitch", "yaw"))
     ax.set_ylabel("attitude (°)")
 
 
-def specific_force(ax: Axes, plot: DemoPlot) -> None:
+def specific_force(ax: Axes, demo: DemoValues) -> None:
     """Specific force in sensor axes."""
-    ax.axhline(plot.tracking.gravity, color=GREY, linewidth=0.8, linestyle="--", label="g, at rest")
-    _lines(ax, plot.path.t, plot.tracking.recording.acc)
+    ax.axhline(demo.tracking.gravity, color=GREY, linewidth=0.8, linestyle="--", label="g, at rest")
+    _lines(ax, demo.path.t, demo.tracking.recording.acc)
     ax.set_ylabel("specific force\nin sensor (m/s²)")
 
 
-def motion_acceleration(ax: Axes, plot: DemoPlot) -> None:
+def motion_acceleration(ax: Axes, demo: DemoValues) -> None:
     """Specific force without gravity, in nav."""
-    _lines(ax, plot.path.t, plot.tracking.a_nav)
+    _lines(ax, demo.path.t, demo.tracking.a_nav)
     ax.set_ylabel("acceleration\nin nav (m/s²)")
 
 
-def resulting(ax: Axes, plot: DemoPlot) -> None:
+def resulting(ax: Axes, demo: DemoValues) -> None:
     """Resulting acceleration (the paper's equation 7)."""
-    ax.plot(plot.path.t, plot.resulting, color=INK, label="resulting\nacceleration")
+    ax.plot(demo.path.t, demo.resulting, color=INK, label="resulting\nacceleration")
     ax.set_ylim(bottom=0.0)
     ax.set_ylabel("acceleration (m/s²)")
 
 
-def variance(ax: Axes, plot: DemoPlot) -> None:
+def variance(ax: Axes, demo: DemoValues) -> None:
     """Variance of the resulting acceleration (the paper's equations 8 and 9), and the paper's threshold."""
-    values = np.maximum(plot.variance, SMALLEST_VARIANCE)
-    ax.plot(plot.path.t, values, color=INK, linewidth=0.8, label="variance of\ntwo samples")
+    values = np.maximum(demo.variance, SMALLEST_VARIANCE)
+    ax.plot(demo.path.t, values, color=INK, linewidth=0.8, label="variance of\ntwo samples")
     ax.axhline(LAMBDA_V, color=VERMILION, linewidth=1.2, linestyle="--", label=f"λᵥ = {LAMBDA_V:g}")
     ax.set_yscale("log")
     # Two samples may be equal by chance: the lowest 5 % do not set the scale.
@@ -141,62 +141,62 @@ def variance(ax: Axes, plot: DemoPlot) -> None:
     ax.set_ylabel("variance ((m/s²)²)")
 
 
-def sigma(ax: Axes, plot: DemoPlot, axis: int) -> None:
+def sigma(ax: Axes, demo: DemoValues, axis: int) -> None:
     """Sigma of the position along one axis, and the error where the truth is known. All axes have the same scale."""
-    scale, unit, limit = _sigma_unit(plot)
-    begin, end = plot.path.demonstrated.start, plot.path.demonstrated.stop
+    scale, unit, limit = _sigma_unit(demo)
+    begin, end = demo.path.demonstrated.start, demo.path.demonstrated.stop
     # Vector graphics keep every point of a filled area.
     rows = slice(begin, end, -(-(end - begin) // MAX_VECTOR_POINTS))
-    one = scale * plot.sigma[rows, axis]
+    one = scale * demo.sigma[rows, axis]
     for factor, alpha in ((2.0, 0.12), (1.0, 0.22)):
-        area = ax.fill_between(plot.path.t[rows], -factor * one, factor * one, label=f"± {factor:g} σ")
+        area = ax.fill_between(demo.path.t[rows], -factor * one, factor * one, label=f"± {factor:g} σ")
         area.set(color=AXES_RGB[axis], alpha=alpha, linewidth=0.0)
-    if plot.truth is not None:
-        error = scale * plot.truth.error[plot.path.demonstrated, axis]
-        ax.plot(plot.path.t[plot.path.demonstrated], error, color=INK, label="error")
+    if demo.truth is not None:
+        error = scale * demo.truth.error[demo.path.demonstrated, axis]
+        ax.plot(demo.path.t[demo.path.demonstrated], error, color=INK, label="error")
     ax.set_ylim(-1.1 * scale * limit, 1.1 * scale * limit)
     ax.set_ylabel(f"{XYZ[axis]} ({unit})")
 
 
-def _sigma_unit(plot: DemoPlot) -> tuple[float, str, float]:
+def _sigma_unit(demo: DemoValues) -> tuple[float, str, float]:
     """Scale and unit for sigma along all axes, and the largest value shown, m."""
-    shown = [2.0 * plot.sigma[:, :3]] + ([] if plot.truth is None else [plot.truth.error[plot.path.demonstrated]])
+    shown = [2.0 * demo.sigma[:, :3]] + ([] if demo.truth is None else [demo.truth.error[demo.path.demonstrated]])
     return *length_unit(*shown), max(largest(*shown), 1e-4)
 
 
-def sigma_turn(ax: Axes, plot: DemoPlot) -> None:
+def sigma_turn(ax: Axes, demo: DemoValues) -> None:
     """Sigma of the attitude: tilt (about the worse horizontal axis) and heading."""
-    t, turn = plot.path.t[plot.path.demonstrated], np.degrees(plot.sigma[plot.path.demonstrated, 3:])
+    t, turn = demo.path.t[demo.path.demonstrated], np.degrees(demo.sigma[demo.path.demonstrated, 3:])
     ax.plot(t, turn[:, :2].max(axis=1), color=SIGMA, label="tilt")
     ax.plot(t, turn[:, 2], color=BLUE, label="heading")
     ax.set_ylim(0.0, 1.25 * max(largest(turn), 0.1))
     ax.set_ylabel("attitude, σ (°)")
 
 
-def overall_sigma(ax: Axes, plot: DemoPlot) -> None:
+def overall_sigma(ax: Axes, demo: DemoValues) -> None:
     """Sigma of the position, the largest over the axes, and the norm of the error."""
-    scale, unit, _ = _sigma_unit(plot)
-    t = plot.path.t[plot.path.demonstrated]
-    ax.plot(t, scale * plot.sigma[plot.path.demonstrated, :3].max(axis=1), color=SIGMA, linewidth=1.6, label="σ")
-    if plot.truth is not None:
-        ax.plot(t, scale * np.linalg.norm(plot.truth.error[plot.path.demonstrated], axis=1), color=INK, label="error")
+    scale, unit, _ = _sigma_unit(demo)
+    t = demo.path.t[demo.path.demonstrated]
+    ax.plot(t, scale * demo.sigma[demo.path.demonstrated, :3].max(axis=1), color=SIGMA, linewidth=1.6, label="σ")
+    if demo.truth is not None:
+        ax.plot(t, scale * np.linalg.norm(demo.truth.error[demo.path.demonstrated], axis=1), color=INK, label="error")
     ax.set_ylim(bottom=0.0)
-    ax.set_ylabel(f"σ{', error' if plot.truth is not None else ''} ({unit})")
+    ax.set_ylabel(f"σ{', error' if demo.truth is not None else ''} ({unit})")
 
 
-def field_strength(ax: Axes, plot: DemoPlot) -> None:
+def field_strength(ax: Axes, demo: DemoValues) -> None:
     """Strength of the magnetic field, and the range in which the tracker uses it."""
-    assert plot.field is not None
-    rest = plot.field.rest_strength
-    _field(ax, plot.path.t, plot.field.strength, rest, FIELD_CHANGE * rest)
+    assert demo.field is not None
+    rest = demo.field.rest_strength
+    _field(ax, demo.path.t, demo.field.strength, rest, FIELD_CHANGE * rest)
     ax.set_ylabel("strength (µT)")
 
 
-def field_dip(ax: Axes, plot: DemoPlot) -> None:
+def field_dip(ax: Axes, demo: DemoValues) -> None:
     """Dip of the magnetic field, and the range in which the tracker uses it."""
-    assert plot.field is not None
-    rest, bound = np.degrees([plot.field.rest_dip, FIELD_CHANGE]).tolist()
-    _field(ax, plot.path.t, np.degrees(plot.field.dip), rest, bound)
+    assert demo.field is not None
+    rest, bound = np.degrees([demo.field.rest_dip, FIELD_CHANGE]).tolist()
+    _field(ax, demo.path.t, np.degrees(demo.field.dip), rest, bound)
     ax.set_ylabel("dip (°)")
 
 
@@ -214,19 +214,19 @@ def _field(ax: Axes, t: Array, values: Array, rest: float, bound: float) -> None
     ax.set_ylim(min(low, rest - 1.2 * bound), max(high, rest + 1.2 * bound))
 
 
-def intervals(ax: Axes, plot: DemoPlot) -> None:
+def intervals(ax: Axes, demo: DemoValues) -> None:
     """Interval between each sample and the previous one."""
-    ms, median = _intervals_ms(plot)
-    (dots,) = ax.plot(plot.tracking.demo.recording.t[1:], ms, ".", color=BLUE, markersize=3.0, label="interval")
+    ms, median = _intervals_ms(demo)
+    (dots,) = ax.plot(demo.tracking.demo.recording.t[1:], ms, ".", color=BLUE, markersize=3.0, label="interval")
     dots.set_rasterized(len(ms) > MAX_VECTOR_POINTS)
     ax.axhline(median, color=VERMILION, linestyle="--", linewidth=1.0, label="median")
     ax.set_ylim(*_limits(ms, median))
     ax.set_ylabel("interval (ms)")
 
 
-def histogram(ax: Axes, plot: DemoPlot) -> None:
+def histogram(ax: Axes, demo: DemoValues) -> None:
     """Histogram of the intervals."""
-    ms, median = _intervals_ms(plot)
+    ms, median = _intervals_ms(demo)
     low, high = _limits(ms, median)
     ax.hist(ms, bins=np.linspace(low, high, 82).tolist(), color=BLUE, log=True)
     ax.axvline(median, color=VERMILION, linestyle="--", linewidth=1.0)
@@ -234,9 +234,9 @@ def histogram(ax: Axes, plot: DemoPlot) -> None:
     ax.yaxis.set_minor_locator(NullLocator())
 
 
-def _intervals_ms(plot: DemoPlot) -> tuple[Array, float]:
+def _intervals_ms(demo: DemoValues) -> tuple[Array, float]:
     """All recorded intervals, and their median, ms."""
-    ms = 1e3 * np.diff(plot.tracking.demo.recording.t)
+    ms = 1e3 * np.diff(demo.tracking.demo.recording.t)
     return ms, float(np.median(ms))
 
 

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from pbd.plots.demo_values import DemoPlot
+from pbd.plots.demo_values import DemoValues
 from pbd.plots.style import AXES_RGB, GREY, INK, KNOWN, PALE, SIGMA, SKY, lay_out, length_unit
 from pbd.pose import Array, quat_to_matrix
 
@@ -58,12 +58,12 @@ def fit_3d(ax: Axes3D, shown: Sequence[Array], around: Array | None = None) -> f
     return scale
 
 
-def path_3d(ax: Axes3D, plot: DemoPlot) -> tuple[Array, Array]:
+def path_3d(ax: Axes3D, demo: DemoValues) -> tuple[Array, Array]:
     """Draw the path, its shadow, and the sensor's axes at keyframes; return the arguments of `label_keyframes_3d`."""
-    inside, truth = _paths(plot)
-    at, every = np.array([keyframe.T_nav_sensor.p for keyframe in plot.keyframes]), _step(len(plot.keyframes))
+    inside, truth = _paths(demo)
+    at, every = np.array([keyframe.T_nav_sensor.p for keyframe in demo.keyframes]), _step(len(demo.keyframes))
     size = TRIAD_SHARE * max(float(np.ptp(inside, axis=0).max()), SMALLEST_BOX_M)
-    R = quat_to_matrix(np.array([keyframe.T_nav_sensor.wxyz for keyframe in plot.keyframes[::every]]))
+    R = quat_to_matrix(np.array([keyframe.T_nav_sensor.wxyz for keyframe in demo.keyframes[::every]]))
     triads = at[::every, None] + size * R.transpose(0, 2, 1)  # keyframe, axis, (3,)
     scale = fit_3d(ax, [inside, *truth], triads.reshape(-1, 3))
     p, at, triads, floor = scale * inside, scale * at, scale * triads, ax.get_zlim()[0]
@@ -87,13 +87,13 @@ def _strokes(begins: Array, ends: Array) -> Array:
     return np.stack((begins, ends, np.full_like(begins, np.nan)), axis=1).reshape(-1, 3)
 
 
-def _paths(plot: DemoPlot) -> tuple[Array, list[Array]]:
+def _paths(demo: DemoValues) -> tuple[Array, list[Array]]:
     """The path from the first to the last stop, (m, 3) m, and the truth during that time, if it is known."""
-    path, truth = plot.path, plot.truth
+    path, truth = demo.path, demo.truth
     if truth is None:
-        return path.p_nav_sensor[plot.path.demonstrated], []
-    first, last = path.t[plot.path.demonstrated][[0, -1]]
-    return path.p_nav_sensor[plot.path.demonstrated], [truth.p_nav_sensor[(truth.t >= first) & (truth.t <= last)]]
+        return path.p_nav_sensor[demo.path.demonstrated], []
+    first, last = path.t[demo.path.demonstrated][[0, -1]]
+    return path.p_nav_sensor[demo.path.demonstrated], [truth.p_nav_sensor[(truth.t >= first) & (truth.t <= last)]]
 
 
 def _step(count: int) -> int:
@@ -119,13 +119,13 @@ def view(ax: Axes, shown: Sequence[Array], axes: tuple[int, int], aspect: float 
     return scale
 
 
-def path_view(ax: Axes, plot: DemoPlot, axes: tuple[int, int]) -> tuple[Array, Array]:
+def path_view(ax: Axes, demo: DemoValues, axes: tuple[int, int]) -> tuple[Array, Array]:
     """Draw the path in a view, and keyframes with ellipses of two sigma; return the arguments of `label_keyframes`."""
-    columns, every = list(axes), _step(len(plot.keyframes))
-    inside, truth = _paths(plot)
+    columns, every = list(axes), _step(len(demo.keyframes))
+    inside, truth = _paths(demo)
     low, high = _room(np.vstack([inside, *truth]))
-    reach = [2.0 * np.sqrt(np.diagonal(keyframe.cov)[:3]) for keyframe in plot.keyframes]
-    p = np.array([keyframe.T_nav_sensor.p for keyframe in plot.keyframes])
+    reach = [2.0 * np.sqrt(np.diagonal(keyframe.cov)[:3]) for keyframe in demo.keyframes]
+    p = np.array([keyframe.T_nav_sensor.p for keyframe in demo.keyframes])
     corners = np.vstack((p - reach, p + reach))
     scale = view(ax, [inside, *truth, corners.clip(low, high)], axes)
     beyond = bool(((corners < low) | (corners > high))[:, columns].any())
@@ -134,11 +134,11 @@ def path_view(ax: Axes, plot: DemoPlot, axes: tuple[int, int]) -> tuple[Array, A
     ax.plot(*(scale * inside[:, columns]).T, color=INK, label="path")
     at = scale * p[:, columns]
     covered = [scale * inside[:, columns]]
-    for centre, keyframe in zip(at[::every], plot.keyframes[::every], strict=True):
+    for centre, keyframe in zip(at[::every], demo.keyframes[::every], strict=True):
         covered.append(ellipse(centre, scale**2 * keyframe.cov[np.ix_(columns, columns)]))
         ax.plot(*covered[-1].T, color=SIGMA, linewidth=0.9, label="2 σ, some\nbeyond the edge" if beyond else "2 σ")
     ax.plot(*at.T, color=INK, marker="o", markersize=3.5, linestyle="", label="keyframe")
-    known = at[[plot.is_known(keyframe) for keyframe in plot.keyframes]]
+    known = at[[demo.is_known(keyframe) for keyframe in demo.keyframes]]
     if len(known):
         ax.plot(*known.T, **KNOWN)
     return at, np.vstack(covered)

@@ -21,7 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from pbd.io.made_by_pbd import PICTURE
-from pbd.plots.demo_values import DemoPlot
+from pbd.plots.demo_values import DemoValues
 from pbd.pose import Array
 
 DPI = 110
@@ -149,23 +149,23 @@ def largest(*values: Array) -> float:
     return float(np.nanmax(every)) if np.isfinite(every).any() else 0.0
 
 
-def mark_events(ax: Axes, plot: DemoPlot, numbers: bool = False) -> None:
+def mark_events(ax: Axes, demo: DemoValues, numbers: bool = False) -> None:
     """Shade the rests, highlight the findings, mark the grip events and set the limits of the time axis.
 
     With `numbers`, the keyframes are numbered above the axes: a box marks a known place, a ? a doubted stop.
     """
-    t, low_to_high = plot.path.t, ax.get_xaxis_transform()
-    rests = [(t[stop.start], t[stop.stop - 1] - t[stop.start]) for stop in plot.path.stops]
+    t, low_to_high = demo.path.t, ax.get_xaxis_transform()
+    rests = [(t[stop.start], t[stop.stop - 1] - t[stop.start]) for stop in demo.path.stops]
     ax.broken_barh(rests, (0.0, 1.0), transform=low_to_high, facecolor=REST, edgecolor=REST, linewidth=0.8, zorder=0.0)
-    spans = [(begin, end - begin) for finding in plot.findings for begin, end in finding.spans]
+    spans = [(begin, end - begin) for finding in demo.findings for begin, end in finding.spans]
     ax.broken_barh(spans, (0.0, 1.0), transform=low_to_high, zorder=0.1, **CHECK)
-    for event in plot.path.grip:
+    for event in demo.path.grip:
         ax.axvline(event.t, color=ORANGE, linewidth=1.0, linestyle="--", zorder=1.5)
         ax.plot(event.t, 1.0, transform=low_to_high, clip_on=False, zorder=3.0, **_grip(event.closed))
     margin = 0.005 * max(float(t[-1] - t[0]), 1e-3)
     ax.set_xlim(float(t[0]) - margin, float(t[-1]) + margin)
     if numbers:
-        _number(ax, plot)
+        _number(ax, demo)
 
 
 def _grip(closed: bool) -> dict[str, Any]:
@@ -174,12 +174,12 @@ def _grip(closed: bool) -> dict[str, Any]:
     return look | {"linestyle": "", "label": ""}
 
 
-def _number(ax: Axes, plot: DemoPlot) -> None:
+def _number(ax: Axes, demo: DemoValues) -> None:
     """Number the keyframes above the axes; numbers that would overlap are left out."""
     begin, end = ax.get_xlim()
     shown, free = [], -np.inf
-    for number, keyframe in enumerate(plot.keyframes):
-        words = f"{number}{'?' if plot.is_doubted(keyframe) else ''}"
+    for number, keyframe in enumerate(demo.keyframes):
+        words = f"{number}{'?' if demo.is_doubted(keyframe) else ''}"
         half = 0.0075 * len(words) * (end - begin)
         if keyframe.t - half > free:
             shown.append((keyframe, words))
@@ -190,20 +190,20 @@ def _number(ax: Axes, plot: DemoPlot) -> None:
     top.spines["top"].set_visible(False)
     frame = {"boxstyle": "square,pad=0.15", "facecolor": "none", "edgecolor": PURPLE}
     for (keyframe, words), label in zip(shown, top.get_xticklabels(), strict=True):
-        if plot.is_known(keyframe):
+        if demo.is_known(keyframe):
             label.set_bbox(frame)
         elif words.endswith("?"):
             label.set_bbox(frame | CHECK)
 
 
-def event_legend(plot: DemoPlot) -> list[Artist]:
+def event_legend(demo: DemoValues) -> list[Artist]:
     """The legend's entries for the marks on a time axis."""
     handles: list[Artist] = [Patch(facecolor=REST, edgecolor="#cccccc", label="at rest")]
     for closed, what in ((True, "closes"), (False, "opens")):
-        if any(event.closed == closed for event in plot.path.grip):
+        if any(event.closed == closed for event in demo.path.grip):
             handles.append(Line2D([], [], **_grip(closed) | {"label": f"grip {what}"}))
-    if plot.path.claims:
+    if demo.path.claims:
         handles.append(Line2D([], [], **KNOWN))
-    if any(finding.spans for finding in plot.findings):
+    if any(finding.spans for finding in demo.findings):
         handles.append(Patch(**CHECK, label="check"))
     return handles

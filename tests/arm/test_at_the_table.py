@@ -55,7 +55,7 @@ def test_the_object_is_held_from_its_keyframe_on() -> None:
     grasp = Pose(np.array([0.5, 0.0, 0.5 * CUP.size[-1]]), np.array([0.0, 1.0, 0.0, 0.0]))
     beside = Pose(grasp.p + np.array([0.1, 0.0, 0.0]), grasp.wxyz)
     scene = CollisionScene(arm, 0.0, (), CUP)
-    _, arrives, leaves = scene.legs([beside, grasp], [None, True])
+    _, arrives, leaves = scene.grasp_states([beside, grasp], [None, True])
     q_beside, q_grasp = (solve(arm, pose, arm.robot.home).q for pose in (beside, grasp))
     assert scene.hit(q_beside, arrives) is None
     assert scene.hit(q_beside, leaves) is not None

@@ -13,7 +13,7 @@ from pbd.arm import ladder_checks
 from pbd.arm.choose_motion import choose_motion
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.motion_check import check_motion
-from pbd.arm.collision.scene import CollisionScene, Leg
+from pbd.arm.collision.scene import CollisionScene, GraspState
 from pbd.arm.detour import bend_detour
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.cartesian import line
@@ -147,11 +147,11 @@ def test_the_checks_for_each_keyframe_do_not_grow_with_their_number(monkeypatch:
     """With several windows of the ladder; collision checks are counted."""
     monkeypatch.setattr(motion_module, "WINDOW", 12)
     monkeypatch.setattr(motion_module, "KEPT", 4)
-    counted, is_free = list[Leg](), CollisionScene.is_free
+    counted, is_free = list[GraspState](), CollisionScene.is_free
 
-    def count(self: CollisionScene, q: Array, leg: Leg) -> bool:
-        counted.append(leg)
-        return is_free(self, q, leg)
+    def count(self: CollisionScene, q: Array, grasp: GraspState) -> bool:
+        counted.append(grasp)
+        return is_free(self, q, grasp)
 
     monkeypatch.setattr(CollisionScene, "is_free", count)
     checks = []
@@ -206,10 +206,10 @@ def test_a_path_on_which_the_tool_touches_is_not_followed(around: tuple[Motion, 
     assert not followed
     scene = CollisionScene(ARM, None, PLATE)
     line_of_tool = line(LEFT, RIGHT)
-    hit = scene.tool_hit(line_of_tool, Leg())
+    hit = scene.tool_hit(line_of_tool, GraspState())
     assert hit is not None
     assert hit.second == "the plate"
-    assert scene.tool_hit(line_of_tool[:5], Leg()) is None
+    assert scene.tool_hit(line_of_tool[:5], GraspState()) is None
 
 
 def test_a_refusal_names_all_paths_that_were_tried() -> None:
@@ -249,11 +249,11 @@ def test_a_known_detour_is_bent_to_joints_nearby_without_getting_longer(around: 
     way = np.vstack((found.q[0], found.segments[1].q))
     scene = CollisionScene(ARM, None, PLATE)
     start, goal = way[-1] + 0.02, way[0] - 0.02
-    assert bend_detour(scene, Leg(), start, goal, []) is None
-    back = bend_detour(scene, Leg(), start, goal, [way])
+    assert bend_detour(scene, GraspState(), start, goal, []) is None
+    back = bend_detour(scene, GraspState(), start, goal, [way])
     assert back is not None
     assert (back[[0, -1]] == (start, goal)).all()
-    assert scene.is_free(back, Leg())
+    assert scene.is_free(back, GraspState())
     assert np.abs(np.diff(back, axis=0)).sum() < 1.1 * np.abs(np.diff(way, axis=0)).sum()
 
 
@@ -303,7 +303,7 @@ def test_a_narrow_part_of_the_null_space_is_found_where_nothing_else_is_free() -
     scene = CollisionScene(arm, None, obstacles)
     motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, approach=False), scene)
     assert isinstance(motion, Motion)
-    assert scene.closer().is_free(motion.q[1:], Leg())
+    assert scene.closer().is_free(motion.q[1:], GraspState())
 
 
 @pytest.mark.parametrize("higher_m", [1e-3, 3e-3])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pbd.arm.collision.clearance import MARGIN_M
-from pbd.arm.collision.scene import CollisionScene, Leg
+from pbd.arm.collision.scene import CollisionScene, GraspState
 from pbd.arm.gripper import ROD_RADIUS_M, ROD_SHORT_M, arm_bodies, gripper_links, tool_rod
 from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel
@@ -74,4 +74,4 @@ def test_the_rod_may_touch_the_object_but_no_obstacle(name: str) -> None:
         if hit is not None:
             assert (hit.first, hit.second) == (THE_TOOL, "ball")
     scene = CollisionScene(arm, 0.0, grasped=GraspedObject("cylinder", (0.06, 0.1)))
-    assert scene.hit(q, Leg(0.0, Stay(0.0, 1.0, True, Pose.identity()))) is None
+    assert scene.hit(q, GraspState(0.0, Stay(0.0, 1.0, True, Pose.identity()))) is None

@@ -46,7 +46,7 @@ def test_a_lever_found_by_pivoting_says_nothing_of_the_rotation(capsys: Capture)
 
 def test_a_keyframe_that_a_person_typed_has_no_sigma(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     from pbd.plots import compare_figures  # loads slowly, and few of the processes that collect this need it
-    from pbd.plots.compare import compare_plot
+    from pbd.plots.compare import compare
 
     assert main(["simulate", "pour", "tea"]) == 0
     assert main(["keyframes", "tea", "--save"]) == 0
@@ -67,7 +67,7 @@ def test_a_keyframe_that_a_person_typed_has_no_sigma(capsys: Capture, monkeypatc
 
     path = pbd.track(pbd.load_demo("tea"))
     keyframes = read_keyframes(file)
-    assert np.isnan(compare_plot([(name, path, keyframes) for name in "ab"]).keyframes[1].sigma).all()
+    assert np.isnan(compare([(name, path, keyframes) for name in "ab"]).keyframes[1].sigma).all()
     with monkeypatch.context() as one_figure:
         one_figure.setattr(compare_figures, "COMPARISONS", {"spread": compare_figures.COMPARISONS["spread"]})
         assert main(["plot", "tea", "tea"]) == 0  # it is drawn all the same

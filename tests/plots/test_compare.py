@@ -13,9 +13,9 @@ from pbd.data import FusedTake, Fusion, HandPath, Keyframe
 from pbd.data.covariance import PoseCovariance
 from pbd.pipeline import track
 from pbd.plots.compare import (
-    ComparePlot,
+    Comparison,
     Tracked,
-    compare_plot,
+    compare,
     spread_rows,
     spread_table,
 )
@@ -64,7 +64,7 @@ def without(tracked: Tracked, *numbers: int) -> Tracked:
 
 
 def test_a_demonstration_in_another_nav_is_aligned_with_itself(tracked: list[Tracked]) -> None:
-    plot = compare_plot([tracked[0], elsewhere(tracked[0], 2.5, np.array([1.0, -2.0, 0.5]))])
+    plot = compare([tracked[0], elsewhere(tracked[0], 2.5, np.array([1.0, -2.0, 0.5]))])
     one, other = plot.runs
     assert other.p == pytest.approx(one.p, abs=1e-9)
     for keyframe in plot.keyframes:
@@ -73,7 +73,7 @@ def test_a_demonstration_in_another_nav_is_aligned_with_itself(tracked: list[Tra
 
 
 def test_spread_is_the_standard_deviation(tracked: list[Tracked]) -> None:
-    plot = compare_plot(tracked)
+    plot = compare(tracked)
     assert plot.by_order
     assert plot.remarks == ()
     at = np.array([plot.positions(run) for run in range(3)])
@@ -91,14 +91,14 @@ def test_a_turned_hand_gives_the_spread_of_the_attitude(tracked: list[Tracked]) 
     turn = np.radians(10.0)
     rolled = [*keyframes]
     rolled[4] = replace(keyframes[4], T_nav_sensor=keyframes[4].T_nav_sensor @ Pose.from_rpy(np.zeros(3), (turn, 0, 0)))
-    plot = compare_plot([tracked[0], (name, path, rolled)])
+    plot = compare([tracked[0], (name, path, rolled)])
     # Two attitudes 10 degrees apart: each is 5 from the mean, divided by n - 1 = 1.
     assert np.degrees(plot.keyframes[4].turn) == pytest.approx(np.sqrt(2.0) * 5.0, rel=1e-6)
     assert plot.keyframes[5].turn == pytest.approx(0.0, abs=1e-7)
 
 
 def test_progress_counts_keyframes(tracked: list[Tracked]) -> None:
-    plot = compare_plot(tracked)
+    plot = compare(tracked)
     for (_, path, keyframes), run in zip(tracked, plot.runs, strict=True):
         t = path.t[path.stops[0].start : path.stops[-1].stop]
         for k, keyframe in enumerate(keyframes):
@@ -112,7 +112,7 @@ def test_progress_counts_keyframes(tracked: list[Tracked]) -> None:
 
 
 def test_a_missing_and_an_extra_stop_are_reported(tracked: list[Tracked]) -> None:
-    plot = compare_plot([tracked[0], without(tracked[1], 4), tracked[2]])
+    plot = compare([tracked[0], without(tracked[1], 4), tracked[2]])
     assert not plot.by_order
     assert len(plot.keyframes) == 11
     assert [keyframe.own[1] for keyframe in plot.keyframes] == [0, 1, 2, 3, None, 4, 5, 6, 7, 8, 9]
@@ -121,10 +121,10 @@ def test_a_missing_and_an_extra_stop_are_reported(tracked: list[Tracked]) -> Non
     assert plot.keyframes[4].count == 2
     assert np.isnan(plot.positions(1)[4]).all()
 
-    plot = compare_plot([tracked[0], without(tracked[1], 4), without(tracked[2], 4)])
+    plot = compare([tracked[0], without(tracked[1], 4), without(tracked[2], 4)])
     assert len(plot.keyframes) == 10  # the most frequent number
     assert plot.remarks == (f"tea 0 has one more stop, its keyframe 4 ({at:.1f} s): left out",)
-    plot = compare_plot([*(without(each, 4, 6) for each in tracked[:2]), tracked[2]])
+    plot = compare([*(without(each, 4, 6) for each in tracked[:2]), tracked[2]])
     assert re.fullmatch(
         r"tea 2 has 2 more stops, its keyframes 4 \([\d.]+ s\), 6 \([\d.]+ s\): left out", plot.remarks[0]
     )
@@ -134,17 +134,17 @@ def test_a_missing_and_an_extra_stop_are_reported(tracked: list[Tracked]) -> Non
 
 
 @pytest.fixture(scope="module")
-def compared(tracked: list[Tracked]) -> ComparePlot:
+def compared(tracked: list[Tracked]) -> Comparison:
     """Equal and overlong names, more demonstrations than colours, one of them without a stop."""
     names = ("tea", "a $ name that is longer than any legend", "茶")
     more: Sequence[tuple[str, HandPath, Sequence[Keyframe]]] = [
         (names[k % 3], *without(tracked[k % 3], *([4] if k == 3 else []))[1:]) for k in range(8)
     ]
-    return compare_plot(more)
+    return compare(more)
 
 
 @pytest.mark.parametrize("name", COMPARISONS)
-def test_comparisons_are_legible(compared: ComparePlot, name: str) -> None:
+def test_comparisons_are_legible(compared: Comparison, name: str) -> None:
     figure = draw_comparison(name, compared)
     assert overlaps(figure) == []
     for ax in figure.axes:
@@ -153,7 +153,7 @@ def test_comparisons_are_legible(compared: ComparePlot, name: str) -> None:
 
 
 def test_paths_are_drawn_as_they_are(tracked: list[Tracked]) -> None:
-    plot = compare_plot(tracked)
+    plot = compare(tracked)
     axes = draw_comparison("positions", plot).axes
     for axis, ax in enumerate(axes):
         for run, drawn in zip(plot.runs, ax.get_lines()[::2], strict=True):
@@ -166,7 +166,7 @@ def test_paths_are_drawn_as_they_are(tracked: list[Tracked]) -> None:
     assert heights == pytest.approx(unit * np.array([keyframe.spread for keyframe in plot.keyframes]).T)
 
 
-def test_the_table_and_the_rows_say_the_same(compared: ComparePlot) -> None:
+def test_the_table_and_the_rows_say_the_same(compared: Comparison) -> None:
     rows = spread_rows(compared)
     for unit, scale, half in (("cm", 100.0, 0.0051), ("mm", 1000.0, 0.051), ("m", 1.0, 0.000051)):
         table = spread_table(compared, parse_units(unit))
@@ -190,9 +190,9 @@ def test_the_table_and_the_rows_say_the_same(compared: ComparePlot) -> None:
 def test_a_single_demonstration_has_no_spread(tracked: list[Tracked]) -> None:
     # Ten keyframes are the most frequent number of three demonstrations; of two, the larger number counts.
     short = [without(tracked[k], 4) for k in (0, 1)]
-    plot = compare_plot([*short, tracked[2]])
+    plot = compare([*short, tracked[2]])
     assert len(plot.keyframes) == 10
-    plot = compare_plot([short[0], tracked[2]])
+    plot = compare([short[0], tracked[2]])
     assert plot.keyframes[4].count == 1
     assert np.isnan(spread_rows(plot)[4]["spread_m"]).all()
     assert spread_rows(plot)[4]["keyframes"] == [None, 4]

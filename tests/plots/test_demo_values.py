@@ -10,7 +10,7 @@ import pytest
 
 from pbd.data import Calibration, Linear, SensorErrors, Truth
 from pbd.pipeline import track
-from pbd.plots.demo_values import DemoPlot, TruthPlot, demo_plot
+from pbd.plots.demo_values import DemoValues, TruthValues, demo_values
 from pbd.pose import quat_about_z, quat_multiply, quat_rotate
 from pbd.simulation.simulate import simulate
 from pbd.tracking.paper import paper_path
@@ -20,8 +20,8 @@ from tests.scenarios import pour
 
 
 @pytest.fixture(scope="module")
-def pouring() -> DemoPlot:
-    return demo_plot(track(pour()))
+def pouring() -> DemoValues:
+    return demo_values(track(pour()))
 
 
 @pytest.fixture(scope="module")
@@ -31,23 +31,23 @@ def truth() -> Truth:
     return found
 
 
-def against(plot: DemoPlot, truth: Truth) -> TruthPlot | None:
+def against(plot: DemoValues, truth: Truth) -> TruthValues | None:
     """The same path, with another truth to compare it with."""
     demo = replace(plot.tracking.demo, truth=truth)
-    return demo_plot(replace(plot.path, tracking=replace(plot.tracking, demo=demo))).truth
+    return demo_values(replace(plot.path, tracking=replace(plot.tracking, demo=demo))).truth
 
 
-def test_drawn_values_are_calibrated(pouring: DemoPlot) -> None:
+def test_drawn_values_are_calibrated(pouring: DemoValues) -> None:
     demo = pour()
     light = replace(demo, recording=replace(demo.recording, acc=0.96 * demo.recording.acc))
     acc = Linear(np.zeros(3), np.eye(3) / 0.96, np.zeros(3))
     path = track(light, calibration=Calibration("bench", sensor=SensorErrors("unknown", acc=acc)))
-    tracking = demo_plot(path).tracking
+    tracking = demo_values(path).tracking
     assert_near(tracking.recording.acc, pouring.tracking.recording.acc, 1e-9)
     assert_near(tracking.a_nav, pouring.tracking.a_nav, 0.02)  # m/s2
 
 
-def test_the_acceleration_is_the_integrated_one(pouring: DemoPlot) -> None:
+def test_the_acceleration_is_the_integrated_one(pouring: DemoValues) -> None:
     path = pouring.path
     v = integral_of_means(path.t, pouring.tracking.a_nav)
     closure = [v[after.start] - v[before.stop - 1] for before, after in pairwise(path.stops)]
@@ -56,7 +56,7 @@ def test_the_acceleration_is_the_integrated_one(pouring: DemoPlot) -> None:
 
 @pytest.mark.filterwarnings("ignore:.*at the end of the range")  # the hand rolls faster than this gyro's range
 def test_equations_7_to_9() -> None:
-    plot = demo_plot(track(simulate("pick-and-place-stops", "os5000"), "paper"))
+    plot = demo_values(track(simulate("pick-and-place-stops", "os5000"), "paper"))
     a_nav, path = plot.tracking.a_nav, plot.path
     resulting = [float(np.sqrt(a @ a)) for a in a_nav]
     assert plot.resulting == pytest.approx(resulting)
@@ -66,7 +66,7 @@ def test_equations_7_to_9() -> None:
     assert paper_path(path.t, a_nav, path.stops)[1] == pytest.approx(path.v_nav_sensor, abs=1e-12)
 
 
-def test_sigma_is_that_of_each_stop_and_grows_in_between(pouring: DemoPlot) -> None:
+def test_sigma_is_that_of_each_stop_and_grows_in_between(pouring: DemoValues) -> None:
     path = pouring.path
     for k, stop in enumerate(path.stops):
         expected = np.sqrt(np.diagonal(path.cov[k]))
@@ -76,7 +76,7 @@ def test_sigma_is_that_of_each_stop_and_grows_in_between(pouring: DemoPlot) -> N
 
 @pytest.mark.parametrize("yaw", [0.0, -3.0])
 def test_the_truth_is_aligned_at_the_first_stop_wherever_it_was_measured(
-    pouring: DemoPlot, truth: Truth, yaw: float
+    pouring: DemoValues, truth: Truth, yaw: float
 ) -> None:
     turn, shift = quat_about_z(yaw), np.array([3.0, -2.0, 1.0])
     elsewhere = Truth(
@@ -91,7 +91,7 @@ def test_the_truth_is_aligned_at_the_first_stop_wherever_it_was_measured(
     assert np.degrees(np.abs(moved.rpy_nav_sensor - pouring.rpy_nav_sensor)).max() < 2.0
 
 
-def test_a_truth_with_holes_leaves_holes(pouring: DemoPlot, truth: Truth) -> None:
+def test_a_truth_with_holes_leaves_holes(pouring: DemoValues, truth: Truth) -> None:
     hole = (truth.t > 6.0) & (truth.t < 7.0)
     p, wxyz = truth.p_nav_sensor.copy(), truth.wxyz_nav_sensor.copy()
     p[hole], wxyz[hole] = np.nan, np.nan
@@ -104,13 +104,13 @@ def test_a_truth_with_holes_leaves_holes(pouring: DemoPlot, truth: Truth) -> Non
     assert found.error[known] == pytest.approx(pouring.truth.error[known])
 
 
-def test_a_truth_without_the_first_stop_is_left_out(pouring: DemoPlot, truth: Truth) -> None:
+def test_a_truth_without_the_first_stop_is_left_out(pouring: DemoValues, truth: Truth) -> None:
     late = truth.t > 5.0
     assert against(pouring, Truth(truth.t[late], truth.p_nav_sensor[late], truth.wxyz_nav_sensor[late])) is None
 
 
 @pytest.mark.parametrize("rate_hz", [40.0, 286.0])
-def test_the_true_velocity_suppresses_optical_noise(pouring: DemoPlot, rate_hz: float) -> None:
+def test_the_true_velocity_suppresses_optical_noise(pouring: DemoValues, rate_hz: float) -> None:
     """Noise of 0.5 mm at 286 Hz gives differences of 10 cm/s between samples."""
     rng = np.random.default_rng(0)
     t = np.arange(0.0, 20.0, 1.0 / rate_hz) + 1e-3 * rng.uniform(size=round(20.0 * rate_hz))
@@ -128,7 +128,7 @@ def test_a_magnet_near_the_hand_shows_in_the_field() -> None:
     assert demo.recording.mag is not None
     near = (demo.recording.t > 12.0) & (demo.recording.t < 12.5)
     mag = demo.recording.mag * np.where(near, 1.1, 1.0)[:, None]
-    plot = demo_plot(track(replace(demo, recording=replace(demo.recording, mag=mag))))
+    plot = demo_values(track(replace(demo, recording=replace(demo.recording, mag=mag))))
     assert plot.field is not None
     assert plot.field.strength == pytest.approx(np.where(near, 1.1, 1.0) * plot.field.rest_strength, rel=1e-3)
     assert np.degrees(plot.field.rest_dip) == pytest.approx(66.1, abs=0.1)  # of the simulated world: atan(44 / 19.5)

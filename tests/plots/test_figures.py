@@ -18,7 +18,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 import pbd.plots
 from pbd.pipeline import track
 from pbd.plots import figures
-from pbd.plots.demo_values import DemoPlot, demo_plot
+from pbd.plots.demo_values import DemoValues, demo_values
 from pbd.plots.findings import Finding
 from pbd.plots.style import AXES_RGB, RUNS_RGB, plain_text, write
 from pbd.pose import Array, quat_rotate, quat_to_rpy
@@ -35,23 +35,23 @@ HOSTILE = r"a $\frac{1}{ _^ b.csv 茶 " + "\n\x07" + "very long " * 20
 
 
 @pytest.fixture(scope="module")
-def pouring() -> DemoPlot:
+def pouring() -> DemoValues:
     """Everything at once: grip, magnetometer, truth, a known place, a doubted stop."""
     path = track(pour())
     stops = (replace(stop, weight=0.6) if k == 3 else stop for k, stop in enumerate(path.stops))
-    return demo_plot(replace(path, stops=tuple(stops)))
+    return demo_values(replace(path, stops=tuple(stops)))
 
 
 @pytest.fixture(scope="module")
-def still() -> DemoPlot:
+def still() -> DemoValues:
     """One stop, no magnetometer, no truth, a hostile name."""
     demo = simulate(Task("still", (Waypoint(rest_s=1.3),)), "modern")
     info = replace(demo.recording.info, name=HOSTILE, sensor=HOSTILE)
-    return demo_plot(track(replace(demo, recording=replace(demo.recording, mag=None, info=info), truth=None)))
+    return demo_values(track(replace(demo, recording=replace(demo.recording, mag=None, info=info), truth=None)))
 
 
 @pytest.fixture(scope="module")
-def sheets(pouring: DemoPlot) -> dict[str, tuple[Figure, list[Drawn]]]:
+def sheets(pouring: DemoValues) -> dict[str, tuple[Figure, list[Drawn]]]:
     """All figures of `pouring`, and the texts in each."""
     drawn = {name: figures.draw(name, pouring) for name in figures.names(pouring)}
     return {name: (figure, texts(figure)) for name, figure in drawn.items()}
@@ -74,7 +74,7 @@ def named(figure: Figure) -> set[str]:
 # --- data ---
 
 
-def test_lines_are_the_trackers_values(pouring: DemoPlot, sheets: dict[str, tuple[Figure, list[Drawn]]]) -> None:
+def test_lines_are_the_trackers_values(pouring: DemoValues, sheets: dict[str, tuple[Figure, list[Drawn]]]) -> None:
     path, rows, tracking = pouring.path, pouring.path.demonstrated, pouring.tracking
     rpy = np.degrees(quat_to_rpy(path.wxyz_nav_sensor))  # no angle of this task comes near a half turn
     for name, panel, label, values in (
@@ -90,7 +90,7 @@ def test_lines_are_the_trackers_values(pouring: DemoPlot, sheets: dict[str, tupl
         assert_near(lines(flat(sheets[name][0])[panel])[label][:, 1], values, 1e-9)
 
 
-def test_the_path_in_space_and_its_triads(pouring: DemoPlot, sheets: dict[str, tuple[Figure, list[Drawn]]]) -> None:
+def test_the_path_in_space_and_its_triads(pouring: DemoValues, sheets: dict[str, tuple[Figure, list[Drawn]]]) -> None:
     (ax,) = sheets["path"][0].axes
     assert isinstance(ax, Axes3D)
     drawn = {str(line.get_label()): np.column_stack(line.get_data_3d()) for line in ax.get_lines()}
@@ -108,7 +108,7 @@ def test_the_path_in_space_and_its_triads(pouring: DemoPlot, sheets: dict[str, t
 
 @pytest.mark.parametrize(("name", "across", "up"), [("view-yx", 1, 0), ("view-yz", 1, 2)])
 def test_views_have_one_scale_and_are_no_mirror_image(
-    pouring: DemoPlot, sheets: dict[str, tuple[Figure, list[Drawn]]], name: str, across: int, up: int
+    pouring: DemoValues, sheets: dict[str, tuple[Figure, list[Drawn]]], name: str, across: int, up: int
 ) -> None:
     (ax,) = flat(sheets[name][0])
     path = 100.0 * pouring.path.p_nav_sensor[pouring.path.demonstrated]
@@ -120,7 +120,7 @@ def test_views_have_one_scale_and_are_no_mirror_image(
 
 
 @pytest.mark.parametrize(("sigma_m", "label"), [(0.01, "2 σ"), (5.0, "2 σ, some\nbeyond the edge")])
-def test_a_large_sigma_does_not_hide_the_path(pouring: DemoPlot, sigma_m: float, label: str) -> None:
+def test_a_large_sigma_does_not_hide_the_path(pouring: DemoValues, sigma_m: float, label: str) -> None:
     keyframes = tuple(replace(keyframe, cov=sigma_m**2 * np.eye(6)) for keyframe in pouring.keyframes)
     figure = figures.draw("view-yx", replace(pouring, keyframes=keyframes))
     (ax,) = flat(figure)
@@ -130,7 +130,7 @@ def test_a_large_sigma_does_not_hide_the_path(pouring: DemoPlot, sigma_m: float,
 
 
 def test_every_keyframe_is_numbered_and_a_doubted_one_has_a_question_mark(
-    pouring: DemoPlot, sheets: dict[str, tuple[Figure, list[Drawn]]]
+    pouring: DemoValues, sheets: dict[str, tuple[Figure, list[Drawn]]]
 ) -> None:
     numbers = [str(k) for k in range(len(pouring.keyframes))]
     on_top = {drawn.words for drawn in sheets["velocity"][1]}
@@ -141,7 +141,7 @@ def test_every_keyframe_is_numbered_and_a_doubted_one_has_a_question_mark(
         assert set(numbers) <= {str(k) for span in spans for k in range(int(span[0]), int(span[-1]) + 1)}
 
 
-def test_rests_grip_and_findings_are_marked(pouring: DemoPlot, sheets: dict[str, tuple[Figure, list[Drawn]]]) -> None:
+def test_rests_grip_and_findings_are_marked(pouring: DemoValues, sheets: dict[str, tuple[Figure, list[Drawn]]]) -> None:
     figure = sheets["position"][0]
     (ax,) = flat(figure)
     rests, checks = (np.array([path.get_extents().intervalx for path in boxes.get_paths()]) for boxes in ax.collections)
@@ -158,7 +158,7 @@ def test_the_papers_figures_are_named(sheets: dict[str, tuple[Figure, list[Drawn
     assert sorted(map(int, found)) == list(range(5, 11))
 
 
-def test_the_field_is_drawn_where_there_is_a_magnetometer(pouring: DemoPlot, still: DemoPlot) -> None:
+def test_the_field_is_drawn_where_there_is_a_magnetometer(pouring: DemoValues, still: DemoValues) -> None:
     assert set(figures.names(pouring)) - set(figures.names(still)) == {"field"}
 
 
@@ -178,27 +178,27 @@ def test_figures_are_legible(sheets: dict[str, tuple[Figure, list[Drawn]]]) -> N
 
 
 @pytest.mark.parametrize("name", ["summary", "path", "view-yz"])
-def test_a_single_stop_is_legible(still: DemoPlot, name: str) -> None:
+def test_a_single_stop_is_legible(still: DemoValues, name: str) -> None:
     assert overlaps(figures.draw(name, still)) == []
 
 
 @uncalibrated
 def test_a_crowd_is_legible() -> None:
-    plot = demo_plot(track(simulate(random_task(3, moves=21), "wt901", rate_hz=40.0)))
+    plot = demo_values(track(simulate(random_task(3, moves=21), "wt901", rate_hz=40.0)))
     assert len(plot.keyframes) > 20
     many = tuple(Finding(f"finding {i}: {HOSTILE}", ((i, i + 1.5),)) for i in range(9))
     for name in ("summary", "path", "view-yx"):
         assert overlaps(figures.draw(name, replace(plot, findings=many))) == [], name
 
 
-def test_a_name_is_not_read_as_mathematics(still: DemoPlot) -> None:
+def test_a_name_is_not_read_as_mathematics(still: DemoValues) -> None:
     (subtitle,) = (drawn.words for drawn in texts(figures.draw("position", still)) if drawn.words.startswith("a "))
     assert subtitle.replace(r"\$", "$").startswith(r"a $\frac{1}{ _^ b.csv ? ??very long")
     assert plain_text("0123456789", 5) == "0123…"
 
 
 @pytest.mark.parametrize(("format_name", "begin"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
-def test_the_same_plot_gives_the_same_bytes(still: DemoPlot, format_name: str, begin: bytes) -> None:
+def test_the_same_plot_gives_the_same_bytes(still: DemoValues, format_name: str, begin: bytes) -> None:
     one, other = io.BytesIO(), io.BytesIO()
     for stream in (one, other):
         write(figures.draw("position", still), stream, format_name)
@@ -206,7 +206,7 @@ def test_the_same_plot_gives_the_same_bytes(still: DemoPlot, format_name: str, b
     assert one.getvalue().startswith(begin)
 
 
-def test_a_users_own_style_is_left_alone(pouring: DemoPlot) -> None:
+def test_a_users_own_style_is_left_alone(pouring: DemoValues) -> None:
     with matplotlib.rc_context({"font.size": 30.0, "lines.linewidth": 9.0}):
         figure = figures.draw("position", pouring)
         assert matplotlib.rcParams["font.size"] == 30.0

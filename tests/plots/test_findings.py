@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pbd.data import Demonstration, HandPath, Known, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.pipeline import track
-from pbd.plots.demo_values import DemoPlot, demo_plot
+from pbd.plots.demo_values import DemoValues, demo_values
 from pbd.plots.findings import (
     DRIFT_ACC,
     FIRST_REST_S,
@@ -34,16 +34,16 @@ from tests.scenarios import pour
 HZ = 100.0
 
 
-def plot_of(demo: Demonstration) -> DemoPlot:
-    return demo_plot(track(demo, known=Known()))
+def plot_of(demo: Demonstration) -> DemoValues:
+    return demo_values(track(demo, known=Known()))
 
 
 @pytest.fixture(scope="module")
-def pouring() -> DemoPlot:
+def pouring() -> DemoValues:
     return plot_of(pour())
 
 
-def findings_of(plot: DemoPlot, path: HandPath | None = None, *remarks: str) -> tuple[Finding, ...]:
+def findings_of(plot: DemoValues, path: HandPath | None = None, *remarks: str) -> tuple[Finding, ...]:
     path = path or plot.path
     error = None if plot.truth is None else plot.truth.error
     return find_problems(path, stop_names(path, plot.keyframes), plot.tracking.a_nav, error, remarks)
@@ -54,12 +54,12 @@ def with_dwells(path: HandPath, **dwells: float) -> HandPath:
     return replace(path, stops=tuple(stops))
 
 
-def test_a_good_demonstration_has_no_findings(pouring: DemoPlot) -> None:
+def test_a_good_demonstration_has_no_findings(pouring: DemoValues) -> None:
     assert pouring.findings == ()
     assert findings_of(pouring, None, "told before") == (Finding("told before"),)
 
 
-def test_short_stops(pouring: DemoPlot) -> None:
+def test_short_stops(pouring: DemoValues) -> None:
     stop = pouring.path.stops[3]
     span = (pouring.path.t[stop.start], pouring.path.t[stop.stop - 1])
     (finding,) = findings_of(pouring, with_dwells(pouring.path, k3=0.9 * SHORT_STOP_S))
@@ -73,7 +73,7 @@ def test_short_stops(pouring: DemoPlot) -> None:
     assert len(four.spans) == 4
 
 
-def test_stops_have_the_numbers_of_edited_keyframes(pouring: DemoPlot) -> None:
+def test_stops_have_the_numbers_of_edited_keyframes(pouring: DemoValues) -> None:
     """A person may have removed keyframes and inserted others."""
     path, keyframes = pouring.path, pouring.keyframes
     assert stop_names(path, keyframes) == tuple(map(str, range(11)))
@@ -86,11 +86,11 @@ def test_stops_have_the_numbers_of_edited_keyframes(pouring: DemoPlot) -> None:
     assert [finding.words.split(" lasts")[0] for finding in findings] == ["keyframe 9", at[0]]
     assert short.tracking is not None
     left = replace(short.tracking, demo=replace(short.tracking.demo, keyframes=edited))
-    facts = dict(demo_plot(replace(short, tracking=left)).facts)
+    facts = dict(demo_values(replace(short, tracking=left)).facts)
     assert facts["stops"] == "11, the shortest 0.10 s, keyframe 9"
 
 
-def test_a_short_first_rest(pouring: DemoPlot) -> None:
+def test_a_short_first_rest(pouring: DemoValues) -> None:
     (finding,) = findings_of(pouring, with_dwells(pouring.path, k0=0.9 * FIRST_REST_S))
     assert finding.words.startswith(
         "the first rest lasts only 0.90 s, but all else is measured from it: hold still for two"
@@ -109,7 +109,7 @@ def test_a_hand_that_never_moved_or_never_stopped_again(moves: int) -> None:
     )
 
 
-def test_an_unsure_move(pouring: DemoPlot) -> None:
+def test_an_unsure_move(pouring: DemoValues) -> None:
     def words(*unsure: int) -> list[str]:
         cov = np.zeros((len(pouring.path.stops), 6, 6))
         for number, k in enumerate(unsure):
@@ -135,7 +135,7 @@ def test_an_unsure_move(pouring: DemoPlot) -> None:
     ]
 
 
-def test_residual_velocity(pouring: DemoPlot) -> None:
+def test_residual_velocity(pouring: DemoValues) -> None:
     before, after = pouring.path.stops[2:4]
     lasts = pouring.path.t[after.start] - pouring.path.t[before.stop - 1]
     for share, count in ((0.9, 0), (1.1, 1)):
@@ -153,7 +153,7 @@ def test_residual_velocity(pouring: DemoPlot) -> None:
 
 
 @pytest.mark.parametrize(("weight", "count"), [(0.85, 0), (0.6, 1)])
-def test_a_stop_that_the_tracker_doubts(pouring: DemoPlot, weight: float, count: int) -> None:
+def test_a_stop_that_the_tracker_doubts(pouring: DemoValues, weight: float, count: int) -> None:
     path = pouring.path
     stops = tuple(replace(stop, weight=weight) if k == 3 else stop for k, stop in enumerate(path.stops))
     findings = findings_of(pouring, replace(path, stops=stops))
@@ -165,7 +165,7 @@ def test_a_stop_that_the_tracker_doubts(pouring: DemoPlot, weight: float, count:
         assert findings[0].spans == ((path.t[stops[3].start], path.t[stops[3].stop - 1]),)
 
 
-def test_a_keyframe_far_from_the_truth(pouring: DemoPlot) -> None:
+def test_a_keyframe_far_from_the_truth(pouring: DemoValues) -> None:
     assert pouring.truth is not None
     stop, names = pouring.path.stops[4], stop_names(pouring.path, pouring.keyframes)
     sigma = float(np.sqrt(np.diagonal(pouring.path.cov[4])[:3].max()))

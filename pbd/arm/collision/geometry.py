@@ -157,9 +157,8 @@ def moves_with_tool(arm: ArmModel, first: Body, second: Body) -> bool:
 def mesh_depth(first: Body, second: Body) -> float:
     """Return the overlap of two bodies' hulls, m, up to which their meshes decide whether they touch.
 
-    For two links there is no limit. Another body, deeper inside a link's hull than its own thickness, may be entirely
-    inside the mesh without touching its surface; beyond that depth the hull decides, unless the body is too large to
-    fit inside.
+    Infinite for two links. Another body could lie inside a link's mesh without touching its surface, once it overlaps
+    the hull by more than its own thickness; the hull decides then, unless the body is too large to fit inside.
     """
     if first.mesh is None or second.mesh is None:
         meshed, other = (first, second) if first.mesh else (second, first)

@@ -154,7 +154,7 @@ def _motion_hit(
 
 
 def _keyframe(trajectory: JointTrajectory, start: float, end: float) -> tuple[int, bool]:
-    """Return the keyframe at which the arm is at some time from start to end, s, and True; else the next one, False."""
+    """Return the keyframe at which the arm is between start and end, s, and True; else the next one, and False."""
     times = trajectory.keyframe_t
     following = int(np.searchsorted(times, start))
     if following < len(times) and times[following] <= end:

@@ -80,8 +80,8 @@ class Hit:
 
 
 @dataclass(frozen=True)
-class Leg:
-    """The conditions of the move from one keyframe to the next: the gripper's opening, and where the object is."""
+class GraspState:
+    """The state of the gripper and the object during a move: the gripper's opening, and where the object is."""
 
     opening: float = 1.0
     stay: Stay | None = None
@@ -127,55 +127,55 @@ class CollisionScene:
         scene.always = QuickClearance(self.arm, self._bodies, self.always.pairs, CLOSE_M)
         return scene
 
-    def hit(self, q: Array, leg: Leg | None = None) -> Hit | None:
+    def hit(self, q: Array, grasp: GraspState | None = None) -> Hit | None:
         """Return the deepest hit at joints q (k,); by default the gripper is open and there is no object."""
-        leg = leg or Leg()
-        x, worst = np.append(q, leg.opening), None
-        for each in self.clearances(leg.stay):
+        grasp = grasp or GraspState()
+        x, worst = np.append(q, grasp.opening), None
+        for each in self.clearances(grasp.stay):
             for pair, distance in each.touching(x):
                 if worst is None or distance < worst.distance:
                     worst = self.as_hit(each, pair, x, distance)
         return worst
 
-    def is_free(self, q: Array, leg: Leg) -> bool:
+    def is_free(self, q: Array, grasp: GraspState) -> bool:
         """Whether the arm is free at joints (1, k), or along the polyline in joint space through joints (m, k).
 
         It measures at other points than `check_path`, so a distance just below the margin may be found by only one of
         the two.
         """
-        x = np.column_stack((q[[0, -1]], (leg.opening, leg.opening)))[: len(q)]
-        for each in self.clearances(leg.stay):
+        x = np.column_stack((q[[0, -1]], (grasp.opening, grasp.opening)))[: len(q)]
+        for each in self.clearances(grasp.stay):
             if any(each.touches(end) for end in x) or (len(q) == 2 and each.touches_on_move(x)):
                 return False
-            if len(q) > 2 and each.touches_on_path(sample_polyline(q, leg.opening, each.rates, 2.0 * self.margin_m)):
+            if len(q) > 2 and each.touches_on_path(sample_polyline(q, grasp.opening, each.rates, 2.0 * self.margin_m)):
                 return False
         return True
 
-    def tool_hit(self, T_base_tool: Sequence[Pose], leg: Leg) -> Hit | None:
+    def tool_hit(self, T_base_tool: Sequence[Pose], grasp: GraspState) -> Hit | None:
         """Return a hit of what moves with the tool, with the tool at given poses, whatever the arm's configuration."""
         count = len(T_base_tool)
         middle_first = sorted(range(0, count, count // MOST_TOOL_CHECKS + 1), key=lambda i: abs(2 * i - count))
-        for each in self.clearances(leg.stay):
-            met = each.tool_contact((T_base_tool[i] for i in middle_first), leg.opening)
+        for each in self.clearances(grasp.stay):
+            met = each.tool_contact((T_base_tool[i] for i in middle_first), grasp.opening)
             if met is not None:
                 pair, distance, p_base = met
                 return Hit(*each.names(pair), distance, p_base)
         return None
 
-    def check_path(self, q: Array, leg: Leg | None = None) -> Hit | None:
+    def check_path(self, q: Array, grasp: GraspState | None = None) -> Hit | None:
         """Return the first hit along the polyline in joint space through joints (m, k)."""
-        leg = leg or Leg()
+        grasp = grasp or GraspState()
         first = None
-        for each in self.clearances(leg.stay):
-            path = sample_polyline(q, leg.opening, each.rates, 2.0 * self.margin_m)
+        for each in self.clearances(grasp.stay):
+            path = sample_polyline(q, grasp.opening, each.rates, 2.0 * self.margin_m)
             met = each.first_contact(path)
             if met is not None and (first is None or path.t[met.first] < first.share):
                 share = float(path.t[met.first])
                 first = self.as_hit(each, met.pair, path.x[met.deepest], met.distance, share)
         return first
 
-    def legs(self, T_base_tool: Sequence[Pose], grips: Sequence[bool | None]) -> tuple[Leg, ...]:
-        """Return the legs of a motion through n keyframes: legs[i] leads to keyframe i, legs[n] away from the last one.
+    def grasp_states(self, T_base_tool: Sequence[Pose], grips: Sequence[bool | None]) -> tuple[GraspState, ...]:
+        """Return the states during a motion through n keyframes: [i] on the way to keyframe i, [n] after the last one.
 
         Args:
             T_base_tool: the tool's poses at the keyframes.
@@ -189,11 +189,11 @@ class CollisionScene:
         last = len(T_base_tool) - 1
         spans = gripped_spans(np.array(t), np.array(opening))
         found = self.stays(spans, lambda keyframe: T_base_tool[int(min(keyframe, last))])
-        legs = []
+        grasps = []
         for i in range(last + 2):
             stay = next((stay for stay in found if stay.start < i <= stay.end), None)
-            legs.append(Leg(opening[int(np.searchsorted(t, i - 1, side="right")) - 1], stay))
-        return tuple(legs)
+            grasps.append(GraspState(opening[int(np.searchsorted(t, i - 1, side="right")) - 1], stay))
+        return tuple(grasps)
 
     def stays(self, spans: Sequence[tuple[float, float]], tool: Callable[[float], Pose]) -> tuple[Stay, ...]:
         """Return where the object is over time: see `pbd.data.world.object_stays`; empty if there is no object."""

@@ -109,11 +109,8 @@ def curved_move(
     if ramp_s > _JERK_WIDTH * profile.t[-1] / steps:
         slower = _jerk_limited(curve, profile, limits, factor, steps)
         if slower is not None:
-            return _averaged(curve, limits, slower, slower.t[-1] / steps, _JERK_WIDTH).slowed_to_limits(limits, factor)
-    made = [
-        _averaged(curve, limits, profile, share * ramp_s / _WIDTH, _WIDTH).slowed_to_limits(limits, factor)
-        for share in _RAMPS
-    ]
+            return _averaged(curve, limits, factor, slower, slower.t[-1] / steps, _JERK_WIDTH)
+    made = [_averaged(curve, limits, factor, profile, share * ramp_s / _WIDTH, _WIDTH) for share in _RAMPS]
     return min(made, key=lambda pieces: pieces.duration)
 
 
@@ -131,8 +128,10 @@ def _jerk_limited(
     return jerk_limited_profile(s, x_max, curve.q(middle, 1), curve.q(middle, 2), acceleration, jerk)
 
 
-def _averaged(curve: Curve, limits: JointLimits, profile: SpeedProfile, h: float, width: int) -> PiecewiseCubic:
-    """Sample the profile in steps of about h s, and average over `width` steps."""
+def _averaged(
+    curve: Curve, limits: JointLimits, factor: float, profile: SpeedProfile, h: float, width: int
+) -> PiecewiseCubic:
+    """Sample the profile in steps of about h s, average over `width` steps, and slow the result to the limits."""
     count = max(1, int(profile.t[-1] / h))
     h = float(profile.t[-1]) / count  # a whole number of steps
     # Between waypoints at a joint limit the spline may overshoot it slightly.
@@ -144,4 +143,4 @@ def _averaged(curve: Curve, limits: JointLimits, profile: SpeedProfile, h: float
     points = q[0] + (total[width:] - total[:-width]) / width
     spline = BSpline(h * np.arange(len(points) + 4.0), points, k=3)
     coefficients = np.stack([spline(spline.t[3:-4], order) / factorial(order) for order in range(4)], axis=1)
-    return PiecewiseCubic(np.full(len(coefficients), h), coefficients)
+    return PiecewiseCubic(np.full(len(coefficients), h), coefficients).slowed_to_limits(limits, factor)

@@ -10,7 +10,7 @@ import pytest
 from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance
 from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.collision.motion_check import check_motion, collision_error, object_stays, refuse_home
-from pbd.arm.collision.scene import CollisionScene, Leg
+from pbd.arm.collision.scene import CollisionScene, GraspState
 from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import ArmModel
 from pbd.arm.path_sampling import sample_trajectory
@@ -78,7 +78,7 @@ def test_a_released_object_is_an_obstacle(arm: ArmModel) -> None:
     bare, scene = CollisionScene(arm), CollisionScene(arm, grasped=rod)
     put_down = Stay(0.0, 1.0, False, Pose.from_rpy(there, (0, 0, 0)))
     for through_it in random_joints(arm.robot, 3000, seed=0):
-        if bare.hit(through_it) is None and scene.hit(through_it, Leg(1.0, put_down)) is not None:
+        if bare.hit(through_it) is None and scene.hit(through_it, GraspState(1.0, put_down)) is not None:
             last = time_keyframes(arm, np.array([*q, through_it]), [0.2] * 3, [True, False, None], arm.robot.home)
             if check_motion(bare, last) is None:
                 break

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from pbd.arm.collision.clearance import MARGIN_M
 from pbd.arm.collision.geometry import link_bodies
-from pbd.arm.collision.scene import NEAR_SUPPORT_M, CollisionScene, Leg
+from pbd.arm.collision.scene import NEAR_SUPPORT_M, CollisionScene, GraspState
 from pbd.arm.gripper import arm_bodies
 from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel, from_se3, load_model
@@ -47,7 +47,7 @@ def test_a_hit_is_what_the_distances_say(name: str) -> None:
     scene = CollisionScene(arm)
     hits = 0
     for x in coordinates(arm, 30, seed=3):
-        hit, distances = scene.hit(x[:-1], Leg(x[-1])), scene.always.distances(x)
+        hit, distances = scene.hit(x[:-1], GraspState(x[-1])), scene.always.distances(x)
         assert (hit is None) == (distances.min() >= MARGIN_M)
         if hit is not None:
             hits += 1
@@ -137,7 +137,7 @@ def test_obstacles(arm: ArmModel, shape: str, size: tuple[float, ...], turned: b
     closed = placements(arm, np.append(q, 0.0))
     low = min(points_of(body, closed)[:, 2].min() for body in fingers)  # both fingers meet over its middle
     for gap in (0.01, 0.001, -0.01):
-        hit = scene.hit(at(arm, 0.5, 0.0, top + 0.3 - (low - top) + gap), Leg(0.0))
+        hit = scene.hit(at(arm, 0.5, 0.0, top + 0.3 - (low - top) + gap), GraspState(0.0))
         assert (hit is None) == (gap > MARGIN_M)
         if hit is not None:
             assert hit.second == "the thing"
@@ -161,8 +161,8 @@ def test_fingers_are_where_the_opening_puts_them(arm: ArmModel) -> None:
     q = at(arm, 0.5, 0.0, 0.3)
     beside = Obstacle("post", "cylinder", (0.02, 0.4), Pose.from_rpy((0.5 + 0.055, 0.0, 0.1), (0, 0, 0)))
     scene = CollisionScene(arm, None, [beside])
-    assert scene.hit(q, Leg(1.0)) is not None
-    assert scene.hit(q, Leg(0.0)) is None
+    assert scene.hit(q, GraspState(1.0)) is not None
+    assert scene.hit(q, GraspState(0.0)) is None
 
 
 # The object
@@ -175,10 +175,10 @@ def tool_over(x: float, z: float) -> Pose:
 def test_legs_have_the_place_of_the_object_and_the_gripper_opening(arm: ArmModel) -> None:
     scene = CollisionScene(arm, 0.0, grasped=BOTTLE)
     poses = [tool_over(0.4, 0.3), tool_over(0.4, 0.15), tool_over(0.5, 0.3), tool_over(0.5, 0.15), tool_over(0.4, 0.3)]
-    legs = scene.legs(poses, [None, True, None, False, None])
-    assert [leg.opening for leg in legs] == [1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
-    assert [leg.stay is not None and leg.stay.held for leg in legs] == [False, False, True, True, False, False]
-    before, after = legs[0].stay, legs[-1].stay
+    grasps = scene.grasp_states(poses, [None, True, None, False, None])
+    assert [grasp.opening for grasp in grasps] == [1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
+    assert [grasp.stay is not None and grasp.stay.held for grasp in grasps] == [False, False, True, True, False, False]
+    before, after = grasps[0].stay, grasps[-1].stay
     assert before is not None
     assert after is not None
     assert_allclose(before.pose.p, (0.4, 0.0, 0.1), atol=1e-12)  # it stands on the table
@@ -189,13 +189,13 @@ def test_without_a_gripper_or_an_object_nothing_is_carried(arm: ArmModel) -> Non
     poses = [tool_over(0.4, 0.3), tool_over(0.4, 0.15), tool_over(0.5, 0.3)]
     handless = load_model(replace(arm.robot, gripper=None))
     for scene in (CollisionScene(arm), CollisionScene(handless, grasped=BOTTLE)):
-        legs = scene.legs(poses, [None, True, None])
-        assert len(legs) == 4
-        assert all(leg.stay is None for leg in legs)
+        grasps = scene.grasp_states(poses, [None, True, None])
+        assert len(grasps) == 4
+        assert all(grasp.stay is None for grasp in grasps)
 
 
-def held(T_tool_object: Pose, *rests: Pose) -> Leg:
-    return Leg(0.0, Stay(0.0, 1.0, True, T_tool_object, rests))
+def held(T_tool_object: Pose, *rests: Pose) -> GraspState:
+    return GraspState(0.0, Stay(0.0, 1.0, True, T_tool_object, rests))
 
 
 def test_a_held_object_touches_what_the_arm_does_not(arm: ArmModel) -> None:
@@ -203,15 +203,15 @@ def test_a_held_object_touches_what_the_arm_does_not(arm: ArmModel) -> None:
     rod = GraspedObject("cylinder", (0.02, 0.3))
     box = Obstacle("box", "box", (0.1, 0.1, 0.1), Pose.from_rpy((0.5, 0.0, 0.05), (0, 0, 0)))
     scene = CollisionScene(arm, None, [box], rod)
-    leg = held(Pose.from_rpy((0, 0, 0.15), (0, 0, 0)))
+    grasp = held(Pose.from_rpy((0, 0, 0.15), (0, 0, 0)))
     q = at(arm, 0.5, 0.0, 0.38)
     assert scene.hit(q) is None
-    hit = scene.hit(q, leg)
+    hit = scene.hit(q, grasp)
     assert hit is not None
     assert (hit.first, hit.second) == ("the cylinder", "box")
     assert hit.depth == pytest.approx(0.02, abs=1e-4)
-    assert scene.hit(at(arm, 0.5, 0.0, 0.41), leg) is None
-    assert scene.hit(at(arm, 0.5, 0.2, 0.38), leg) is None
+    assert scene.hit(at(arm, 0.5, 0.0, 0.41), grasp) is None
+    assert scene.hit(at(arm, 0.5, 0.2, 0.38), grasp) is None
 
 
 def test_a_held_object_may_touch_the_gripper_but_not_the_arm(arm: ArmModel) -> None:
@@ -228,10 +228,10 @@ def test_a_held_object_may_touch_the_gripper_but_not_the_arm(arm: ArmModel) -> N
 def test_a_standing_object_may_touch_the_gripper_but_not_the_arm(arm: ArmModel) -> None:
     standing = Stay(-np.inf, 1.0, False, Pose.from_rpy((0.5, 0.0, 0.1), (0, 0, 0)))
     scene = CollisionScene(arm, 0.0, grasped=BOTTLE)
-    assert scene.hit(at(arm, 0.5, 0.0, 0.15), Leg(1.0, standing)) is None
+    assert scene.hit(at(arm, 0.5, 0.0, 0.15), GraspState(1.0, standing)) is None
     elbow = arm.robot.home
     forearm = placements(arm, np.append(elbow, 1.0))[5].p
-    hit = scene.hit(elbow, Leg(1.0, replace(standing, pose=Pose(forearm, DOWN))))
+    hit = scene.hit(elbow, GraspState(1.0, replace(standing, pose=Pose(forearm, DOWN))))
     assert hit is not None
     assert hit.second == "the cylinder"
 
@@ -242,10 +242,10 @@ def test_a_held_object_may_touch_its_support_near_its_rest(arm: ArmModel, suppor
     shelf = Obstacle("a shelf", "box", (0.6, 0.6, 0.1), Pose.from_rpy((0.5, 0.0, 0.05), (0, 0, 0)))
     level = 0.0 if support == "the table" else 0.1
     scene = CollisionScene(arm, 0.0, [] if support == "the table" else [shelf], BOTTLE)
-    leg = held(Pose.from_rpy((0, 0, 0), (np.pi, 0, 0)), Pose.from_rpy((0.45, 0.0, level + 0.1), (0, 0, 0)))
+    grasp = held(Pose.from_rpy((0, 0, 0), (np.pi, 0, 0)), Pose.from_rpy((0.45, 0.0, level + 0.1), (0, 0, 0)))
     for aside, deep, free in [(0.0, 0.0, True), (0.0, 0.01, True), (0.025, 0.005, True), (0.04, 0.001, False),
                               (0.0, NEAR_SUPPORT_M + 0.01, False), (0.04, -0.01, True)]:  # fmt: skip
-        hit = scene.hit(at(arm, 0.45 + aside, 0.0, level + 0.1 - deep), leg)
+        hit = scene.hit(at(arm, 0.45 + aside, 0.0, level + 0.1 - deep), grasp)
         assert (hit is None) == free, (aside, deep)
         if hit is not None:
             assert (hit.first, hit.second) == ("the cylinder", support)
@@ -255,11 +255,11 @@ def test_a_wall_beside_the_object_is_no_support(arm: ArmModel) -> None:
     """An object released against a wall touches the wall, but does not stand on it."""
     wall = Obstacle("wall", "box", (0.02, 0.4, 0.06), Pose.from_rpy((0.5, 0.0, 0.03), (0, 0, 0)))
     scene = CollisionScene(arm, 0.0, [wall], BOTTLE)
-    leg = held(Pose.from_rpy((0, 0, 0), (np.pi, 0, 0)), Pose.from_rpy((0.465, 0.0, 0.1), (0, 0, 0)))
-    hit = scene.hit(at(arm, 0.465, 0.0, 0.1), leg)
+    grasp = held(Pose.from_rpy((0, 0, 0), (np.pi, 0, 0)), Pose.from_rpy((0.465, 0.0, 0.1), (0, 0, 0)))
+    hit = scene.hit(at(arm, 0.465, 0.0, 0.1), grasp)
     assert hit is not None
     assert hit.second == "wall"
-    assert scene.hit(at(arm, 0.455, 0.0, 0.1), leg) is None  # the table it may touch
+    assert scene.hit(at(arm, 0.455, 0.0, 0.1), grasp) is None  # the table it may touch
 
 
 def test_both_ends_of_a_move_count(arm: ArmModel) -> None:
