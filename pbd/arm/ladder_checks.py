@@ -173,7 +173,7 @@ class LinkChecks:
 
         The search may use paths that are known to be free on links with the same grasp state.
         """
-        ladder, (link, move) = self.ladder, self.at(place)
+        ladder, link = self.ladder, self.links[place - 1]
         before, layer, i = ladder.layers[place - 1], ladder.layers[place], link.keyframe
         if i < self.n:
             widen(self.arm, self.request.T_base_tool[i], ladder, place)
@@ -183,7 +183,7 @@ class LinkChecks:
             known = np.array([q.tobytes() in ends for q in starts], dtype=bool)
             starts = starts[known] if known.any() else starts
         goals = np.array([q for q in layer.q[np.isfinite(layer.cost)] if self.is_free(place, q)])
-        found = self._detour_between_any(i, move, starts, goals) if len(starts) and len(goals) else None
+        found = self._detour_between_any(i, starts, goals) if len(starts) and len(goals) else None
         if found is None:
             ladder.keep_only(place, before.q[0], layer.q[0], np.inf)
             return
@@ -192,7 +192,7 @@ class LinkChecks:
         link.free_moves[ends_key(found[0], found[-1])] = found[1:]
         ladder.keep_only(place, found[0], found[-1], joint_travel(found))
 
-    def _detour_between_any(self, i: int, move: MoveState, starts: Array, goals: Array) -> Array | None:
+    def _detour_between_any(self, i: int, starts: Array, goals: Array) -> Array | None:
         """Return joints (m, k) of a detour to keyframe i, from any of the starts (s, k) to any of the goals (g, k)."""
         grasps, count = self.grasps, starts.shape[1]
         known = [
@@ -203,22 +203,22 @@ class LinkChecks:
         ]
         for settings in FROM_ANY_TO_ANY:
             ends = goals if i == self.n else turn_variants(self.arm, goals, starts, settings.variants)
-            if (found := self._find_detour(i, move, starts, ends, settings, known)) is not None:
+            if (found := self._find_detour(i, starts, ends, settings, known)) is not None:
                 return found
         return None
 
     def _find_detour(
-        self, i: int, move: MoveState, starts: Array, goals: Array, settings: DetourSearch, known: Sequence[Array] = ()
+        self, i: int, starts: Array, goals: Array, settings: DetourSearch, known: Sequence[Array] = ()
     ) -> Array | None:
         from pbd.arm.detour import find_detour  # OMPL loads slowly
 
         assert self.scene is not None
-        most_checks = min(settings.most_checks, self.checks_left)
+        move, most_checks = self.moves[i], min(settings.most_checks, self.checks_left)
         found, checks = find_detour(self.scene, self.grasps[i], starts, goals, settings, most_checks, known)
         move.detour_checks, self.checks_left = move.detour_checks + checks, self.checks_left - checks
         return found
 
-    def _detour_between(self, i: int, move: MoveState, q_before: Array, q: Array) -> Array | None:
+    def _detour_between(self, i: int, q_before: Array, q: Array) -> Array | None:
         """Return joints (m, k) of a detour to keyframe i: a known detour bent to these ends, else a new one."""
         from pbd.arm.detour import bend_detour
 
@@ -226,7 +226,7 @@ class LinkChecks:
         known = self.detours.setdefault(self.grasps[i], [])
         found = bend_detour(self.scene, self.grasps[i], q_before, q, known)
         if found is None:
-            found = self._find_detour(i, move, q_before[None], q[None], BETWEEN_TWO)
+            found = self._find_detour(i, q_before[None], q[None], BETWEEN_TWO)
             if found is not None and len(found) > 2:
                 known.append(found)
         return None if found is None else found[1:]
@@ -237,7 +237,7 @@ class LinkChecks:
         if (scene is None and link.poses is None) or (i == 0 and not self.request.approach):
             return q[None]
         if scene is not None and move.detour:
-            return self._detour_between(i, move, q_before, q)
+            return self._detour_between(i, q_before, q)
         if link.poses is not None and not link.tool_free:
             tool_hit = self.tool_hit(i, link.poses)
             link.tool_free, move.tool_barred = tool_hit is None, tool_hit is not None

@@ -81,13 +81,14 @@ def torques(arm: AuditArm, trajectory: JointTrajectory, t: Array, load: Load, pa
     bare.gravity.linear = arm.T_universe_base.rotation @ np.array([0.0, 0.0, -G])  # base has z up
     if load.mass:
         payload = pin.Inertia(load.mass, np.array(load.p_tool), np.zeros((3, 3)))
-        _add_inertia(bare, arm.tool_joint, arm.T_joint_tool, payload)
+        bare.appendBodyToJoint(arm.tool_joint, payload, arm.T_joint_tool)
     models = [bare] * len(t)
     if load.grasped is not None and load.grasped.mass:
         for stay in follow_object(arm, trajectory, load.grasped, load.table):
             if stay.held:
                 holding = bare.copy()
-                _add_inertia(holding, arm.tool_joint, arm.T_joint_tool * se3(stay.pose), _inertia(load.grasped))
+                T_joint_object = arm.T_joint_tool * se3(stay.pose)
+                holding.appendBodyToJoint(arm.tool_joint, _inertia(load.grasped), T_joint_object)
                 for i in np.flatnonzero((stay.start <= t) & (t <= stay.end)):
                     models[i] = holding
     data, gears = bare.createData(), arm.gears()
@@ -96,10 +97,6 @@ def torques(arm: AuditArm, trajectory: JointTrajectory, t: Array, load: Load, pa
     v, a = pace * qd @ gears.T, pace**2 * qdd @ gears.T
     of_all = np.array([pin.rnea(model, data, *each) for model, *each in zip(models, q, v, a, strict=True)])
     return np.asarray(of_all @ gears)
-
-
-def _add_inertia(model: Any, joint: int, T_joint_body: Any, inertia: Any) -> None:
-    model.inertias[joint] = model.inertias[joint] + T_joint_body.act(inertia)
 
 
 def _inertia(grasped: GraspedObject) -> Any:

@@ -126,11 +126,11 @@ def suggest(
 
 def _often_touching(arm: ArmModel) -> dict[tuple[str, str], int]:
     """Return pair of links -> in how many random configurations it touches, if in most."""
-    from pbd.arm.collision.allowed_collisions import CONFIGURATIONS, sample_coordinates
+    from pbd.arm.collision.allowed_collisions import sample_coordinates
     from pbd.arm.collision.scene import CollisionScene
 
     clearance, often = CollisionScene(arm).always, dict[tuple[str, str], int]()
-    for row, count in clearance.always_touching(sample_coordinates(arm, CONFIGURATIONS), OFTEN_SHARE).items():
+    for row, count in clearance.always_touching(sample_coordinates(arm), OFTEN_SHARE).items():
         first, second = (clearance.bodies[i].name for i in clearance.pairs[row])
         often[first, second] = max(count, often.get((first, second), 0))
     return often

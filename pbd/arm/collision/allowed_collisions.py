@@ -52,7 +52,7 @@ def link_pairs(arm: ArmModel) -> tuple[Pairs, tuple[Unchecked, ...]]:
     reasons = _reasons(arm, bodies, set(names))
     unchecked = {Unchecked(*links, reasons[links]) for links in names if links in reasons}
     pairs = pairs[[links not in reasons for links in names]]
-    x = sample_coordinates(arm, CONFIGURATIONS)
+    x = sample_coordinates(arm)
     always = Clearance(arm, bodies, pairs).always_touching(x, NEARLY_ALWAYS)
     for row, often in always.items():
         first, second = (bodies[i].name for i in pairs[row])
@@ -62,7 +62,7 @@ def link_pairs(arm: ArmModel) -> tuple[Pairs, tuple[Unchecked, ...]]:
     return np.delete(pairs, list(always), axis=0), tuple(in_order)
 
 
-def sample_coordinates(arm: ArmModel, count: int) -> Array:
+def sample_coordinates(arm: ArmModel, count: int = CONFIGURATIONS) -> Array:
     """Draw coordinates (count, k + 1) uniformly within the limits and within one turn to either side of zero, with a
     fixed seed."""
     lower, upper = np.maximum(arm.limits.lower, -2.0 * np.pi), np.minimum(arm.limits.upper, 2.0 * np.pi)

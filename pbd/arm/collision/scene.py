@@ -14,13 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from pbd.arm.collision.allowed_collisions import (
-    CONFIGURATIONS,
-    NEARLY_ALWAYS,
-    Unchecked,
-    link_pairs,
-    sample_coordinates,
-)
+from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, Unchecked, link_pairs, sample_coordinates
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Clearance, Pairs
 from pbd.arm.collision.geometry import Body, body_distance
 from pbd.arm.collision.motion_bounds import moving_pairs
@@ -252,8 +246,8 @@ class CollisionScene:
     def _without_mount(self, around: Pairs) -> Pairs:
         """Remove the pairs of the table and links that nearly always touch it, such as the arm's mount."""
         on_table = np.flatnonzero([self._bodies[second].name == TABLE for _, second in around])
-        clearance, x = Clearance(self.arm, self._bodies, around[on_table]), sample_coordinates(self.arm, CONFIGURATIONS)
-        always = on_table[list(clearance.always_touching(x, NEARLY_ALWAYS))]
+        clearance = Clearance(self.arm, self._bodies, around[on_table])
+        always = on_table[list(clearance.always_touching(sample_coordinates(self.arm), NEARLY_ALWAYS))]
         why = "on it in nearly every configuration"
         self.unchecked += tuple(Unchecked(self._bodies[link].name, TABLE, why) for link, _ in around[always])
         return np.delete(around, always, axis=0)
