@@ -189,7 +189,6 @@ def _move_along_null_space(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: L
         for i, goal in enumerate(goals, start=1):
             q, before, after = path[i], path[i - 1], path[i + 1] if i + 1 < len(path) else path[i - 1]
             pull = 0.5 * (before + after) - q
-            # Pull joints that are too near a limit away from it.
             over, under = q - arm.limits.lower, arm.limits.upper - q
             pull += np.maximum(0.0, MARGIN_RAD - over) - np.maximum(0.0, MARGIN_RAD - under)
             J = arm.jacobian(q)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -72,9 +72,10 @@ def sample_coordinates(arm: ArmModel, count: int = CONFIGURATIONS) -> Array:
 def _reasons(arm: ArmModel, bodies: Sequence[Body], links: Iterable[tuple[str, str]]) -> dict[tuple[str, str], str]:
     """Return the reason for each pair of links that is left out because of its names alone."""
     gripper, solid = gripper_links(arm, bodies), frozenset(body.name for body in bodies)
-    carrier = {link: _carrier(arm, link, solid) for link in solid - {THE_TOOL}}
+    parents = {link: parent for link, _, parent, _ in link_tree(arm)}
+    carrier = {link: _carrier(parents, link, solid) for link in solid - {THE_TOOL}}
     if THE_TOOL in solid:  # other links of the gripper are left out anyway: take the link before them
-        carrier[THE_TOOL] = _carrier(arm, arm.robot.body, solid - gripper)
+        carrier[THE_TOOL] = _carrier(parents, arm.robot.body, solid - gripper)
     trusted, reasons = _trusted(arm), {}
     for first, second in links:
         if first in gripper and second in gripper:
@@ -86,9 +87,8 @@ def _reasons(arm: ArmModel, bodies: Sequence[Body], links: Iterable[tuple[str, s
     return reasons
 
 
-def _carrier(arm: ArmModel, link: str, solid: frozenset[str]) -> str | None:
+def _carrier(parents: Mapping[str, str], link: str, solid: frozenset[str]) -> str | None:
     """Return the nearest link toward the root that has a body."""
-    parents = {child: parent for child, _, parent, _ in link_tree(arm)}
     above = parents.get(link)
     while above is not None and above not in solid:
         above = parents.get(above)

@@ -48,20 +48,19 @@ def find_reason(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Unreache
     """Find out why the arm stays short of a pose; `nearest`: what `solve` found."""
     goal = to_se3(T_base_tool)
     residual = Residual(arm, goal)
-    q_least, gap_least, beyond = nearest.q, T_base_tool.p - arm.forward(nearest.q).p, np.inf
+    q_least, beyond = nearest.q, np.inf
     # `solve` already brings an arm with too few joints to the nearest position.
     others = () if nearest.partial else starts_of(arm).at(T_base_tool.p, _STARTS)
     for q_seed in (nearest.q, *others):
         q = nearest_position(arm, goal, q_seed)
-        gap = T_base_tool.p - arm.forward(q).p
-        if np.linalg.norm(gap) < beyond:
-            beyond, gap_least, q_least = float(np.linalg.norm(gap)), gap, q
+        off = float(np.linalg.norm(T_base_tool.p - arm.forward(q).p))
+        if off < beyond:
+            q_least, beyond = q, off
         if beyond <= TOLERANCE_M:
             return Unreached(0.0, False, _limits(arm, nearest.q, *residual(nearest.q)))
     e, J = residual(q_least)
-    # Outward means away from the shoulder.
-    outward = T_base_tool.p - gap_least - _shoulder(arm, q_least)
-    return Unreached(beyond, float(outward @ gap_least) > 0.0, _limits(arm, q_least, e[:3], J[:3]))
+    from_shoulder = T_base_tool.p + e[:3] - _shoulder(arm, q_least)
+    return Unreached(beyond, float(from_shoulder @ e[:3]) < 0.0, _limits(arm, q_least, e[:3], J[:3]))
 
 
 def out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> PlanError:
@@ -72,8 +71,8 @@ def out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> Pla
     """
     nearest = solve(arm, pose, q_seed)
     reason = find_reason(arm, pose, nearest)
-    x, y, z = pose.p
-    rise = float(arm.forward(nearest.q).p[2] - z)
+    (x, y, z), reached = pose.p, arm.forward(nearest.q)
+    rise = float(reached.p[2] - z)
     steep = abs(rise) > max(_RISE_M, _STEEP * nearest.position_error_m)
     height = "" if not steep else " higher" if rise > 0.0 else " lower"
     return PlanError(
@@ -84,7 +83,7 @@ def out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> Pla
         value=nearest.position_error_m,
         bound=TOLERANCE_M,
         rotation=nearest.rotation_error_rad,
-        nearest=arm.forward(nearest.q),
+        nearest=reached,
         beyond=reason.beyond_m,
         joints=tuple(joint for joint, _ in reason.limits),
     )
