@@ -1,27 +1,16 @@
-"""Random configurations of an arm, and its reach: the largest distance of its tool from base's z axis."""
+"""An arm's reach: the largest distance of its tool from base's z axis."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from pbd.arm.ik.starts import sample_joints
 from pbd.arm.model import ArmModel
 from pbd.pose import Array
 
 _SAMPLES = 20_000
 _STARTS = 4  # best samples from which the distance is maximized
 _ON_AXIS_M = 1e-9  # keeps the gradient finite for a tool on the axis
-
-
-def sample_joints(arm: ArmModel, count: int) -> Array:
-    """Draw configurations (count, k) uniformly between the joint limits, with a fixed seed.
-
-    A joint with a range of more than one turn is sampled over one turn; ladder_building.py chooses whole turns later.
-    """
-    lower, upper = arm.limits.lower, arm.limits.upper
-    endless = upper - lower > 2.0 * np.pi
-    middle = np.clip(0.0, lower + np.pi, np.maximum(lower, upper - np.pi))
-    lower, upper = np.where(endless, middle - np.pi, lower), np.where(endless, middle + np.pi, upper)
-    return np.random.default_rng(seed=0).uniform(lower, upper, (count, len(lower)))
 
 
 def reach(arm: ArmModel) -> float:

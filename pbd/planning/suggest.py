@@ -146,7 +146,7 @@ def _plan_at_best(
 
 def _sampled_tool_poses(arm: ArmModel) -> tuple[Array, Array]:
     """Return positions (n, 3), m, and rotations (n, 3, 3) of the tool in base for random configurations."""
-    from pbd.arm.reach import sample_joints
+    from pbd.arm.ik.starts import sample_joints
 
     p, R = arm.forward_many(sample_joints(arm, SAMPLES))
     if (down := int((R[:, 2, 2] < -DOWN).sum())) < DOCKS:

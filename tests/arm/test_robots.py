@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.arm.reach import sample_joints
+from pbd.arm.ik.starts import sample_joints
 from pbd.cli import main
 from pbd.planning import PlanOptions, load_robot_and_calibration
 from pbd.pose import quat_to_matrix

@@ -8,7 +8,6 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.model import ArmModel, FloatArray
-from pbd.arm.reach import sample_joints
 from pbd.pose import Array
 
 SAMPLES = 10_000
@@ -22,6 +21,18 @@ SINGULAR_ARM = 1e-7
 arms, is 7e-4; rounding errors reach 1e-9."""
 
 _MEASURED = 500  # samples from which that quantile of manipulability is computed
+
+
+def sample_joints(arm: ArmModel, count: int) -> Array:
+    """Draw configurations (count, k) uniformly between the joint limits, with a fixed seed.
+
+    A joint with a range of more than one turn is sampled over one turn; ladder_building.py chooses whole turns later.
+    """
+    lower, upper = arm.limits.lower, arm.limits.upper
+    endless = upper - lower > 2.0 * np.pi
+    middle = np.clip(0.0, lower + np.pi, np.maximum(lower, upper - np.pi))
+    lower, upper = np.where(endless, middle - np.pi, lower), np.where(endless, middle + np.pi, upper)
+    return np.random.default_rng(seed=0).uniform(lower, upper, (count, len(lower)))
 
 
 class Starts:
