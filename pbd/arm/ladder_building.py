@@ -27,7 +27,7 @@ CONTINUOUS_RAD, MEND_AFTER_STEPS = 0.5, 60
 SWEEPS = 3
 """Passes over the path; in each, every configuration moves along its null space toward the mean of its neighbours."""
 
-_RIDGE = 1e-9  # keeps the null-space projection solvable where the arm is singular
+_RIDGE = 1e-9 * np.eye(6)  # keeps the null-space projection solvable where the arm is singular
 
 
 class States(NamedTuple):
@@ -192,11 +192,11 @@ def _move_along_null_space(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: L
             over, under = q - arm.limits.lower, arm.limits.upper - q
             pull += np.maximum(0.0, MARGIN_RAD - over) - np.maximum(0.0, MARGIN_RAD - under)
             J = arm.jacobian(q)
-            pull -= J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), J @ pull)
+            pull -= J.T @ np.linalg.solve(J @ J.T + _RIDGE, J @ pull)
             ended, squares = descend_each(arm, goal, (q + pull)[None])
             # The new configuration is an improvement if its cost is below this.
-            most = costs[i] + joint_travel(np.stack((before, q, after)))
-            most -= joint_travel(np.stack((before, ended[0], after)))
+            most = costs[i] + joint_travel(np.array((before, q, after)))
+            most -= joint_travel(np.array((before, ended[0], after)))
             if squares[0] < SOLVED and most > 0.0 and (cost := float(configuration_cost(arm, ended)[0])) < most:
                 path[i], costs[i] = ended[0], cost
     for i, goal in enumerate(goals, start=1):

@@ -8,7 +8,7 @@ import pytest
 from pbd.arm.ik.branches import AT_LIMIT, SINGULAR, configuration_cost, turn_toward
 from pbd.arm.ik.solver import ik_result
 from pbd.arm.ladder_building import solve_path
-from pbd.arm.model import ArmModel, load_model
+from pbd.arm.model import ArmModel, load_model, to_se3
 from pbd.data import Robot
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
@@ -38,7 +38,7 @@ def travel_ratios(arm: ArmModel) -> list[float]:
         truth = wander(arm.robot, 9, seed)
         poses = [arm.forward(q) for q in truth[1:]]
         path = solve_path(arm, poses, truth[0])
-        assert all(ik_result(arm, pose, q).reached for pose, q in zip(poses, path, strict=True))
+        assert all(ik_result(arm, to_se3(pose), q).reached for pose, q in zip(poses, path, strict=True))
         assert ((path >= arm.limits.lower) & (path <= arm.limits.upper)).all()
         ratios.append(travel(np.vstack((truth[0], path))) / travel(truth))
     return ratios
@@ -183,5 +183,5 @@ def test_the_surroundings_of_the_dock_are_within_reach(arm: ArmModel, roll_deg: 
     corners = np.array(np.meshgrid(*across)).reshape(3, -1).T
     poses = [Pose.from_rpy(p, np.deg2rad((roll_deg, 0, 0))) @ dock.T_sensor_tool for p in corners]
     path = solve_path(arm, poses, arm.robot.home)
-    assert all(ik_result(arm, pose, q).reached for pose, q in zip(poses, path, strict=True))
+    assert all(ik_result(arm, to_se3(pose), q).reached for pose, q in zip(poses, path, strict=True))
     assert dock.table_height == 0.0

@@ -26,7 +26,7 @@ _LEAP_STEPS = 8  # steps into which two poses are divided to check for a leap
 _LEAST_POSES = 8  # smallest number of poses on a line
 _STEPS = 12  # largest number of Newton steps for a pose
 _SETTLED = 1e-9  # |e| (m, rad) at which a pose is solved
-_RIDGE = 1e-10  # keeps the normal equations solvable where the arm is singular
+_RIDGE = 1e-10 * np.eye(6)  # keeps the normal equations solvable where the arm is singular
 
 
 def line(T_start: Pose, T_end: Pose) -> tuple[Pose, ...]:
@@ -90,5 +90,5 @@ def refine(arm: ArmModel, pose: Pose, q_seed: Array) -> Array | None:
         if e @ e < _SETTLED**2:
             inside = (q >= arm.limits.lower).all() and (q <= arm.limits.upper).all()
             return q if inside else None
-        q = q - J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), e)
+        q = q - J.T @ np.linalg.solve(J @ J.T + _RIDGE, e)
     return None

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from pbd.arm.ik.levenberg_marquardt import NEVER_GIVE_UP, SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import is_partial, solve_partial
@@ -64,7 +65,7 @@ def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkRe
     seeds = np.empty((0, len(arm.limits.lower))) if q_seed is None else q_seed[None]
     if is_partial(arm):  # it may happen to reach the full pose
         q, squares = descend_each(arm, goal, starts.nearest(goal, NEAREST_PARTIAL))
-        return ik_result(arm, T_base_tool, q[-1] if squares[-1] < SOLVED else solve_partial(arm, goal, seeds)[0].q)
+        return ik_result(arm, goal, q[-1] if squares[-1] < SOLVED else solve_partial(arm, goal, seeds)[0].q)
     q, squares = descend_each(arm, goal, np.vstack((seeds, starts.nearest(goal, NEAREST))))
     # At the edge of the reach steps are small, so all descents may have been given up early: resume the best.
     for i in np.argsort(squares)[:RESUMED]:
@@ -74,10 +75,10 @@ def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkRe
         count = EVERYWHERE if squares.min() < NEARLY_THERE**2 else ANYWHERE
         others, their_squares = descend_each(arm, goal, starts.q[:count])
         q, squares = np.vstack((q, others)), np.append(squares, their_squares)
-    return ik_result(arm, T_base_tool, q[squares.argmin()])
+    return ik_result(arm, goal, q[squares.argmin()])
 
 
-def ik_result(arm: ArmModel, T_base_tool: Pose, q: Array) -> IkResult:
+def ik_result(arm: ArmModel, goal: pin.SE3, q: Array) -> IkResult:
     """Measure the tool's error from a pose at joints q (k,) by forward kinematics."""
-    e, _ = Residual(arm, to_se3(T_base_tool))(q)
+    e, _ = Residual(arm, goal)(q)
     return IkResult(q, math.sqrt(e[:3].dot(e[:3])), math.sqrt(e[3:].dot(e[3:])), is_partial(arm))

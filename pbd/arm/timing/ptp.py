@@ -45,10 +45,9 @@ def _profile(length: float, share: Array, limits: JointLimits, factor: float) ->
     moving = share > 0.0
     wanted = InputParameter(1)
     wanted.current_position, wanted.target_position = [0.0], [length]
-    wanted.max_velocity, wanted.max_acceleration, wanted.max_jerk = (
-        [WITHIN * factor * float((limit[moving] / share[moving]).min())]
-        for limit in (limits.velocity, limits.acceleration, limits.jerk)
-    )
+    wanted.max_velocity = [WITHIN * factor * float((limits.velocity[moving] / share[moving]).min())]
+    wanted.max_acceleration = [WITHIN * factor * float((limits.acceleration[moving] / share[moving]).min())]
+    wanted.max_jerk = [WITHIN * factor * float((limits.jerk[moving] / share[moving]).min())]
     trajectory = Trajectory(1)
     Ruckig(1).calculate(wanted, trajectory)
     return trajectory.profiles[0][0]

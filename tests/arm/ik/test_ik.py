@@ -139,4 +139,4 @@ def test_reach_means_both_tolerances(arm: ArmModel) -> None:
         ((0, 0, 0, 0, 0.9e-5, 0), True),
         ((0, 0, 0, 0, 1.1e-5, 0), False),
     ):
-        assert ik_result(arm, here @ Pose.exp(twist), q).reached is reached
+        assert ik_result(arm, to_se3(here @ Pose.exp(twist)), q).reached is reached
