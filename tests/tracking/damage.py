@@ -309,7 +309,7 @@ def milliseconds(demo: Demonstration, rng: np.random.Generator) -> Demonstration
 
 
 def joined(where: str) -> Damage:
-    """A recording that breaks off, joined with another take from the dock."""
+    """A recording that breaks off, joined with another take from the dock: the same motion with other noise."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
         truth, n = truth_of(demo), len(demo.recording)
@@ -320,7 +320,15 @@ def joined(where: str) -> Damage:
             turn = [lengths(quat_log(quat_multiply(quat_inverse(first), truth.wxyz_nav_sensor[a]))) for a, _ in spans]
             k = int(np.argmax(turn)) if where == "at a tilted rest" else 1
             cut = sum(spans[k]) // 2
-        return with_rows_of(demo, np.concatenate((np.arange(cut), np.arange(n))))
+        both = with_rows_of(demo, np.concatenate((np.arange(cut), np.arange(n))))
+
+        def another(values: Array) -> Array:
+            noise = rng.normal(scale=np.diff(values[: samples(demo, 1.0)], axis=0).std(), size=(n, 3))
+            return set_rows(values, slice(cut, None), values[cut:] + noise)
+
+        for channel in ("acc", "gyr", "mag"):
+            both = with_values(both, channel, another)
+        return both
 
     return damage
 
