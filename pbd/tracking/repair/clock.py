@@ -168,9 +168,13 @@ def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, int, 
     mean, reach = float(t[-1] - t[0]) / (len(t) - 1), min(LATE_SAMPLES, len(t) // 4)
     if nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL_TOLERANCE:
         return mean, reach, True
-    batches = np.diff(np.flatnonzero(np.diff(t) > 0.0))
+    steps = np.diff(t)
+    # The samples of a batch may be stamped one after the other. The longest steps, if they are rare, are gaps.
+    begins = steps > 0.25 * np.sort(steps)[: int((1.0 - OFF_BEAT) * len(steps))].mean()
+    batches = np.diff(np.flatnonzero(begins))
     if len(batches) > 1 and batches.mean() > LATE_SAMPLES / 2:
-        return batched_interval(t), 2 * int(batches.max()), False
+        arrived = t[np.maximum.accumulate(np.arange(len(t)) * np.append(True, begins))]
+        return batched_interval(arrived), 2 * int(batches.max()), False
     spans = t[reach:] - t[:-reach]
     usual = float(np.sort(spans)[len(spans) // 2])  # not the mean of two, which may be far from both
     if usual <= 0.0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -12,12 +13,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pbd.data import Demonstration, Recording
-from pbd.errors import PbdWarning
+from pbd.errors import PbdWarning, RecordingError
 from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.simulation.simulate import SENSOR_MODELS
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.repair.clock import steady_clock
+from pbd.tracking.repair.clock import steady_clock, with_clock
 from pbd.tracking.repair.repair_recording import condition
 from tests.scenarios import simulate, truth_at, uncalibrated, with_rows
 
@@ -135,7 +136,7 @@ def test_lost_samples_stay_lost_where_stamps_are_coarse(step_s: float, rate_hz: 
     assert (np.abs(off) > 0.6).mean() < 0.02
 
 
-@pytest.mark.parametrize("batch", [2, 10])
+@pytest.mark.parametrize("batch", [2, 6, 7, 10, 15, 20])
 def test_samples_stamped_in_batches_are_spread(batch: int) -> None:
     demo = simulate("pour", "modern", 1)
     n = len(demo.recording) // batch * batch
@@ -154,6 +155,24 @@ def test_stamps_of_many_rows_have_the_rate_of_rows_per_time(rate_hz: float, tick
     assert coarse.rate_hz == pytest.approx(rate_hz, rel=0.005)
     steps = np.diff(steady_clock(coarse))
     assert [steps.min(), steps.max()] == pytest.approx([1.0 / rate_hz] * 2, rel=0.005)
+
+
+@pytest.mark.parametrize(
+    ("interval", "wrong"),
+    [(1.0 / 3.0, "the time is likely in ms"), (1.0 / 5.0, ""), (1.0 / 3500.0, ""), (1.0 / 4500.0, "closer than any")],
+)
+def test_a_rate_that_no_sensor_has_is_refused(interval: float, wrong: str) -> None:
+    still = Recording(interval * np.arange(2000), np.random.default_rng(0).normal(size=(2000, 3)))
+    with pytest.raises(RecordingError, match=wrong) if wrong else nullcontext():
+        with_clock(still)
+
+
+@pytest.mark.parametrize(("seconds", "told"), [(50.0, False), (70.0, True)])
+def test_a_minute_without_a_sample_is_a_jump_of_the_clock(seconds: float, told: bool) -> None:
+    t = 0.01 * np.arange(2000) + seconds * (np.arange(2000) > 1000)
+    still = Recording(t, np.random.default_rng(0).normal(size=(2000, 3)))
+    with pytest.raises(RecordingError, match="time jumps from 10") if told else nullcontext():
+        with_clock(still)
 
 
 @pytest.mark.parametrize("share", [0.01, 0.05])
