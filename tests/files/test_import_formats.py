@@ -185,6 +185,7 @@ def test_a_column_that_looks_inertial_is_never_ignored(tmp_path: Path) -> None:
         ("gyroQ", "looks like a gyro", "gx=gyroQ"),
         ("rotationRateAlpha,rotationRateBeta", "look like a gyro", "gx=rotationRateAlpha"),
         ("GYRO1", "looks like a gyro", "gx=GYRO1"),
+        ("IMUGyroFwd", "looks like a gyro", "gx=IMUGyroFwd"),
         ("imu_gyro_fwd", "looks like a gyro", "gx=imu_gyro_fwd"),
         ("pitch_rate", "looks like a gyro", "gx=pitch_rate"),
         ("mag1", "looks like inertial data", "mx=mag1"),
@@ -408,14 +409,17 @@ def test_ways_to_write_the_time(tmp_path: Path, name: str, stamps: tuple[str, st
     assert_allclose(imported(tmp_path, text).demo.recording.t, [0.0, 0.01], atol=1e-6)
 
 
-def test_counters_that_wrap_are_unwrapped_and_clocks_set_back_refused(tmp_path: Path) -> None:
-    """micros() of an Arduino wraps after 71 minutes."""
-    ticks = [2**32 - 20000 + 10000 * k for k in range(5)]
-    ones = [1] * len(ticks)
-    wrapped = rows_of([tick % 2**32 for tick in ticks], ones, ones, ones)
-    assert_allclose(imported(tmp_path, f"micros,ax,ay,az\n{wrapped}").demo.recording.t, 0.01 * np.arange(5))
-    with pytest.raises(RecordingError, match="time runs backwards"):
-        imported(tmp_path, f"micros,ax,ay,az\n{wrapped.replace('4294957296', '4294900000')}")
+@pytest.mark.parametrize("lost", [0, 1])
+def test_counters_that_wrap_are_unwrapped_and_clocks_set_back_refused(tmp_path: Path, lost: int) -> None:
+    """micros() of an Arduino wraps after 71 minutes, maybe at a lost sample. Where many are lost it may start anew."""
+    k = np.arange(7) + lost * (np.arange(7) > 1)
+    ones = [1] * len(k)
+    wrapped = rows_of((2**32 - 20000 + 10000 * k) % 2**32, ones, ones, ones)
+    assert_allclose(imported(tmp_path, f"micros,ax,ay,az\n{wrapped}").demo.recording.t, 0.01 * k)
+    late = rows_of((2**32 - 20000 + 10000 * (k + 4 * (k > 1))) % 2**32, ones, ones, ones)
+    for wrong in (wrapped.replace("4294957296", "4294900000"), late):
+        with pytest.raises(RecordingError, match="time runs backwards"):
+            imported(tmp_path, f"micros,ax,ay,az\n{wrong}")
 
 
 def test_sensors_with_rows_of_their_own_are_joined(tmp_path: Path) -> None:

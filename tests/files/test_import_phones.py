@@ -78,6 +78,33 @@ def test_every_column_of_every_file_is_listed(tmp_path: Path) -> None:
     }
 
 
+def test_a_message_names_the_time_of_the_accelerometer(tmp_path: Path) -> None:
+    """Each file has times. The accelerometer's are those of the recording."""
+    understood = import_recording(folder(tmp_path / "walk", {"TotalAcceleration": UP, "Gyroscope": TURN})).understood
+    assert understood is not None
+    assert understood.of("t")[0].name == "TotalAcceleration.csv: seconds_elapsed"
+    said = understood.in_file_names("the column 't' must be seconds")
+    assert said == "the column 'TotalAcceleration.csv: seconds_elapsed' must be seconds"
+
+
+def test_a_recording_is_found_among_pictures_and_other_tables(tmp_path: Path) -> None:
+    """Sensor Logger stores a picture a second. A Mac puts a file of its own beside each that it zips."""
+    place = tmp_path / "walk.zip"
+    with zipfile.ZipFile(place, "w") as archive:
+        for k in range(1200):
+            archive.writestr(f"Camera/{k}.jpg", b"")
+        archive.writestr("TotalAcceleration.csv", table(T, UP))
+        archive.writestr("__MACOSX/._TotalAcceleration.csv", b"\0\5\26\7")
+    found = import_recording(place)
+    assert_allclose(found.demo.recording.acc, UP, atol=1e-12)
+    assert found.understood is not None
+    assert set(found.understood.unread) == {"TotalAcceleration.csv: time"}
+    for k in range(1200):
+        (tmp_path / f"{k}.csv").touch()
+    (tmp_path / "TotalAcceleration.csv").write_text(table(T, UP))
+    assert_allclose(read(tmp_path / "TotalAcceleration.csv").acc, UP, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("tables", "standard"),
     [

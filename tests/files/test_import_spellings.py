@@ -46,7 +46,7 @@ def assert_read(recording: Recording, end: float = 0.01) -> None:
         ("gyr", "mrad/s", 1e-3),
         *(("acc", unit, 1.0) for unit in ("m/sec^2", "m/s**2", "m·s⁻²", "m.s-2", "meters/s^2", "m/(sec^2)")),
         *(("acc", unit, 9.80665) for unit in ("g's", "Gs", "g-force", "1000 milli-g")),
-        *(("mag", unit, 1.0) for unit in ("microTesla", "micro T", "uTesla", "10 milligauss")),
+        *(("mag", unit, 1.0) for unit in ("microTesla", "micro T", "uTesla", "10 milligauss", "1000 nanotesla")),
         *(
             ("t", unit, factor)
             for unit, factor in (("msec", 1e-3), ("microseconds", 1e-6), ("mins", 60.0), ("Hours", 3600.0))

@@ -110,9 +110,13 @@ class Understood:
     program: str = ""
 
     def of(self, channel: str) -> list[Column]:
-        """Return the columns of a channel, in the order of its axes. The file's own replace those of `with_file`."""
-        found = {column.ours: column for column in reversed(self.columns)}
+        """Return the columns of a channel, in the order of its axes."""
+        found = self._found()
         return [found[ours] for ours in CHANNELS[channel] if ours in found]
+
+    def _found(self) -> dict[str, Column]:
+        """Map our names to columns. The file's own replace those of `with_file`."""
+        return {column.ours: column for column in reversed(self.columns)}
 
     def with_clock(self, name: str, by: str) -> Understood:
         """Set how the column of the time was found."""
@@ -134,7 +138,7 @@ class Understood:
         The unit that a message advises is for numbers that were read as seconds. If they were read in another unit,
         both factors count. `--unit acc=-g` reverses the signs that were read.
         """
-        found = {column.ours: column for column in self.columns}
+        found = self._found()
 
         def renamed(option: re.Match[str]) -> str:
             ours, minus, source = option.groups()

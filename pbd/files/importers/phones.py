@@ -53,9 +53,6 @@ PHYPHOX_FILES = ("Accelerometer", "Acceleration", "Gyroscope", "Magnetometer", "
 LARGEST_FILE = LARGE // 4
 """Largest file in a zip, bytes, so that a small zip can't fill the memory. An hour at 400 Hz has 120 MB."""
 
-MAX_FILES = 1000
-"""Largest number of files that are read from a recording. Sensor Logger also stores pictures."""
-
 PHYPHOX_MOMENTS = "meta/time"
 """phyphox' table of starts and pauses. The other files in its folder `meta` describe the phone."""
 
@@ -90,7 +87,7 @@ def _files_in_zip(path: Path) -> Files:
         what = f"{path}: the zip is damaged or cut off ({in_words(reason)}); copy or export it again"
         raise RecordingError(what, path=path) from None
     files: Files = {}
-    for member in archive.infolist()[:MAX_FILES]:
+    for member in archive.infolist():
         place = PurePosixPath(member.filename)
         if place.suffix.lower() != ".csv" or "__MACOSX" in place.parts:
             continue
@@ -133,7 +130,7 @@ def _files_in_folder(path: Path) -> Files:
         raise RecordingError.at(folder, f"can't be read ({in_words(reason)}); give another") from None
     files = {
         str(file.relative_to(folder).with_suffix("")): partial(read_bytes, file, RecordingError, "give another")
-        for file in names[:MAX_FILES]
+        for file in names
     }
     return {name: read for name, read in files.items() if not family or name in family}
 
