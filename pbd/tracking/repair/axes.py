@@ -239,8 +239,7 @@ def _find_remedy(
         return None
     good = [fit for fit in able if fit[0] <= best + AS_GOOD_DEG and fit[1] > 0]
     fewest = min(fit[1] for fit in good)
-    # First those that a program's own convention explains: all signs flipped, or two columns swapped.
-    named = sorted(((c, r) for _, causes, c, r in good if causes == fewest), key=lambda each: -len(set(each[1].signs)))
+    named = [(channel, reading) for _, causes, channel, reading in good if causes == fewest]
     # Gravity and gyro together allow one reading of the gyro, unless the hand turned about too few axes.
     sure = not simple and sum(channel == "g" for *_, channel, _ in good) < 2
     message = _message(named[:MAX_NAMED], sure)

@@ -151,6 +151,20 @@ def test_what_froze_was_measured_once_and_what_is_clipped_did_not_freeze() -> No
     assert not frozen_rows(replace(recording, acc=ends)).any()
 
 
+def test_rows_that_were_written_twice_hide_no_freeze() -> None:
+    """With their time they are the same sample; they don't make the sensor a coarse one, which repeats itself."""
+    recording = held(simulate("pour", "modern").recording, 300, 310)
+    rows = np.sort(np.concatenate((np.arange(len(recording)), np.arange(0, len(recording), 20))))
+    twice = with_rows(recording, rows)
+    assert set(rows[frozen_rows(twice)]) == set(range(301, 310))
+
+
+@pytest.mark.parametrize(("again", "frozen"), [(2, False), (3, True)])
+def test_a_slow_sensor_is_frozen_after_three_equal_samples(again: int, frozen: bool) -> None:
+    recording = simulate("pour", "modern", rate_hz=25.0).recording
+    assert frozen_rows(held(recording, 60, 61 + again)).any() == frozen
+
+
 def test_the_gyro_is_compared_with_gravity_in_the_longest_unbroken_part() -> None:
     recording = simulate("pour", "modern").recording
     part = _longest_unbroken(recording, (Gap(200, 230, 0.29), Gap(1800, 1830, 0.29)))

@@ -148,9 +148,11 @@ def test_a_magnetometer_that_always_reads_the_same_is_left_out(reads: float) -> 
     assert path.p_nav_sensor == pytest.approx(without.p_nav_sensor)
 
 
-def test_the_field_of_a_sensor_without_noise_may_stand_still() -> None:
+def test_the_field_of_a_sensor_without_noise_may_stand_still_but_not_at_zero() -> None:
     """Without rotation a perfect magnetometer is constant."""
     demo = simulate(random_task(1, max_turn=0.0), "ideal")
     assert demo.truth is not None
     assert warned(demo.recording) == []
     assert errors(demo.recording, demo.truth)[0].max() < 0.005
+    none = replace(demo.recording, mag=np.zeros_like(demo.recording.acc))
+    assert [line.partition(" and ")[0] for line in warned(none)] == ["the magnetometer always reads 0"]

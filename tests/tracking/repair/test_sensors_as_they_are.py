@@ -22,7 +22,7 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import TASKS, World, random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.repair.channel_faults import frozen_rows
+from pbd.tracking.repair.channel_faults import frozen_rows, refuse_dead
 from pbd.tracking.repair.gyro_consistency import find_steady, refuse_disagreement
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.repair.splices import without_wild
@@ -176,6 +176,11 @@ def test_an_accelerometer_that_was_divided_by_its_norm_is_refused(sensor: str) -
     direction = (recording.acc / np.linalg.norm(recording.acc, axis=1, keepdims=True)).round(4)
     with pytest.raises(RecordingError, match="each row was divided by its norm"):
         track(replace(recording, acc=GRAVITY * direction))
+
+
+def test_a_rest_whose_noise_hardly_changes_the_norm_was_not_divided_by_it() -> None:
+    noise = 1e-4 * np.random.default_rng(0).normal(size=(300, 3))
+    refuse_dead(Recording(0.01 * np.arange(300), noise + (0.0, 0.0, GRAVITY)))
 
 
 def test_a_sensor_without_noise_is_not_dead() -> None:

@@ -259,6 +259,18 @@ def test_a_gyro_in_another_order_is_not_taken_for_another_unit_where_gravity_did
     assert found.message.startswith("gx, gy, gz are in another order (gravity turns too little to tell), or its values")
 
 
+def test_a_bent_field_hides_no_wrong_axis() -> None:
+    """The field points anywhere, as beside iron. Gravity alone shows that gx and gy are swapped."""
+    rng = np.random.default_rng(0)
+    up, field, bent = rng.normal(size=(3, 20, 3))
+    up, field, bent = (each / np.linalg.norm(each, axis=1)[:, None] for each in (up, field, bent))
+    turns = rng.uniform(-0.8, 0.8, (20, 3))
+    witnesses = [Witness("a", up, quat_rotate(quat_exp(turns), up)), Witness("m", field, bent)]
+    found = find_axis_error(witnesses, lambda factor: quat_to_matrix(quat_exp(factor * turns[:, [1, 0, 2]])))
+    assert found is not None
+    assert found.message == "gx and gy are swapped: import the file with --column gx=gy --column gy=gx"
+
+
 @pytest.mark.parametrize("axes", [1, 3])
 def test_a_single_remedy_is_doubted_after_turns_about_one_axis(axes: int) -> None:
     """Columns gx and gy are swapped. About x alone, columns that moved in a ring fit as well."""
