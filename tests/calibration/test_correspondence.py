@@ -48,6 +48,14 @@ def test_a_wrong_point_does_not_hide_the_others() -> None:
     assert match_points(p, sigma, wrong, in_order=False) == (2, 1, 4, 0, 3)
 
 
+def test_two_points_above_each_other_say_nothing_of_the_heading() -> None:
+    """With a heading by chance, the third point would be taken for a wrong one, and the points for symmetric."""
+    points = np.array([[0.3, -0.2, 0.0], [0.31, -0.2, 0.3], [0.6, 0.1, 0.1]])
+    for seed in range(40):
+        p, sigma = stops_at(np.vstack((points, [[0.1, -0.4, 0.1]])), seed, noise=0.01)
+        assert match_points(p, sigma, points, in_order=True) == (0, 1, 2)
+
+
 def test_a_square_is_ambiguous() -> None:
     p, sigma = stops_at(SQUARE)
     assert match_points(p, sigma, SQUARE, in_order=True) == (0, 1, 2, 3)
@@ -86,6 +94,8 @@ def test_stops_that_can_not_match_are_refused(in_order: bool) -> None:
     p, sigma = stops_at(POINTS[:3])
     with pytest.raises(CalibrationError, match="has 3 stops, but there are 5 points; hold still"):
         match_points(p, sigma, POINTS, in_order)
+    if in_order:  # as many stops as points: the fit, which knows all sigmas, says what is wrong
+        assert match_points(p, sigma, 10.0 * POINTS[:3], in_order) == (0, 1, 2)
     p, sigma = stops_at(np.vstack((POINTS, [[0.0, 0.0, 0.0]])))
     with pytest.raises(
         CalibrationError, match=r"no stops .* have the same distances as the points; check the points' unit"

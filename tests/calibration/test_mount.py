@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -69,6 +72,17 @@ def test_turns_about_one_axis_do_not_determine_the_lever_along_it() -> None:
         fitted(pivoted(nearly, np.array(TIP), np.zeros(3)))
 
 
+def test_the_lever_and_its_sigma_are_in_the_calibrations_scale() -> None:
+    """A hand whose positions come out twice as large shows a lever twice as long."""
+    rng = np.random.default_rng(0)
+    keyframes = pivoted([quat_exp(rng.normal(scale=0.6, size=3)) for _ in range(8)], np.array(TIP), np.zeros(3))
+    covariance = PoseCovariance.chained(np.array([keyframe.cov for keyframe in keyframes]))
+    whole, half = (fit_pivot(keyframes, covariance, scale) for scale in (1.0, 0.5))
+    assert_allclose(half.p_sensor_tip, 0.5 * whole.p_sensor_tip)
+    assert_allclose(half.cov, 0.25 * whole.cov)
+    assert_allclose(half.residuals, 0.5 * whole.residuals)
+
+
 def test_a_tip_that_slipped_is_refused() -> None:
     rng = np.random.default_rng(0)
     keyframes = pivoted([quat_exp(rng.normal(scale=0.6, size=3)) for _ in range(8)], np.array(TIP), np.zeros(3))
@@ -79,6 +93,24 @@ def test_a_tip_that_slipped_is_refused() -> None:
         CalibrationError, match=r"did not stay on one point: at stop 4 it seems to be .* cm off; keep the tip"
     ):
         fitted(keyframes)
+
+
+def test_an_unsure_attitude_is_no_slip() -> None:
+    """With a lever of 10 cm, two degrees move the tip by 3.5 mm."""
+    rng = np.random.default_rng(0)
+    attitudes = [quat_exp(rng.normal(scale=0.6, size=3)) for _ in range(8)]
+    cov = np.diag([1e-8] * 3 + [np.radians(2.0) ** 2] * 3)
+    keyframes = [
+        replace(each, T_nav_sensor=Pose(each.T_nav_sensor.p, quat_multiply(quat_exp(off), wxyz)), cov=cov)
+        for each, wxyz, off in zip(
+            pivoted(attitudes, np.array(TIP), np.zeros(3)),
+            attitudes,
+            rng.normal(scale=np.radians(2.0), size=(8, 3)),
+            strict=True,
+        )
+    ]
+    fit = fit_pivot(keyframes, PoseCovariance(8, lambda columns: cov @ columns))
+    assert 0.3 < fit.chi2 < 2.0
 
 
 def test_two_stops_are_too_few() -> None:
@@ -142,8 +174,28 @@ def test_a_turn_in_the_wrong_direction_is_refused() -> None:
         fit_turns(turned(quat_exp((0.3, 0.2, 0.1)), ("x", "-x", "x", "y")), ("x", "x", "x", "y"))
 
 
+def test_an_axis_both_turns_are_across_is_twice_as_well_known() -> None:
+    """A turn says nothing of the rotation about its own axis."""
+    fit = fit_turns(turned(quat_exp((0.0, 0.0, 0.0)), ("x", "y"), 0.8), ("x", "y"))
+    assert_allclose(np.diagonal(fit.cov) / fit.cov[2, 2], (2.0, 2.0, 1.0), rtol=0.02)
+
+
+@pytest.mark.parametrize(("degrees", "told"), [(15.0, False), (25.0, True)])
+def test_a_turn_by_hand_may_be_askew_but_not_about_another_axis(degrees: float, told: bool) -> None:
+    """A third turn of three, askew, turns the tool with it by half as much."""
+    wxyz, keyframes = quat_exp((0.0, 0.0, 0.0)), turned(quat_exp((0.0, 0.0, 0.0)), ("x",) * 5 + ("y",) * 5)
+    askew = quat_rotate(quat_exp(np.radians((0.0, 0.0, degrees))), (1.0, 0.0, 0.0))
+    wxyz = quat_multiply(keyframes[-1].T_nav_sensor.wxyz, quat_exp(askew))
+    keyframes.append(Keyframe(20.0, 1.0, Pose(np.zeros(3), wxyz), np.eye(6)))
+    with pytest.raises(CalibrationError, match="the turns contradict --turns") if told else nullcontext():
+        fit_turns(keyframes, ["x"] * 5 + ["y"] * 5 + ["x"])
+
+
 def test_a_turn_of_about_half_a_turn_is_refused() -> None:
     """Of more than half a turn the tracker sees the rest, the other way: all signs would fit, and the tool be wrong."""
+    fit_turns(turned(quat_exp((0.3, 0.2, 0.1)), ("x", "z"), np.radians(125.0)), ("x", "z"))
+    with pytest.raises(CalibrationError, match=r"move 1 turns by 141 degrees"):
+        fit_turns(turned(quat_exp((0.3, 0.2, 0.1)), ("x", "z"), np.radians(135.0)), ("x", "z"))
     with pytest.raises(CalibrationError, match=r"move 0 turns by 178 degrees, .* by 30 to 90 degrees each time"):
         fit_turns(turned(quat_exp((0.3, 0.2, 0.1)), ("x", "-x", "z", "-z"), np.radians(182.0)), ("x", "-x", "z", "-z"))
 

@@ -141,6 +141,14 @@ def test_a_wrong_point_is_named_and_left_out(wrong: int, free: bool) -> None:
     assert_allclose(fit.left_out[wrong], (0.06, -0.05, 0.06), atol=1e-6)
 
 
+def test_a_hand_that_seems_twice_as_large_halves_the_scale_and_its_sigma() -> None:
+    exact = touched(Pose.identity())
+    double = replace(exact, p_nav_sensor=2.0 * exact.p_nav_sensor, cov=4.0 * exact.cov)
+    one, two = fit_points(exact, POINTS, scaled=True), fit_points(double, POINTS, scaled=True, touch_m=0.002)
+    assert two.scale == pytest.approx(0.5 * one.scale)
+    assert two.scale_sigma == pytest.approx(0.5 * one.scale_sigma)
+
+
 def test_a_point_that_is_left_out_has_no_influence() -> None:
     base = touched(Pose.identity())
     moved = POINTS.copy()
@@ -205,6 +213,11 @@ def test_a_level_line_of_points_is_enough_with_gravity_but_hides_a_sign() -> Non
     ):
         fit = fit_points(touched(T_base_nav, points), points)
     assert fit.T_base_nav.distance(T_base_nav)[1] < 1e-7
+    points = np.array([[0.3 + 0.1 * k, 0.0, 0.0] for k in range(6)])
+    wrong = points + np.outer(np.arange(6) == 2, (0.0, 0.1, 0.1))
+    exact = touched(T_base_nav, points)
+    with pytest.warns(PbdWarning, match="fit as in a mirror too"):  # the wrong point breaks no symmetry
+        assert not fit_points(replace(exact, cov=0.05 * exact.cov), wrong).used[2]
 
 
 def test_the_joint_covariance_of_tips_follows_from_that_of_the_poses() -> None:

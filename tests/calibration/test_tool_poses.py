@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from pbd.calibration.dock import dock_tilt, in_base, nav_in_base
+from pbd.calibration.dock import dock_tilt, in_base, nav_in_base, refuse_tilted
 from pbd.calibration.tool_poses import KeyframesInBase, pointing_down, tool_poses
 from pbd.data import Calibration, Keyframe
 from pbd.data.calibration import TOOL_DOWN
@@ -33,6 +34,14 @@ def keyframes(T_nav_sensor: list[Pose]) -> list[Keyframe]:
 
 def dock(p: Array, wxyz: Array, any_attitude: bool = False) -> Calibration:
     return Calibration("mine", T_base_dock=Pose(p, wxyz), any_attitude=any_attitude)
+
+
+@pytest.mark.parametrize(("degrees", "told"), [(0.2, False), (0.3, True)])
+def test_a_base_may_be_tilted_by_a_quarter_of_a_degree(degrees: float, told: bool) -> None:
+    """At a reach of 0.7 m that is 3 mm."""
+    tilt = quat_exp(np.radians((0.6 * degrees, 0.8 * degrees, 0.0)))
+    with pytest.raises(CalibrationError, match="a dock has no tilt") if told else nullcontext():
+        refuse_tilted(Pose(np.zeros(3), quat_multiply(tilt, quat_about_z(1.0))))
 
 
 # --- nav_in_base ------------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -171,6 +172,13 @@ def test_an_outlier_take_is_named_and_left_out(takes: list[Demonstration]) -> No
 def test_stops_that_only_one_of_two_takes_has_are_reported(takes: list[Demonstration]) -> None:
     with pytest.warns(match="only take 1 has stops 5 6, and they are left out; a third take"):
         assert len(pbd.fuse([takes[0], shortened(takes[1], 5)]).stops) == 5
+
+
+def test_of_three_takes_the_majority_decides_which_stops_belong_to_the_task(takes: list[Demonstration]) -> None:
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        assert len(pbd.fuse([takes[0], *(shortened(take, 5) for take in takes[1:3])]).stops) == 5
+    assert not [str(each.message) for each in told if "third take" in str(each.message)]
 
 
 @pytest.mark.parametrize("late_s", [0.0, 1.0])

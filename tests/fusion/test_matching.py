@@ -63,6 +63,7 @@ def test_a_keyframe_of_few_takes_is_left_out() -> None:
 def test_another_task_is_a_stranger(seed: int) -> None:
     task = keyframes(seed)
     assert align([task, ELSEWHERE.apply(task), keyframes(seed + 100)]).strangers == (2,)
+    assert align([keyframes(seed + 100), task, ELSEWHERE.apply(task)]).strangers == (0,)
 
 
 def test_a_take_that_starts_elsewhere_is_a_stranger_whatever_matches_by_chance() -> None:
@@ -75,6 +76,13 @@ def test_a_take_that_was_cut_short_is_a_stranger() -> None:
     task = keyframes(count=8)
     assert align([task, ELSEWHERE.apply(task), subset(task, [0, 1, 2])]).strangers == (2,)
     assert align([task, ELSEWHERE.apply(task), subset(task, [0, 1, 2, 3])]).strangers == ()
+
+
+def test_the_first_take_is_no_reference_if_most_have_another_number_of_stops() -> None:
+    """Its own mistaken stop would shift what the others are compared with."""
+    task = keyframes()
+    found = align([subset(task, [0, 1, 2, 4, 5, 6]), task, ELSEWHERE.apply(task)])
+    assert next(iter(found.registered)) == 1
 
 
 def test_grips_distinguish_stops_side_by_side() -> None:
