@@ -11,7 +11,7 @@ import numpy as np
 from pbd.data import Keyframe, Stop
 from pbd.pose import Array, Pose, quat_log
 from pbd.tracking.estimate import BOUNCE_M, BOUNCE_RAD, BOUNCE_S, is_where_it_was
-from pbd.tracking.first_rest import STILL_ACC, Rest, restlessness
+from pbd.tracking.first_rest import STILL_ACC, Rest
 from pbd.tracking.moving_windows import PASSES, rows_of_mean
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.online.events import LiveEvent, StopBegan, StopEnded
@@ -69,7 +69,6 @@ class LiveHand:
         rest: the rest that sets the thresholds.
         flaws: what was wrong with the data since the last stop, one line each.
         still: whether the hand seems to stand still.
-        restless: `restlessness` of the last window.
         set_out: whether the hand certainly moved in what seemed a stop.
     """
 
@@ -138,7 +137,6 @@ class LiveHand:
         force, rate = (np.array(seen) for seen in zip(*((u, rate) for _, u, rate in self._window), strict=True))
         rate = rate - self._filter.x[GYR_BIAS]  # it drifts while the gyro warms up
         shake, turn = (each[len(each) // 2] for each in energies(force, rate, min(self._n, len(force))))
-        self.restless = float(restlessness(shake, turn))
         self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise))
         if not self._no_gyro:
             # The tremor's velocity is the residual of a straight line through the velocity in the window.

@@ -135,10 +135,8 @@ class LiveTracker:
         """Start tracking at the first 1 s rest; later, take thresholds from a far quieter rest."""
         hand, t = self._hand, samples[-1].t
         self._t_next_look = t + (ENERGY_WINDOW_S if hand is None else REST_S)
-        if hand is not None:
-            stands = hand.still and hand.stops[-1].first.t <= samples[0].t
-            if not stands or hand.restless > hand.rest.restless:
-                return []
+        if hand is not None and (not hand.still or hand.stops[-1].first.t > samples[0].t):
+            return []
         recording = self._recording_of(samples)
         try:
             rest = find_rest(recording)

@@ -271,7 +271,11 @@ def test_a_field_stronger_beyond_all_measure_has_no_weight() -> None:
     north, south = np.array([0.0, 0.5, -0.8]), np.array([0.0, -0.5, -0.8])
     for strength in (1e-126, 1e-300):
         assert not compass_heading(np.array([north, south]), strength, -1.0, noise)[2].any()
-    assert compass_heading(north[None], float(np.linalg.norm(north)), -1.0, noise)[2][0] > 0.9
+    strength, dip = float(np.linalg.norm(north)), float(np.arctan2(-0.8, 0.5))
+    east = np.array([0.5, 0.0, -0.8])  # as strong and as steep, but by iron
+    trusted, bent = compass_heading(np.array([north, east]), strength, dip, noise)[2]
+    assert trusted > 0.99
+    assert bent < 0.1
 
 
 def test_without_a_compass_nothing_tells_the_heading() -> None:
