@@ -191,20 +191,19 @@ def _repeats(recording: Recording) -> NDArray[np.bool_]:
 
 def _axis_has_noise(column: Array) -> bool:
     """Whether an axis (n,) has noise, judged in its calmest rows."""
-    return (np.abs(np.diff(column)) > ROUNDING).mean() >= LIVE_SHARE and _is_noise(column[:, None], np.inf)
+    return (np.abs(np.diff(column)) > ROUNDING).mean() >= LIVE_SHARE and _is_noise(column[:, None])
 
 
 def has_noise(acc: Array) -> bool:
     """Whether an accelerometer at rest has noise, judged in the calmest of its rows that change."""
-    return _is_noise(acc[1:][(np.abs(np.diff(acc, axis=0)) > ROUNDING).any(axis=1)], STILL_ACC**2)
+    return _is_noise(acc[1:][(np.abs(np.diff(acc, axis=0)) > ROUNDING).any(axis=1)])
 
 
-def _is_noise(values: Array, largest: float) -> bool:
-    """Whether the calmest rows of values (n, k) are noise, not smooth motion, and have a variance below `largest`."""
+def _is_noise(values: Array) -> bool:
+    """Whether the calmest rows of values (n, k) are noise, not smooth motion."""
     if len(values) < NOISE_ROWS:
         return False
     variance, _ = window_moments(values, NOISE_ROWS)
-    calmest = int(np.argmin(variance))
-    rows = values[calmest : calmest + NOISE_ROWS]
+    rows = values[np.argmin(variance) :][:NOISE_ROWS]
     first, third = (float(np.abs(np.diff(rows, n=n, axis=0)).sum()) for n in (1, 3))
-    return bool(variance[calmest] < largest) and third > NOISE_ROUGHNESS * first
+    return third > NOISE_ROUGHNESS * first

@@ -179,8 +179,8 @@ def test_an_accelerometer_that_was_divided_by_its_norm_is_refused(sensor: str) -
 
 
 def test_a_rest_whose_noise_hardly_changes_the_norm_was_not_divided_by_it() -> None:
-    noise = 1e-4 * np.random.default_rng(0).normal(size=(300, 3))
-    refuse_dead(Recording(0.01 * np.arange(300), noise + (0.0, 0.0, GRAVITY)))
+    acc = np.random.default_rng(0).normal((0.0, 0.0, GRAVITY), 1e-4, (300, 3))
+    refuse_dead(Recording(np.arange(300) / 100.0, acc))
 
 
 def test_a_sensor_without_noise_is_not_dead() -> None:

@@ -259,6 +259,20 @@ def test_a_gyro_in_another_order_is_not_taken_for_another_unit_where_gravity_did
     assert found.message.startswith("gx, gy, gz are in another order (gravity turns too little to tell), or its values")
 
 
+def test_a_hand_that_mostly_yaws_shows_by_its_few_tilts_which_axes_are_swapped() -> None:
+    """Where gravity stays, any reading fits that turns about it, and any unit in which the gyro hardly turns."""
+    rng = np.random.default_rng(0)
+    up, angle, heading = np.tile((0.0, 0.0, 1.0), (20, 1)), rng.uniform(0.5, 1.0, 20), rng.uniform(0.0, 6.0, 20)
+    tilts = np.arange(20) < 8
+    axes = np.column_stack((tilts * np.cos(heading), tilts * np.sin(heading), ~tilts))
+    turns = angle[:, None] * axes
+    after = quat_rotate(quat_exp(turns), up)
+    witness, gyro = Witness("a", up, after), turns[:, [2, 1, 0]] + 0.01
+    found = find_axis_error([witness], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
+    assert found is not None
+    assert found.message.startswith("gx and gz are swapped: import the file with --column gx=gz --column gz=gx")
+
+
 def test_a_bent_field_hides_no_wrong_axis() -> None:
     """The field points anywhere, as beside iron. Gravity alone shows that gx and gy are swapped."""
     rng = np.random.default_rng(0)

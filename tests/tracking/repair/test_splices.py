@@ -130,6 +130,11 @@ def test_six_rows_that_come_again_are_a_block_that_came_twice(rows: int, told: b
         refuse_doubled(replace(with_rows(recording, again), t=recording.t))
 
 
+@pytest.mark.parametrize("rows", range(2, 7))
+def test_in_a_few_rows_no_block_came_twice(rows: int) -> None:
+    refuse_doubled(with_rows(pour().recording, slice(0, rows)))
+
+
 def test_a_sum_that_is_equal_by_chance_is_no_block_that_came_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     """As in ten million rows. With equal weights, exchanged axes have equal sums."""
     monkeypatch.setattr(splices, "IRRATIONAL", np.ones(6))
