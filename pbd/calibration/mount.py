@@ -27,13 +27,10 @@ LARGEST_TURN = np.radians(135.0)
 """Largest turn, rad, whose direction is certain: one beyond half a turn looks like a smaller one the other way."""
 
 TURN_BY_HAND_SIGMA = np.radians(2.0)
-"""One sigma, rad, of the axis when a hand turns a tool about one of the tool's axes."""
+"""One sigma, rad, of the axis when a hand turns a tool about one of the tool's axes. The tracked axis is surer."""
 
 MISNAMED_RAD = np.radians(20.0)
 """Largest angle, rad, between a turn's axis and the axis that the user named."""
-
-TURN_AXIS_SIGMA = np.radians(0.5)
-"""One sigma, rad, of the tracked axis of a turn of one radian; it is inversely proportional to the turn."""
 
 AXES = dict(zip(("x", "y", "z", "-x", "-y", "-z"), (*np.eye(3), *-np.eye(3)), strict=True))
 
@@ -188,8 +185,7 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
         )
     angles = angles[list(moves)]
     measured, axes = vectors[list(moves)] / angles[:, None], np.array([AXES[name] for name in named])
-    sigma = np.hypot(TURN_BY_HAND_SIGMA, TURN_AXIS_SIGMA / angles)
-    rotation, _ = Rotation.align_vectors(measured, axes, weights=1.0 / sigma**2)
+    rotation, _ = Rotation.align_vectors(measured, axes)
     wxyz_sensor_tool = quat_from_xyzw(rotation.as_quat())
     expected = quat_rotate(wxyz_sensor_tool, axes)
     off = np.arctan2(np.linalg.norm(np.cross(measured, expected), axis=1), np.einsum("mi,mi->m", measured, expected))
@@ -202,8 +198,7 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
             value=float(off[worst]),
             bound=MISNAMED_RAD,
         )
-    chi2, freedom = float(((off / sigma) ** 2).sum()), 2 * len(moves) - 3
-    across = np.eye(3) - np.einsum("mi,mj->mij", expected, expected)
-    information = (across / sigma[:, None, None] ** 2).sum(axis=0)
-    cov = widened(np.linalg.inv(information), chi2, freedom)
+    chi2, freedom = float(((off / TURN_BY_HAND_SIGMA) ** 2).sum()), 2 * len(moves) - 3
+    across = (np.eye(3) - np.einsum("mi,mj->mij", expected, expected)).sum(axis=0)
+    cov = widened(TURN_BY_HAND_SIGMA**2 * np.linalg.inv(across), chi2, freedom)
     return TurnsFit(wxyz_sensor_tool, cov, off, angles, moves)
