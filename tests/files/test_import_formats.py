@@ -222,6 +222,7 @@ def test_acceleration_without_gravity_is_refused(tmp_path: Path) -> None:
         ("time,seconds_elapsed", ("1700000000000000000,0", "1700000000010000000,0.01"), "seconds_elapsed"),
         ("date_time,micros", ("2024-01-01 10:00:00,500", "2024-01-01 10:00:00,10500"), "micros"),
         ("time_ms,timestamp", ("0,7", "10,7"), "time_ms"),
+        ("timestamp,time_s", ("7,0", "6,0.01"), "time_s"),
     ],
 )
 def test_the_best_clock_of_several_is_chosen(tmp_path: Path, header: str, rows: tuple[str, ...], wanted: str) -> None:

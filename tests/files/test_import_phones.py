@@ -115,7 +115,9 @@ def test_a_recording_is_found_among_pictures_and_other_tables(tmp_path: Path) ->
     ],
 )
 def test_signs_and_units_of_an_iphone(tmp_path: Path, tables: dict[str, np.ndarray], standard: str) -> None:
-    assert_allclose(read(folder(tmp_path / "i", {**tables, "Gyroscope": TURN}, "ios", standard)).acc, UP, atol=1e-9)
+    place = folder(tmp_path / "i", {**tables, "Gyroscope": TURN}, "ios", standard)
+    for path in (place, place / f"{next(iter(tables))}.csv"):
+        assert_allclose(read(path).acc, UP, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["a{}", "-AccelerometerUncalibrated.csv: {}"], ids=["ours", "the file's"])
@@ -150,6 +152,7 @@ def test_streams_of_different_rates_are_joined_on_the_gyros_clock(tmp_path: Path
     at = got.acc[:, 0]  # specific force is linear in time here
     assert got.gyr is not None
     assert_allclose(got.gyr[:, 0], at, atol=1e-9)
+    assert got.t[0] == 0.0
     assert at.min() >= T[kept][0]
     assert at.max() <= T[kept][-1]
     assert not ((at > 0.7901) & (at < 0.8999)).any()

@@ -15,15 +15,16 @@ from pbd.fusion.calibration import _composed, device_errors
 from pbd.fusion.marginals import SHARED, estimate_with_device, marginal_of
 from pbd.fusion.mean_path import TakePath, average_paths
 from pbd.fusion.tables import fusion_table
-from pbd.fusion.takes import tracked_take
+from pbd.fusion.takes import _devices_of, tracked_take
 from pbd.pipeline import fused_demo, track
-from pbd.pose import Pose, quat_exp, quat_multiply
+from pbd.pose import Pose, quat_exp, quat_multiply, quat_to_matrix
 from pbd.simulation.sensor_model import SENSOR_MODELS
 from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.units import Units
 from tests.benchmarks.fuse import Scenario, _through, hand_poses, one_device, takes_of
 from tests.benchmarks.fuse import _shape as shape_errors
+from tests.fusion.made import observations, truth
 
 pytestmark = pytest.mark.usefixtures("remembered")
 
@@ -98,6 +99,23 @@ def test_a_move_of_which_each_take_has_one_end_is_refused() -> None:
     )
     with pytest.raises(TrackingError, match="has both keyframe 0 and 1"):
         average_paths((one, other), np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), 0.1)
+
+
+def test_an_attitude_and_its_opposite_quaternion_have_the_same_mean() -> None:
+    """Near half a turn, which of the two a take has is chance."""
+    t, wxyz = np.arange(40.0), quat_exp(np.linspace(0.0, 1.0, 40)[:, None] * (0.0, 0.0, 0.3))
+    ends, places = np.array(((0.0, 10.0), (30.0, 39.0))), np.zeros((40, 3))
+    takes = [TakePath(t, places, sign * wxyz, ends, np.ones(2)) for sign in (1.0, -1.0)]
+    at = quat_to_matrix(wxyz[[0, -1]])
+    one, both = (average_paths(these, np.zeros((2, 3)), at, 0.1) for these in (takes[:1], takes))
+    np.testing.assert_allclose(both.wxyz, one.wxyz, atol=1e-12)
+
+
+def test_takes_of_sensors_with_different_names_are_of_different_devices() -> None:
+    """Alike as their errors seem: in a short take they hardly show."""
+    one, other = observations(truth(2), np.full(1, 0.002), 0.001).marginals
+    assert _devices_of((one, other), ("wt901", "wt901")) == (0, 0)
+    assert _devices_of((one, other), ("wt901", "modern")) == (0, 1)
 
 
 def test_keyframes_have_the_learned_tolerances(path: HandPath) -> None:
