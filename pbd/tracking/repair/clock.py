@@ -31,9 +31,9 @@ CLOCK_JUMP_S = 60.0
 COARSE_TICK = 0.05
 """Time stamps are coarse if their resolution is at least this share of the sampling interval."""
 
-OFF_BEAT = 0.02
+OFF_BEAT, WITHIN_BATCH = 0.02, 0.25
 """Coarse stamps are replaced if more than this share of their steps differ by more than this share of the interval from
-a whole number of intervals. Stamps come in batches if more than this share of steps is below a quarter interval."""
+a whole number of intervals. Stamps come in batches if more than this share of steps is below WITHIN_BATCH intervals."""
 
 LATE_SAMPLES = 8
 """Within this many samples the stamps catch up after a late one. After a lost sample they never do."""
@@ -170,7 +170,7 @@ def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, int, 
         return mean, reach, True
     steps = np.diff(t)
     # The samples of a batch may be stamped one after the other. The longest steps, if they are rare, are gaps.
-    begins = steps > 0.25 * np.sort(steps)[: int((1.0 - OFF_BEAT) * len(steps))].mean()
+    begins = steps > WITHIN_BATCH * np.sort(steps)[: int((1.0 - OFF_BEAT) * len(steps))].mean()
     batches = np.diff(np.flatnonzero(begins))
     if len(batches) > 1 and batches.mean() > LATE_SAMPLES / 2:
         arrived = t[np.maximum.accumulate(np.arange(len(t)) * np.append(True, begins))]
@@ -185,7 +185,7 @@ def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, int, 
 def _stamp_fault(t: Array, interval: float) -> str:
     """Fault, in words, of stamps (n,) s of samples without repetitions; "" if there is none."""
     steps = np.diff(t)
-    if (steps < 0.25 * interval).mean() > OFF_BEAT:
+    if (steps < WITHIN_BATCH * interval).mean() > OFF_BEAT:
         return "the time stamps come in batches"
     tick = 1e-6 * float(np.gcd.reduce(np.rint(1e6 * steps).astype(np.int64)))
     away = np.abs(steps - interval * np.maximum(np.rint(steps / interval), 1.0))
