@@ -129,7 +129,7 @@ class Noise:
     """m: mean distance of the pivot from the sensor: a wrist, or the point on which a foot treads."""
 
     reach: float = 2.0
-    """m: distance of a hand that moves from its first rest, one measurement per second; robust, as walks go further."""
+    """m: distance of a hand that moves for long from its first rest, measured every second; robust."""
 
     stride: float = 2.0
     """s: a foot that walks stands still at least so often (healthy people stride in 1 to 1.4 s, slow ones in 2 s)."""

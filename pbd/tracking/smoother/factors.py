@@ -138,20 +138,21 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fi
 
 
 def _add_reach(equations: NormalEquations, problem: Problem, x: State, still: NDArray[np.bool_], anneal: float) -> None:
-    """Weak prior: a hand that moves stays near where it began (Cauchy). It ends within a stride of a stop out of reach.
+    """Weak prior: a hand that moves for long stays near where it began (Cauchy).
 
-    `still` (m,) flags the knots that stand still. A hand that rests says nothing new each second. And whoever stands
-    still far away has walked there: the prior would pull such stops together, against their zero velocity.
+    Knots within half a stride of one that stands still (`still`, (m,)) are left out. There the stops bound the motion;
+    to count each second anew that the hand is near would pull all stops together, those of a foot against their zero
+    velocity.
 
     Annealing keeps the full weight further away, by its square, as a wrong tilt moves the hand by the square of time.
     Of a hand that moves for minutes, dead reckoning may end a kilometre away, from where the robust factor alone would
     hardly bring it back.
     """
-    reach, stride, t, away = problem.noise.reach, problem.noise.stride, problem.t, squares(x.p)
-    there = np.concatenate(([0], np.cumsum(still & (away > (OUTLIER_SIGMAS * reach) ** 2))))
-    first, end = np.searchsorted(t, t - stride), np.searchsorted(t, t + stride, side="right")
-    near = problem.duration / reach**2 / (1.0 + away / (anneal**2 * reach) ** 2)
-    equations.add_unary(POS, x.p, near * (~still & (there[end] == there[first])))
+    reach, t, half = problem.noise.reach, problem.t, 0.5 * problem.noise.stride
+    count = np.concatenate(([0], np.cumsum(still)))
+    bounded = count[np.searchsorted(t, t + half, side="right")] > count[np.searchsorted(t, t - half)]
+    near = problem.duration / reach**2 / (1.0 + squares(x.p) / (anneal**2 * reach) ** 2)
+    equations.add_unary(POS, x.p, near * ~bounded)
 
 
 def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: State, fixed: Fixed) -> None:
