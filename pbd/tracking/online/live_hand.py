@@ -149,9 +149,9 @@ class LiveHand:
         return [self._filter] if self._trial_filter is None else [self._filter, self._trial_filter]
 
     def _update_between_knots(self, sample: Sample) -> None:
-        """Update the heading with the compass, or the attitude with the device's own; in a move, bound the position."""
+        """Update the heading by the compass, or the attitude by the device's own; bound the position in a long move."""
         for each in self._filters():
-            if self._stop is None:
+            if sample.t - self._t_knot > 0.5 * self._noise.stride:
                 each.update_reach(sample.t - self._t_compass)
             if self._no_gyro:
                 each.update_device_attitude(self._strapdown.rate)
