@@ -15,9 +15,8 @@ import numpy as np
 
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
-from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
-from pbd.errors import PbdError, SensorError, UsageError, listed
+from pbd.errors import SensorError, UsageError, listed
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, write_demo
 from pbd.files.find_by_name import bundled, bundled_names
@@ -64,7 +63,7 @@ def without_aside(names: Sequence[str]) -> list[str]:
 def say_hidden(folder: Path) -> None:
     """Say if the demonstration in this folder hides a bundled one."""
     hidden = bundled("demos") / folder.name
-    if folder.parent == Path("demos") and folder.name in bundled_names("demos", "") and folder.resolve() != hidden:
+    if folder.parent == Path("demos") and folder.name in bundled_names("demos") and folder.resolve() != hidden:
         say(f"{folder} hides the bundled demonstration of that name")
 
 
@@ -96,20 +95,12 @@ def track_with(args: argparse.Namespace, demo: Demonstration, calibration: Calib
         return track(demo, calibration=calibration, accept_gap=args.accept_gap)
 
 
-TOO_FEW_STOPS = "it has fewer than two stops, and a motion needs two"
-
-
-def why_failed(demo: Demonstration) -> str:
-    """Say why a demonstration can't be replayed as it is; "" if it can be tracked and has two stops."""
+def count_stops(demo: Demonstration) -> int:
+    """Track a demonstration, and count its stops."""
     from pbd.pipeline import track
-    from pbd.record.session_types import FEWEST_STOPS
 
     with working("tracking it"):
-        try:
-            enough = len(track(demo).stops) >= FEWEST_STOPS
-        except PbdError as error:
-            return error.message
-    return "" if enough else TOO_FEW_STOPS
+        return len(track(demo).stops)
 
 
 def named_calibration(args: argparse.Namespace) -> Calibration | None:
@@ -117,9 +108,8 @@ def named_calibration(args: argparse.Namespace) -> Calibration | None:
     return load_calibration(args.calibration) if args.calibration else None
 
 
-def sigma_json(cov: Array) -> dict[str, Any]:
-    """Return one sigma per axis of a pose's covariance (6, 6), for JSON; NaN (null in JSON) where it is unknown."""
-    sigma = one_sigma(cov)
+def sigma_json(sigma: Array) -> dict[str, Any]:
+    """Return one sigma (6,) of a pose along each axis, m and rad, for JSON."""
     return {"sigma_m": sigma[:3], "sigma_deg": np.degrees(sigma[3:])}
 
 

@@ -22,7 +22,7 @@ UNDATED = "1970-01-01"
 def run(args: argparse.Namespace) -> None:
     """List the demonstrations, the newest first; warn of those that can't be read."""
     found: list[Demonstration] = []
-    for name in names("demos", ""):
+    for name in names("demos"):
         try:
             found.append(load_demo(name))
         except RecordingError as error:

@@ -19,7 +19,7 @@ from pbd.files.demo import (
     shell_word,
     write_demo,
 )
-from pbd.files.keyframes import NAME
+from pbd.files.keyframes import KEYFRAMES_FILE
 from pbd.fusion.calibration import device_errors
 from pbd.fusion.tables import fusion_rows, fusion_table, held_alike, takes_table
 from pbd.io.toml import utc_now
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
     say(f"wrote {folder}: {takes_used}, {keyframes}; it is a demonstration like any other")
     say_hidden(folder)
     if edited := [take.recording.info.name for take in demo.takes if take.keyframes is not None]:
-        say(f"fused as recorded: {listed(edited)}, without {NAME}; correct the fused keyframes instead")
+        say(f"fused as recorded: {listed(edited)}, without {KEYFRAMES_FILE}; correct the fused keyframes instead")
     if held_alike(fusion.takes):
         say(
             "the sensor was held alike in all takes, so fusing can't remove its own errors; turn it by a quarter "

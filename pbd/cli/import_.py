@@ -7,15 +7,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 
-from pbd.cli.common import decoder_maker, refuse_columns, store_demonstration, why_failed
+from pbd.cli.common import count_stops, decoder_maker, refuse_columns, store_demonstration
 from pbd.cli.console import say, working
 from pbd.data import Demonstration
-from pbd.errors import RecordingError, SensorError, TrackingError, UsageError, collected_warnings, listed, warn
+from pbd.errors import (
+    PbdError,
+    RecordingError,
+    SensorError,
+    TrackingError,
+    UsageError,
+    collected_warnings,
+    listed,
+    warn,
+)
 from pbd.files.demo import demo_folder
 from pbd.files.importers import Imported, import_recording
 from pbd.files.importers.columns import UNUSED, Understood
 from pbd.io.atomic import is_file, is_folder
 from pbd.record.redecode import decode_raw
+from pbd.record.session_types import FEWEST_STOPS
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.repair.gyro_consistency import warn_upside_down
 from pbd.tracking.repair.repair_recording import condition
@@ -63,7 +73,11 @@ def run(args: argparse.Namespace) -> None:
         demo = replace(demo, recording=replace(demo.recording, info=info))
     demo = replace(demo, closed=demo.closed or args.closed)
     with _said_of_the_file(args, understood):
-        failure = why_failed(demo)
+        try:
+            few = count_stops(demo) < FEWEST_STOPS
+            failure = "it has fewer than two stops, and a motion needs two" if few else ""
+        except PbdError as error:
+            failure = error.message
     columns = [column.row() for column in understood.columns]
     more = {"columns": columns, "unread": dict(understood.unread)} if columns else {}
     store_demonstration(args, replace(demo, failed=bool(failure)), "imported", more=more)

@@ -8,16 +8,22 @@ from dataclasses import replace
 from os.path import commonprefix
 from typing import Any
 
-import numpy as np
-
 from pbd.calibration.dock import in_base
 from pbd.calibration.success_probability import Success, success_of
+from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.calibration.touch_up import touched_covariances, touched_poses
 from pbd.calibration.uncertainty import base_sigmas
-from pbd.cli.common import load_demonstration, named_calibration, plan_options, print_result, track_demonstration
+from pbd.cli.common import (
+    load_demonstration,
+    named_calibration,
+    plan_options,
+    print_result,
+    sigma_json,
+    track_demonstration,
+)
 from pbd.cli.console import say
 from pbd.cli.keyframes_file import assign_frames
-from pbd.data import Calibration, HandPath, Keyframe, SensorEstimate
+from pbd.data import Keyframe, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
 from pbd.errors import UsageError
 from pbd.planning import arm_of, load_robot_and_calibration, solve_keyframes
@@ -46,10 +52,11 @@ def run(args: argparse.Namespace) -> None:
         keyframes = assign_frames(args, demo, keyframes)
     sigmas = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
     rows = [_row(index, keyframe, sigma) for index, (keyframe, sigma) in enumerate(zip(keyframes, sigmas, strict=True))]
-    placed = bool(args.calibration) and calibration is not None and calibration.knows_start
-    if placed and calibration is not None:
-        in_place = in_base(keyframes, calibration, args.scale, path, args.orientation)
-        base = touched_poses(in_place), base_sigmas(touched_covariances(in_place))
+    placed = None
+    if calibration is not None and (calibration.knows_start or args.tolerance is not None):
+        placed = in_base(keyframes, calibration, args.scale, path, args.orientation)
+    if placed is not None and args.calibration:
+        base = touched_poses(placed), base_sigmas(touched_covariances(placed))
         for row, pose, sigma_base in zip(rows, *base, strict=True):
             row |= _pose(pose) | sigma_base
     if robot is not None and calibration is not None:
@@ -57,7 +64,7 @@ def run(args: argparse.Namespace) -> None:
         for row, pose, q, off in zip(rows, *solved, strict=True):
             row |= _pose(pose) | {"joints": q}
             row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, then about it: arms of 5 joints
-    inside = _success(args, path, keyframes, calibration)
+    inside = _success(args, placed)
     if inside is not None:
         for row, probability in zip(rows, inside.of_each, strict=True):
             row["probability"] = probability
@@ -73,7 +80,7 @@ def run(args: argparse.Namespace) -> None:
     }
     tables = [keyframes_table(keyframes, args.units, None if inside is None else inside.of_each)]
     slides = () if robot is None else (arm_of(robot).turns == 0.0).tolist()
-    of_tool = [base_table(rows, args.units)] if placed else []
+    of_tool = [base_table(rows, args.units)] if placed is not None and args.calibration else []
     tables += of_tool
     tables += [] if robot is None else [joints_table(robot.joints, rows, args.units, slides)]
     if robot is not None and calibration is not None:
@@ -93,18 +100,14 @@ def run(args: argparse.Namespace) -> None:
         print_table(joints_table([name.removeprefix(prefix) for name in robot.joints], rows, args.units, slides))
 
 
-def _success(
-    args: argparse.Namespace, path: HandPath, keyframes: tuple[Keyframe, ...], calibration: Calibration | None
-) -> Success | None:
+def _success(args: argparse.Namespace, placed: KeyframesInBase | None) -> Success | None:
     """Compute how likely the tool is within --tolerance, or else the keyframes' tolerances; None without any."""
-    docked = calibration is not None and calibration.knows_start
-    if args.tolerance is None and not (docked and any(each.tolerance_m is not None for each in keyframes)):
-        return None
-    if calibration is None:
+    if placed is None:
+        if args.tolerance is None:
+            return None
         raise UsageError("--tolerance is about the robot's tool: name the robot (--robot), or a calibration")
-    placed = in_base(keyframes, calibration, args.scale, path, args.orientation)
     if args.tolerance is None:
-        return success_of(placed)
+        return success_of(placed) if any(each.tolerance_m is not None for each in placed.keyframes) else None
     within_m, *within_deg = args.tolerance
     if within_m <= 0.0 or len(within_deg) > 1 or min(within_deg, default=1.0) <= 0.0:
         raise UsageError("--tolerance takes METRES, or METRES DEGREES, above zero")
@@ -134,8 +137,7 @@ def _row(index: int, keyframe: Keyframe, sigma: Array) -> dict[str, Any]:
         "dwell_s": keyframe.dwell_s,
         "position_m": keyframe.T_nav_sensor.p,
         "wxyz": keyframe.T_nav_sensor.wxyz,
-        "sigma_m": sigma[:3],
-        "sigma_deg": np.degrees(sigma[3:]),
+        **sigma_json(sigma),
         "weight": keyframe.weight,
         "grip": keyframe.grip,
         "label": keyframe.label,

@@ -10,7 +10,7 @@ from pbd.cli.console import say
 from pbd.data import Demonstration, Keyframe
 from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed
-from pbd.files.keyframes import NAME, write_keyframes
+from pbd.files.keyframes import KEYFRAMES_FILE, write_keyframes
 from pbd.files.keyframes_edit import set_frames
 from pbd.planning.object_frames import keyframes_of_things, refuse_unknown_things
 from pbd.planning.options import PlanOptions, dwells
@@ -43,8 +43,9 @@ def assign_frames(
     if args.save or demo.keyframes is None:
         save_keyframes(args, demo, keyframes)
     if frames and demo.folder is not None:
-        set_frames(demo.folder / NAME, frames)
-        say(f"{demo.folder / NAME} says which keyframes belong to {listed({names[0] for names, *_ in args.frame})}")
+        file = demo.folder / KEYFRAMES_FILE
+        set_frames(file, frames)
+        say(f"{file} says which keyframes belong to {listed({names[0] for names, *_ in args.frame})}")
         for number, names in frames.items():
             for before in set(keyframes[number].frames) - set(names):
                 say(f"keyframe {number} belonged to {before} and no longer does")
@@ -68,9 +69,10 @@ def save_keyframes(
     if demo.folder is None:
         what = f"{source} is no demonstration folder, so nothing is saved there; `pbd import` it first"
         raise RecordingError(what, path=source)
-    if demo.keyframes is None and not args.force and (demo.folder / NAME).exists():
-        what = f"another command wrote {demo.folder / NAME} meanwhile, so nothing is saved; run this one again"
-        raise RecordingError(what, path=demo.folder / NAME)
+    file = demo.folder / KEYFRAMES_FILE
+    if demo.keyframes is None and not args.force and file.exists():
+        what = f"another command wrote {file} meanwhile, so nothing is saved; run this one again"
+        raise RecordingError(what, path=file)
     # `dwells` gives the first and the last keyframe no stay. A person may insert others beyond them, so both get one.
     padded = (keyframes[0], *keyframes, keyframes[-1])
     stays = dwells(padded, PlanOptions(time=args.time, dwell_s=args.dwell_s))[1:-1]

@@ -34,7 +34,7 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Leave with exit code 2. If --robot is missing, the message names the robots."""
         if "required: " in message and "--robot" in message:
-            robots = DRIVEN if self.prog == "pbd run" else names("robots", ".toml")
+            robots = DRIVEN if self.prog == "pbd run" else names("robots")
             message = f"{message} (one of {listed(robots)}, or a file)"
         self.exit(2, f"{self.prog}: {message}{'' if message.endswith('?') else ';'} see {self.prog} --help\n")
 

@@ -12,14 +12,14 @@ from datetime import datetime
 from pathlib import Path
 
 from pbd.calibration.sensor import refuse_other_sensor
-from pbd.cli.common import TOO_FEW_STOPS, decoder_maker, refuse_columns, say_hidden, why_failed
+from pbd.cli.common import count_stops, decoder_maker, refuse_columns, say_hidden
 from pbd.cli.console import print_json, say
 from pbd.cli.recording.device import find_sensor
 from pbd.cli.recording.keys import Keys, Person
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
 from pbd.cli.recording.simulated import Show, SimulatedHand, simulated_hand
 from pbd.data import SensorErrors
-from pbd.errors import UsageError, collected_warnings, warn
+from pbd.errors import PbdError, UsageError, collected_warnings, warn
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, read_demo, refuse_demo_folder, shell_word
 from pbd.io.toml import utc_now
@@ -146,12 +146,14 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
             f"{folder}: {outcome.duration_s:.1f} s, {outcome.samples} samples, {outcome.lost} lost{bad}, "
             f"stops after the first rest: {max(outcome.stops - 1, 0)}; ended: {outcome.ended_by}"
         )
-        with collected_warnings():  # the person was told while it was recorded
-            failure = why_failed(read_demo(outcome.folder))
-        if failure == TOO_FEW_STOPS or (outcome.stops < FEWEST_STOPS and not failure):
+        try:
+            with collected_warnings():  # the person was told while it was recorded
+                stops = min(outcome.stops, count_stops(read_demo(outcome.folder)))
+        except PbdError as error:
+            warn(error.message.replace("import the file with", f"import {shell_word(outcome.folder / 'imu.csv')} with"))
+            return
+        if stops < FEWEST_STOPS:
             print("fewer than two stops: nothing to replay; hold still for two seconds, then move, stop, move, stop")
-        elif failure:
-            warn(failure.replace("import the file with", f"import {shell_word(outcome.folder / 'imu.csv')} with"))
         else:
             print(f"next: {_next_command(args, outcome.folder)}")
 

@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> None:
 def _readable_arms() -> list[ArmModel]:
     """Load all robots; warn of those that can't be read."""
     arms = []
-    for name in names("robots", ".toml"):
+    for name in names("robots"):
         try:
             arms.append(load_model(replace(load_robot(name), name=name)))  # a copied file may still carry the old name
         except RobotError as error:
@@ -107,7 +107,7 @@ def rank_robots(args: argparse.Namespace) -> None:
     """Plan the demonstration for each robot, and print them: first those that hold its poses, the fastest first."""
     demo = load_demonstration(args.demo)
     path, _ = track_demonstration(demo, "default", None, accept_gap=False)
-    arms = [args.robot] if args.robot else names("robots", ".toml")
+    arms = [args.robot] if args.robot else names("robots")
     rows = []
     for number, name in enumerate(arms, start=1):
         with working(f"planning for {name}, {number} of {len(arms)}"):

@@ -17,7 +17,7 @@ from pbd.errors import SensorError, UsageError
 from pbd.io.atomic import atomic_file, refuse_output
 from pbd.io.made_by_pbd import PICTURE
 from pbd.sensors import port as serial_port
-from pbd.sensors.phyphox.experiment import MAX_QR_CODES, NAME, experiment, qr_payloads
+from pbd.sensors.phyphox.experiment import EXPERIMENT_FILE, MAX_QR_CODES, experiment, qr_payloads
 from pbd.sensors.probe import ProbeResult, quote_line
 from pbd.sensors.protocols import PROTOCOLS
 from pbd.view.terminal import for_rich
@@ -86,7 +86,7 @@ def _note(found: ProbeResult) -> str:
 
 def _prepare_phone(args: argparse.Namespace) -> None:
     """Write the experiment, or a picture of its QR code; at a terminal also show the codes."""
-    file: Path = args.output or Path(NAME)
+    file: Path = args.output or Path(EXPERIMENT_FILE)
     kind = file.suffix.lower().lstrip(".")
     if kind not in ("phyphox", "png", "svg"):
         raise SensorError(f"{file} can't be written as '{kind}'; give a .phyphox, .png or .svg", path=file)

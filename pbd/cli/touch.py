@@ -15,7 +15,7 @@ from pbd.cli.console import say
 from pbd.cli.keyframes_file import save_keyframes
 from pbd.data import TouchUp
 from pbd.errors import RecordingError, UsageError, warn
-from pbd.files.keyframes import LARGEST_NUDGE_M, NAME
+from pbd.files.keyframes import KEYFRAMES_FILE, LARGEST_NUDGE_M
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
 from pbd.planning import load_robot_and_calibration
 from pbd.plots.findings import OFF_SIGMAS
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> None:
     if demo.keyframes is None or demo.folder is None:
         file = save_keyframes(args, demo, keyframes, for_touch=True)
     else:
-        file = demo.folder / NAME
+        file = demo.folder / KEYFRAMES_FILE
     if args.undo:
         touch_ups = undo_touch_up(file)
     else:

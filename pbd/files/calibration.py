@@ -28,7 +28,7 @@ def load_calibration(name: str | Path) -> Calibration:
         CalibrationError: none has that name (the valid names are listed), or a key is missing, unknown or
             wrong.
     """
-    return read_calibration(find("calibration", name, ".toml", CalibrationError))
+    return read_calibration(find("calibration", name, CalibrationError))
 
 
 def read_calibration(path: Path) -> Calibration:

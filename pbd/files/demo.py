@@ -16,10 +16,10 @@ import numpy as np
 
 from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Place, Recording, RecordingInfo, Truth
 from pbd.errors import RecordingError
-from pbd.files import keyframes
 from pbd.files.calibration import read_shape
 from pbd.files.find_by_name import find
 from pbd.files.imu_columns import ACC, CHANNELS, compass_angles, device_rpy
+from pbd.files.keyframes import KEYFRAMES_FILE, read_keyframes, read_touch_ups
 from pbd.files.set_aside import is_aside, why_kept
 from pbd.files.table import Table, read_table, write_table
 from pbd.io.atomic import atomic_folder, is_file, is_folder, may_write, refuse_folder, refuse_name
@@ -39,7 +39,7 @@ def load_demo(name: str | Path) -> Demonstration:
     Raises:
         RecordingError: none has that name (the valid names are listed), or it can't be read.
     """
-    path = find("demos", name, "", RecordingError)
+    path = find("demos", name, RecordingError)
     if path.is_dir():
         return read_demo(path)
     from pbd.files.importers import import_file
@@ -73,8 +73,8 @@ def read_demo(folder: Path) -> Demonstration:
     if os.path.lexists(truth := folder / "truth.csv"):
         values = read_table(truth).columns(*TRUTH)
         optional["truth"] = Truth(values[:, 0], values[:, 1:4], values[:, 4:])
-    if os.path.lexists(edited := folder / keyframes.NAME):
-        optional |= {"keyframes": keyframes.read_keyframes(edited), "touch_ups": keyframes.read_touch_ups(edited)}
+    if os.path.lexists(edited := folder / KEYFRAMES_FILE):
+        optional |= {"keyframes": read_keyframes(edited), "touch_ups": read_touch_ups(edited)}
     return Demonstration(recording, folder=folder, **optional)
 
 
@@ -104,8 +104,8 @@ def read_demo_toml(folder: Path) -> tuple[RecordingInfo, tuple[GripEvent, ...], 
     }
     takes = _read_takes(top.tables("take"), folder)
     if takes and grip:
-        what, step = "is not used, only its takes' are", f"remove it; correct theirs, or save and edit {keyframes.NAME}"
-        top.tables("grip")[0].fail("t_s", what, step)
+        step = f"remove it; correct theirs, or save and edit {KEYFRAMES_FILE}"
+        top.tables("grip")[0].fail("t_s", "is not used, only its takes' are", step)
     top.done()
     return info, grip, optional | {"takes": takes}
 

@@ -8,6 +8,9 @@ from pathlib import Path
 from pbd.errors import PbdError, listed, nearest, require_kind
 from pbd.io.atomic import exists, is_folder
 
+SUFFIXES = {"robots": ".toml", "calibration": ".toml", "demos": ""}
+"""Kind of named thing, and its folder's name -> suffix of its files; "": it is a folder itself."""
+
 
 def bundled(kind: str) -> Path:
     """Return the folder that comes with pbd: inside the package of a wheel, or beside the package in a checkout."""
@@ -16,26 +19,25 @@ def bundled(kind: str) -> Path:
     return inside if inside.is_dir() else package.parent / kind
 
 
-def names(kind: str, suffix: str) -> list[str]:
-    """List all names of a kind ("robots" and "calibration" with the suffix .toml, "demos" with ""), sorted."""
-    return sorted(
-        {_name(entry, suffix) for folder in (Path(kind), bundled(kind)) for entry in _entries(folder, suffix)}
-    )
+def names(kind: str) -> list[str]:
+    """List all names of a kind, sorted."""
+    return sorted({*_names(Path(kind), kind), *bundled_names(kind)})
 
 
-def bundled_names(kind: str, suffix: str) -> list[str]:
+def bundled_names(kind: str) -> list[str]:
     """List the names that come with pbd."""
-    return [_name(entry, suffix) for entry in _entries(bundled(kind), suffix)]
+    return _names(bundled(kind), kind)
 
 
-def find(kind: str, name: str | Path, suffix: str, error: type[PbdError]) -> Path:
+def find(kind: str, name: str | Path, error: type[PbdError]) -> Path:
     """Find a name in ./KIND, then among the bundled ones, then as a path; `error` lists the valid names."""
     what = {"demos": "demonstration", "robots": "robot"}.get(kind, kind)
     require_kind(f"the {what}", name, "a name or a path", isinstance(name, str | Path))
+    suffix = SUFFIXES[kind]
     if not (name := os.fspath(name)):
         raise error(f"the {what}'s name is empty: give one", value=name)
     for folder in (Path(kind), bundled(kind)):
-        for entry in _entries(folder, suffix):
+        for entry in _entries(folder, kind):
             if entry.name in (name, name + suffix):
                 return entry
     given = Path(os.path.expanduser(name))  # noqa: PTH111 (pathlib's raises where there is no such user)
@@ -43,7 +45,7 @@ def find(kind: str, name: str | Path, suffix: str, error: type[PbdError]) -> Pat
         return given
     if not suffix and is_folder(Path(kind) / name):
         return Path(kind) / name  # not a demonstration: reading it tells what is missing
-    valid = names(kind, suffix)
+    valid = names(kind)
     hint = nearest(name, valid)
     if hint and kind == "robots":  # it may be another model, such as ur5e for ur5
         hint += " `pbd robots NAME` says which arm that is"
@@ -54,10 +56,11 @@ def find(kind: str, name: str | Path, suffix: str, error: type[PbdError]) -> Pat
     raise error(f"no {what} named '{name}' in ./{kind}, {known}", value=name, valid=valid)
 
 
-def _name(entry: Path, suffix: str) -> str:
-    return entry.stem if suffix else entry.name
+def _names(folder: Path, kind: str) -> list[str]:
+    return [entry.name.removesuffix(SUFFIXES[kind]) for entry in _entries(folder, kind)]
 
 
-def _entries(folder: Path, suffix: str) -> list[Path]:
-    """Return the files with the suffix, or, without one, the folders of demonstrations."""
-    return sorted(folder.glob(f"*{suffix}") if suffix else (path.parent for path in folder.glob("*/demo.toml")))
+def _entries(folder: Path, kind: str) -> list[Path]:
+    """Return the files or folders of a kind in a folder."""
+    found = folder.glob("*.toml") if SUFFIXES[kind] else (path.parent for path in folder.glob("*/demo.toml"))
+    return sorted(found)

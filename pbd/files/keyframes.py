@@ -20,7 +20,7 @@ from pbd.io.toml import Section, read_toml
 from pbd.pose import quat_to_rpy
 
 FORMAT = 1
-NAME = "keyframes.toml"
+KEYFRAMES_FILE = "keyframes.toml"
 GRIPS = {"closes": True, "opens": False}
 ORIGIN_M = 1e-3
 """Largest coordinate of the first keyframe, m. It is the origin of nav; this allows for rounding."""
@@ -135,7 +135,7 @@ def write_keyframes(
         if (away := float(np.abs(keyframe.T_nav_sensor.p).max())) > LARGEST_M:
             what = f"keyframe {index} (t = {keyframe.t:.2f} s) is {away:.1f} m from the dock, where no arm reaches"
             raise RecordingError(f"{what}; nothing is saved: record again", keyframe=index, value=away, bound=LARGEST_M)
-    path = folder / NAME
+    path = folder / KEYFRAMES_FILE
     if path.exists() and not force:
         raise RecordingError(f"{path} exists and may have been edited; --force replaces it", path=path)
     text = keyframes_toml(folder.name, keyframes, magnetic, arm_dwell_s, touch_ups)

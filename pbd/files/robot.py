@@ -34,7 +34,7 @@ def load_robot(name: str | Path) -> Robot:
     Raises:
         RobotError: none has that name (the valid names are listed), or as `read_robot`.
     """
-    return read_robot(find("robots", name, ".toml", RobotError))
+    return read_robot(find("robots", name, RobotError))
 
 
 def read_robot(path: Path, *, draft: bool = False) -> Robot:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from pbd.errors import RecordingError, listed
-from pbd.files import keyframes
+from pbd.files.keyframes import KEYFRAMES_FILE
 from pbd.io.atomic import DEMONSTRATION_FILES
 from pbd.io.toml import read_toml
 
@@ -44,7 +44,7 @@ def why_kept(old: Path, new: Path | None = None) -> str:
         return ""
     with suppress(OSError, RecordingError):  # one that can't be read may be a recording
         names = {path.name for path in old.iterdir()}
-        if keyframes.NAME in names:
+        if KEYFRAMES_FILE in names:
             return "whose keyframes were edited"
         if others := sorted(names.difference(DEMONSTRATION_FILES)):
             return f"with {listed(others)} in it"

@@ -11,7 +11,7 @@ import numpy as np
 from pbd.data import Demonstration
 from pbd.errors import PbdError
 from pbd.files.demo import shell_word
-from pbd.files.keyframes import NAME
+from pbd.files.keyframes import KEYFRAMES_FILE
 from pbd.planning.options import PlanOptions
 from pbd.planning.task import Task, place_keyframes
 
@@ -47,4 +47,4 @@ def _uncorrected(task: Task, demo: Demonstration, folder: Path) -> Iterator[tupl
         none = np.zeros(3)
         keyframes = tuple(replace(each, nudge_base_m=none, nudge_tool_m=none) for each in task.keyframes)
         which = "nudge" if nudged == 1 else "nudges"
-        yield task._replace(keyframes=keyframes), f"remove the {which}", f"in {folder / NAME}"
+        yield task._replace(keyframes=keyframes), f"remove the {which}", f"in {folder / KEYFRAMES_FILE}"

@@ -51,7 +51,7 @@ def main() -> None:
     parser.add_argument("arms", nargs="*", metavar="ARM")
     parser.add_argument("--poses", type=int, default=1000)
     args = parser.parse_args()
-    arms = args.arms or names("robots", ".toml")
+    arms = args.arms or names("robots")
     figures = {name: measure(load_model(load_robot(name)), 10 if args.quick else args.poses) for name in arms}
     report.finish(figures, args.json)
 

@@ -42,7 +42,7 @@ def main() -> None:
     args = arguments(str(__doc__)).parse_args()
     warnings.simplefilter("ignore")
     motions = 4 if args.quick else 20
-    finish({"robots": {name: measure(name, motions) for name in names("robots", ".toml")}}, args.json)
+    finish({"robots": {name: measure(name, motions) for name in names("robots")}}, args.json)
 
 
 def measure(name: str, motions: int) -> dict[str, float]:

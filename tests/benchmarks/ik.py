@@ -50,7 +50,7 @@ def main() -> None:
     """Measure and print."""
     args = arguments(str(__doc__)).parse_args()
     poses, tasks, unreachable = (200, 20, 20) if args.quick else (10_000, 100, 100)
-    arms = {name: load_model(load_robot(name)) for name in names("robots", ".toml")}
+    arms = {name: load_model(load_robot(name)) for name in names("robots")}
     figures: dict[str, Any] = {"robots": {}}
     late = list[float]()
     for name, arm in arms.items():

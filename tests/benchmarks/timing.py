@@ -51,7 +51,7 @@ def main() -> None:
     """Measure and print."""
     args = arguments(str(__doc__)).parse_args()
     warnings.simplefilter("ignore")
-    chosen = ("panda", "ur5") if args.quick else names("robots", ".toml")
+    chosen = ("panda", "ur5") if args.quick else names("robots")
     tracked = {name: track(name) for name in DEMOS}
     straight = np.concatenate([straight_ratios(name, 50 if args.quick else 500) for name in ("panda", "ur5", "xarm7")])
     demo = {name: demo_ratio(name, tracked) for name in chosen}

@@ -182,7 +182,7 @@ def test_the_list_is_short_and_one_robot_has_its_notes(capsys: Capture) -> None:
     notes = run_json(capsys, "robots", "panda")["robots"][0]["notes"]
     assert notes
     _, listed, told = run(capsys, "robots")
-    assert len(listed.splitlines()) == 2 + len(names("robots", ".toml"))
+    assert len(listed.splitlines()) == 2 + len(names("robots"))
     assert "`pbd robots NAME`" in told
     assert run(capsys, "robots", "panda")[1].endswith("\n\n".join(notes) + "\n")
 

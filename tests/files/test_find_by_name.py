@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pbd.errors import CalibrationError, RecordingError
+from pbd.errors import CalibrationError, RecordingError, RobotError
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import load_demo
 from pbd.files.find_by_name import bundled, find, names
@@ -25,14 +25,14 @@ def add(path: Path) -> Path:
 
 
 def test_bundled_files_are_found_from_any_folder() -> None:
-    assert find("calibration", "default", ".toml", CalibrationError) == bundled("calibration") / "default.toml"
-    assert find("demos", "pouring", "", RecordingError) == bundled("demos") / "pouring"
+    assert find("calibration", "default", CalibrationError) == bundled("calibration") / "default.toml"
+    assert find("demos", "pouring", RecordingError) == bundled("demos") / "pouring"
 
 
 def test_an_empty_name_is_named() -> None:
     """A shell's variable that is not set; as a path, it would be the working folder."""
     with pytest.raises(RecordingError, match=r"^the demonstration's name is empty: give one$"):
-        find("demos", "", "", RecordingError)
+        find("demos", "", RecordingError)
 
 
 def test_a_name_may_be_a_path_object() -> None:
@@ -43,17 +43,17 @@ def test_a_name_may_be_a_path_object() -> None:
 
 def test_the_users_own_wins() -> None:
     own = add(Path("calibration/default.toml"))
-    assert find("calibration", "default", ".toml", CalibrationError) == own
-    assert find("calibration", "default.toml", ".toml", CalibrationError) == own
+    assert find("calibration", "default", CalibrationError) == own
+    assert find("calibration", "default.toml", CalibrationError) == own
     demo = add(Path("demos/pouring/demo.toml")).parent
-    assert find("demos", "pouring", "", RecordingError) == demo
+    assert find("demos", "pouring", RecordingError) == demo
 
 
 def test_a_name_wins_over_a_path() -> None:
     """A folder ./pouring does not hide the demonstration of that name, unless it is given as a path."""
     Path("pouring").mkdir()
-    assert find("demos", "pouring", "", RecordingError) == bundled("demos") / "pouring"
-    assert find("demos", "./pouring", "", RecordingError) == Path("pouring")
+    assert find("demos", "pouring", RecordingError) == bundled("demos") / "pouring"
+    assert find("demos", "./pouring", RecordingError) == Path("pouring")
 
 
 def test_a_folder_in_demos_that_is_not_a_demonstration_is_refused() -> None:
@@ -61,15 +61,15 @@ def test_a_folder_in_demos_that_is_not_a_demonstration_is_refused() -> None:
     Path("demos/pouring").mkdir()
     with pytest.raises(RecordingError, match=r"^demos/tea is not a demonstration: it has no demo\.toml"):
         load_demo("tea")
-    assert find("demos", "pouring", "", RecordingError) == bundled("demos") / "pouring"
+    assert find("demos", "pouring", RecordingError) == bundled("demos") / "pouring"
 
 
 def test_a_path_is_taken_as_it_is(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = add(home / "elsewhere" / "mine.toml")
-    assert find("calibration", str(path), ".toml", CalibrationError) == path
-    assert find("calibration", "elsewhere/mine.toml", ".toml", CalibrationError) == Path("elsewhere/mine.toml")
+    assert find("calibration", str(path), CalibrationError) == path
+    assert find("calibration", "elsewhere/mine.toml", CalibrationError) == Path("elsewhere/mine.toml")
     monkeypatch.setenv("HOME", str(home))
-    assert find("calibration", "~/elsewhere/mine.toml", ".toml", CalibrationError) == path
+    assert find("calibration", "~/elsewhere/mine.toml", CalibrationError) == path
 
 
 @pytest.fixture
@@ -85,17 +85,17 @@ def test_names_contain_the_users_and_the_bundled_ones() -> None:
     add(Path("calibration/mine.toml"))
     add(Path("calibration/default.toml"))
     add(Path("calibration/notes.txt"))
-    assert names("calibration", ".toml") == ["default", "mine"]
+    assert names("calibration") == ["default", "mine"]
     add(Path("demos/tea/demo.toml"))
     add(Path("demos/no-demonstration/imu.csv"))
-    assert names("demos", "") == ["pouring", "tea"]
+    assert names("demos") == ["pouring", "tea"]
 
 
 @pytest.mark.usefixtures("shelf")
 def test_an_unknown_name_lists_the_valid_ones() -> None:
     add(Path("demos/tea/demo.toml"))
     with pytest.raises(RecordingError) as caught:
-        find("demos", "te", "", RecordingError)
+        find("demos", "te", RecordingError)
     assert caught.value.message == (
         "no demonstration named 'te' in ./demos, nor a file or folder of that path; known are pouring, tea; "
         "did you mean tea?"
@@ -106,18 +106,19 @@ def test_an_unknown_name_lists_the_valid_ones() -> None:
 @pytest.mark.usefixtures("shelf")
 def test_only_a_similar_name_is_proposed() -> None:
     with pytest.raises(RecordingError, match=r"known are pouring$"):
-        find("demos", "xyz", "", RecordingError)
+        find("demos", "xyz", RecordingError)
     with pytest.raises(RecordingError, match=r"; did you mean pouring\?$"):
-        find("demos", "Pouring", "", RecordingError)
+        find("demos", "Pouring", RecordingError)
 
 
+@pytest.mark.usefixtures("shelf")
 def test_without_any_names_the_error_tells_the_folder() -> None:
-    told = r"no grippers named 'x' in .*; none is known; put one into \./grippers$"
-    with pytest.raises(CalibrationError, match=told):
-        find("grippers", "x", ".toml", CalibrationError)
+    told = r"no robot named 'x' in .*; none is known; put one into \./robots$"
+    with pytest.raises(RobotError, match=told):
+        find("robots", "x", RobotError)
 
 
 @pytest.mark.parametrize("name", ["~nobody-of-this-name/tea", "a" * 300])
 def test_a_name_that_cannot_be_a_path_is_unknown(name: str) -> None:
     with pytest.raises(RecordingError, match="no demonstration named"):
-        find("demos", name, "", RecordingError)
+        find("demos", name, RecordingError)

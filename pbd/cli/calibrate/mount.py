@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> None:
     if cov_before is not None:
         say(f"before, {_certainty(calibration.T_sensor_tool, cov_before)}")
     if args.json:
-        shown = {"position_m": mount.p, "wxyz": mount.wxyz} | sigma_json(cov)
+        shown = {"position_m": mount.p, "wxyz": mount.wxyz} | sigma_json(one_sigma(cov))
         of_pivot = pivot and {"residuals_m": pivot.residuals, "chi2": pivot.chi2}
         of_turns = turns and {"moves": list(turns.moves), "off_deg": np.degrees(turns.off)}
         return print_json({"calibration": str(path), "mount": shown, "pivot": of_pivot, "turns": of_turns})

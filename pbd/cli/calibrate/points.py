@@ -89,9 +89,10 @@ def run(args: argparse.Namespace) -> None:
             f"the points fit {worse} worse than the tracker's uncertainty predicts: do not use {path} until you have "
             f"touched the points again, more calmly, or corrected their coordinates, the tip in [mount]{scale}"
         )
+    sigma = one_sigma(cov)
     if args.json:
         rpy_deg = np.degrees(quat_to_rpy(pose.wxyz))
-        where = {"position_m": pose.p, "rpy_deg": rpy_deg} | sigma_json(cov)
+        where = {"position_m": pose.p, "rpy_deg": rpy_deg} | sigma_json(sigma)
         keys = "name", "stop", "residual_m", "left_out_m", "left_out_sigma_m", "used"
         columns = points.names, touched.stops, fit.residuals, fit.left_out, fit.left_out_sigma, fit.used
         rows = [dict(zip(keys, each, strict=True)) for each in zip(*columns, strict=True)]
@@ -99,7 +100,7 @@ def run(args: argparse.Namespace) -> None:
     print_table(points_table(points.names, touched.stops, fit.residuals, fit.left_out, fit.left_out_sigma, fit.used))
     if not touched.lever.any():
         say(f"{path} has no lever in [mount]: assuming that the sensor itself touched the points")
-    (x, y, z), sigma = pose.p, one_sigma(cov)
+    x, y, z = pose.p
     say(
         f"{path}: [{part}] at ({x:.3f}, {y:.3f}, {z:.3f}) m in base to {1e3 * float(sigma[:3].max()):.1f} mm, heading "
         f"to {np.degrees(sigma[5]):.2f} degrees (one sigma)"

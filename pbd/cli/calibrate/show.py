@@ -14,6 +14,7 @@ from pbd.calibration.uncertainty import PARTS, base_sigmas, tool_covariances
 from pbd.cli.common import load_demonstration, sigma_json, track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration
+from pbd.data.covariance import one_sigma
 from pbd.errors import CalibrationError, PbdError
 from pbd.files.calibration import load_calibration
 from pbd.io.atomic import atomic_file, refuse_output
@@ -75,7 +76,7 @@ def _placed(args: argparse.Namespace, calibration: Calibration) -> tuple[str, Ke
 
 def _json(calibration: Calibration, sigmas: list[dict[str, Any]]) -> dict[str, Any]:
     def pose(value: Pose | None, cov: Array | None) -> dict[str, Any] | None:
-        sigmas = sigma_json(np.full((6, 6), np.nan) if cov is None else cov)
+        sigmas = sigma_json(np.full(6, np.nan) if cov is None else one_sigma(cov))
         return None if value is None else {"position_m": value.p, "wxyz": value.wxyz} | sigmas
 
     return {

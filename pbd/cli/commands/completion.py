@@ -74,9 +74,9 @@ def _bundled() -> dict[str, Sequence[str]]:
     from pbd.simulation.simulate import CALIBRATION_TASKS, SENSOR_MODELS, TASKS
 
     return {
-        "demos": bundled_names("demos", ""),
-        "robots": bundled_names("robots", ".toml"),
-        "calibrations": bundled_names("calibration", ".toml"),
+        "demos": bundled_names("demos"),
+        "robots": bundled_names("robots"),
+        "calibrations": bundled_names("calibration"),
         "sensors": ["sim", *PROTOCOLS],
         "tasks": [*TASKS, *CALIBRATION_TASKS],
         "models": list(SENSOR_MODELS),

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 
 from pbd.sensors.phyphox.answers import BUFFERS
 
-NAME = "pbd.phyphox"
+EXPERIMENT_FILE = "pbd.phyphox"
 
 BUFFER_ROWS = 60_000
 """Samples of each sensor that the phone keeps: 10 minutes at 100 Hz, 2.5 minutes at 400 Hz. The network may fail for as
@@ -61,7 +61,7 @@ def experiment_zip() -> bytes:
     """Return the experiment as a zip with one file, the same bytes each time."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-        member = zipfile.ZipInfo(NAME)  # dated 1980, whenever it is made
+        member = zipfile.ZipInfo(EXPERIMENT_FILE)  # dated 1980, whenever it is made
         archive.writestr(member, experiment(), zipfile.ZIP_DEFLATED, 9)
     return packed.getvalue()
 
