@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pbd.data import JointLimits, Robot
 from pbd.errors import RobotError, listed
-from pbd.io.urdf import kinematics
+from pbd.io.urdf import kinematics_xml
 from pbd.pose import Array, Pose, quat_from_xyzw, quat_to_xyzw
 
 FloatArray = NDArray[np.floating[Any]]
@@ -34,7 +34,7 @@ def load_model(robot: Robot) -> ArmModel:
         RobotError: the URDF can't be read, or a joint or body that the robot names isn't in it.
     """
     try:
-        full = pin.buildModelFromXML(kinematics(robot.urdf))
+        full = pin.buildModelFromXML(kinematics_xml(robot.urdf))
     except (ValueError, RuntimeError) as reason:
         message = f"{robot.urdf}: not a valid URDF: {' '.join(str(reason).split())}; correct it"
         raise RobotError(message, path=robot.urdf) from None

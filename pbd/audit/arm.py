@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.data import Robot
-from pbd.io.urdf import kinematics
+from pbd.io.urdf import kinematics_xml
 from pbd.pose import Array, Pose, quat_to_matrix
 
 
@@ -32,7 +32,7 @@ class AuditArm:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self.model: Any = pin.buildModelFromXML(kinematics(robot.urdf))
+        self.model: Any = pin.buildModelFromXML(kinematics_xml(robot.urdf))
         self._data = self.model.createData()
         # Joint -> (column of x, slope, offset). Joint value = offset + slope * x[column].
         self._drives: dict[int, tuple[int, float, float]] = {}

@@ -29,9 +29,10 @@ def run(args: argparse.Namespace) -> None:
     """Plan each demonstration, audit the motion and write it."""
     args.demos = without_aside(args.demos)
     format_name = _format(args)
-    check_format(format_name, args.rate, args.dense, load_robot(args.robot) if FORMATS[format_name].for_some else None)
-    if format_name in FOLDERS:
-        refuse_dataset(args.output, load_robot(args.robot))
+    robot = load_robot(args.robot) if FORMATS[format_name].checks_robot else None
+    check_format(format_name, args.rate, args.dense, robot)
+    if robot is not None and format_name in FOLDERS:
+        refuse_dataset(args.output, robot)
     elif args.output != STDOUT:
         refuse_output(args.output, (*args.demos, args.robot, args.calibration, args.start))
     plans = [_plan(args, name) for name in args.demos or (None,)]

@@ -130,10 +130,10 @@ def add_json(parser: argparse._ActionsContainer) -> None:
     flag(parser, "--json", "print one JSON object on stdout")
 
 
-REPLACE = "replace a demonstration of that name; a recording, or one with a person's edits, stays in NAME.before"
+REPLACE_DEMO = "replace a demonstration of that name; a recording, or one with a person's edits, stays in NAME.before"
 
 
-def add_force(parser: argparse.ArgumentParser, what: str = REPLACE) -> None:
+def add_force(parser: argparse.ArgumentParser, what: str = REPLACE_DEMO) -> None:
     """Add --force."""
     flag(parser, "--force", what)
 

@@ -37,9 +37,9 @@ def run(args: argparse.Namespace) -> None:
     if args.calibration and (args.suggest is not None or args.demo is None):
         raise UsageError("--calibration is for --for, which ranks the robots: leave it out")
     if args.suggest is not None:
-        return suggest_home_and_dock(args)
+        return _suggest_home_and_dock(args)
     if args.demo is not None:
-        return rank_robots(args)
+        return _rank_robots(args)
     with working("reading the robots"):
         arms = [load_model(load_robot(args.robot))] if args.robot else _readable_arms()
         robots, reach_m = [arm.robot for arm in arms], [reach(arm) for arm in arms]
@@ -103,7 +103,7 @@ def _collision(arm: ArmModel) -> dict[str, Any]:
     }
 
 
-def rank_robots(args: argparse.Namespace) -> None:
+def _rank_robots(args: argparse.Namespace) -> None:
     """Plan the demonstration for each robot, and print them: first those that hold its poses, the fastest first."""
     demo = load_demonstration(args.demo)
     path, _ = track_demonstration(demo, "default", None, accept_gap=False)
@@ -154,7 +154,7 @@ def _ranked_table(rows: list[dict[str, Any]], units: Units) -> Table:
     return table
 
 
-def suggest_home_and_dock(args: argparse.Namespace) -> None:
+def _suggest_home_and_dock(args: argparse.Namespace) -> None:
     """Search for them, and print them with the reasons for the choice."""
     from pbd.planning.suggest import suggest
 
@@ -166,14 +166,14 @@ def suggest_home_and_dock(args: argparse.Namespace) -> None:
     _, keyframes = track_demonstration(demo, "default", None, accept_gap=False)
     with working(f"searching a home and a dock for {robot.name}"):
         found = suggest(robot, keyframes, demo.grasped, say)
-    values, reasons = _values(found), _reasons(found, name)
+    sections, reasons = _sections(found), _reasons(found, name)
     if args.json:
-        print_json({"robot": robot.name, "demo": name, **values, "weighed": reasons})
+        print_json({"robot": robot.name, "demo": name, **sections, "weighed": reasons})
     else:
-        print(_toml(values, reasons))
+        print(_toml(sections, reasons))
 
 
-def _values(found: Suggestion) -> dict[str, Any]:
+def _sections(found: Suggestion) -> dict[str, Any]:
     """Return the sections [arm] and [dock] of the robot's TOML."""
     dock, at = found.plan.calibration, found.plan.calibration.T_base_dock
     place: dict[str, Any] = {}
@@ -215,9 +215,9 @@ def _reasons(found: Suggestion, demo: str) -> list[str]:
     ]
 
 
-def _toml(values: dict[str, Any], reasons: list[str]) -> str:
+def _toml(sections: dict[str, Any], reasons: list[str]) -> str:
     """Format the sections as TOML; the reasons follow as comments."""
     lines = ["# In place of [arm] and [dock]."]
-    for section, items in values.items():
+    for section, items in sections.items():
         lines += [f"[{section}]", *(f"{key} = {json.dumps(value)}" for key, value in items.items()), ""]
     return "\n".join((*lines, *(f"# {sentence}." for sentence in reasons)))

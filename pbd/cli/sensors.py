@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from pbd.cli.console import print_json, say
-from pbd.cli.recording.device import probed
+from pbd.cli.recording.device import probe_port
 from pbd.errors import SensorError, UsageError
 from pbd.io.atomic import atomic_file, refuse_output
-from pbd.io.made_by_pbd import PICTURE
+from pbd.io.made_by_pbd import PICTURE_MADE_BY
 from pbd.sensors import port as serial_port
 from pbd.sensors.phyphox.experiment import EXPERIMENT_FILE, MAX_QR_CODES, experiment, qr_payloads
 from pbd.sensors.probe import ProbeResult, quote_line
@@ -29,7 +29,7 @@ BORDER = 2
 PIXELS = 6
 """Pixels per module in a picture of the code."""
 
-MADE_BY, PNG_HEADER = f"{PICTURE}segno", 33
+MADE_BY, PNG_HEADER = f"{PICTURE_MADE_BY}segno", 33
 """The program that made a picture, in the picture's file; bytes of a PNG's signature and header."""
 
 WHITE_ON_BLACK, PLAIN = "\033[97;40m", "\033[0m"
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> None:
         row: dict[str, str | int | None] = {"port": port.device, "title": port.title, "usb": port.usb}
         if args.probe:
             try:
-                found = probed(port.device)
+                found = probe_port(port.device)
             except SensorError as error:
                 if args.port:
                     raise

@@ -35,6 +35,10 @@ class Gripper:
         k = len(self.joints)
         freeze_arrays(self, open=(k,), closed=(k,))
 
+    def positions(self, opening: Array) -> Array:
+        """Finger joints (n, k) at openings (n,), 0 closed to 1 open."""
+        return self.closed + opening[:, None] * (self.open - self.closed)
+
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:

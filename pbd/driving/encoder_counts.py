@@ -55,8 +55,7 @@ class EncoderCounts:
     def from_joints(self, q: Array, opening: Array) -> Array:
         """Convert joint positions (n, k) rad and gripper openings (n,), 0 closed to 1 open, to counts (n, k + 1)."""
         arm = self._middle + self._conversion.to_degrees(q) * COUNTS / 360.0
-        closed, opened = float(self._gripper.closed[0]), float(self._gripper.open[0])
-        percent = np.clip(self._conversion.to_percent(closed + opening * (opened - closed)), 0.0, 100.0)
+        percent = np.clip(self._conversion.to_percent(self._gripper.positions(opening)[:, 0]), 0.0, 100.0)
         if self.servos[self.names[-1]].drive_mode:
             percent = 100.0 - percent
         fingers = self.lower[-1] + percent / 100.0 * (self.upper[-1] - self.lower[-1])

@@ -115,7 +115,6 @@ def stream(
     clock: Clock,
     stop_wanted: Callable[[], bool],
     dry_run: bool = False,
-    stall_s: float = STALL_S,
 ) -> StreamResult:
     """Send goals (n, k + 1), counts, one each period; with `dry_run` only read the servos.
 
@@ -133,7 +132,7 @@ def stream(
             if stop_wanted():
                 break
             now = clock.now()
-            if k and now - due > stall_s:
+            if k and now - due > STALL_S:
                 raise SensorError(f"this computer was busy for {now - due:.2f} s: close other programs")
             seen = arm.state()
             try:

@@ -33,7 +33,11 @@ def load_calibration(name: str | Path) -> Calibration:
 
 def read_calibration(path: Path) -> Calibration:
     """Read a calibration file; a CalibrationError tells path, line and key."""
-    top = read_toml(path, CalibrationError)
+    return parse_calibration(read_toml(path, CalibrationError))
+
+
+def parse_calibration(top: Section) -> Calibration:
+    """Make a calibration of a file's top level; raises as `read_calibration`."""
     top.format(FORMAT)
     if "dock" in top and "nav" in top:
         top.fail("dock", "and [nav] can't both be given", next_step="remove one")
@@ -56,7 +60,7 @@ def read_calibration(path: Path) -> Calibration:
             f"{part.name}.{name}": value
             for part in (base, mount, sensor)
             if part is not None
-            for name, value in part.figures("fit").items()
+            for name, value in part.named_numbers("fit").items()
         },
     )
     top.done()

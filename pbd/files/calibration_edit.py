@@ -15,10 +15,11 @@ from tomlkit.items import Comment, Table, Whitespace
 
 from pbd.data import Calibration
 from pbd.errors import CalibrationError
-from pbd.files.calibration import FORMAT, read_calibration
+from pbd.files.calibration import FORMAT, parse_calibration, read_calibration
 from pbd.files.find_by_name import bundled
 from pbd.io.atomic import write_text
 from pbd.io.read_file import read_text
+from pbd.io.toml import parse_toml
 from pbd.pose import Array, Pose, quat_to_rpy
 
 HEADER = "Made by `pbd calibrate`; docs/calibration.md explains each part, calibration/default.toml each key."
@@ -70,7 +71,9 @@ def update_calibration(
         document["scale"] = round(scale, 5)
     for part, values in parts.items():
         _fill(_table(document, part), values)
-    write_text(path, tomlkit.dumps(document), parents=True, read=read_calibration)
+    text = tomlkit.dumps(document)
+    parse_calibration(parse_toml(path, text, CalibrationError))  # before it replaces a valid file
+    write_text(path, text, parents=True)
 
 
 def pose_values(pose: Pose, where: str, cov: Array) -> dict[str, tuple[Value | None, str]]:
@@ -100,7 +103,7 @@ def existing_calibration(name: str) -> tuple[Path, Calibration]:
     return path, Calibration(path.stem) if source is None else read_calibration(source)
 
 
-def earlier_figures(calibration: Calibration, part: str) -> dict[str, float]:
+def earlier_fit(calibration: Calibration, part: str) -> dict[str, float]:
     """Return how well a part fitted when it was made: the figures of its `fit`, whole numbers as such."""
     of_part = {name.removeprefix(f"{part}."): x for name, x in calibration.residuals.items() if f"{part}." in name}
     return {name: int(x) if x == int(x) else x for name, x in of_part.items()}

@@ -85,7 +85,7 @@ def read_demo_toml(folder: Path) -> tuple[RecordingInfo, tuple[GripEvent, ...], 
     top.format(FORMAT)
     top.text("name")  # the folder's name is used: a copy has another one
     info = RecordingInfo(
-        name=as_text(os.path.basename(os.path.abspath(folder))),  # noqa: PTH100, PTH119 (a link's own name, "." too)
+        name=utf8_name(os.path.basename(os.path.abspath(folder))),  # noqa: PTH100, PTH119 (a link's own name, "." too)
         sensor=top.text("sensor"),
         rate_hz=top.number("rate_hz", None, positive=True, within=RATES_HZ[1]),
         created=top.date("created", None),
@@ -201,7 +201,7 @@ def shell_word(folder: Path) -> str:
     return shlex.quote(f"./{folder}" if word[0] in "-~" else word)
 
 
-def as_text(name: str) -> str:
+def utf8_name(name: str) -> str:
     """Return a file's name as text; bytes that are not UTF-8 become escapes."""
     return os.fsencode(name).decode("utf-8", "backslashreplace")
 

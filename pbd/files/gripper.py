@@ -8,7 +8,7 @@ import numpy as np
 
 from pbd.data import Gripper
 from pbd.errors import listed
-from pbd.files.robot_description import ACTUATED, Urdf, UrdfJoint
+from pbd.files.urdf_tree import ACTUATED, Urdf, UrdfJoint
 from pbd.io.toml import Section
 
 MIMIC_TOLERANCE = 1e-3

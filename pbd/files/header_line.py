@@ -11,10 +11,10 @@ from pbd.errors import warn
 from pbd.files.imu_columns import ACC, GYR, MAG
 from pbd.io.numbers import NO_NUMBER
 
-HEADER_CELLS = 4
+FEWEST_CELLS = 4
 """Smallest number of cells in a header (t, ax, ay, az). The lines of a preamble have fewer."""
 
-START = "0123456789-+."
+NUMBER_START = "0123456789-+."
 """First characters of a number."""
 
 
@@ -23,7 +23,7 @@ def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
 
     The header is the last wide line above the first row of numbers, or the first above lines whose cells repeat.
     """
-    wide = [k for k, line in enumerate(lines) if line.count(delimiter_of(line)) >= HEADER_CELLS - 1]
+    wide = [k for k, line in enumerate(lines) if line.count(delimiter_of(line)) >= FEWEST_CELLS - 1]
     if not wide:
         return None
     row = next((k for k in wide if _is_row(lines[k])), None)
@@ -61,7 +61,7 @@ def without_comments(text: str, foreign: bool) -> str:
     numpy.savetxt writes its header so, and the EuRoC data sets theirs: `#timestamp [ns],w_RS_S_x [rad s^-1],...`.
     """
     header = re.match(r"(?:[ \t]*(?:#.*)?\n)*?[ \t]*(#)(.*)\n\s*([^#\s].*)", text) if foreign else None
-    if header is not None and _is_row(header[3]) and max(map(header[2].count, ",;\t")) >= HEADER_CELLS - 1:
+    if header is not None and _is_row(header[3]) and max(map(header[2].count, ",;\t")) >= FEWEST_CELLS - 1:
         text = f"{text[: header.start(1)]} {text[header.end(1) :]}"
     return re.sub(r"(?m)^[ \t]*#.*$", "", text)
 
@@ -85,7 +85,7 @@ def without_cut_row(path: Path, body: str, cells: int, delimiter: str) -> str:
         or not last.strip()
         or last.count(delimiter) >= cells - 1
         or '"' in last
-        or last[0] not in START
+        or last[0] not in NUMBER_START
     ):
         return body
     warn(f"{path}: the last row is cut off, and left out")
@@ -94,10 +94,10 @@ def without_cut_row(path: Path, body: str, cells: int, delimiter: str) -> str:
 
 def _is_row(line: str) -> bool:
     # Between other delimiters, a comma is a decimal mark.
-    delimiter = next((mark for mark in ";\t" if line.count(mark) >= HEADER_CELLS - 1), ",")
+    delimiter = next((mark for mark in ";\t" if line.count(mark) >= FEWEST_CELLS - 1), ",")
     cells = [cell for cell in map(str.strip, line.split(delimiter)) if cell.lower() not in NO_NUMBER]
     numbers = sum(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?|nan", cell) is not None for cell in cells)
-    return numbers >= HEADER_CELLS - 1 and 2 * numbers >= len(cells)
+    return numbers >= FEWEST_CELLS - 1 and 2 * numbers >= len(cells)
 
 
 def with_line_below(header: Sequence[str], below: Sequence[str]) -> list[str]:

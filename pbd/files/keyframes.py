@@ -152,7 +152,11 @@ def read_touch_ups(path: Path) -> tuple[TouchUp, ...]:
 
 def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
     """Read keyframes.toml; a RecordingError tells file, line and key."""
-    top = read_toml(path, RecordingError)
+    return parse_keyframes(read_toml(path, RecordingError))
+
+
+def parse_keyframes(top: Section) -> tuple[Keyframe, ...]:
+    """Make keyframes of a file's top level; raises as `read_keyframes`."""
     top.format(FORMAT)
     tables = top.tables("keyframe")
     keyframes = tuple(map(_read_keyframe, tables))
@@ -160,7 +164,7 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
         _read_touch_up(table)
     top.done()
     if not keyframes:
-        raise RecordingError.at(path, "it has no [[keyframe]]; add some, or remove the file to find them again")
+        raise RecordingError.at(top.path, "it has no [[keyframe]]; add some, or remove the file to find them again")
     for before, after, table in zip(keyframes, keyframes[1:], tables[1:], strict=False):
         if after.t <= before.t:
             table.fail("t_s", f"must be later than the keyframe before ({before.t:g} s), got {after.t:g}")

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from pbd.data import TouchUp
-from pbd.errors import RecordingError
-from pbd.files.keyframes import read_keyframes, read_touch_ups
+from pbd.errors import RecordingError, collected_warnings
+from pbd.files.keyframes import parse_keyframes, read_touch_ups
 from pbd.io.atomic import lock_folder, write_text
 from pbd.io.made_by_pbd import SEAL, sealed
 from pbd.io.read_file import read_text
+from pbd.io.toml import parse_toml
 
 
 def add_touch_up(path: Path, touch_up: TouchUp) -> None:
@@ -64,7 +65,9 @@ def _edited(path: Path) -> Iterator[Any]:
         if _is_before_touch(text):
             path.unlink()
         else:
-            write_text(path, text, read=read_keyframes)
+            with collected_warnings():  # they are given whenever the file is read
+                parse_keyframes(parse_toml(path, text, RecordingError))
+            write_text(path, text)
 
 
 def _is_before_touch(text: str) -> bool:

@@ -57,7 +57,7 @@ class Table:
 
     def columns(self, *names: str) -> Array:
         """Return columns (rows, len(names)); the RecordingError of a missing one lists the header."""
-        require(self.path, self.header, names)
+        refuse_missing(self.path, self.header, names)
         return self.values[:, [self.header.index(name) for name in names]]
 
 
@@ -97,7 +97,7 @@ class Sheet:
         line, cells = next(islice(self._rows(self.body, self.line), row, None))
         return line, cells[self.header.index(name)].strip()
 
-    def ends(self, name: str) -> list[str]:
+    def first_and_last(self, name: str) -> list[str]:
         """Return a column's first and last cell."""
         rows, k = self.body.strip("\n"), self.header.index(name)
         ends = (rows.partition("\n")[0], rows.rpartition("\n")[2])
@@ -114,12 +114,12 @@ class Sheet:
             error: with line and column: a row of another length, or a cell that is not a number.
         """
         wanted = self.header if names is None else tuple(dict.fromkeys(names))
-        require(self.path, self.header, wanted, self.error)
+        refuse_missing(self.path, self.header, wanted, self.error)
         count = Counter(self.header)
         if twice := next((name for name in wanted if count[name] > 1), None):
             raise self._fault(None, f"the column '{printable(twice)}' is there twice", "rename one", value=twice)
         columns = [self.header.index(name) for name in wanted]
-        dated = {self.header.index(name): date_order(self.ends(name)) for name in wanted if name in times}
+        dated = {self.header.index(name): date_order(self.first_and_last(name)) for name in wanted if name in times}
         parts, line = [], self.line
         for block in [self.body] if '"' in self.body else _blocks(self.body):  # a quoted cell may contain line ends
             rows = self._read_numbers(block)
@@ -205,7 +205,9 @@ def _blocks(text: str) -> Iterator[str]:
         at = end
 
 
-def require(path: Path, header: Sequence[str], names: Sequence[str], error: type[PbdError] = RecordingError) -> None:
+def refuse_missing(
+    path: Path, header: Sequence[str], names: Sequence[str], error: type[PbdError] = RecordingError
+) -> None:
     """Refuse a table without these columns; the `error` lists its columns."""
     if missing := [name for name in names if name not in header]:
         raise error.at(path, f"no column '{missing[0]}'; the columns are {listed(header)}", value=missing[0])

@@ -8,12 +8,11 @@ import itertools
 import os
 import shutil
 import unicodedata
-import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
-from pbd.errors import PbdError, PbdWarning, RecordingError, in_words, warn
+from pbd.errors import PbdError, RecordingError, in_words, warn
 from pbd.io.made_by_pbd import refuse_others_file
 
 DELETED = "the folder that you are in has been deleted; go to another"
@@ -76,21 +75,10 @@ def atomic_folder(
             warn(f"{folder} is replaced, but {left}")
 
 
-def write_text(
-    path: Path, text: str, parents: bool = False, read: Callable[[Path], object] | None = None, why_kept: str = ""
-) -> None:
-    """Write a text file (`atomic_file`). If `read` refuses the new file, the old one stays and that error is raised."""
+def write_text(path: Path, text: str, parents: bool = False, why_kept: str = "") -> None:
+    """Write a text file (`atomic_file`)."""
     with atomic_file(path, parents, why_kept) as unfinished:
         unfinished.write_text(text, encoding="utf-8")
-        if read is None:
-            return
-        try:
-            with warnings.catch_warnings():  # they are given again whenever the file is read
-                warnings.simplefilter("ignore", PbdWarning)
-                read(unfinished)
-        except PbdError as error:
-            message = error.message.replace(str(unfinished), str(path))
-            raise type(error)(message, **error.fields | {"path": path}) from None
 
 
 def refuse_name(path: Path) -> None:

@@ -9,11 +9,11 @@ from zlib import crc32
 from pbd.errors import PbdError
 from pbd.io.read_file import read_bytes
 
-PICTURE = "pbd, with "
+PICTURE_MADE_BY = "pbd, with "
 """What the name of the program that made a picture begins with, in the picture's file."""
 
 _KINDS = {
-    rb"\x89PNG|%PDF|<\?xml": PICTURE.encode(),
+    rb"\x89PNG|%PDF|<\?xml": PICTURE_MADE_BY.encode(),
     rb"<!doctype html": b'id="viewer-code"',
     rb"t,q_": b",gripper",  # csv
     rb"PK\x03\x04.{26}joints\.npy": b"gripper.npy",

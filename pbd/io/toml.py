@@ -172,7 +172,7 @@ class Section:
         values: tuple[float, ...] | T = self.numbers(key, count, default, positive=positive)
         return values if values is default else self._within_reach(key, values, within)
 
-    def figures(self, key: str) -> dict[str, float]:
+    def named_numbers(self, key: str) -> dict[str, float]:
         """Return a table of finite numbers under any names; empty without the key."""
         kind = "must be a table of finite numbers, got {}"
         values = self._get(key, kind, lambda v: _is_table(v) and all(map(_is_number, v.values())), {})

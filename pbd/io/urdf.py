@@ -149,7 +149,7 @@ def read_urdf_xml(path: Path) -> ET.Element:
     return root
 
 
-def kinematics(path: Path) -> str:
+def kinematics_xml(path: Path) -> str:
     """Return the checked XML of links and joints without shapes, from which pinocchio builds a model."""
     root = read_urdf_xml(path)
     robot = ET.Element("robot", name=root.get("name") or "robot")

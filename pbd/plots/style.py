@@ -20,14 +20,14 @@ from matplotlib.font_manager import findfont, get_font
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from pbd.io.made_by_pbd import PICTURE
+from pbd.io.made_by_pbd import PICTURE_MADE_BY
 from pbd.plots.demo_values import DemoValues
 from pbd.pose import Array
 
 DPI = 110
 """Pixels per inch of a PNG."""
 
-MADE_BY = f"{PICTURE}matplotlib"
+MADE_BY = f"{PICTURE_MADE_BY}matplotlib"
 """The program that made a figure, in the figure's file."""
 
 _METADATA: dict[str, dict[str, Any]] = {

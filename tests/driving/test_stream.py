@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -69,7 +70,8 @@ def swing(
 
         emulator.fault = impatient
         watch = Watch(arm.counts.names, arm.bounds, start, 10.0, RATE_HZ)
-        return stream(arm, path, RATE_HZ, watch, clock, stop_wanted, dry_run, stall_s)
+        with patch("pbd.driving.stream.STALL_S", stall_s):
+            return stream(arm, path, RATE_HZ, watch, clock, stop_wanted, dry_run)
 
 
 def hot(emulator: Emulator) -> None:
@@ -164,7 +166,8 @@ def test_a_joint_that_pushes_too_long(emulator: Emulator) -> None:
         start = arm.state()
         arm.enable_torque(start.counts)
         watch = Watch(arm.counts.names, arm.bounds, start, 45.0, RATE_HZ)
-        done = stream(arm, np.tile(start.counts, (80, 1)), RATE_HZ, watch, clock, lambda: False, stall_s=UNHURRIED_S)
+        with patch("pbd.driving.stream.STALL_S", UNHURRIED_S):
+            done = stream(arm, np.tile(start.counts, (80, 1)), RATE_HZ, watch, clock, lambda: False)
     assert done.stopped is not None
     assert "elbow_flex has pushed with more than 80 % of its strength for 0.5 s" in done.stopped.message
     assert FAULT_AT + 20 < done.sent < FAULT_AT + 30

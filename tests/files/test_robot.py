@@ -10,7 +10,7 @@ import pytest
 
 from pbd.errors import PbdWarning, RobotError
 from pbd.files.robot import read_robot
-from pbd.files.robot_description import read_poses, read_urdf
+from pbd.files.urdf_tree import read_poses, read_urdf
 
 PANDA = Path(__file__).parents[2] / "robots" / "panda.toml"
 

@@ -147,9 +147,9 @@ def test_the_keys_of_a_table_of_figures_may_have_any_names(tmp_path: Path) -> No
     path = tmp_path / "file.toml"
     path.write_text('fit = { rms_mm = 1.5, points = 4 }\nbad = { word = "x" }\n', encoding="utf-8")
     top = read_toml(path, CalibrationError)
-    assert top.figures("fit") == {"rms_mm": 1.5, "points": 4.0}
+    assert top.named_numbers("fit") == {"rms_mm": 1.5, "points": 4.0}
     with pytest.raises(CalibrationError, match="bad must be a table of finite numbers"):
-        top.figures("bad")
+        top.named_numbers("bad")
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from pbd.data import Calibration
 from pbd.data.calibration import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data.covariance import one_sigma
 from pbd.errors import UsageError, warn
-from pbd.files.calibration_edit import earlier_figures, existing_calibration, pose_values, update_calibration
+from pbd.files.calibration_edit import earlier_fit, existing_calibration, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.pose import Array, Pose, quat_rotate
 from pbd.tracking.keyframes import find_keyframes
@@ -72,7 +72,7 @@ def _merged(
     """Return T_sensor_tool, its covariance (6, 6) and the fits' figures; parts that were not fitted are kept."""
     mount = calibration.T_sensor_tool
     cov = np.zeros((6, 6)) if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool.copy()
-    figures = earlier_figures(calibration, "mount")
+    figures = earlier_fit(calibration, "mount")
     for fitted, part in ((pivot, slice(0, 3)), (turns, slice(3, 6))):
         if fitted is not None:
             cov[part] = cov[:, part] = 0.0

@@ -30,7 +30,7 @@ from pbd.tracking.keyframes import find_keyframes
 from pbd.view.calibration_tables import points_table
 from pbd.view.terminal_tables import print_table
 
-SAID_DEG = 0.5
+REPORTED_DEG = 0.5
 """Smallest sigma of nav's heading, degrees, by the sensor's tilt error that is said: 4 mm half a metre away."""
 
 
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> None:
     turned = "" if part == "nav" else " and with the same rotation"
     # The accelerometer's bias tilts nav in another direction where the sensor starts with another heading.
     of_tilt_deg = tan_dip * np.degrees(np.sqrt(np.trace(keyframes[0].cov[3:5, 3:5])))
-    if part == "nav" and of_tilt_deg > SAID_DEG:
+    if part == "nav" and of_tilt_deg > REPORTED_DEG:
         known_deg = np.hypot(np.degrees(sigma[5]), of_tilt_deg)
         turned = (
             f"; with another heading there, nav's is known to {known_deg:.1f} degrees only: `pbd calibrate sensor` "

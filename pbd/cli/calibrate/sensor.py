@@ -16,7 +16,7 @@ from pbd.data import GRAVITY, SensorErrors
 from pbd.data.one_line_repr import counted
 from pbd.data.units import MG
 from pbd.errors import CalibrationError, warn
-from pbd.files.calibration_edit import earlier_figures, existing_calibration, update_calibration
+from pbd.files.calibration_edit import earlier_fit, existing_calibration, update_calibration
 from pbd.files.demo import load_demo
 from pbd.tracking.repair.repair_recording import condition
 from pbd.view.terminal_tables import print_table, words_table
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
             f"the [nav] of {path} holds for the sensor as it was read before: with other errors, nav has another "
             "heading and tilt; find it again: pbd calibrate points"
         )
-    kept = earlier_figures(calibration, "sensor") if args.only else {}
+    kept = earlier_fit(calibration, "sensor") if args.only else {}
     update_calibration(path, sensor_parts(fit.errors, kept | _figures(fit)))
     if args.json:
         return print_json({"calibration": str(path)} | _json(fit))

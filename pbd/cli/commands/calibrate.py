@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pbd.cli.options import add_accept_gap, add_commands, add_force, add_json, finite, flag, option, up_to_10_m, within
 
-REPLACE = "replace a [dock] by a [nav], or a [nav] by a [dock]"
+REPLACE_PART = "replace a [dock] by a [nav], or a [nav] by a [dock]"
 
 
 def calibrate(parser: ArgumentParser) -> None:
@@ -55,7 +55,7 @@ def dock(parser: ArgumentParser) -> None:
     option(parser, "--sigma-mm", "MM", "one sigma of the position, each axis, mm (3)", type=up_to_10_m, default=3.0)
     turn = "one sigma of the rotation, each axis, degrees (1)"
     option(parser, "--sigma-deg", "DEG", turn, type=within(1e-6, 180.0), default=1.0)
-    add_force(parser, REPLACE)
+    add_force(parser, REPLACE_PART)
     add_accept_gap(parser)
 
 
@@ -83,7 +83,7 @@ def points(parser: ArgumentParser) -> None:
     option(parser, "--as", None, both, dest="part", choices=("nav", "dock"))
     again = "check how well the heading repeats, in demonstrations that began with the sensor put down the same way"
     option(parser, "--again", "DEMO", again, nargs="+", default=())
-    add_force(parser, f"{REPLACE}, or a good fit by a poor one")
+    add_force(parser, f"{REPLACE_PART}, or a good fit by a poor one")
     add_accept_gap(parser)
 
 

@@ -83,7 +83,7 @@ def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder
     return (f"{PHONE} ({phone.model})" if phone.model else PHONE), open_again, protocol(PHONE).decoder()
 
 
-def probed(device: str) -> ProbeResult:
+def probe_port(device: str) -> ProbeResult:
     """Listen on a port to detect its sensor and baud rate."""
     with open_port(device, FIRST_BAUD) as port, listening(device, "listening to", LONGEST_PROBE_S):
         return probe(port)
@@ -91,7 +91,7 @@ def probed(device: str) -> ProbeResult:
 
 def _detect(device: str) -> tuple[str, int]:
     """Detect the sensor on a port and its baud rate; SensorError if the protocol is not recognised."""
-    found = probed(device)
+    found = probe_port(device)
     if found.sensor is not None:
         return found.sensor, found.baud
     if not found.bytes_seen:

@@ -19,7 +19,6 @@ from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import Keys
 from pbd.data import JointTrajectory, Robot
 from pbd.driving import bus as servo_bus
-from pbd.driving import stream as streaming
 from pbd.driving.arm import ServoArm, State
 from pbd.driving.bus import Bus
 from pbd.driving.encoder_counts import EncoderCounts, servo_names
@@ -80,16 +79,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
             bus.answer_s = servo_bus.ANSWER_S
             tolerance = math.inf if args.dry_run else args.tolerance
             watch = Watch(counts.names, arm.bounds, before, tolerance, args.rate)
-            done = stream(
-                arm,
-                goals,
-                args.rate,
-                watch,
-                Clock(),
-                lambda: bool(keys.next()),
-                dry_run=args.dry_run,
-                stall_s=streaming.STALL_S,
-            )
+            done = stream(arm, goals, args.rate, watch, Clock(), lambda: bool(keys.next()), args.dry_run)
     code = _report_end(done, watch, counts, args, device)  # before the JSON, whose reader may be gone
     if args.json:
         print_json(

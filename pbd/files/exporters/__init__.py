@@ -30,7 +30,7 @@ class Format(NamedTuple):
         suffix: the suffix of a file name that selects it; "": it must be named.
         also: further suffixes that its files may have.
         usual_hz: the default rate; 0: at its own instants unless a rate is given; None: always at its own instants.
-        for_some: its module's `check(robot)` refuses unsuitable robots, and a missing package.
+        checks_robot: its module's `check(robot)` refuses unsuitable robots, and a missing package.
     """
 
     file: str
@@ -39,7 +39,7 @@ class Format(NamedTuple):
     suffix: str = ""
     also: tuple[str, ...] = ()
     usual_hz: float | None = None
-    for_some: bool = False
+    checks_robot: bool = False
 
 
 FORMATS = {
@@ -49,9 +49,9 @@ FORMATS = {
     "keyframes": Format("keyframes", "keyframes", also=(".json", ".csv")),
     "tum": Format("tum", "poses", suffix=".tum", usual_hz=100.0),
     "tum-hand": Format("tum", "poses", also=(".tum",)),
-    "urscript": Format("urscript", "points", ("trapezoid",), ".script", for_some=True),
-    "mcap": Format("mcap", "points", ("quintic", "cubic"), ".mcap", usual_hz=0.0, for_some=True),
-    "lerobot": Format("lerobot", "frames", ("hold",), for_some=True),
+    "urscript": Format("urscript", "points", ("trapezoid",), ".script", checks_robot=True),
+    "mcap": Format("mcap", "points", ("quintic", "cubic"), ".mcap", usual_hz=0.0, checks_robot=True),
+    "lerobot": Format("lerobot", "frames", ("hold",), checks_robot=True),
     "glb": Format("glb", "frames", suffix=".glb", usual_hz=50.0),
 }
 SUFFIXES = {each.suffix: name for name, each in FORMATS.items() if each.suffix}
@@ -108,7 +108,7 @@ def check_format(
         raise UsageError(f"{format_name} is not sampled at a rate: leave --rate out", value=rate_hz)
     if dense and rate_hz is not None and rate_hz not in SERVOJ_HZ:
         raise UsageError(f"--rate must be 125 (CB3) or 500 (e-Series) for servoj, got {rate_hz:g}", value=rate_hz)
-    if robot is not None and FORMATS[format_name].for_some:
+    if robot is not None and FORMATS[format_name].checks_robot:
         import_module(f"{__name__}.{FORMATS[format_name].file}").check(robot)
 
 
@@ -150,7 +150,7 @@ def export(
         WrongTypeError: an argument has the wrong type, for example a robot's name.
     """
     from pbd.data import JointTrajectory, Robot
-    from pbd.files.exporters.check_export import EXACT_RAD, check_received, reached
+    from pbd.files.exporters.check_export import EXACT_RAD, check_received, limit_use
     from pbd.files.exporters.export_request import ExportRequest, Source
 
     require_type("export", trajectory, "pbd.plan", JointTrajectory)
@@ -186,7 +186,7 @@ def export(
         worst = max(limit_shares(points, "cubic", robot.limits), key=lambda share: share.value)
         if worst.value > 1.0 + CUBIC_EXCESS:
             warn(
-                f"{reached(request, points, 'cubic', worst)}; send each sample at its time, give a higher --rate, or "
+                f"{limit_use(request, points, 'cubic', worst)}; send each sample at its time, give a higher --rate, or "
                 "take ros2-json, which is exact"
             )
     return Export(points, receiver)

@@ -69,7 +69,7 @@ def check_received(
         if not worst.value <= 1.0:
             slower = np.floor(100.0 * worst.value ** (-1.0 / (1 + LIMITS.index(worst.limit)))) / 100.0
             how = "--margin 1" if worst.value < 1.0 + ROUNDED else f"{slower:g} times the --speed"
-            what = f"{reached(request, points, rule, worst)}; give {how}"
+            what = f"{limit_use(request, points, rule, worst)}; give {how}"
             raise PlanError(what, joint=robot.joints[worst.joint], value=worst.value, bound=1.0)
         motion = None if request.made_from is None else _deviating_motion(request, points, rule)
         try:
@@ -96,8 +96,8 @@ def _valid_rate(
     return None
 
 
-def reached(request: ExportRequest, points: Samples, rule: Rule, worst: Share) -> str:
-    """Return the part of a message that tells how much of a limit is reached, and where."""
+def limit_use(request: ExportRequest, points: Samples, rule: Rule, worst: Share) -> str:
+    """Return the part of a message that tells how much of a limit is used, and where."""
     joint, t = request.robot.joints[worst.joint], points.t[worst.point]
     times = f"{worst.value:.{2 if worst.value > 1.0 + ROUNDED else 7}f}"
     if rule in ("cubic", "quintic"):

@@ -96,8 +96,8 @@ def values(robot: Robot, q: Array, opening: Array) -> Rows:
     servos, gripper = robot.servos, robot.gripper
     if servos is None or gripper is None:
         return np.column_stack((q, 100.0 * opening)).astype(np.float32)
-    fingers = gripper.closed[0] + opening * (gripper.open[0] - gripper.closed[0])
-    return np.column_stack((servos.to_degrees(q), servos.to_percent(fingers))).astype(np.float32)
+    fingers = servos.to_percent(gripper.positions(opening)[:, 0])
+    return np.column_stack((servos.to_degrees(q), fingers)).astype(np.float32)
 
 
 def episode(request: ExportRequest, points: Samples) -> Episode:
@@ -136,8 +136,8 @@ def read_episodes(folder: Path, robot: Robot) -> list[Episode]:
     if not isinstance(info, dict):
         raise PbdError(f"{folder} holds something else than a LeRobot dataset; give a new folder", path=folder)
     robot_type, features = info.get("robot_type"), info.get("features")
-    if robot_type != type_of(robot):
-        what = f"{folder} holds episodes of another robot, {printable(str(robot_type))}, not of {type_of(robot)}"
+    if robot_type != robot_type_of(robot):
+        what = f"{folder} holds episodes of another robot, {printable(str(robot_type))}, not of {robot_type_of(robot)}"
         raise PbdError(f"{what}; give another folder", path=folder, value=robot_type)
     ours = {str(path) for path in (DATA, EPISODES, TASKS, INFO, STATS)}
     files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
@@ -158,7 +158,7 @@ def read_episodes(folder: Path, robot: Robot) -> list[Episode]:
     return [Episode(words[int(column["task_index"][each.start])], state[each], action[each]) for each in rows]
 
 
-def type_of(robot: Robot) -> str:
+def robot_type_of(robot: Robot) -> str:
     """Return LeRobot's name of the arm."""
     return robot.name if robot.servos is None else robot.servos.robot_type
 
@@ -188,7 +188,7 @@ def write(robot: Robot, episodes: Sequence[Episode], folder: Path) -> None:
     _write_tasks(folder / TASKS, words)
     info = {
         "codebase_version": "v3.0",
-        "robot_type": type_of(robot),
+        "robot_type": robot_type_of(robot),
         "total_episodes": len(episodes),
         "total_frames": ends[-1],
         "total_tasks": len(words),

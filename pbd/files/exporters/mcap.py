@@ -123,7 +123,7 @@ class _Bag:
         names, q, qd = [*robot.joints], states.q, states.qd
         if (gripper := robot.gripper) is not None and gripper.joints:
             names += gripper.joints
-            fingers = gripper.closed + states.gripper[:, None] * (gripper.open - gripper.closed)
+            fingers = gripper.positions(states.gripper)
             q, qd = np.hstack((q, fingers)), np.hstack((qd, np.gradient(fingers, states.t, axis=0)))
         for i, at in enumerate(states.t.tolist()):
             state = {"header": self.header(robot.base, at), "name": names, "position": q[i], "velocity": qd[i]}

@@ -74,9 +74,8 @@ def finger_message(trajectory: JointTrajectory, gripper: Gripper) -> dict[str, A
     t = np.concatenate(([0.0], trajectory.gripper_t, [trajectory.duration]))
     _, first = np.unique(np.round(1e9 * t), return_index=True)
     opening = np.interp(t[first], trajectory.gripper_t, trajectory.gripper_opening)
-    fingers = gripper.closed + opening[:, None] * (gripper.open - gripper.closed)
     own = [i for i, joint in enumerate(gripper.joints) if joint not in gripper.mimics]  # ros2_control takes no other
-    return goal_message(tuple(gripper.joints[i] for i in own), t[first], (fingers[:, own],))
+    return goal_message(tuple(gripper.joints[i] for i in own), t[first], (gripper.positions(opening)[:, own],))
 
 
 def _apart(t: Array) -> Array:

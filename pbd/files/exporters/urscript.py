@@ -221,7 +221,7 @@ def read(path: Path) -> Samples:
     calls = re.findall(r"^  (movej|servoj|sleep|gripper_open|gripper_close)\((.*?)\)(?:  #|$)", body[1], re.M)
     periods = [_servoj_seconds(given) for name, given in calls if name == "servoj"]
     stroke = float(re.findall(r"sleep\((.+)\)", head)[0])
-    run = _Run(_floats(body[1].partition("\n")[0]), stroke, min(periods, default=0.0))
+    run = _Controller(_floats(body[1].partition("\n")[0]), stroke, min(periods, default=0.0))
     for name, given in calls:
         if name == "movej":
             run.move(_floats(given), *(float(each) for each in re.findall(r"[av]=([^,]+)", given)))
@@ -242,7 +242,7 @@ def _servoj_seconds(given: str) -> float:
     return float(given.split("], ")[1].split(", ")[2])
 
 
-class _Run:
+class _Controller:
     """The simulated arm; `period`, s, is that of servoj, or 0 where there is none."""
 
     def __init__(self, q: Array, stroke: float, period: float) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from pbd.data import Demonstration
 from pbd.errors import RecordingError, warn
-from pbd.files.demo import RATES_HZ, as_text, read_demo_toml
+from pbd.files.demo import RATES_HZ, read_demo_toml, utf8_name
 
 if TYPE_CHECKING:
     from pbd.files.importers.columns import Understood
@@ -108,8 +108,8 @@ def import_recording(
         from pbd.files.importers.headerless import remapped
 
         recording, understood = remapped(path, recording, understood, columns, units)
-    info = replace(recording.info, name=as_text(path.stem), sensor=f"{sensor} (imported)")
-    demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {as_text(path.name)}.")
+    info = replace(recording.info, name=utf8_name(path.stem), sensor=f"{sensor} (imported)")
+    demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {utf8_name(path.name)}.")
     if path.name == "imu.csv" and (path.parent / "demo.toml").is_file():
         demo = _as_before(demo, path.parent, same_times)
     return Imported(demo, understood)

@@ -137,7 +137,7 @@ def read_csv(
 def _dated(sheet: Sheet) -> str:
     """Return the first column whose dates or times of day increase from the first row to the last; "": none."""
     for name in sheet.header:
-        cells = sheet.ends(name)
+        cells = sheet.first_and_last(name)
         order = date_order(cells)
         with suppress(ValueError):
             if len(cells) == 2 and all(map(is_stamp, cells)) and seconds(cells[0], order) < seconds(cells[1], order):

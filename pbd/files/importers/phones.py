@@ -141,9 +141,9 @@ def _sheet(path: Path, name: str, read: Callable[[], bytes]) -> Sheet:
     return open_sheet(file, foreign=True, text=foreign_text(file, read()))
 
 
-def _stream(sheet: Sheet, t: str, axes: tuple[str, ...], scale: float = 1.0) -> Stream:
-    """Read a sensor's samples, sorted by time, without repeated times and rows with NaN."""
-    rows = sheet.read([t, *axes]).values
+def _stream(sheet: Sheet, columns: Sequence[str], scale: float = 1.0) -> Stream:
+    """Read a sensor's samples from columns of time, x, y, z: sorted, without repeated times and rows with NaN."""
+    rows = sheet.read(columns).values
     return Stream.of(rows[:, 0], scale * rows[:, 1:])
 
 
@@ -159,7 +159,7 @@ def _read_sensor_logger(
     path: Path, sheets: Mapping[str, Sheet], metadata: Mapping[str, str]
 ) -> tuple[Recording, Understood]:
     def stream(name: str, scale: float = 1.0) -> Stream:
-        return _stream(sheets[name], "seconds_elapsed", ("x", "y", "z"), scale)
+        return _stream(sheets[name], LOGGER_COLUMNS, scale)
 
     ios = metadata.get("platform") == "ios"
     reversed_ = ios and metadata.get("standardisation") != "true"
@@ -231,7 +231,7 @@ def _read_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[
                     continue
                 what = f"'{axes[0]}' is in {name}.csv and in another file too; keep one recording in a folder"
                 raise RecordingError.at(path, what)
-            stream = _stream(sheet, PHYPHOX_TIME, tuple(axes))
+            stream = _stream(sheet, [PHYPHOX_TIME, *axes])
             streams[kind] = Stream(moments.to_elapsed(stream.t), stream.values)
             if kind == "linear":
                 unread |= dict.fromkeys((f"{name}.csv: {axis}" for axis in axes), "without gravity")
