@@ -150,7 +150,7 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
             with collected_warnings():  # the person was told while it was recorded
                 stops = min(outcome.stops, count_stops(read_demo(outcome.folder)))
         except PbdError as error:
-            warn(error.message.replace("import the file with", f"import {shell_word(outcome.folder / 'imu.csv')} with"))
+            warn(f"{outcome.folder / 'imu.csv'}: {error.message}")
             return
         if stops < FEWEST_STOPS:
             print("fewer than two stops: nothing to replay; hold still for two seconds, then move, stop, move, stop")

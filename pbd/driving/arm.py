@@ -9,7 +9,7 @@ from operator import eq
 import numpy as np
 
 from pbd.driving.bus import Bus, NoAnswerError
-from pbd.driving.encoder_counts import EncoderCounts
+from pbd.driving.encoders import Encoders
 from pbd.driving.packets import decode_word, encode_word
 from pbd.errors import CalibrationError, SensorError, listed, printable
 from pbd.pose import Array
@@ -74,25 +74,25 @@ class ServoArm:
     """An arm whose servos answer and agree with the calibration.
 
     Attributes:
-        counts: converts joints to encoder counts and back.
+        encoders: convert joints to encoder counts and back.
         bounds: the servos' own limits.
     """
 
-    def __init__(self, bus: Bus, counts: EncoderCounts) -> None:
+    def __init__(self, bus: Bus, encoders: Encoders) -> None:
         """Identify the servos and compare them with the calibration.
 
         Raises:
             SensorError: they do not answer, are of another model, or are not in position mode.
             CalibrationError: their stored calibration differs.
         """
-        self._bus, self.counts = bus, counts
-        found = identify(bus, dict(zip(counts.names, counts.ids, strict=True)))
+        self._bus, self.encoders = bus, encoders
+        found = identify(bus, dict(zip(encoders.names, encoders.ids, strict=True)))
         self.bounds = Bounds(
             celsius=np.array([data[10] for data in found]),
             min_volts=0.1 * np.array([data[12] for data in found]),
             max_volts=0.1 * np.array([data[11] for data in found]),
         )
-        for (name, servo), data in zip(counts.servos.items(), found, strict=True):
+        for (name, servo), data in zip(encoders.servos.items(), found, strict=True):
             stored = (decode_word(data, 28, OFFSET_SIGN), decode_word(data, 6), decode_word(data, 8))
             wanted = (servo.homing_offset, servo.range_min, servo.range_max)
             if stored != wanted:
@@ -106,8 +106,8 @@ class ServoArm:
 
     def state(self) -> State:
         """Read all servos; raises as `Bus.read`."""
-        found = self._bus.read(self.counts.ids, PRESENT, PRESENT_LENGTH)
-        answers = [found[id_] for id_ in self.counts.ids]
+        found = self._bus.read(self.encoders.ids, PRESENT, PRESENT_LENGTH)
+        answers = [found[id_] for id_ in self.encoders.ids]
         return State(
             counts=np.array([decode_word(a.data) for a in answers], np.float64),
             load=np.array([decode_word(a.data, 4, LOAD_SIGN) / 1000.0 for a in answers]),
@@ -118,7 +118,7 @@ class ServoArm:
 
     def send_goals(self, counts: Array) -> None:
         """Send each servo its goal, unverified."""
-        self._bus.write(GOAL, dict(zip(self.counts.ids, _words(counts), strict=True)))
+        self._bus.write(GOAL, dict(zip(self.encoders.ids, _words(counts), strict=True)))
 
     def hold(self, counts: Array) -> None:
         """Send goals; verify that they arrived, and that the servos have torque.
@@ -131,8 +131,8 @@ class ServoArm:
 
     def check_torque(self) -> None:
         """Refuse (LostTorqueError) servos without torque."""
-        found = self._bus.read(self.counts.ids, TORQUE_ENABLE, 1)
-        if loose := [name for name, servo in self.counts.servos.items() if not found[servo.id].data[0]]:
+        found = self._bus.read(self.encoders.ids, TORQUE_ENABLE, 1)
+        if loose := [name for name, servo in self.encoders.servos.items() if not found[servo.id].data[0]]:
             what = f"{listed(loose)} lost torque, as after a moment without power"
             raise LostTorqueError(f"{what}: check the cables and the arm's power supply", joint=loose[0])
 
@@ -146,15 +146,15 @@ class ServoArm:
         self._write_verified(
             GOAL, goals, lambda has, wanted: abs(decode_word(has) - decode_word(wanted)) <= GOAL_TOLERANCE
         )
-        write_verified(self._bus, TORQUE_LIMIT, {self.counts.ids[-1]: encode_word(GRIPPER_TORQUE)})
+        write_verified(self._bus, TORQUE_LIMIT, {self.encoders.ids[-1]: encode_word(GRIPPER_TORQUE)})
         try:
-            self._write_verified(TORQUE_ENABLE, [b"\x01"] * len(self.counts.ids))
+            self._write_verified(TORQUE_ENABLE, [b"\x01"] * len(self.encoders.ids))
             self.hold(counts)
         except SensorError as error:
             raise SensorError(f"{error.message}; the other servos may be stiff already (--release)") from None
 
     def _write_verified(self, address: int, values: list[bytes], matches: Callable[[bytes, bytes], bool] = eq) -> None:
-        write_verified(self._bus, address, dict(zip(self.counts.ids, values, strict=True)), matches)
+        write_verified(self._bus, address, dict(zip(self.encoders.ids, values, strict=True)), matches)
 
 
 def write_verified(

@@ -13,7 +13,7 @@ import numpy as np
 
 from pbd.data import JointLimits, JointTrajectory
 from pbd.driving.arm import LostTorqueError, ServoArm, State
-from pbd.driving.encoder_counts import EncoderCounts
+from pbd.driving.encoders import Encoders
 from pbd.driving.watch import Watch
 from pbd.errors import PlanError, SensorError
 from pbd.pose import Array
@@ -62,25 +62,25 @@ class StreamResult:
     held: bool = True
 
 
-def planned_start(counts: EncoderCounts, state: State, limits: JointLimits) -> tuple[float, ...]:
+def planned_start(encoders: Encoders, state: State, limits: JointLimits) -> tuple[float, ...]:
     """Return the joints that a plan starts from, rad: the measured ones, clipped to the model's limits.
 
     Raises:
         PlanError: the arm stands more than SLACK_DEG outside them.
     """
-    q = counts.to_joints(state.counts)
+    q = encoders.to_joints(state.counts)
     inside = np.clip(q, limits.lower, limits.upper)
     worst = int(np.argmax(np.abs(q - inside)))
     if np.degrees(abs(q - inside)[worst]) > SLACK_DEG:
         low, high, at = np.degrees([limits.lower[worst], limits.upper[worst], q[worst]])
-        name = counts.names[worst]
+        name = encoders.names[worst]
         what = f"{name} stands at {at:.0f} degrees, outside the model's {low:.0f} to {high:.0f}"
         raise PlanError(f"{what}: let go of it with --release, and move it by hand to where it has room", joint=name)
     return tuple(inside.tolist())
 
 
 def sample_goals(
-    counts: EncoderCounts, trajectory: JointTrajectory, state: State, rate_hz: float, stroke_s: float
+    encoders: Encoders, trajectory: JointTrajectory, state: State, rate_hz: float, stroke_s: float
 ) -> tuple[Array, Array]:
     """Sample a motion as goals, with a lead-in from where the arm was measured.
 
@@ -94,12 +94,12 @@ def sample_goals(
     steps = int(np.ceil(trajectory.duration * rate_hz)) + settle
     t = np.arange(-lead, steps + 1) / rate_hz
     samples = trajectory.at(np.maximum(t, 0.0))
-    goals = counts.from_joints(samples.q, samples.gripper)
-    counts.check_range(t[lead:], goals[lead:])
+    goals = encoders.from_joints(samples.q, samples.gripper)
+    encoders.check_range(t[lead:], goals[lead:])
     eased = 0.5 * (1.0 - np.cos(np.pi * np.clip(1.0 + t / LEAD_S, 0.0, 1.0)))[:, None]
     goals[:, :-1] = state.counts[:-1] + eased * (goals[:, :-1] - state.counts[:-1])
     # The fingers may stand anywhere at the start, so their speed is limited instead.
-    max_step = (counts.upper[-1] - counts.lower[-1]) / (stroke_s * rate_hz)
+    max_step = (encoders.upper[-1] - encoders.lower[-1]) / (stroke_s * rate_hz)
     fingers = float(state.counts[-1])
     for goal in goals:
         fingers += float(np.clip(goal[-1] - fingers, -max_step, max_step))

@@ -330,7 +330,8 @@ def test_a_missing_unit_is_named_at_the_end_and_not_taken_for_a_hand_that_never_
     assert code == 0
     assert ", 1 bad packets (the last: it has 1 column, not 7), " in out
     assert "fewer than two stops" not in out
-    assert "likely in g: import demos/tea/imu.csv with --unit acc=g" in error
+    assert "warning: demos/tea/imu.csv: at rest the accelerometer reads " in error
+    assert "likely in g: import the file with --unit acc=g" in error
     assert run(capsys, "import", "demos/tea/imu.csv", "tea2", "--unit", "acc=g")[0] == 0
 
 

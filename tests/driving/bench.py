@@ -7,7 +7,7 @@ import time
 
 from pbd.driving.arm import ServoArm
 from pbd.driving.bus import Bus
-from pbd.driving.encoder_counts import EncoderCounts
+from pbd.driving.encoders import Encoders
 from pbd.driving.stream import Clock
 from pbd.files.robot import load_robot
 from tests.driving.emulator import calibration_of
@@ -40,4 +40,4 @@ class FastClock(Clock):
 
 
 def connect(bus: Bus) -> ServoArm:
-    return ServoArm(bus, EncoderCounts(load_robot("so101"), calibration_of("so101")))
+    return ServoArm(bus, Encoders(load_robot("so101"), calibration_of("so101")))

@@ -20,7 +20,7 @@ from typing import Self
 
 import numpy as np
 
-from pbd.driving.encoder_counts import EncoderCounts, servo_names
+from pbd.driving.encoders import Encoders, servo_names
 from pbd.driving.packets import checksum, decode_word, encode_word
 from pbd.driving.stream import Clock
 from pbd.files.robot import load_robot
@@ -222,9 +222,9 @@ def calibration_of(robot_name: str) -> dict[str, ServoCalibration]:
 def resting(robot_name: str, q: tuple[float, ...] | None = None) -> dict[str, float]:
     """Counts of the servos with the arm at joints q (home), the gripper half open."""
     robot = load_robot(robot_name)
-    counts = EncoderCounts(robot, calibration_of(robot_name))
-    at = counts.from_joints(np.array([robot.home if q is None else q]), np.array([0.5]))[0]
-    return dict(zip(counts.names, at.tolist(), strict=True))
+    encoders = Encoders(robot, calibration_of(robot_name))
+    at = encoders.from_joints(np.array([robot.home if q is None else q]), np.array([0.5]))[0]
+    return dict(zip(encoders.names, at.tolist(), strict=True))
 
 
 def main() -> None:

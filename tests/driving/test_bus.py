@@ -47,7 +47,7 @@ def test_an_arm_is_read_stiffened_and_released(emulator: Emulator) -> None:
     with Bus.open(emulator.device, PATIENT_S) as bus:
         arm = connect(bus)
         state = arm.state()
-        np.testing.assert_allclose(arm.counts.to_joints(state.counts), load_robot("so101").home, atol=2e-3)
+        np.testing.assert_allclose(arm.encoders.to_joints(state.counts), load_robot("so101").home, atol=2e-3)
         np.testing.assert_array_equal(state.volts, 7.4)
         np.testing.assert_array_equal(state.celsius, 30.0)
         arm.enable_torque(state.counts)
@@ -55,7 +55,7 @@ def test_an_arm_is_read_stiffened_and_released(emulator: Emulator) -> None:
         assert goals == state.counts.tolist()  # not the goal of before, to which the arm would jump
         assert all(servo.registers[40] for servo in emulator.servos.values())
         assert emulator.servos[6].number(48) == 500
-        release(bus, arm.counts.ids)
+        release(bus, arm.encoders.ids)
         assert not any(servo.registers[40] for servo in emulator.servos.values())
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from pbd.driving.arm import WRITE_TRIES, Bounds, State
 from pbd.driving.bus import Bus
-from pbd.driving.encoder_counts import EncoderCounts
+from pbd.driving.encoders import Encoders
 from pbd.driving.stream import Clock, StreamResult, planned_start, stream
 from pbd.driving.watch import Watch, check_health
 from pbd.errors import PlanError, SensorError
@@ -69,7 +69,7 @@ def swing(
                 fault()
 
         emulator.fault = impatient
-        watch = Watch(arm.counts.names, arm.bounds, start, 10.0, RATE_HZ)
+        watch = Watch(arm.encoders.names, arm.bounds, start, 10.0, RATE_HZ)
         with patch("pbd.driving.stream.STALL_S", stall_s):
             return stream(arm, path, RATE_HZ, watch, clock, stop_wanted, dry_run)
 
@@ -165,7 +165,7 @@ def test_a_joint_that_pushes_too_long(emulator: Emulator) -> None:
         arm = connect(bus)
         start = arm.state()
         arm.enable_torque(start.counts)
-        watch = Watch(arm.counts.names, arm.bounds, start, 45.0, RATE_HZ)
+        watch = Watch(arm.encoders.names, arm.bounds, start, 45.0, RATE_HZ)
         with patch("pbd.driving.stream.STALL_S", UNHURRIED_S):
             done = stream(arm, np.tile(start.counts, (80, 1)), RATE_HZ, watch, clock, lambda: False)
     assert done.stopped is not None
@@ -245,7 +245,7 @@ def test_an_arm_that_should_not_start(emulator: Emulator, address: int, value: i
     with Bus.open(emulator.device, PATIENT_S) as bus:
         arm = connect(bus)
         with pytest.raises(SensorError, match=says):
-            check_health(arm.counts.names, arm.bounds, arm.state())
+            check_health(arm.encoders.names, arm.bounds, arm.state())
 
 
 def standing(counts: Array) -> State:
@@ -253,8 +253,8 @@ def standing(counts: Array) -> State:
     return State(counts, np.zeros(n), np.full(n, 7.4), np.full(n, 30.0), (0,) * n)
 
 
-def so101() -> EncoderCounts:
-    return EncoderCounts(load_robot("so101"), calibration_of("so101"))
+def so101() -> Encoders:
+    return Encoders(load_robot("so101"), calibration_of("so101"))
 
 
 def test_after_a_late_goal_none_comes_sooner_than_half_a_period() -> None:
@@ -279,10 +279,10 @@ def test_after_a_late_goal_none_comes_sooner_than_half_a_period() -> None:
 @pytest.mark.parametrize(("behind_s", "sound"), [(0.2, True), (0.3, False)])
 def test_a_servo_may_be_a_quarter_of_a_second_behind(behind_s: float, sound: bool) -> None:
     """At 20 degrees a period, it is as many off as it is periods more behind than it may be."""
-    counts, n = so101(), 6
+    encoders, n = so101(), 6
     bounds = Bounds(np.full(n, 70.0), np.full(n, 4.0), np.full(n, 8.0))
     path = np.full((40, n), 2048.0) + np.eye(n)[ELBOW] * 4096.0 / 18.0 * np.arange(40)[:, None]
-    watch = Watch(counts.names, bounds, standing(path[0]), 10.0, RATE_HZ)
+    watch = Watch(encoders.names, bounds, standing(path[0]), 10.0, RATE_HZ)
     for goal in path:
         watch.add_goal(goal)
     with nullcontext() if sound else pytest.raises(SensorError, match=r"elbow_flex is .* degrees off its goal"):
@@ -291,15 +291,15 @@ def test_a_servo_may_be_a_quarter_of_a_second_behind(behind_s: float, sound: boo
 
 @pytest.mark.parametrize(("beyond", "sound"), [(0.9, True), (1.1, False)])
 def test_a_goal_may_leave_the_calibrated_range_by_a_count(beyond: float, sound: bool) -> None:
-    counts = so101()
+    encoders = so101()
     with nullcontext() if sound else pytest.raises(PlanError, match=r"shoulder_pan would go 0\.1 degrees beyond"):
-        counts.check_range(np.zeros(1), counts.lower[None] - beyond * np.eye(6)[0])
+        encoders.check_range(np.zeros(1), encoders.lower[None] - beyond * np.eye(6)[0])
 
 
 @pytest.mark.parametrize(("degrees", "sound"), [(4.0, True), (6.0, False)])
 def test_an_arm_five_degrees_outside_the_model_starts_at_its_limit(degrees: float, sound: bool) -> None:
-    counts, robot = so101(), load_robot("so101")
+    encoders, robot = so101(), load_robot("so101")
     q = robot.home + (robot.limits.upper[1] + np.radians(degrees) - robot.home[1]) * np.eye(5)[1]
-    state = standing(counts.from_joints(q[None], np.ones(1))[0])
+    state = standing(encoders.from_joints(q[None], np.ones(1))[0])
     with nullcontext() if sound else pytest.raises(PlanError, match=r"shoulder_lift stands at .* outside the model's"):
-        assert planned_start(counts, state, robot.limits)[1] == robot.limits.upper[1]
+        assert planned_start(encoders, state, robot.limits)[1] == robot.limits.upper[1]

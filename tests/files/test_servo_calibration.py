@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.driving.encoder_counts import EncoderCounts, servo_names
+from pbd.driving.encoders import Encoders, servo_names
 from pbd.errors import CalibrationError, RobotError
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import (
@@ -84,15 +84,15 @@ def test_the_places_where_it_is_found(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_lerobots_degrees_and_percent() -> None:
     """LeRobot's rule (motors_bus.py, `_normalize`): the middle of the range is 0 degrees."""
-    counts = EncoderCounts(SO101, calibration_of("so101"))
+    encoders = Encoders(SO101, calibration_of("so101"))
     q = np.array([[0.1, -0.5, 0.7, -0.9, 1.1]])
-    at = counts.from_joints(q, np.array([1.0]))
+    at = encoders.from_joints(q, np.array([1.0]))
     wrist = calibration_of("so101")["wrist_flex"]
     degrees = (at[0, 3] - (wrist.range_min + wrist.range_max) / 2) * 360 / 4096
     assert degrees == pytest.approx(np.degrees(-0.9))
-    np.testing.assert_allclose(counts.to_joints(at), q)
+    np.testing.assert_allclose(encoders.to_joints(at), q)
     # The tool's "open" is 1 rad of the jaw, which LeRobot's range of -10 to 100 degrees makes 61 %.
-    assert counts.gripper_percent(at)[0] == pytest.approx(100 * (1.0 + 0.174533) / (1.74533 + 0.174533))
+    assert encoders.gripper_percent(at)[0] == pytest.approx(100 * (1.0 + 0.174533) / (1.74533 + 0.174533))
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_lerobots_degrees_and_percent() -> None:
 def test_an_implausible_calibration_is_refused(name: str, change: dict[str, int], says: str) -> None:
     servos = calibration_of("so101")
     with pytest.raises(CalibrationError, match=says):
-        EncoderCounts(SO101, servos | {name: replace(servos[name], **change)})
+        Encoders(SO101, servos | {name: replace(servos[name], **change)})
 
 
 @pytest.mark.parametrize("robot", ["so100", "so101"])
@@ -120,9 +120,9 @@ def test_a_real_calibration_is_plausible(robot: str) -> None:
     ranges = ((746, 3477), (822, 3211), (901, 3110), (849, 3216), (135, 3984), (1975, 3565))
     arm = load_robot(robot)
     servos = zip(servo_names(arm), ranges, strict=True)
-    EncoderCounts(arm, {name: ServoCalibration(i, 0, 0, *ends) for i, (name, ends) in enumerate(servos, start=1)})
+    Encoders(arm, {name: ServoCalibration(i, 0, 0, *ends) for i, (name, ends) in enumerate(servos, start=1)})
 
 
 def test_an_arm_without_servos_is_refused() -> None:
     with pytest.raises(RobotError, match="panda has no"):
-        EncoderCounts(load_robot("panda"), {})
+        Encoders(load_robot("panda"), {})

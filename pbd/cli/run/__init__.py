@@ -20,7 +20,7 @@ from pbd.data import Robot
 from pbd.driving.arm import identify, release
 from pbd.driving.bus import Bus
 from pbd.driving.calibrating import FULL_TURN_JOINT, Calibrating, calibrating
-from pbd.driving.encoder_counts import EncoderCounts, servo_names
+from pbd.driving.encoders import Encoders, servo_names
 from pbd.errors import PbdError, SensorError, UsageError, listed
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import COUNTS, own_servo_calibration, write_servo_calibration
@@ -78,7 +78,7 @@ def _calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
             say(f"move {others} slowly from stop to stop, one after the other; Enter when all are done")
             _show_ranges(keys, session, ids)
             servos = session.result()
-            EncoderCounts(robot, servos)  # raises for ranges that are too short
+            Encoders(robot, servos)  # raises for ranges that are too short
             session.store(servos)
             write_servo_calibration(servos, file)
     print_table(_ranges(ids, [(s.range_min, s.range_max) for s in servos.values()]), sys.stderr)

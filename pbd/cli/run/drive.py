@@ -21,7 +21,7 @@ from pbd.data import JointTrajectory, Robot
 from pbd.driving import bus as servo_bus
 from pbd.driving.arm import ServoArm, State
 from pbd.driving.bus import Bus
-from pbd.driving.encoder_counts import EncoderCounts, servo_names
+from pbd.driving.encoders import Encoders, servo_names
 from pbd.driving.stream import Clock, StreamResult, planned_start, sample_goals, stream
 from pbd.driving.watch import Watch, check_health
 from pbd.errors import SensorError
@@ -46,17 +46,17 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
     stroke_s = robot.gripper.stroke_s
     device = args.port or only_port("arm", "")
     file = find_servo_calibration(args.servos, robot.name, robot.servos.robot_type)
-    counts = EncoderCounts(robot, read_servo_calibration(file, servo_names(robot)))
+    encoders = Encoders(robot, read_servo_calibration(file, servo_names(robot)))
     with Bus.open(device) as bus:
-        arm = ServoArm(bus, counts)
+        arm = ServoArm(bus, encoders)
         _check_pace(bus, arm)
         before = arm.state()
-        check_health(counts.names, arm.bounds, before)
-        start = planned_start(counts, before, robot.limits)
+        check_health(encoders.names, arm.bounds, before)
+        start = planned_start(encoders, before, robot.limits)
         plan = plan_demonstration(args, start)
-        t, goals = sample_goals(counts, plan.trajectory, before, args.rate, stroke_s)
+        t, goals = sample_goals(encoders, plan.trajectory, before, args.rate, stroke_s)
         say(f"'{plan.name}' on {robot.name} at {device}, its servos calibrated in {file}")
-        print_table(_preview_table(counts, before, goals, t, plan.trajectory), sys.stderr)
+        print_table(_preview_table(encoders, before, goals, t, plan.trajectory), sys.stderr)
         say(timetable(plan.trajectory, t, plan.retreat is not None))
         for remark in remarks_of_whole(plan, args.calibration):
             say(remark)
@@ -69,18 +69,18 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
                         "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels."
                     )
                 now = arm.state()
-                by = np.degrees(np.abs(counts.to_joints(now.counts) - counts.to_joints(before.counts)).max())
+                by = np.degrees(np.abs(encoders.to_joints(now.counts) - encoders.to_joints(before.counts)).max())
                 if by > MOVED_DEG:
                     what = f"the arm was moved by {by:.1f} degrees since it was measured"
                     raise SensorError(f"{what}, so the motion doesn't begin there: run it again")
-                t, goals = sample_goals(counts, plan.trajectory, now, args.rate, stroke_s)
+                t, goals = sample_goals(encoders, plan.trajectory, now, args.rate, stroke_s)
                 arm.enable_torque(now.counts)
                 say("the arm moves: any key stops it")
             bus.answer_s = servo_bus.ANSWER_S
             tolerance = math.inf if args.dry_run else args.tolerance
-            watch = Watch(counts.names, arm.bounds, before, tolerance, args.rate)
+            watch = Watch(encoders.names, arm.bounds, before, tolerance, args.rate)
             done = stream(arm, goals, args.rate, watch, Clock(), lambda: bool(keys.next()), args.dry_run)
-    code = _report_end(done, watch, counts, args, device)  # before the JSON, whose reader may be gone
+    code = _report_end(done, watch, encoders, args, device)  # before the JSON, whose reader may be gone
     if args.json:
         print_json(
             {
@@ -91,7 +91,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
                 "dry_run": args.dry_run,
                 "duration_s": plan.trajectory.duration,
                 "scale": plan.scale,
-                **_motion_json(done, watch, bus, counts.names, args.dry_run),
+                **_motion_json(done, watch, bus, encoders.names, args.dry_run),
                 "warnings": args.warnings,
             }
         )
@@ -113,18 +113,18 @@ def _check_pace(bus: Bus, arm: ServoArm) -> None:
         raise SensorError(f"{what}: lower the adapter's latency timer (docs/running.md), or close other programs")
 
 
-def _preview_table(counts: EncoderCounts, state: State, goals: Array, t: Array, trajectory: JointTrajectory) -> Table:
+def _preview_table(encoders: Encoders, state: State, goals: Array, t: Array, trajectory: JointTrajectory) -> Table:
     """Tabulate each joint's present position, the start, and the range of the motion and of the servo."""
     table = make_table("joint", "now", "start", "lowest", "highest", "servo's range", left=("joint",))
     at = goals[int(np.searchsorted(t, trajectory.keyframe_t[0]))]
-    rows = np.array([state.counts, at, goals.min(axis=0), goals.max(axis=0), counts.lower, counts.upper])
-    degrees = np.degrees(counts.to_joints(rows))
-    for i, name in enumerate(counts.names[:-1]):
+    rows = np.array([state.counts, at, goals.min(axis=0), goals.max(axis=0), encoders.lower, encoders.upper])
+    degrees = np.degrees(encoders.to_joints(rows))
+    for i, name in enumerate(encoders.names[:-1]):
         now, start, low, high, *ends = degrees[:, i]
         reach = f"{min(ends):.0f} to {max(ends):.0f}"
         table.add_row(name, *(f"{value:.1f}°" for value in (now, start, low, high)), f"{reach}°")
-    percent = counts.gripper_percent(rows)
-    table.add_row(counts.names[-1], *(f"{value:.0f} %" for value in percent[:4]), "0 to 100 %")
+    percent = encoders.gripper_percent(rows)
+    table.add_row(encoders.names[-1], *(f"{value:.0f} %" for value in percent[:4]), "0 to 100 %")
     return table
 
 
@@ -157,7 +157,7 @@ def _motion_json(done: StreamResult, watch: Watch, bus: Bus, names: Sequence[str
     }
 
 
-def _report_end(done: StreamResult, watch: Watch, counts: EncoderCounts, args: argparse.Namespace, device: str) -> int:
+def _report_end(done: StreamResult, watch: Watch, encoders: Encoders, args: argparse.Namespace, device: str) -> int:
     """Say how the motion ended; return the exit code."""
     lets_go = f"`pbd run --release --robot {args.robot} --port {device}` lets go of it"
     holds = "the arm holds where it stopped"
@@ -177,6 +177,6 @@ def _report_end(done: StreamResult, watch: Watch, counts: EncoderCounts, args: a
     if args.dry_run:
         say(f"dry run done: the servos answered {done.sent} times; {felt}")
     else:
-        off = f"at most {watch.error_deg[worst]:.1f} degrees off ({counts.names[worst]})"
+        off = f"at most {watch.error_deg[worst]:.1f} degrees off ({encoders.names[worst]})"
         say(f"done: {done.sent} goals, {off}, {felt}; the arm holds, {lets_go}")
     return 0

@@ -17,8 +17,8 @@ SHORTEST_SHARE, LONGEST_SHARE = 0.6, 1.4
 middle, and its encoder passed from 4095 to 0. Both make its zero, the middle of the range, wrong."""
 
 
-class EncoderCounts:
-    """The calibrated encoder counts of an arm's k joints and, last, of its gripper.
+class Encoders:
+    """The calibrated encoders of an arm's k joints and, last, of its gripper.
 
     Attributes:
         names: names of the servos, base to gripper.
