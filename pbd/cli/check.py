@@ -23,22 +23,18 @@ MOST_REMARKS = 2
 
 def run(args: argparse.Namespace) -> None:
     """Check the demonstrations, print those that need a look first, and fail if one is unusable."""
-    checks = sorted(_checked(args), key=_worst_first)
-    print_result(args, {"demos": [_row(check) for check in checks]}, _table(checks, args.robot, args.units))
-    if unusable := [check.name for check in checks if not check.usable]:
-        what = f"{len(unusable)} of {len(checks)} can't be used: {listed(unusable)}"
-        raise RecordingError(f"{what}; leave them out, or record them again", value=len(unusable))
-
-
-def _checked(args: argparse.Namespace) -> tuple[DemoCheck, ...]:
-    """Check the named demonstrations."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
     demos = without_aside(args.demos)
     columns = ("checking", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Screen(sys.stderr), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("", total=len(demos))
-        return check_all(demos, args.robot, args.jobs, lambda number: bar.update(task, completed=number))
+        checks = check_all(demos, args.robot, args.jobs, lambda number: bar.update(task, completed=number))
+    checks = tuple(sorted(checks, key=_worst_first))
+    print_result(args, {"demos": [_row(check) for check in checks]}, _table(checks, args.robot, args.units))
+    if unusable := [check.name for check in checks if not check.usable]:
+        what = f"{len(unusable)} of {len(checks)} can't be used: {listed(unusable)}"
+        raise RecordingError(f"{what}; leave them out, or record them again", value=len(unusable))
 
 
 def _worst_first(check: DemoCheck) -> tuple[bool, int, int, float]:

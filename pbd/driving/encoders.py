@@ -22,6 +22,7 @@ class Encoders:
 
     Attributes:
         names: names of the servos, base to gripper.
+        stroke_s: duration of the gripper's full stroke, s.
         lower, upper: (k + 1,) ends of the calibrated range, counts.
     """
 
@@ -34,8 +35,8 @@ class Encoders:
         """
         if robot.servos is None or robot.gripper is None:
             raise RobotError(f"{robot.name} has no [servos]: LeRobot does not know this arm; use `pbd export`")
-        self._robot, self._conversion, self._gripper = robot, robot.servos, robot.gripper
-        self.names = servo_names(robot)
+        self._conversion, self._gripper = robot.servos, robot.gripper
+        self.names, self.stroke_s = servo_names(robot), robot.gripper.stroke_s
         self.servos = {name: servos[name] for name in self.names}
         self.ids = tuple(servo.id for servo in self.servos.values())
         self.lower = np.array([servo.range_min for servo in self.servos.values()])

@@ -79,9 +79,7 @@ def planned_start(encoders: Encoders, state: State, limits: JointLimits) -> tupl
     return tuple(inside.tolist())
 
 
-def sample_goals(
-    encoders: Encoders, trajectory: JointTrajectory, state: State, rate_hz: float, stroke_s: float
-) -> tuple[Array, Array]:
+def sample_goals(encoders: Encoders, trajectory: JointTrajectory, state: State, rate_hz: float) -> tuple[Array, Array]:
     """Sample a motion as goals, with a lead-in from where the arm was measured.
 
     Returns:
@@ -99,7 +97,7 @@ def sample_goals(
     eased = 0.5 * (1.0 - np.cos(np.pi * np.clip(1.0 + t / LEAD_S, 0.0, 1.0)))[:, None]
     goals[:, :-1] = state.counts[:-1] + eased * (goals[:, :-1] - state.counts[:-1])
     # The fingers may stand anywhere at the start, so their speed is limited instead.
-    max_step = (encoders.upper[-1] - encoders.lower[-1]) / (stroke_s * rate_hz)
+    max_step = (encoders.upper[-1] - encoders.lower[-1]) / (encoders.stroke_s * rate_hz)
     fingers = float(state.counts[-1])
     for goal in goals:
         fingers += float(np.clip(goal[-1] - fingers, -max_step, max_step))

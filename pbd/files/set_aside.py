@@ -17,7 +17,6 @@ SIMULATED = ("sim", "simulated")
 ASIDE = re.compile(r".+\.(before|new)(-\d+)?")
 """Name of a demonstration that was set aside (`name_aside`)."""
 
-
 _GENERATED = re.compile(
     r"""
       (format | created | sensor | clock | rate_hz | bundled | closed | failed | t_s)[ ]=[ ][^#]*

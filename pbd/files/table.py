@@ -57,7 +57,7 @@ class Table:
 
     def columns(self, *names: str) -> Array:
         """Return columns (rows, len(names)); the RecordingError of a missing one lists the header."""
-        refuse_missing(self.path, self.header, names)
+        refuse_missing(self.path, self.header, names, RecordingError)
         return self.values[:, [self.header.index(name) for name in names]]
 
 
@@ -205,9 +205,7 @@ def _blocks(text: str) -> Iterator[str]:
         at = end
 
 
-def refuse_missing(
-    path: Path, header: Sequence[str], names: Sequence[str], error: type[PbdError] = RecordingError
-) -> None:
+def refuse_missing(path: Path, header: Sequence[str], names: Sequence[str], error: type[PbdError]) -> None:
     """Refuse a table without these columns; the `error` lists its columns."""
     if missing := [name for name in names if name not in header]:
         raise error.at(path, f"no column '{missing[0]}'; the columns are {listed(header)}", value=missing[0])

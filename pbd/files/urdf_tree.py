@@ -186,6 +186,10 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
         upper = min(upper, float(soft.attrib["soft_upper_limit"]))
     if kind == "prismatic":  # some URDFs write 1e16 for "no limit": no collision check would come to an end
         lower, upper = max(lower, -LONGEST_M), min(upper, LONGEST_M)
+    follows = None
+    if mimic is not None:
+        gear, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
+        follows = Mimic(_attribute(path, mimic, "joint"), gear, offset)
     return UrdfJoint(
         name=name,
         kind=kind,
@@ -194,13 +198,8 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
         lower=lower,
         upper=upper,
         velocity=float(limits.get("velocity", math.inf)),
-        mimic=None if mimic is None else _mimic(path, mimic),
+        mimic=follows,
     )
-
-
-def _mimic(path: Path, element: ET.Element) -> Mimic:
-    multiplier, offset = element.get("multiplier", "1"), element.get("offset", "0")
-    return Mimic(_attribute(path, element, "joint"), float(multiplier), float(offset))
 
 
 def _attribute(path: Path, element: ET.Element, key: str) -> str:

@@ -42,8 +42,6 @@ STOPPED_BY_HAND = 130
 def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
     """Run the demonstration on the arm; return the exit code."""
     assert robot.servos is not None
-    assert robot.gripper is not None
-    stroke_s = robot.gripper.stroke_s
     device = args.port or only_port("arm", "")
     file = find_servo_calibration(args.servos, robot.name, robot.servos.robot_type)
     encoders = Encoders(robot, read_servo_calibration(file, servo_names(robot)))
@@ -54,7 +52,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
         check_health(encoders.names, arm.bounds, before)
         start = planned_start(encoders, before, robot.limits)
         plan = plan_demonstration(args, start)
-        t, goals = sample_goals(encoders, plan.trajectory, before, args.rate, stroke_s)
+        t, goals = sample_goals(encoders, plan.trajectory, before, args.rate)
         say(f"'{plan.name}' on {robot.name} at {device}, its servos calibrated in {file}")
         print_table(_preview_table(encoders, before, goals, t, plan.trajectory), sys.stderr)
         say(timetable(plan.trajectory, t, plan.retreat is not None))
@@ -73,7 +71,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
                 if by > MOVED_DEG:
                     what = f"the arm was moved by {by:.1f} degrees since it was measured"
                     raise SensorError(f"{what}, so the motion doesn't begin there: run it again")
-                t, goals = sample_goals(encoders, plan.trajectory, now, args.rate, stroke_s)
+                t, goals = sample_goals(encoders, plan.trajectory, now, args.rate)
                 arm.enable_torque(now.counts)
                 say("the arm moves: any key stops it")
             bus.answer_s = servo_bus.ANSWER_S

@@ -157,7 +157,7 @@ def export(
     require_type("export", robot, "pbd.load_robot", Robot)
     require_type("export", source, "pbd.planning.source_of", Source, optional=True)
     require_kind("path", path, "a file's name", isinstance(path, str | Path))
-    check_format(format_name, rate_hz, dense)
+    check_format(format_name, rate_hz, dense, robot)
     path = Path(path)
     check_suffix(format_name, path)
     if trajectory.joint_names != robot.joints:

@@ -49,7 +49,6 @@ def check(robot: Robot) -> None:
 
 def write(request: ExportRequest, points: Samples, path: Path) -> None:
     """Write the bag."""
-    check(request.robot)
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     with TemporaryDirectory(dir=path.parent) as folder:

@@ -79,7 +79,6 @@ def check(robot: Robot) -> None:
 
 def samples(request: ExportRequest) -> Samples:
     """Sample at the end of each move, or, dense, at the controller's period."""
-    check(request.robot)
     return request.trajectory.at(
         np.concatenate([_instants(request, phase) for phase in _phases(request) if phase.moves])
     )
