@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import nullcontext
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +16,10 @@ from pbd.data import Calibration, Contact, Demonstration, GripEvent, HandPath, L
 from pbd.errors import CalibrationError, RecordingError, TrackingError, collected_warnings
 from pbd.fusion.calibration import _composed, device_errors
 from pbd.fusion.marginals import SHARED, estimate_with_device, marginal_of
+from pbd.fusion.matching import Alignment, Registration
 from pbd.fusion.mean_path import TakePath, average_paths
 from pbd.fusion.tables import fusion_table
-from pbd.fusion.takes import _devices_of, tracked_take
+from pbd.fusion.takes import _devices_of, refuse_other_tasks, tracked_take
 from pbd.pipeline import fused_demo, track
 from pbd.pose import Pose, quat_exp, quat_multiply, quat_to_matrix
 from pbd.simulation.sensor_model import SENSOR_MODELS
@@ -178,6 +182,14 @@ def test_takes_that_can_not_be_fused_are_refused(takes: list[Demonstration]) -> 
         pbd.fuse([takes[0], other])
     with pytest.raises(TrackingError, match="fused by the default method only"):
         track(replace(takes[0], takes=tuple(takes)), method="paper")
+
+
+@pytest.mark.parametrize(("alike", "others", "refused"), [(1, 0, True), (2, 1, False), (2, 2, True), (3, 2, False)])
+def test_more_than_half_of_the_takes_are_of_one_task(alike: int, others: int, refused: bool) -> None:
+    made: Any = [SimpleNamespace(name=f"take {k}", knots=(0,)) for k in range(alike + others + (alike < 2))]
+    same = dict.fromkeys(range(alike), Registration(0.0, np.zeros(3), np.eye(3)))
+    with pytest.raises(TrackingError, match=r"take 0 .* are of different tasks") if refused else nullcontext():
+        refuse_other_tasks(made, Alignment((), same, tuple(range(alike, len(made)))))
 
 
 def test_an_outlier_take_is_named_and_left_out(takes: list[Demonstration]) -> None:

@@ -37,6 +37,7 @@ from pbd.tracking.online.filter import IDENTITY, NORTH, SENSOR_ERRORS, STATES, U
 from pbd.tracking.online.samples import Conditioner, Sample
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
+from pbd.tracking.smoother.factors import compass_heading
 from pbd.tracking.smoother.preintegration import (
     ACC_BIAS,
     ACC_MATRIX,
@@ -296,14 +297,30 @@ def test_a_knock_at_an_unknown_time_leaves_velocity_and_position_uncertain() -> 
     np.testing.assert_allclose((kalman.P - before)[3:9, 3:9], np.kron(error @ error.T / 1001, np.eye(3)), atol=1e-5)
 
 
-def test_an_undisturbed_compass_counts_as_much_as_it_lasts() -> None:
+@pytest.mark.parametrize("stronger", [1.0, 1.1])
+def test_a_compass_counts_as_much_as_it_lasts_and_less_in_a_disturbed_field(stronger: float) -> None:
     rest, field = find_rest(poured_at_first()), np.array((3.0, 20.0, -45.0))
     noise = noise_of(poured_at_first(), rest)
     kalman, north = OnlineFilter(noise, rest, np.eye(3), field, no_gyro=False), IDENTITY[NORTH]
     kalman.P = noise.compass**2 * np.outer(north, north)  # nothing else is unsure
-    kalman.update_compass(kalman.E.T @ quat_rotate(quat_about_z(0.002), kalman.E @ field), 3.0)
-    assert kalman.north == pytest.approx(0.75 * 0.002, rel=1e-3)
-    assert kalman.P[NORTH, NORTH] == pytest.approx(0.25 * noise.compass**2, rel=1e-3)
+    seen = stronger * quat_rotate(quat_about_z(0.002), kalman.E @ field)
+    dip = np.arctan2(seen[2], np.hypot(seen[0], seen[1]))
+    trust = float(compass_heading(seen[None], float(np.linalg.norm(field)), dip, noise)[2][0])
+    kalman.update_compass(kalman.E.T @ seen, 3.0)
+    left = 1.0 / (1.0 + 3.0 * trust)
+    assert (left == pytest.approx(0.25, rel=1e-3)) == (stronger == 1.0)
+    assert kalman.north == pytest.approx((1.0 - left) * 0.002, rel=1e-3)
+    assert kalman.P[NORTH, NORTH] == pytest.approx(left * noise.compass**2, rel=1e-3)
+
+
+def test_the_further_away_a_hand_is_the_less_its_reach_pulls_it_back() -> None:
+    rest, unsure = find_rest(poured_at_first()), np.zeros(STATES)
+    noise = replace(noise_of(poured_at_first(), rest), reach=3.0)
+    kalman = OnlineFilter(noise, rest, np.eye(3), None, no_gyro=False)
+    unsure[POS] = (3.0**2 + 5.0**2) / 2.0  # as the reach is at 5 m, over 2 s
+    kalman.p, kalman.P = np.array((4.0, 3.0, 0.0)), np.diag(unsure)
+    kalman.update_reach(2.0)
+    assert kalman.p == pytest.approx((2.0, 1.5, 0.0))
 
 
 def test_the_devices_own_attitude_is_less_sure_the_faster_it_turns() -> None:

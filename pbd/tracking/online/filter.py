@@ -193,9 +193,7 @@ class OnlineFilter:
 
     def update_reach(self, lasted: float) -> None:
         """For `lasted` s the hand was within reach of its first rest; robust by Cauchy's weight, as in `factors`."""
-        H, (x, y, _) = H_POS.copy(), self.p
-        H[:, 2] = y, -x, 0.0  # a distance tells nothing of the heading
-        self._update(H, -self.p, (self.noise.reach**2 + float(self.p @ self.p)) / lasted, robust=False)
+        self._update(H_POS, -self.p, (self.noise.reach**2 + float(self.p @ self.p)) / lasted, robust=False)
 
     def update_device_attitude(self, rate: Array) -> None:
         """Without a gyro the gyro frame is nav, but the device's attitude errs, and lags at `rate` (3,) rad/s."""

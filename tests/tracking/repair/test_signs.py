@@ -273,6 +273,17 @@ def test_a_hand_that_mostly_yaws_shows_by_its_few_tilts_which_axes_are_swapped()
     assert found.message.startswith("gx and gz are swapped: import the file with --column gx=gz --column gz=gx")
 
 
+def test_the_few_larger_turns_of_a_calm_hand_show_what_is_wrong() -> None:
+    """Of all turns, by gravity, field or gyro, most are so small that they hardly contradict."""
+    calm = simulate(random_task(1, moves=4, max_turn=np.radians(15.0)), "wt901", 1, rate_hz=100.0).recording
+    with pytest.raises(RecordingError, match="mx and my are swapped"):
+        refuse_disagreement(spoilt(calm, "mag", "--column mx=my --column my=mx"))
+    calm = simulate(random_task(2, moves=5, max_turn=np.radians(25.0)), "wt901", 2, rate_hz=100.0).recording
+    assert calm.gyr is not None
+    with pytest.raises(RecordingError, match=r"turns about 2\.8 times as far"):
+        refuse_disagreement(replace(calm, gyr=3.0 * calm.gyr, mag=None, device_rpy=None))
+
+
 def test_a_bent_field_hides_no_wrong_axis() -> None:
     """The field points anywhere, as beside iron. Gravity alone shows that gx and gy are swapped."""
     rng = np.random.default_rng(0)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.data import GRAVITY
+from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning, RecordingError
 from pbd.pose import Array
 from pbd.simulation.hand_motion import Waypoint
@@ -78,6 +78,23 @@ def test_wild_gyro_rows_are_left_out_however_small(rows: int) -> None:
 
 
 @pytest.mark.parametrize(
+    ("channel", "off", "rows", "is_wild"),
+    [("acc", 40.0, 1, True), ("acc", 20.0, 1, False), ("acc", 60.0, 2, False), ("gyr", 0.5, 1, True)],
+)
+def test_a_wild_row_is_farther_away_than_a_hand_moves_in_a_row(
+    channel: str, off: float, rows: int, is_wild: bool
+) -> None:
+    """A tap may push that much, or for two rows."""
+    recording = pour().recording
+    values = getattr(recording, channel).copy()
+    values[100 : 100 + rows, 0] += off
+    spoilt = replace(recording, **{channel: values})
+    with pytest.warns(PbdWarning, match="^1 impossible sample left out") if is_wild else nullcontext():
+        mended = without_wild(spoilt)
+    assert (mended is spoilt) != is_wild
+
+
+@pytest.mark.parametrize(
     ("push", "late", "shake", "is_knock"),
     [
         (2.7, 0, 0.0, False),
@@ -133,6 +150,13 @@ def test_six_rows_that_come_again_are_a_block_that_came_twice(rows: int, told: b
 @pytest.mark.parametrize("rows", range(2, 7))
 def test_in_a_few_rows_no_block_came_twice(rows: int) -> None:
     refuse_doubled(with_rows(pour().recording, slice(0, rows)))
+
+
+def test_in_a_motion_without_noise_that_recurs_no_block_came_twice() -> None:
+    """A program that makes its samples makes the same ones each second."""
+    phase = 2.0 * np.pi * (np.arange(500) % 100) / 100.0
+    gyr = np.column_stack((np.sin(phase), np.cos(phase), np.sin(2.0 * phase)))
+    refuse_doubled(Recording(0.01 * np.arange(500), gyr + np.array((0.0, 0.0, GRAVITY)), gyr))
 
 
 def test_a_sum_that_is_equal_by_chance_is_no_block_that_came_twice(monkeypatch: pytest.MonkeyPatch) -> None:
