@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from pbd.calibration.dock import dock_tilt, in_base, nav_in_base, refuse_tilted
+from pbd.calibration.dock import dock_at, dock_tilt, in_base, nav_in_base, refuse_tilted
 from pbd.calibration.tool_poses import KeyframesInBase, pointing_down, tool_poses
 from pbd.data import Calibration, Keyframe
 from pbd.data.calibration import TOOL_DOWN
@@ -127,6 +127,13 @@ def test_a_level_sensor_makes_a_gripper_that_points_down() -> None:
     level, rolled = tool_poses(KeyframesInBase(shown, Pose.identity(), calibration))
     assert_allclose(level.matrix()[:3, :3], np.diag((1.0, -1.0, -1.0)), atol=1e-15)
     assert_allclose(quat_rotate(rolled.wxyz, Z), (0.0, 1.0, 0.0), atol=1e-15)
+
+
+def test_a_dock_at_a_keyframe_has_a_sure_tilt() -> None:
+    ways = (Pose.identity(), Pose(np.array([0.1, 0.0, 0.0]), quat_about_z(0.2)))
+    level = [Keyframe(2.0 * k, 1.0, T_nav_sensor, 1e-4 * np.eye(6)) for k, T_nav_sensor in enumerate(ways)]
+    _, cov = dock_at(level, 1, dock(np.zeros(3), quat_about_z(0.0)))
+    assert (np.diagonal(cov) > 0.0).tolist() == [True, True, True, False, False, True]
 
 
 @pytest.mark.parametrize("orientation", ["demo", "fixed"])

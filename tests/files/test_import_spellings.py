@@ -44,7 +44,10 @@ def assert_read(recording: Recording, end: float = 0.01) -> None:
         *(("gyr", unit, 1.0) for unit in ("rad/sec", "radians/s", "rad s^-1", "rad_per_s")),
         ("gyr", "rpm", 2.0 * np.pi / 60.0),
         ("gyr", "mrad/s", 1e-3),
-        *(("acc", unit, 1.0) for unit in ("m/sec^2", "m/s**2", "m·s⁻²", "m.s-2", "meters/s^2", "m/(sec^2)")),
+        *(
+            ("acc", unit, 1.0)
+            for unit in ("m/sec^2", "m/s**2", "m·s⁻²", "m.s-2", "meters/s^2", "metres/s^2", "m/(sec^2)")
+        ),
         *(("acc", unit, 9.80665) for unit in ("g's", "Gs", "g-force", "1000 milli-g")),
         *(("mag", unit, 1.0) for unit in ("microTesla", "micro T", "uTesla", "10 milligauss", "1000 nanotesla")),
         *(
@@ -55,6 +58,11 @@ def assert_read(recording: Recording, end: float = 0.01) -> None:
 )
 def test_a_unit_may_be_spelled_in_many_ways(quantity: str, unit: str, factor: float) -> None:
     assert unit_factor(quantity, unit) == pytest.approx(factor, rel=1e-12)
+
+
+def test_a_multiple_of_a_unit_is_a_number() -> None:
+    assert unit_factor("t", "1e300 s") == pytest.approx(1e300)
+    assert unit_factor("t", "1e400 s") is None
 
 
 @pytest.mark.parametrize("today", [45000.123456, 738000.5])

@@ -33,7 +33,7 @@ from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import FACTORY, Noise, densities, noise_of
-from pbd.tracking.online.filter import IDENTITY, NORTH, SENSOR_ERRORS, STATES, UP, OnlineFilter
+from pbd.tracking.online.filter import IDENTITY, KNOT_ROT, NORTH, SENSOR_ERRORS, STATES, UP, OnlineFilter
 from pbd.tracking.online.samples import Conditioner, Sample
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
@@ -423,6 +423,23 @@ def test_a_sensor_put_down_that_bounces_makes_one_stop() -> None:
     assert demo.truth is not None
     last = tracker.keyframes[-1]
     assert last.T_nav_sensor.p == pytest.approx(truth_at(demo.truth, last.t), abs=0.01)
+    assert demo.recording.t[tracker.stops[-1].start] == pytest.approx(4.9, abs=0.1)  # not from where it bounced
+
+
+@pytest.mark.parametrize(("pause_s", "late_s"), [(0.28, 0.0), (1.0, 0.03)])
+def test_a_quick_turn_on_the_spot_is_neither_a_bounce_nor_a_jolt(pause_s: float, late_s: float) -> None:
+    """A late gyro leaves a velocity after it, as after a jolt."""
+    pause = Waypoint((0.2, 0.0, 0.0), move_s=0.8, rest_s=pause_s)
+    turn = Waypoint((0.2, 0.0, 0.0), (0.6, 0.0, 0.0), move_s=0.15, rest_s=1.0)
+    demo = simulate(Task("turn", (Waypoint(rest_s=2.0), pause, turn)), "modern", 2, rate_hz=100.0)
+    recording = demo.recording
+    assert recording.gyr is not None
+    late = np.column_stack([np.interp(recording.t - late_s, recording.t, axis) for axis in recording.gyr.T])
+    tracker, events = fed(replace(recording, gyr=late))
+    assert [event.index for event in began(events)] == [0, 1, 2]
+    assert demo.truth is not None
+    last = tracker.keyframes[-1]
+    assert last.T_nav_sensor.p == pytest.approx(truth_at(demo.truth, last.t), abs=0.01)
 
 
 @pytest.mark.parametrize("sensor", ["modern", "os5000"])
@@ -443,12 +460,15 @@ def test_a_calm_move_of_three_centimetres_is_no_jolt(sensor: str) -> None:
     assert len(tracker.keyframes) == 5
 
 
-def test_a_jolt_does_not_end_a_stop() -> None:
-    recording = poured_at_first()
-    acc = recording.acc.copy()
-    acc[180:184] += (3.0, -2.0, 1.0)
-    tracker, _ = fed(replace(recording, acc=acc))
-    assert len(tracker.stops) == 4
+@pytest.mark.parametrize(("rows", "push", "turn"), [(4, 3.0, 0.0), (12, 1.0, 0.0), (12, 3.0, 0.5)])
+def test_a_jolt_does_not_end_a_stop(rows: int, push: float, turn: float) -> None:
+    """Of m/s2, to and fro, and of rad/s; the last one leaves a velocity that is not zero."""
+    recording = with_rows(poured_at_first(), slice(0, 240))
+    assert recording.gyr is not None
+    acc, gyr, wave = recording.acc.copy(), recording.gyr.copy(), np.sin(np.linspace(0.0, 2.0 * np.pi, rows + 1)[:rows])
+    acc[145 : 145 + rows] += push * wave[:, None] * (1.0, -0.6, 0.4)
+    gyr[145 : 145 + rows, 0] += turn * wave
+    assert len(fed(replace(recording, acc=acc, gyr=gyr))[0].stops) == 1
 
 
 def test_short_holes_are_bridged() -> None:
@@ -592,6 +612,17 @@ def test_a_calm_move_is_no_first_rest() -> None:
     assert [event.index for event in began(events)] == list(range(4))
 
 
+def test_the_end_of_a_calm_move_and_the_rest_after_it_are_no_first_rest() -> None:
+    """Of that second the hand moves in a part, at 9 cm/s."""
+    moves = (Waypoint((0.06, 0.0, 0.0), move_s=1.23, rest_s=0.78), Waypoint((0.0, 0.02, 0.0), move_s=1.14, rest_s=1.0))
+    demo = simulate(Task("early", (Waypoint(rest_s=0.0), *moves)), "modern", 0, rate_hz=50.0)
+    tracker, _ = fed(demo.recording)
+    assert demo.truth is not None
+    speed = np.linalg.norm(np.gradient(demo.truth.p_nav_sensor, demo.truth.t, axis=0), axis=1)
+    assert tracker.rest is not None
+    assert speed[tracker.rest.start : tracker.rest.stop].max() < 0.05
+
+
 def test_wrong_units_are_named_while_it_waits() -> None:
     recording = pour().recording
     tracker = LiveTracker()
@@ -665,6 +696,7 @@ def test_a_bias_that_rounding_hid_has_tilted_the_vertical_too() -> None:
     kalman.P = np.zeros((STATES, STATES))
     kalman.use_noise(replace(noise, sensor=replace(noise.sensor, acc_walk=0.04)))
     assert np.diagonal(kalman.P)[SENSOR_ERRORS][ACC_BIAS] == pytest.approx(0.04**2 - noise.sensor.acc_walk**2)
+    np.testing.assert_array_equal(kalman.P[KNOT_ROT], kalman.P[ROT])  # the last knot is as far off
     T, J = 0.05, np.zeros((9, ERRORS))
     J[VEL, ACC_BIAS] = -T * kalman.C
     up = kalman.E.T @ UP * kalman.gravity
@@ -685,7 +717,11 @@ def test_it_does_without_a_magnetometer_and_without_a_gyro() -> None:
     assert flat(zeros.keyframes) == flat(tracker.keyframes)
 
     bare = simulate("pick-and-place-stops", "os5000-nogyro", 0)
-    assert len(fed(bare.recording)[0].stops) == 5
+    keyframes = fed(bare.recording)[0].keyframes
+    assert len(keyframes) == 5
+    assert bare.truth is not None
+    for keyframe in keyframes:
+        assert keyframe.T_nav_sensor.p == pytest.approx(truth_at(bare.truth, keyframe.t), abs=0.05)
     with pytest.raises(TrackingError, match="neither a gyro nor the device's own attitude"):
         LiveTracker().feed(0.0, (0.0, 0.0, 9.81))
 

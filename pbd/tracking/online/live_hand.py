@@ -13,7 +13,7 @@ from pbd.pose import Array, Pose, quat_log
 from pbd.tracking.estimate import BOUNCE_M, BOUNCE_RAD, BOUNCE_S, is_where_it_was
 from pbd.tracking.first_rest import STILL_ACC, Rest
 from pbd.tracking.moving_windows import PASSES, rows_of_mean
-from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
+from pbd.tracking.noise import Noise
 from pbd.tracking.online.events import LiveEvent, StopBegan, StopEnded
 from pbd.tracking.online.filter import OnlineFilter
 from pbd.tracking.online.samples import Sample
@@ -182,7 +182,7 @@ class LiveHand:
     def _is_moving(self, kalman: OnlineFilter) -> tuple[float, bool]:
         """Squared Mahalanobis distance of the velocity from zero; whether the hand certainly moves."""
         off, speed = kalman.velocity_test(self._sigma, self._shaking)
-        return off, off > VELOCITY_GATE and speed > max(SLOW_SPEED, OUTLIER_SIGMAS * self._sigma)
+        return off, off > VELOCITY_GATE and speed > SLOW_SPEED
 
     def _continue_stop(self, stop: LiveStop, sample: Sample, quiet: bool) -> list[LiveEvent]:
         """Continue a stop, or find that it is over.
@@ -226,17 +226,16 @@ class LiveHand:
         ):
             self._trial = self._trial_filter = None
             return []
-        off, fast = (0.0, False) if self._trial_filter is None else self._is_moving(self._trial_filter)
-        if trial is None or fast or off > VELOCITY_GATE:
+        off = 0.0 if self._trial_filter is None else self._is_moving(self._trial_filter)[0]
+        if trial is None or off > VELOCITY_GATE:
             kalman, off, speed = self._filter.fork_at_stop(self._sigma, self._shaking, VELOCITY_GATE)
             self._trial_filter = kalman
             # Was there only a jolt since the last stop? It seems to have made the hand fast within a window.
             soon = sample.t - last.t < SHORTEST_MOVE_S + 2.0 * ENERGY_WINDOW_S and speed < ENERGY_WINDOW_S * self._peak
-            jolted = off > VELOCITY_GATE and soon and self._change(self._trial_filter)[1] < BOUNCE_RAD
-            trial = StopTrial(first, off > VELOCITY_GATE, jolted)
+            trial = StopTrial(first, off > VELOCITY_GATE, off > VELOCITY_GATE and soon)
             if trial.doubted:
                 self._trial_filter.add_velocity_error(sample.t - last.t, speed)
-            self._add_knot(self._trial_filter, sample.t, same=jolted, robust=False)
+            self._add_knot(self._trial_filter, sample.t, same=trial.jolted, robust=False)
             off = 0.0
         self._trial = trial = replace(trial, worst=max(trial.worst, off))
         if_doubted = CONFIRM_NO_GYRO_S if self._no_gyro else CONFIRM_DOUBTED_S
@@ -261,7 +260,7 @@ class LiveHand:
         bounced = short_gap and len(self._past_stops) > 1 and before.last.t - before.first.t < BOUNCE_S
         if (trial.jolted or knocked or bounced) and moved < BOUNCE_M and turned < BOUNCE_RAD:
             self._past_stops.pop()
-            first = first if bounced and not trial.jolted else before.first
+            first = first if bounced else before.first
         if self._strapdown.clipped:
             self.flaws.append("the gyro was at the end of its range; move slower, or set a larger range")
             self._strapdown.clipped = False

@@ -48,6 +48,12 @@ def unnamed(recording: Recording) -> Recording:
     return replace(recording, info=replace(recording.info, rate_hz=None))
 
 
+def test_two_times_of_many_rows_tell_no_rate() -> None:
+    recording = unnamed(with_rows(simulate("pour", "modern", 1).recording, slice(0, 300)))
+    t = np.repeat((0.0, 100.0), 150)
+    assert (steady_clock(replace(recording, t=t)) == t).all()
+
+
 @uncalibrated
 @pytest.mark.parametrize(("sensor", "rate_hz"), RATES[::4])
 @pytest.mark.parametrize("has_clock", [True, False], ids=["true stamps", "even stamps"])

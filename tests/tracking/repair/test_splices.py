@@ -147,6 +147,13 @@ def test_six_rows_that_come_again_are_a_block_that_came_twice(rows: int, told: b
         refuse_doubled(replace(with_rows(recording, again), t=recording.t))
 
 
+def test_of_several_blocks_that_came_twice_the_first_is_named() -> None:
+    rows = np.concatenate([np.arange(start, start + 100) for start in range(0, 1000, 100) for _ in range(2)])
+    recording = with_rows(pour().recording, rows)
+    with pytest.raises(RecordingError, match=r"rows 100 to 199 .* repeat rows 0 to 99:"):
+        refuse_doubled(replace(recording, t=0.01 * np.arange(len(rows))))
+
+
 @pytest.mark.parametrize("rows", range(2, 7))
 def test_in_a_few_rows_no_block_came_twice(rows: int) -> None:
     refuse_doubled(with_rows(pour().recording, slice(0, rows)))
