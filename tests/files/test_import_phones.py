@@ -159,6 +159,13 @@ def test_streams_of_different_rates_are_joined_on_the_gyros_clock(tmp_path: Path
     assert len(at) == pytest.approx(400 * (1.68 - 0.11), abs=2)
 
 
+def test_sensors_without_a_time_in_common_are_refused(tmp_path: Path) -> None:
+    place = folder(tmp_path / "w", {"TotalAcceleration": UP})
+    (place / "Gyroscope.csv").write_text(table(T + 60.0, TURN))
+    with pytest.raises(RecordingError, match="its sensors have no time in common"):
+        read(place)
+
+
 def phyphox(place: Path, separator: str = ",", comma: bool = False, linear: bool = False) -> Path:
     """Write a folder like phyphox' exporter: quoted names, ten digits, NaN at the end of a shorter column."""
     (place / "meta").mkdir(parents=True)

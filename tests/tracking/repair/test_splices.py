@@ -151,7 +151,7 @@ def test_of_several_blocks_that_came_twice_the_first_is_named() -> None:
     rows = np.concatenate([np.arange(start, start + 100) for start in range(0, 1000, 100) for _ in range(2)])
     recording = with_rows(pour().recording, rows)
     with pytest.raises(RecordingError, match=r"rows 100 to 199 .* repeat rows 0 to 99:"):
-        refuse_doubled(replace(recording, t=0.01 * np.arange(len(rows))))
+        refuse_doubled(replace(recording, t=np.arange(len(rows)) / 100.0))
 
 
 @pytest.mark.parametrize("rows", range(2, 7))
@@ -163,7 +163,7 @@ def test_in_a_motion_without_noise_that_recurs_no_block_came_twice() -> None:
     """A program that makes its samples makes the same ones each second."""
     phase = 2.0 * np.pi * (np.arange(500) % 100) / 100.0
     gyr = np.column_stack((np.sin(phase), np.cos(phase), np.sin(2.0 * phase)))
-    refuse_doubled(Recording(0.01 * np.arange(500), gyr + np.array((0.0, 0.0, GRAVITY)), gyr))
+    refuse_doubled(Recording(np.arange(500) / 100.0, gyr + np.array((0.0, 0.0, GRAVITY)), gyr))
 
 
 def test_a_sum_that_is_equal_by_chance_is_no_block_that_came_twice(monkeypatch: pytest.MonkeyPatch) -> None:
