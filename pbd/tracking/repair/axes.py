@@ -111,7 +111,12 @@ class Witness:
 
     def off(self, turn: Array) -> Array:
         """Angles (k,), degrees, between the second direction and the first one rotated by `turn` (k, 3, 3)."""
-        return np.degrees(angles(self.second, (turn @ self.first[:, :, None])[:, :, 0]))
+        return np.degrees(angles(self.second, self.rotated(turn)))
+
+    def rotated(self, turn: Array) -> Array:
+        """The first direction (k, 3), rotated by `turn` (k, 3, 3)."""
+        rotated: Array = (turn @ self.first[:, :, None])[:, :, 0]
+        return rotated
 
 
 class Contradiction(NamedTuple):
@@ -147,10 +152,7 @@ def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]
     by_gyro = turn(1.0)
     apart = [each.off(by_gyro) for each in witnesses]
     moved = [_differ(each.first, each.second) for each in witnesses]
-    telling = [
-        rows | _differ(each.first, (by_gyro @ each.first[:, :, None])[:, :, 0])
-        for each, rows in zip(witnesses, moved, strict=True)
-    ]
+    telling = [rows | _differ(each.first, each.rotated(by_gyro)) for each, rows in zip(witnesses, moved, strict=True)]
 
     def costs(k: int, by: Array, matrices: Array) -> Array:
         """Median angles (r,), degrees, by which witness k is off with each of the readings (r, 3, 3)."""
