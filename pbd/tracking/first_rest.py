@@ -95,9 +95,8 @@ def find_rest(recording: Recording, acc_factor: float = 1.0) -> Rest:
         raise TrackingError(
             "the accelerometer reads zero while at rest, so it is dead or in free fall; check the sensor", value=0.0
         )
-    shakes = np.sqrt(acc_var[start]) > STILL_ACC * max(1.0, gravity / GRAVITY)  # in any unit
-    if likely_unit(gravity, acc_factor) or not shakes:
-        _refuse_wrong_units(gravity, acc_factor)
+    shakes = bool(np.sqrt(acc_var[start]) > STILL_ACC * max(1.0, gravity / GRAVITY))  # in any unit
+    _refuse_wrong_units(gravity, acc_factor, shakes)
     if acc_var[start] > STILL_ACC**2 or gyr_var[start] > STILL_GYR**2:
         raise TrackingError(
             f"the hand never stands still for {REST_S:g} s: at its quietest (t = {recording.t[start]:.1f} s) it shakes "
@@ -134,12 +133,17 @@ def _is_gravity(norm_at_rest: float) -> bool:
     return 0.85 < norm_at_rest / GRAVITY < 1.15
 
 
-def _refuse_wrong_units(norm_at_rest: float, factor: float) -> None:
-    """Refuse specific force (its norm at rest, m/s2) that is not near gravity, and name the likely reason."""
+def _refuse_wrong_units(norm_at_rest: float, factor: float, shakes: bool) -> None:
+    """Refuse specific force (its norm at rest, m/s2) that is not near gravity, and name the likely reason.
+
+    Of a hand that shakes even then only a likely unit is named: the norm need not be gravity.
+    """
     if _is_gravity(norm_at_rest):
         return
     if likely := likely_unit(norm_at_rest, factor):
         why = f"the values are likely in {likely}: import the file with --unit acc={likely}"
+    elif shakes:
+        return
     elif norm_at_rest < WITHOUT_GRAVITY:
         why = "gravity seems to have been removed: give what the accelerometer itself reads, not linear acceleration"
     else:
