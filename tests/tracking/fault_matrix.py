@@ -293,6 +293,8 @@ class Outcome:
         error_m, error_rad: the largest of a keyframe.
         lost: how many rests have no stop.
         said: the refusal, or the warnings.
+        stops: how many were found.
+        last: of the last keyframe: position (m), turn since the first (rotation vector, rad), and the sigma of each.
     """
 
     verdict: str
@@ -300,6 +302,8 @@ class Outcome:
     error_rad: float = 0.0
     lost: int = 0
     said: str = ""
+    stops: int = 0
+    last: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -346,7 +350,15 @@ def outcome(case: Case) -> Outcome:
         return Outcome(REFUSED, said="only one stop: nothing can be replayed")
     scored = score(path, d.truth_of(demo))
     verdict = (SILENT_RIGHT, SILENT_WRONG, WARNED_RIGHT, WARNED_WRONG)[scored.wrong + 2 * bool(said)]
-    return Outcome(verdict, scored.error_m, scored.error_rad, scored.lost, said)
+    return Outcome(verdict, scored.error_m, scored.error_rad, scored.lost, said, len(path.stops), _last_keyframe(path))
+
+
+def _last_keyframe(path: HandPath) -> tuple[float, ...]:
+    first, last = (
+        mean_quaternion(path.wxyz_nav_sensor[stop.start : stop.stop]) for stop in (path.stops[0], path.stops[-1])
+    )
+    turn = quat_log(quat_multiply(last, quat_inverse(first)))
+    return *path.p_nav_sensor[path.stops[-1].stop - 1], *turn, *np.sqrt(np.diag(path.cov[-1]))
 
 
 def score(path: HandPath, truth: Truth) -> Score:
