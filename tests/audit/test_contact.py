@@ -227,6 +227,23 @@ def test_a_contact_of_two_milliseconds_is_found_at_its_time() -> None:
         assert find_touch(PALM, trajectory, [Pair(BALL, missed)]) is None
 
 
+def test_a_contact_is_found_after_a_part_in_which_it_is_allowed() -> None:
+    """The balls may touch until they are 2 cm apart, which says nothing of the distance after that."""
+    q = np.tile(PANDA.home, (2, 1))
+    q[:, 0] = -0.8, 0.8
+    trajectory = time_keyframes(arm_of("panda"), q, [0.0] * 2, [None] * 2, q[0], approach=False)
+    ball = passed_ball(trajectory, 0.5 * trajectory.duration, -0.01)
+
+    def far(T_universe_joint: Any) -> bool:
+        center = T_universe_joint[PALM.tool_joint].act(BALL.bounding_sphere[0])
+        return bool(np.linalg.norm(center - ball.bounding_sphere[0]) > 0.05)
+
+    touches = [find_touch(PALM, trajectory, [Pair(BALL, ball, allowed=allowed)]) for allowed in (None, far)]
+    assert touches[0] is not None
+    assert touches[1] is not None
+    assert touches[0].t == pytest.approx(touches[1].t, abs=1e-3)
+
+
 @pytest.mark.parametrize(("into_m", "touches"), [(0.001, True), (-0.001, False)])
 def test_a_table_is_touched_at_its_height(into_m: float, touches: bool) -> None:
     """A ball at the tool descends to 1 mm above the table, or 1 mm into it."""

@@ -17,13 +17,14 @@ from pbd.audit.arm import AuditArm
 from pbd.audit.collision_pairs import AuditScene
 from pbd.audit.contact import SPAN, Pair, Placement, SampledMotion, coordinates, find_touch
 from pbd.audit.grasp import resting_contact, tool_rod
-from pbd.audit.solids import hull_distance, link_solids, simple_solid
+from pbd.audit.solids import clearance, hull_distance, link_solids, simple_solid
 from pbd.data import Calibration, GraspedObject, Gripper, JointLimits, JointTrajectory, Obstacle, Robot
 from pbd.data.world import Stay
 from pbd.pose import Pose
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.conftest import random_joints
 from tests.arm.straight import time_keyframes
+from tests.near import assert_near
 
 BOTTLE = GraspedObject("cylinder", (0.07, 0.2))
 BENCH = Calibration("bench", T_base_dock=Pose.identity())
@@ -94,6 +95,21 @@ def test_a_hull_encloses_its_mesh_closely(name: str) -> None:
             beyond = (directions @ hull.T).max(axis=1) + solid.pad - (directions @ mesh.T).max(axis=1)
             assert beyond.min() >= 0.0
             assert beyond.max() <= 2.0 * solid.pad
+
+
+def test_the_order_of_two_solids_is_no_matter() -> None:
+    """Balls inside the hulls of the links, where only the meshes tell whether they touch."""
+    own, rng = AuditArm(arm_of("panda").robot), np.random.default_rng(0)
+    here, apart = pin.SE3.Identity(), []
+    for link in [each for each in link_solids(own) if each.mesh is not None]:
+        for share in rng.dirichlet(np.ones(4), 5):
+            corners = np.array(link.hull.points())
+            center = pin.SE3(np.eye(3), share @ corners[rng.choice(len(corners), 4)])
+            ball = simple_solid("ball", 0, center, "sphere", (0.002,))
+            apart.append((clearance(link, here, ball, center), clearance(ball, center, link, here)))
+    assert min(apart)[0] == 0.0
+    assert max(apart)[0] > 0.0
+    assert_near(np.array(apart)[:, 0], np.array(apart)[:, 1], 1e-6)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -15,10 +15,11 @@ from pbd.data import Calibration, Contact, Known, Place
 from pbd.data.calibration import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdWarning, TrackingError
-from pbd.pose import Pose, quat_about_z, quat_exp, quat_rotate
-from pbd.tracking.apply_constraints import apply_constraints
+from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_multiply, quat_rotate
+from pbd.tracking.apply_constraints import apply_constraints, measurement_of
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.stop_constraints import PLACE_SIGMA_M, claims_of
+from pbd.tracking.stop_constraints import PLACE_SIGMA_M, Claim, claims_of
+from tests.near import assert_near
 from tests.tracking.stops_at import covariances, hand_path, mid
 
 # --- the tool and the robot's base ---
@@ -111,6 +112,35 @@ def test_far_from_the_dock_a_known_place_is_less_sure_sideways() -> None:
     assert along == pytest.approx(up)
     assert along == pytest.approx(np.hypot(PLACE_SIGMA_M, DOCK_SIGMA_M), rel=0.01)
     assert sideways == pytest.approx(np.hypot(along, 0.5 * DOCK_SIGMA_RAD), rel=0.01)
+
+
+@settings(deadline=None, max_examples=10)
+@given(st.integers(0, 2**32 - 1))
+def test_errors_of_the_calibration_act_as_finite_differences_say(seed: int) -> None:
+    """Where the claims hold, and in nav's lengths: with a scale, a sigma in base is another there."""
+    rng, scale = np.random.default_rng(seed), 0.8
+    path = hand_path(rng.normal(size=(4, 3)), covariances(rng, 3, 0.1), quat_exp(rng.normal(size=(4, 3))))
+    start, mount = (Pose(rng.normal(size=3), quat_exp(rng.normal(size=3))) for _ in range(2))
+    p_stop = path.p_nav_sensor[[stop.start for stop in path.stops]]
+    wxyz = path.wxyz_nav_sensor[[stop.start for stop in path.stops]]
+    x, y, z = start.act(scale * p_stop + quat_rotate(wxyz, mount.p)).T.tolist()
+    known = Known(
+        places=(Place((mid(1),), (x[1], y[1], z[1]), sigma_m=0.002), Place((mid(0), mid(2)), sigma_m=0.002)),
+        contacts=(Contact(mid(3), sigma_m=0.002), Contact(mid(1), height=0.1, sigma_m=0.002)),
+    )
+
+    def claims(error: Array) -> tuple[Claim, ...]:
+        T_base_nav = Pose(start.p + error[:3], quat_multiply(quat_exp(error[3:6]), start.wxyz))
+        tool = Pose(mount.p + error[6:], mount.wxyz)
+        calibration = Calibration("c", T_sensor_tool=tool, scale=scale, table_height=z[3])
+        return claims_of(path, known, calibration, T_base_nav)
+
+    found = claims(np.zeros(9))
+    misfits = [measurement_of(claims(error), p_stop, None)[2] for error in np.vstack((np.eye(9), -np.eye(9))) * 1e-6]
+    assert_near(
+        np.vstack([claim.by_calibration for claim in found]), np.subtract(misfits[:9], misfits[9:]).T / 2e-6, 1e-6
+    )
+    assert [claim.own + claim.shared for claim in found] == pytest.approx([(0.002 / scale) ** 2] * 4)
 
 
 def test_a_tool_far_out_over_the_table_is_less_sure_in_height() -> None:

@@ -50,10 +50,8 @@ class Gap:
 
 
 def find_gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap]:
-    """Gaps between good rows that are more than one and a half sampling intervals (s) apart."""
+    """Gaps between good rows, of which there is one, that are more than one and a half sampling intervals (s) apart."""
     good = np.flatnonzero(~missing)
-    if len(good) == 0:
-        return [Gap(0, len(t) - 1, float(t[-1] - t[0]))]
     good = good[np.concatenate(([True], np.diff(t[good]) > 0.0))]
     late = np.cumsum(np.diff(t[good], prepend=t[good[0]]) - interval)  # relative to evenly spaced times
     spans = np.diff(late)

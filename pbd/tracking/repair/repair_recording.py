@@ -57,10 +57,14 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     recording = in_order(without_wild(recording))
     frozen = frozen_rows(recording, missing)
     missing |= frozen
+    if missing.all():
+        raise RecordingError(
+            "no row has a reading of both accelerometer and gyro; interpolate them to common times (numpy.interp)"
+        )
     gaps = find_gaps(t, missing, interval)
     gaps = [dataclasses.replace(gap, fault=FROZEN) if frozen[gap.before : gap.after + 1].any() else gap for gap in gaps]
     warn_of_gaps(gaps, t, interval)
-    if missing.any() and not missing.all():
+    if missing.any():
         gyr = None if recording.gyr is None else bridged(t, recording.gyr, ~missing)
         recording = dataclasses.replace(recording, acc=bridged(t, recording.acc, ~missing), gyr=gyr)
     long = tuple(gap for gap in gaps if gap.missing_s > BRIDGED_S + 1e-6)

@@ -52,6 +52,16 @@ def shares(pieces: PiecewiseCubic, limits: JointLimits) -> list[float]:
     return [*found, float((np.abs(6.0 * pieces.coefficients[:, 3]) / limits.jerk).max())]
 
 
+def test_the_times_of_the_segments_are_linearised_as_finite_differences_say() -> None:
+    step, x = np.array([0.2, 0.1, 0.4, 0.3]), np.array([0.0, 1.2, 0.7, 0.9, 0.0])
+    _, (by_start, by_end) = jerk_module._times(step, x, 2.5)
+    for k, change in enumerate(1e-6 * np.eye(5)[1:4], 1):
+        slope = (jerk_module._times(step, x + change, 2.5)[0] - jerk_module._times(step, x - change, 2.5)[0]) / 2e-6
+        expected = np.zeros(4)
+        expected[k - 1], expected[k] = by_end[k - 1], by_start[k]
+        np.testing.assert_allclose(slope, expected, rtol=1e-6)
+
+
 def test_the_path_parameter_is_the_time_of_the_slowest_joint() -> None:
     waypoints = np.array([[0.0, 0.0], [1.0, 0.5], [1.0, -0.5]])
     curve = Curve.through(waypoints, replace(limits_of(2.0, 8.0, 80.0, 2), velocity=np.array([2.0, 0.5])))

@@ -172,6 +172,15 @@ def test_a_channel_without_a_number_is_named(method: str, channel: str, value: f
         track(with_channel(recording, channel, values), method)
 
 
+def test_an_accelerometer_and_a_gyro_without_a_common_time_are_refused() -> None:
+    """As two tables that were merged by time."""
+    recording = pour().recording
+    acc, gyr = np.array(recording.acc), np.array(recording.gyr)
+    acc[::2], gyr[1::2] = np.nan, np.nan
+    with pytest.raises(RecordingError, match="no row has a reading of both accelerometer and gyro; interpolate them"):
+        track(replace(recording, acc=acc, gyr=gyr))
+
+
 @pytest.mark.filterwarnings("ignore:--method paper finds:pbd.errors.PbdWarning")
 @pytest.mark.parametrize(("method", "value"), [("default", np.nan), ("paper", -1e300)])
 @every_channel
