@@ -322,7 +322,7 @@ class Score:
     lost: int
 
 
-def outcome(case: Case) -> Outcome:
+def outcome(case: Case, method: str = "default") -> Outcome:
     """Track a case with the warnings that every command gives.
 
     Raises:
@@ -332,7 +332,7 @@ def outcome(case: Case) -> Outcome:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            path = track(demo.recording)
+            path = track(demo.recording, method)
             first = path.stops[0]
             up = up_in_sensor(mean_quaternion(path.wxyz_nav_sensor[first.start : first.stop]))
             warn_upside_down(demo.recording, up, first.start, first.stop)

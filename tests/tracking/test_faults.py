@@ -1,7 +1,7 @@
-"""What comes of each damage of the fault matrix, as it was when faults.txt and live_faults.txt were written.
+"""What comes of each damage of the fault matrix, as it was when faults.txt, live_faults.txt and paper.txt were written.
 
-tests/benchmarks/faults.py has all cases; here each damage is drawn once. To write a file anew, once a change of it is
-meant: python -m tests.tracking.test_faults > tests/tracking/faults.txt, or ... live > tests/tracking/live_faults.txt
+tests/benchmarks/faults.py has all cases; here each damage is drawn once. To write a file NAME.txt anew, once a change
+of it is meant: python -m tests.tracking.test_faults NAME > tests/tracking/NAME.txt
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from __future__ import annotations
 import re
 import sys
 from collections import Counter
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +36,6 @@ from tests.tracking.fault_matrix import (
     outcome,
 )
 
-FILE, LIVE_FILE = (Path(__file__).with_name(name) for name in ("faults.txt", "live_faults.txt"))
 HEADER = """\
 # case: verdict; number of stops; of the last keyframe: position mm, turn since the first deg, and the sigma of each
 # what is said of it, without its numbers"""
@@ -108,7 +109,16 @@ def read(file: Path) -> dict[str, tuple[str, str, str, str]]:
     return found
 
 
-WRITTEN, LIVE_WRITTEN = (read(file) if file.is_file() else {} for file in (FILE, LIVE_FILE))
+PAPER = [Case(CASES[0].fault, task, sensor, FIRST_SEED) for task in TASKS for sensor in SENSORS]
+
+RUNS: dict[str, tuple[list[Case], Callable[[Case], Outcome]]] = {
+    "faults": (CASES, outcome),
+    "live_faults": (list(KINDS.values()), live),
+    "paper": (PAPER, partial(outcome, method="paper")),
+}
+"""Name of the file: its cases, and what is done with them."""
+
+WRITTEN = {name: read(file) for name in RUNS if (file := Path(__file__).with_name(f"{name}.txt")).is_file()}
 
 
 def assert_as_before(case: Case, found: Outcome, before: tuple[str, str, str, str]) -> None:
@@ -124,17 +134,23 @@ def assert_as_before(case: Case, found: Outcome, before: tuple[str, str, str, st
 def test_what_comes_of_a_damage_is_as_it_was(kind: str) -> None:
     for case in CASES:
         if case.fault.name == kind:
-            assert_as_before(case, outcome(case), WRITTEN[case.name])
+            assert_as_before(case, outcome(case), WRITTEN["faults"][case.name])
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_what_comes_of_it_live_is_as_it_was(kind: str) -> None:
     case = KINDS[kind]
-    assert_as_before(case, live(case), LIVE_WRITTEN[case.name])
+    assert_as_before(case, live(case), WRITTEN["live_faults"][case.name])
+
+
+def test_what_the_papers_method_finds_is_as_it_was() -> None:
+    cases, tracked = RUNS["paper"]
+    for case in cases:
+        assert_as_before(case, tracked(case), WRITTEN["paper"][case.name])
 
 
 def test_damage_is_refused_or_told_or_does_no_harm() -> None:
-    found = Counter(WRITTEN[case.name][0] for case in CASES if not case.untellable)
+    found = Counter(WRITTEN["faults"][case.name][0] for case in CASES if not case.untellable)
     assert found[SILENT_WRONG] <= MOST_SILENT
     assert found[SILENT_RIGHT] >= LEAST_RIGHT
     assert found[REFUSED] < found.total() // 2
@@ -151,6 +167,5 @@ def test_a_late_gyro_loses_no_rest_where_the_estimate_settles_slowly() -> None:
 
 
 if __name__ == "__main__":
-    print(HEADER)
-    for case in KINDS.values() if "live" in sys.argv else CASES:
-        print(written(case, live(case) if "live" in sys.argv else outcome(case)))
+    cases_of, outcome_of = RUNS[sys.argv[1]]
+    print(HEADER, *(written(case, outcome_of(case)) for case in cases_of), sep="\n")

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
-from pbd.data import Recording
+from pbd.data import GRAVITY, Recording
 from pbd.pipeline import track
 from pbd.pose import (
     Array,
@@ -35,7 +35,7 @@ from pbd.tracking.moving_windows import rows_of_mean, white_noise_variance
 from pbd.tracking.noise import FACTORY, Noise, _bends, _rounding, _step, noise_of
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother.preintegration import integral_of_means, integral_of_values, turns_between_middles
-from pbd.tracking.zero_velocity import lasts
+from pbd.tracking.zero_velocity import energies, find_candidates, lasts
 from tests.scenarios import pour
 from tests.tracking.hands import largest_angle
 from tests.tracking.stops_at import hand_path
@@ -90,6 +90,17 @@ def test_a_hand_rotation_turns_more_than_10_degrees_and_shifts_less_than_3_cm(
     turned = quat_exp(np.radians([(0.0, 0.0, 0.0), (turn_deg, 0.0, 0.0)]))
     path = hand_path(np.array([(0.0, 0.0, 0.0), (shift_m, 0.0, 0.0)]), 1e-6 * np.eye(3)[None], turned)
     assert (find_segments(path)[1].description == "Hand rotation") == described
+
+
+def test_interpolated_rows_belong_to_no_stop_of_a_hand_that_has_set_out() -> None:
+    """Between the last row at rest and the first that moves, 20 rows are missing and interpolated."""
+    t, window = 0.01 * np.arange(200), 10
+    force = np.array((0.0, 0.0, GRAVITY)) + 1e-3 * np.random.default_rng(0).normal(size=(200, 3))
+    force[120:] += np.sin(0.3 * np.arange(80))[:, None]
+    force[100:120] = force[99]
+    rest = find_rest(Recording(t[:100], force[:100], np.zeros((100, 3))))
+    shake, turn = energies(force, np.zeros((200, 3)), window)
+    assert find_candidates(t, 0.01, shake, turn, rest, [(99, 120)]) == [(0, 100)]
 
 
 def interval_means(signal: Callable[[Array], Array], middles: Array, dt: float) -> Array:

@@ -38,10 +38,10 @@ def first_guess(frame: GyroFrame, rows: Rows, stops: Spans) -> Array:
 
     At each stop the shortest turn since the stop before makes mean specific force vertical.
     """
-    t, (start, stop) = frame.t, np.transpose(stops)
-    force = (frame.U[stop - 1] - frame.U[start]) / (t[stop - 1] - t[start])[:, None]
+    start, stop = np.transpose(stops)
+    gained = frame.U[stop - 1] - frame.U[start]
     levels, level = [], np.array([1.0, 0.0, 0.0, 0.0])
-    for up in force / np.maximum(lengths(force), 1e-9)[:, None]:
+    for up in gained / np.maximum(lengths(gained), 1e-9)[:, None]:
         level = quat_canonical(quat_multiply(to_upright(quat_rotate(level, up)), level))
         levels.append(level)
     return np.array(levels)[np.searchsorted(0.5 * (stop[:-1] + start[1:]), rows)]

@@ -284,6 +284,29 @@ def test_the_few_larger_turns_of_a_calm_hand_show_what_is_wrong() -> None:
         refuse_disagreement(replace(calm, gyr=3.0 * calm.gyr, mag=None, device_rpy=None))
 
 
+@pytest.mark.parametrize(
+    ("per_rad", "advice"), [(180.0 / np.pi, "deg/s"), (180e3 / np.pi, "mdeg/s"), (np.pi / 180.0, "rad/s")]
+)
+def test_the_unit_of_the_gyro_is_named(per_rad: float, advice: str) -> None:
+    rng = np.random.default_rng(0)
+    up, turns = np.tile((0.0, 0.0, 1.0), (20, 1)), rng.uniform(-0.8, 0.8, (20, 3))
+    witness = Witness("a", up, quat_rotate(quat_exp(turns), up))
+    found = find_axis_error([witness], lambda factor: quat_to_matrix(quat_exp(factor * per_rad * turns)))
+    assert found is not None
+    assert found.message.endswith(f"; import the file with --unit gyr={advice}")
+
+
+def test_five_turns_tell_of_one_wrong_sign() -> None:
+    rng = np.random.default_rng(0)
+    up = rng.normal(size=(5, 3))
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    turns = rng.uniform(-1.0, 1.0, (5, 3))
+    witness, gyro = Witness("a", up, quat_rotate(quat_exp(turns), up)), turns * (-1.0, 1.0, 1.0)
+    found = find_axis_error([witness], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
+    assert found is not None
+    assert found.message.startswith("gx has the wrong sign: import the file with --column gx=-gx")
+
+
 def test_a_bent_field_hides_no_wrong_axis() -> None:
     """The field points anywhere, as beside iron. Gravity alone shows that gx and gy are swapped."""
     rng = np.random.default_rng(0)
