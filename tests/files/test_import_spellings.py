@@ -178,6 +178,23 @@ def test_times_as_spreadsheets_and_matlab_write_them(tmp_path: Path, times: tupl
     assert_read(read(tmp_path, table("Time,ax,ay,az,gx,gy,gz", times)))
 
 
+@pytest.mark.parametrize(
+    ("name", "unit_s"), [("dt", 1.0), ("Delta T (ms)", 1e-3), ("dt_us", 1e-6), ("sample_interval_ms", 1e-3)]
+)
+def test_times_since_the_row_before_are_added_up(tmp_path: Path, name: str, unit_s: float) -> None:
+    steps = np.array([0.5, 0.01, 0.012, 0.008, 0.02])
+    recording = read(tmp_path, table(",".join((name, *AXES)), (steps / unit_s).tolist()))
+    assert_allclose(recording.t, np.cumsum(steps) - 0.5, atol=1e-9)
+
+
+def test_times_since_the_row_before_may_be_called_times(tmp_path: Path) -> None:
+    text = table(",".join(("t", *AXES)), (10, 9, 11, 10))
+    with pytest.raises(RecordingError, match=r"time runs backwards from 10 to 9 .* import it with --column dt=t$"):
+        read(tmp_path, text)
+    recording = import_recording(tmp_path / "run.csv", {"dt": "t"}, {"t": "ms"}, None).demo.recording
+    assert_allclose(recording.t, [0.0, 0.009, 0.02, 0.03], atol=1e-9)
+
+
 def test_matlabs_dates(tmp_path: Path) -> None:
     midnight = datetime(2025, 8, 1)
     times = [f"{midnight + timedelta(seconds=s):%d-%b-%Y %H:%M:%S.%f}"[:-3] for s in (-0.005, 0.005)]

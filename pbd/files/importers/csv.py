@@ -20,7 +20,15 @@ from pbd.data.streams import Stream, joined
 from pbd.errors import RecordingError, listed, warn
 from pbd.files.importers import XIO_FILE, check_rate
 from pbd.files.importers.columns import CHANNELS, PROGRAMS, UNUSED, Column, Understood, understand
-from pbd.files.importers.header_names import is_device_time, is_time, nanoseconds_of, own_times_of, plain, split_unit
+from pbd.files.importers.header_names import (
+    is_device_time,
+    is_time,
+    is_time_step,
+    nanoseconds_of,
+    own_times_of,
+    plain,
+    split_unit,
+)
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.imu_columns import ACC, device_rpy
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
@@ -49,7 +57,8 @@ def read_csv(
 
     Args:
         path: the file. If it has no magnetometer, x-io's Magnetometer.csv beside it is joined by its time.
-        columns: our name -> the file's column, if the header doesn't tell; -NAME reverses the sign.
+        columns: our name -> the file's column, if the header doesn't tell; -NAME reverses the sign. `dt` is the time
+            since the row before, in place of t.
         units: channel (t, gyr, acc, mag, angle) -> unit, if the header doesn't tell; -UNIT reverses the sign.
         rate_hz: row k is at k / rate_hz s; for a table without times, or with wrong ones.
 
@@ -63,11 +72,16 @@ def read_csv(
         check_rate(path, rate_hz, "the rate is")
         units = {"t": "s", **units}  # of times that are not read
     _refuse_several_devices(sheet)
+    in_steps = "dt" in columns
+    columns = {"t" if ours == "dt" else ours: name for ours, name in columns.items()}
     found = understand(sheet, columns, units)
     if not found.of("t") and rate_hz is None and (dates := _dated(sheet)):
         # A column of dates is recognised by its contents: it may have any name.
         columns = {**columns, "t": dates}
         found = understand(sheet, columns, units).with_clock(dates, "its dates")
+    elif not found.of("t") and rate_hz is None and (steps := next(filter(is_time_step, sheet.header), "")):
+        in_steps, columns = True, {**columns, "t": steps}
+        found = understand(sheet, columns, units).with_clock(steps, "its name: steps of time")
     if rate_hz is not None and (wrong := found.of("t")):
         warn(f"{path}: --rate {rate_hz:g} is used instead of the times in the column '{wrong[0].name}'")
         others = tuple(column for column in found.columns if column not in wrong)
@@ -111,6 +125,8 @@ def read_csv(
     understood, beside = _magnetometer_beside(path, found, units)
     with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples
         channels = {channel: _values(table, found.of(channel)) for channel in CHANNELS if found.of(channel)}
+        if in_steps:
+            channels["t"] = np.cumsum(channels["t"], axis=0)
         clock = channels.get("t")
         t = np.arange(len(table.values)) / (rate_hz or 1.0) if clock is None else _unwrapped(clock[:, 0], found, sheet)
         if clock is not None:
@@ -236,6 +252,8 @@ def _refuse_backwards(sheet: Sheet, name: str, t: Array) -> None:
         row = int(backwards[0])
         (_, before), (line, after) = sheet.cell(name, row), sheet.cell(name, row + 1)
         what = f"time runs backwards from {before} to {after} in column '{name}'; sort the file, or cut it there"
+        if (t > 0.0).all():
+            what += f"; if it holds the time since the row before, import it with --column dt={name}"
         raise RecordingError.at(sheet.path, what, line, row=row + 1, value=after, bound=before)
 
 

@@ -41,6 +41,7 @@ _TIME = (
     r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|(?:system_|unix_|unit_|logging_)?time(?:_?stamp)?"
 )
 _DEVICE_TIME = r"chip_?time|片上时间|(?:.*_)?header_stamp(?:_secs?)?"
+_TIME_STEP = r"d_?t|delta_?t(?:ime)?|time_?(?:delta|diff(?:erence)?|step)|(?:sample_|sampling_)(?:interval|period|time)"
 TIME_UNITS = r"_((?:n|u|m|nano|micro|milli)?s(?:ecs?|econds?)?|min)$"
 """A unit of time at the end of a name, as in `timestamp_us`."""
 
@@ -101,6 +102,12 @@ def is_time(name: str) -> bool:
     return re.fullmatch(f"{_TIME}|{_DEVICE_TIME}", re.sub(TIME_UNITS, "", word) or word) is not None or (
         own_times_of(name) == "a"
     )
+
+
+def is_time_step(name: str) -> bool:
+    """Whether a column contains the time since the row before."""
+    word = plain(name)
+    return re.fullmatch(_TIME_STEP, re.sub(TIME_UNITS, "", word)) is not None
 
 
 def own_times_of(name: str) -> str:
