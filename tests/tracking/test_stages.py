@@ -94,7 +94,7 @@ def test_a_hand_rotation_turns_more_than_10_degrees_and_shifts_less_than_3_cm(
 
 def test_interpolated_rows_belong_to_no_stop_of_a_hand_that_has_set_out() -> None:
     """Between the last row at rest and the first that moves, 20 rows are missing and interpolated."""
-    t, window = 0.01 * np.arange(200), 10
+    t, window = 0.01 * np.arange(200.0), 10
     force = np.array((0.0, 0.0, GRAVITY)) + 1e-3 * np.random.default_rng(0).normal(size=(200, 3))
     force[120:] += np.sin(0.3 * np.arange(80))[:, None]
     force[100:120] = force[99]
