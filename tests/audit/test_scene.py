@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
+from scipy.spatial import Delaunay
 
 from pbd.arm.gripper import tool_rod as planned_rod
 from pbd.arm.ladder_building import solve_path
@@ -17,7 +19,7 @@ from pbd.audit.arm import AuditArm
 from pbd.audit.collision_pairs import AuditScene
 from pbd.audit.contact import SPAN, Pair, Placement, SampledMotion, coordinates, find_touch
 from pbd.audit.grasp import resting_contact, tool_rod
-from pbd.audit.solids import clearance, hull_distance, link_solids, simple_solid
+from pbd.audit.solids import clearance, hull_distance, link_solids, one_encloses_other, simple_solid
 from pbd.data import Calibration, GraspedObject, Gripper, JointLimits, JointTrajectory, Obstacle, Robot
 from pbd.data.world import Stay
 from pbd.pose import Pose
@@ -100,16 +102,27 @@ def test_a_hull_encloses_its_mesh_closely(name: str) -> None:
 def test_the_order_of_two_solids_is_no_matter() -> None:
     """Balls inside the hulls of the links, where only the meshes tell whether they touch."""
     own, rng = AuditArm(arm_of("panda").robot), np.random.default_rng(0)
-    here, apart = pin.SE3.Identity(), []
+    here, apart = coal.Transform3s(), []
     for link in [each for each in link_solids(own) if each.mesh is not None]:
         for share in rng.dirichlet(np.ones(4), 5):
             corners = np.array(link.hull.points())
-            center = pin.SE3(np.eye(3), share @ corners[rng.choice(len(corners), 4)])
-            ball = simple_solid("ball", 0, center, "sphere", (0.002,))
+            center = coal.Transform3s(np.eye(3), share @ corners[rng.choice(len(corners), 4)])
+            ball = simple_solid("ball", 0, pin.SE3.Identity(), "sphere", (0.002,))
             apart.append((clearance(link, here, ball, center), clearance(ball, center, link, here)))
     assert min(apart)[0] == 0.0
     assert max(apart)[0] > 0.0
     assert_near(np.array(apart)[:, 0], np.array(apart)[:, 1], 1e-6)
+
+
+def test_what_is_inside_a_mesh_is_enclosed_by_it() -> None:
+    """Points in and around a convex mesh; scipy says which are inside."""
+    link = max(link_solids(AuditArm(arm_of("panda").robot)), key=lambda solid: solid.reach)
+    corners = link.triangles.reshape(-1, 3)
+    points = np.random.default_rng(0).uniform(corners.min(axis=0), corners.max(axis=0), (200, 3))
+    point = simple_solid("point", 0, pin.SE3.Identity(), "sphere", (0.001,))
+    found = [one_encloses_other(link, coal.Transform3s(), point, coal.Transform3s(np.eye(3), at)) for at in points]
+    assert found == (Delaunay(corners).find_simplex(points) >= 0).tolist()
+    assert 20 < sum(found) < 180
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,4 +1,4 @@
-"""What comes of each damage of the fault matrix, as it was when faults.txt, live_faults.txt and paper.txt were written.
+"""What comes of each damage of the fault matrix, as it was when the files beside this one were written.
 
 tests/benchmarks/faults.py has all cases; here each damage is drawn once. To write a file NAME.txt anew, once a change
 of it is meant: python -m tests.tracking.test_faults NAME > tests/tracking/NAME.txt
@@ -10,12 +10,14 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pbd.data import Demonstration
 from pbd.errors import PbdError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.online.events import DataFlaw, StopBegan, StopEnded
@@ -109,12 +111,25 @@ def read(file: Path) -> dict[str, tuple[str, str, str, str]]:
     return found
 
 
-PAPER = [Case(CASES[0].fault, task, sensor, FIRST_SEED) for task in TASKS for sensor in SENSORS]
+def without(channel: str) -> damage.Damage:
+    def drop(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        channels: dict[str, None] = {channel: None}
+        return replace(demo, recording=replace(demo.recording, **channels))
+
+    return drop
+
+
+def sound(channel: str, *sensors: str) -> list[Case]:
+    """Tasks without damage, by sensors without a channel."""
+    fault = Fault("no", channel, without(channel))
+    return [Case(fault, task, sensor, FIRST_SEED) for task in TASKS for sensor in sensors]
+
 
 RUNS: dict[str, tuple[list[Case], Callable[[Case], Outcome]]] = {
     "faults": (CASES, outcome),
     "live_faults": (list(KINDS.values()), live),
-    "paper": (PAPER, partial(outcome, method="paper")),
+    "no_gyro": (sound("gyr", "os5000", "wt901"), outcome),
+    "paper": ([*sound("mag", *SENSORS), *sound("device_rpy", *SENSORS)], partial(outcome, method="paper")),
 }
 """Name of the file: its cases, and what is done with them."""
 
@@ -143,10 +158,11 @@ def test_what_comes_of_it_live_is_as_it_was(kind: str) -> None:
     assert_as_before(case, live(case), WRITTEN["live_faults"][case.name])
 
 
-def test_what_the_papers_method_finds_is_as_it_was() -> None:
-    cases, tracked = RUNS["paper"]
+@pytest.mark.parametrize("name", ["no_gyro", "paper"])
+def test_without_a_gyro_and_by_the_papers_method_it_finds_what_it_found(name: str) -> None:
+    cases, tracked = RUNS[name]
     for case in cases:
-        assert_as_before(case, tracked(case), WRITTEN["paper"][case.name])
+        assert_as_before(case, tracked(case), WRITTEN[name][case.name])
 
 
 def test_damage_is_refused_or_told_or_does_no_harm() -> None:
