@@ -176,9 +176,9 @@ def test_a_rate_that_no_sensor_has_is_refused(interval: float, wrong: str) -> No
 
 @pytest.mark.parametrize(("seconds", "told"), [(50.0, False), (70.0, True)])
 def test_a_minute_without_a_sample_is_a_jump_of_the_clock(seconds: float, told: bool) -> None:
-    t = 0.01 * np.arange(2000) + seconds * (np.arange(2000) > 1000)
-    still = Recording(t, np.random.default_rng(0).normal(size=(2000, 3)))
-    with pytest.raises(RecordingError, match="time jumps from 10") if told else nullcontext():
+    t = 0.01 * np.arange(200) + seconds * (np.arange(200) > 100)
+    still = Recording(t, np.random.default_rng(0).normal(size=(200, 3)))
+    with pytest.raises(RecordingError, match=r"time jumps from 1\.000") if told else nullcontext():
         with_clock(still)
 
 

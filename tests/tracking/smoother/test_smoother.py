@@ -60,6 +60,12 @@ def test_a_devices_own_attitude_is_believed_at_rest_and_not_where_it_turns() -> 
     assert sigma[np.argmax(rate)] == pytest.approx(noise.device_lag * rate.max(), rel=0.05)
 
 
+def test_the_first_and_the_last_row_are_knots() -> None:
+    solution = smoothed(simulate("pour", "modern", 0).recording).solution
+    assert solution is not None
+    assert (solution.problem.rows[0], solution.problem.rows[-1]) == (0, len(solution.problem.frame.t) - 1)
+
+
 def test_a_hand_at_rest_may_turn_twice_as_far_as_it_sways_about_a_steady_turn() -> None:
     t, sway = np.arange(0.0, 4.0, 0.01), 0.003
     gyr = np.zeros((len(t), 3))
