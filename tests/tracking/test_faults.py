@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -113,7 +114,7 @@ def read(file: Path) -> dict[str, tuple[str, str, str, str]]:
 
 def without(channel: str) -> damage.Damage:
     def drop(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
-        channels: dict[str, None] = {channel: None}
+        channels: dict[str, Any] = {channel: None}
         return replace(demo, recording=replace(demo.recording, **channels))
 
     return drop

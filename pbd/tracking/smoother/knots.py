@@ -201,7 +201,7 @@ def _turn_sigma(frame: GyroFrame, rows: Rows, same_stop: NDArray[np.bool_], leas
 
 def _mean_field(frame: GyroFrame, mag: Array, rows: Rows, reach: int) -> Array:
     mean = mean_around(quat_rotate(frame.wxyz, mag), rows, reach)
-    return mean / np.abs(mean).max()
+    return mean / float(np.abs(mean).max())
 
 
 def mean_around(values: Array, rows: Rows, reach: int) -> Array:
