@@ -16,6 +16,7 @@ from pbd.tracking.first_rest import QUIET_RATIO, REST_S
 from pbd.tracking.moving_windows import median, moving_mean_variance, rows_of_mean, squares
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, SHORTEST_DIVIDED_S
+from pbd.tracking.smoother.factors import robust_weights
 from pbd.tracking.smoother.smooth import Solution
 
 FALSE_ALARM_CHANCE = 0.05
@@ -144,7 +145,7 @@ def _smallest_weight(rests: int) -> float:
     """Median weight of a rest's knots below which it is suspected: slow sway moves all of them as it moves one."""
     from scipy.special import chdtri
 
-    return float((1.0 + chdtri(3.0, FALSE_ALARM_CHANCE / rests) / OUTLIER_SIGMAS**2) ** -2)
+    return float(robust_weights(chdtri(3.0, FALSE_ALARM_CHANCE / rests)))
 
 
 def _field_alarms(solution: Solution) -> Iterator[str]:
