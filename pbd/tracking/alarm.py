@@ -145,7 +145,7 @@ def _smallest_weight(rests: int) -> float:
     """Median weight of a rest's knots below which it is suspected: slow sway moves all of them as it moves one."""
     from scipy.special import chdtri
 
-    return float(robust_weights(chdtri(3.0, FALSE_ALARM_CHANCE / rests)))
+    return float(robust_weights(np.array(chdtri(3.0, FALSE_ALARM_CHANCE / rests))))
 
 
 def _field_alarms(solution: Solution) -> Iterator[str]:
