@@ -99,6 +99,20 @@ def test_a_hull_encloses_its_mesh_closely(name: str) -> None:
             assert beyond.max() <= 2.0 * solid.pad
 
 
+@pytest.mark.parametrize("name", ["panda", "so101"])
+def test_hulls_are_no_farther_apart_than_their_meshes(name: str) -> None:
+    own, rng = AuditArm(arm_of(name).robot), np.random.default_rng(0)
+    ball = simple_solid("ball", 0, pin.SE3.Identity(), "sphere", (0.02,))
+    for link in [each for each in link_solids(own) if each.mesh is not None]:
+        for at in rng.uniform(-0.3, 0.3, (5, 3)):
+            placed = link, coal.Transform3s(), ball, coal.Transform3s(np.eye(3), at)
+            meshes = coal.distance(
+                link.exact, placed[1], ball.exact, placed[3], coal.DistanceRequest(), coal.DistanceResult()
+            )
+            for pair in (placed, (*placed[2:], *placed[:2])):
+                assert hull_distance(*pair) < max(meshes, 0.0)
+
+
 def test_the_order_of_two_solids_is_no_matter() -> None:
     """Balls inside the hulls of the links, where only the meshes tell whether they touch."""
     own, rng = AuditArm(arm_of("panda").robot), np.random.default_rng(0)
