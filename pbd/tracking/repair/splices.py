@@ -239,7 +239,8 @@ def _swapped_blocks(recording: Recording) -> tuple[int, int] | None:
     a, b, c = a[fits], b[fits], c[fits]
     if len(a) == 0:
         return None
-    gain = (jumps[a] + jumps[b] + jumps[c]) / (left_over(a, b) + left_over(c, a) + left_over(b, c) + 1.0)
+    three = np.array([jumps[a], jumps[b], jumps[c]])
+    gain = three.sum(axis=0) / (left_over(a, b) + left_over(c, a) + left_over(b, c) + 1.0)
     best = int(np.argmax(gain))
     if gain[best] < OUTLIER_RATIO:
         return None
@@ -248,6 +249,6 @@ def _swapped_blocks(recording: Recording) -> tuple[int, int] | None:
     beside = jumps[(away > 2) & (away <= max(8, round(MOTION_AROUND_S * recording.rate_hz)))]
     around = float(beside.sum()) / max(len(beside), 1)
     apart = sum((_unmet(x, at + 2) / noise) ** 2 for x, noise in sensors)
-    if np.max(apart) < OUTLIER_RATIO * max(around, 1.0):
+    if three[:, best].mean() < OUTLIER_RATIO * around or np.max(apart) < OUTLIER_RATIO * max(around, 1.0):
         return None
     return int(a[best]) + 2, int(b[best] - a[best])
