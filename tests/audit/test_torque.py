@@ -86,10 +86,17 @@ def test_a_joint_bears_what_follows_it(tmp_path: Path) -> None:
     assert torques(both, swing(), t, Load())[0, 0] - alone == pytest.approx(by_hand, abs=1e-12)
 
 
-@pytest.mark.parametrize(("shape", "size", "about_z"), [("sphere", (0.1,), 2e-3), ("cylinder", (0.1, 0.3), 2.5e-3)])
-def test_inertia_of_a_grasped_object(shape: str, size: tuple[float, ...], about_z: float) -> None:
-    """2 kg, 10 cm diameter: 2/5 m r^2 for a sphere, 1/2 m r^2 for a cylinder."""
-    assert _inertia(GraspedObject(shape, size, 2.0)).inertia[2, 2] == pytest.approx(about_z)
+@pytest.mark.parametrize(
+    ("shape", "size", "about"),
+    [
+        ("sphere", (0.1,), (2e-3, 2e-3, 2e-3)),
+        ("cylinder", (0.1, 0.3), (16.25e-3, 16.25e-3, 2.5e-3)),
+        ("box", (0.1, 0.2, 0.3), (13e-3 / 0.6, 10e-3 / 0.6, 5e-3 / 0.6)),
+    ],
+)
+def test_inertia_of_a_grasped_object(shape: str, size: tuple[float, ...], about: tuple[float, ...]) -> None:
+    """2 kg: 2/5 m r^2 for a sphere; 1/2 m r^2 and m (3 r^2 + l^2) / 12 for a cylinder; m (a^2 + b^2) / 12 for a box."""
+    assert np.diag(_inertia(GraspedObject(shape, size, 2.0)).inertia) == pytest.approx(about)
 
 
 def test_a_link_without_mass_is_named(tmp_path: Path) -> None:

@@ -60,6 +60,7 @@ def test_the_times_of_the_segments_are_linearised_as_finite_differences_say() ->
         expected = np.zeros(4)
         expected[k - 1], expected[k] = by_end[k - 1], by_start[k]
         np.testing.assert_allclose(slope, expected, rtol=1e-6)
+    assert by_start[0] == by_end[-1] == 0.0  # at rest, where it is infinite
 
 
 def test_the_path_parameter_is_the_time_of_the_slowest_joint() -> None:
