@@ -24,6 +24,10 @@ WITHOUT_GRAVITY = 0.5
 """Largest specific force at rest, m/s2, from which gravity seems to have been removed: a bare part's bias (20 mg),
 and an attitude that was 2 degrees off."""
 
+COUNTS = (16384, 8192, 4096, 2048)
+"""Counts a g of 16-bit accelerometers, at 2 to 16 g (InvenSense, MPU-6000 and MPU-6050 Product Specification). They are
+far more usual than mm/s2, which are near 8192 counts."""
+
 STILL_ACC, STILL_GYR = 0.5, 0.15
 """rms above which a hand moves, m/s2 and rad/s."""
 
@@ -123,7 +127,8 @@ def likely_unit(norm_at_rest: float, factor: float = 1.0) -> str | None:
     """Unit of values whose norm at rest, times `factor`, was read as m/s2; None: as it was read, or unknown."""
     if _is_gravity(norm_at_rest):
         return None
-    scales = {"g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2, "m/s2": 1.0}
+    scales = {"g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "cm/s2": 1e2, "m/s2": 1.0}
+    scales |= {f"{1.0 / count:.14f}".rstrip("0") + "g": count / GRAVITY for count in COUNTS} | {"mm/s2": 1e3}
     if factor == 1.0:
         scales["m/s2"] = GRAVITY  # they were read as g before
     return next((unit for unit, scale in scales.items() if _is_gravity(norm_at_rest / (factor * scale))), None)
@@ -141,7 +146,10 @@ def _refuse_wrong_units(norm_at_rest: float, factor: float, shakes: bool) -> Non
     if _is_gravity(norm_at_rest):
         return
     if likely := likely_unit(norm_at_rest, factor):
-        why = f"the values are likely in {likely}: import the file with --unit acc={likely}"
+        counts = likely[0].isdigit()
+        what = "raw counts" if counts else f"in {likely}"
+        why = f"the values are likely {what}: import the file with --unit acc={likely}"
+        why += ", and a gyro's counts with --unit gyr=NUMBERdeg/s" * counts
     elif shakes:
         return
     elif norm_at_rest < WITHOUT_GRAVITY:

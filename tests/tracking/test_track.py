@@ -104,6 +104,13 @@ def test_a_wrong_unit_is_refused_and_named() -> None:
     recording = pour().recording
     with pytest.raises(RecordingError, match=r"likely in g: import the file with --unit acc=g"):
         track(replace(recording, acc=recording.acc / GRAVITY))
+    for count, unit in ((16384, "0.00006103515625g"), (8500, "0.0001220703125g"), (2048, "0.00048828125g")):
+        with pytest.raises(
+            RecordingError, match=rf"likely raw counts: import the file with --unit acc={unit}, and a gyro"
+        ):
+            track(replace(recording, acc=count * recording.acc / GRAVITY))
+    with pytest.raises(RecordingError, match=r"likely in mm/s2: "):
+        track(replace(recording, acc=1e3 * recording.acc))
     with pytest.raises(RecordingError, match="likely in mg: "):
         track(replace(recording, acc=1e3 * recording.acc / GRAVITY))
     with pytest.raises(RecordingError, match="likely in m/s2: import the file with --unit acc=m/s2"):
