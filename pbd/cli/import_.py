@@ -46,6 +46,8 @@ def run(args: argparse.Namespace) -> None:
     # Raw bytes, and lines without a header, are decoded as `pbd record` does.
     if args.columns and not args.sensor:
         raise UsageError("--columns names the numbers of --sensor lines: add --sensor lines")
+    if args.columns and args.column:
+        raise UsageError("--column is for a file with a header; turn or swap names in --columns itself, as ax,ay,-az")
     if args.file.suffix.lower() == ".bin" or args.columns:
         imported = Imported(_decode(args), Understood())
     else:

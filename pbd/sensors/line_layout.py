@@ -103,7 +103,7 @@ class LineLayout:
         if factor is None:
             raise SensorError(
                 f"{text!r} is not a unit of {quantity}; give one of {', '.join(UNITS[quantity])}, with a number "
-                "before it if needed",
+                "before it if needed" + "; reverse signs in --columns, as -ax,-ay,-az" * text.startswith("-"),
                 value=text,
             )
         return factor

@@ -233,6 +233,15 @@ def test_lines_without_names_are_decoded_as_a_port_would_be(in_g: Path, capsys: 
 
 
 @pytest.mark.usefixtures("in_g")
+def test_column_is_refused_for_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    """It had no effect."""
+    Path("log.txt").write_text("0,0,9.8\n")
+    options = ["--sensor", "lines", "--columns", "ax,ay,az", "--rate", "9", "--column", "az=-az"]
+    assert main(["import", "log.txt", "tea", *options]) == 2
+    assert "turn or swap names in --columns itself, as ax,ay,-az" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("in_g")
 def test_an_import_that_cant_be_replayed_is_not_the_default(capsys: pytest.CaptureFixture[str]) -> None:
     still, restless = write_recording(Path("still.csv")), Path("restless.csv")
     rows = [[float(cell) for cell in line.split(",")] for line in still.read_text().splitlines()[1:]]

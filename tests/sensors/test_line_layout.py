@@ -81,6 +81,11 @@ def test_units_that_make_no_sense(unit: str) -> None:
         layout_from_options("ax,ay,az", dict([pair(unit)]))
 
 
+def test_signs_belong_to_the_columns() -> None:
+    with pytest.raises(SensorError, match=r"'-g' is not a unit of acc; .*; reverse signs in --columns, as -ax,-ay,-az"):
+        layout_from_options("ax,ay,az", {"acc": "-g"})
+
+
 @pytest.mark.parametrize("separator", ["", ",,", "1", "-", ".", "e", "\n", "é"])
 def test_separators_that_make_no_sense(separator: str) -> None:
     with pytest.raises(SensorError, match="separator"):
