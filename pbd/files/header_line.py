@@ -62,7 +62,8 @@ def without_comments(text: str, foreign: bool) -> str:
     """
     header = re.match(r"(?:[ \t]*(?:#.*)?\n)*?[ \t]*(#)(.*)\n\s*([^#\s].*)", text) if foreign else None
     if header is not None and _is_row(header[3]) and max(map(header[2].count, ",;\t")) >= FEWEST_CELLS - 1:
-        text = f"{text[: header.start(1)]} {text[header.end(1) :]}"
+        names = re.sub(r"^[^,;]*?\b(?:format|columns?|fields?|header|order)\s*:\s*", "", header[2])
+        text = f"{text[: header.start(1)]} {names}{text[header.end(2) :]}"
     return re.sub(r"(?m)^[ \t]*#.*$", "", text)
 
 
@@ -117,10 +118,18 @@ def with_line_below(header: Sequence[str], below: Sequence[str]) -> list[str]:
     return names
 
 
-def import_command(path: Path, count: int, delimiter: str) -> str:
-    """Return the command that imports a table of `count` columns without a header, with likely names of the columns."""
+def import_command(path: Path, row: str, count: int) -> str:
+    """Return the command that imports a table of `count` columns without a header, with likely names of the columns.
+
+    Args:
+        path: the file.
+        row: its first row, as it is in the file.
+        count: the number of its columns.
+    """
     t = ["t"] if count % 3 else []
     axes = [*ACC, *GYR, *MAG][: (count - len(t)) // 3 * 3]
     columns = ",".join([*t, *axes, *"_" * (count - len(t) - len(axes))])
-    more = {";": " --separator ';'", "\t": " --separator tab"}.get(delimiter, "") + ("" if t else " --rate HZ")
-    return f"pbd import {shlex.quote(str(path))} NAME --sensor lines --columns {columns}{more}"
+    mark = delimiter_of(row) if any(map(row.count, ",;\t")) else "|" if "|" in row else "space"
+    separator = {",": "", "\t": " --separator tab"}.get(mark, f" --separator {shlex.quote(mark)}")
+    rate = "" if t else " --rate HZ"
+    return f"pbd import {shlex.quote(str(path))} NAME --sensor lines --columns {columns}{separator}{rate}"

@@ -23,7 +23,8 @@ from pbd.files.header_line import (
     without_comments,
     without_cut_row,
 )
-from pbd.io.numbers import NO_NUMBER, date_order, number, seconds
+from pbd.files.imu_columns import ACC
+from pbd.io.numbers import NO_NUMBER, date_order, is_stamp, number, seconds
 from pbd.io.read_file import decoded, read_bytes
 from pbd.pose import Array
 
@@ -244,6 +245,7 @@ def open_sheet(
         text = foreign_text(path, error=error)
     elif text is None:
         text = decoded(read_bytes(path, error, NEXT_STEP), path, error, NEXT_STEP, FOREIGN_ENCODINGS[:1])
+    in_file = text
     if foreign:
         text = with_delimiters(text)
     if "#" in text:
@@ -264,9 +266,12 @@ def open_sheet(
     header = [name.strip().strip('"') for name in first.split(delimiter)]
     for line in lines[above + 1 : above + 1 + skipped]:
         header = with_line_below(header, [cell.strip().strip('"') for cell in line.split(delimiter)])
-    if foreign and re.fullmatch(r"[-+.,\deE\s]+", "".join(header)):
-        what = "numbers where the column names should be; add a line with the names above them, or give the right names"
-        raise error.at(path, f"{what}: {import_command(path, len(header), delimiter)}", above + 1)
+    if foreign and re.fullmatch(r"[-+.,;\deE\s]+", "".join("0" if is_stamp(cell) else cell for cell in header)):
+        what = "numbers where the column names should be; add a line with the names above them, "
+        if len(header) < len(ACC) or any(map(is_stamp, header)):  # the times of --sensor lines are numbers
+            raise error.at(path, f"{what}as t,ax,ay,az,gx,gy,gz", above + 1)
+        command = import_command(path, in_file.split("\n", above + 1)[above], len(header))
+        raise error.at(path, f"{what}or give the right names: {command}", above + 1)
     if not header[-1]:
         header.pop()
     if foreign:

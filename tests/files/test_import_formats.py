@@ -174,6 +174,51 @@ def test_a_gyro_by_any_name(tmp_path: Path, header: str, scale: float) -> None:
     assert_allclose(recording.gyr[0], np.array((1.0, 2.0, 3.0)) * scale)
 
 
+HYPERIMU = """@ HyperIMU
+@ Sampling Rate:10ms
+
+timestamp,accelerometer_lsm6ds3_c.x,accelerometer_lsm6ds3_c.y,accelerometer_lsm6ds3_c.z,rotation_Vector.x,\
+rotation_Vector.y,rotation_Vector.z,gyroscope_lsm6ds3_c.x,gyroscope_lsm6ds3_c.y,gyroscope_lsm6ds3_c.z
+1700000000000,0.5,0.25,9.75,0.1,0.2,0.3,1.5,0,-2
+1700000000010,0.5,0.25,9.75,0.1,0.2,0.3,1.5,0,-2
+"""
+"""Format of an Android logger: each sensor's type, the phone's chip, the axis; the time in ms."""
+
+
+def test_a_chip_may_follow_the_quantity_or_the_axis(tmp_path: Path) -> None:
+    read = imported(tmp_path, HYPERIMU, t="ms")
+    assert_allclose(read.demo.recording.acc[0], [0.5, 0.25, 9.75])
+    assert read.demo.recording.gyr is not None
+    assert_allclose(read.demo.recording.gyr[0], [1.5, 0.0, -2.0])
+    assert read.understood.unread["rotation_Vector.x"] == "an attitude that isn't used"
+    chips = [f"{name}_{chip}" for chip in ("adxl345", "mpu6050") for name in ("ax", "ay", "az", "gx", "gy", "gz")]
+    header = ["t", *chips[:3], *chips[6:]]  # the first chip has no gyro
+    read = imported(tmp_path, f"{','.join(header)}\n0,1,1,1,2,2,2,3,3,3\n1,1,1,1,2,2,2,3,3,3\n")
+    assert decided(read) == dict(zip(["t", "ax", "ay", "az", "gx", "gy", "gz"], ["t", *chips[6:]], strict=True))
+    for name in ("acc_free_bmi160_x", "acc_lin100_x"):
+        with pytest.raises(RecordingError, match=f"{name} looks like inertial data"):
+            imported(tmp_path, f"t,{name}\n0,1\n1,1\n")
+    with pytest.raises(RecordingError, match="no column for ax, ay, az"):
+        imported(tmp_path, "t,ax_std100,ay_std100,az_std100\n0,1,1,1\n1,1,1,1\n")
+
+
+def test_a_unit_of_angles_may_follow_the_axis(tmp_path: Path) -> None:
+    """`AngleX_deg` was said to be a gyro's."""
+    read = imported(tmp_path, "t,ax,ay,az,AngleX_deg,AngleY_deg,AngleZ_deg\n0,0,0,9.8,90,0,0\n1,0,0,9.8,90,0,0\n")
+    assert [column.unit for column in read.understood.of("rpy")] == ["deg"] * 3
+    assert read.demo.recording.device_rpy is not None
+    assert_allclose(read.demo.recording.device_rpy[0], [np.pi / 2, 0.0, 0.0])
+    with pytest.raises(RecordingError, match="the unit 'deg' of column 'gyro_x_deg' is not known"):
+        imported(tmp_path, "t,ax,ay,az,gyro_x_deg,gyro_y_deg,gyro_z_deg\n0,0,0,9.8,1,2,3\n")
+
+
+def test_rostopic_prints_times_in_ns(tmp_path: Path) -> None:
+    header = "%time,field.header.seq,field.header.stamp," + ",".join(f"field.linear_acceleration.{x}" for x in "xyz")
+    read = imported(tmp_path, f"{header}\n7000000000,0,5000000000,0,0,9.8\n7020000000,1,5010000000,0,0,9.8\n")
+    assert read.understood.program == "rostopic"
+    assert_allclose(read.demo.recording.t, [0.0, 0.01], atol=1e-9)
+
+
 def test_a_column_that_looks_inertial_is_never_ignored(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"turnX, turnY, turnZ look like a gyro, .* --column gx=turnX and its"):
         imported(tmp_path, "t,ax,ay,az,turnX,turnY,turnZ\n0,0,0,9.8,1,2,3\n")
@@ -356,6 +401,32 @@ def test_mixed_line_ends(tmp_path: Path) -> None:
     assert_allclose(import_recording(tmp_path / "run.csv").demo.recording.t, [0.0, 0.01, 0.02])
 
 
+@pytest.mark.parametrize(
+    ("row", "advice"),
+    [
+        ("0 1 2 3", "or give the right names: .* --columns t,ax,ay,az --separator space$"),
+        ("0\t1\t2\t3", "--columns t,ax,ay,az --separator tab$"),
+        ("0 | 1 | 2 | 3", r"--columns t,ax,ay,az --separator '\|'$"),
+        ("1;2;3", "--columns ax,ay,az --separator ';' --rate HZ$"),
+        ("1,2,3", "--columns ax,ay,az --rate HZ$"),
+        ("10:00:07.120,1,2,3", "add a line with the names above them, as t,ax,ay,az,gx,gy,gz$"),
+        ("2024-05-01T10:00:07.120Z,1,2,3", "add a line with the names above them, as t,ax,ay,az,gx,gy,gz$"),
+        ("10:00:07,1,2,3;4;5", "add a line with the names above them, as t,ax,ay,az,gx,gy,gz$"),
+        ("3.5", "add a line with the names above them, as t,ax,ay,az,gx,gy,gz$"),
+    ],
+)
+def test_what_is_advised_for_rows_without_a_header(tmp_path: Path, row: str, advice: str) -> None:
+    with pytest.raises(RecordingError, match=rf"run\.csv:1: numbers where the column names should be; .*{advice}"):
+        imported(tmp_path, f"{row}\n{row}\n")
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.mcap", "run.npz", "run.zip"])
+def test_a_pointer_of_git_lfs_is_no_recording(tmp_path: Path, name: str) -> None:
+    text = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 1\n"
+    with pytest.raises(RecordingError, match=r"it is Git LFS's pointer .*; fetch that with `git lfs pull`"):
+        imported(tmp_path, text, name=name)
+
+
 def test_a_folder_of_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"this folder: it is no bag, no x-IMU3's, no MetaWear's and no phone's"):
         import_recording(tmp_path)
@@ -375,11 +446,22 @@ EUROC += "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\n"
         EUROC + "1403636579758555392,1,2,3,4,5,6\n1403636579768555392,1,2,3,4,5,6\n",
         "# t,gx,gy,gz,ax,ay,az\n0.0e+00,1,2,3,4,5,6\n1.0e-02,1,2,3,4,5,6\n",
         "# made by numpy, at 100 Hz, with, commas\n# t gx gy gz ax ay az\n0.0 1 2 3 4 5 6\n0.01 1 2 3 4 5 6\n",
+        "# EuRoC's format: time[ns], wx(rad/s), wy, wz, ax, ay, az\n7,1,2,3,4,5,6\n10000007,1,2,3,4,5,6\n",
+        "# columns: t gx gy gz ax ay az\n0.0 1 2 3 4 5 6\n0.01 1 2 3 4 5 6\n",
         "t,gx,gy,gz,ax,ay,az\n[s],[rad/s],[rad/s],[rad/s],[m/s2],[m/s2],[m/s2]\n0,1,2,3,4,5,6\n0.01,1,2,3,4,5,6\n",
         "t,gx,gy,gz,ax,ay,az\n0,1,2,3,4,5,6\n,,,,,,\n0.01,1,2,3,4,5,6\n,,,,,,\n",
         "header.stamp.sec,header.stamp.nanosec,gx,gy,gz,ax,ay,az\n7,995000000,1,2,3,4,5,6\n8,5000000,1,2,3,4,5,6\n",
     ],
-    ids=["EuRoC", "numpy.savetxt", "spaces", "units in brackets", "rows of empty cells", "seconds and nanoseconds"],
+    ids=[
+        "EuRoC",
+        "numpy.savetxt",
+        "spaces",
+        "format",
+        "columns",
+        "units in brackets",
+        "rows of empty cells",
+        "seconds and nanoseconds",
+    ],
 )
 def test_other_ways_to_write_a_table(tmp_path: Path, text: str) -> None:
     recording = imported(tmp_path, text).demo.recording
@@ -396,6 +478,10 @@ def test_other_ways_to_write_a_table(tmp_path: Path, text: str) -> None:
         ("timestamp (epoch ms)", ("1700000000000", "1700000000010")),
         ("timestampNanos", ("1700000000000000000", "1700000000010000000")),
         ("time_usec", ("0", "10000")),
+        ("GPST", ("390884.27", "390884.28")),
+        ("gps_tow", ("390884.27", "390884.28")),
+        ("PCTimestamp", ("1700000000.00", "1700000000.01")),
+        ("sensor_time_us", ("0", "10000")),
         ("Elapsed Time (ms)", ("0", "10")),
         ("time", ("01/05/2024 23:59:59.995", "01/06/2024 00:00:00.005")),
         ("time", ("12/01/2024 23:59:59.995", "13/01/2024 00:00:00.005")),

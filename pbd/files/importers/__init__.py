@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
     from pbd.files.importers.columns import Understood
 
 TEXT = (".csv", ".txt", ".tsv", ".log")
+LFS_POINTER = b"version https://git-lfs.github.com/"
+"""The beginning of the small file that Git LFS keeps in place of a large one."""
+
 XIO_FILE = "Inertial.csv"
 """The file by which an x-IMU3's folder is recognised. x-io's x-IMU3 GUI writes a file for each type of message."""
 
@@ -57,6 +61,11 @@ def import_recording(
         raise RecordingError.at(path, "it is a demonstration already; use it as it is, or copy the folder")
     source = path / XIO_FILE if (path / XIO_FILE).is_file() else path
     suffix, truth = source.suffix.lower(), None
+    if source.is_file():
+        with suppress(OSError), source.open("rb") as file:  # of a file that can't be read its reader tells
+            if file.read(len(LFS_POINTER)) == LFS_POINTER:
+                what = "it is Git LFS's pointer to the file, not the file; fetch that with `git lfs pull`"
+                raise RecordingError.at(source, what)
     is_bag = suffix in (".mcap", ".db3") or (source / "metadata.yaml").is_file()
     columns, units = columns or {}, units or {}
     same_times = rate_hz is None and "t" not in columns and "t" not in units

@@ -61,13 +61,15 @@ PROGRAMS = (
     Program("Xsens MT Manager", _XSENS, r"(?m)^//", {"t": "0.1ms", "gyr": "rad/s", "mag": "a.u."}, 2.0**32),
     Program("Movella (Xsens) DOT", _XSENS, "", {"t": "us", "gyr": "deg/s", "mag": "a.u."}, 2.0**32),
     Program("Physics Toolbox", frozenset(("g_fx", "g_fy", "g_fz")), units=_GFORCE, sensor="phone"),
+    Program("rostopic", frozenset(("field_header_stamp",)), units={"t": "ns"}),
     Program("SparkFun OpenLog Artemis", frozenset(("rtc_date", "rtc_time")), units=_ICM20948, sensor="openlog"),
 )
 """Programs whose units can't be read from the names.
 
 MT Manager: SampleTimeFine of an MTi counts at 10 kHz (Xsens, Low-Level Communication Protocol). DOT: SampleTimeFine is
 in us and wraps after 1.2 h, rates are in deg/s (Movella DOT User Manual XD0502P). Physics Toolbox: gF is specific force
-over g. OpenLog Artemis: SparkFun's library of the ICM-20948 gives mg, deg/s, uT.
+over g. ROS 1's `rostopic echo -p` prints times in ns. OpenLog Artemis: SparkFun's library of the ICM-20948 gives mg,
+deg/s, uT.
 """
 
 

@@ -1,9 +1,9 @@
 """What the name of a column tells: the quantity, the axis and often the unit.
 
 Examples are `Gyroscope X (deg/s)`, `acc_x [g]`, `rotationRateX`. The names are those of x-io, WitMotion (they differ
-between versions, two are Chinese), SensorLog, AndroSensor, Physics Toolbox, Shimmer's Consensys, Movella's DOT app,
-Vicon's Blue Trident, EuRoC, ROS and Arduino sketches. No such device was at hand; docs/imports.md lists the published
-readers, examples and files that were used. German names are plain translations.
+between versions, two are Chinese), SensorLog, AndroSensor, HyperIMU, Physics Toolbox, Shimmer's Consensys, Movella's
+DOT app, Vicon's Blue Trident, EuRoC, ROS and Arduino sketches. No such device was at hand; docs/imports.md lists the
+published readers, examples and files that were used. German names are plain translations.
 """
 
 from __future__ import annotations
@@ -21,16 +21,19 @@ _WORDS = {
     "m": r"(?P<before>.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|b|h|磁场|magnetfeld",
     "angle": r"angle|角度",
 }
-_PART = r"(?P<number>\d?)(?:_(?:ln|wr|ag|data|cal|calibrated|rs_s|rad|m_s2))*"
-"""Suffixes of a quantity: a number, the chip (Shimmer has a low-noise and a wide-range accelerometer), `calibrated`, a
-frame (EuRoC), or the SI unit (PX4)."""
+_CHIP = r"_(?!std|var|rms|mean|avg|max|min|raw|bias|lin)[a-z]{1,4}\d[a-z\d]{2,}(?:_[a-z])?"
+"""A chip after a quantity or an axis: HyperIMU's `gyroscope_lsm6ds3_c.x`, `ax_mpu6050`; `ax_std100` is a statistic."""
+
+_PART = rf"(?P<number>\d?)(?:_(?:ln|wr|ag|data|cal|calibrated|rs_s|rad|m_s2))*(?P<chip>{_CHIP})?"
+"""Suffixes of a quantity: a number, the part (Shimmer has a low-noise and a wide-range accelerometer), `calibrated`, a
+frame (EuRoC), the SI unit (PX4), and the chip."""
 
 _NUMBERED = r"(?P<numbered>[a-z]+\d+_)?"
 """A device before a quantity, as in `s1_ax` and `bmi160_a_x`."""
 
 _AXES = (
     r"(?P<quantity>.+?)_?(?P<axis>[xyz])(?P<device>(?:_cal)?)",
-    r"(?P<quantity>.+?)_?(?P<axis>[xyz])(?P<device>_?\d\d?|_[a-dlrxy])",
+    rf"(?P<quantity>.+?)_?(?P<axis>[xyz])(?P<device>_?\d\d?|_[a-dlrxy]|{_CHIP})",
     r"(?:.*_)?(?P<axis>[xyz])_?(?P<quantity>(?:acc|gyr|ang|mag)\w*)(?P<device>)",
 )
 """Patterns of an axis: `acc_x`; `acc_x_1`, `acc_x_l` (a device, a side, one of two joined tables); `x_acc`."""
@@ -38,7 +41,8 @@ _AXES = (
 _TIME = (
     r"t|ts|time|timestamp|time_?stamp|seconds|secs?|ms|us|时间|zeit|zeitstempel|(?:seconds_|time_)?elapsed|elapsed_?time|"
     r"millis|micros|date_?time|time_?since_?start|time_?start_?up|time(?:_?stamp)?_(?:\d|[a-dlrxy])|"
-    r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|(?:system_|unix_|unit_|logging_)?time(?:_?stamp)?"
+    r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|gpst|(?:gps_)?tow|"
+    r"(?:(?:system|unix|unit|logging|pc|host|sensor|imu|device)_?)?time(?:_?stamp)?"
 )
 _DEVICE_TIME = r"chip_?time|片上时间|(?:.*_)?header_stamp(?:_secs?)?"
 _TIME_STEP = r"d_?t|delta_?t(?:ime)?|time_?(?:delta|diff(?:erence)?|step)|(?:sample_|sampling_)(?:interval|period|time)"
@@ -51,7 +55,10 @@ _NEVER_READ = (
         "gravity, or gravity removed",
     ),
     (r"(?:.*_)?(?:raw|uncal\w*)(?:_.*)?", "raw counts"),
-    (r"(?:.*_)?(?:quat|orientation|euler).*|(?:q|roll|pitch|yaw|mat)(?!.*rate).*", "an attitude that isn't used"),
+    (
+        r"(?:.*_)?(?:quat|orientation|euler|rotation_vector).*|(?:q|roll|pitch|yaw|mat)(?!.*rate).*",
+        "an attitude that isn't used",
+    ),
     (r"d[qv]|i[qv]", "increments between samples"),
 )
 """Patterns of axis columns that aren't read, and why."""
@@ -91,7 +98,7 @@ def split_unit(name: str) -> tuple[str, str]:
     opening = max(name.rfind(" ("), name.rfind("[")) if name.endswith("))") else max(name.rfind("("), name.rfind("["))
     if opening < 0 or not name.endswith((")", "]")):
         suffix = re.fullmatch(r"(.+[xyzXYZ])_([a-zA-Z].*)", name)
-        known = suffix and any(unit_factor(quantity, suffix[2]) for quantity in ("acc", "gyr", "mag"))
+        known = suffix and any(unit_factor(quantity, suffix[2]) for quantity in ("acc", "gyr", "mag", "angle"))
         return (suffix[1], suffix[2]) if suffix and known else (name, "")
     return name[:opening].rstrip(), name[opening:].strip()[1:-1].strip()
 
