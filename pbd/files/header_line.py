@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from pbd.errors import warn
@@ -118,18 +119,20 @@ def with_line_below(header: Sequence[str], below: Sequence[str]) -> list[str]:
     return names
 
 
-def import_command(path: Path, row: str, count: int) -> str:
-    """Return the command that imports a table of `count` columns without a header, with likely names of the columns.
+def import_command(path: Path, lines: Sequence[str]) -> str:
+    """Return the command that imports a table without a header, with likely names of the columns.
 
-    Args:
-        path: the file.
-        row: its first row, as it is in the file.
-        count: the number of its columns.
+    `lines` are its first ones as the file has them. Only a first column that increases is taken for the time.
     """
-    t = ["t"] if count % 3 else []
+    first = lines[0]
+    mark = delimiter_of(first) if any(map(first.count, ",;\t")) else "|" if "|" in first else "space"
+    rows = [line.split(None if mark == "space" else mark) for line in lines if line.strip() and line[0] != "#"]
+    count, t = len(rows[0]), []
+    with suppress(ValueError):
+        times = [float(row[0]) for row in rows]
+        t = ["t"] if count % 3 and times[0] < times[-1] and times == sorted(times) else []
     axes = [*ACC, *GYR, *MAG][: (count - len(t)) // 3 * 3]
     columns = ",".join([*t, *axes, *"_" * (count - len(t) - len(axes))])
-    mark = delimiter_of(row) if any(map(row.count, ",;\t")) else "|" if "|" in row else "space"
     separator = {",": "", "\t": " --separator tab"}.get(mark, f" --separator {shlex.quote(mark)}")
     rate = "" if t else " --rate HZ"
     return f"pbd import {shlex.quote(str(path))} NAME --sensor lines --columns {columns}{separator}{rate}"

@@ -270,7 +270,7 @@ def open_sheet(
         what = "numbers where the column names should be; add a line with the names above them, "
         if len(header) < len(ACC) or any(map(is_stamp, header)):  # the times of --sensor lines are numbers
             raise error.at(path, f"{what}as t,ax,ay,az,gx,gy,gz", above + 1)
-        command = import_command(path, in_file.split("\n", above + 1)[above], len(header))
+        command = import_command(path, in_file.split("\n", LONGEST_PREAMBLE)[above:LONGEST_PREAMBLE])
         raise error.at(path, f"{what}or give the right names: {command}", above + 1)
     if not header[-1]:
         header.pop()

@@ -417,7 +417,7 @@ def test_mixed_line_ends(tmp_path: Path) -> None:
 )
 def test_what_is_advised_for_rows_without_a_header(tmp_path: Path, row: str, advice: str) -> None:
     with pytest.raises(RecordingError, match=rf"run\.csv:1: numbers where the column names should be; .*{advice}"):
-        imported(tmp_path, f"{row}\n{row}\n")
+        imported(tmp_path, f"{row}\n9{row}\n")
 
 
 @pytest.mark.parametrize("name", ["run.csv", "run.mcap", "run.npz", "run.zip"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -214,3 +215,22 @@ def test_a_table_that_arduinos_serial_monitor_stamped(tmp_path: Path, delimiter:
     stamps = ("12:00:00.000", "12:00:00.000", "12:00:00.010")
     text = "\n".join(f"{stamp} -> {line}" for stamp, line in zip(stamps, [header, *rows], strict=True))
     assert_read(read(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("rows", "asked"),
+    [
+        (["9110,4.26,-8.48,4.2,0,0,0,26", "9180,3.5,-8.3,3.9,0,0.25,0,26"], "t,ax,ay,az,gx,gy,gz,_"),
+        (
+            ["0.85,-0.17,8.82,0,0,0,29", "0.86,-0.17,8.81,0,0,0,29", "0.85,0,8,0,0,0,29"],
+            "ax,ay,az,gx,gy,gz,_ --rate HZ",
+        ),
+        (["0.1 0.2 9.8", "0.2 0.2 9.8"], "ax,ay,az --separator space --rate HZ"),
+        (["1\t0.1\t0.2\t9.8", "2\t0.2\t0.2\t9.8"], "t,ax,ay,az --separator tab"),
+        (["1|0.1|0.2|9.8", "2|0.2|0.2|9.8"], "t,ax,ay,az --separator '|'"),
+        (["0.01;0.1;0.2;9.8", "0.02;0.1;0.2;9.8"], "t,ax,ay,az --separator ';'"),
+    ],
+)
+def test_the_command_for_a_table_without_a_header_fits_its_rows(tmp_path: Path, rows: list[str], asked: str) -> None:
+    with pytest.raises(RecordingError, match=rf"--sensor lines --columns {re.escape(asked)}$"):
+        read(tmp_path, "\n".join(rows) + "\n")
