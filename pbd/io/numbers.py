@@ -13,6 +13,8 @@ _STAMP = re.compile(
     r"(?:(?:(\d{1,2}):(?=\d+:)|(?=\d+:\d+[.,]\d))(\d{1,2}):(\d{1,2})(?:([.,])(\d+)|:(\d{1,3}))?(?:\s+([AaPp])\.?[Mm]\.?)?"
     r"\s*(?:Z|UTC|([+-])(\d{2})(?::?(\d{2}))?)?)?\s*"
 )
+_CTIME = re.compile(r"\s*(?:[A-Za-z]{3},?\s+)?([A-Za-z]{3})\s+(\d\d?)\s+([\d:.]+)\s+(\d{4})\s*")
+"""C's and Python's `Wed Dec 22 21:09:46 2021`."""
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 DAY_S, HOUR_S = 86400.0, 3600.0
 NO_NUMBER = frozenset(
@@ -46,24 +48,28 @@ def finite_list(text: str, count: int) -> tuple[float, ...]:
     return tuple(map(finite, words))
 
 
+def _stamp(text: str) -> re.Match[str] | None:
+    return _STAMP.fullmatch(_CTIME.sub(r"\2-\1-\4 \3", text))
+
+
 def is_stamp(text: str) -> bool:
     """Whether the text is a date, a time of day or both."""
-    return _STAMP.fullmatch(text) is not None
+    return _stamp(text) is not None
 
 
 def seconds(text: str, order: str = "") -> float:
     """Parse a time, s: a number, a date, a time of day, or both: `2026-10-02T07:48:45.830+02:00`.
 
     `12:05:00 AM` is five past midnight; `25:14.5` is in minutes and s. In `2025-10-9 8:18:9:94` the last number is ms.
-    MATLAB writes `09-Jul-2025 8:18:09` and `0.5 sec`. Dates count from the year 2000, times of day from midnight. With
-    a date, a time zone counts, because it changes in spring and autumn.
+    MATLAB writes `09-Jul-2025 8:18:09` and `0.5 sec`, C `Wed Jul  9 08:18:09 2025`. Dates count from the year 2000,
+    times of day from midnight. With a date, a time zone counts, because it changes in spring and autumn.
     ValueError: it is none of these.
 
     Args:
         text: the time.
         order: in which order a date gives year, month and day (`date_order`).
     """
-    match = _STAMP.fullmatch(text)
+    match = _stamp(text)
     if match is None:
         return number(text.strip().removesuffix(" sec"))
     first, second, third, hour, minute, second_of_minute, mark, fraction, ms, half, *zone = match.groups()
@@ -82,7 +88,7 @@ def date_order(texts: Iterable[str]) -> str:
 
     Of possible orders it is the one in which they are nearest together: across midnight only the day changes.
     """
-    given = {match.groups()[:3] for text in texts if (match := _STAMP.fullmatch(text)) and match[1] is not None}
+    given = {match.groups()[:3] for text in texts if (match := _stamp(text)) and match[1] is not None}
     spans = {}
     for order in DATE_ORDERS:
         with suppress(ValueError):

@@ -218,6 +218,34 @@ def test_a_table_that_arduinos_serial_monitor_stamped(tmp_path: Path, delimiter:
 
 
 @pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("server_time", "device_timestamp_ms"),
+        ("mac_timestamp", "esp32_ms"),
+        ("host_time", "imu_time_ms"),
+        ("timestamp", "sensor_us"),
+    ],
+)
+def test_of_two_clocks_the_devices_is_read(tmp_path: Path, first: str, second: str) -> None:
+    ticks = (18452000, 18462000) if second.endswith("us") else (18452, 18462)
+    rows = [f"{1777658988.4 + 0.2 * k},{tick}" for k, tick in enumerate(ticks)]
+    assert_read(read(tmp_path, table(f"{first},{second},{','.join(AXES)}", rows)))
+    assert_read(read(tmp_path, table(",".join((first, *AXES)))))
+    assert_read(read(tmp_path, table(",".join((second, *AXES)), ticks)))
+
+
+def test_corrected_readings(tmp_path: Path) -> None:
+    """Yost Labs' 3-Space sensors call them so."""
+    names = [f"{sensor}Corrected{axis}" for sensor in ("Accel", "Gyro") for axis in "XYZ"]
+    assert_read(read(tmp_path, table(",".join(("Time", *names)))))
+
+
+def test_dates_as_c_and_python_write_them(tmp_path: Path) -> None:
+    times = ["Wed Dec 22 23:59:59 2021", "Thu Dec 23 00:00:00 2021"]
+    assert_read(read(tmp_path, table(",".join(("Time", *AXES)), times)), end=1.0)
+
+
+@pytest.mark.parametrize(
     ("rows", "asked"),
     [
         (["9110,4.26,-8.48,4.2,0,0,0,26", "9180,3.5,-8.3,3.9,0,0.25,0,26"], "t,ax,ay,az,gx,gy,gz,_"),

@@ -24,7 +24,7 @@ _WORDS = {
 _CHIP = r"_(?!std|var|rms|mean|avg|max|min|raw|bias|lin)[a-z]{1,4}\d[a-z\d]{2,}(?:_[a-z])?"
 """A chip after a quantity or an axis: HyperIMU's `gyroscope_lsm6ds3_c.x`, `ax_mpu6050`; `ax_std100` is a statistic."""
 
-_PART = rf"(?P<number>\d?)(?:_(?:ln|wr|ag|data|cal|calibrated|rs_s|rad|m_s2))*(?P<chip>{_CHIP})?"
+_PART = rf"(?P<number>\d?)(?:_(?:ln|wr|ag|data|cal|calibrated|corrected|rs_s|rad|m_s2))*(?P<chip>{_CHIP})?"
 """Suffixes of a quantity: a number, the part (Shimmer has a low-noise and a wide-range accelerometer), `calibrated`, a
 frame (EuRoC), the SI unit (PX4), and the chip."""
 
@@ -42,9 +42,12 @@ _TIME = (
     r"t|ts|time|timestamp|time_?stamp|seconds|secs?|ms|us|时间|zeit|zeitstempel|(?:seconds_|time_)?elapsed|elapsed_?time|"
     r"millis|micros|date_?time|time_?since_?start|time_?start_?up|time(?:_?stamp)?_(?:\d|[a-dlrxy])|"
     r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|gpst|(?:gps_)?tow|"
-    r"(?:(?:system|unix|unit|logging|pc|host|sensor|imu|device)_?)?time(?:_?stamp)?"
+    r"(?:(?:system|unix|unit|logging|server|host|pc|mac|phone|device|sensor|imu|received|arrival|local)_?)?time(?:_?stamp)?"
 )
-_DEVICE_TIME = r"chip_?time|片上时间|(?:.*_)?header_stamp(?:_secs?)?"
+_DEVICE_TIME = (
+    r"chip_?time|片上时间|(?:.*_)?header_stamp(?:_secs?)?|"
+    r"(?:device|sensor|imu|mcu|board|arduino|esp\d*)_(?:time(?:_?stamp)?_)?(?:ms|us)"
+)
 _TIME_STEP = r"d_?t|delta_?t(?:ime)?|time_?(?:delta|diff(?:erence)?|step)|(?:sample_|sampling_)(?:interval|period|time)"
 TIME_UNITS = r"_((?:n|u|m|nano|micro|milli)?s(?:ecs?|econds?)?|min)$"
 """A unit of time at the end of a name, as in `timestamp_us`."""
@@ -106,9 +109,8 @@ def split_unit(name: str) -> tuple[str, str]:
 def is_time(name: str) -> bool:
     """Whether a column contains times: of the rows, or the accelerometer's own."""
     word = plain(name)
-    return re.fullmatch(f"{_TIME}|{_DEVICE_TIME}", re.sub(TIME_UNITS, "", word) or word) is not None or (
-        own_times_of(name) == "a"
-    )
+    words = (word, re.sub(TIME_UNITS, "", word))
+    return any(re.fullmatch(f"{_TIME}|{_DEVICE_TIME}", each) for each in words) or own_times_of(name) == "a"
 
 
 def is_time_step(name: str) -> bool:
