@@ -218,6 +218,38 @@ def test_a_table_that_arduinos_serial_monitor_stamped(tmp_path: Path, delimiter:
 
 
 @pytest.mark.parametrize(
+    ("name", "unit"), [("timestamp_ms", {}), ("Time (ms)", {}), ("timestamp", {}), ("when", {}), ("server_time", {})]
+)
+def test_dates_are_in_seconds_whatever_their_name_says(tmp_path: Path, name: str, unit: dict[str, str]) -> None:
+    times = ["2026-04-03T14:57:09.405", "2026-04-03T14:57:09.415"]
+    assert_read(read(tmp_path, table(",".join((name, *AXES)), times)))
+    with pytest.raises(RecordingError, match=rf"'{re.escape(name)}' has dates or times of day, .* leave --unit t out$"):
+        read(tmp_path, table(",".join((name, *AXES)), times), t="ms")
+
+
+@pytest.mark.parametrize(("name", "step_s"), [("time", 0.5), ("time_ms", 0.5), ("time", 10.0)])
+@pytest.mark.parametrize("dates", [False, True])
+def test_a_slow_recording_is_not_told_to_take_its_times_for_others(
+    tmp_path: Path, name: str, step_s: float, dates: bool
+) -> None:
+    seconds = [step_s * k for k in range(40)]
+    numbers = [round(1e3 * s) for s in seconds] if name == "time_ms" else seconds
+    stamps = [f"{datetime(2025, 8, 1) + timedelta(seconds=s):%Y-%m-%d %H:%M:%S.%f}" for s in seconds]
+    (tmp_path / "run.csv").write_text(table(",".join((name, *AXES)), stamps if dates else numbers))
+    found = import_recording(tmp_path / "run.csv")
+    with pytest.raises(RecordingError) as refused:
+        with_clock(found.demo.recording)
+    said = found.understood.in_file_names(refused.value.message)
+    faster = "; record faster" + ", 4 a second at least" * (step_s < 1.0)
+    if dates or name == "time_ms":
+        assert said.endswith(f" s apart{faster}")
+    elif step_s < 1.0:
+        assert said.endswith(f" s apart{faster}; if the time is in ms, import the file with --unit t=ms")
+    else:
+        assert said.endswith(" s apart; the time is likely in ms: import the file with --unit t=ms")
+
+
+@pytest.mark.parametrize(
     ("first", "second"),
     [
         ("server_time", "device_timestamp_ms"),

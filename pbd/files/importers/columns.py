@@ -26,8 +26,8 @@ QUANTITIES = {"t": "time", "gyr": "turn rate", "acc": "specific force", "mag": "
 )
 
 UNUSED = "a file that isn't used"
-NO_UNIT = "no unit given"
-"""Source of a unit that neither the file nor the caller gives; ours is assumed."""
+NO_UNIT, DATES = "no unit given", "its dates"
+"""Source of a unit that neither the file nor the caller gives; ours is assumed. Source of the unit of dates: s."""
 
 _NOT_A_UNIT = r"txt|local|.*\b(?:utc|gmt|iso\W*8601)\b.*|(?:[ydmo]{2,4}\W+){2}.*|h{1,2}:mm\b.*"
 """Notes, in lower case, of a column of dates or times of day: their format, such as `hh:mm:ss.ms`, or the zone."""
@@ -124,6 +124,11 @@ class Understood:
         """Set how the column of the time was found."""
         return replace(self, columns=tuple(replace(c, named_by=by) if c.name == name else c for c in self.columns))
 
+    def with_dates(self, name: str) -> Understood:
+        """Read a column of dates or times of day in seconds, whatever its name says."""
+        columns = (replace(c, unit="s", unit_by=DATES) if c.name == name else c for c in self.columns)
+        return replace(self, columns=tuple(columns))
+
     def with_file(self, file: str, other: Understood) -> Understood:
         """Add the columns of another file."""
         columns = (replace(column, name=f"{file}: {column.name}") for column in other.columns)
@@ -152,7 +157,11 @@ class Understood:
 
         times = f"the column '{found['t'].name}' must be seconds" if "t" in found else "give another --rate"
         message = message.replace("the column 't' must be seconds", times)
-        if "t" in found and "--unit t=" in message:
+        by = found["t"].unit_by if "t" in found else NO_UNIT
+        if by == DATES or (by != NO_UNIT and "record faster" in message):
+            message = re.sub(r"; if the time is in .*", "", message)
+            message = re.sub(r"; the time is likely in .*", "; record faster", message)
+        elif "t" in found and "--unit t=" in message:
 
             def nearest(advised: re.Match[str]) -> str:
                 factor = abs(found["t"].factor) * UNITS["t"][advised[0]]

@@ -19,7 +19,7 @@ from pbd.data.one_line_repr import counted
 from pbd.data.streams import Stream, joined
 from pbd.errors import RecordingError, listed, warn
 from pbd.files.importers import XIO_FILE, check_rate
-from pbd.files.importers.columns import CHANNELS, PROGRAMS, UNUSED, Column, Understood, understand
+from pbd.files.importers.columns import CHANNELS, DATES, PROGRAMS, UNUSED, Column, Understood, understand
 from pbd.files.importers.header_names import (
     is_device_time,
     is_time,
@@ -78,7 +78,7 @@ def read_csv(
     if not found.of("t") and rate_hz is None and (dates := _dated(sheet)):
         # A column of dates is recognised by its contents: it may have any name.
         columns = {**columns, "t": dates}
-        found = understand(sheet, columns, units).with_clock(dates, "its dates")
+        found = understand(sheet, columns, units).with_clock(dates, DATES)
     elif not found.of("t") and rate_hz is None and (steps := next(filter(is_time_step, sheet.header), "")):
         in_steps, columns = True, {**columns, "t": steps}
         found = understand(sheet, columns, units).with_clock(steps, "its name: steps of time")
@@ -116,6 +116,11 @@ def read_csv(
         if best != found.of("t")[0].name:
             found = understand(sheet, {**columns, "t": best}, units)
             found = found.with_clock(best, "the best of several times")
+        if is_stamp(sheet.cell(best, 0)[1]):
+            if "t" in units:
+                what = f"the column '{best}' has dates or times of day, whose unit is known; leave --unit t out"
+                raise RecordingError.at(path, what)
+            found = found.with_dates(best)
         if best in parts:
             found = found.with_unread({parts[best]: f"read with {best}"})
         if own_times_of(best) != "a":

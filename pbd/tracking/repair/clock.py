@@ -99,11 +99,13 @@ def _refuse_slow(interval: float) -> None:
     units = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
     likely = [unit for unit, scale in units.items() if SLOWEST_HZ < 1.0 / (interval * scale) <= FASTEST_HZ]
     named = likely or ["ms", "us"]
-    what = "the time is likely in" if likely else "if the time is in"
+    what = f"the time is likely in {named[0]}:" if likely else "if the time is in ms or us,"
+    if interval < 1.0:  # no time of a fast sensor in whole ms or ns
+        what = f"record faster, {SLOWEST_HZ:g} a second at least; if the time is in {named[0]},"
     rows = ", or with its --rate HZ if it counts rows" if interval == 1.0 else ""
     raise RecordingError(
-        f"the samples come {interval:.3g} s apart; {what} {' or '.join(named)}"
-        + f"{': ' if likely else ', '}import the file with {' or '.join(f'--unit t={unit}' for unit in named)}{rows}",
+        f"the samples come {interval:.3g} s apart; {what} "
+        + f"import the file with {' or '.join(f'--unit t={unit}' for unit in named)}{rows}",
         value=1.0 / interval,
         bound=SLOWEST_HZ,
     )
