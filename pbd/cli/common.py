@@ -179,7 +179,7 @@ def store_demonstration(
     with working(f"writing {folder}"):
         beside = {} if touched is None else {POINTS_FILE: points_csv(touched, remark)}
         write_demo(replace(demo, recording=recording), folder, args.force, beside)
-    samples, duration_s, rate_hz = len(recording), float(recording.t[-1]), recording.rate_hz
+    samples, duration_s, rate_hz = len(recording), float(recording.t[-1]), recording.info.rate_hz or recording.rate_hz
     say(f"{done} {samples} samples, {duration_s:.1f} s at {rate_hz:.0f} Hz, into {folder}")
     say_hidden(folder)
     if args.json:

@@ -60,6 +60,9 @@ def run(args: argparse.Namespace) -> None:
     # Refuse wrong units or a wrong clock before anything is stored. A TrackingError is left to the tracking command.
     with suppress(TrackingError), _said_of_the_file(args, understood), working("checking it"):
         recording, _ = condition(demo.recording)
+        if demo.recording.info.rate_hz is None:  # of evenly spaced times, where the file's come in batches
+            info = replace(demo.recording.info, rate_hz=recording.rate_hz)
+            demo = replace(demo, recording=replace(demo.recording, info=info))
         acc = understood.of("acc")
         rest = find_rest(recording, abs(acc[0].factor) if acc else 1.0)
         warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)

@@ -256,3 +256,22 @@ def test_an_import_that_cant_be_replayed_is_not_the_default(capsys: pytest.Captu
         assert err.endswith("so it is never the default demonstration, and another import needs --force\n")
         assert read_demo(Path("demos") / file.stem).failed
     assert newest_demo() == "pouring"
+
+
+def test_the_rate_of_samples_that_come_in_batches_is_not_that_of_a_batch(
+    in_g: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A computer stamps the samples of a radio packet as it takes them, one shortly after another."""
+    header, *rows = list(csv.reader(in_g.read_text().splitlines()))
+    t = np.array([float(row[header.index("t")]) for row in rows])
+    batch = np.arange(len(t)) // 4 * 4
+    stamps = t[batch] + 1e-4 * (np.arange(len(t)) - batch)
+    for row, stamp in zip(rows, stamps, strict=True):
+        row[header.index("t")] = f"{stamp:.6f}"
+    Path("batches.csv").write_text("\n".join(map(",".join, [header, *rows])))
+    assert main(["import", "batches.csv", "tea", "--unit", "acc=g"]) == 0
+    rate_hz = 1.0 / float(np.median(np.diff(t)))
+    assert read_demo(Path("demos/tea")).recording.info.rate_hz == pytest.approx(rate_hz, rel=0.01)
+    assert f"s at {rate_hz:.0f} Hz, into" in capsys.readouterr().err
+    assert main(["segments", "tea"]) == 0
+    assert "the sensor is set to" not in capsys.readouterr().err
