@@ -154,10 +154,13 @@ class Sheet:
             if len(cells) != width:
                 what = f"{len(cells)} cell{'s' if len(cells) != 1 else ''} where the header has {width}"
                 next_step = "correct or remove the line"
+                widths = [len(row) for _, row in islice(self._rows(block, first), 9)]
                 whole = re.compile(r"\s*-?\d+(e[-+]?\d+)?\s*").fullmatch
                 if 1.5 * width < len(cells) <= 2 * width and all(map(whole, cells)):
                     what += ", because commas are both its decimal marks and between its cells"
                     next_step = "export it again with decimal points, or with semicolons between the cells"
+                elif len(cells) > width and len(widths) > 1 and set(widths) == {len(cells)}:
+                    what, next_step = f"{what}, as in the lines below", "name each column in the header"
                 raise self._fault(line, what, next_step, value=len(cells), bound=width)
             if plain:
                 with suppress(ValueError):

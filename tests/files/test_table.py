@@ -73,6 +73,11 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
         ),
         (
             "t,ax\n0,1,2\n1,2,3\n",  # consistently one too many
+            ":2: 3 cells where the header has 2, as in the lines below; name each column in the header",
+            {"line": 2, "value": 3, "bound": 2},
+        ),
+        (
+            "t,ax\n0,1,2\n1,2\n",
             ":2: 3 cells where the header has 2; correct or remove the line",
             {"line": 2, "value": 3, "bound": 2},
         ),
