@@ -13,7 +13,7 @@ _STAMP = re.compile(
     r"(?:(?:(\d{1,2}):(?=\d+:)|(?=\d+:\d+[.,]\d))(\d{1,2}):(\d{1,2})(?:([.,])(\d+)|:(\d{1,3}))?(?:\s+([AaPp])\.?[Mm]\.?)?"
     r"\s*(?:Z|UTC|([+-])(\d{2})(?::?(\d{2}))?)?)?\s*"
 )
-_CTIME = re.compile(r"\s*(?:[A-Za-z]{3},?\s+)?([A-Za-z]{3})\s+(\d\d?)\s+([\d:.]+)\s+(\d{4})\s*")
+_CTIME = re.compile(r"^\s*(?:[A-Za-z]{3},?\s+)?([A-Za-z]{3})\s+(\d\d?)\s+([\d:.]+)\s+(\d{4})\s*$")
 """C's and Python's `Wed Dec 22 21:09:46 2021`."""
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 DAY_S, HOUR_S = 86400.0, 3600.0
