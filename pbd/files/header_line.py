@@ -10,13 +10,16 @@ from pathlib import Path
 
 from pbd.errors import warn
 from pbd.files.imu_columns import ACC, GYR, MAG
-from pbd.io.numbers import NO_NUMBER
+from pbd.io.numbers import NO_NUMBER, is_stamp
 
 FEWEST_CELLS = 4
 """Smallest number of cells in a header (t, ax, ay, az). The lines of a preamble have fewer."""
 
 NUMBER_START = "0123456789-+."
 """First characters of a number."""
+
+FIRST_ROWS = 20
+"""Number of rows by which a first column without a name is taken for the time."""
 
 
 def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
@@ -119,7 +122,18 @@ def with_line_below(header: Sequence[str], below: Sequence[str]) -> list[str]:
     return names
 
 
-def import_command(path: Path, lines: Sequence[str]) -> str:
+def without_names(path: Path, header: Sequence[str], text: str, above: int) -> str:
+    """Say what to do about a header of numbers; "" if it has names. It is a line of the text, `above` lines down."""
+    if not re.fullmatch(r"[-+.,;\deE\s]+", "".join("0" if is_stamp(cell) else cell for cell in header)):
+        return ""
+    what = "numbers where the column names should be; add a line with the names above them, "
+    if len(header) < len(ACC) or any(map(is_stamp, header)):  # the times of --sensor lines are numbers
+        return what + "as t,ax,ay,az,gx,gy,gz"
+    rows = text.split("\n", above + FIRST_ROWS)[above : above + FIRST_ROWS]
+    return f"{what}or give the right names: {_import_command(path, rows)}"
+
+
+def _import_command(path: Path, lines: Sequence[str]) -> str:
     """Return the command that imports a table without a header, with likely names of the columns.
 
     `lines` are its first ones as the file has them. Only a first column that increases is taken for the time.

@@ -17,14 +17,13 @@ from pbd.errors import PbdError, RecordingError, listed, printable
 from pbd.files.header_line import (
     delimiter_of,
     find_header,
-    import_command,
     with_delimiters,
     with_line_below,
     without_comments,
     without_cut_row,
+    without_names,
 )
-from pbd.files.imu_columns import ACC
-from pbd.io.numbers import NO_NUMBER, date_order, is_stamp, number, seconds
+from pbd.io.numbers import NO_NUMBER, date_order, number, seconds
 from pbd.io.read_file import decoded, read_bytes
 from pbd.pose import Array
 
@@ -269,12 +268,8 @@ def open_sheet(
     header = [name.strip().strip('"') for name in first.split(delimiter)]
     for line in lines[above + 1 : above + 1 + skipped]:
         header = with_line_below(header, [cell.strip().strip('"') for cell in line.split(delimiter)])
-    if foreign and re.fullmatch(r"[-+.,;\deE\s]+", "".join("0" if is_stamp(cell) else cell for cell in header)):
-        what = "numbers where the column names should be; add a line with the names above them, "
-        if len(header) < len(ACC) or any(map(is_stamp, header)):  # the times of --sensor lines are numbers
-            raise error.at(path, f"{what}as t,ax,ay,az,gx,gy,gz", above + 1)
-        command = import_command(path, in_file.split("\n", LONGEST_PREAMBLE)[above:LONGEST_PREAMBLE])
-        raise error.at(path, f"{what}or give the right names: {command}", above + 1)
+    if foreign and (what := without_names(path, header, in_file, above)):
+        raise error.at(path, what, above + 1)
     if not header[-1]:
         header.pop()
     if foreign:
