@@ -28,6 +28,10 @@ COUNTS = (16384, 8192, 4096, 2048)
 """Counts a g of 16-bit accelerometers, at 2 to 16 g (InvenSense, MPU-6000 and MPU-6050 Product Specification). They are
 far more usual than mm/s2, which are near 8192 counts."""
 
+LARGEST_ERROR = 0.3
+"""Share of gravity by which an accelerometer's own errors may change what it reads at rest: cheap boards are off by up
+to 0.2 g, though their chips by 0.08 g at most (MPU-6050 Product Specification). A wrong unit changes more."""
+
 STILL_ACC, STILL_GYR = 0.5, 0.15
 """rms above which a hand moves, m/s2 and rad/s."""
 
@@ -145,6 +149,7 @@ def _refuse_wrong_units(norm_at_rest: float, factor: float, shakes: bool) -> Non
     """
     if _is_gravity(norm_at_rest):
         return
+    said = f"at rest the accelerometer reads {norm_at_rest:.4g}, but gravity is {GRAVITY:.2f} m/s2"
     if likely := likely_unit(norm_at_rest, factor):
         counts = likely[0].isdigit()
         what = "raw counts" if counts else f"in {likely}"
@@ -154,10 +159,17 @@ def _refuse_wrong_units(norm_at_rest: float, factor: float, shakes: bool) -> Non
         return
     elif norm_at_rest < WITHOUT_GRAVITY:
         why = "gravity seems to have been removed: give what the accelerometer itself reads, not linear acceleration"
+    elif abs(norm_at_rest / GRAVITY - 1.0) < LARGEST_ERROR:
+        raise TrackingError(
+            f"{said}; if the unit is right, that is the sensor's own error: measure it with pbd calibrate sensor, and "
+            "give that --calibration",
+            value=norm_at_rest,
+            bound=GRAVITY,
+        )
     else:
         why = "check the unit of the columns ax, ay, az"
     raise RecordingError(
-        f"at rest the accelerometer reads {norm_at_rest:.4g}, but gravity is {GRAVITY:.2f} m/s2; {why}",
+        f"{said}; {why}",
         value=norm_at_rest,
         bound=GRAVITY,
         unit=likely,

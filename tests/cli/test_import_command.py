@@ -249,7 +249,9 @@ def test_an_import_that_cant_be_replayed_is_not_the_default(capsys: pytest.Captu
         f"{t},{gx + 2.0},{gy},{gz + (t % 0.3)},{ax + (t % 0.2) * 20},{ay},{az}" for t, gx, gy, gz, ax, ay, az in rows
     )
     restless.write_text("\n".join([HEADER.strip(), *turning]))
-    for file, why in ((still, "it has fewer than two stops"), (restless, "")):
+    off = Path("off.csv")  # `pbd calibrate sensor` can't be told of its errors unless it is stored
+    off.write_text("\n".join([HEADER.strip(), *(",".join(map(str, (*row[:-1], 1.2 * row[-1]))) for row in rows)]))
+    for file, why in ((still, "it has fewer than two stops"), (restless, ""), (off, "measure it with pbd calibrate")):
         assert main(["import", str(file), file.stem]) == 0
         err = capsys.readouterr().err
         assert why in err

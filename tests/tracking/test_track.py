@@ -119,6 +119,15 @@ def test_a_wrong_unit_is_refused_and_named() -> None:
         track(replace(recording, acc=recording.acc - recording.acc[0] + 0.1))
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_an_accelerometer_that_is_off_by_a_fifth_is_to_be_calibrated(sign: float) -> None:
+    recording = pour().recording
+    with pytest.raises(TrackingError, match=r"; if the unit is right, .* pbd calibrate sensor, and give that --calibr"):
+        track(replace(recording, acc=(1.0 + 0.2 * sign) * recording.acc))
+    with pytest.raises(RecordingError, match="check the unit of the columns ax, ay, az"):
+        track(replace(recording, acc=(1.0 + 0.4 * sign) * recording.acc))
+
+
 def test_time_running_backwards_is_refused() -> None:
     recording = pour().recording
     t = recording.t.copy()
