@@ -17,6 +17,9 @@ from pbd.sensors.decoding import Decoder, Sample
 from pbd.sensors.probe import describe_bytes
 from pbd.timestamps import SampleClock
 
+MOST_BACKWARDS = 0.05
+"""Largest share of steps at which a device's time may run backwards: a reset is rare, and few digits are corrupted."""
+
 
 def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None = None) -> Demonstration:
     """Decode a raw.bin, or a text of lines.
@@ -56,6 +59,9 @@ def _sample_times(
 ) -> tuple[list[Sample], Array, str]:
     """Return the samples that have a time, their times (n,) s, and the clock's description."""
     steps = np.diff([np.nan if sample.t_device is None else sample.t_device for sample in samples])
+    if (backwards := int((steps < 0.0).sum())) > MOST_BACKWARDS * len(steps):
+        what = f"the device's time runs backwards at {backwards} of {len(samples)} samples, so it is no time"
+        raise RecordingError.at(path, f"{what}; of lines, call another column t, or none (then add --rate HZ)")
     if has_clock := bool((steps > 0.0).any()):
         clock = SampleClock[Sample](float(np.median(steps[steps > 0.0])))
         timed = [taken for sample in samples for taken in clock.take(sample, sample.t_device, 0.0)]
