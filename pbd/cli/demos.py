@@ -56,7 +56,7 @@ def _row(demo: Demonstration, folder: Path, default: str) -> dict[str, Any]:
         "folder": str(folder),
         "created": info.created,
         "sensor": info.sensor,
-        "rate_hz": recording.info.rate_hz or recording.rate_hz,
+        "rate_hz": info.rate_hz or recording.rate_hz,
         "duration_s": float(recording.t[-1] - recording.t[0]),
         "edited": demo.keyframes is not None,
         "takes": len(demo.takes),
