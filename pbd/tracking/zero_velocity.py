@@ -38,6 +38,10 @@ LULL_SHARE, LULL_S = 0.01, 1.0
 below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after: acceleration and rate are a tenth of
 the move's. (Below 10^-2.6, stances are missed; above 10^-1.4, a fast hand that turns back seems to rest.)"""
 
+HELD_ACC, HELD_GYR = 0.2, 0.05
+"""Largest rms of a hand in the air, m/s2 and rad/s: it trembles at 7 Hz by up to 0.03 g, about a wrist 0.1 m away (Wade
+et al., Arch Neurol 39:358, 1982: 0.01 g is usual, and 0.035 g the most of 97 people)."""
+
 SHORTEST_MOVE_S = 0.1
 """s: a shorter motion between two stops is a jolt and joins them."""
 
@@ -69,12 +73,17 @@ def find_candidates(
     n = len(t) - len(shake) + 1
     limits = quiet_limits(rest)
     quiet = (shake < limits[0]) & (turn < limits[1])
+    held = (shake < HELD_ACC**2) & (turn < HELD_GYR**2)
     calm = (energy < LULL_SHARE * _move_energy(energy, n, dt) for energy in (shake, turn))
     lull = quiet | np.logical_and(*calm)
     for before, after in gaps:  # interpolated data show no rest; `refuse_gaps` handles a gap at an end
         if before == 0 or after == len(t) - 1:
             continue
-        quiet[max(before + 2 - n, 0) : after] = lull[max(before + 2 - n, 0) : after] = False
+        for flags in (quiet, held, lull):
+            flags[max(before + 2 - n, 0) : after] = False
+    for start, stop in runs(held):
+        if _trembles(int(np.count_nonzero(quiet[start:stop])), stop - start, 2 * n):
+            quiet[start:stop] = True
     restless = shake / limits[0] + turn / limits[1]
     for start, stop in runs(lull):
         if not quiet[max(start - 2 * n, 0) : stop + 2 * n].any():  # not the edge of a rest
@@ -82,6 +91,34 @@ def find_candidates(
     # A sample is still if any window that contains it is quiet.
     still = window_maxima(np.pad(quiet, n - 1), n)
     return _merge_close(t, runs(still), gaps)
+
+
+def _trembles(quiet: int, held: int, least: int) -> bool:
+    """Whether a hand that is held for so many windows, of which some are quiet, trembles.
+
+    In fewer than `least` windows it turns back in a move. Where most are quiet, the others are the ends of moves.
+    """
+    return held >= least and 2 * quiet < held
+
+
+class QuietWindows:
+    """Whether windows are quiet that come one after the other, as `find_candidates` judges those of a recording.
+
+    Args:
+        rest: its energies set the thresholds.
+        least: number of windows in which a hand must be held still to be one that trembles.
+    """
+
+    def __init__(self, rest: Rest, least: int) -> None:
+        self._limits, self._least = quiet_limits(rest), least
+        self._quiet = self._held = 0  # windows since the hand is held
+
+    def take(self, shake: float, turn: float) -> bool:
+        """Take the next window's `energies`."""
+        quiet = shake < self._limits[0] and turn < self._limits[1]
+        held = shake < HELD_ACC**2 and turn < HELD_GYR**2
+        self._quiet, self._held = held * (self._quiet + quiet), held * (self._held + 1)
+        return quiet or _trembles(self._quiet, self._held, self._least)
 
 
 def _move_energy(energy: Array, n: int, dt: float) -> Array:

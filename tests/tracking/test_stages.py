@@ -109,7 +109,7 @@ def test_in_a_lull_the_calmest_window_is_a_stop() -> None:
     rest = find_rest(Recording(t, np.array((0.0, 0.0, GRAVITY)) + 1e-3 * np.sin(t)[:, None], np.zeros((300, 3))))
     limits = quiet_limits(rest)
     energy = np.full(300 - window + 1, 1e4)
-    energy[140:180] = 2.0 + np.abs(np.arange(140, 180) - 173)
+    energy[140:180] = 10.0 + np.abs(np.arange(140, 180) - 173)
     assert find_candidates(t, 0.01, limits[0] * energy, limits[1] * energy, rest) == [(173, 173 + window)]
 
 

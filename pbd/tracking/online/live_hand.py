@@ -21,7 +21,7 @@ from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
 from pbd.tracking.smoother.preintegration import GYR_BIAS, integral_of_means
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, energies, quiet_limits, speed_by_energies
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, QuietWindows, energies, speed_by_energies
 
 CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_NO_GYRO_S = 0.2, 2.0, 0.6
 """s: time at rest before a stop is announced, if it is clear; doubtful (longer than half of a hand's slowest move);
@@ -101,7 +101,8 @@ class LiveHand:
 
     def use_rest(self, rest: Rest, noise: Noise) -> None:
         """Take thresholds and noise from this rest."""
-        self.rest, self._noise, self._limits = rest, noise, quiet_limits(rest)
+        self.rest, self._noise = rest, noise
+        self._quiet = QuietWindows(rest, round(2 * self._n / self._strapdown.block))
         if not self._no_gyro:
             self._strapdown.noise = noise
         for each in self._filters():
@@ -142,7 +143,7 @@ class LiveHand:
             # The tremor's velocity is the residual of a straight line through the velocity in the window.
             t = np.array([sample.t for sample, _, _ in self._window])[-self._n :]
             self._shaking = deviation_from_line(t, integral_of_means(t, force[-self._n :]))
-        return bool(shake < self._limits[0] and turn < self._limits[1]) and len(force) == self._window.maxlen
+        return self._quiet.take(shake, turn) and len(force) == self._window.maxlen
 
     def _filters(self) -> list[OnlineFilter]:
         """The filter, and the one under test if there is one."""
