@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import zipfile
 from collections.abc import Mapping
@@ -231,6 +232,29 @@ def test_a_gyro_that_is_not_phyphox_s_is_not_dropped(tmp_path: Path) -> None:
 def test_phyphox_without_gravity_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"'Acceleration x .* is needed"):
         read(phyphox(tmp_path / "p", linear=True))
+
+
+def test_an_iphones_simple_experiment_names_only_the_axes(tmp_path: Path) -> None:
+    place = phyphox(tmp_path / "p")
+    for file in place.glob("*.csv"):
+        names = r'"(?:Acceleration|Gyroscope|Magnetic field) ([xyz])'
+        text = re.sub(names, lambda axis: f'"{axis[1].upper()}', file.read_text(encoding="utf-8"))
+        file.write_text(text, encoding="utf-8")
+    for each in (place, packed(place), place / "Accelerometer.csv"):
+        got = read(each)
+        assert got.gyr is not None
+        assert got.mag is not None
+        assert_allclose(got.acc, UP[:-1], atol=1e-8)
+        assert_allclose(got.gyr, TURN[:-1], atol=1e-8)
+    for name in ("Gyroscope", "Magnetometer"):
+        (place / f"{name}.csv").unlink()
+    linear = (place / "Accelerometer.csv").rename(place / "Linear Accelerometer.csv")
+    for each in (place, linear):
+        with pytest.raises(RecordingError, match="Linear Acceleration is without gravity"):
+            read(each)
+    unknown = linear.rename(place / "monday.csv")
+    with pytest.raises(RecordingError, match="no column for ax"):
+        read(unknown)
 
 
 def test_a_truncated_zip_and_a_zip_bomb_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

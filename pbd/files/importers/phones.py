@@ -4,10 +4,12 @@ They have a file for each sensor. Specific force, +g up, comes from
 - TotalAcceleration.csv of Sensor Logger on Android. Accelerometer.csv is without gravity on both systems.
 - Accelerometer.csv + Gravity.csv of Sensor Logger on iOS, both with reversed sign; or AccelerometerUncalibrated.csv, in
   g and reversed too. With "Standardise Units & Frames" (`standardisation` in Metadata.csv) all is as on Android.
-- "Acceleration x (m/s^2)" of phyphox. "Linear Acceleration x (m/s^2)" is without gravity.
+- "Acceleration x (m/s^2)" of phyphox, "X (m/s^2)" in Accelerometer.csv of an iPhone's simple experiment. "Linear
+  Acceleration x (m/s^2)" is without gravity.
 
 Sources: Sensor Logger's documentation (github.com/tszheichoi/awesome-sensor-logger: UNITS.md, COORDINATES.md,
-CROSSPLATFORM.md); phyphox' DataExport.java and its documentation (github.com/phyphox).
+CROSSPLATFORM.md); phyphox' DataExport.java, SimpleExperimentSerializer.swift and documentation
+(github.com/phyphox).
 """
 
 from __future__ import annotations
@@ -47,7 +49,13 @@ PHYPHOX_UNITS = {"gyr": "rad/s", "acc": "m/s2", "mag": "uT"}
 PHYPHOX_TIME = "Time (s)"
 LOGGER = "Sensor Logger"
 
-PHYPHOX_FILES = ("Accelerometer", "Acceleration", "Gyroscope", "Magnetometer", "Magnetic field")
+PHYPHOX_IOS = {
+    **{"Accelerometer": "acceleration", "Linear Accelerometer": "linear acceleration"},
+    **{"Gyroscope": "gyroscope", "Magnetometer": "magnetic field"},
+}
+"""Sets of an iPhone's simple experiments, whose columns are only called `X (m/s^2)` -> what Android calls them."""
+
+PHYPHOX_FILES = (*PHYPHOX_IOS, "Acceleration", "Magnetic field")
 """Sets that phyphox' experiments, and ours, export beside one another."""
 
 LARGEST_FILE = LARGE // 4
@@ -120,7 +128,8 @@ def _files_in_folder(path: Path) -> Files:
         with path.open("rb") as file:
             header = file.readline(1000).decode("utf-8", "replace")
         logger = path.stem in LOGGER_FILES and set(header.strip().split(",")) >= {*LOGGER_COLUMNS}
-        if not logger and not _phyphox_quantities([cell.strip().strip('"') for cell in re.split(r"[,;\t]", header)]):
+        cells = [cell.strip().strip('"') for cell in re.split(r"[,;\t]", header)]
+        if not logger and not _phyphox_quantities(cells, path.stem):
             return {}
         family = (*LOGGER_FILES, METADATA) if logger else PHYPHOX_FILES
         family = (path.stem, PHYPHOX_MOMENTS, *(family if path.stem in family else ()))
@@ -198,11 +207,12 @@ def _read_sensor_logger(
     return recording, Understood(tuple(columns), unread, f"{LOGGER} (a phone)")
 
 
-def _phyphox_quantities(header: Sequence[str]) -> dict[str, list[str]]:
-    """Return the three columns of each quantity in a header of phyphox; none if another column looks inertial."""
+def _phyphox_quantities(header: Sequence[str], file: str) -> dict[str, list[str]]:
+    """Return the three columns of each quantity in a file of phyphox; none if another column looks inertial."""
     found: dict[str, list[str]] = {}
+    full = {name: re.sub(r"^(?=[XYZ] )", f"{PHYPHOX_IOS.get(file, '')} ", name).lower() for name in header}
     for kind, pattern in PHYPHOX_QUANTITIES.items():
-        axes = {match[1]: name for name in header if (match := re.fullmatch(pattern, name.lower()))}
+        axes = {match[1]: name for name in header if (match := re.fullmatch(pattern, full[name]))}
         if set(axes) == set("xyz"):
             found[kind] = [axes[axis] for axis in "xyz"]
     known = {PHYPHOX_TIME, *(name for axes in found.values() for name in axes)}
@@ -224,7 +234,7 @@ def _read_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[
         except RecordingError:
             continue  # another file of the experiment, which is empty or has few columns
         used: set[str] = set()
-        for kind, axes in _phyphox_quantities(sheet.header).items():
+        for kind, axes in _phyphox_quantities(sheet.header, name).items():
             used |= {*axes, PHYPHOX_TIME}
             if kind in streams:
                 if path.is_file() and path.suffix.lower() == ".csv":
