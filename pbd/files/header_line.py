@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import shlex
 from collections.abc import Sequence
@@ -17,6 +18,9 @@ FEWEST_CELLS = 4
 
 NUMBER_START = "0123456789-+."
 """First characters of a number."""
+
+WIDEST_ROW = 30
+"""Largest number of cells in a row of one sample: time, three sensors, attitude, place, and as many again."""
 
 FIRST_ROWS = 20
 """Number of rows by which a first column without a name is taken for the time."""
@@ -43,8 +47,12 @@ def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
 
 
 def delimiter_of(line: str) -> str:
-    """Return the delimiter that occurs most often in a line."""
-    return max(",;\t", key=line.count)
+    """Return the delimiter that occurs most often in a line, outside of quotes.
+
+    Between tabs or semicolons, a comma is a decimal mark, or stands before a unit.
+    """
+    bare = re.sub(r'"[^"]*"', "", line)
+    return next((mark for mark in ";\t" if bare.count(mark) >= FEWEST_CELLS - 1), max(",;\t", key=bare.count))
 
 
 def _words(line: str) -> list[str]:
@@ -98,9 +106,7 @@ def without_cut_row(path: Path, body: str, cells: int, delimiter: str) -> str:
 
 
 def _is_row(line: str) -> bool:
-    # Between other delimiters, a comma is a decimal mark.
-    delimiter = next((mark for mark in ";\t" if line.count(mark) >= FEWEST_CELLS - 1), ",")
-    cells = [cell for cell in map(str.strip, line.split(delimiter)) if cell.lower() not in NO_NUMBER]
+    cells = [cell for cell in map(str.strip, line.split(delimiter_of(line))) if cell.lower() not in NO_NUMBER]
     numbers = sum(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?|nan", cell) is not None for cell in cells)
     return numbers >= FEWEST_CELLS - 1 and 2 * numbers >= len(cells)
 
@@ -122,6 +128,20 @@ def with_line_below(header: Sequence[str], below: Sequence[str]) -> list[str]:
     return names
 
 
+def cells_of(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line of a header, of which a quoted one may contain the delimiter.
+
+    Axes that follow `Gyro: x` as bare `y` and `z` get its words.
+    """
+    cells = next(csv.reader([line], delimiter=delimiter))
+    cells = [cell.strip().strip('"') for cell in (cells if len(cells) > 1 else line.split(delimiter))]
+    for k, cell in enumerate(cells[1:], 1):
+        axis = re.fullmatch(r"(.*\w(?:[\W_]+|(?<=[a-z])(?=[XY])))([xyXY])", cells[k - 1])
+        if axis and cell.lower() == {"x": "y", "y": "z"}[axis[2].lower()]:
+            cells[k] = axis[1] + cell
+    return cells
+
+
 def without_names(path: Path, header: Sequence[str], text: str, above: int) -> str:
     """Say what to do about a header of numbers; "" if it has names. It is a line of the text, `above` lines down."""
     if not re.fullmatch(r"[-+.,;\deE\s]+", "".join("0" if is_stamp(cell) else cell for cell in header)):
@@ -129,6 +149,10 @@ def without_names(path: Path, header: Sequence[str], text: str, above: int) -> s
     what = "numbers where the column names should be; add a line with the names above them, "
     if len(header) < len(ACC) or any(map(is_stamp, header)):  # the times of --sensor lines are numbers
         return what + "as t,ax,ay,az,gx,gy,gz"
+    if len(header) > WIDEST_ROW:
+        return (
+            f"{what}as t,ax,ay,az,gx,gy,gz; if its {len(header)} columns are several samples, write each in its own row"
+        )
     rows = text.split("\n", above + FIRST_ROWS)[above : above + FIRST_ROWS]
     return f"{what}or give the right names: {_import_command(path, rows)}"
 

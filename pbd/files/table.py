@@ -15,6 +15,7 @@ import numpy as np
 
 from pbd.errors import PbdError, RecordingError, listed, printable
 from pbd.files.header_line import (
+    cells_of,
     delimiter_of,
     find_header,
     with_delimiters,
@@ -265,9 +266,9 @@ def open_sheet(
     if not body.strip():
         raise error.at(path, "a header but no rows; record again")
     delimiter = delimiter_of(first)
-    header = [name.strip().strip('"') for name in first.split(delimiter)]
+    header = cells_of(first, delimiter)
     for line in lines[above + 1 : above + 1 + skipped]:
-        header = with_line_below(header, [cell.strip().strip('"') for cell in line.split(delimiter)])
+        header = with_line_below(header, cells_of(line, delimiter))
     if foreign and (what := without_names(path, header, in_file, above)):
         raise error.at(path, what, above + 1)
     if not header[-1]:

@@ -536,7 +536,7 @@ def test_sensors_with_times_of_their_own_in_one_row_are_joined(tmp_path: Path, c
     assert_allclose(recording.acc[:, 0], t, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["id", "sensor_id", "MAC", "imu", "node"])
+@pytest.mark.parametrize("name", ["id", "sensor_id", "MAC", "imu", "node", "mpu_address", "i2c_addr", "frame_id"])
 def test_rows_of_two_devices_are_refused(tmp_path: Path, name: str) -> None:
     text = rows_of([0, 0, 1, 1], ["a", "b", "a", "b"], *[[1, 9, 1, 9]] * 3)
     with pytest.raises(RecordingError, match=f"rows of 2 devices .a, b. in the column '{name}'"):
@@ -588,3 +588,47 @@ def test_a_lost_line_moves_no_later_sample(tmp_path: Path) -> None:
     assert_allclose(read.acc[:, 0], GRAVITY * np.arange(9))
     assert read.gyr is not None
     assert_allclose(read.gyr[:, 2], 9 * DEG)
+
+
+ROS1_HEADER = 'header: \n  seq: {k}\n  stamp: \n    secs: 222\n    nsecs: {ns:>9}\n  frame_id: "imu_link"\n'
+ROS2_HEADER = "header:\n  stamp:\n    sec: 222\n    nanosec: {ns}\n  frame_id: imu_link\n"
+ROS1_COVARIANCE = "{name}_covariance: [0.0, 0.0, 0.0]\n"
+ROS2_COVARIANCE = "{name}_covariance:\n- 0.0\n- 0.0\n"
+
+
+def echoed(k: int, header: str, covariance: str) -> str:
+    """A message as ROS's `topic echo` prints it."""
+    vectors = (
+        ("orientation", "  x: 0.0\n  y: 0.0\n  z: 0.0\n  w: 1.0\n"),
+        ("angular_velocity", f"  x: {k}.5\n  y: 2e-07\n  z: -3.0\n"),
+        ("linear_acceleration", f"  x: 0.{k}\n  y: 0.0\n  z: 9.8\n"),
+    )
+    text = "".join(f"{name}:\n{axes}{covariance.format(name=name)}" for name, axes in vectors)
+    return f"{header.format(k=k, ns=k * 50_000_000)}{text}---\n"
+
+
+@pytest.mark.parametrize(
+    ("header", "covariance"), [(ROS1_HEADER, ROS1_COVARIANCE), (ROS2_HEADER, ROS2_COVARIANCE), ("", ROS2_COVARIANCE)]
+)
+def test_messages_that_ros_printed(tmp_path: Path, header: str, covariance: str) -> None:
+    text = "".join(echoed(k, header, covariance) for k in range(5))
+    text += text[: len(text) // 5 - 30]  # the last message is cut off
+    read = imported(tmp_path, text, None if header else 20.0, "imu.txt")
+    recording = read.demo.recording
+    assert_allclose(recording.t, 0.05 * np.arange(5), atol=1e-9)
+    assert_allclose(recording.acc, [(0.1 * k, 0.0, 9.8) for k in range(5)])
+    assert recording.gyr is not None
+    assert_allclose(recording.gyr, [(k + 0.5, 2e-7, -3.0) for k in range(5)])
+    assert read.understood.unread["orientation_x"]
+
+
+def test_a_cut_message_of_ros_moves_no_other(tmp_path: Path) -> None:
+    messages = [echoed(k, "", ROS1_COVARIANCE) for k in range(5)]
+    messages[2] = messages[2].replace("  x: 0.2\n", "")
+    read = imported(tmp_path, "".join(messages), 20.0, "imu.log").demo.recording
+    assert_allclose(read.acc[:, 0], [0.0, 0.1, np.nan, 0.3, 0.4])
+
+
+def test_keys_above_a_table_are_no_messages_of_ros(tmp_path: Path) -> None:
+    above = "device: x\nrate: 100\nmode: 1\n---\n"
+    assert len(imported(tmp_path, f"{above}t,ax,ay,az\n0,1,2,3\n1,2,3,4\n").demo.recording) == 2

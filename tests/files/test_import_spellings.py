@@ -15,6 +15,7 @@ from pbd.data import Recording
 from pbd.data.units import unit_factor
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files.importers import import_recording
+from pbd.files.importers.header_names import is_time, our_name, why_never_read
 from pbd.tracking.repair.clock import with_clock
 
 DEG = np.pi / 180.0
@@ -294,3 +295,51 @@ def test_dates_as_c_and_python_write_them(tmp_path: Path) -> None:
 def test_the_command_for_a_table_without_a_header_fits_its_rows(tmp_path: Path, rows: list[str], asked: str) -> None:
     with pytest.raises(RecordingError, match=rf"--sensor lines --columns {re.escape(asked)}$"):
         read(tmp_path, "\n".join(rows) + "\n")
+
+
+def test_cells_in_quotes_may_contain_other_delimiters(tmp_path: Path) -> None:
+    names = ("Time,s", "Accel X,m/s2", "Accel Y,m/s2", "Accel Z,m/s2", "Gyro X,rad/s", "Gyro Y,rad/s", "Gyro Z,rad/s")
+    for delimiter in ("\t", ";", ","):
+        header = delimiter.join(f'"{name}"' for name in names)
+        assert_read(read(tmp_path, table(f"{header}", delimiter=delimiter)))
+
+
+def test_a_unit_after_a_comma(tmp_path: Path) -> None:
+    header = "t, ms;ax, m/s2;ay, m/s2;az, m/s2;gx, deg/s;gy, deg/s;gz, deg/s"
+    got = read(tmp_path, table(header, (0, 10), ";"))
+    assert got.gyr is not None
+    assert_allclose((got.t[-1], *got.acc[0]), (0.01, *ACC))
+    assert_allclose(got.gyr[0], DEG * np.array(GYR))
+
+
+@pytest.mark.parametrize("header", ["time,Accel: x,y,z,AngVel: x,y,z", "t,acc_x,y,z,gyro_x,y,z", "t,accX,Y,Z,gyrX,Y,Z"])
+def test_axes_after_the_first_may_leave_out_their_quantity(tmp_path: Path, header: str) -> None:
+    assert_read(read(tmp_path, table(header)))
+
+
+def test_angular_accelerations_quaternions_and_statistics_are_no_readings(tmp_path: Path) -> None:
+    for name in ("AngAccel: x", "angular_acceleration_x", "bias_gyro_x", "mean_acc_x", "ref_gyro_x", "gps_acc_x"):
+        assert our_name(name) is None
+        assert why_never_read(name)
+    header = "t,rot_x,rot_y,rot_z,rot_w,acc_x,acc_y,acc_z"
+    (tmp_path / "run.csv").write_text(f"{header}\n0,0,0,0,1,0,0,9.8\n1,0,0,0,1,0,0,9.8\n")
+    understood = import_recording(tmp_path / "run.csv").understood
+    assert not understood.of("gyr")
+    assert understood.unread["rot_x"] == "a quaternion"
+
+
+@pytest.mark.parametrize("name", ["T(°)", "T (°C)", "t [K]", "T (degC)", "T(celsius)"])
+def test_a_temperature_is_no_time(name: str) -> None:
+    assert not is_time(name)
+    assert is_time("T (s)")
+
+
+def test_rows_of_many_samples_are_refused(tmp_path: Path) -> None:
+    names = [f"{axis}{k}" for k in range(25) for axis in AXES]
+    for header, say in (
+        (f"{','.join(names)},label\n", r"has 25 accelerometers or samples \(ax0, ax1, ax2, ...\); write one sample"),
+        ("", "if its 151 columns are several samples, write each in its own row"),
+    ):
+        (tmp_path / "run.csv").write_text(header + 2 * f"{','.join('1' for _ in names)},0\n")
+        with pytest.raises(RecordingError, match=say):
+            import_recording(tmp_path / "run.csv", rate_hz=100.0)

@@ -186,13 +186,14 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
         UsageError: the caller names an unknown channel or unit.
         RecordingError: a column or its unit is unknown, or a column that looks inertial is not understood.
     """
-    for channel in units:
-        if channel not in UNITS:
-            raise UsageError(f"no unit can be given for '{channel}'; give it for {', '.join(UNITS)}", value=channel)
+    if channel := next((channel for channel in units if channel not in UNITS), ""):
+        raise UsageError(f"no unit can be given for '{channel}'; give it for {', '.join(UNITS)}", value=channel)
     path, header = sheet.path, sheet.header
     words = {plain(name) for name in header}
     program = next((p for p in PROGRAMS if p.header <= words and re.search(p.preamble, sheet.preamble)), None)
-    found = {ours: (name, 1.0, "its name") for ours, name in _by_name(header).items()}
+    stems = {word[:-1] for word in words if word.endswith("_w")}  # x, y, z beside a w are a quaternion
+    named = [name for name in header if plain(name)[:-1] not in stems]
+    found = {ours: (name, 1.0, "its name") for ours, name in _by_name(named).items()}
     for ours, name in columns.items():
         if ours not in CHANNEL_OF:
             raise UsageError(f"unknown channel '{ours}'; choose one of {', '.join(CHANNEL_OF)}", value=ours)
@@ -210,10 +211,10 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
     for ours, (name, sign, by) in sorted(found.items(), key=lambda each: header.index(each[1][0])):
         unit_sign, unit, unit_by = _unit(path, name, ours, units, beside, program)
         read.append(Column(name, ours, sign * unit_sign, unit, by, unit_by))
-    used = {column.name for column in read}
-    unread = {name: why_not_read(name, found) for name in header if name and name not in used}
-    _refuse_not_understood(path, unread)
-    return Understood(tuple(read), unread, program.title if program else "")
+    used = {"", *(column.name for column in read)}
+    why = {name: why_not_read(name, found) if name in named else "a quaternion" for name in header if name not in used}
+    _refuse_not_understood(path, why)
+    return Understood(tuple(read), why, program.title if program else "")
 
 
 def _by_name(header: Sequence[str]) -> dict[str, str]:
@@ -289,8 +290,7 @@ def _refuse_not_understood(path: Path, unread: Mapping[str, str]) -> None:
     for letter in "gam":
         alike = [name for name, why in unread.items() if not why and looks_inertial(name) == letter]
         if alike:
-            one = len(alike) == 1
-            look, are, them = ("looks", "is", "it") if one else ("look", "are", "them")
+            look, are, them = ("looks", "is", "it") if len(alike) == 1 else ("look", "are", "them")
             column = f"--column {letter}x={shlex.quote(printable(alike[0]))}"
             raise RecordingError.at(
                 path,

@@ -25,6 +25,7 @@ from pbd.files.importers.header_names import (
     is_time,
     is_time_step,
     nanoseconds_of,
+    our_name,
     own_times_of,
     plain,
     split_unit,
@@ -37,9 +38,9 @@ from pbd.pose import Array
 
 DEVICE_NAMES = re.compile(
     r"(?:device|sensor|imu|node|board|tracker)(?:_?(?:id|name|tag|mac|address|serial|nr|no|number))?"
-    r"|id|mac(?:_?address)?|address|设备名称|i|instance(?:_?id)?"
+    r"|id|mac|(?:\w+_|mac)?addr(?:ess)?|(?:\w+_)?frame_id|设备名称|i|instance(?:_?id)?"
 )
-"""Names of columns that tell devices apart. `I` is ArduPilot's number of an IMU."""
+"""Names of columns that tell devices apart, as `mpu_address`. `I` is ArduPilot's number of an IMU."""
 COUNTER_SIZES, LONGEST_COUNT = (2.0**16, 2.0**32), 3.0
 """Numbers of values of a device's counter, and its longest step, as a multiple of the usual one, when it wraps."""
 
@@ -267,6 +268,10 @@ def _values(table: Table, columns: list[Column]) -> Array:
 
 
 def _refuse_several_devices(sheet: Sheet) -> None:
+    names = [name for name in sheet.header if (ours := our_name(name)) and ours[0] == "ax"]
+    if len(names) > MOST_DEVICES:
+        what = f"a row has {len(names)} accelerometers or samples ({listed(names[:3])}, ...)"
+        raise RecordingError.at(sheet.path, f"{what}; write one sample of one sensor in a row", value=len(names))
     for name in sheet.header:
         if DEVICE_NAMES.fullmatch(plain(name)) and 1 < len(devices := set(sheet.words(name)) - {""}) <= MOST_DEVICES:
             what = f"the rows of {len(devices)} devices ({listed(sorted(devices)[:3])}) in the column '{name}'"

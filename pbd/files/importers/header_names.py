@@ -15,7 +15,7 @@ from pbd.data.units import unit_factor
 from pbd.files.imu_columns import DEVICE
 
 _WORDS = {
-    "g": r"(?P<before>.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|angular_?velocity|angular_?rate)|"
+    "g": r"(?P<before>.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|ang(?:ular)?_?(?:vel(?:ocity)?|rate))|"
     r"g|w|omega|as|rotation|rot|ω|角速度|drehrate|winkelgeschwindigkeit|gyroskop",
     "a": r"(?P<before>.*_)?(?:accl?|accel(?:eration|erometer)?|specific_?force)|a|g_?f|加速度|beschl(?:eunigung)?",
     "m": r"(?P<before>.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|b|h|磁场|magnetfeld",
@@ -52,12 +52,20 @@ _TIME_STEP = r"d_?t|delta_?t(?:ime)?|time_?(?:delta|diff(?:erence)?|step)|(?:sam
 TIME_UNITS = r"_((?:n|u|m|nano|micro|milli)?s(?:ecs?|econds?)?|min)$"
 """A unit of time at the end of a name, as in `timestamp_us`."""
 
+_TEMPERATURES = r"[°º℃℉]\s?[cfk]?|deg\w*[\s_]?[cfk]?|[cfk]|celsius|kelvin"
+"""Units of temperatures, in lower case."""
+
+_COMPUTED = "about the sensor, or computed from its readings"
+
 _NEVER_READ = (
     (
         r"(?:.*_)?(?:user|free|cal_free|earth|world|global|lin)_?acc\w*|linear\w*_beschleunigung|(?:.*_)?gravity",
         "gravity, or gravity removed",
     ),
     (r"(?:.*_)?(?:raw|uncal\w*)(?:_.*)?", "raw counts"),
+    (r"(?:.*_)?ang(?:ular)?_?acc\w*", "an angular acceleration"),
+    (r"(?:.*_)?(?:bias|offset|std|var|cov|sigma|rms|mean|avg|max|min|noise|err|error|delta)_.*", _COMPUTED),
+    (r"(?:.*_)?(?:ref|cmd|target|desired|pred|predicted|prev|gps|gnss)_.*", "no reading of the sensor"),
     (
         r"(?:.*_)?(?:quat|orientation|euler|rotation_vector).*|(?:q|roll|pitch|yaw|mat)(?!.*rate).*",
         "an attitude that isn't used",
@@ -87,16 +95,17 @@ _INERTIAL = {
 def plain(name: str) -> str:
     """Normalise a name without its unit: `Gyroscope X (deg/s)` is `gyroscope_x`, `rotationRateX` `rotation_rate_x`."""
     words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", split_unit(name)[0])
-    return re.sub(r"[\s.\-/:_%]+", "_", words.lower()).strip("_")
+    return re.sub(r"[\s.,\-/:_%]+", "_", words.lower()).strip("_")
 
 
 def split_unit(name: str) -> tuple[str, str]:
     """Split off the unit, "" if there is none: `Gyroscope X (deg/s)` -> `Gyroscope X`, `deg/s`.
 
-    It may follow ` / `, ` in ` or an axis too (`accel_x_mps2`). An index is an axis: `gyro_rad[0]` -> `gyro_rad_x`.
+    It may follow ` / `, ` in `, a comma or an axis too (`accel_x_mps2`). An index is an axis: `gyro_rad[0]` ->
+    `gyro_rad_x`.
     """
     name = re.sub(r"\[([012])\]$", lambda index: "_" + "xyz"[int(index[1])], name.strip())
-    if separated := re.fullmatch(r"(.*\w) (?:/|in) (\S+)", name):
+    if separated := re.fullmatch(r"(.*\w)(?: (?:/|in) |, ?)(?![xyzXYZ]$)(\S*)", name):
         return separated[1], separated[2]
     opening = max(name.rfind(" ("), name.rfind("[")) if name.endswith("))") else max(name.rfind("("), name.rfind("["))
     if opening < 0 or not name.endswith((")", "]")):
@@ -107,7 +116,9 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def is_time(name: str) -> bool:
-    """Whether a column contains times: of the rows, or the accelerometer's own."""
+    """Whether a column contains times: of the rows, or the accelerometer's own. `T (°C)` is a temperature."""
+    if re.fullmatch(_TEMPERATURES, split_unit(name)[1].lower()):
+        return False
     word = plain(name)
     words = (word, re.sub(TIME_UNITS, "", word))
     return any(re.fullmatch(f"{_TIME}|{_DEVICE_TIME}", each) for each in words) or own_times_of(name) == "a"
@@ -176,4 +187,4 @@ def why_never_read(name: str) -> str:
     word = plain(name)
     of_axes = re.sub(r"_?([xyz]|\d)(_cal)?$", "", word)
     known = next((why for pattern, why in _NEVER_READ if re.fullmatch(pattern, of_axes)), "")
-    return known or ("about the sensor, or computed from its readings" if re.fullmatch(_DERIVED, word) else "")
+    return known or (_COMPUTED if re.fullmatch(_DERIVED, word) else "")

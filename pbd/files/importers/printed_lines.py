@@ -1,6 +1,6 @@
-"""Lines with names beside the numbers, as an Arduino sketch prints them and a serial monitor or `cat` saves them.
+"""Names beside the numbers: lines that an Arduino sketch prints, and messages that ROS's `topic echo` prints.
 
-They have no header. Examples:
+They have no header. A serial monitor or `cat` saves a sketch's lines. Examples:
 
     AccelX:0.12,AccelY:-0.33,AccelZ:9.83                 Adafruit_MPU6050, examples/plotter
     Acceleration X: 0.12, Y: -0.33, Z: 9.83 m/s^2        Adafruit_MPU6050, examples/basic_readings
@@ -9,7 +9,10 @@ They have no header. Examples:
     AX:0.12 AY:-0.33 AZ:0.98
     12:34:56.789 -> ax: 0.12 ...                         with the times of Arduino's serial monitor
 
-A new sample begins when a name is repeated.
+A new sample begins when a name is repeated. `rostopic echo` and `ros2 topic echo` print YAML, with --- after a message:
+
+    angular_velocity:
+      x: 0.01
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ _UNIT = r"(m/s\^?2|rad/s|deg/s|dps|uT|mg|g)(?![\w/])"
 _PAIR = re.compile(
     rf"([A-Za-z][\w ./()-]{{0,40}}?)\x22?\s{{0,9}}[:=]\s{{0,9}}({_NUMBER})?(?![\d:])(?:\s{{0,9}}{_UNIT})?"
 )
+_KEY = re.compile(r"( *)(\w+):(.*)")
 _STAMP = re.compile(r"\s*(\d{1,2}:\d{2}:\d{2}\.\d+)\s*->\s*")
 
 NAMED_LINES = 20
@@ -34,16 +38,24 @@ NAMED_LINES = 20
 LONGEST_LINE = 1000
 """Number of characters that are read of a line."""
 
+_ECHO = re.compile(r"(?m)^(?: *(?:\w+:|- ).*\n)+ +z: .*\n(?: *(?:\w+:|- ).*\n)*---\s*$")
+"""A message of `topic echo`: keys, values and items of lists, among them a vector's z."""
+
+ECHO_START = 10_000
+"""Number of characters in which the first message of `topic echo` must end. One of sensor_msgs/Imu has about 1,000."""
+
 
 def is_printed(text: str) -> bool:
-    """Whether at least a third of the first lines have names beside their numbers."""
+    """Whether at least a third of the first lines have names beside their numbers, or ROS printed the text."""
     lines = [line for line in text.split("\n", NAMED_LINES)[:NAMED_LINES] if line.strip()]
     named = [line for line in lines if len(_pairs(line)) >= 3]
-    return 3 * len(named) >= len(lines) > 0 and bool(named)
+    return (3 * len(named) >= len(lines) > 0 and bool(named)) or _ECHO.search(text[:ECHO_START]) is not None
 
 
 def printed_sheet(path: Path, text: str) -> Sheet:
-    """Convert such lines to a table; RecordingError: no sample has three numbers with names."""
+    """Convert printed lines to a table; RecordingError: no sample has three numbers with names."""
+    if _ECHO.search(text[:ECHO_START]):
+        return _echoed_sheet(path, text)
     samples: list[dict[str, str]] = [{}]
     units: dict[str, str] = {}
     for line in (line[:LONGEST_LINE] for line in text.split("\n")):
@@ -73,6 +85,27 @@ def printed_sheet(path: Path, text: str) -> Sheet:
         raise RecordingError.at(path, what)
     columns = tuple(f"{name} ({units[name]})" if name in units else name for name in header)
     return Sheet(path, columns, "\n".join(rows), ",", 1, foreign=True, preamble="printed lines")
+
+
+def _echoed_sheet(path: Path, text: str) -> Sheet:
+    """Convert ROS's messages to a table, with `angular_velocity_x` for x below angular_velocity."""
+    messages: list[dict[str, str]] = []
+    for message in re.split(r"(?m)^---\s*$", text)[:-1]:  # what follows the last one is cut off
+        keys: list[tuple[int, str]] = []
+        messages.append({})
+        for line in filter(None, map(_KEY.fullmatch, message.split("\n"))):
+            indent, key, value = len(line[1]), line[2], line[3].strip(" '\"\r")
+            keys = [*((depth, above) for depth, above in keys if depth < indent), (indent, key)]
+            if key == "frame_id" or re.fullmatch(_NUMBER, value):
+                messages[-1]["_".join(name for _, name in keys)] = value.replace(",", " ")
+    header = max(messages, key=len)
+    timed = any(map(is_time, header))
+    rows = [
+        ",".join(message.get(name, "") for name in header)
+        for k, message in enumerate(messages)
+        if (k > 0 and not timed) or message.keys() == header.keys()  # without times each sample counts
+    ]
+    return Sheet(path, tuple(header), "\n".join(rows), ",", 1, foreign=True, preamble="ROS's messages")
 
 
 def _pairs(line: str) -> list[tuple[str, str, str]]:
