@@ -167,7 +167,7 @@ class Sheet:
                     rows.append([float(cells[k]) for k in columns])
                     continue
             rows.append([self._number(line, k, cells[k], dated.get(k)) for k in columns])
-        return np.array(rows, dtype=np.float64).reshape(-1, len(columns))
+        return np.array(rows, dtype=np.float64).reshape(len(rows), len(columns))
 
     def _rows(self, text: str, first: int) -> Iterator[tuple[int, list[str]]]:
         """Yield line number and cells of each row that is not empty; `first` is the text's first line number."""

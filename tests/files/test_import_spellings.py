@@ -343,3 +343,15 @@ def test_rows_of_many_samples_are_refused(tmp_path: Path) -> None:
         (tmp_path / "run.csv").write_text(header + 2 * f"{','.join('1' for _ in names)},0\n")
         with pytest.raises(RecordingError, match=say):
             import_recording(tmp_path / "run.csv", rate_hz=100.0)
+
+
+def test_a_header_with_too_few_names_is_told_before_names_are_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("Gyro: x, y, z Accel: x, y, z, time\n" + 3 * "1, 2, 3, 4, 5, 6, 7, 8, 9\n")
+    with pytest.raises(RecordingError, match="9 cells where the header has 6, as in the lines below; name each column"):
+        import_recording(tmp_path / "run.csv")
+
+
+def test_acceleration_that_includes_gravity_is_read_rather_than_that_without(tmp_path: Path) -> None:
+    names = [f"{name}.{axis}" for name in ("acceleration", "accelerationIncludingGravity") for axis in "xyz"]
+    (tmp_path / "run.csv").write_text(f"t,{','.join(names)}\n0,0,0,0,0,0,9.8\n1,0,0,0,0,0,9.8\n")
+    assert_allclose(import_recording(tmp_path / "run.csv").demo.recording.acc[0], (0.0, 0.0, 9.8))

@@ -235,7 +235,7 @@ def _by_name(header: Sequence[str]) -> dict[str, str]:
     device = next((device_of[group] for group in sets.get("acc", ()) if device_of[group] in of_gyro), "")
     found: dict[str, str] = {}
     for groups in sets.values():
-        found |= groups[next((group for group in groups if device_of[group] == device), next(iter(groups)))]
+        found |= groups[min(groups, key=lambda group: (device_of[group] != device, "gravity" not in group))]
     return found
 
 

@@ -47,6 +47,9 @@ COUNTER_SIZES, LONGEST_COUNT = (2.0**16, 2.0**32), 3.0
 OTHERS_ROWS = 0.05
 """Smallest share of rows without accelerometer and gyro that are taken for another sensor's rows, not for losses."""
 
+TOP = 5000
+"""Number of characters of the first rows, whose number of cells is compared with the header's."""
+
 MOST_DEVICES = 20
 """Largest number of devices in a file. A column with more names counts something else."""
 
@@ -72,6 +75,8 @@ def read_csv(
     if rate_hz is not None:
         check_rate(path, rate_hz, "the rate is")
         units = {"t": "s", **units}  # of times that are not read
+    if (top := sheet.body[:TOP].rpartition("\n")[0]) and '"' not in top:
+        replace(sheet, body=top).read(())  # refuses rows that are wider than the header before names are asked for
     _refuse_several_devices(sheet)
     in_steps = "dt" in columns
     columns = {"t" if ours == "dt" else ours: name for ours, name in columns.items()}

@@ -17,7 +17,8 @@ from pbd.files.imu_columns import DEVICE
 _WORDS = {
     "g": r"(?P<before>.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|ang(?:ular)?_?(?:vel(?:ocity)?|rate))|"
     r"g|w|omega|as|rotation|rot|ω|角速度|drehrate|winkelgeschwindigkeit|gyroskop",
-    "a": r"(?P<before>.*_)?(?:accl?|accel(?:eration|erometer)?|specific_?force)|a|g_?f|加速度|beschl(?:eunigung)?",
+    "a": r"(?P<before>.*_)?(?:accl?|accel(?:eration|erometer)?|specific_?force)(?:_(?:including|with)_gravity)?|"
+    r"a|g_?f|加速度|beschl(?:eunigung)?",
     "m": r"(?P<before>.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|b|h|磁场|magnetfeld",
     "angle": r"angle|角度",
 }
@@ -59,7 +60,8 @@ _COMPUTED = "about the sensor, or computed from its readings"
 
 _NEVER_READ = (
     (
-        r"(?:.*_)?(?:user|free|cal_free|earth|world|global|lin)_?acc\w*|linear\w*_beschleunigung|(?:.*_)?gravity",
+        r"(?:.*_)?(?:user|free|cal_free|earth|world|global|lin)_?acc\w*|linear\w*_beschleunigung"
+        r"|(?:.*_)?(?<!including_)(?<!with_)gravity",
         "gravity, or gravity removed",
     ),
     (r"(?:.*_)?(?:raw|uncal\w*)(?:_.*)?", "raw counts"),
