@@ -136,9 +136,9 @@ def cells_of(line: str, delimiter: str) -> list[str]:
     cells = next(csv.reader([line], delimiter=delimiter))
     cells = [cell.strip().strip('"') for cell in (cells if len(cells) > 1 else line.split(delimiter))]
     for k, cell in enumerate(cells[1:], 1):
-        axis = re.fullmatch(r"(.*\w(?:[\W_]+|(?<=[a-z])(?=[XY])))([xyXY])", cells[k - 1])
-        if axis and cell.lower() == {"x": "y", "y": "z"}[axis[2].lower()]:
-            cells[k] = axis[1] + cell
+        axis = re.search(r"(?:\w\W{1,3}|\w_|[a-z](?=[XY]))([xyXY])$", cells[k - 1])
+        if axis and cell.lower() == {"x": "y", "y": "z"}[axis[1].lower()]:
+            cells[k] = cells[k - 1][:-1] + cell
     return cells
 
 

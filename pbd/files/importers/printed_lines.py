@@ -38,9 +38,7 @@ NAMED_LINES = 20
 LONGEST_LINE = 1000
 """Number of characters that are read of a line."""
 
-_ECHO = re.compile(r"(?m)^(?: *(?:\w+:|- ).*\n)+ +z: .*\n(?: *(?:\w+:|- ).*\n)*---\s*$")
-"""A message of `topic echo`: keys, values and items of lists, among them a vector's z."""
-
+_MESSAGE_END = re.compile(r"(?m)^---\s*$")
 ECHO_START = 10_000
 """Number of characters in which the first message of `topic echo` must end. One of sensor_msgs/Imu has about 1,000."""
 
@@ -49,12 +47,12 @@ def is_printed(text: str) -> bool:
     """Whether at least a third of the first lines have names beside their numbers, or ROS printed the text."""
     lines = [line for line in text.split("\n", NAMED_LINES)[:NAMED_LINES] if line.strip()]
     named = [line for line in lines if len(_pairs(line)) >= 3]
-    return (3 * len(named) >= len(lines) > 0 and bool(named)) or _ECHO.search(text[:ECHO_START]) is not None
+    return (3 * len(named) >= len(lines) > 0 and bool(named)) or _is_echoed(text)
 
 
 def printed_sheet(path: Path, text: str) -> Sheet:
     """Convert printed lines to a table; RecordingError: no sample has three numbers with names."""
-    if _ECHO.search(text[:ECHO_START]):
+    if _is_echoed(text):
         return _echoed_sheet(path, text)
     samples: list[dict[str, str]] = [{}]
     units: dict[str, str] = {}
@@ -87,10 +85,17 @@ def printed_sheet(path: Path, text: str) -> Sheet:
     return Sheet(path, columns, "\n".join(rows), ",", 1, foreign=True, preamble="printed lines")
 
 
+def _is_echoed(text: str) -> bool:
+    """Whether ROS's `topic echo` printed the text: keys, values and items of lists, among them a vector's z."""
+    messages = (message.strip() for message in _MESSAGE_END.split(text[:ECHO_START])[:-1])
+    yaml = re.compile(r" *(?:\w+:|- )").match
+    return any("\n  z: " in message and all(map(yaml, message.split("\n"))) for message in messages)
+
+
 def _echoed_sheet(path: Path, text: str) -> Sheet:
     """Convert ROS's messages to a table, with `angular_velocity_x` for x below angular_velocity."""
     messages: list[dict[str, str]] = []
-    for message in re.split(r"(?m)^---\s*$", text)[:-1]:  # what follows the last one is cut off
+    for message in _MESSAGE_END.split(text)[:-1]:  # what follows the last one is cut off
         keys: list[tuple[int, str]] = []
         messages.append({})
         for line in filter(None, map(_KEY.fullmatch, message.split("\n"))):
