@@ -321,6 +321,7 @@ def test_angular_accelerations_quaternions_and_statistics_are_no_readings(tmp_pa
     for name in ("AngAccel: x", "angular_acceleration_x", "bias_gyro_x", "mean_acc_x", "ref_gyro_x", "gps_acc_x"):
         assert our_name(name) is None
         assert why_never_read(name)
+    assert our_name("gnss_imu_acc_x") is not None
     header = "t,rot_x,rot_y,rot_z,rot_w,acc_x,acc_y,acc_z"
     (tmp_path / "run.csv").write_text(f"{header}\n0,0,0,0,1,0,0,9.8\n1,0,0,0,1,0,0,9.8\n")
     understood = import_recording(tmp_path / "run.csv").understood

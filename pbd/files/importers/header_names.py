@@ -67,7 +67,7 @@ _NEVER_READ = (
     (r"(?:.*_)?(?:raw|uncal\w*)(?:_.*)?", "raw counts"),
     (r"(?:.*_)?ang(?:ular)?_?acc\w*", "an angular acceleration"),
     (r"(?:.*_)?(?:bias|offset|std|var|cov|sigma|rms|mean|avg|max|min|noise|err|error|delta)_.*", _COMPUTED),
-    (r"(?:.*_)?(?:ref|cmd|target|desired|pred|predicted|prev|gps|gnss)_.*", "no reading of the sensor"),
+    (r"(?:.*_)?(?:ref|cmd|target|desired|pred|predicted|prev|gps|gnss)_(?!.*imu).*", "no reading of the sensor"),
     (
         r"(?:.*_)?(?:quat|orientation|euler|rotation_vector).*|(?:q|roll|pitch|yaw|mat)(?!.*rate).*",
         "an attitude that isn't used",
