@@ -8,6 +8,7 @@ One part at a time is taken out: a parameter set to where it does nothing, or a 
   field is beside the sensor, if the gyro's bias walks as its class may, and if the sensor is tapped (286 Hz).
 - Keyframes of simulated tasks by three sensors: position in mm, attitude in degrees, 95th percentiles.
 - `slow`: stops missed or too many in tasks three times as slow.
+- `air`: the same of a hand that trembles in the air.
 - `faults`: of some cases of the fault matrix, how many are silent and wrong.
 
 The last row shows how much of the windows' error is the reference's own: the optics know velocity from positions only.
@@ -59,6 +60,7 @@ from tests.benchmarks.trials import (
 )
 from tests.benchmarks.windows import motion_of, window_errors
 from tests.tracking import fault_matrix
+from tests.tracking.trembling import STRONG, USUAL, trembling
 
 SENSORS = ("modern", "os5000", "wt901")
 
@@ -125,6 +127,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "tremor, sway at a stop": of_noise(tremor_hz=LARGE, still_lever=0.0),
     "place held in a stop": of_noise(still_shift=LARGE),
     "attitude held in a stop": of_noise(still_turn=LARGE),
+    "tremor in the air": ((zero_velocity, "HELD_ACC", 0.0),),
     "lulls between strides": ((zero_velocity, "LULL_SHARE", 0.0),),
     "(lulls, but 10^-2.6 of a move)": ((zero_velocity, "LULL_SHARE", 10.0**-2.6),),
     "(lulls, but 10^-1.4 of a move)": ((zero_velocity, "LULL_SHARE", 10.0**-1.4),),
@@ -186,6 +189,7 @@ def main() -> None:
                 real(args.data)
                 | simulated(range(2, 3 if args.quick else 6))
                 | {"slow": wrong_stops(range(1 if args.quick else 3))}
+                | {"air": wrong_in_the_air(range(1 if args.quick else 3))}
                 | {"faults": silent_and_wrong(4 if args.quick else 1)}
             )
         if not args.json:
@@ -292,6 +296,12 @@ def wrong_stops(seeds: range) -> float:
             except PbdError:
                 wrong += len(slow.waypoints)
     return float(wrong)
+
+
+def wrong_in_the_air(seeds: range) -> float:
+    """Stops missed or too many where a hand trembles as usual, and half again as much."""
+    paths = (track(trembling(sensor, k, rms).recording) for sensor in SENSORS for k in seeds for rms in (USUAL, STRONG))
+    return float(sum(abs(len(path.stops) - len(TASKS["pour"].waypoints)) for path in paths))
 
 
 def silent_and_wrong(fewer: int = 1) -> float:
