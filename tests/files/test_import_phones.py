@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pbd.data import GRAVITY, Recording
-from pbd.errors import RecordingError
+from pbd.errors import PbdWarning, RecordingError
 from pbd.files.importers import import_file, import_recording, phones
 
 N = 200
@@ -133,6 +133,35 @@ def test_the_phone_is_recognised_by_the_norm_without_metadata(tmp_path: Path, wr
     place = folder(tmp_path / "w", {"AccelerometerUncalibrated": written, "Gyroscope": TURN})
     (place / "Metadata.csv").unlink()
     assert_allclose(read(place).acc, UP, atol=1e-9)
+
+
+@pytest.mark.parametrize("standard", [False, True])
+def test_a_watch_gives_gravity_and_the_rest_of_its_acceleration(tmp_path: Path, standard: bool) -> None:
+    quantities = ("rotationRate", "gravity", "acceleration")
+    header = ["time", "seconds_elapsed", *(f"{name}{axis}" for name in quantities for axis in "XYZ"), "yaw"]
+    parts = np.hstack((GRAVITY_PART, UP - GRAVITY_PART)) / (1.0 if standard else -GRAVITY)
+    rows = np.column_stack((1e9 * T, T, TURN, parts, T))
+    place = folder(tmp_path / "w", {})
+    path = place / "WristMotion.csv"
+    path.write_text("\n".join((",".join(header), *(",".join(map(str, row)) for row in rows.tolist()))))
+    for each in (place, packed(place), path):
+        found = import_recording(each)
+        assert found.demo.recording.info.sensor == "watch (imported)"
+        assert_allclose(found.demo.recording.acc, UP, atol=1e-9)
+        assert found.demo.recording.gyr is not None
+        assert_allclose(found.demo.recording.gyr, TURN, atol=1e-12)
+        assert found.understood.unread["WristMotion.csv: yaw"] == "an attitude that isn't used"
+    (place / "TotalAcceleration.csv").write_text(table(T, GRAVITY_PART))
+    with pytest.warns(PbdWarning, match=r"the phone is read, not the watch; for that import WristMotion\.csv alone"):
+        assert_allclose(read(place).acc, GRAVITY_PART)
+    assert_allclose(read(path).acc, UP, atol=1e-9)
+
+
+def test_without_metadata_both_systems_switches_are_named(tmp_path: Path) -> None:
+    place = folder(tmp_path / "w", {"Accelerometer": UP - GRAVITY_PART, "Gyroscope": TURN})
+    (place / "Metadata.csv").unlink()
+    with pytest.raises(RecordingError, match=r"switch on 'Total Acceleration' or 'Gravity' in Sensor"):
+        read(place)
 
 
 @pytest.mark.parametrize(("platform", "needed"), [("android", "TotalAcceleration.csv"), ("ios", "Gravity.csv")])

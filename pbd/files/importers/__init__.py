@@ -77,11 +77,16 @@ def import_recording(
     if not is_bag and not is_table and (source.is_dir() or suffix in (".csv", ".zip")):
         from pbd.files.importers.metawear import read_metawear
         from pbd.files.importers.phones import read_phone
+        from pbd.files.importers.watch import WRIST, read_watch
 
         if of_app := read_phone(source):
             sensor = "phone"
+            if f"{WRIST}.csv" in of_app[1].unread:
+                warn(f"{path}: the phone is read, not the watch; for that import {WRIST}.csv alone")
         elif of_app := read_metawear(source):
             sensor = "metawear"
+        elif of_app := read_watch(source):
+            sensor = "watch"
     if rate_hz is not None and (of_app is not None or is_bag or suffix == ".npz"):
         known = "a bag has times" if is_bag else "an npz has a rate" if suffix == ".npz" else "an app's file has times"
         raise RecordingError.at(path, f"{known} of its own; leave --rate out")

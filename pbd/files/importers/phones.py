@@ -70,11 +70,11 @@ Files = dict[str, Callable[[], bytes]]
 
 def read_phone(path: Path) -> tuple[Recording, Understood] | None:
     """Read a phone's recording from a zip, a folder, or a CSV file in such a folder; None: it is from neither app."""
-    files = _files_in_zip(path) if path.suffix.lower() == ".zip" else _files_in_folder(path)
+    files = files_in_zip(path) if path.suffix.lower() == ".zip" else _files_in_folder(path)
     if not files:
         return None
     logger = {name: files[name] for name in LOGGER_FILES if name in files}
-    sheets = {name: _sheet(path, name, read) for name, read in logger.items()}
+    sheets = {name: sheet_of(path, name, read) for name, read in logger.items()}
     sheets = {name: sheet for name, sheet in sheets.items() if {*sheet.header} >= {*LOGGER_COLUMNS}}
     if sheets:
         recording, understood = _read_sensor_logger(path, sheets, _metadata(files))
@@ -86,7 +86,7 @@ def read_phone(path: Path) -> tuple[Recording, Understood] | None:
     return recording, understood.with_unread({f"{name}.csv": UNUSED for name in sorted(files.keys() - read)})
 
 
-def _files_in_zip(path: Path) -> Files:
+def files_in_zip(path: Path) -> Files:
     """List the CSV files of a zip, in any folder; RecordingError: it is not a zip, or has several recordings."""
     data = read_bytes(path, RecordingError, "export it again")
     try:
@@ -144,7 +144,8 @@ def _files_in_folder(path: Path) -> Files:
     return {name: read for name, read in files.items() if not family or name in family}
 
 
-def _sheet(path: Path, name: str, read: Callable[[], bytes]) -> Sheet:
+def sheet_of(path: Path, name: str, read: Callable[[], bytes]) -> Sheet:
+    """Read the header of a CSV file, `name` without suffix, of the recording at `path`."""
     folder = path.parent if path.suffix.lower() == ".csv" else path
     file = folder / f"{name}.csv"
     return open_sheet(file, foreign=True, text=foreign_text(file, read()))
@@ -188,7 +189,8 @@ def _read_sensor_logger(
             acc, sign, unit = Stream(acc.t, -GRAVITY * acc.values), -1.0, "g"  # an iPhone's
     else:
         needed = "Gravity.csv beside Accelerometer.csv" if ios else "TotalAcceleration.csv"
-        switch = "Gravity" if ios else "Total Acceleration"
+        needed += " (an iPhone's Gravity.csv)" * (not metadata)
+        switch = "Gravity" if ios else "Total Acceleration" if metadata else "Total Acceleration' or 'Gravity"
         why = "Accelerometer.csv is without gravity" if "Accelerometer" in sheets else "no acceleration is in it"
         what = f"{why}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again"
         raise RecordingError.at(path, what)
@@ -196,13 +198,13 @@ def _read_sensor_logger(
     for kind, name, unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "uT")):
         if found := next((each for each in (name, f"{name}Uncalibrated") if each in sheets), None):
             others[kind], read[kind] = stream(found), (f"{found}.csv", 1.0, unit)
-    columns = [column for kind, its in read.items() for column in _columns(LOGGER, LOGGER_COLUMNS, kind, *its)]
+    columns = [column for kind, its in read.items() for column in columns_of(LOGGER, LOGGER_COLUMNS, kind, *its)]
     used = {name for source, _, _ in read.values() for name in re.findall(r"(\w+)\.csv", source)}
     unread = {f"{name}.csv": "a better file is there" for name in sheets if name not in used}
     if "Accelerometer.csv" in unread:
         unread["Accelerometer.csv"] = "without gravity"
     for name in sorted(used):
-        unread |= _unread(f"{name}.csv", sheets[name].header, LOGGER_COLUMNS)
+        unread |= unread_of(f"{name}.csv", sheets[name].header, LOGGER_COLUMNS)
     recording = joined_recording(path, {"acc": acc} | others)
     return recording, Understood(tuple(columns), unread, f"{LOGGER} (a phone)")
 
@@ -230,7 +232,7 @@ def _read_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[
     moments = _moments(path, files)
     for name in sorted(files.keys() - {PHYPHOX_MOMENTS}, key=lambda name: (name != path.stem, name)):
         try:
-            sheet = _sheet(path, name, files[name])
+            sheet = sheet_of(path, name, files[name])
         except RecordingError:
             continue  # another file of the experiment, which is empty or has few columns
         used: set[str] = set()
@@ -246,10 +248,10 @@ def _read_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[
             if kind == "linear":
                 unread |= dict.fromkeys((f"{name}.csv: {axis}" for axis in axes), "without gravity")
             else:
-                columns += _columns("phyphox", [PHYPHOX_TIME, *axes], kind, f"{name}.csv", 1.0, PHYPHOX_UNITS[kind])
+                columns += columns_of("phyphox", [PHYPHOX_TIME, *axes], kind, f"{name}.csv", 1.0, PHYPHOX_UNITS[kind])
         if used:
             files_read.add(name)
-            unread |= _unread(f"{name}.csv", sheet.header, used)
+            unread |= unread_of(f"{name}.csv", sheet.header, used)
     if not streams:
         return None
     if "acc" not in streams:
@@ -263,13 +265,14 @@ def _read_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[
     return recording, Understood(tuple(dict.fromkeys(columns)), unread, "phyphox (a phone)"), files_read
 
 
-def _columns(program: str, names: Sequence[str], kind: str, file: str, sign: float, unit: str) -> list[Column]:
+def columns_of(program: str, names: Sequence[str], kind: str, file: str, sign: float, unit: str) -> list[Column]:
+    """Describe columns of time, x, y, z, as the program documents them."""
     by = f"{program}'s documentation"
     ours = ("t", 1.0, "s"), *((f"{kind[0]}{axis}", sign, unit) for axis in "xyz")
     return [Column(f"{file}: {name}", *its, by, by) for name, its in zip(names, ours, strict=True)]
 
 
-def _unread(file: str, header: Sequence[str], used: Collection[str]) -> dict[str, str]:
+def unread_of(file: str, header: Sequence[str], used: Collection[str]) -> dict[str, str]:
     """Return the columns of a file that were not read, and why."""
     return {f"{file}: {name}": why_not_read(name, CHANNEL_OF) for name in header if name not in used}
 
@@ -278,7 +281,7 @@ def _moments(path: Path, files: Files) -> Moments:
     """Read when the measurement was started and paused: experiment time stands still in pauses."""
     moments = Moments()
     if PHYPHOX_MOMENTS in files:
-        sheet = _sheet(path, PHYPHOX_MOMENTS, files[PHYPHOX_MOMENTS])
+        sheet = sheet_of(path, PHYPHOX_MOMENTS, files[PHYPHOX_MOMENTS])
         if {"event", "experiment time", "system time"} <= set(sheet.header):
             at = sheet.read(["experiment time", "system time"]).values.tolist()
             events = sheet.words("event")
