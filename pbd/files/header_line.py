@@ -8,6 +8,7 @@ import shlex
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from statistics import mode
 
 from pbd.errors import warn
 from pbd.files.imu_columns import ACC, GYR, MAG
@@ -143,34 +144,41 @@ def cells_of(line: str, delimiter: str) -> list[str]:
 
 
 def without_names(path: Path, header: Sequence[str], text: str, above: int) -> str:
-    """Say what to do about a header of numbers; "" if it has names. It is a line of the text, `above` lines down."""
-    if not re.fullmatch(r"[-+.,;\deE\s]+", "".join("0" if is_stamp(cell) else cell for cell in header)):
+    """Say what to do about a header of numbers; "" if it has names. It is a line of the text, `above` lines down.
+
+    A word before the numbers that the next line repeats is no name.
+    """
+    rows = text.split("\n", above + FIRST_ROWS)[above : above + FIRST_ROWS]
+    labelled = _is_row("\t".join(header)) and header[0][:1].isalpha() and "".join(rows[1:2]).startswith(header[0])
+    cells = header[labelled:]
+    if not re.fullmatch(r"[-+.,;\deE\s]+", "".join("0" if is_stamp(cell) else cell for cell in cells)):
         return ""
     what = "numbers where the column names should be; add a line with the names above them, "
-    if len(header) < len(ACC) or any(map(is_stamp, header)):  # the times of --sensor lines are numbers
+    if len(cells) < len(ACC) or any(map(is_stamp, cells)):  # the times of --sensor lines are numbers
         return what + "as t,ax,ay,az,gx,gy,gz"
-    if len(header) > WIDEST_ROW:
+    if len(cells) > WIDEST_ROW:
         return (
-            f"{what}as t,ax,ay,az,gx,gy,gz; if its {len(header)} columns are several samples, write each in its own row"
+            f"{what}as t,ax,ay,az,gx,gy,gz; if its {len(cells)} columns are several samples, write each in its own row"
         )
-    rows = text.split("\n", above + FIRST_ROWS)[above : above + FIRST_ROWS]
-    return f"{what}or give the right names: {_import_command(path, rows)}"
+    return f"{what}or give the right names: {_import_command(path, rows, labelled)}"
 
 
-def _import_command(path: Path, lines: Sequence[str]) -> str:
+def _import_command(path: Path, lines: Sequence[str], labelled: bool) -> str:
     """Return the command that imports a table without a header, with likely names of the columns.
 
-    `lines` are its first ones as the file has them. Only a first column that increases is taken for the time.
+    `lines` are its first ones as the file has them; some may be cut off. Only a first column that increases is taken
+    for the time; if `labelled`, the second.
     """
     first = lines[0]
     mark = delimiter_of(first) if any(map(first.count, ",;\t")) else "|" if "|" in first else "space"
     rows = [line.split(None if mark == "space" else mark) for line in lines if line.strip() and line[0] != "#"]
-    count, t = len(rows[0]), []
+    width = mode(map(len, rows))
+    count, t = width - labelled, []
     with suppress(ValueError):
-        times = [float(row[0]) for row in rows]
+        times = [float(row[labelled]) for row in rows if len(row) == width]
         t = ["t"] if count % 3 and times[0] < times[-1] and times == sorted(times) else []
     axes = [*ACC, *GYR, *MAG][: (count - len(t)) // 3 * 3]
-    columns = ",".join([*t, *axes, *"_" * (count - len(t) - len(axes))])
+    columns = ",".join([*"_" * labelled, *t, *axes, *"_" * (count - len(t) - len(axes))])
     separator = {",": "", "\t": " --separator tab"}.get(mark, f" --separator {shlex.quote(mark)}")
     rate = "" if t else " --rate HZ"
     return f"pbd import {shlex.quote(str(path))} NAME --sensor lines --columns {columns}{separator}{rate}"
