@@ -150,10 +150,58 @@ def test_lines_that_sketches_print(tmp_path: Path, line: str) -> None:
         imported(tmp_path, text, None, "monitor.log")
 
 
-def test_times_of_the_serial_monitor(tmp_path: Path) -> None:
-    lines = "".join(f"12:34:56.{ms:03d} -> {PLOTTER}" for ms in (990, 995))
-    recording = imported(tmp_path, lines + f"12:34:57.000 -> {PLOTTER}", None, "monitor.txt").demo.recording
-    assert_allclose(recording.t, [0.0, 0.005, 0.01], atol=1e-9)
+@pytest.mark.parametrize(
+    ("stamp", "atol"),
+    [
+        ("12:34:{} -> ", 1e-9),
+        ("12:34:{}->", 1e-9),
+        ("[2024-05-01 12:34:{}] ", 1e-7),  # seconds since 2000 are rounded
+        ("2024-05-01 12:34:{} ", 1e-7),
+    ],
+)
+def test_times_of_the_serial_monitor(tmp_path: Path, stamp: str, atol: float) -> None:
+    lines = "".join(f"{stamp.format(at)}{PLOTTER}" for at in ("56.990", "56.995", "57.000"))
+    recording = imported(tmp_path, lines, None, "monitor.txt").demo.recording
+    assert_allclose(recording.t, [0.0, 0.005, 0.01], atol=atol)
+
+
+@pytest.mark.parametrize(
+    ("line", "scales"),
+    [
+        ("AX: 1 g, AY: 2 g, AZ: 3 g, GX: 4 °/s, GY: 5 °/s, GZ: 6 °/s", (GRAVITY, DEG)),
+        ("t: {} ms, AccX: 1G AccY: 2G AccZ: 3G GyroX: 4dps GyroY: 5dps GyroZ: 6dps", (GRAVITY, DEG)),
+        ("ax: 1 ay: 2 az: 3 gx: 4 gy: 5 gz: 6 deg/s", (1.0, DEG)),
+        ("AcX = 1 | AcY = 2 | AcZ = 3 | Tmp = 25.3 | GyX = 4 | GyY = 5 | GyZ = 6", (1.0, 1.0)),
+        ("Accel: 1.0\t2.0\t3.0\tGyro: 4\t5\t6", (1.0, 1.0)),
+        ("Accel (g): 1, 2, 3 - Gyro (dps): 4, 5, 6", (GRAVITY, DEG)),
+        ("Acc: (1; 2; 30e-1) m/s²\nRotation: (4; 5; 6) mdps", (1.0, 1e-3 * DEG)),
+        ("Acceleration (m/s^2): (1, 2, 3)\nGyro (°/s): (4, 5, 6)", (1.0, DEG)),
+        ("Acc(g)=> X:1 Y:2 Z:3 gyro(dps)=> X:4 Y:5 Z:6 gravity=> X:7 Y:8 Z:9", (GRAVITY, DEG)),
+        ("I (42) main: ACC[g]: X=1 Y=2 Z=3 | GYRO[dps]: X=4 Y=5 Z=6 | TEMP[C]: 25", (GRAVITY, DEG)),
+        ("Accel X: 1\nAccel Y: 2\nAccel Z: 3\nGyro X: 4\nGyro Y: 5\nGyro Z: 6radians/s", (1.0, 1.0)),
+        ('{{"acc":[1,2,3],"gyro":[4,5,6]}}', (1.0, 1.0)),
+        ('{{"ax":"1","ay":"2","az":"3","gx":"4","gy":"5","gz":"6"}}', (1.0, 1.0)),
+    ],
+)
+def test_units_and_rows_of_axes_that_sketches_print(tmp_path: Path, line: str, scales: tuple[float, float]) -> None:
+    """A unit counts for its own sensor's axes: neither for the time before them nor for the other sensor."""
+    text = "".join(line.format(10 * k) + "\n" for k in range(4))
+    recording = imported(tmp_path, text, None if "ms" in line[:9] else 100.0, "monitor.log").demo.recording
+    assert_allclose(recording.acc, np.tile([1.0, 2.0, 3.0], (4, 1)) * scales[0])
+    assert recording.gyr is not None
+    assert_allclose(recording.gyr[0], np.array([4.0, 5.0, 6.0]) * scales[1])
+    assert_allclose(recording.t, 0.01 * np.arange(4))
+
+
+def test_biases_above_a_table_are_no_lines_of_a_sketch(tmp_path: Path) -> None:
+    biases = "".join(f"{sensor} {axis}: 0.1\n" for sensor in ("Acc", "Gyro", "Mag") for axis in "XYZ")
+    recording = imported(tmp_path, f"{biases}t,ax,ay,az\n0,1,2,3\n1,1,2,3\n").demo.recording
+    assert_allclose(recording.acc, [[1.0, 2.0, 3.0]] * 2)
+
+
+def test_four_numbers_after_a_name_are_no_axes(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="looks like inertial data, but is not understood"):
+        imported(tmp_path, 4 * "acc: 1 2 3 4.5e-3 gyro: 1 2 3\n", 100.0, "monitor.log")
 
 
 # --- names ------------------------------------------------------------------------------------------------------------
@@ -172,6 +220,21 @@ def test_a_gyro_by_any_name(tmp_path: Path, header: str, scale: float) -> None:
     recording = imported(tmp_path, f"t,ax,ay,az,{header}\n0,0,0,9.8,1,2,3\n1,0,0,9.8,1,2,3\n").demo.recording
     assert recording.gyr is not None
     assert_allclose(recording.gyr[0], np.array((1.0, 2.0, 3.0)) * scale)
+
+
+def test_beside_another_gyro_gx_is_gravity(tmp_path: Path) -> None:
+    """Short names of AndroSensor's columns: AX, GX is gravity, GYROX the gyro."""
+    header = "t,AX,AY,AZ,GX,GY,GZ,LAX,LAY,LAZ,GYROX,GYROY,GYROZ"
+    read = imported(tmp_path, f"{header}\n0,1,2,9,1,2,9,0,0,0,4,5,6\n1,1,2,9,1,2,9,0,0,0,4,5,6\n").demo.recording
+    assert read.gyr is not None
+    assert_allclose(read.gyr[0], [4.0, 5.0, 6.0])
+
+
+def test_gravity_is_not_said_to_be_without_gravity(tmp_path: Path) -> None:
+    header = "t,userAcceleration.x,userAcceleration.y,userAcceleration.z,gravity.x,gravity.y,gravity.z"
+    says = r"\); userAcceleration.x, .*, userAcceleration.z are without gravity, which is needed; the columns are"
+    with pytest.raises(RecordingError, match=says):
+        imported(tmp_path, f"{header}\n0,0,0,0,0,0,1\n1,0,0,0,0,0,1\n")
 
 
 HYPERIMU = """@ HyperIMU
@@ -418,6 +481,19 @@ def test_mixed_line_ends(tmp_path: Path) -> None:
 def test_what_is_advised_for_rows_without_a_header(tmp_path: Path, row: str, advice: str) -> None:
     with pytest.raises(RecordingError, match=rf"run\.csv:1: numbers where the column names should be; .*{advice}"):
         imported(tmp_path, f"{row}\n9{row}\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "columns"),
+    [
+        (2 * "a/g:\t1\t2\t3\t4\t5\t6\n", "_,ax,ay,az,gx,gy,gz --separator tab --rate HZ"),  # i2cdevlib's example
+        ("IMU,5,1,2,3\nIMU,6,1,2,3\n", "_,t,ax,ay,az"),
+        ("5,1,2,3\n0,5,0,1,2,1,2\n1,5,0,1,2,1,2\n", "t,ax,ay,az,gx,gy,gz"),  # it begins within a row
+    ],
+)
+def test_labels_and_a_row_that_was_cut_off_are_no_header(tmp_path: Path, text: str, columns: str) -> None:
+    with pytest.raises(RecordingError, match=rf"numbers where .* --sensor lines --columns {columns}$"):
+        imported(tmp_path, text)
 
 
 @pytest.mark.parametrize("name", ["run.csv", "run.mcap", "run.npz", "run.zip"])

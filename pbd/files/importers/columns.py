@@ -229,8 +229,8 @@ def _by_name(header: Sequence[str]) -> dict[str, str]:
             ours, group, device_of[given[1]] = given
             sets.setdefault(CHANNEL_OF[ours], {}).setdefault(group, {}).setdefault(ours, name)
     for channel, groups in sets.items():
-        complete = {group: axes for group, axes in groups.items() if len(axes) == len(CHANNELS[channel])}
-        sets[channel] = complete or groups
+        ordered = sorted(groups.items(), key=lambda each: each[0] == "g")  # beside another gyro, gx is gravity
+        sets[channel] = {group: axes for group, axes in ordered if len(axes) == len(CHANNELS[channel])} or groups
     of_gyro = [device_of[group] for group in sets.get("gyr", ())]
     device = next((device_of[group] for group in sets.get("acc", ()) if device_of[group] in of_gyro), "")
     found: dict[str, str] = {}

@@ -99,7 +99,7 @@ def read_csv(
         what = f"no column for t (time); {known}: {say.replace('ax=', 't=')}, or with its --rate HZ"
         raise RecordingError.at(path, what)
     if not found.of("acc"):
-        without = [name for name, why in found.unread.items() if "gravity" in why]
+        without = [name for name, why in found.unread.items() if "gravity" in why and "gravity" not in plain(name)]
         why = f"; {listed(without)} are without gravity, which is needed" if without else ""
         raise RecordingError.at(path, f"no column for {', '.join(ACC)} (specific force){why}; {known}: {say}")
     for channel, wanted in CHANNELS.items():

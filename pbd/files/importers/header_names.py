@@ -16,9 +16,9 @@ from pbd.files.imu_columns import DEVICE
 
 _WORDS = {
     "g": r"(?P<before>.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|ang(?:ular)?_?(?:vel(?:ocity)?|rate))|"
-    r"g|w|omega|as|rotation|rot|ω|角速度|drehrate|winkelgeschwindigkeit|gyroskop",
+    r"g|gy|w|omega|as|rotation|rot|ω|角速度|drehrate|winkelgeschwindigkeit|gyroskop",
     "a": r"(?P<before>.*_)?(?:accl?|accel(?:eration|erometer)?|specific_?force)(?:_(?:including|with)_gravity)?|"
-    r"a|g_?f|加速度|beschl(?:eunigung)?",
+    r"ac?|g_?f|加速度|beschl(?:eunigung)?",
     "m": r"(?P<before>.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|b|h|磁场|magnetfeld",
     "angle": r"angle|角度",
 }

@@ -7,7 +7,9 @@ They have no header. A serial monitor or `cat` saves a sketch's lines. Examples:
     Rotation X: 0.01, Y: 0.00, Z: -0.02 rad/s
     Acceleration: X=0.12, Y=-0.33, Z=0.98                M5StickC's MPU6886 sketches; the library gives g and deg/s
     AX:0.12 AY:-0.33 AZ:0.98
+    Gyro (dps): 0.12, -0.33, 0.98                        the axes in a row, also in tabs, bars or brackets
     12:34:56.789 -> ax: 0.12 ...                         with the times of Arduino's serial monitor
+    [2024-05-01 12:34:56.789] ax: 0.12 ...               with those of Tera Term
 
 A new sample begins when a name is repeated. `rostopic echo` and `ros2 topic echo` print YAML, with --- after a message:
 
@@ -18,19 +20,25 @@ A new sample begins when a name is repeated. `rostopic echo` and `ros2 topic ech
 from __future__ import annotations
 
 import re
+from collections import Counter
 from pathlib import Path
 
 from pbd.errors import RecordingError
-from pbd.files.importers.header_names import is_time
+from pbd.files.importers.header_names import is_time, our_name, split_unit
 from pbd.files.table import Sheet
+from pbd.io.numbers import is_stamp
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
-_UNIT = r"(m/s\^?2|rad/s|deg/s|dps|uT|mg|g)(?![\w/])"
-_PAIR = re.compile(
-    rf"([A-Za-z][\w ./()-]{{0,40}}?)\x22?\s{{0,9}}[:=]\s{{0,9}}({_NUMBER})?(?![\d:])(?:\s{{0,9}}{_UNIT})?"
-)
+_RATE = r"(?:rad(?:ians)?|deg(?:rees?)?|[°º])/s(?:ec)?|m?dps"
+_UNIT = rf"(m/s\^?[2²]|m/s/s|{_RATE}|deg(?:rees?)?|[°º]|[uµμ]T|gauss|m?[gG]|[mu]?s)(?![\w/])"
+_NAME = r"([A-Za-z][\w ./()\[\]^°-]{0,40}?)\x22?\s{0,9}[:=]\s{0,9}[\x22(\[]?"
+_NEXT = r"\s{0,9}[\s,;|]\s{0,9}"
+_AXES = rf"({_NUMBER}){_NEXT}({_NUMBER}){_NEXT}({_NUMBER})(?![\d.eE]|(?:{_NEXT})?[-+]?\.?\d)"
+_PAIR = re.compile(rf"{_NAME}(?:{_AXES}|({_NUMBER})?(?![\d:]))(?:[\])]?\s{{0,9}}{_UNIT})?")
 _KEY = re.compile(r"( *)(\w+):(.*)")
-_STAMP = re.compile(r"\s*(\d{1,2}:\d{2}:\d{2}\.\d+)\s*->\s*")
+_STAMP = re.compile(r"\s*(?:\[([^\]]{8,40})\]|(\w[\w :.,/-]{7,39}?)\s*->|(\d\S{7,30}(?: [\d:.,]{8,20})?)(?=\s))\s*")
+_FINE = re.compile(r":\d\d(?:[.,]\d|:\d\d:\d)")
+"""In a time of day, more than whole seconds."""
 
 NAMED_LINES = 20
 """Number of first lines by which the format is recognised."""
@@ -44,9 +52,11 @@ ECHO_START = 10_000
 
 
 def is_printed(text: str) -> bool:
-    """Whether at least a third of the first lines have names beside their numbers, or ROS printed the text."""
+    """Whether ROS printed the text, or a third of the first lines have three named numbers, or an axis that recurs."""
     lines = [line for line in text.split("\n", NAMED_LINES)[:NAMED_LINES] if line.strip()]
-    named = [line for line in lines if len(_pairs(line)) >= 3]
+    names = [[name for name, *_ in _pairs(line)] for line in lines]
+    count = Counter(name for each in names for name in each if (our_name(name) or "t")[0] != "t")
+    named = [each for each in names if len(each) >= 3 or any(count[name] > 1 for name in each)]
     return (3 * len(named) >= len(lines) > 0 and bool(named)) or _is_echoed(text)
 
 
@@ -57,16 +67,13 @@ def printed_sheet(path: Path, text: str) -> Sheet:
     samples: list[dict[str, str]] = [{}]
     units: dict[str, str] = {}
     for line in (line[:LONGEST_LINE] for line in text.split("\n")):
-        stamp = _STAMP.match(line)
-        pairs = _pairs(line[stamp.end() :] if stamp else line)
+        stamp, rest = _stamped(line)
+        pairs = _pairs(rest)
         if any(name in samples[-1] for name, *_ in pairs):
             samples.append({})
         if stamp and pairs:
-            samples[-1].setdefault("time", stamp[1])
-        unit = ""
-        for name, _, its_unit in reversed(pairs):  # `X: 1, Y: 2, Z: 3 m/s^2`: of all three
-            unit = its_unit or unit
-            units |= {name: unit} if unit else {}
+            samples[-1].setdefault("time", stamp)
+        units |= {name: unit for name, _, unit in pairs if unit}
         samples[-1] |= {name: value for name, value, _ in pairs}
     # The first and last sample may be incomplete. Numbers that are printed rarely, such as temperatures, are ignored.
     names = max(samples, key=len)
@@ -113,17 +120,30 @@ def _echoed_sheet(path: Path, text: str) -> Sheet:
     return Sheet(path, tuple(header), "\n".join(rows), ",", 1, foreign=True, preamble="ROS's messages")
 
 
+def _stamped(line: str) -> tuple[str, str]:
+    """Split off a serial monitor's time of day, "" if there is none."""
+    found = _STAMP.match(line)
+    stamp = next(filter(None, found.groups()), "") if found else ""
+    return (stamp, line[found.end() :]) if found and is_stamp(stamp) and _FINE.search(stamp) else ("", line)
+
+
 def _pairs(line: str) -> list[tuple[str, str, str]]:
-    """Return names, numbers, units ("": none). A bare X, Y or Z gets the word before it: `Rotation X: 1, Y: 2`."""
-    found, word = [], ""
-    for name, value, unit in _PAIR.findall(line[:LONGEST_LINE]):
+    """Return names, numbers, units ("": none).
+
+    A bare X, Y or Z gets the word before it: `Rotation X: 1, Y: 2`. Three numbers after a name are its axes.
+    """
+    found, word, its_unit = [], "", ""
+    for name, x, y, z, value, unit in _PAIR.findall(line[:LONGEST_LINE]):
         axis = re.fullmatch(r"(.*?)[\s_]*([XYZxyz])", name)
-        if axis and axis[1]:
-            word = axis[1]
-        elif axis and word:
-            name = f"{word} {axis[2]}"
+        if x:
+            stem, its_unit = split_unit(name)
+            found += [(f"{stem} {axis}", value, unit or its_unit) for axis, value in zip("xyz", (x, y, z), strict=True)]
+        elif value and axis and axis[1]:
+            word, its_unit = axis[1], ""
+        elif axis and not axis[1] and word:
+            name, unit = f"{word} {axis[2]}", unit or its_unit
         elif not value:
-            word = name
+            word, its_unit = split_unit(name)
         if value:
             found.append((name, value, unit))
     return found
