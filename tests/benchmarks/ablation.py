@@ -20,10 +20,11 @@ import json
 import sys
 import warnings
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 from types import ModuleType
 
@@ -62,7 +63,7 @@ from tests.benchmarks.windows import motion_of, window_errors
 from tests.tracking import fault_matrix
 from tests.tracking.trembling import STRONG, USUAL, trembling
 
-SENSORS = ("modern", "os5000", "wt901")
+SENSORS, POUR = ("modern", "os5000", "wt901"), TASKS["pour"]
 
 SLOWER = 3.0
 """How much slower slow hands are."""
@@ -181,6 +182,7 @@ def main() -> None:
     for file in sorted((args.data / "broad").glob("*.npz")):
         lever(file)
     rows: dict[str, dict[str, float]] = {}
+    seeds, stops = range(1 if args.quick else 3), len(POUR.waypoints)
     for name, changes in WITHOUT.items():
         if args.only not in name:
             continue
@@ -188,8 +190,7 @@ def main() -> None:
             rows[name] = (
                 real(args.data)
                 | simulated(range(2, 3 if args.quick else 6))
-                | {"slow": wrong_stops(range(1 if args.quick else 3))}
-                | {"air": wrong_in_the_air(range(1 if args.quick else 3))}
+                | {"slow": wrong_stops(slow_hands(seeds), stops), "air": wrong_stops(trembling_hands(seeds), stops)}
                 | {"faults": silent_and_wrong(4 if args.quick else 1)}
             )
         if not args.json:
@@ -284,24 +285,27 @@ def keyframe_errors(demo: Demonstration) -> list[tuple[float, float]]:
     return found
 
 
-def wrong_stops(seeds: range) -> float:
-    """Stops missed or too many where a hand pours so much slower."""
-    pour = TASKS["pour"]
-    slow = replace(pour, waypoints=tuple(replace(w, move_s=SLOWER * w.move_s) for w in pour.waypoints))
+def wrong_stops(recordings: Iterable[Recording], stops: int) -> float:
+    """How many are missed or too many of the `stops` of each recording."""
     wrong = 0
-    for sensor in SENSORS:
-        for seed in seeds:
-            try:
-                wrong += abs(len(track(simulate(slow, sensor, seed).recording).stops) - len(slow.waypoints))
-            except PbdError:
-                wrong += len(slow.waypoints)
+    for recording in recordings:
+        try:
+            wrong += abs(len(track(recording).stops) - stops)
+        except PbdError:  # a part taken out may leave no path at all
+            wrong += stops
     return float(wrong)
 
 
-def wrong_in_the_air(seeds: range) -> float:
-    """Stops missed or too many where a hand trembles as usual, and half again as much."""
-    paths = (track(trembling(sensor, k, rms).recording) for sensor in SENSORS for k in seeds for rms in (USUAL, STRONG))
-    return float(sum(abs(len(path.stops) - len(TASKS["pour"].waypoints)) for path in paths))
+def slow_hands(seeds: range) -> Iterator[Recording]:
+    """The everyday task by hands that are so much slower."""
+    slow = replace(POUR, waypoints=tuple(replace(w, move_s=SLOWER * w.move_s) for w in POUR.waypoints))
+    yield from (simulate(slow, sensor, seed).recording for sensor in SENSORS for seed in seeds)
+
+
+def trembling_hands(seeds: range) -> Iterator[Recording]:
+    """The same by hands that tremble in the air as usual, and half again as much."""
+    for sensor, seed, rms in product(SENSORS, seeds, (USUAL, STRONG)):
+        yield trembling(sensor, seed, rms).recording
 
 
 def silent_and_wrong(fewer: int = 1) -> float:
