@@ -24,9 +24,9 @@ WITHOUT_GRAVITY = 0.5
 """Largest specific force at rest, m/s2, from which gravity seems to have been removed: a bare part's bias (20 mg),
 and an attitude that was 2 degrees off."""
 
-COUNTS = (16384, 8192, 4096, 2048)
-"""Counts a g of 16-bit accelerometers, at 2 to 16 g (InvenSense, MPU-6000 and MPU-6050 Product Specification). They are
-far more usual than mm/s2, which are near 8192 counts."""
+COUNTS = {f"{1.0 / per_g:.14f}".rstrip("0") + "g": per_g for per_g in (16384, 8192, 4096, 2048)}
+"""A count of 16-bit accelerometers as a unit -> counts a g, at ranges of 2 to 16 g (InvenSense, MPU-6000 and MPU-6050
+Product Specification). They are far more usual than mm/s2, which are near 8192 counts."""
 
 LARGEST_ERROR = 0.3
 """Share of gravity by which an accelerometer's own errors may change what it reads at rest: cheap boards are off by up
@@ -132,7 +132,7 @@ def likely_unit(norm_at_rest: float, factor: float = 1.0) -> str | None:
     if _is_gravity(norm_at_rest):
         return None
     scales = {"g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "cm/s2": 1e2, "m/s2": 1.0}
-    scales |= {f"{1.0 / count:.14f}".rstrip("0") + "g": count / GRAVITY for count in COUNTS} | {"mm/s2": 1e3}
+    scales |= {unit: per_g / GRAVITY for unit, per_g in COUNTS.items()} | {"mm/s2": 1e3}
     if factor == 1.0:
         scales["m/s2"] = GRAVITY  # they were read as g before
     return next((unit for unit, scale in scales.items() if _is_gravity(norm_at_rest / (factor * scale))), None)
@@ -151,10 +151,9 @@ def _refuse_wrong_units(norm_at_rest: float, factor: float, shakes: bool) -> Non
         return
     said = f"at rest the accelerometer reads {norm_at_rest:.4g}, but gravity is {GRAVITY:.2f} m/s2"
     if likely := likely_unit(norm_at_rest, factor):
-        counts = likely[0].isdigit()
-        what = "raw counts" if counts else f"in {likely}"
+        what = "raw counts" if likely in COUNTS else f"in {likely}"
         why = f"the values are likely {what}: import the file with --unit acc={likely}"
-        why += ", and a gyro's counts with --unit gyr=NUMBERdeg/s" * counts
+        why += ", and a gyro's counts with --unit gyr=NUMBERdeg/s" * (likely in COUNTS)
     elif shakes:
         return
     elif norm_at_rest < WITHOUT_GRAVITY:
