@@ -18,7 +18,7 @@ QUIET_RATIO = 4.0
 """A second is quiet if its restlessness is at most this many times that of the quietest second."""
 
 QUIET_ACC, QUIET_GYR = 0.08, 0.02
-"""Largest rms of a hand that rests on something, m/s2 and rad/s; in the air it trembles more (zero_velocity.HELD_ACC)."""
+"""Largest rms of a hand that rests on something, m/s2 and rad/s. In the air it trembles more (zero_velocity)."""
 
 WITHOUT_GRAVITY = 0.5
 """Largest specific force at rest, m/s2, from which gravity seems to have been removed: a bare part's bias (20 mg),

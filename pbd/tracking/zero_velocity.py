@@ -30,8 +30,8 @@ ENERGY_WINDOW_S = 0.1
 """s: length of the windows over which energies are averaged. Motion is seen up to this much late."""
 
 QUIET_ENERGY = 10.0
-"""A window is quiet if its energy is below this many times that of the first rest, or below that of a hand that rests on
-something (QUIET_ACC, QUIET_GYR)."""
+"""A window is quiet if its energy is below this many times that of the first rest, or below that of a hand that rests
+on something (QUIET_ACC, QUIET_GYR)."""
 
 LULL_SHARE, LULL_S = 0.01, 1.0
 """In a lull, such as a foot's stance, the calmest window counts as still even if it isn't quiet. Energies in a lull are
