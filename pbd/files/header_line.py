@@ -8,7 +8,6 @@ import shlex
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from statistics import mode
 
 from pbd.errors import warn
 from pbd.files.imu_columns import ACC, GYR, MAG
@@ -172,7 +171,8 @@ def _import_command(path: Path, lines: Sequence[str], labelled: bool) -> str:
     first = lines[0]
     mark = delimiter_of(first) if any(map(first.count, ",;\t")) else "|" if "|" in first else "space"
     rows = [line.split(None if mark == "space" else mark) for line in lines if line.strip() and line[0] != "#"]
-    width = mode(map(len, rows))
+    widths = [len(row) for row in rows]
+    width = max(widths, key=widths.count)
     count, t = width - labelled, []
     with suppress(ValueError):
         times = [float(row[labelled]) for row in rows if len(row) == width]

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from zlib import crc32
 
 import numpy as np
 
-from pbd.data import GRAVITY, Demonstration, HandPath, Truth
+from pbd.data import GRAVITY, Demonstration, HandPath, Keyframe, Truth
 from pbd.errors import PbdError, PbdWarning
 from pbd.pipeline import track
 from pbd.pose import (
@@ -28,6 +28,7 @@ from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, random_task
 from pbd.simulation.simulate import TASKS as SIMULATED
 from pbd.simulation.tasks import Task
+from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise
 from pbd.tracking.repair.gyro_consistency import up_in_sensor, warn_upside_down
 from pbd.tracking.smoother.attitude import mean_quaternion
@@ -350,15 +351,15 @@ def outcome(case: Case, method: str = "default") -> Outcome:
         return Outcome(REFUSED, said="only one stop: nothing can be replayed")
     scored = score(path, d.truth_of(demo))
     verdict = (SILENT_RIGHT, SILENT_WRONG, WARNED_RIGHT, WARNED_WRONG)[scored.wrong + 2 * bool(said)]
-    return Outcome(verdict, scored.error_m, scored.error_rad, scored.lost, said, len(path.stops), _last_keyframe(path))
+    last = last_of(find_keyframes(path))
+    return Outcome(verdict, scored.error_m, scored.error_rad, scored.lost, said, len(path.stops), last)
 
 
-def _last_keyframe(path: HandPath) -> tuple[float, ...]:
-    first, last = (
-        mean_quaternion(path.wxyz_nav_sensor[stop.start : stop.stop]) for stop in (path.stops[0], path.stops[-1])
-    )
-    turn = quat_log(quat_multiply(last, quat_inverse(first)))
-    return *path.p_nav_sensor[path.stops[-1].stop - 1], *turn, *np.sqrt(np.diag(path.cov[-1]))
+def last_of(keyframes: Sequence[Keyframe]) -> tuple[float, ...]:
+    """The figures of an `Outcome.last`."""
+    first, last = keyframes[0].T_nav_sensor, keyframes[-1].T_nav_sensor
+    turn = quat_log(quat_multiply(last.wxyz, quat_inverse(first.wxyz)))
+    return *last.p, *turn, *np.sqrt(np.diag(keyframes[-1].cov))
 
 
 def score(path: HandPath, truth: Truth) -> Score:

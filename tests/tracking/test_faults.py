@@ -20,7 +20,6 @@ import pytest
 
 from pbd.data import Demonstration
 from pbd.errors import PbdError
-from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.online.events import DataFlaw, StopBegan, StopEnded
 from pbd.tracking.online.tracker import LiveTracker
 from tests.tracking import damage
@@ -36,6 +35,7 @@ from tests.tracking.fault_matrix import (
     Outcome,
     cases,
     faults,
+    last_of,
     outcome,
 )
 
@@ -84,11 +84,8 @@ def live(case: Case) -> Outcome:
     keyframes = [event.keyframe for event in events if isinstance(event, StopBegan | StopEnded)]
     if not keyframes:
         return Outcome("waits", said=said)
-    first, last = keyframes[0].T_nav_sensor, keyframes[-1].T_nav_sensor
-    turn = quat_log(quat_multiply(last.wxyz, quat_inverse(first.wxyz)))
-    figures: Array = np.concatenate((last.p, turn, np.sqrt(np.diag(keyframes[-1].cov))))
     stops = sum(isinstance(event, StopBegan) for event in events)
-    return Outcome("tracked", said=said, stops=stops, last=tuple(figures.tolist()))
+    return Outcome("tracked", said=said, stops=stops, last=last_of(keyframes))
 
 
 def without_numbers(said: str) -> str:

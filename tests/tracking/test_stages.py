@@ -35,7 +35,7 @@ from pbd.tracking.moving_windows import rows_of_mean, white_noise_variance
 from pbd.tracking.noise import FACTORY, Noise, _bends, _rounding, _step, noise_of
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother.preintegration import integral_of_means, integral_of_values, turns_between_middles
-from pbd.tracking.zero_velocity import energies, find_candidates, lasts, quiet_limits
+from pbd.tracking.zero_velocity import energies, find_candidates, lasts
 from tests.scenarios import pour
 from tests.tracking.hands import largest_angle
 from tests.tracking.stops_at import hand_path
@@ -101,16 +101,6 @@ def test_interpolated_rows_belong_to_no_stop_of_a_hand_that_has_set_out() -> Non
     rest = find_rest(Recording(t[:100], force[:100], np.zeros((100, 3))))
     shake, turn = energies(force, np.zeros((200, 3)), window)
     assert find_candidates(t, 0.01, shake, turn, rest, [(99, 120)]) == [(0, 100)]
-
-
-def test_in_a_lull_the_calmest_window_is_a_stop() -> None:
-    """A foot's stance, calmest a third of a second after its begin, and never as calm as the first rest."""
-    t, window = 0.01 * np.arange(300.0), 10
-    rest = find_rest(Recording(t, np.array((0.0, 0.0, GRAVITY)) + 1e-3 * np.sin(t)[:, None], np.zeros((300, 3))))
-    limits = quiet_limits(rest)
-    energy = np.full(300 - window + 1, 1e4)
-    energy[140:180] = 10.0 + np.abs(np.arange(140, 180) - 173)
-    assert find_candidates(t, 0.01, limits[0] * energy, limits[1] * energy, rest) == [(173, 173 + window)]
 
 
 def interval_means(signal: Callable[[Array], Array], middles: Array, dt: float) -> Array:

@@ -61,11 +61,9 @@ def import_recording(
         raise RecordingError.at(path, "it is a demonstration already; use it as it is, or copy the folder")
     source = path / XIO_FILE if (path / XIO_FILE).is_file() else path
     suffix, truth = source.suffix.lower(), None
-    if source.is_file():
-        with suppress(OSError), source.open("rb") as file:  # of a file that can't be read its reader tells
-            if file.read(len(LFS_POINTER)) == LFS_POINTER:
-                what = "it is Git LFS's pointer to the file, not the file; fetch that with `git lfs pull`"
-                raise RecordingError.at(source, what)
+    if _is_lfs_pointer(source):
+        what = "it is Git LFS's pointer to the file, not the file; fetch that with `git lfs pull`"
+        raise RecordingError.at(source, what)
     is_bag = suffix in (".mcap", ".db3") or (source / "metadata.yaml").is_file()
     columns, units = columns or {}, units or {}
     same_times = rate_hz is None and "t" not in columns and "t" not in units
@@ -127,6 +125,13 @@ def import_recording(
     if path.name == "imu.csv" and (path.parent / "demo.toml").is_file():
         demo = _as_before(demo, path.parent, same_times)
     return Imported(demo, understood)
+
+
+def _is_lfs_pointer(path: Path) -> bool:
+    if path.is_file():  # else it may be a pipe, which waits for its writer
+        with suppress(OSError), path.open("rb") as file:  # of a file that can't be read its reader tells
+            return file.read(len(LFS_POINTER)) == LFS_POINTER
+    return False
 
 
 def _as_before(demo: Demonstration, folder: Path, same_times: bool) -> Demonstration:
