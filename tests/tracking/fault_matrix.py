@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from zlib import crc32
 
 import numpy as np
 
-from pbd.data import GRAVITY, Demonstration, HandPath, Keyframe, Truth
+from pbd.data import GRAVITY, Demonstration, HandPath, Truth
 from pbd.errors import PbdError, PbdWarning
 from pbd.pipeline import track
 from pbd.pose import (
     Array,
+    Pose,
     lengths,
     quat_about_z,
     quat_inverse,
@@ -28,7 +29,6 @@ from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, random_task
 from pbd.simulation.simulate import TASKS as SIMULATED
 from pbd.simulation.tasks import Task
-from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise
 from pbd.tracking.repair.gyro_consistency import up_in_sensor, warn_upside_down
 from pbd.tracking.smoother.attitude import mean_quaternion
@@ -334,9 +334,9 @@ def outcome(case: Case, method: str = "default") -> Outcome:
         warnings.simplefilter("always")
         try:
             path = track(demo.recording, method)
-            first = path.stops[0]
-            up = up_in_sensor(mean_quaternion(path.wxyz_nav_sensor[first.start : first.stop]))
-            warn_upside_down(demo.recording, up, first.start, first.stop)
+            dock = path.stops[0]
+            up = up_in_sensor(mean_quaternion(path.wxyz_nav_sensor[dock.start : dock.stop]))
+            warn_upside_down(demo.recording, up, dock.start, dock.stop)
         except PbdError as refusal:
             return Outcome(REFUSED, said=refusal.message)
         except Exception as bug:
@@ -351,15 +351,18 @@ def outcome(case: Case, method: str = "default") -> Outcome:
         return Outcome(REFUSED, said="only one stop: nothing can be replayed")
     scored = score(path, d.truth_of(demo))
     verdict = (SILENT_RIGHT, SILENT_WRONG, WARNED_RIGHT, WARNED_WRONG)[scored.wrong + 2 * bool(said)]
-    last = last_of(find_keyframes(path))
-    return Outcome(verdict, scored.error_m, scored.error_rad, scored.lost, said, len(path.stops), last)
+    first, last = (
+        Pose(path.p_nav_sensor[stop.start], mean_quaternion(path.wxyz_nav_sensor[stop.start : stop.stop]))
+        for stop in (path.stops[0], path.stops[-1])
+    )
+    figures = last_of(first, last, path.cov[-1])
+    return Outcome(verdict, scored.error_m, scored.error_rad, scored.lost, said, len(path.stops), figures)
 
 
-def last_of(keyframes: Sequence[Keyframe]) -> tuple[float, ...]:
+def last_of(first: Pose, last: Pose, cov: Array) -> tuple[float, ...]:
     """The figures of an `Outcome.last`."""
-    first, last = keyframes[0].T_nav_sensor, keyframes[-1].T_nav_sensor
     turn = quat_log(quat_multiply(last.wxyz, quat_inverse(first.wxyz)))
-    return *last.p, *turn, *np.sqrt(np.diag(keyframes[-1].cov))
+    return *last.p, *turn, *np.sqrt(np.diag(cov))
 
 
 def score(path: HandPath, truth: Truth) -> Score:

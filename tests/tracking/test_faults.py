@@ -85,7 +85,12 @@ def live(case: Case) -> Outcome:
     if not keyframes:
         return Outcome("waits", said=said)
     stops = sum(isinstance(event, StopBegan) for event in events)
-    return Outcome("tracked", said=said, stops=stops, last=last_of(keyframes))
+    return Outcome(
+        "tracked",
+        said=said,
+        stops=stops,
+        last=last_of(keyframes[0].T_nav_sensor, keyframes[-1].T_nav_sensor, keyframes[-1].cov),
+    )
 
 
 def without_numbers(said: str) -> str:
