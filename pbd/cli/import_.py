@@ -10,19 +10,19 @@ from dataclasses import replace
 from pbd.cli.common import count_stops, decoder_maker, refuse_columns, store_demonstration
 from pbd.cli.console import say, working
 from pbd.data import Demonstration
+from pbd.data.source_columns import SourceColumns
 from pbd.errors import (
     PbdError,
     RecordingError,
     SensorError,
     TrackingError,
     UsageError,
-    collected_warnings,
     listed,
     warn,
 )
 from pbd.files.demo import demo_folder
-from pbd.files.importers import Imported, import_recording
-from pbd.files.importers.columns import UNUSED, Understood
+from pbd.files.importers import import_file
+from pbd.files.importers.columns import UNUSED
 from pbd.io.atomic import is_file, is_folder
 from pbd.record.redecode import decode_raw
 from pbd.record.session_types import FEWEST_STOPS
@@ -49,21 +49,21 @@ def run(args: argparse.Namespace) -> None:
     if args.columns and args.column:
         raise UsageError("--column is for a file with a header; turn or swap names in --columns itself, as ax,ay,-az")
     if args.file.suffix.lower() == ".bin" or args.columns:
-        imported = Imported(_decode(args), Understood())
+        demo = _decode(args)
     else:
         refuse_columns(args, "a file with a header")
         with working(f"reading {args.file}"):
-            imported = import_recording(args.file, dict(args.column), dict(args.unit), args.rate, args.topic)
-    demo, understood = imported.demo, imported.understood
+            demo = import_file(args.file, dict(args.column), dict(args.unit), args.rate, args.topic)
+    source = demo.recording.info.source
     if demo.recording.gyr is None:
         warn(NO_GYRO)
     # Refuse wrong units or a wrong clock before anything is stored. A TrackingError is left to the tracking command.
-    with suppress(TrackingError), _said_of_the_file(args, understood), working("checking it"):
+    with suppress(TrackingError), _columns_before_errors(args, source), working("checking it"):
         recording, _ = condition(demo.recording)
         if demo.recording.info.rate_hz is None:  # of evenly spaced times, where the file's come in batches
             info = replace(demo.recording.info, rate_hz=recording.rate_hz)
             demo = replace(demo, recording=replace(demo.recording, info=info))
-        acc = understood.of("acc")
+        acc = source.of("acc")
         rest = find_rest(recording, abs(acc[0].factor) if acc else 1.0)
         warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)
     if args.grip:
@@ -77,46 +77,42 @@ def run(args: argparse.Namespace) -> None:
         info = replace(demo.recording.info, sensor=args.sensor)
         demo = replace(demo, recording=replace(demo.recording, info=info))
     demo = replace(demo, closed=demo.closed or args.closed)
-    with _said_of_the_file(args, understood):
+    with _columns_before_errors(args, source):
         try:
             few = count_stops(demo) < FEWEST_STOPS
             failure = "it has fewer than two stops, and a motion needs two" if few else ""
         except PbdError as error:
             failure = error.message
-    columns = [column.row() for column in understood.columns]
-    more = {"columns": columns, "unread": dict(understood.unread)} if columns else {}
+    columns = [column.row() for column in source.columns]
+    more = {"columns": columns, "unread": dict(source.unread)} if columns else {}
     store_demonstration(args, replace(demo, failed=bool(failure)), "imported", more=more)
     if failure:
         warn(f"{failure}; so it is never the default demonstration, and another import needs --force")
-    _print_columns(args, understood)
+    _print_columns(args, source)
 
 
-def _print_columns(args: argparse.Namespace, understood: Understood) -> None:
-    if understood.columns and not args.json:
+def _print_columns(args: argparse.Namespace, source: SourceColumns) -> None:
+    if source.columns and not args.json:
         from pbd.view.terminal_tables import columns_table, print_table
 
-        if understood.program:
-            print(f"written by {understood.program}")
-        unread = dict(understood.unread)
+        if source.program:
+            print(f"written by {source.program}")
+        unread = dict(source.unread)
         files = [name for name, why in unread.items() if why == UNUSED]
         if len(files) > 1:
             unread = {name: why for name, why in unread.items() if why != UNUSED}
             unread[f"{len(files)} files"] = "not used; --json names them"
-        print_table(columns_table([column.row() for column in understood.columns], unread))
+        print_table(columns_table([column.row() for column in source.columns], unread))
 
 
 @contextmanager
-def _said_of_the_file(args: argparse.Namespace, understood: Understood) -> Iterator[None]:
-    """Put what is advised in errors and warnings in the file's terms; print the columns before an error."""
+def _columns_before_errors(args: argparse.Namespace, source: SourceColumns) -> Iterator[None]:
+    """Print the columns before an error, whose cause may be how they were read."""
     try:
-        with collected_warnings() as warnings:
-            yield
-    except RecordingError as error:
-        _print_columns(args, understood)
-        raise RecordingError(understood.in_file_names(error.message), **error.fields) from None
-    finally:
-        for warning in warnings:
-            warn(understood.in_file_names(warning))
+        yield
+    except RecordingError:
+        _print_columns(args, source)
+        raise
 
 
 def _decode(args: argparse.Namespace) -> Demonstration:

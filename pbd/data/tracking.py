@@ -16,6 +16,7 @@ from pbd.data.fusion import Fusion
 from pbd.data.keyframe import Keyframe, TouchUp
 from pbd.data.one_line_repr import brief, counted, span
 from pbd.data.sensor_estimate import SensorEstimate
+from pbd.data.source_columns import SourceColumns
 from pbd.data.world import GraspedObject
 from pbd.errors import require_kind
 from pbd.pose import Array
@@ -36,7 +37,7 @@ class GripEvent:
 class RecordingInfo:
     """Where a recording comes from: its name, the sensor, the nominal rate in Hz, the UTC start in ISO 8601.
 
-    `clock` says in words where its times come from.
+    `clock` says in words where its times come from; `source` tells an imported file's columns, for advice.
     """
 
     name: str = "recording"
@@ -44,6 +45,7 @@ class RecordingInfo:
     rate_hz: float | None = None
     created: str | None = None
     clock: str = ""
+    source: SourceColumns = field(default_factory=SourceColumns, compare=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)

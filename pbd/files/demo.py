@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Place, Recording, RecordingInfo, Truth
+from pbd.data.imu_columns import ACC, CHANNELS, compass_angles, device_rpy
 from pbd.errors import RecordingError
 from pbd.files.calibration import read_shape
 from pbd.files.find_by_name import find
-from pbd.files.imu_columns import ACC, CHANNELS, compass_angles, device_rpy
 from pbd.files.keyframes import KEYFRAMES_FILE, read_keyframes, read_touch_ups
 from pbd.files.set_aside import is_aside, why_kept
 from pbd.files.table import Table, read_table, write_table

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from pbd.data.imu_columns import ACC, GYR, MAG
 from pbd.errors import warn
-from pbd.files.imu_columns import ACC, GYR, MAG
 from pbd.io.numbers import NO_NUMBER, is_stamp
 
 FEWEST_CELLS = 4

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Demonstration, GripEvent, Recording, RecordingInfo
+from pbd.data.imu_columns import CHANNELS
 from pbd.errors import RecordingError
 from pbd.files.demo import demo_toml, refuse_demo_folder
-from pbd.files.imu_columns import CHANNELS
 from pbd.io.atomic import atomic_file, atomic_folder, is_file, unwritable, write_text
 from pbd.pose import Array
 

@@ -9,8 +9,8 @@ from math import hypot
 import numpy as np
 
 from pbd.data import GripEvent, RecordingInfo
+from pbd.data.imu_columns import compass_angles
 from pbd.errors import PbdError, RecordingError
-from pbd.files.imu_columns import compass_angles
 from pbd.files.recording_writer import RecordingWriter
 from pbd.record.diagnostics import Diagnostics
 from pbd.record.person_messages import Feedback

@@ -11,9 +11,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pbd.data import GRAVITY, Recording
+from pbd.data.source_columns import Column
 from pbd.errors import PbdWarning, RecordingError, UsageError
-from pbd.files.importers import import_file, import_recording
-from pbd.files.importers.columns import Column
+from pbd.files.importers import import_file
 from pbd.pose import Array
 
 DEG = math.pi / 180.0
@@ -34,7 +34,7 @@ def import_text(
 ) -> Recording:
     path = folder / name
     path.write_text(text, encoding="utf-8")
-    demo = import_recording(path, columns, units).demo
+    demo = import_file(path, columns, units)
     assert demo.recording.info.name == path.stem
     assert demo.notes == f"Imported from {name}."
     return demo.recording
@@ -229,7 +229,7 @@ def test_decimal_commas_with_exponents(tmp_path: Path) -> None:
 @pytest.mark.parametrize("rate_hz", [100.0, 37.5])
 def test_a_table_without_times_takes_a_rate(tmp_path: Path, rate_hz: float) -> None:
     (tmp_path / "run.csv").write_text("ax,ay,az\n0,0,9.8\n0,1,9.8\n0,2,9.8\n")
-    recording = import_recording(tmp_path / "run.csv", rate_hz=rate_hz).demo.recording
+    recording = import_file(tmp_path / "run.csv", rate_hz=rate_hz).recording
     assert_allclose(recording.t, [0.0, 1.0 / rate_hz, 2.0 / rate_hz], rtol=1e-15)
     assert_array_equal(recording.acc[:, 1], [0.0, 1.0, 2.0])
     assert recording.info.rate_hz == rate_hz
@@ -239,16 +239,16 @@ def test_a_day_alone_is_no_time(tmp_path: Path) -> None:
     rows = "2026-01-01,0,0,9.8\n2026-01-01,0,1,9.8\n"
     with pytest.raises(RecordingError, match=r"no column for t"):
         import_text(tmp_path, f"Date,ax,ay,az\n{rows}")
-    assert_array_equal(import_recording(tmp_path / "run.csv", rate_hz=10.0).demo.recording.t, [0.0, 0.1])
+    assert_array_equal(import_file(tmp_path / "run.csv", rate_hz=10.0).recording.t, [0.0, 0.1])
 
 
 def test_a_rate_wins_over_the_times_of_a_table(tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_text(two_rows("Zeit,ax,ay,az"))
     with pytest.warns(PbdWarning, match=r"--rate 100 is used instead of the times in the column 'Zeit'"):
-        recording = import_recording(tmp_path / "run.csv", rate_hz=100.0).demo.recording
+        recording = import_file(tmp_path / "run.csv", rate_hz=100.0).recording
     assert_allclose(recording.t, [0.0, 0.01])
     with pytest.raises(RecordingError, match="an npz has a rate of its own; leave --rate out"):
-        import_recording(tmp_path / "run.npz", rate_hz=100.0)
+        import_file(tmp_path / "run.npz", rate_hz=100.0)
 
 
 def test_repeated_rows_are_left_out_if_most_are(tmp_path: Path) -> None:
@@ -269,13 +269,13 @@ def test_times_of_day_pass_midnight_and_noon(tmp_path: Path, stamps: tuple[str, 
 def test_axes_and_units_are_corrected_without_a_header(tmp_path: Path) -> None:
     np.savez(tmp_path / "run.npz", rate_hz=100.0, acc=COUNTING, gyr=COUNTING)
     columns = {"ax": "-ay", "ay": "acc.x", "gz": "-gyr.z"}
-    read = import_recording(tmp_path / "run.npz", columns, {"acc": "-g"})
-    assert_allclose(read.demo.recording.acc, -GRAVITY * COUNTING[:, [1, 0, 2]] * (-1.0, 1.0, 1.0))
-    assert_allclose(channel(read.demo.recording, "gyr"), COUNTING * (1.0, 1.0, -1.0))
-    assert read.understood is not None
+    read = import_file(tmp_path / "run.npz", columns, {"acc": "-g"})
+    assert_allclose(read.recording.acc, -GRAVITY * COUNTING[:, [1, 0, 2]] * (-1.0, 1.0, 1.0))
+    assert_allclose(channel(read.recording, "gyr"), COUNTING * (1.0, 1.0, -1.0))
+    assert read.recording.info.source is not None
     rows = {
         row["column"]: (row["read_as"], row["unit"], row["decided_by"])
-        for row in map(Column.row, read.understood.columns)
+        for row in map(Column.row, read.recording.info.source.columns)
     }
     assert rows["acc.y"] == ("ax", "g", "--column; unit: --unit")
     assert rows["gyr.z"] == ("-gz", "rad/s", "--column; unit: its name")
@@ -287,7 +287,7 @@ def test_axes_and_units_are_corrected_without_a_header(tmp_path: Path) -> None:
         ({}, {"acc": "lb"}, "the unit acc=lb is not known here; give one of m/s2, "),
     ):
         with pytest.raises((RecordingError, UsageError), match=message):
-            import_recording(tmp_path / "run.npz", given, units)
+            import_file(tmp_path / "run.npz", given, units)
 
 
 def test_an_unknown_suffix_is_refused(tmp_path: Path) -> None:

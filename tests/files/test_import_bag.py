@@ -17,7 +17,7 @@ from pbd.data import Recording
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files.demo import load_demo
 from pbd.files.exporters import export
-from pbd.files.importers import import_file, import_recording
+from pbd.files.importers import import_file
 from pbd.pose import Array
 from pbd.simulation.simulate import simulate
 from pbd.tracking.repair.repair_recording import condition
@@ -127,12 +127,12 @@ def test_accelerometer_and_gyro_may_have_topics_of_their_own(
 ) -> None:
     others = () if topic is None else ("/imu",)
     bag = write_bag(tmp_path / "bag", recording, ("/camera/gyro/sample", "/camera/accel/sample", *others))
-    read = import_recording(bag, topic=topic)
-    assert read.demo.recording.gyr is not None
+    read = import_file(bag, topic=topic)
+    assert read.recording.gyr is not None
     assert recording.gyr is not None
-    assert_allclose(read.demo.recording.acc, recording.acc)
-    assert_allclose(read.demo.recording.gyr, recording.gyr)
-    assert read.understood.of("acc")[0].name.startswith("/camera/accel/sample: linear_accel")
+    assert_allclose(read.recording.acc, recording.acc)
+    assert_allclose(read.recording.gyr, recording.gyr)
+    assert read.recording.info.source.of("acc")[0].name.startswith("/camera/accel/sample: linear_accel")
 
 
 def test_a_clock_that_was_set_back_is_refused(tmp_path: Path, rows: list[Row]) -> None:
@@ -170,7 +170,7 @@ def test_a_driver_that_does_not_publish_tesla(tmp_path: Path, recording: Recordi
     with pytest.raises(RecordingError, match=r"the magnetometer reads .*--unit mag="):
         condition(import_file(path).recording)
     assert recording.mag is not None
-    read = import_recording(path, units={"mag": "uT"}).demo.recording.mag
+    read = import_file(path, units={"mag": "uT"}).recording.mag
     assert read is not None
     assert_allclose(read, recording.mag)
 
@@ -231,12 +231,12 @@ def test_our_own_export_comes_back(tmp_path: Path) -> None:
 def test_a_topic_is_chosen_or_the_only_one(tmp_path: Path, recording: Recording) -> None:
     bag = write_bag(tmp_path / "bag", recording, ("/left/imu", "/right/imu"))
     with pytest.raises(RecordingError, match=r"2 topics of type sensor_msgs/msg/Imu: /left/imu, /right/imu; choose"):
-        import_recording(bag)
-    assert_same(import_recording(bag, topic="/right/imu").demo.recording, recording)
+        import_file(bag)
+    assert_same(import_file(bag, topic="/right/imu").recording, recording)
     with pytest.raises(RecordingError, match=r"no topic /imu; those of type sensor_msgs/msg/Imu are /left/imu, /right"):
-        import_recording(bag, topic="/imu")
+        import_file(bag, topic="/imu")
     with pytest.raises(RecordingError, match=r"the topic /text has messages of type std_msgs/msg/String; those of"):
-        import_recording(bag, topic="/text")
+        import_file(bag, topic="/text")
 
 
 @pytest.mark.parametrize("share", [0.4, 0.8])

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from pbd.data import GRAVITY
+from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning, RecordingError
-from pbd.files.importers import Imported, import_recording
+from pbd.files.importers import import_file
 
 DEG = np.pi / 180.0
 
 
-def imported(folder: Path, text: str, rate_hz: float | None = None, name: str = "run.csv", **units: str) -> Imported:
+def imported(folder: Path, text: str, rate_hz: float | None = None, name: str = "run.csv", **units: str) -> Recording:
     (folder / name).write_text(text, encoding="utf-8")
-    return import_recording(folder / name, {}, units, rate_hz)
+    return import_file(folder / name, {}, units, rate_hz).recording
 
 
-def decided(read: Imported) -> Mapping[str, str]:
+def decided(read: Recording) -> Mapping[str, str]:
     """Map our names to the file's columns."""
-    return {column.ours: column.name for column in read.understood.columns}
+    return {column.ours: column.name for column in read.info.source.columns}
 
 
 DOT = """sep=,
@@ -47,16 +47,15 @@ SampleTimeFine is in us and wraps at 2^32; Acc is in m/s2, Gyr in deg/s (Movella
 
 
 def test_movella_dot(tmp_path: Path) -> None:
-    read = imported(tmp_path, DOT)
-    recording = read.demo.recording
+    recording = imported(tmp_path, DOT)
     assert_allclose(recording.t, [0.0, 0.016666, 0.033333], atol=2e-6)
     assert_allclose(recording.acc[0], [0.5, 0.25, 9.75])
     assert recording.gyr is not None
     assert_allclose(recording.gyr[0], [np.pi / 2, 0.0, -np.pi])
     assert recording.mag is not None
-    assert read.understood.program == "Movella (Xsens) DOT"
-    assert read.understood.unread["FreeAcc_X"] == "gravity, or gravity removed"
-    assert decided(read)["ax"] == "Acc_X"
+    assert recording.info.source.program == "Movella (Xsens) DOT"
+    assert recording.info.source.unread["FreeAcc_X"] == "gravity, or gravity removed"
+    assert decided(recording)["ax"] == "Acc_X"
 
 
 MT_MANAGER = """// General information:
@@ -72,7 +71,7 @@ PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tMag_X\t
 
 
 def test_xsens_mt_manager(tmp_path: Path) -> None:
-    recording = imported(tmp_path, MT_MANAGER, name="MT_01200311-000.txt").demo.recording
+    recording = imported(tmp_path, MT_MANAGER, name="MT_01200311-000.txt")
     assert_allclose(recording.t, [0.0, 0.01])
     assert recording.gyr is not None
     assert_allclose(recording.gyr[0], [1.5, 0.0, -2.0])
@@ -91,14 +90,13 @@ ms,no units,m/(s^2),m/(s^2),m/(s^2),m/(s^2),m/(s^2),m/(s^2),deg/s,deg/s,deg/s,lo
 
 @pytest.mark.parametrize("delimiter", [",", "\t"])
 def test_shimmer(tmp_path: Path, delimiter: str) -> None:
-    read = imported(tmp_path, SHIMMER.replace(",", delimiter))
-    recording = read.demo.recording
+    recording = imported(tmp_path, SHIMMER.replace(",", delimiter))
     assert_allclose(recording.t, [0.0, 0.02], atol=1e-6)
     assert_allclose(recording.acc[0], [0.5, 0.25, 9.75])
     assert recording.gyr is not None
     assert_allclose(recording.gyr[0], [np.pi / 2, 0.0, -np.pi])
     assert recording.mag is not None
-    assert read.understood.unread["S_Hand_Accel_WR_X_RAW (no units)"] == "raw counts"
+    assert recording.info.source.unread["S_Hand_Accel_WR_X_RAW (no units)"] == "raw counts"
 
 
 def test_an_ximu3s_folder(tmp_path: Path) -> None:
@@ -109,15 +107,14 @@ def test_an_ximu3s_folder(tmp_path: Path) -> None:
     (tmp_path / "Inertial.csv").write_text(inertial)
     (tmp_path / "Magnetometer.csv").write_text(f"{field}1000000,1,0,-1\n1005000,0,0,-1\n")
     (tmp_path / "Quaternion.csv").write_text("Timestamp (us),W,X,Y,Z\n1000000,1,0,0,0\n")
-    read = import_recording(tmp_path)
-    assert decided(read)["mx"] == "Magnetometer.csv: Magnetometer X (a.u.)"
-    assert read.understood.unread == {"Quaternion.csv": "a file that isn't used"}
-    recording = read.demo.recording
+    recording = import_file(tmp_path).recording
+    assert decided(recording)["mx"] == "Magnetometer.csv: Magnetometer X (a.u.)"
+    assert recording.info.source.unread == {"Quaternion.csv": "a file that isn't used"}
     assert recording.acc[0, 2] == GRAVITY
     assert recording.mag is not None
     assert_allclose(recording.mag, [[1.0, 0.0, -1.0], [0.5, 0.0, -1.0]])
     its = [f"Magnetometer.csv: Magnetometer {axis} (a.u.)" for axis in "XYZ"]
-    turned = import_recording(tmp_path, {"mx": f"-{its[2]}", "mz": its[0]}).demo.recording.mag
+    turned = import_file(tmp_path, {"mx": f"-{its[2]}", "mz": its[0]}).recording.mag
     assert turned is not None
     assert_allclose(turned[0], [1.0, 0.0, 1.0])
 
@@ -141,7 +138,7 @@ Gyroscope: X=1.50, Y=0.00, Z=-2.00
 @pytest.mark.parametrize("line", [PLOTTER, BASIC_READINGS, M5STICK])
 def test_lines_that_sketches_print(tmp_path: Path, line: str) -> None:
     text = line[20:] + 4 * line + line[:20]  # the serial monitor was opened and closed within a line
-    recording = imported(tmp_path, text, 50.0, "monitor.log").demo.recording
+    recording = imported(tmp_path, text, 50.0, "monitor.log")
     assert_allclose(recording.acc, np.tile([0.5, 0.25, 9.75], (len(recording), 1)))
     assert recording.gyr is not None
     assert_allclose(recording.gyr[0], [1.5, 0.0, -2.0])
@@ -161,7 +158,7 @@ def test_lines_that_sketches_print(tmp_path: Path, line: str) -> None:
 )
 def test_times_of_the_serial_monitor(tmp_path: Path, stamp: str, atol: float) -> None:
     lines = "".join(f"{stamp.format(at)}{PLOTTER}" for at in ("56.990", "56.995", "57.000"))
-    recording = imported(tmp_path, lines, None, "monitor.txt").demo.recording
+    recording = imported(tmp_path, lines, None, "monitor.txt")
     assert_allclose(recording.t, [0.0, 0.005, 0.01], atol=atol)
 
 
@@ -186,7 +183,7 @@ def test_times_of_the_serial_monitor(tmp_path: Path, stamp: str, atol: float) ->
 def test_units_and_rows_of_axes_that_sketches_print(tmp_path: Path, line: str, scales: tuple[float, float]) -> None:
     """A unit counts for its own sensor's axes: neither for the time before them nor for the other sensor."""
     text = "".join(line.format(10 * k) + "\n" for k in range(4))
-    recording = imported(tmp_path, text, None if "ms" in line[:9] else 100.0, "monitor.log").demo.recording
+    recording = imported(tmp_path, text, None if "ms" in line[:9] else 100.0, "monitor.log")
     assert_allclose(recording.acc, np.tile([1.0, 2.0, 3.0], (4, 1)) * scales[0])
     assert recording.gyr is not None
     assert_allclose(recording.gyr[0], np.array([4.0, 5.0, 6.0]) * scales[1])
@@ -195,7 +192,7 @@ def test_units_and_rows_of_axes_that_sketches_print(tmp_path: Path, line: str, s
 
 def test_biases_above_a_table_are_no_lines_of_a_sketch(tmp_path: Path) -> None:
     biases = "".join(f"{sensor} {axis}: 0.1\n" for sensor in ("Acc", "Gyro", "Mag") for axis in "XYZ")
-    recording = imported(tmp_path, f"{biases}t,ax,ay,az\n0,1,2,3\n1,1,2,3\n").demo.recording
+    recording = imported(tmp_path, f"{biases}t,ax,ay,az\n0,1,2,3\n1,1,2,3\n")
     assert_allclose(recording.acc, [[1.0, 2.0, 3.0]] * 2)
 
 
@@ -217,7 +214,7 @@ def test_four_numbers_after_a_name_are_no_axes(tmp_path: Path) -> None:
     ],
 )
 def test_a_gyro_by_any_name(tmp_path: Path, header: str, scale: float) -> None:
-    recording = imported(tmp_path, f"t,ax,ay,az,{header}\n0,0,0,9.8,1,2,3\n1,0,0,9.8,1,2,3\n").demo.recording
+    recording = imported(tmp_path, f"t,ax,ay,az,{header}\n0,0,0,9.8,1,2,3\n1,0,0,9.8,1,2,3\n")
     assert recording.gyr is not None
     assert_allclose(recording.gyr[0], np.array((1.0, 2.0, 3.0)) * scale)
 
@@ -225,7 +222,7 @@ def test_a_gyro_by_any_name(tmp_path: Path, header: str, scale: float) -> None:
 def test_beside_another_gyro_gx_is_gravity(tmp_path: Path) -> None:
     """Short names of AndroSensor's columns: AX, GX is gravity, GYROX the gyro."""
     header = "t,AX,AY,AZ,GX,GY,GZ,LAX,LAY,LAZ,GYROX,GYROY,GYROZ"
-    read = imported(tmp_path, f"{header}\n0,1,2,9,1,2,9,0,0,0,4,5,6\n1,1,2,9,1,2,9,0,0,0,4,5,6\n").demo.recording
+    read = imported(tmp_path, f"{header}\n0,1,2,9,1,2,9,0,0,0,4,5,6\n1,1,2,9,1,2,9,0,0,0,4,5,6\n")
     assert read.gyr is not None
     assert_allclose(read.gyr[0], [4.0, 5.0, 6.0])
 
@@ -250,10 +247,10 @@ rotation_Vector.y,rotation_Vector.z,gyroscope_lsm6ds3_c.x,gyroscope_lsm6ds3_c.y,
 
 def test_a_chip_may_follow_the_quantity_or_the_axis(tmp_path: Path) -> None:
     read = imported(tmp_path, HYPERIMU, t="ms")
-    assert_allclose(read.demo.recording.acc[0], [0.5, 0.25, 9.75])
-    assert read.demo.recording.gyr is not None
-    assert_allclose(read.demo.recording.gyr[0], [1.5, 0.0, -2.0])
-    assert read.understood.unread["rotation_Vector.x"] == "an attitude that isn't used"
+    assert_allclose(read.acc[0], [0.5, 0.25, 9.75])
+    assert read.gyr is not None
+    assert_allclose(read.gyr[0], [1.5, 0.0, -2.0])
+    assert read.info.source.unread["rotation_Vector.x"] == "an attitude that isn't used"
     chips = [f"{name}_{chip}" for chip in ("adxl345", "mpu6050") for name in ("ax", "ay", "az", "gx", "gy", "gz")]
     header = ["t", *chips[:3], *chips[6:]]  # the first chip has no gyro
     read = imported(tmp_path, f"{','.join(header)}\n0,1,1,1,2,2,2,3,3,3\n1,1,1,1,2,2,2,3,3,3\n")
@@ -268,9 +265,9 @@ def test_a_chip_may_follow_the_quantity_or_the_axis(tmp_path: Path) -> None:
 def test_a_unit_of_angles_may_follow_the_axis(tmp_path: Path) -> None:
     """`AngleX_deg` was said to be a gyro's."""
     read = imported(tmp_path, "t,ax,ay,az,AngleX_deg,AngleY_deg,AngleZ_deg\n0,0,0,9.8,90,0,0\n1,0,0,9.8,90,0,0\n")
-    assert [column.unit for column in read.understood.of("rpy")] == ["deg"] * 3
-    assert read.demo.recording.device_rpy is not None
-    assert_allclose(read.demo.recording.device_rpy[0], [np.pi / 2, 0.0, 0.0])
+    assert [column.unit for column in read.info.source.of("rpy")] == ["deg"] * 3
+    assert read.device_rpy is not None
+    assert_allclose(read.device_rpy[0], [np.pi / 2, 0.0, 0.0])
     with pytest.raises(RecordingError, match="the unit 'deg' of column 'gyro_x_deg' is not known"):
         imported(tmp_path, "t,ax,ay,az,gyro_x_deg,gyro_y_deg,gyro_z_deg\n0,0,0,9.8,1,2,3\n")
 
@@ -278,8 +275,8 @@ def test_a_unit_of_angles_may_follow_the_axis(tmp_path: Path) -> None:
 def test_rostopic_prints_times_in_ns(tmp_path: Path) -> None:
     header = "%time,field.header.seq,field.header.stamp," + ",".join(f"field.linear_acceleration.{x}" for x in "xyz")
     read = imported(tmp_path, f"{header}\n7000000000,0,5000000000,0,0,9.8\n7020000000,1,5010000000,0,0,9.8\n")
-    assert read.understood.program == "rostopic"
-    assert_allclose(read.demo.recording.t, [0.0, 0.01], atol=1e-9)
+    assert read.info.source.program == "rostopic"
+    assert_allclose(read.t, [0.0, 0.01], atol=1e-9)
 
 
 def test_a_column_that_looks_inertial_is_never_ignored(tmp_path: Path) -> None:
@@ -304,7 +301,7 @@ def test_nor_is_one_without_a_known_axis(tmp_path: Path, header: str, what: str,
     with pytest.raises(RecordingError, match=rf"{what}, but .* with --column {option} and its like"):
         imported(tmp_path, f"t,ax,ay,az,{header}\n0,0,0,9.8{cells}\n")
     read = imported(tmp_path, f"t,ax,ay,az,gx,gy,gz,mx,my,mz,{header}\n0,0,0,9.8,1,2,3,1,2,3{cells}\n")
-    assert all(why.startswith("another column has the ") for why in read.understood.unread.values())
+    assert all(why.startswith("another column has the ") for why in read.info.source.unread.values())
 
 
 def test_a_column_about_a_sensor_is_not_a_reading(tmp_path: Path) -> None:
@@ -314,8 +311,8 @@ def test_a_column_about_a_sensor_is_not_a_reading(tmp_path: Path) -> None:
         "field.angular_velocity_covariance0,magneticHeading,accuracy,image,language,rotation_vector,heart_rate,gyro_bias_x"
     )
     read = imported(tmp_path, f"t,ax,ay,az,{names}\n0,0,0,9.8{',1' * len(names.split(','))}\n")
-    assert list(read.understood.unread) == names.split(",")
-    assert all(read.understood.unread.values())
+    assert list(read.info.source.unread) == names.split(",")
+    assert all(read.info.source.unread.values())
 
 
 def test_acceleration_without_gravity_is_refused(tmp_path: Path) -> None:
@@ -336,7 +333,7 @@ def test_acceleration_without_gravity_is_refused(tmp_path: Path) -> None:
 def test_the_best_clock_of_several_is_chosen(tmp_path: Path, header: str, rows: tuple[str, ...], wanted: str) -> None:
     read = imported(tmp_path, f"{header},ax,ay,az\n" + "".join(f"{row},0,0,9.8\n" for row in rows))
     assert decided(read)["t"] == wanted
-    assert_allclose(read.demo.recording.t, [0.0, 0.01])
+    assert_allclose(read.t, [0.0, 0.01])
 
 
 EUROC = """#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],\
@@ -383,7 +380,7 @@ mx_microT,my_microT,mz_microT
     ],
 )
 def test_names_and_units_of_other_programs(tmp_path: Path, text: str, step_s: float, has_field: bool) -> None:
-    recording = imported(tmp_path, text).demo.recording
+    recording = imported(tmp_path, text)
     assert_allclose(recording.t, [0.0, step_s], atol=1e-6)
     assert_allclose(recording.acc, [[0.5, 0.25, 9.75]] * 2, rtol=1e-4)
     assert recording.gyr is not None
@@ -407,20 +404,19 @@ def test_metabase_has_a_file_for_each_sensor(tmp_path: Path) -> None:
         ]
         (tmp_path / METABASE.format(sensor)).write_text(HEAD.format(unit) + "".join(rows))
     for path in (tmp_path, tmp_path / METABASE.format("Gyroscope")):
-        read = import_recording(path)
-        recording = read.demo.recording
+        recording = import_file(path).recording
         assert_allclose(recording.t, [0.0, 0.01])
         assert_allclose(recording.acc, [[0.5 * GRAVITY, 0.0, g * GRAVITY] for g in (15.0, 25.0)])
         assert recording.gyr is not None
         assert_allclose(recording.gyr, [[np.pi / 2, 0.0, rate * DEG] for rate in (20.0, 30.0)])
-        assert read.understood.unread[METABASE.format("Quaternion")] == "a file that isn't used"
+        assert recording.info.source.unread[METABASE.format("Quaternion")] == "a file that isn't used"
         assert recording.info.sensor == "metawear (imported)"
     (tmp_path / METABASE.format("Accelerometer").replace("13.20", "59.00")).write_text(HEAD.format("g"))
     with pytest.raises(RecordingError, match="it holds 2 recordings; name a file of one of them"):
-        import_recording(tmp_path)
+        import_file(tmp_path)
     (tmp_path / METABASE.format("Accelerometer")).unlink()
     with pytest.raises(RecordingError, match="no file of the accelerometer is beside it"):
-        import_recording(tmp_path / METABASE.format("Gyroscope"))
+        import_file(tmp_path / METABASE.format("Gyroscope"))
 
 
 @pytest.mark.parametrize(
@@ -433,17 +429,18 @@ def test_metabase_has_a_file_for_each_sensor(tmp_path: Path) -> None:
 )
 def test_a_column_of_dates_may_have_any_name(tmp_path: Path, name: str, stamps: tuple[str, str]) -> None:
     read = imported(tmp_path, f"day,{name},ax,ay,az\n" + "".join(f"2024-01-01,{at},0,0,9.8\n" for at in stamps))
-    assert_allclose(read.demo.recording.t, [0.0, 0.01], atol=1e-6)
-    assert read.understood.of("t")[0].named_by == "its dates"
+    assert_allclose(read.t, [0.0, 0.01], atol=1e-6)
+    assert read.info.source.of("t")[0].named_by == "its dates"
     with pytest.raises(RecordingError, match=r"no column for t \(time\)"):  # the clock stands still
         imported(tmp_path, f"{name},ax,ay,az\n" + 2 * f"{stamps[0]},0,0,9.8\n")
 
 
 def test_advice_has_the_files_names(tmp_path: Path) -> None:
-    read = imported(tmp_path, "t,acc X [g],acc_y (g),acc_z (g)\n0,0,0,1\n")
-    assert read.understood.in_file_names("import with --column ax=ay --column ay=-ax") == (
-        "import with --column 'ax=acc_y (g)' --column 'ay=-acc X [g]'"
-    )
+    (tmp_path / "run.csv").write_text("t,acc X [g],acc_y (g),acc_z (g)\n0,0,0,1\n")
+    source = import_file(tmp_path / "run.csv", {"ay": "-acc_y (g)"}).recording.info.source
+    assert source.column_option("ax", "ay", reverse=False) == "--column 'ax=-acc_y (g)'"  # it was reversed before
+    assert source.column_option("ay", "ax", reverse=True) == "--column 'ay=-acc X [g]'"
+    assert source.reversed_force() == "--unit acc=-g"
 
 
 # --- bad input --------------------------------------------------------------------------------------------------------
@@ -461,7 +458,7 @@ def test_one_bad_row_of_many_is_named(tmp_path: Path) -> None:
 
 def test_mixed_line_ends(tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_bytes(b"t,ax,ay,az\r\n0,0,0,9.8\r0.01,0,0,9.8\n\n0.02,0,0,9.8,\r\n")
-    assert_allclose(import_recording(tmp_path / "run.csv").demo.recording.t, [0.0, 0.01, 0.02])
+    assert_allclose(import_file(tmp_path / "run.csv").recording.t, [0.0, 0.01, 0.02])
 
 
 @pytest.mark.parametrize(
@@ -505,7 +502,7 @@ def test_a_pointer_of_git_lfs_is_no_recording(tmp_path: Path, name: str) -> None
 
 def test_a_folder_of_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"this folder: it is no bag, no x-IMU3's, no MetaWear's and no phone's"):
-        import_recording(tmp_path)
+        import_file(tmp_path)
 
 
 def rows_of(*columns: Iterable[object], delimiter: str = ",") -> str:
@@ -540,7 +537,7 @@ EUROC += "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\n"
     ],
 )
 def test_other_ways_to_write_a_table(tmp_path: Path, text: str) -> None:
-    recording = imported(tmp_path, text).demo.recording
+    recording = imported(tmp_path, text)
     assert_allclose(recording.t, [0.0, 0.01], atol=1e-6)
     assert recording.gyr is not None
     assert_allclose([recording.gyr[1], recording.acc[1]], [[1, 2, 3], [4, 5, 6]])
@@ -569,7 +566,7 @@ def test_other_ways_to_write_a_table(tmp_path: Path, text: str) -> None:
 )
 def test_ways_to_write_the_time(tmp_path: Path, name: str, stamps: tuple[str, str]) -> None:
     text = f"{name},ax,ay,az\n{stamps[0]},1,2,3\n{stamps[1]},1,2,3\n"
-    assert_allclose(imported(tmp_path, text).demo.recording.t, [0.0, 0.01], atol=1e-6)
+    assert_allclose(imported(tmp_path, text).t, [0.0, 0.01], atol=1e-6)
 
 
 @pytest.mark.parametrize("lost", [0, 1])
@@ -578,7 +575,7 @@ def test_counters_that_wrap_are_unwrapped_and_clocks_set_back_refused(tmp_path: 
     k = np.arange(7) + lost * (np.arange(7) > 1)
     ones = [1] * len(k)
     wrapped = rows_of((2**32 - 20000 + 10000 * k) % 2**32, ones, ones, ones)
-    assert_allclose(imported(tmp_path, f"micros,ax,ay,az\n{wrapped}").demo.recording.t, 0.01 * k)
+    assert_allclose(imported(tmp_path, f"micros,ax,ay,az\n{wrapped}").t, 0.01 * k)
     late = rows_of((2**32 - 20000 + 10000 * (k + 4 * (k > 1))) % 2**32, ones, ones, ones)
     for wrong in (wrapped.replace("4294957296", "4294900000"), late):
         with pytest.raises(RecordingError, match="time runs backwards"):
@@ -590,7 +587,7 @@ def test_sensors_with_rows_of_their_own_are_joined(tmp_path: Path) -> None:
     gyro = rows_of(t, 10 * t, t, t, *[[""] * 20] * 3)
     force = rows_of(t + 0.004, *[[""] * 20] * 3, t + 0.004, 0 * t, 0 * t)
     rows = sorted((gyro + force).splitlines(), key=lambda row: float(row.split(",")[0]))
-    recording = imported(tmp_path, "\n".join(["t,gx,gy,gz,ax,ay,az", *rows])).demo.recording
+    recording = imported(tmp_path, "\n".join(["t,gx,gy,gz,ax,ay,az", *rows]))
     assert recording.gyr is not None
     assert_allclose(recording.t, t[:-1], atol=1e-9)  # from the second reading of the gyro
     assert_allclose(recording.gyr[:, 0], 10 * t[1:])
@@ -602,13 +599,13 @@ def test_sensors_with_times_of_their_own_in_one_row_are_joined(tmp_path: Path, c
     """An Android logger's lists side by side: `Acc_TimeStamp,AccX,AccY,AccZ,Gyro_TimeStamp,GyroX,...`."""
     t, faster = 0.01 * np.arange(20), 0.0098 * np.arange(20)
     header = f"{clock.format('Acc')},AccX,AccY,AccZ,{clock.format('Gyro')},GyroX,GyroY,GyroZ"
-    recording = imported(tmp_path, f"{header}\n{rows_of(t, t, t, t, faster, *[faster] * 3)}").demo.recording
+    recording = imported(tmp_path, f"{header}\n{rows_of(t, t, t, t, faster, *[faster] * 3)}")
     assert recording.gyr is not None
     assert_allclose(recording.gyr[:, 0], faster, atol=1e-9)
     assert_allclose(recording.acc[:, 0], faster, atol=1e-9)
     # The rows' own clock may be another one, so that a sensor's times say nothing of it.
     header = f"time,ax,ay,az,{clock.format('Gyro')},gx,gy,gz"
-    recording = imported(tmp_path, f"{header}\n{rows_of(t, t, t, t, faster + 9, *[faster] * 3)}").demo.recording
+    recording = imported(tmp_path, f"{header}\n{rows_of(t, t, t, t, faster + 9, *[faster] * 3)}")
     assert_allclose(recording.acc[:, 0], t, atol=1e-9)
 
 
@@ -621,7 +618,7 @@ def test_rows_of_two_devices_are_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(RecordingError, match=f"give its sensors columns of their own .* instead of '{name}'"):
         imported(tmp_path, f"time,{name},x,y,z\n{long}")
     counter = rows_of(range(30), range(30), *[[1] * 30] * 3)
-    assert len(imported(tmp_path, f"t,{name},ax,ay,az\n{counter}").demo.recording) == 30
+    assert len(imported(tmp_path, f"t,{name},ax,ay,az\n{counter}")) == 30
 
 
 def test_times_in_an_unknown_form_can_be_replaced_by_the_rate(tmp_path: Path) -> None:
@@ -629,7 +626,7 @@ def test_times_in_an_unknown_form_can_be_replaced_by_the_rate(tmp_path: Path) ->
     with pytest.raises(RecordingError, match=r"in column 'time' is not a number; .*--rate HZ"):
         imported(tmp_path, text)
     with pytest.warns(PbdWarning, match="--rate 100 is used instead"):
-        assert imported(tmp_path, text, rate_hz=100.0).demo.recording.t.tolist() == [0.0, 0.01]
+        assert imported(tmp_path, text, rate_hz=100.0).t.tolist() == [0.0, 0.01]
 
 
 def test_a_column_of_times_without_a_number_is_named(tmp_path: Path) -> None:
@@ -642,25 +639,25 @@ def test_a_column_of_times_without_a_number_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("end", ["2,4,5", "2,4", "2", "\0\0\0\0"])
 def test_a_row_that_was_cut_off_at_the_end_is_left_out(tmp_path: Path, end: str) -> None:
     text = "t,ax,ay,az\n0,1,2,3\n1,2,3,4\n"
-    assert len(imported(tmp_path, text + "2,4,5,6").demo.recording) == 3
+    assert len(imported(tmp_path, text + "2,4,5,6")) == 3
     if end[0] == "\0":
-        assert len(imported(tmp_path, text + end).demo.recording) == 2
+        assert len(imported(tmp_path, text + end)) == 2
         return
     with pytest.warns(PbdWarning, match="the last row is cut off, and left out"):
-        assert len(imported(tmp_path, text + end).demo.recording) == 2
+        assert len(imported(tmp_path, text + end)) == 2
 
 
 def test_a_lone_sign_of_western_windows_is_not_chinese(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_bytes("t,ax,ay,az,mx (µT),my (µT),mz (µT)\n0,1,2,3,4,5,6\n".encode("cp1252"))
-    assert [column.unit for column in import_recording(path).understood.of("mag")] == ["uT"] * 3
+    assert [column.unit for column in import_file(path).recording.info.source.of("mag")] == ["uT"] * 3
 
 
 def test_a_lost_line_moves_no_later_sample(tmp_path: Path) -> None:
     """With --rate the time is counted by the samples."""
     lines = [f"ax: {k} g, ay: 0 g, az: 1 g\ngx: 0 dps, gy: 0 dps, gz: 9 dps\ntemp: 20\n" for k in range(9)]
     lines[4] = lines[4].replace("temp: 20\n", "")
-    read = imported(tmp_path, "".join(lines), rate_hz=100.0, name="run.log").demo.recording
+    read = imported(tmp_path, "".join(lines), rate_hz=100.0, name="run.log")
     assert_allclose(read.acc[:, 0], GRAVITY * np.arange(9))
     assert read.gyr is not None
     assert_allclose(read.gyr[:, 2], 9 * DEG)
@@ -689,22 +686,21 @@ def echoed(k: int, header: str, covariance: str) -> str:
 def test_messages_that_ros_printed(tmp_path: Path, header: str, covariance: str) -> None:
     text = "".join(echoed(k, header, covariance) for k in range(5))
     text += text[: len(text) // 5 - 30]  # the last message is cut off
-    read = imported(tmp_path, text, None if header else 20.0, "imu.txt")
-    recording = read.demo.recording
+    recording = imported(tmp_path, text, None if header else 20.0, "imu.txt")
     assert_allclose(recording.t, 0.05 * np.arange(5), atol=1e-9)
     assert_allclose(recording.acc, [(0.1 * k, 0.0, 9.8) for k in range(5)])
     assert recording.gyr is not None
     assert_allclose(recording.gyr, [(k + 0.5, 2e-7, -3.0) for k in range(5)])
-    assert read.understood.unread["orientation_x"]
+    assert recording.info.source.unread["orientation_x"]
 
 
 def test_a_cut_message_of_ros_moves_no_other(tmp_path: Path) -> None:
     messages = [echoed(k, "", ROS1_COVARIANCE) for k in range(5)]
     messages[2] = messages[2].replace("  x: 0.2\n", "")
-    read = imported(tmp_path, "".join(messages), 20.0, "imu.log").demo.recording
+    read = imported(tmp_path, "".join(messages), 20.0, "imu.log")
     assert_allclose(read.acc[:, 0], [0.0, 0.1, np.nan, 0.3, 0.4])
 
 
 def test_keys_above_a_table_are_no_messages_of_ros(tmp_path: Path) -> None:
     above = "device: x\nrate: 100\nmode: 1\n---\n"
-    assert len(imported(tmp_path, f"{above}t,ax,ay,az\n0,1,2,3\n1,2,3,4\n").demo.recording) == 2
+    assert len(imported(tmp_path, f"{above}t,ax,ay,az\n0,1,2,3\n1,2,3,4\n")) == 2

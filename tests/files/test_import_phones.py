@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning, RecordingError
-from pbd.files.importers import import_file, import_recording, phones
+from pbd.files.importers import import_file, phones
 
 N = 200
 T = np.arange(N) / 100.0
@@ -67,7 +67,7 @@ def test_android_reads_total_acceleration_from_zip_folder_and_csv(tmp_path: Path
 def test_every_column_of_every_file_is_listed(tmp_path: Path) -> None:
     place = folder(tmp_path / "walk", {"TotalAcceleration": UP, "Accelerometer": UP - GRAVITY_PART, "Gyroscope": TURN})
     (place / "Barometer.csv").write_text("time,seconds_elapsed,pressure\n0,0,1013\n")
-    understood = import_recording(packed(place)).understood
+    understood = import_file(packed(place)).recording.info.source
     assert understood is not None
     assert [column.ours for column in understood.columns] == ["t", "ax", "ay", "az", "t", "gx", "gy", "gz"]
     assert understood.columns[0].name == "TotalAcceleration.csv: seconds_elapsed"
@@ -81,11 +81,8 @@ def test_every_column_of_every_file_is_listed(tmp_path: Path) -> None:
 
 def test_a_message_names_the_time_of_the_accelerometer(tmp_path: Path) -> None:
     """Each file has times. The accelerometer's are those of the recording."""
-    understood = import_recording(folder(tmp_path / "walk", {"TotalAcceleration": UP, "Gyroscope": TURN})).understood
-    assert understood is not None
-    assert understood.of("t")[0].name == "TotalAcceleration.csv: seconds_elapsed"
-    said = understood.in_file_names("the column 't' must be seconds")
-    assert said == "the column 'TotalAcceleration.csv: seconds_elapsed' must be seconds"
+    source = import_file(folder(tmp_path / "walk", {"TotalAcceleration": UP, "Gyroscope": TURN})).recording.info.source
+    assert source.must_be_seconds() == "the column 'TotalAcceleration.csv: seconds_elapsed' must be seconds"
 
 
 def test_a_recording_is_found_among_pictures_and_other_tables(tmp_path: Path) -> None:
@@ -96,10 +93,10 @@ def test_a_recording_is_found_among_pictures_and_other_tables(tmp_path: Path) ->
             archive.writestr(f"Camera/{k}.jpg", b"")
         archive.writestr("TotalAcceleration.csv", table(T, UP))
         archive.writestr("__MACOSX/._TotalAcceleration.csv", b"\0\5\26\7")
-    found = import_recording(place)
-    assert_allclose(found.demo.recording.acc, UP, atol=1e-12)
-    assert found.understood is not None
-    assert set(found.understood.unread) == {"TotalAcceleration.csv: time"}
+    found = import_file(place)
+    assert_allclose(found.recording.acc, UP, atol=1e-12)
+    assert found.recording.info.source is not None
+    assert set(found.recording.info.source.unread) == {"TotalAcceleration.csv: time"}
     for k in range(1200):
         (tmp_path / f"{k}.csv").touch()
     (tmp_path / "TotalAcceleration.csv").write_text(table(T, UP))
@@ -125,7 +122,7 @@ def test_signs_and_units_of_an_iphone(tmp_path: Path, tables: dict[str, np.ndarr
 def test_swapped_axes_of_an_iphone_are_corrected_by_either_name(tmp_path: Path, name: str) -> None:
     place = folder(tmp_path / "i", {"AccelerometerUncalibrated": -UP[:, [1, 0, 2]] / GRAVITY}, "ios")
     columns = {"ax": name.format("y"), "ay": name.format("x")}
-    assert_allclose(import_recording(place, columns).demo.recording.acc, UP, atol=1e-9)
+    assert_allclose(import_file(place, columns).recording.acc, UP, atol=1e-9)
 
 
 @pytest.mark.parametrize("written", [UP, -UP / GRAVITY], ids=["Android's", "an iPhone's"])
@@ -145,12 +142,12 @@ def test_a_watch_gives_gravity_and_the_rest_of_its_acceleration(tmp_path: Path, 
     path = place / "WristMotion.csv"
     path.write_text("\n".join((",".join(header), *(",".join(map(str, row)) for row in rows.tolist()))))
     for each in (place, packed(place), path):
-        found = import_recording(each)
-        assert found.demo.recording.info.sensor == "watch (imported)"
-        assert_allclose(found.demo.recording.acc, UP, atol=1e-9)
-        assert found.demo.recording.gyr is not None
-        assert_allclose(found.demo.recording.gyr, TURN, atol=1e-12)
-        assert found.understood.unread["WristMotion.csv: yaw"] == "an attitude that isn't used"
+        found = import_file(each)
+        assert found.recording.info.sensor == "watch (imported)"
+        assert_allclose(found.recording.acc, UP, atol=1e-9)
+        assert found.recording.gyr is not None
+        assert_allclose(found.recording.gyr, TURN, atol=1e-12)
+        assert found.recording.info.source.unread["WristMotion.csv: yaw"] == "an attitude that isn't used"
     (place / "TotalAcceleration.csv").write_text(table(T, GRAVITY_PART))
     with pytest.warns(PbdWarning, match=r"the phone is read, not the watch; for that import WristMotion\.csv alone"):
         assert_allclose(read(place).acc, GRAVITY_PART)
@@ -236,7 +233,7 @@ def test_what_phyphox_says_of_the_phone_is_no_sheet(tmp_path: Path) -> None:
     place = phyphox(tmp_path / "p")
     (place / "meta" / "device.csv").write_text('"property","value"\n"version","1.1"\n')
     for each in (place, packed(place)):
-        assert not import_recording(each).understood.unread
+        assert not import_file(each).recording.info.source.unread
 
 
 def test_a_csv_of_any_other_name_is_read_alone(tmp_path: Path) -> None:

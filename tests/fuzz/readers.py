@@ -22,7 +22,7 @@ from pbd.errors import SensorError
 from pbd.files.calibration import read_calibration
 from pbd.files.calibration_edit import update_calibration
 from pbd.files.demo import read_demo, write_demo
-from pbd.files.importers import import_file, import_recording
+from pbd.files.importers import import_file
 from pbd.files.joint_state import read_joints
 from pbd.files.keyframes import keyframes_toml
 from pbd.files.points import read_points
@@ -137,7 +137,7 @@ def _zipped() -> bytes:
 
 
 def _printed(path: Path) -> object:
-    return import_recording(path, rate_hz=100.0)
+    return import_file(path, rate_hz=100.0)
 
 
 def _update(path: Path) -> object:

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pbd.data import Demonstration
 from pbd.errors import RecordingError, warn
 from pbd.files.demo import RATES_HZ, read_demo_toml, utf8_name
-
-if TYPE_CHECKING:
-    from pbd.files.importers.columns import Understood
 
 TEXT = (".csv", ".txt", ".tsv", ".log")
 LFS_POINTER = b"version https://git-lfs.github.com/"
@@ -23,27 +19,16 @@ XIO_FILE = "Inertial.csv"
 """The file by which an x-IMU3's folder is recognised. x-io's x-IMU3 GUI writes a file for each type of message."""
 
 
-@dataclass(frozen=True)
-class Imported:
-    """An imported recording, and how its columns were read."""
-
-    demo: Demonstration
-    understood: Understood
-
-
-def import_file(path: Path) -> Demonstration:
-    """Read a recording in any known format; see `import_recording`."""
-    return import_recording(path).demo
-
-
-def import_recording(
+def import_file(
     path: Path,
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     rate_hz: float | None = None,
     topic: str | None = None,
-) -> Imported:
+) -> Demonstration:
     """Read a recording in any known format, which is recognised by its suffix and header.
+
+    `recording.info.source` tells how its columns were read.
 
     Args:
         path: .csv, .txt, .tsv or .log with a header, or with names beside the numbers; .npz; .mcap, .db3 or a rosbag2
@@ -120,11 +105,11 @@ def import_recording(
         from pbd.files.importers.headerless import remapped
 
         recording, understood = remapped(path, recording, understood, columns, units)
-    info = replace(recording.info, name=utf8_name(path.stem), sensor=f"{sensor} (imported)")
+    info = replace(recording.info, name=utf8_name(path.stem), sensor=f"{sensor} (imported)", source=understood)
     demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {utf8_name(path.name)}.")
     if path.name == "imu.csv" and (path.parent / "demo.toml").is_file():
-        demo = _as_before(demo, path.parent, same_times)
-    return Imported(demo, understood)
+        return _as_before(demo, path.parent, same_times)
+    return demo
 
 
 def _is_lfs_pointer(path: Path) -> bool:

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording
+from pbd.data.source_columns import SourceColumns
 from pbd.data.streams import Stream, joined
 from pbd.errors import PbdError, RecordingError, in_words, listed, require_package, warn
-from pbd.files.importers.columns import Understood
 from pbd.files.importers.headerless import understood_channels
 from pbd.files.importers.mcap_repair import repaired_bag, zstd_package
 from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
@@ -45,7 +45,7 @@ LONGEST_MESSAGE = 10_000
 """Largest size of a decompressed message, bytes. An Imu has 316 and its frame's name."""
 
 
-def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, Understood]:
+def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, SourceColumns]:
     """Read a .mcap file, a .db3 file or a bag's folder.
 
     Args:

@@ -5,29 +5,16 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from math import log
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 
+from pbd.data.source_columns import CHANNEL_OF, CHANNELS, NO_UNIT, QUANTITIES, RPY, Column, SourceColumns
 from pbd.data.units import UNITS, spelled, unit_factor
 from pbd.errors import RecordingError, UsageError, listed, printable
 from pbd.files.importers.header_names import TIME_UNITS, looks_inertial, our_name, plain, split_unit, why_never_read
-from pbd.files.imu_columns import ACC, DEVICE, GYR, MAG
 from pbd.files.table import Sheet
 
-RPY = ("anglex", "angley", "anglez")
-"""The device's own attitude as rotations about x, y, z; the one about z counts from east to north."""
-
-CHANNELS = {"t": ("t",), "gyr": GYR, "acc": ACC, "mag": MAG, "angle": DEVICE, "rpy": RPY}
-CHANNEL_OF = {ours: channel for channel, names in CHANNELS.items() for ours in names}
-QUANTITIES = {"t": "time", "gyr": "turn rate", "acc": "specific force", "mag": "field"} | dict.fromkeys(
-    ("angle", "rpy"), "the device's own attitude"
-)
-
 UNUSED = "a file that isn't used"
-NO_UNIT, DATES = "no unit given", "its dates"
-"""Source of a unit that neither the file nor the caller gives; ours is assumed. Source of the unit of dates: s."""
 
 _NOT_A_UNIT = r"txt|local|.*\b(?:utc|gmt|iso\W*8601)\b.*|(?:[ydmo]{2,4}\W+){2}.*|h{1,2}:mm\b.*"
 """Notes, in lower case, of a column of dates or times of day: their format, such as `hh:mm:ss.ms`, or the zone."""
@@ -73,108 +60,7 @@ deg/s, uT.
 """
 
 
-@dataclass(frozen=True)
-class Column:
-    """A column that was read: its name in the file, our name, sign and unit; who decided the name and the unit."""
-
-    name: str
-    ours: str
-    sign: float
-    unit: str
-    named_by: str
-    unit_by: str
-
-    @property
-    def factor(self) -> float:
-        """Factor from the file's values to ours."""
-        channel = CHANNEL_OF[self.ours]
-        return self.sign * (unit_factor("angle" if channel == "rpy" else channel, self.unit) or 0.0)
-
-    def row(self) -> dict[str, str]:
-        """Return the column's row of the table that `pbd import` prints, as text."""
-        unit = NO_UNIT if self.unit_by == NO_UNIT else f"unit: {self.unit_by}"
-        how = self.named_by if self.named_by == self.unit_by else f"{self.named_by}; {unit}"
-        return {
-            "column": self.name,
-            "read_as": f"{'-' if self.sign < 0 else ''}{self.ours}",
-            "quantity": QUANTITIES[CHANNEL_OF[self.ours]],
-            "unit": self.unit,
-            "decided_by": how,
-        }
-
-
-@dataclass(frozen=True)
-class Understood:
-    """How a file was understood: the columns that were read, the unread ones and why, and the program that wrote it."""
-
-    columns: tuple[Column, ...] = ()
-    unread: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    program: str = ""
-
-    def of(self, channel: str) -> list[Column]:
-        """Return the columns of a channel, in the order of its axes."""
-        found = self._found()
-        return [found[ours] for ours in CHANNELS[channel] if ours in found]
-
-    def _found(self) -> dict[str, Column]:
-        """Map our names to columns. The file's own replace those of `with_file`."""
-        return {column.ours: column for column in reversed(self.columns)}
-
-    def with_clock(self, name: str, by: str) -> Understood:
-        """Set how the column of the time was found."""
-        return replace(self, columns=tuple(replace(c, named_by=by) if c.name == name else c for c in self.columns))
-
-    def with_dates(self, name: str) -> Understood:
-        """Read a column of dates or times of day in seconds, whatever its name says."""
-        columns = (replace(c, unit="s", unit_by=DATES) if c.name == name else c for c in self.columns)
-        return replace(self, columns=tuple(columns))
-
-    def with_file(self, file: str, other: Understood) -> Understood:
-        """Add the columns of another file."""
-        columns = (replace(column, name=f"{file}: {column.name}") for column in other.columns)
-        unread = {f"{file}: {name}": why for name, why in other.unread.items()}
-        return replace(self, columns=(*self.columns, *columns), unread={**self.unread, **unread})
-
-    def with_unread(self, unread: Mapping[str, str]) -> Understood:
-        """Add columns or files that were not read, and why."""
-        return replace(self, unread={**self.unread, **unread})
-
-    def in_file_names(self, message: str) -> str:
-        """Replace our names of columns in a message, our signs in its options `--column ax=-ay`, and a unit of time.
-
-        The unit that a message advises is for numbers that were read as seconds. If they were read in another unit,
-        both factors count. `--unit acc=-g` reverses the signs that were read.
-        """
-        found = self._found()
-
-        def renamed(option: re.Match[str]) -> str:
-            ours, minus, source = option.groups()
-            if source not in found:
-                return option[0]
-            sign = "-" if (found[source].sign < 0) != bool(minus) else ""
-            value = f"{ours}={sign}{found[source].name}"
-            return f"--column {value}" if re.fullmatch(r"[\w=./-]+", value) else f"--column '{value}'"
-
-        times = f"the column '{found['t'].name}' must be seconds" if "t" in found else "give another --rate"
-        message = message.replace("the column 't' must be seconds", times)
-        by = found["t"].unit_by if "t" in found else NO_UNIT
-        if by == DATES or (by != NO_UNIT and "record faster" in message):
-            message = re.sub(r"; if the time is in .*", "", message)
-            message = re.sub(r"; the time is likely in .*", "; record faster", message)
-        elif "t" in found and "--unit t=" in message:
-
-            def nearest(advised: re.Match[str]) -> str:
-                factor = abs(found["t"].factor) * UNITS["t"][advised[0]]
-                return min(("s", "ms", "us", "ns"), key=lambda unit: abs(log(UNITS["t"][unit] / factor)))
-
-            message = re.sub(r"\b[mun]s\b", nearest, message)
-        if acc := self.of("acc"):
-            turned = f"--unit acc={'-' if acc[0].sign > 0 else ''}{acc[0].unit}"
-            message = message.replace("--unit acc=-g (or -m/s2)", turned)
-        return re.sub(r"--column (\w+)=(-?)([agm][xyz])\b", renamed, message)
-
-
-def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str]) -> Understood:
+def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str]) -> SourceColumns:
     """Find which column contains what.
 
     Args:
@@ -202,7 +88,7 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
         if name not in header:
             raise RecordingError.at(path, f"no column '{name}'; the columns are {listed(header)}", value=name)
         found[ours] = name, -1.0 if reversed_ else 1.0, "--column"
-    for angles in (DEVICE, RPY):
+    for angles in (CHANNELS["angle"], RPY):
         if not set(angles) <= set(found) and not set(columns) & set(angles):
             # The origin and sign of a single angle are unknown: the gyro is more reliable.
             found = {ours: given for ours, given in found.items() if ours not in angles}
@@ -214,7 +100,7 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
     used = {"", *(column.name for column in read)}
     why = {name: why_not_read(name, found) if name in named else "a quaternion" for name in header if name not in used}
     _refuse_not_understood(path, why)
-    return Understood(tuple(read), why, program.title if program else "")
+    return SourceColumns(tuple(read), why, program.title if program else "")
 
 
 def _by_name(header: Sequence[str]) -> dict[str, str]:

@@ -8,32 +8,37 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from pbd.data import Recording, RecordingInfo
+from pbd.data.imu_columns import ACC, device_rpy
 from pbd.data.one_line_repr import counted
+from pbd.data.source_columns import CHANNELS, DATES, Column, SourceColumns
 from pbd.data.streams import Stream, joined
 from pbd.errors import RecordingError, listed, warn
 from pbd.files.importers import XIO_FILE, check_rate
-from pbd.files.importers.columns import CHANNELS, DATES, PROGRAMS, UNUSED, Column, Understood, understand
+from pbd.files.importers.clock_columns import (
+    best_clock,
+    dated_column,
+    refuse_backwards,
+    unwrapped,
+    with_nanoseconds,
+)
+from pbd.files.importers.columns import UNUSED, understand
 from pbd.files.importers.header_names import (
-    is_device_time,
     is_time,
     is_time_step,
     nanoseconds_of,
     our_name,
     own_times_of,
     plain,
-    split_unit,
 )
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
-from pbd.files.imu_columns import ACC, device_rpy
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
-from pbd.io.numbers import DAY_S, HOUR_S, date_order, is_stamp, seconds
+from pbd.io.numbers import is_stamp
 from pbd.pose import Array
 
 DEVICE_NAMES = re.compile(
@@ -41,8 +46,6 @@ DEVICE_NAMES = re.compile(
     r"|id|mac|(?:\w+_|mac)?addr(?:ess)?|(?:\w+_)?frame_id|设备名称|i|instance(?:_?id)?"
 )
 """Names of columns that tell devices apart, as `mpu_address`. `I` is ArduPilot's number of an IMU."""
-COUNTER_SIZES, LONGEST_COUNT = (2.0**16, 2.0**32), 3.0
-"""Numbers of values of a device's counter, and its longest step, as a multiple of the usual one, when it wraps."""
 
 OTHERS_ROWS = 0.05
 """Smallest share of rows without accelerometer and gyro that are taken for another sensor's rows, not for losses."""
@@ -56,7 +59,7 @@ MOST_DEVICES = 20
 
 def read_csv(
     path: Path, columns: Mapping[str, str], units: Mapping[str, str], rate_hz: float | None = None
-) -> tuple[Recording, Understood]:
+) -> tuple[Recording, SourceColumns]:
     """Read a recording from a table with a header.
 
     Args:
@@ -81,7 +84,7 @@ def read_csv(
     in_steps = "dt" in columns
     columns = {"t" if ours == "dt" else ours: name for ours, name in columns.items()}
     found = understand(sheet, columns, units)
-    if not found.of("t") and rate_hz is None and (dates := _dated(sheet)):
+    if not found.of("t") and rate_hz is None and (dates := dated_column(sheet)):
         # A column of dates is recognised by its contents: it may have any name.
         columns = {**columns, "t": dates}
         found = understand(sheet, columns, units).with_clock(dates, DATES)
@@ -114,11 +117,11 @@ def read_csv(
     clocks = [name for name in clocks if name not in parts.values()]
     own = {channel: name for channel in ("gyr", "mag") for name in sheet.header if own_times_of(name) == channel[0]}
     own = {channel: name for channel, name in own.items() if timed and found.of(channel)}
-    dated = [*clocks, *own.values()]
-    table = sheet.read([*(column.name for column in found.columns), *dated, *parts.values()], times=dated)
-    table = _with_nanoseconds(table, parts)
+    stamped = [*clocks, *own.values()]
+    table = sheet.read([*(column.name for column in found.columns), *stamped, *parts.values()], times=stamped)
+    table = with_nanoseconds(table, parts)
     if timed:
-        best = _best_clock(path, table, clocks)
+        best = best_clock(path, table, clocks)
         if best != found.of("t")[0].name:
             found = understand(sheet, {**columns, "t": best}, units)
             found = found.with_clock(best, "the best of several times")
@@ -139,9 +142,9 @@ def read_csv(
         if in_steps:
             channels["t"] = np.cumsum(channels["t"], axis=0)
         clock = channels.get("t")
-        t = np.arange(len(table.values)) / (rate_hz or 1.0) if clock is None else _unwrapped(clock[:, 0], found, sheet)
+        t = np.arange(len(table.values)) / (rate_hz or 1.0) if clock is None else unwrapped(clock[:, 0], found, sheet)
         if clock is not None:
-            _refuse_backwards(sheet, found.of("t")[0].name, t)
+            refuse_backwards(sheet, found.of("t")[0].name, t)
             filled = ~np.isnan(table.values).all(axis=1)  # spreadsheets write rows of empty cells
             t, channels = t[filled], {channel: values[filled] for channel, values in channels.items()}
             scale = found.of("t")[0].factor
@@ -159,70 +162,6 @@ def read_csv(
             info=RecordingInfo(rate_hz=rate_hz),
         )
     return _without_repeats(path, recording) if timed else recording, understood
-
-
-def _dated(sheet: Sheet) -> str:
-    """Return the first column whose dates or times of day increase from the first row to the last; "": none."""
-    for name in sheet.header:
-        cells = sheet.first_and_last(name)
-        order = date_order(cells)
-        with suppress(ValueError):
-            if len(cells) == 2 and all(map(is_stamp, cells)) and seconds(cells[0], order) < seconds(cells[1], order):
-                return name
-    return ""
-
-
-def _with_nanoseconds(table: Table, parts: Mapping[str, str]) -> Table:
-    """Add to each column of whole seconds its nanoseconds."""
-    values = table.values.copy()
-    for whole, part in parts.items():
-        values[:, table.header.index(whole)] += 1e-9 * values[:, table.header.index(part)]
-    return replace(table, values=values)
-
-
-def _best_clock(path: Path, table: Table, clocks: list[str]) -> str:
-    """Return the clock with the most distinct times; of equals the device's own, then one with a unit, then the first.
-
-    A clock that runs backwards is the last choice.
-
-    Raises:
-        RecordingError: no clock has any time (Xsens' MT Manager writes such columns for some devices).
-    """
-    values = table.columns(*clocks).T
-    if not np.isfinite(values).any():
-        what = f"the column{'s' * (len(clocks) > 1)} {listed(clocks)} for the time "
-        raise RecordingError.at(path, f"{what}hold{'s' * (len(clocks) == 1)} no number; import it with its --rate HZ")
-    with np.errstate(invalid="ignore"):
-        forward = [not (np.diff(each) < 0.0).any() for each in values]
-    distinct = [np.unique(each[np.isfinite(each)]).size for each in values]
-    rank = [
-        (ahead, count, is_device_time(name), bool(split_unit(name)[1]) or plain(name) == "seconds_elapsed", -k)
-        for k, (name, ahead, count) in enumerate(zip(clocks, forward, distinct, strict=True))
-    ]
-    return clocks[max(range(len(clocks)), key=rank.__getitem__)]
-
-
-def _unwrapped(t: Array, found: Understood, sheet: Sheet) -> Array:
-    """Unwrap times (n,), s, if the program's clock wraps, or if they are times of day that pass midnight."""
-    clock = found.of("t")[0]
-    wraps = next((p.wraps for p in PROGRAMS if p.title == found.program), 0.0) * clock.factor
-    if t[0] < DAY_S and is_stamp(first := sheet.cell(clock.name, 0)[1]):
-        wraps = DAY_S if first.count(":") > 1 else HOUR_S
-    if not wraps:
-        wraps = clock.factor * _counter_size(t / clock.factor)
-    return t + wraps * np.cumsum(np.diff(t, prepend=t[0]) < -0.5 * wraps)
-
-
-def _counter_size(ticks: Array) -> float:
-    """Return the size of the counter by which ticks (n,) drop without a lost step, as Arduino's micros(); 0: none."""
-    whole = np.rint(ticks)
-    steps = np.diff(whole)
-    drops = steps[steps < 0.0]
-    if not len(drops) or (np.abs(ticks - whole) > 1e-3).any():
-        return 0.0
-    longest = LONGEST_COUNT * float(np.median(steps))
-    sizes = (size for size in COUNTER_SIZES if ticks.max() < size and (drops + size <= longest).all())
-    return next(sizes, 0.0)
 
 
 def _joined(
@@ -257,17 +196,6 @@ def _without_repeats(path: Path, recording: Recording) -> Recording:
     return replace(recording, **{name: values[kept] for name, values in channels.items()})
 
 
-def _refuse_backwards(sheet: Sheet, name: str, t: Array) -> None:
-    """Refuse a clock of t (n,) s that runs backwards, in the words and with the line of the file."""
-    if (backwards := np.flatnonzero(np.diff(t) < 0.0)).size:
-        row = int(backwards[0])
-        (_, before), (line, after) = sheet.cell(name, row), sheet.cell(name, row + 1)
-        what = f"time runs backwards from {before} to {after} in column '{name}'; sort the file, or cut it there"
-        if (t > 0.0).all():
-            what += f"; if it holds the time since the row before, import it with --column dt={name}"
-        raise RecordingError.at(sheet.path, what, line, row=row + 1, value=after, bound=before)
-
-
 def _values(table: Table, columns: list[Column]) -> Array:
     return table.columns(*(column.name for column in columns)) * [column.factor for column in columns]
 
@@ -284,7 +212,9 @@ def _refuse_several_devices(sheet: Sheet) -> None:
             raise RecordingError.at(sheet.path, f"{what}; {keep}", value=len(devices))
 
 
-def _magnetometer_beside(path: Path, found: Understood, units: Mapping[str, str]) -> tuple[Understood, Stream | None]:
+def _magnetometer_beside(
+    path: Path, found: SourceColumns, units: Mapping[str, str]
+) -> tuple[SourceColumns, Stream | None]:
     """Read x-io's Magnetometer.csv beside its Inertial.csv; both have the device's time. List the other files."""
     if path.name != XIO_FILE:
         return found, None

@@ -11,8 +11,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from pbd.data.imu_columns import DEVICE
 from pbd.data.units import unit_factor
-from pbd.files.imu_columns import DEVICE
 
 _WORDS = {
     "g": r"(?P<before>.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|ang(?:ular)?_?(?:vel(?:ocity)?|rate))|"

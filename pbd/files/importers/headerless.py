@@ -8,9 +8,9 @@ from pathlib import Path
 from types import MappingProxyType
 
 from pbd.data import Recording
+from pbd.data.source_columns import CHANNEL_OF, CHANNELS, Column, SourceColumns
 from pbd.data.units import UNITS, unit_factor
 from pbd.errors import RecordingError, UsageError, listed, printable
-from pbd.files.importers.columns import CHANNEL_OF, CHANNELS, Column, Understood
 
 
 def understood_channels(
@@ -19,7 +19,7 @@ def understood_channels(
     by: str,
     unread: Mapping[str, str],
     units: Mapping[str, str] = MappingProxyType({}),
-) -> Understood:
+) -> SourceColumns:
     """List the columns of a recording, by default in our units.
 
     Args:
@@ -36,12 +36,12 @@ def understood_channels(
             axes = [""] if channel == "t" else [".x", ".y", ".z"]
             for ours, axis in zip(CHANNELS[channel], axes, strict=True):
                 columns.append(Column(f"{name}{axis}", ours, 1.0, unit, by, by))
-    return Understood(tuple(columns), unread)
+    return SourceColumns(tuple(columns), unread)
 
 
 def remapped(
-    path: Path, recording: Recording, understood: Understood, columns: Mapping[str, str], units: Mapping[str, str]
-) -> tuple[Recording, Understood]:
+    path: Path, recording: Recording, understood: SourceColumns, columns: Mapping[str, str], units: Mapping[str, str]
+) -> tuple[Recording, SourceColumns]:
     """Swap and reverse axes of an imported recording, and change its units.
 
     Args:

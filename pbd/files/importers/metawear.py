@@ -13,9 +13,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from pbd.data import Recording
+from pbd.data.source_columns import CHANNELS, SourceColumns
 from pbd.data.streams import Stream
 from pbd.errors import RecordingError
-from pbd.files.importers.columns import CHANNELS, UNUSED, Understood, understand
+from pbd.files.importers.columns import UNUSED, understand
 from pbd.files.importers.header_names import split_unit
 from pbd.files.importers.phones import joined_recording
 from pbd.files.table import open_sheet
@@ -25,7 +26,7 @@ TIME, AXES = "elapsed (s)", ("x-axis", "y-axis", "z-axis")
 TITLE = "MetaBase (MbientLab)"
 
 
-def read_metawear(path: Path) -> tuple[Recording, Understood] | None:
+def read_metawear(path: Path) -> tuple[Recording, SourceColumns] | None:
     """Read a recording from one of its files, with those beside it, or from a folder; None: MetaBase did not write it.
 
     Raises:
@@ -46,7 +47,7 @@ def read_metawear(path: Path) -> tuple[Recording, Understood] | None:
     ((_, files),) = recordings.items()
     if "Accelerometer" not in files:
         raise RecordingError.at(path, "no file of the accelerometer is beside it; export all sensors of the recording")
-    streams, understood = dict[str, Stream](), Understood(program=TITLE)
+    streams, understood = dict[str, Stream](), SourceColumns(program=TITLE)
     for sensor, file in files.items():
         channel, sheet = SENSORS[sensor], open_sheet(file, foreign=True)
         axes = [next((name for name in sheet.header if split_unit(name)[0] == axis), axis) for axis in AXES]

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording, RecordingInfo, Truth
+from pbd.data.source_columns import SourceColumns
 from pbd.errors import RecordingError, in_words, listed, printable
 from pbd.files.importers import check_rate
-from pbd.files.importers.columns import Understood
 from pbd.files.importers.header_names import looks_inertial
 from pbd.files.importers.headerless import understood_channels
 from pbd.io.read_file import LARGE, read_bytes
@@ -25,7 +25,7 @@ KEYS = ("rate_hz", "acc", "gyr", "mag", "true_position", "true_wxyz", "true_rate
 NEXT_STEP = "save it with numpy.savez"
 
 
-def read_npz(path: Path) -> tuple[Recording, Understood, Truth | None]:
+def read_npz(path: Path) -> tuple[Recording, SourceColumns, Truth | None]:
     """Read a recording, its columns and, if known, its truth, whose first known position becomes the origin.
 
     The arrays are rate_hz; acc (n, 3) m/s2; gyr (n, 3) rad/s; mag (n, 3) uT; true_position (m, 3) m; true_wxyz (m, 4);

@@ -26,9 +26,10 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from pbd.data import GRAVITY, Recording, RecordingInfo
+from pbd.data.source_columns import CHANNEL_OF, CHANNELS, Column, SourceColumns
 from pbd.data.streams import Moment, Moments, Stream, joined
 from pbd.errors import RecordingError, in_words, listed
-from pbd.files.importers.columns import CHANNEL_OF, CHANNELS, UNUSED, Column, Understood, why_not_read
+from pbd.files.importers.columns import UNUSED, why_not_read
 from pbd.files.table import Sheet, foreign_text, open_sheet
 from pbd.io.read_file import LARGE, read_bytes
 
@@ -68,7 +69,7 @@ Files = dict[str, Callable[[], bytes]]
 """Name of a CSV file, without suffix -> a function that reads it."""
 
 
-def read_phone(path: Path) -> tuple[Recording, Understood] | None:
+def read_phone(path: Path) -> tuple[Recording, SourceColumns] | None:
     """Read a phone's recording from a zip, a folder, or a CSV file in such a folder; None: it is from neither app."""
     files = files_in_zip(path) if path.suffix.lower() == ".zip" else _files_in_folder(path)
     if not files:
@@ -167,7 +168,7 @@ def _metadata(files: Files) -> Mapping[str, str]:
 
 def _read_sensor_logger(
     path: Path, sheets: Mapping[str, Sheet], metadata: Mapping[str, str]
-) -> tuple[Recording, Understood]:
+) -> tuple[Recording, SourceColumns]:
     def stream(name: str, scale: float = 1.0) -> Stream:
         return _stream(sheets[name], LOGGER_COLUMNS, scale)
 
@@ -206,7 +207,7 @@ def _read_sensor_logger(
     for name in sorted(used):
         unread |= unread_of(f"{name}.csv", sheets[name].header, LOGGER_COLUMNS)
     recording = joined_recording(path, {"acc": acc} | others)
-    return recording, Understood(tuple(columns), unread, f"{LOGGER} (a phone)")
+    return recording, SourceColumns(tuple(columns), unread, f"{LOGGER} (a phone)")
 
 
 def _phyphox_quantities(header: Sequence[str], file: str) -> dict[str, list[str]]:
@@ -223,7 +224,7 @@ def _phyphox_quantities(header: Sequence[str], file: str) -> dict[str, list[str]
     return found if PHYPHOX_TIME in header and not foreign else {}
 
 
-def _read_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[str]] | None:
+def _read_phyphox(path: Path, files: Files) -> tuple[Recording, SourceColumns, set[str]] | None:
     """Read phyphox' files, the named one first; return the recording, its columns and the files read, or None."""
     streams: dict[str, Stream] = {}
     columns: list[Column] = []
@@ -262,7 +263,7 @@ def _read_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[
             "gives to the phone",
         )
     recording = joined_recording(path, streams)
-    return recording, Understood(tuple(dict.fromkeys(columns)), unread, "phyphox (a phone)"), files_read
+    return recording, SourceColumns(tuple(dict.fromkeys(columns)), unread, "phyphox (a phone)"), files_read
 
 
 def columns_of(program: str, names: Sequence[str], kind: str, file: str, sign: float, unit: str) -> list[Column]:

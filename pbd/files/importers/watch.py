@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import GRAVITY, Recording
+from pbd.data.source_columns import SourceColumns
 from pbd.data.streams import Stream
 from pbd.errors import RecordingError
-from pbd.files.importers.columns import UNUSED, Understood
+from pbd.files.importers.columns import UNUSED
 from pbd.files.importers.phones import LOGGER, columns_of, files_in_zip, joined_recording, sheet_of, unread_of
 from pbd.io.read_file import read_bytes
 
@@ -24,7 +25,7 @@ WRIST, TIME = "WristMotion", "seconds_elapsed"
 AXES = tuple(f"{quantity}{axis}" for quantity in ("rotationRate", "gravity", "acceleration") for axis in "XYZ")
 
 
-def read_watch(path: Path) -> tuple[Recording, Understood] | None:
+def read_watch(path: Path) -> tuple[Recording, SourceColumns] | None:
     """Read a watch's recording from a zip, a folder or its CSV file; None: there is none."""
     file = path if path.is_file() else path / f"{WRIST}.csv"
     if path.suffix.lower() == ".zip":
@@ -45,5 +46,5 @@ def read_watch(path: Path) -> tuple[Recording, Understood] | None:
     ]
     unread = unread_of(f"{WRIST}.csv", sheet.header, (TIME, *AXES))
     unread |= {f"{name}.csv": UNUSED for name in sorted(files.keys() - {WRIST})}
-    understood = Understood(tuple(dict.fromkeys(columns)), unread, f"{LOGGER} (a watch)")
+    understood = SourceColumns(tuple(dict.fromkeys(columns)), unread, f"{LOGGER} (a watch)")
     return joined_recording(path, streams), understood

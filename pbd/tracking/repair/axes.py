@@ -12,16 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pbd.data.source_columns import IMU_CSV, SourceColumns
 from pbd.data.units import DEG
 from pbd.pose import Array
 from pbd.tracking.moving_windows import median
+from pbd.tracking.repair.axis_readings import READINGS, Reading
 
 CONTRADICTION_DEG = 12.0
 """A direction contradicts the gyro if the median angle between it and the gyro's prediction is larger (degrees). A hand
@@ -54,48 +54,6 @@ FACTORS, BESIDE, CLEAR_FACTOR = 1.05 ** np.arange(-60, 61), 6, 1.5
 """Other factors on the gyro that are tried, to 19 either way (beyond, turns by whole circles fit by chance). Those
 fewer than BESIDE places apart are of one minimum. A factor nearer to 1 than CLEAR_FACTOR is accepted: the gyro's range
 may have cut off the turns."""
-
-
-@dataclass(frozen=True, order=True)
-class Reading:
-    """A way to read three axes: for each, the index and sign of the axis from which it should have been read."""
-
-    order: tuple[int, ...]
-    signs: tuple[int, ...]
-
-    @property
-    def matrix(self) -> Array:
-        """(3, 3), from the channel as it was read to the channel as it should be."""
-        matrix: Array = np.eye(3)[list(self.order)] * np.array(self.signs)[:, None]
-        return matrix
-
-    @cached_property
-    def causes(self) -> int:
-        """Number of mistakes that explain it. One sign, two swapped columns, or all three signs, count as one."""
-        moved = sum(axis != k for k, axis in enumerate(self.order))
-        flipped = sum(sign < 0 for sign in self.signs)
-        return (moved + 1) // 2 + (1 if flipped == 3 else flipped)
-
-    def remedy(self, channel: str) -> str:
-        """The options of `pbd import` that correct it, with our names for the columns."""
-        return " ".join(
-            f"--column {channel}{axis}={'-' if sign < 0 else ''}{channel}{'xyz'[its]}"
-            for axis, its, sign in zip("xyz", self.order, self.signs, strict=True)
-            if sign < 0 or "xyz"[its] != axis
-        )
-
-    def fault(self, channel: str) -> str:
-        """The mistake in words."""
-        moved = [f"{channel}{'xyz'[k]}" for k, axis in enumerate(self.order) if axis != k]
-        flipped = [f"{channel}{'xyz'[k]}" for k, sign in enumerate(self.signs) if sign < 0]
-        said = [f"{moved[0]} and {moved[1]} are swapped"] if len(moved) == 2 else []
-        said += [f"{', '.join(moved)} are in another order"] if len(moved) == 3 else []
-        said += [f"{', '.join(flipped)} {'has' if len(flipped) == 1 else 'have'} the wrong sign"] if flipped else []
-        return " and ".join(said)
-
-
-READINGS = tuple(Reading(o, s) for o, s in product(permutations(range(3)), product((1, -1), repeat=3)))
-"""All 48 readings; the first changes nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +97,9 @@ class Contradiction(NamedTuple):
     in_other_unit: bool = False
 
 
-def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]) -> Contradiction | None:
+def find_axis_error(
+    witnesses: Sequence[Witness], turn: Callable[[float], Array], source: SourceColumns = IMU_CSV
+) -> Contradiction | None:
     """Find the reading that removes all contradictions, by all witnesses or only the first ones.
 
     The last witnesses may be wrong: the device's own attitude lags, iron bends the field.
@@ -147,6 +107,7 @@ def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]
     Args:
         witnesses: gravity first.
         turn: factor on the gyro -> its rotations (k, 3, 3) from the first moment's axes to the second's.
+        source: the file's columns, which the message names.
 
     Returns:
         None if nothing contradicts the gyro, or no reading removes the contradictions.
@@ -178,7 +139,7 @@ def find_axis_error(witnesses: Sequence[Witness], turn: Callable[[float], Array]
         left["g"] = of_gyro
         fits = [(channel, reading, left[channel][:, k]) for k, reading in enumerate(READINGS) for channel in "gam"]
         used = ([k for k in counted if k < n] for n in range(len(witnesses), 0, -1))
-        found = next(filter(None, (_find_remedy(witnesses, telling, fits, k) for k in used if k)), None)
+        found = next(filter(None, (_find_remedy(witnesses, telling, fits, k, source) for k in used if k)), None)
     if telling[0].sum() < SIMPLE_PAIRS or off[0] <= CONTRADICTION_DEG:
         return found
 
@@ -225,7 +186,11 @@ Fit = tuple[str, Reading, Array]
 
 
 def _find_remedy(
-    witnesses: Sequence[Witness], telling: Sequence[NDArray[np.bool_]], fits: Sequence[Fit], used: Sequence[int]
+    witnesses: Sequence[Witness],
+    telling: Sequence[NDArray[np.bool_]],
+    fits: Sequence[Fit],
+    used: Sequence[int],
+    source: SourceColumns,
 ) -> Contradiction | None:
     """Find the readings of one channel that remove all contradictions of the `used` witnesses; fits[0] is as read."""
     as_it_is = fits[0][2]
@@ -246,7 +211,7 @@ def _find_remedy(
     named = [(channel, reading) for _, causes, channel, reading in good if causes == fewest]
     # Gravity and gyro together allow one reading of the gyro, unless the hand turned about too few axes.
     sure = not simple and sum(channel == "g" for *_, channel, _ in good) < 2
-    message = _message(named[:MAX_NAMED], sure)
+    message = _message(named[:MAX_NAMED], sure, source)
     return Contradiction(witnesses[wrong[0]].channel, off, best, int(np.argmax(telling[wrong[0]])), message)
 
 
@@ -278,15 +243,15 @@ def _median_angles(cosines: Array) -> Array:
     return np.degrees(angles)
 
 
-def _message(named: Sequence[tuple[str, Reading]], sure: bool) -> str:
-    each = [f"{reading.fault(channel)}: import the file with {reading.remedy(channel)}" for channel, reading in named]
+def _message(named: Sequence[tuple[str, Reading]], sure: bool, source: SourceColumns) -> str:
+    each = [f"{one.fault(channel)}: import the file with {one.remedy(channel, source)}" for channel, one in named]
     message = "; or ".join(each)
     if len(each) > 1 or not sure:
         message += f" (the hand turned too little to {'tell which' if len(each) > 1 else 'be sure'})"
     if any(
         channel == "g" and reading.signs == (-1, -1, -1) and reading.order == (0, 1, 2) for channel, reading in named
     ):
-        both = "--column ay=-ay --column gy=-gy"
+        both = " ".join(source.column_option(f"{sensor}y", f"{sensor}y", reverse=True) for sensor in "ag")
         return f"both may have left-handed axes (then {both}; only left and right in the replay tell), or {message}"
     return message
 

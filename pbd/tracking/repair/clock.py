@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.data.one_line_repr import counted
+from pbd.data.source_columns import DATES, NO_UNIT, SourceColumns
 from pbd.data.tracking import batched_interval
 from pbd.errors import RecordingError, warn
 from pbd.io.numbers import DAY_S
@@ -59,27 +60,27 @@ def with_clock(recording: Recording) -> Recording:
             f"the recording has {counted(len(recording), 'sample') or '0 samples'}; record at least a second of rest, "
             "then move"
         )
-    steps = np.diff(recording.t[np.isfinite(recording.t)])
+    source, steps = recording.info.source, np.diff(recording.t[np.isfinite(recording.t)])
     if 2 * (steps > 0.0).sum() > len(steps):  # another unit, before its steps are taken for jumps
-        _refuse_slow(float(np.median(steps[steps > 0.0])))
+        _refuse_slow(float(np.median(steps[steps > 0.0])), source)
     _refuse_disorder(recording.t)
     t = steady_clock(recording)
     recording = recording if t is recording.t else replace(recording, t=t)
     step = float(np.median(np.diff(t)))
     if step <= 0.0:
         raise RecordingError(
-            "most rows carry the same time; the column 't' must be seconds that increase, or import it with --rate HZ"
+            f"most rows carry the same time; {source.must_be_seconds()} that increase, or import it with --rate HZ"
         )
     if step < 1.0 / FASTEST_HZ:
         days = SLOWEST_HZ < 1.0 / (step * DAY_S) <= FASTEST_HZ
-        advice = "time is likely in days: import the file with --unit t=day" if days else "column 't' must be seconds"
+        advice = "the time is likely in days: import the file with --unit t=day" if days else source.must_be_seconds()
         raise RecordingError(
-            f"the samples come {step:.3g} s apart, closer than any sensor's; the {advice}",
+            f"the samples come {step:.3g} s apart, closer than any sensor's; {advice}",
             value=step,
             bound=1.0 / FASTEST_HZ,
         )
     interval = 1.0 / recording.rate_hz
-    _refuse_slow(interval)
+    _refuse_slow(interval, source)
     lasts = float(t[-1] - t[0]) + interval
     if lasts < SHORTEST_S:
         raise RecordingError(
@@ -92,20 +93,24 @@ def with_clock(recording: Recording) -> Recording:
     return recording
 
 
-def _refuse_slow(interval: float) -> None:
-    """Refuse an interval, s, that is too long for a sensor: the time is in ms, us or ns."""
+def _refuse_slow(interval: float, source: SourceColumns) -> None:
+    """Refuse an interval, s, that is too long for a sensor: the time is in ms, us or ns, or the sensor is slow."""
     if interval * SLOWEST_HZ <= 1.0:
         return
     units = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
     likely = [unit for unit, scale in units.items() if SLOWEST_HZ < 1.0 / (interval * scale) <= FASTEST_HZ]
-    named = likely or ["ms", "us"]
-    what = f"the time is likely in {named[0]}:" if likely else "if the time is in ms or us,"
-    if interval < 1.0:  # no time of a fast sensor in whole ms or ns
-        what = f"record faster, {SLOWEST_HZ:g} a second at least; if the time is in {named[0]},"
-    rows = ", or with its --rate HZ if it counts rows" if interval == 1.0 else ""
+    named = [source.time_unit(unit) for unit in likely or ("ms", "us")]
+    advice = f"import the file with {' or '.join(f'--unit t={unit}' for unit in named)}"
+    advice += ", or with its --rate HZ if it counts rows" if interval == 1.0 else ""
+    faster = f"record faster, {SLOWEST_HZ:g} a second at least"
+    if source.time_unit_by == DATES or (source.time_unit_by != NO_UNIT and interval < 1.0):
+        advice = faster
+    elif interval < 1.0:  # no time of a fast sensor in whole ms or ns
+        advice = f"{faster}; if the time is in {named[0]}, {advice}"
+    else:
+        advice = f"the time is likely in {named[0]}: {advice}" if likely else f"if the time is in ms or us, {advice}"
     raise RecordingError(
-        f"the samples come {interval:.3g} s apart; {what} "
-        + f"import the file with {' or '.join(f'--unit t={unit}' for unit in named)}{rows}",
+        f"the samples come {interval:.3g} s apart; {advice}",
         value=1.0 / interval,
         bound=SLOWEST_HZ,
     )

@@ -32,11 +32,11 @@ from pbd.tracking.repair.axes import (
     AS_GOOD_DEG,
     CONTRADICTION_DEG,
     IMPROVEMENT,
-    READINGS,
     Witness,
     angles,
     find_axis_error,
 )
+from pbd.tracking.repair.axis_readings import READINGS
 
 UPSIDE_DOWN_COS = -0.9
 """The sensor is upside down if cos(its z axis, up) is below this: z within 26 degrees of down."""
@@ -120,9 +120,9 @@ def refuse_flipped_signs(recording: Recording) -> None:
     if recording.gyr is not None and found.signs[2] > 0:
         return  # the attitude's pitch or roll may have the other sign; `find_axis_error` asks the gyro
     flipped = [axis for axis, sign in zip("xyz", found.signs, strict=True) if sign < 0]
-    how = (
-        "--unit acc=-g (or -m/s2)" if len(flipped) == 3 else " ".join(f"--column a{each}=-a{each}" for each in flipped)
-    )
+    source = recording.info.source
+    columns = (source.column_option(f"a{axis}", f"a{axis}", reverse=True) for axis in flipped)
+    how = source.reversed_force() if len(flipped) == 3 else " ".join(columns)
     wrong = "has the wrong sign: it contradicts" if len(flipped) == 1 else "have the wrong sign: they contradict"
     raise RecordingError(
         f"the accelerometer's {', '.join(flipped)} {wrong} the device's own attitude (the axis that points up must "
@@ -152,13 +152,15 @@ def warn_upside_down(recording: Recording, up_sensor: Array, start: int, stop: i
         field = recording.mag[start:stop].mean(axis=0)  # with a NaN there is no hint
         if up_sensor @ field > STEEP_FIELD * np.linalg.norm(field):
             hint = " (likely, because the magnetic field points up, as it does only south of the equator)"
+    source = recording.info.source
     read = {"a": recording.acc, "g": recording.gyr, "m": recording.mag}
-    turned = (f"--column {first}{axis}=-{first}{axis}" for first in read if read[first] is not None for axis in "yz")
+    columns = [f"{first}{axis}" for first in read if read[first] is not None for axis in "yz"]
+    as_a_drone = " ".join(source.column_option(each, each, reverse=True) for each in columns)
     warn(
         f"at the first rest the sensor lies upside down (z reads {GRAVITY * up_sensor[2]:.1f} m/s2), or the signs of "
-        f"its accelerometer are flipped{hint}; if z was up, import the file with --unit acc=-g (or -m/s2), or "
-        "--column az=-az for that axis alone; if its axes point forward, right and down, as a drone's, with "
-        + " ".join(turned)
+        f"its accelerometer are flipped{hint}; if z was up, import the file with {source.reversed_force()}, or "
+        f"{source.column_option('az', 'az', reverse=True)} for that axis alone; if its axes point forward, right and "
+        f"down, as a drone's, with {as_a_drone}"
     )
 
 
@@ -173,7 +175,7 @@ def refuse_disagreement(recording: Recording) -> None:
     refuse_flipped_signs(recording)
     if recording.gyr is None:
         return
-    every = max(1, round(recording.rate_hz / CHECK_HZ))
+    source, every = recording.info.source, max(1, round(recording.rate_hz / CHECK_HZ))
     acc, gyr = _block_means(recording.acc, every), _block_means(recording.gyr, every)
     rate_hz = recording.rate_hz / every
     steady = find_steady(acc, gyr, rate_hz)
@@ -186,7 +188,7 @@ def refuse_disagreement(recording: Recording) -> None:
         return quat_to_matrix(quat_multiply(quat_inverse(attitude[row_after]), attitude[row_before]))
 
     up = Witness("a", steady.up_sensor[first], steady.up_sensor[second])
-    found = find_axis_error([up, *_other_witnesses(recording, every, row_before, row_after)], turn)
+    found = find_axis_error([up, *_other_witnesses(recording, every, row_before, row_after)], turn, source)
     if found is not None:
         at = recording.t[row_before[found.pair] * every]
         unit = likely_unit(float(np.median(np.linalg.norm(acc, axis=1)))) if found.in_other_unit else None

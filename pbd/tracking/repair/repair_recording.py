@@ -103,7 +103,7 @@ def _longest_unbroken(recording: Recording, gaps: tuple[Gap, ...]) -> Recording 
         return None
     part = slice(start, stop)
     gyr = None if recording.gyr is None else recording.gyr[part]
-    return Recording(recording.t[part], recording.acc[part], gyr)
+    return Recording(recording.t[part], recording.acc[part], gyr, info=recording.info)
 
 
 def _fill_missing(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:

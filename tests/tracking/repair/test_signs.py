@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from pbd.data import GRAVITY, Demonstration, Recording
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files.demo import write_demo
-from pbd.files.importers import import_file, import_recording
+from pbd.files.importers import import_file
 from pbd.pose import quat_exp, quat_from_rpy, quat_rotate, quat_to_matrix, quat_to_rpy
 from pbd.simulation.calibration_tasks import sides
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task
@@ -195,7 +195,7 @@ def test_what_it_says_of_the_gyro_mends_it(order: tuple[int, ...], seed: int, tm
         return
     columns = dict(re.findall(r"--column (g[xyz])=(-?g[xyz])", said))
     write_demo(Demonstration(wrong), tmp_path / "wrong")
-    mended = import_recording(tmp_path / "wrong" / "imu.csv", columns).demo
+    mended = import_file(tmp_path / "wrong" / "imu.csv", columns)
     assert mended.recording.gyr is not None
     np.testing.assert_allclose(mended.recording.gyr, recording.gyr, atol=1e-6)
 

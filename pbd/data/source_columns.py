@@ -1,0 +1,131 @@
+"""The columns of the file from which a recording was imported, and advice in that file's terms."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import log
+from types import MappingProxyType
+
+from pbd.data.imu_columns import ACC, DEVICE, GYR, MAG
+from pbd.data.units import UNITS, unit_factor
+
+RPY = ("anglex", "angley", "anglez")
+"""The device's own attitude as rotations about x, y, z; the one about z counts from east to north."""
+
+CHANNELS = {"t": ("t",), "gyr": GYR, "acc": ACC, "mag": MAG, "angle": DEVICE, "rpy": RPY}
+CHANNEL_OF = {ours: channel for channel, names in CHANNELS.items() for ours in names}
+QUANTITIES = {"t": "time", "gyr": "turn rate", "acc": "specific force", "mag": "field"} | dict.fromkeys(
+    ("angle", "rpy"), "the device's own attitude"
+)
+
+NO_UNIT, DATES = "no unit given", "its dates"
+"""Source of a unit that neither the file nor the caller gives; ours is assumed. Source of the unit of dates: s."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column that was read: its name in the file, our name, sign and unit; who decided the name and the unit."""
+
+    name: str
+    ours: str
+    sign: float
+    unit: str
+    named_by: str
+    unit_by: str
+
+    @property
+    def factor(self) -> float:
+        """Factor from the file's values to ours."""
+        channel = CHANNEL_OF[self.ours]
+        return self.sign * (unit_factor("angle" if channel == "rpy" else channel, self.unit) or 0.0)
+
+    def row(self) -> dict[str, str]:
+        """Return the column's row of the table that `pbd import` prints, as text."""
+        unit = NO_UNIT if self.unit_by == NO_UNIT else f"unit: {self.unit_by}"
+        how = self.named_by if self.named_by == self.unit_by else f"{self.named_by}; {unit}"
+        return {
+            "column": self.name,
+            "read_as": f"{'-' if self.sign < 0 else ''}{self.ours}",
+            "quantity": QUANTITIES[CHANNEL_OF[self.ours]],
+            "unit": self.unit,
+            "decided_by": how,
+        }
+
+
+@dataclass(frozen=True)
+class SourceColumns:
+    """The columns of a file that were read, the unread ones and why, and the program that wrote the file.
+
+    Without columns, the recording is one of ours: advice then has our names and units.
+    """
+
+    columns: tuple[Column, ...] = ()
+    unread: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    program: str = ""
+
+    def of(self, channel: str) -> list[Column]:
+        """Return the columns of a channel, in the order of its axes."""
+        return [self._found[ours] for ours in CHANNELS[channel] if ours in self._found]
+
+    @cached_property
+    def _found(self) -> dict[str, Column]:
+        """Our names, and their columns. The file's own replace those of `with_file`."""
+        return {column.ours: column for column in reversed(self.columns)}
+
+    def with_clock(self, name: str, by: str) -> SourceColumns:
+        """Set how the column of the time was found."""
+        return replace(self, columns=tuple(replace(c, named_by=by) if c.name == name else c for c in self.columns))
+
+    def with_dates(self, name: str) -> SourceColumns:
+        """Read a column of dates or times of day in seconds, whatever its name says."""
+        columns = (replace(c, unit="s", unit_by=DATES) if c.name == name else c for c in self.columns)
+        return replace(self, columns=tuple(columns))
+
+    def with_file(self, file: str, other: SourceColumns) -> SourceColumns:
+        """Add the columns of another file."""
+        columns = (replace(column, name=f"{file}: {column.name}") for column in other.columns)
+        unread = {f"{file}: {name}": why for name, why in other.unread.items()}
+        return replace(self, columns=(*self.columns, *columns), unread={**self.unread, **unread})
+
+    def with_unread(self, unread: Mapping[str, str]) -> SourceColumns:
+        """Add columns or files that were not read, and why."""
+        return replace(self, unread={**self.unread, **unread})
+
+    @property
+    def time_unit_by(self) -> str:
+        """Who decided the unit of the times: NO_UNIT, DATES, or another one."""
+        return self._found["t"].unit_by if "t" in self._found else NO_UNIT
+
+    def column_option(self, ours: str, theirs: str, reverse: bool) -> str:
+        """Return the option that reads `theirs`, which was read as one of our columns, as `ours`."""
+        name = theirs
+        if theirs in self._found:
+            name, reverse = self._found[theirs].name, (self._found[theirs].sign < 0) != reverse
+        sign = "-" if reverse else ""
+        return f"--column {shlex.quote(f'{ours}={sign}{name}')}"
+
+    def reversed_force(self) -> str:
+        """Return the option that reverses all signs of the accelerometer."""
+        if not (acc := self.of("acc")):
+            return "--unit acc=-g (or -m/s2)"
+        return f"--unit acc={'-' if acc[0].sign > 0 else ''}{acc[0].unit}"
+
+    def must_be_seconds(self) -> str:
+        """Return what to do about times that can't be in seconds."""
+        if self.columns and "t" not in self._found:
+            return "give another --rate"
+        return f"the column '{self._found['t'].name if self.columns else 't'}' must be seconds"
+
+    def time_unit(self, unit: str) -> str:
+        """Return the unit of the file's times, if the recording's are in `unit` in place of s: both factors count."""
+        if "t" not in self._found:
+            return unit
+        factor = abs(self._found["t"].factor) * UNITS["t"][unit]
+        return min(("s", "ms", "us", "ns"), key=lambda each: abs(log(UNITS["t"][each] / factor)))
+
+
+IMU_CSV = SourceColumns()
+"""Those of a recording of ours."""
