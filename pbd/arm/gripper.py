@@ -40,7 +40,7 @@ def tool_on_joint(arm: ArmModel) -> tuple[int, Pose]:
 def gripper_links(arm: ArmModel, bodies: Iterable[Body]) -> frozenset[str]:
     """Return the names of the bodies that the tool's joint carries; these may touch the grasped object."""
     joint, _ = tool_on_joint(arm)
-    return frozenset(body.name for body in bodies if joint > 0 and joint in list(arm.full.supports[body.joint]))
+    return frozenset(body.name for body in bodies if joint in list(arm.full.supports[body.joint]))
 
 
 @lru_cache(maxsize=16)
@@ -58,7 +58,7 @@ def tool_rod(arm: ArmModel) -> Body | None:
     data = arm.full.createData()
     pin.forwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, 0.0)))
     T_tool_base = T_joint_tool.inverse() @ from_se3(data.oMi[joint]).inverse()
-    start = T_joint_tool.inverse().p if joint > 0 else np.zeros(3)
+    start = T_joint_tool.inverse().p
     nearest = np.inf
     for link in links:
         if link.name not in gripper:

@@ -80,8 +80,8 @@ def follow_object(
     return object_stays(grasped, gripped_spans(trajectory.gripper_t, trajectory.gripper_opening), tool, table)
 
 
-def resting_contact(arm: AuditArm, stay: Stay, held: Solid, support: Solid) -> Callable[[Any], bool] | None:
-    """Return a function of T_universe_joint: may the held object touch a support? None if it never stands on it."""
+def resting_contact(arm: AuditArm, stay: Stay, held: Solid, support: Solid) -> Callable[[Any], bool]:
+    """Return a function of T_universe_joint: may the held object touch a support? Only where it stands on it."""
     up = arm.T_universe_base.rotation[:, 2]
     places = []
     for rest in (arm.T_universe_base * se3(pose) for pose in stay.rests):
@@ -89,8 +89,6 @@ def resting_contact(arm: AuditArm, stay: Stay, held: Solid, support: Solid) -> C
         # coal's normal points from the object to the support.
         if abs(distance) <= NEAR_SUPPORT_M and -(support.T_joint_solid.rotation @ found.normal) @ up >= UPRIGHT:
             places.append(rest.translation)
-    if not places:
-        return None
 
     def allowed(T_universe_joint: Any) -> bool:
         p = (T_universe_joint[held.joint] * held.T_joint_solid).translation

@@ -167,18 +167,18 @@ def paper_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Array, 
         )
     dt = np.diff(t, prepend=t[0])[:, None]
     v = np.zeros_like(a_nav)
-    bounds = sorted({0, len(t), *(i for stop in stops for i in (stop.start, stop.stop))})
+    # The first stop begins at row 0: the variance of a single sample is zero.
+    bounds = sorted({len(t), *(i for stop in stops for i in (stop.start, stop.stop))})
     rests = {stop.start for stop in stops}
     closure = []
     for start, stop in pairwise(bounds):
         if start in rests:
             continue
         v[start:stop] = np.cumsum(a_nav[start:stop] * dt[start:stop], axis=0)  # (5)
-        if stops and stops[0].stop <= start and stop <= stops[-1].start:
+        if stop <= stops[-1].start:
             closure.append(v[stop - 1])
-    p = np.cumsum(v * dt, axis=0)  # (6)
-    origin = p[stops[0].start] if stops else p[0]
-    return p - origin, v, np.array(closure).reshape(-1, 3)
+    p: Array = np.cumsum(v * dt, axis=0)  # (6)
+    return p, v, np.array(closure).reshape(-1, 3)
 
 
 def paper_covariance(t: Array, stops: tuple[Stop, ...], closure: Array) -> Array:

@@ -35,9 +35,6 @@ LEAST_NORMAL_Z = float(np.cos(np.radians(45.0)))
 MOST_TOOL_CHECKS = 32
 """Largest number of poses of a path at which `tool_hit` checks the tool."""
 
-MOST_STAYS = 64
-"""Largest number of object poses for which collision pairs are cached."""
-
 
 @dataclass(frozen=True, eq=False)
 class Hit:
@@ -200,8 +197,6 @@ class CollisionScene:
     def object_clearance(self, stay: Stay) -> QuickClearance:
         """Return the clearance of the object: to the arm, and while it is held also to the world; cached."""
         if stay not in self._with_object:
-            if len(self._with_object) == MOST_STAYS:
-                self._with_object.clear()
             self._with_object[stay] = self._object_pairs(stay)
         return self._with_object[stay]
 
@@ -218,8 +213,6 @@ class CollisionScene:
         this, gripper = len(self._bodies), gripper_links(self.arm, self._links)
         others = [i for i, link in enumerate(self._links) if link.name not in gripper]
         pairs = self._pairs_between(bodies, others, (this,))
-        if not stay.held:
-            return QuickClearance(self.arm, bodies, pairs, self.margin_m)
         around = self._pairs_between(bodies, (this,), range(len(self._links), this))
 
         def near(places: Sequence[Array], T_base_tool: Pose) -> bool:

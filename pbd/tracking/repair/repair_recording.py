@@ -125,4 +125,4 @@ def _fill_missing(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
         missing |= ~good if name in ("acc", "gyr") else False
         if not good.all():
             filled[name] = bridged(recording.t, values, good)
-    return dataclasses.replace(recording, **filled) if filled else recording, missing
+    return dataclasses.replace(recording, **filled), missing
