@@ -1,4 +1,4 @@
-"""Inverse kinematics for arms of fewer than six joints, which reach most poses only in part, by a rule.
+"""Inverse kinematics for arms that move their tool in fewer than six directions, and so reach most poses only in part.
 
 **The position is met exactly. Of the rotations that remain possible, the nearest is taken; one degree between the
 approach axes (the tool's z) counts as much as ten degrees of rotation about them.** If the approach axis can be met, it
@@ -27,7 +27,7 @@ from pbd.errors import warn
 from pbd.pose import Array, Pose
 
 FULL_POSE = 6
-"""Number of joints needed to reach any pose."""
+"""Number of directions, of translation and rotation, in which a tool can move."""
 
 ABOUT_AXIS_WEIGHT = 0.1
 """Weight of the rotation about the approach axis, relative to that of the approach axis itself."""
@@ -74,13 +74,13 @@ class PartialPose(NamedTuple):
 
 
 def is_partial(arm: ArmModel) -> bool:
-    """Whether an arm has too few joints to reach any pose."""
-    return len(arm.robot.joints) < FULL_POSE
+    """Whether an arm can't reach any pose: it has too few joints, or too many of them move the tool alike."""
+    return starts_of(arm).directions < FULL_POSE
 
 
 def is_redundant(arm: ArmModel) -> bool:
-    """Whether an arm has more joints than a pose needs, so that it can move without moving its tool."""
-    return len(arm.robot.joints) > FULL_POSE
+    """Whether an arm reaches any pose with joints to spare, so that it can move without moving its tool."""
+    return len(arm.robot.joints) > FULL_POSE and not is_partial(arm)
 
 
 def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialPose]:
@@ -151,9 +151,10 @@ def held_poses(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tu
         approach, about = np.rad2deg(off.max(axis=0))
         worst = int(np.argmax(np.hypot(off[:, 0], ABOUT_AXIS_WEIGHT * off[:, 1])))
         warn(
-            f"{arm.robot.name} has {q.shape[1]} joints and can't match the hand's orientation: its approach axis is up "
-            f"to {approach:.0f} degrees off, the rotation about it up to {about:.0f} degrees, worst at keyframe "
-            f"{worst}; use an arm with six joints, move the dock, or give a smaller --scale"
+            f"{arm.robot.name} moves its tool in {starts_of(arm).directions} of 6 directions and can't match the "
+            f"hand's orientation: its approach axis is up to {approach:.0f} degrees off, the rotation about it up to "
+            f"{about:.0f} degrees, worst at keyframe {worst}; use an arm that moves it in all 6, as most of six joints "
+            "do, move the dock, or give a smaller --scale"
         )
     return held, off
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,18 +16,21 @@ from pbd.arm.ik.partial_pose import (
     PartialPose,
     held_poses,
     is_partial,
+    is_redundant,
     measure,
     solve_partial,
 )
 from pbd.arm.ik.solver import solve
 from pbd.arm.ladder_building import solve_path
-from pbd.arm.model import ArmModel, to_se3
+from pbd.arm.model import ArmModel, load_model, to_se3
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import tool_poses
 from pbd.errors import PbdWarning
+from pbd.files.robot import read_robot
 from pbd.pose import Array, Pose, quat_to_matrix
 from tests.arm.bundled import FIVE_JOINTS, NAMES, arm_of, keyframes_of
 from tests.arm.conftest import random_joints
+from tests.arm.test_own_robot import own_toml, own_urdf
 
 
 def turned(pose: Pose, rotation: Array) -> Pose:
@@ -36,6 +40,22 @@ def turned(pose: Pose, rotation: Array) -> Pose:
 
 def test_only_arms_of_fewer_than_six_joints_are_relaxed() -> None:
     assert {name for name in NAMES if is_partial(arm_of(name))} == set(FIVE_JOINTS)
+
+
+@pytest.mark.parametrize("rounded", [0.0, 2e-4])
+def test_an_arm_whose_joints_move_the_tool_alike_is_relaxed_too(tmp_path: Path, rounded: float) -> None:
+    """Four of six joints are parallel, but for the URDF's rounding: the tool tips in one plane, as with five joints."""
+    axes = ("0 0 1", "0 1 0", f"0 1 {rounded}", f"{-rounded} 1 0", "0 1 0", "1 0 0")
+    (tmp_path / "mine.urdf").write_text(own_urdf(axes), encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(own_toml(), encoding="utf-8")
+    arm, rng = load_model(read_robot(tmp_path / "mine.toml")), np.random.default_rng(4)
+    assert is_partial(arm)
+    assert not is_redundant(arm)
+    for truth in random_joints(arm.robot, 10, seed=5):
+        pose = turned(arm.forward(truth), 0.5 * rng.normal(size=3))
+        result = solve(arm, pose)
+        assert result.reached
+        assert np.linalg.norm(arm.forward(result.q).p - pose.p) < NEAR_M
 
 
 def test_a_full_pose_within_reach_is_met() -> None:
@@ -131,9 +151,9 @@ def test_poses_that_are_held_with_another_rotation_are_warned_of() -> None:
     with pytest.warns(PbdWarning) as told:
         held, off_rad = held_poses(arm, wanted, q)
     assert [str(warning.message) for warning in told] == [
-        "so101 has 5 joints and can't match the hand's orientation: its approach axis is up to 4 degrees off,"
-        " the rotation about it up to 29 degrees, worst at keyframe 0; use an arm with six joints,"
-        " move the dock, or give a smaller --scale"
+        "so101 moves its tool in 5 of 6 directions and can't match the hand's orientation: its approach axis is up to"
+        " 4 degrees off, the rotation about it up to 29 degrees, worst at keyframe 0; use an arm that moves it in all"
+        " 6, as most of six joints do, move the dock, or give a smaller --scale"
     ]
     np.testing.assert_allclose(off_rad, [[np.radians(4.0), 0.0], [0.0, 0.5]], atol=1e-9)
     assert all(max(pose.distance(here)) < 1e-12 for pose in held)
