@@ -66,4 +66,6 @@ def check_range(section: Section, key: str, joints: Sequence[UrdfJoint], positio
     """Refuse positions outside the joints' limits."""
     for joint, position in zip(joints, positions, strict=True):
         if not joint.lower <= position <= joint.upper and not joint.unlimited_mimic:
-            section.fail(key, f"puts {joint.name} at {position:g}, outside {joint.lower:g}..{joint.upper:g}")
+            what = f"puts {joint.name} at {position:g}, outside {joint.lower:g}..{joint.upper:g}"
+            mimics = joint.mimic and f"correct it, or the joint's <limit> or its <mimic> of {joint.mimic.joint}"
+            section.fail(key, what, mimics or "correct it")

@@ -128,6 +128,8 @@ def read_poses(path: Path) -> dict[str, dict[str, float]]:
         joints = {}
         for joint in state.iterfind("joint"):
             name, text = (_attribute(path, joint, key) for key in ("name", "value"))
+            if len(text.split()) > 1:  # a floating or planar joint, which no arm has
+                continue
             try:
                 joints[name] = finite(text)
             except ValueError:
@@ -187,7 +189,7 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     if kind == "prismatic":  # some URDFs write 1e16 for "no limit": no collision check would come to an end
         lower, upper = max(lower, -LONGEST_M), min(upper, LONGEST_M)
     follows = None
-    if mimic is not None:
+    if mimic is not None and kind != "fixed":  # some exporters keep the <mimic> of a joint that they fixed
         gear, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
         follows = Mimic(_attribute(path, mimic, "joint"), gear, offset)
     return UrdfJoint(

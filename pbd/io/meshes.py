@@ -58,9 +58,10 @@ def mesh_places(address: str, urdf: Path, package_dirs: Sequence[Path]) -> list[
     """
     if not address.startswith("package://"):
         return [urdf.parent / address.removeprefix("file://")]
-    inside = Path(address.removeprefix("package://"))
+    inside = Path(address.removeprefix("package://").lstrip("/"))
     places = [folder / inside for folder in package_dirs]
-    return places + [folder.parent / inside for folder in package_dirs if inside.parts[:1] == (folder.name,)]
+    places += [folder.parent / inside for folder in package_dirs if inside.parts[:1] == (folder.name,)]
+    return list(dict.fromkeys(places))
 
 
 def mesh_file(address: str, urdf: Path, package_dirs: Sequence[Path]) -> Path:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
+from xml.parsers import expat
 
 import numpy as np
 
@@ -95,8 +96,15 @@ def read_xml(path: Path) -> ET.Element:
     """Parse an XML file and return its root; RobotError: it can't be read, with the line if the parser knows it."""
     data = read_bytes(path, RobotError, "correct its path, or mend the file", MOST_BYTES)
     try:
-        root: ET.Element = ET.fromstring(data, parser=ET.XMLParser(target=_NoDoctype()))
-    except ET.ParseError as reason:
+        tree = _NoDoctype()
+        # Names keep their prefix: as in urdfdom, it need not be declared (drake:acceleration, sensor:camera).
+        parser = expat.ParserCreate()
+        parser.buffer_text = True
+        parser.StartElementHandler, parser.EndElementHandler = tree.start, tree.end
+        parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = tree.data, tree.doctype
+        parser.Parse(data, True)
+        root: ET.Element = tree.close()
+    except (ET.ParseError, expat.ExpatError) as reason:
         raise RobotError(f"{path}: not valid XML: {reason}; correct it", path=path) from None
     except (ValueError, LookupError) as reason:  # the parser does not know the encoding
         raise RobotError(f"{path}: not valid XML: {reason}; save it as UTF-8", path=path) from None
@@ -106,7 +114,7 @@ def read_xml(path: Path) -> ET.Element:
 class _NoDoctype(ET.TreeBuilder):
     """Refuses a DOCTYPE: its entities can make gigabytes of a small file, and no URDF or SRDF needs one."""
 
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+    def doctype(self, name: str, *_: object) -> None:
         raise ET.ParseError(f"a DOCTYPE ({name[:40]}) is not allowed")
 
 
@@ -116,8 +124,8 @@ def read_urdf_xml(path: Path) -> ET.Element:
     if root.tag != "robot":
         what = f"{path} is not a URDF: its root is <{printable(root.tag)}>; give a file whose root is <robot>"
         raise RobotError(what, path=path)
-    if macro := next((part.tag for part in root.iter() if "/xacro}" in part.tag), None):
-        name = printable(macro.partition("}")[2])
+    if macro := next((part.tag for part in root.iter() if part.tag.startswith("xacro:")), None):
+        name = printable(macro.removeprefix("xacro:"))
         what = f"<xacro:{name}> is not expanded; run `xacro {path.name} > arm.urdf`, and give arm.urdf"
         raise RobotError.at(path, what)
     for what, most, count in (

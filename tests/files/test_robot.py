@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pbd.arm.model import load_model
 from pbd.errors import PbdWarning, RobotError
 from pbd.files.robot import read_robot
 from pbd.files.urdf_tree import read_poses, read_urdf
@@ -359,7 +360,8 @@ def test_a_joint_keeps_to_its_soft_limits_and_to_what_mimics_it(folder: Path) ->
     ("urdf", "toml", "message"),
     [
         ((LIMIT_OF_THUMB, LIMIT_OF_THUMB.replace("-2", "-0.8")), None,
-         r":16: \[gripper\] open puts thumb_joint at -0.9, outside -0.8..2; correct it"),
+         r":16: \[gripper\] open puts thumb_joint at -0.9, outside -0.8..2; correct it, or the joint's <limit> or its "
+         "<mimic> of claw"),
         (None, ("stroke_s = 0.4", "stroke_s = 0.3"),
          r":18: \[gripper\] stroke_s moves thumb_joint at 3.33333, above the URDF's own 3; make it longer"),
         (None, ('"claw"]\nopen = [0.5]', '"thumb_joint"]\nopen = [0.5]'),
@@ -396,7 +398,7 @@ def test_joints_that_nothing_moves_and_that_cannot_stand_at_zero_are_named(folde
 MESH = '<link name="hand"><visual><geometry><mesh filename="ADDRESS"/></geometry></visual></link>'
 
 
-@pytest.mark.parametrize("address", ["package://mine/meshes/hand.stl", "meshes/hand.stl"])
+@pytest.mark.parametrize("address", ["package://mine/meshes/hand.stl", "package:///mine/meshes/hand.stl", "meshes/hand.stl"])
 def test_a_missing_mesh_is_named_with_its_link(folder: Path, address: str) -> None:
     change(folder / "mine.urdf", '<link name="hand"/>', MESH.replace("ADDRESS", address))
     with pytest.raises(RobotError) as caught:
@@ -407,6 +409,8 @@ def test_a_missing_mesh_is_named_with_its_link(folder: Path, address: str) -> No
     )
     assert message.endswith("hand.stl; put it there, or correct its address")
     assert "\n" not in message
+    places = message.partition("there is no ")[2].partition(";")[0].split(", nor ")
+    assert len(set(places)) == len(places)
     place = folder / ("mine/meshes" if "package" in address else "meshes")
     place.mkdir(parents=True)
     (place / "hand.stl").write_bytes(b"")
@@ -476,6 +480,23 @@ def test_a_doctype_is_refused_before_its_entities_expand(folder: Path, encoding:
         read_urdf(folder / "mine.urdf")
 
 
+def test_prefixes_need_not_be_declared(folder: Path) -> None:
+    """Many URDFs in use have tags and attributes of Drake or Gazebo with undeclared prefixes; urdfdom reads them."""
+    change(folder / "mine.urdf", 'velocity="1.5"', 'velocity="1.5" drake:acceleration="9"')
+    change(folder / "mine.urdf", "</robot>", '<gazebo><sensor:camera name="eye"/></gazebo></robot>')
+    robot = read_robot(folder / "mine.toml")
+    assert robot.limits.velocity[0] == 1.5
+    assert load_model(robot).model.nv == 2
+
+
+def test_a_fixed_joint_mimics_nothing(folder: Path) -> None:
+    change(folder / "mine.urdf", "</robot>", FOLLOWER.replace('type="revolute"', 'type="fixed"'))
+    robot = read_robot(folder / "mine.toml")
+    assert robot.gripper is not None
+    assert robot.gripper.joints == ("claw",)
+    assert load_model(robot).links
+
+
 def test_a_loop_of_joints_is_refused(folder: Path) -> None:
     change(folder / "mine.urdf", '<parent link="foot"/>', '<parent link="hand"/>')
     with pytest.raises(RobotError, match=r"the joints form a loop of links: .*hand.*; remove one joint"):
@@ -483,7 +504,11 @@ def test_a_loop_of_joints_is_refused(folder: Path) -> None:
 
 
 def test_poses_of_an_srdf(folder: Path) -> None:
-    assert read_poses(folder / "mine.srdf") == {"rest": {"shoulder": 0.5, "elbow": -1.0}, "half": {"shoulder": 0.5}}
+    poses = {"rest": {"shoulder": 0.5, "elbow": -1.0}, "half": {"shoulder": 0.5}}
+    assert read_poses(folder / "mine.srdf") == poses
+    change(folder / "mine.srdf", "</robot>", """<group_state name="stand"><joint name="elbow" value="-1"/>
+           <joint name="free" value="0 0 1 0 0 0 1"/></group_state></robot>""")  # a floating base has seven numbers
+    assert read_poses(folder / "mine.srdf") == {**poses, "stand": {"elbow": -1.0}}
 
 
 # --- files that would break the libraries -----------------------------------------------------------------------------
