@@ -107,6 +107,17 @@ class ArmModel:
         """The limits of the arm's joints."""
         return self.robot.limits
 
+    def unmoved_between(self, *links: str) -> tuple[str, ...]:
+        """Return the joints between two links that neither the arm nor the gripper moves; they stand at 0."""
+        chains = []
+        for link in links:
+            joint = self.full.frames[self.full.getFrameId(link, pin.FrameType.BODY)].parentJoint
+            chains.append(set[int]())
+            while joint != 0:
+                chains[-1].add(joint)
+                joint = self.full.parents[joint]
+        return tuple(self.full.names[joint] for joint in sorted(chains[0] ^ chains[1]) if joint not in self.drives)
+
     def limit_margins(self, q: Array) -> Array:
         """Return the distance (..., k) of each joint from its nearer limit, rad or m; negative beyond it."""
         return np.minimum(q - self.limits.lower, self.limits.upper - q)

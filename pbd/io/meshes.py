@@ -151,7 +151,10 @@ def _collada(data: bytes) -> Iterator[tuple[Array, Array]]:
     def node_count(node: Any) -> int:
         return 1 + sum(map(node_count, getattr(node, "children", ())))
 
-    document = collada.Collada(io.BytesIO(data))
+    # Exporters leave the camera and the lights of their scene out of the libraries; a missing geometry is an error.
+    document = collada.Collada(io.BytesIO(data), ignore=[collada.common.DaeBrokenRefError])
+    if broken := next((each for each in document.errors if not each.msg.startswith(("Camera ", "Light "))), None):
+        raise broken
     if sum(node_count(node) for scene in document.scenes for node in scene.nodes) > MOST_NODES:
         raise ValueError(f"more than {MOST_NODES} nodes")
     unit = document.assetInfo.unitmeter

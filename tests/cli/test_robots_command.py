@@ -98,6 +98,18 @@ def test_links_that_touch_by_design_are_found_and_may(
     assert run_json(capsys, "replay", "paper-test2", "--robot", "mine")["collision"] is None
 
 
+def test_a_mesh_that_cannot_be_read_is_refused_before_the_search(capsys: Capture, guide: str) -> None:
+    solid = "<collision><geometry><mesh filename='a.stl'/></geometry></collision>"
+    urdf = own_urdf().replace("<link name='flange'/>", f"<link name='flange'>{solid}</link>")
+    TOML.with_name("mine.urdf").write_text(urdf, encoding="utf-8")
+    TOML.with_name("a.stl").write_text("solid\n", encoding="utf-8")
+    TOML.write_text(guide, encoding="utf-8")
+    code, _, told = run(capsys, "robots", "--suggest", TOML)
+    assert code == 1
+    assert "a.stl" in told
+    assert "docks" not in told
+
+
 def test_a_tool_that_never_points_down_is_named(capsys: Capture, guide: str) -> None:
     fixed = guide.replace("[arm]", '[arm]\njoints = ["joint1"]').replace("home = [0.0, -0.3, 0.9, 0.0, 0.97, 0.0]", "")
     TOML.write_text(re.sub(r"\[(\d+\.0, ){5}\d+\.0\]", "[1.0]", fixed), encoding="utf-8")

@@ -108,6 +108,14 @@ def test_a_broken_file_is_named(tmp_path: Path, text: str) -> None:
     assert caught.value.fields["path"] == path
 
 
+@pytest.mark.parametrize("tag", ["camera", "light"])
+def test_a_scenes_missing_camera_does_not_matter(tmp_path: Path, tag: str) -> None:
+    """The maker's own mesh of Fetch's base has one."""
+    primitives = '<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles>'
+    corners, _ = read(tmp_path, primitives, f'<instance_{tag} url="#nowhere"/>')
+    assert corners.shape == (1, 3, 3)
+
+
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
 TEXT_STL = "solid one\nfacet normal 0 0 1\nouter loop\n{}endloop\nendfacet\nendsolid one\n"
 CONTENTS = {

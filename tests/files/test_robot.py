@@ -398,7 +398,9 @@ def test_joints_that_nothing_moves_and_that_cannot_stand_at_zero_are_named(folde
 MESH = '<link name="hand"><visual><geometry><mesh filename="ADDRESS"/></geometry></visual></link>'
 
 
-@pytest.mark.parametrize("address", ["package://mine/meshes/hand.stl", "package:///mine/meshes/hand.stl", "meshes/hand.stl"])
+@pytest.mark.parametrize(
+    "address", ["package://mine/meshes/hand.stl", "package:///mine/meshes/hand.stl", "meshes/hand.stl"]
+)
 def test_a_missing_mesh_is_named_with_its_link(folder: Path, address: str) -> None:
     change(folder / "mine.urdf", '<link name="hand"/>', MESH.replace("ADDRESS", address))
     with pytest.raises(RobotError) as caught:
@@ -506,8 +508,12 @@ def test_a_loop_of_joints_is_refused(folder: Path) -> None:
 def test_poses_of_an_srdf(folder: Path) -> None:
     poses = {"rest": {"shoulder": 0.5, "elbow": -1.0}, "half": {"shoulder": 0.5}}
     assert read_poses(folder / "mine.srdf") == poses
-    change(folder / "mine.srdf", "</robot>", """<group_state name="stand"><joint name="elbow" value="-1"/>
-           <joint name="free" value="0 0 1 0 0 0 1"/></group_state></robot>""")  # a floating base has seven numbers
+    change(
+        folder / "mine.srdf",
+        "</robot>",
+        """<group_state name="stand"><joint name="elbow" value="-1"/>
+           <joint name="free" value="0 0 1 0 0 0 1"/></group_state></robot>""",
+    )  # a floating base has seven numbers
     assert read_poses(folder / "mine.srdf") == {**poses, "stand": {"elbow": -1.0}}
 
 

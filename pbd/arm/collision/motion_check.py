@@ -17,7 +17,7 @@ from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import JointTrajectory
 from pbd.data.world import TABLE, Stay, gripped_spans
-from pbd.errors import PlanError
+from pbd.errors import PlanError, listed
 from pbd.pose import Pose
 
 _STILL_RAD = 1e-6  # the arm counts as standing at joints that differ by less
@@ -125,11 +125,15 @@ def _away_from_home(scene: CollisionScene, hit: Hit) -> str:
 
 
 def _by_design(scene: CollisionScene, hit: Hit) -> str:
-    """Say how to let two links of the arm touch, since the shapes of some overlap by design."""
+    """Say how to let two links of the arm touch, since the shapes of some overlap by design or for joints at 0."""
     if not {hit.first, hit.second} <= scene.links:
         return ""
     pair = json.dumps([hit.first, hit.second])
-    return f"if these links touch by design, add {pair} to may_touch in its [arm]; else "
+    advice = f"if these links touch by design, add {pair} to may_touch in its [arm]; else "
+    if still := scene.arm.unmoved_between(hit.first, hit.second):
+        stands = f"nothing moves {listed(still)}, so it is taken to stand at 0"
+        return f"{stands}: if that is wrong, make it a fixed joint where it stands; {advice}"
+    return advice
 
 
 def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +14,9 @@ from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.collision.motion_check import check_motion, collision_error, object_stays, refuse_home
 from pbd.arm.collision.scene import CollisionScene, GraspState
 from pbd.arm.ladder_building import solve_path
-from pbd.arm.model import ArmModel
+from pbd.arm.model import ArmModel, load_model
 from pbd.arm.path_sampling import sample_trajectory
-from pbd.data import GraspedObject, JointTrajectory, Obstacle
+from pbd.data import GraspedObject, JointTrajectory, Obstacle, Robot
 from pbd.data.world import TABLE, Stay
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose, quat_from_rpy
@@ -244,6 +246,36 @@ def test_home_in_collision_is_refused(arm: ArmModel) -> None:
         "; correct table_height in the calibration, or change home in the robot's TOML"
     )
     assert caught.value.exit_code == 3
+
+
+WING = """<robot name="winged"><link name="foot"/>
+<link name="arm"><collision><origin xyz="1 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
+<link name="wing"><collision><origin xyz="1 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
+<joint name="pan" type="revolute"><parent link="foot"/><child link="arm"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="hinge" type="revolute"><parent link="foot"/><child link="wing"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+def test_a_joint_that_nothing_moves_is_named_where_it_brings_a_link_in_the_way(tmp_path: Path, panda: Robot) -> None:
+    """A humanoid's other arm, which stands at 0: another home of this arm may not help."""
+    (tmp_path / "winged.urdf").write_text(WING, encoding="utf-8")
+    ones = dict.fromkeys(("upper", "velocity", "acceleration", "jerk"), np.ones(1))
+    winged = load_model(
+        replace(
+            panda, name="winged", urdf=tmp_path / "winged.urdf", srdf=None, base="foot", body="arm", joints=("pan",),
+            home=np.zeros(1), gripper=None, limits=replace(panda.limits, lower=-np.ones(1), effort=None, **ones),
+        )
+    )  # fmt: skip
+    assert winged.unmoved_between("arm", "wing") == ("hinge",)
+    assert winged.unmoved_between("arm", "foot") == ()
+    with pytest.raises(PlanError) as caught:
+        refuse_home(CollisionScene(winged))
+    assert caught.value.message == (
+        "home of winged: arm would touch wing, 20.0 cm deep; nothing moves hinge, so it is taken to stand at 0: if that "
+        'is wrong, make it a fixed joint where it stands; if these links touch by design, add ["arm", "wing"] to '
+        "may_touch in its [arm]; else change home in the robot's TOML"
+    )
 
 
 def test_nan_is_an_error(arm: ArmModel) -> None:
