@@ -272,8 +272,8 @@ def test_a_joint_that_nothing_moves_is_named_where_it_brings_a_link_in_the_way(t
     with pytest.raises(PlanError) as caught:
         refuse_home(CollisionScene(winged))
     assert caught.value.message == (
-        "home of winged: arm would touch wing, 20.0 cm deep; nothing moves hinge, so it is taken to stand at 0: if that "
-        'is wrong, make it a fixed joint where it stands; if these links touch by design, add ["arm", "wing"] to '
+        "home of winged: arm would touch wing, 20.0 cm deep; nothing moves hinge, so it is taken to stand at 0: if "
+        'that is wrong, make it a fixed joint where it stands; if these links touch by design, add ["arm", "wing"] to '
         "may_touch in its [arm]; else change home in the robot's TOML"
     )
 
