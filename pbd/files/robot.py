@@ -27,6 +27,9 @@ from pbd.pose import Array
 
 FORMAT = 1
 
+WIDEST_RAD = 10.0 * np.pi
+"""Widest range of a joint's limits without a doubt about their unit. The bundled arms have up to 4 pi."""
+
 
 def load_robot(name: str | Path) -> Robot:
     """Load a robot by name (./robots, then the bundled ones) or path.
@@ -214,7 +217,12 @@ def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointL
     for joint in joints:
         if not joint.lower < joint.upper:
             what = f"joint {joint.name!r} has no room to move: lower {joint.lower:g}, upper {joint.upper:g}"
-            raise RobotError.at(urdf.path, f"{what}; correct its <limit>, or that of what mimics it", joint=joint.name)
+            fix = "correct its <limit> or <safety_controller>, or that of what mimics it"
+            raise RobotError.at(urdf.path, f"{what}; {fix}", joint=joint.name)
+    wide = [joint for joint in joints if joint.kind == "revolute" and joint.upper - joint.lower > WIDEST_RAD]
+    if wide:
+        what = f"{urdf.path}: limits of many turns: {listed(f'{j.name} {j.lower:g}..{j.upper:g} rad' for j in wide)}"
+        warn(f"{what}; if these are degrees, correct the <limit>; if there are none, make the joint continuous")
     values: dict[str, tuple[float, ...]] = {}
     sources = {"position": "the URDF"}
     general = section.text("source", "")

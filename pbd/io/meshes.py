@@ -52,13 +52,14 @@ class TriangleSoup:
 
 
 def mesh_places(address: str, urdf: Path, package_dirs: Sequence[Path]) -> list[Path]:
-    """Return the paths that a URDF's package://, file:// or relative address may mean.
+    """Return the paths that a URDF's package:// (Gazebo: model://), file:// or relative address may mean.
 
     A package is a folder in one of package_dirs, or one of package_dirs itself.
     """
-    if not address.startswith("package://"):
+    scheme, _, path = address.rpartition("://")
+    if scheme not in ("package", "model"):
         return [urdf.parent / address.removeprefix("file://")]
-    inside = Path(address.removeprefix("package://").lstrip("/"))
+    inside = Path(path.lstrip("/"))
     places = [folder / inside for folder in package_dirs]
     places += [folder.parent / inside for folder in package_dirs if inside.parts[:1] == (folder.name,)]
     return list(dict.fromkeys(places))

@@ -8,8 +8,9 @@ not a number crashes the distance computation.
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.parsers import expat
 
@@ -53,7 +54,7 @@ class _Rule:
 
     count: int
     most: float = LARGEST
-    least: float = 0.0
+    least: float = -math.inf
     mirrored: bool = False
     needed: bool = False
 
@@ -66,7 +67,7 @@ class _Rule:
         if max(map(abs, values)) > self.most:
             return f"larger than {self.most:g}"
         least = min(map(abs, values)) if self.mirrored else min(values)
-        return f"smaller than {self.least:g}" if self.least and least < self.least else None
+        return f"smaller than {self.least:g}" if least < self.least else None
 
 
 _NEEDED = _Rule(1, needed=True)
@@ -77,11 +78,12 @@ RULES: dict[str, dict[str, _Rule]] = {
     "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), _Rule(1, LARGEST_LIMIT)),
     "mimic": dict.fromkeys(("multiplier", "offset"), _Rule(1)),
     "safety_controller": dict.fromkeys(("soft_lower_limit", "soft_upper_limit"), _Rule(1, LARGEST_LIMIT)),
-    "mass": {"value": _NEEDED},
+    "mass": {"value": _Rule(1, least=0.0, needed=True)},
     "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), _NEEDED),
     "box": {"size": _Rule(3, LONGEST_M, SMALLEST_M, needed=True)},
     "cylinder": {"radius": _LENGTH, "length": _LENGTH},
     "sphere": {"radius": _LENGTH},
+    "capsule": {"radius": _LENGTH, "length": _LENGTH},
     "mesh": {"scale": _Rule(3, LARGEST, SMALLEST_M, mirrored=True)},
 }
 """Rules of the attributes of each element. Negative scales mirror a mesh."""
@@ -89,7 +91,7 @@ RULES: dict[str, dict[str, _Rule]] = {
 LINK_PARTS = ("inertial", "visual", "collision")
 JOINT_PARTS = ("origin", "parent", "child", "axis", "limit", "mimic")
 Triple = tuple[float, float, float]
-SOLIDS = ("box", "cylinder", "sphere", "mesh")
+SOLIDS = ("box", "cylinder", "sphere", "capsule", "mesh")
 
 
 def read_xml(path: Path) -> ET.Element:
@@ -124,9 +126,11 @@ def read_urdf_xml(path: Path) -> ET.Element:
     if root.tag != "robot":
         what = f"{path} is not a URDF: its root is <{printable(root.tag)}>; give a file whose root is <robot>"
         raise RobotError(what, path=path)
-    if macro := next((part.tag for part in root.iter() if part.tag.startswith("xacro:")), None):
-        name = printable(macro.removeprefix("xacro:"))
-        what = f"<xacro:{name}> is not expanded; run `xacro {path.name} > arm.urdf`, and give arm.urdf"
+    macros = [f"<{part.tag}>" for part in root.iter() if part.tag.startswith("xacro:")]
+    parts = (part for tag in ("link", "joint") for element in root.iterfind(tag) for part in element.iter())
+    macros += [value for part in parts for value in part.attrib.values() if "${" in value or "$(" in value]
+    if macros:
+        what = f"{printable(macros[0])} is not expanded; run `xacro {path.name} > arm.urdf`, and give arm.urdf"
         raise RobotError.at(path, what)
     for what, most, count in (
         ("links", MOST_LINKS, len(root.findall("link"))),
@@ -198,7 +202,7 @@ class Shape:
     Attributes:
         element: "visual" or "collision".
         kind: "box", "cylinder", "sphere" or "mesh".
-        size: m; box: x, y, z; cylinder: diameter, height; sphere: diameter; mesh: empty.
+        size: m; box: x, y, z; cylinder: diameter, height; sphere: diameter; mesh: empty. A capsule is three shapes.
         scale: scale of the mesh's coordinates, along x, y, z.
         rgb: the colour of the URDF's material, 0..1, or None.
     """
@@ -218,10 +222,11 @@ def read_shapes(robot: Robot) -> tuple[Shape, ...]:
     root = read_urdf_xml(robot.urdf)
     named = {material.get("name"): rgb for material in root.iterfind("material") if (rgb := _rgb(material))}
     return tuple(
-        _shape(link.get("name", ""), element, robot, named)
+        part
         for link in root.iterfind("link")
         for element in link
         if element.tag in ("visual", "collision")
+        for part in _parts(_shape(link.get("name", ""), element, robot, named))
     )
 
 
@@ -230,6 +235,16 @@ def collision_shapes(robot: Robot) -> tuple[Shape, ...]:
     shapes = read_shapes(robot)
     with_collision = {shape.link for shape in shapes if shape.element == "collision"}
     return tuple(shape for shape in shapes if shape.element == "collision" or shape.link not in with_collision)
+
+
+def _parts(shape: Shape) -> tuple[Shape, ...]:
+    """Return the shape, or the cylinder and the two spheres that a capsule consists of."""
+    if shape.kind != "capsule":
+        return (shape,)
+    diameter, length = shape.size
+    ends = (shape.T_link_shape @ Pose.exp((0.0, 0.0, z, 0.0, 0.0, 0.0)) for z in (-0.5 * length, 0.5 * length))
+    balls = (replace(shape, kind="sphere", size=(diameter,), T_link_shape=end) for end in ends)
+    return (replace(shape, kind="cylinder"), *balls)
 
 
 def _shape(link: str, element: ET.Element, robot: Robot, named: dict[str | None, Triple]) -> Shape:
@@ -246,7 +261,7 @@ def _shape(link: str, element: ET.Element, robot: Robot, named: dict[str | None,
     if solid.tag == "box":
         return Shape(link, element.tag, T_link_shape, "box", _triple(solid.attrib["size"]), rgb=rgb)
     lengths = (2.0 * float(solid.attrib["radius"]), float(solid.get("length", "0")))
-    return Shape(link, element.tag, T_link_shape, solid.tag, lengths[: 1 + (solid.tag == "cylinder")], rgb=rgb)
+    return Shape(link, element.tag, T_link_shape, solid.tag, lengths[: 1 + (solid.tag != "sphere")], rgb=rgb)
 
 
 def _triple(text: str) -> Triple:

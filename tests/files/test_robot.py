@@ -395,11 +395,18 @@ def test_joints_that_nothing_moves_and_that_cannot_stand_at_zero_are_named(folde
         read_robot(folder / "mine.toml")
 
 
+INERTIA = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 MESH = '<link name="hand"><visual><geometry><mesh filename="ADDRESS"/></geometry></visual></link>'
 
 
 @pytest.mark.parametrize(
-    "address", ["package://mine/meshes/hand.stl", "package:///mine/meshes/hand.stl", "meshes/hand.stl"]
+    "address",
+    [
+        "package://mine/meshes/hand.stl",
+        "package:///mine/meshes/hand.stl",
+        "model://mine/meshes/hand.stl",
+        "meshes/hand.stl",
+    ],
 )
 def test_a_missing_mesh_is_named_with_its_link(folder: Path, address: str) -> None:
     change(folder / "mine.urdf", '<link name="hand"/>', MESH.replace("ADDRESS", address))
@@ -413,7 +420,7 @@ def test_a_missing_mesh_is_named_with_its_link(folder: Path, address: str) -> No
     assert "\n" not in message
     places = message.partition("there is no ")[2].partition(";")[0].split(", nor ")
     assert len(set(places)) == len(places)
-    place = folder / ("mine/meshes" if "package" in address else "meshes")
+    place = folder / ("meshes" if address.startswith("meshes") else "mine/meshes")
     place.mkdir(parents=True)
     (place / "hand.stl").write_bytes(b"")
     assert read_robot(folder / "mine.toml").body == "hand"
@@ -432,7 +439,7 @@ def test_an_unnamed_joint_is_locked_at_zero_which_must_be_within_its_limits(fold
     ("old", "new", "message"),
     [
         ('upper="2"', 'upper="-2"',
-         r"mine.urdf: joint 'shoulder' has no room to move: lower -2, upper -2; correct its <limit>"),
+         r"mine.urdf: joint 'shoulder' has no room to move: lower -2, upper -2; correct its <limit> or"),
         (' lower="-2" upper="2"', "", r"mine.urdf: joint 'shoulder' has no room to move: lower 0, upper 0; correct"),
         ('name="shoulder" type="revolute"', 'name="shoulder" type="revolut"',
          r"mine.urdf: joint 'shoulder' has the type 'revolut'; make it one of revolute, continuous, .*, planar$"),
@@ -461,8 +468,11 @@ def test_an_unnamed_joint_is_locked_at_zero_which_must_be_within_its_limits(fold
         ('<parent link="foot"/>', "", r"mine.urdf: joint 'shoulder' has no <parent>; add it"),
         ("</robot>", '<xacro:hand xmlns:xacro="http://www.ros.org/wiki/xacro"/></robot>',
          r"mine.urdf: <xacro:hand> is not expanded; run `xacro mine.urdf > arm.urdf`, and give arm.urdf"),
+        ('xyz="0 1 0"', 'xyz="0 ${l} 0"', r"mine.urdf: 0 \$\{l\} 0 is not expanded; run `xacro mine.urdf > arm.urdf`"),
         ('<joint name="claw"', "<joint", r"mine.urdf: a <joint> has no name; add it"),
         ("</robot>", "", r"mine.urdf: not valid XML: .*; correct it"),
+        ('<link name="hand"/>', f'<link name="hand"><inertial><mass value="-1"/>{INERTIA}</inertial></link>',
+         r"mine.urdf: value = '-1' in the <mass> of link 'hand' is smaller than 0; correct it"),
         ("robot", "sdf", r"mine.urdf is not a URDF: its root is <sdf>; give a file whose root is <robot>"),
     ],
 )  # fmt: skip
@@ -480,6 +490,12 @@ def test_a_doctype_is_refused_before_its_entities_expand(folder: Path, encoding:
     (folder / "mine.urdf").write_text(bomb, encoding=encoding)
     with pytest.raises(RobotError, match=r"not valid XML: a DOCTYPE \(robot\) is not allowed; correct it"):
         read_urdf(folder / "mine.urdf")
+
+
+def test_limits_in_degrees_are_doubted(folder: Path) -> None:
+    change(folder / "mine.urdf", 'lower="-2" upper="2"', 'lower="-170" upper="170"')
+    with pytest.warns(PbdWarning, match=r"limits of many turns: shoulder -170..170 rad; if these are degrees, correct"):
+        read_robot(folder / "mine.toml")
 
 
 def test_prefixes_need_not_be_declared(folder: Path) -> None:
@@ -570,7 +586,7 @@ def test_a_fault_in_any_file_is_named(folder: Path, file: str, old: str, new: st
         ('<sphere radius="-0.1"/>', "radius = '-0.1' in the <sphere> of link 'hand' is smaller than 1e-06"),
         ('<box size="1 1 1e9"/>', "size = '1 1 1e9' in the <box> of link 'hand' is larger than 100"),
         ('<cylinder radius="0.1"/>', "a <cylinder> of link 'hand' has no length"),
-        ("", "a <collision> of link 'hand' must hold one of box, cylinder, sphere, mesh, has (none)"),
+        ("", "a <collision> of link 'hand' must hold one of box, cylinder, sphere, capsule, mesh, has (none)"),
     ],
 )
 def test_an_invalid_shape_is_refused(folder: Path, shape: str, message: str) -> None:

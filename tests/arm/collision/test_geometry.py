@@ -119,6 +119,15 @@ def test_simple_shapes_stay_what_they_are(
     assert max(metres, rad) < 1e-12
 
 
+def test_a_capsule_is_a_cylinder_and_two_spheres(tmp_path: Path) -> None:
+    capsule = SHAPES.format("collision", '<capsule radius="0.1" length="0.5"/>')
+    bodies = link_bodies(load_model(simple(tmp_path, capsule)))
+    assert [(body.shape, body.size) for body in bodies] == [
+        ("cylinder", (0.2, 0.5)), ("sphere", (0.2,)), ("sphere", (0.2,)),
+    ]  # fmt: skip
+    assert_allclose([body.T_joint_body.p for body in bodies], [[0.1, 0.2, z] for z in (0.3, 0.05, 0.55)])
+
+
 def test_visual_shapes_count_only_without_collision_shapes(tmp_path: Path) -> None:
     shapes = [
         SHAPES.format(e, g) for e, g in (("collision", '<sphere radius="1"/>'), ("visual", '<box size="1 1 1"/>'))
@@ -162,7 +171,7 @@ def test_a_mesh_is_found_and_scaled(tmp_path: Path, cache: Path, address: str) -
         (
             OBJ,
             '<cone radius="1"/>',
-            "a <collision> of link 'hand' must hold one of box, cylinder, sphere, mesh, has cone",
+            "a <collision> of link 'hand' must hold one of box, cylinder, sphere, capsule, mesh, has cone",
         ),
     ],
 )
