@@ -10,6 +10,7 @@ import hashlib
 import io
 import logging
 import warnings
+import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -32,6 +33,9 @@ MOST_BYTES = 200_000_000
 
 MOST_TRIANGLES = 4_000_000
 """Largest number of triangles of a mesh. A small DAE file can repeat one geometry any number of times."""
+
+LOOKS = ("bind_material", "instance_camera", "instance_light", "library_effects", "library_images", "library_materials")
+"""Elements of a DAE file that concern its looks alone."""
 
 MOST_NODES = 20_000
 """Largest number of nodes of a DAE scene; a node that is shown n times counts n times."""
@@ -152,10 +156,10 @@ def _collada(data: bytes) -> Iterator[tuple[Array, Array]]:
     def node_count(node: Any) -> int:
         return 1 + sum(map(node_count, getattr(node, "children", ())))
 
-    # Exporters leave the camera and the lights of their scene out of the libraries; a missing geometry is an error.
-    document = collada.Collada(io.BytesIO(data), ignore=[collada.common.DaeBrokenRefError])
-    if broken := next((each for each in document.errors if not each.msg.startswith(("Camera ", "Light "))), None):
-        raise broken
+    try:
+        document = collada.Collada(io.BytesIO(data))
+    except collada.common.DaeBrokenRefError:  # often of a camera, a light or a texture: read the geometry alone
+        document = collada.Collada(io.BytesIO(_without_looks(data)))
     if sum(node_count(node) for scene in document.scenes for node in scene.nodes) > MOST_NODES:
         raise ValueError(f"more than {MOST_NODES} nodes")
     unit = document.assetInfo.unitmeter
@@ -171,6 +175,16 @@ def _collada(data: bytes) -> Iterator[tuple[Array, Array]]:
                 raise ValueError(f"more than {MOST_TRIANGLES} triangles")
             corners = np.asarray(triangles.vertex, dtype=np.float64)[index]
             yield (1.0 if unit is None else unit) * corners, np.tile(_diffuse(triangles.material), (len(index), 1))
+
+
+def _without_looks(data: bytes) -> bytes:
+    """Remove from a DAE file what only concerns its looks."""
+    root = ET.fromstring(data)
+    for element in [*root.iter()]:
+        for child in [*element]:
+            if child.tag.rpartition("}")[2] in LOOKS:
+                element.remove(child)
+    return ET.tostring(root)
 
 
 def _diffuse(material: Any) -> Array:

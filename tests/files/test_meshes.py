@@ -108,12 +108,23 @@ def test_a_broken_file_is_named(tmp_path: Path, text: str) -> None:
     assert caught.value.fields["path"] == path
 
 
-@pytest.mark.parametrize("tag", ["camera", "light"])
-def test_a_scenes_missing_camera_does_not_matter(tmp_path: Path, tag: str) -> None:
-    """The maker's own mesh of Fetch's base has one."""
-    primitives = '<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles>'
-    corners, _ = read(tmp_path, primitives, f'<instance_{tag} url="#nowhere"/>')
-    assert corners.shape == (1, 3, 3)
+def test_what_concerns_a_scenes_looks_may_be_missing(tmp_path: Path) -> None:
+    """Makers' own meshes refer to cameras (Fetch) and textures (ANYmal) that are not there."""
+    primitives = (
+        '<triangles count="1" material="a"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles>'
+    )
+    shape, rgb = read(tmp_path, primitives)
+    assert rgb.tolist() == [[1, 0, 0]]
+    for tag in ("camera", "light"):
+        corners, rgb = read(tmp_path, primitives, f'<instance_{tag} url="#nowhere"/>')
+        np.testing.assert_array_equal(corners, shape)
+        assert np.isnan(rgb).all()
+    path = tmp_path / "hand_made.dae"
+    sampler = '<newparam sid="t"><sampler2D><source>nowhere</source></sampler2D></newparam><technique><phong>'
+    text = HAND_MADE.format(primitives=primitives, transforms="")
+    path.write_text(text.replace("<technique>\n    <phong>", sampler))
+    assert "nowhere" in path.read_text()
+    np.testing.assert_array_equal(1000.0 * read_mesh(path).corners, shape)
 
 
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
