@@ -156,7 +156,7 @@ def _sampled_tool_poses(arm: ArmModel) -> tuple[Array, Array]:
         raise RobotError(
             f"{arm.robot.name}: the tool points down in only {down} of {SAMPLES} random configurations (at best "
             f"{off_deg:.0f} degrees off); correct T_body_tool, whose z is the way the tool approaches, or base, whose "
-            "z is up",
+            "z is up; an arm that can't point down needs a home and a dock of yours",
             robot=arm.robot.name,
         )
     return p.astype(np.float64), R.astype(np.float64)
