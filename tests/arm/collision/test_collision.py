@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -260,7 +261,7 @@ WING = """<robot name="winged"><link name="foot"/>
 def test_a_joint_that_nothing_moves_is_named_where_it_brings_a_link_in_the_way(tmp_path: Path, panda: Robot) -> None:
     """A humanoid's other arm, which stands at 0: another home of this arm may not help."""
     (tmp_path / "winged.urdf").write_text(WING, encoding="utf-8")
-    ones = dict.fromkeys(("upper", "velocity", "acceleration", "jerk"), np.ones(1))
+    ones: Any = dict.fromkeys(("upper", "velocity", "acceleration", "jerk"), np.ones(1))
     winged = load_model(
         replace(
             panda, name="winged", urdf=tmp_path / "winged.urdf", srdf=None, base="foot", body="arm", joints=("pan",),
