@@ -16,10 +16,6 @@ ROTATION_WEIGHT_M = 0.3
 LOW_SHARE = 0.25
 """Share of the configurations that counts as nearly singular."""
 
-SINGULAR_ARM = 1e-7
-"""Manipulability below which an arm counts as singular in every configuration. That of ur3, the lowest of the bundled
-arms, is 7e-4; rounding errors reach 1e-9."""
-
 STILL = 1e-3
 """Singular value of a Jacobian, m or rad per rad, below which the joints don't move the tool in that direction. The
 bundled arms reach 0.08 or more; axes that are parallel but for a URDF's rounded angles (1.571) stay below 3e-4."""
@@ -84,10 +80,10 @@ def relative_manipulability(arm: ArmModel, q: Array) -> Array:
 
     For an arm that is singular in every configuration it is 1: none is worse than another.
     """
-    low = starts_of(arm).low_manipulability
-    if low < SINGULAR_ARM:
+    starts = starts_of(arm)
+    if starts.directions < min(6, q.shape[1]):
         return np.ones(len(q))
-    return manipulability(np.array([arm.jacobian(each) for each in q])) / low
+    return manipulability(np.array([arm.jacobian(each) for each in q])) / starts.low_manipulability
 
 
 def manipulability(J: Array) -> Array:
