@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.collision.geometry import Body, body_distance, link_bodies
-from pbd.arm.model import ArmModel, from_se3
+from pbd.arm.model import ArmModel, from_se3, to_se3
 from pbd.data.world import THE_TOOL
-from pbd.pose import Pose, quat_from_xyzw
+from pbd.pose import Array, Pose, quat_from_xyzw
 
 ROD_RADIUS_M = 0.01
 
@@ -25,6 +25,12 @@ ROD_SHORT_M = 0.005
 
 LEAST_GAP_M = 0.02
 """The rod is added if all links end farther behind the tool's origin than this, m."""
+
+AJAR = 0.1
+"""Opening at which the jaws' direction is measured, 0 closed to 1 open: far enough for rounding errors not to count."""
+
+STILL_M = 1e-6
+"""Motion, m, of the tool's origin with a finger below which the finger does not open there."""
 
 _AHEAD, _FLIPPED = Body("ahead", 0, Pose.identity(), "floor"), Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
 _POINT = Body("point", 0, Pose.identity(), "sphere", (0.0,))
@@ -35,6 +41,25 @@ def tool_on_joint(arm: ArmModel) -> tuple[int, Pose]:
     """Return the joint that carries the tool, as an index in `arm.full`, and T_joint_tool."""
     frame = arm.full.frames[arm.full.getFrameId(arm.robot.body, pin.FrameType.BODY)]
     return int(frame.parentJoint), from_se3(frame.placement) @ arm.robot.T_body_tool
+
+
+def opening_direction(arm: ArmModel) -> Array | None:
+    """Return the direction (3,) in the tool's frame in which the jaws begin to open; None if the model has no jaws.
+
+    It is that of the finger which moves most at the tool's origin.
+    """
+    joint, T_joint_tool = tool_on_joint(arm)
+    closed, ajar = arm.full.createData(), arm.full.createData()
+    for data, opening in ((closed, 0.0), (ajar, AJAR)):
+        pin.forwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, opening)))
+    T_base_tool = closed.oMi[joint] * to_se3(T_joint_tool)
+    fingers = [] if arm.robot.gripper is None else map(arm.full.getJointId, arm.robot.gripper.joints)
+    moved = [
+        T_base_tool.actInv(ajar.oMi[each].act(closed.oMi[each].actInv(T_base_tool.translation))) for each in fingers
+    ]
+    most = max(moved, key=lambda p: float(np.linalg.norm(p)), default=np.zeros(3))
+    length = float(np.linalg.norm(most))
+    return most / length if length > STILL_M else None
 
 
 def gripper_links(arm: ArmModel, bodies: Iterable[Body]) -> frozenset[str]:

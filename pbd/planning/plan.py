@@ -22,6 +22,7 @@ from pbd.planning.preconditions import (
     check_count,
     spread_error,
     start_joints,
+    warn_of_jaws,
     warn_of_shapes,
     warn_of_table,
     warn_of_wide_moves,
@@ -192,6 +193,7 @@ def _prepare(task: Task, options: PlanOptions) -> Prepared | PlanRefusal:
     q_start = start_joints(arm, options)
     scene = scene_of(arm, calibration, grasped)
     warn_of_shapes(arm)
+    warn_of_jaws(arm)
     warn_of_table(scene)
     fixed = options.orientation == "fixed"
     between = keyframes, T_base_nav, T_base_tool, calibration, options.scale, fixed

@@ -25,6 +25,11 @@ NEAR_M, NEAR_RAD = 1e-3, np.radians(1.0)
 """Keyframes that are all within this distance and rotation of the first make no motion."""
 
 
+OFF_X = float(np.cos(np.radians(45.0)))
+"""Cosine of the largest angle, 45 degrees, between the tool's x and the way the jaws open. The bundled arms' swinging
+jaws open up to 12 degrees off it."""
+
+
 def check_count(keyframes: Sequence[Keyframe]) -> None:
     """Refuse fewer than two keyframes (TrackingError)."""
     if len(keyframes) < 2:
@@ -87,6 +92,19 @@ def warn_of_shapes(arm: ArmModel) -> None:
     if found := doubtful_shapes(arm):
         shapes = "; ".join(f"{link} {why}" for link, why in found.items())
         warn(f"contacts may be missed: {shapes}; correct the shapes in {arm.robot.urdf}")
+
+
+def warn_of_jaws(arm: ArmModel) -> None:
+    """Warn if the jaws don't open along the tool's x: T_body_tool is wrong then."""
+    from pbd.arm.gripper import opening_direction
+
+    along = opening_direction(arm)
+    if along is not None and abs(along[0]) < OFF_X:
+        axis = "xyz"[int(np.abs(along).argmax())]
+        warn(
+            f"the jaws of {arm.robot.name} open along the tool's {axis}, not its x: correct T_body_tool, so that its z "
+            "is the way the tool approaches, and its x the way the jaws open"
+        )
 
 
 def warn_of_table(scene: CollisionScene) -> None:

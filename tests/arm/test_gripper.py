@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import warnings
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pbd.arm.collision.clearance import MARGIN_M
 from pbd.arm.collision.scene import CollisionScene, GraspState
-from pbd.arm.gripper import ROD_RADIUS_M, ROD_SHORT_M, arm_bodies, gripper_links, tool_rod
+from pbd.arm.gripper import ROD_RADIUS_M, ROD_SHORT_M, arm_bodies, gripper_links, opening_direction, tool_rod
 from pbd.arm.ik.solver import solve
-from pbd.arm.model import ArmModel
+from pbd.arm.model import ArmModel, load_model
 from pbd.data import GraspedObject, Obstacle
 from pbd.data.world import TABLE, THE_TOOL, Stay
+from pbd.errors import PbdWarning
+from pbd.planning.preconditions import warn_of_jaws
 from pbd.pose import Array, Pose, quat_from_rpy
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.collision_oracles import coordinates, placements
@@ -75,3 +80,22 @@ def test_the_rod_may_touch_the_object_but_no_obstacle(name: str) -> None:
             assert (hit.first, hit.second) == (THE_TOOL, "ball")
     scene = CollisionScene(arm, 0.0, grasped=GraspedObject("cylinder", (0.06, 0.1)))
     assert scene.hit(q, GraspState(0.0, Stay(0.0, 1.0, True, Pose.identity()))) is None
+
+
+@pytest.mark.parametrize("name", ["panda", "z1", "so100", "so101"])
+def test_jaws_that_open_along_another_axis_are_warned_of(name: str) -> None:
+    arm = arm_of(name)
+    along = opening_direction(arm)
+    assert along is not None
+    assert abs(along[0]) > np.cos(np.radians(13.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_of_jaws(arm)
+    for rpy, axis in (((0.0, 0.0, np.pi / 2), "y"), ((0.0, np.pi / 2, 0.0), "z")):
+        turned = arm.robot.T_body_tool @ Pose(np.zeros(3), quat_from_rpy(rpy))
+        with pytest.warns(PbdWarning, match=f"the jaws of {name} open along the tool's {axis}, not its x: correct T_b"):
+            warn_of_jaws(load_model(replace(arm.robot, T_body_tool=turned)))
+
+
+def test_an_arm_without_jaws_opens_none() -> None:
+    assert opening_direction(arm_of("kinova")) is None

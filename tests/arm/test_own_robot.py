@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from pbd.data import Robot
 from pbd.errors import PbdWarning
 from pbd.files.robot import load_robot, read_robot
 from pbd.planning import plan_keyframes
-from pbd.pose import quat_to_matrix
+from pbd.pose import quat_from_rpy, quat_to_matrix
 from tests.arm.bundled import keyframes_of
 
 LENGTHS = (0.2, 0.1, 0.4, 0.35, 0.0, 0.08)  # m, from each joint back to the one before
@@ -65,6 +66,18 @@ def test_the_example_in_the_guide_replays(mine: Robot) -> None:
     assert plan.report.max_position_error_m < 1e-5
     assert mine.joints == tuple(f"joint{i}" for i in range(1, 7))
     assert mine.limits.assumed == ("acceleration", "jerk")
+
+
+def test_the_guides_table_of_angles_is_right() -> None:
+    rows = re.findall(r"(?m)^ *\| ([+-])([xyz]) \|(.*)\|(.*)\|(.*)\|$", GUIDE.read_text(encoding="utf-8"))
+    assert len(rows) == 6
+    for sign, approach, *cells in rows:
+        for i, cell in enumerate(cells):
+            assert (cell.strip() == "") == ("xyz"[i] == approach)
+            if cell.strip():
+                R = quat_to_matrix(quat_from_rpy(np.radians([float(angle) for angle in cell.split(",")])))
+                np.testing.assert_allclose(R[:, 2], float(f"{sign}1") * np.eye(3)["xyz".index(approach)], atol=1e-12)
+                np.testing.assert_allclose(np.abs(R[:, 0]), np.eye(3)[i], atol=1e-12)
 
 
 def test_its_tool_is_where_the_guide_says(mine: Robot) -> None:
