@@ -149,12 +149,14 @@ def held_poses(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tu
     off = np.array([(each.approach_rad, each.about_rad) for each in found]).reshape(-1, 2)
     if len(off) and off.max() > WARN_RAD:
         approach, about = np.rad2deg(off.max(axis=0))
+        half_turn = off[:, 1].min() > 0.5 * np.pi  # everywhere: the tool's frame is meant the other way round
+        turn = "turn T_body_tool by half a turn about its own z, if the jaws are alike, " if half_turn else ""
         worst = int(np.argmax(np.hypot(off[:, 0], ABOUT_AXIS_WEIGHT * off[:, 1])))
         warn(
             f"{arm.robot.name} moves its tool in {starts_of(arm).directions} of 6 directions and can't match the "
             f"hand's orientation: its approach axis is up to {approach:.0f} degrees off, the rotation about it up to "
-            f"{about:.0f} degrees, worst at keyframe {worst}; use an arm that moves it in all 6, as most of six joints "
-            "do, move the dock, or give a smaller --scale"
+            f"{about:.0f} degrees, worst at keyframe {worst}; {turn}use an arm that moves it in all 6, as most of six "
+            "joints do, move the dock, or give a smaller --scale"
         )
     return held, off
 

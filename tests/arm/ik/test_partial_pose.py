@@ -159,6 +159,16 @@ def test_poses_that_are_held_with_another_rotation_are_warned_of() -> None:
     assert all(max(pose.distance(here)) < 1e-12 for pose in held)
 
 
+def test_a_tool_that_is_off_by_half_a_turn_everywhere_is_told_to_be_turned() -> None:
+    arm = arm_of("so101")
+    q = np.array([arm.robot.home, arm.robot.home])
+    for angles, told in (((3.1, 2.0), True), ((3.1, 0.1), False)):
+        wanted = [turned(arm.forward(arm.robot.home), np.array([0.0, 0.0, angle])) for angle in angles]
+        with pytest.warns(PbdWarning) as warned:
+            held_poses(arm, wanted, q)
+        assert ("turn T_body_tool by half a turn about its own z" in str(warned[0].message)) == told
+
+
 def test_small_rotation_errors_give_no_warning_and_six_joints_hold_the_pose() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
