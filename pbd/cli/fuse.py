@@ -15,7 +15,7 @@ from pbd.files.demo import (
     demo_folder,
     load_demo,
     refuse_demo_folder,
-    refuse_lost_recording,
+    refuse_unwritable_fused,
     shell_word,
     write_demo,
 )
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> None:
     if len(takes) == 1 and not takes[0].takes:
         raise UsageError("name two takes or more; one alone is a demonstration already")
     demo = fused_demo(takes)
-    refuse_lost_recording(demo, folder)
+    refuse_unwritable_fused(demo, folder)
     info = replace(demo.recording.info, name=folder.name, created=utc_now())
     demo = replace(demo, recording=replace(demo.recording, info=info))
     calibration = named_calibration(args)

@@ -145,12 +145,13 @@ def write_demo(
         extra_files: name -> text of further files, which tracking does not read.
 
     Raises:
-        RecordingError: the folder exists (without `force`), is one of the demonstration's takes, or can't be written.
+        RecordingError: the folder exists (without `force`), is one of the demonstration's takes, or can't be written;
+            or a take has no folder.
     """
     refuse_demo_folder(folder, force)
-    refuse_lost_recording(demo, folder)
+    refuse_unwritable_fused(demo, folder)
     with atomic_folder(folder, replace=force, why_kept=why_kept) as new:
-        for name, text in ({"demo.toml": demo_toml(demo, folder.name, folder)} | dict(extra_files or {})).items():
+        for name, text in ({"demo.toml": demo_toml(demo, folder)} | dict(extra_files or {})).items():
             (new / name).write_text(text, encoding="utf-8")
         if not demo.takes:
             write_table(new / "imu.csv", *_imu_columns(demo.recording))
@@ -180,8 +181,11 @@ def refuse_demo_folder(folder: Path, force: bool) -> None:
     return refuse_folder(folder.parent, RecordingError)
 
 
-def refuse_lost_recording(demo: Demonstration, folder: Path) -> None:
-    """Refuse to put a fused demonstration, which has no recording of its own, where a recording is."""
+def refuse_unwritable_fused(demo: Demonstration, folder: Path) -> None:
+    """Refuse to write a fused demonstration with a take that has no folder, or over a recording: it has none itself."""
+    if (alone := next((take for take in demo.takes if take.folder is None), None)) is not None:
+        name = alone.recording.info.name
+        raise RecordingError(f"'{name}' is no demonstration's folder, so it can't be a take; `pbd import` it first")
     if demo.takes and is_file(folder / "imu.csv"):
         what = f"{folder} is a recording, which would be lost; give the fused demonstration another name"
         raise RecordingError(what, path=folder)
@@ -206,16 +210,12 @@ def utf8_name(name: str) -> str:
     return os.fsencode(name).decode("utf-8", "backslashreplace")
 
 
-def demo_toml(demo: Demonstration, name: str, folder: Path | None = None) -> str:
+def demo_toml(demo: Demonstration, folder: Path) -> str:
     """Return the text of demo.toml.
 
     Args:
         demo: the demonstration.
-        name: its name.
         folder: its path; the takes' paths are written relative to it.
-
-    Raises:
-        RecordingError: a take is not a demonstration's folder.
     """
     import tomlkit
 
@@ -223,7 +223,7 @@ def demo_toml(demo: Demonstration, name: str, folder: Path | None = None) -> str
     rate_hz = info.rate_hz or (recording.rate_hz if len(recording) > 1 else None)
     values: dict[str, Any] = {
         "format": FORMAT,
-        "name": name,
+        "name": folder.name,
         "created": info.created,
         "sensor": info.sensor if info.sensor.strip() else "unknown",
         "clock": info.clock,
@@ -243,10 +243,8 @@ def demo_toml(demo: Demonstration, name: str, folder: Path | None = None) -> str
     return tomlkit.dumps({key: value for key, value in values.items() if value})
 
 
-def _relative_path(folder: Path | None, take: Demonstration) -> str:
-    if take.folder is None or folder is None:
-        name = take.recording.info.name
-        raise RecordingError(f"'{name}' is no demonstration's folder, so it can't be a take; `pbd import` it first")
+def _relative_path(folder: Path, take: Demonstration) -> str:
+    assert take.folder is not None
     refuse_name(take.folder)  # demo.toml can't hold it
     return Path(os.path.relpath(take.folder.resolve(), folder.resolve())).as_posix()
 

@@ -51,8 +51,6 @@ def read_points(path: Path, unit: str | None = None) -> Points:
     columns = [f"{axis}_{named}" if named else axis for axis in "xyz"]
     p_base = sheet.read(columns).values * UNITS[named or unit or "m"]
     names = sheet.words("name") if "name" in sheet.header else [f"{k}" for k in range(1, len(p_base) + 1)]
-    if len(names) != len(p_base):
-        raise CalibrationError.at(path, f"{len(names)} names for {len(p_base)} points; correct the quotes")
     for name, point in zip(names, p_base, strict=True):
         if not (far := np.abs(point).max()) <= REACH_M:
             what = f"is {far:.0f} m from the robot's base; is the unit right? name the columns x_mm,y_mm,z_mm"

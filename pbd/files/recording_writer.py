@@ -131,7 +131,7 @@ class RecordingWriter:
 
     def _toml(self) -> str:
         recording = Recording(np.zeros(0), np.zeros((0, 3)), grip=tuple(self._grip), info=self._info)
-        return demo_toml(Demonstration(recording, closed=self._closed, failed=self._failed), self.folder.name)
+        return demo_toml(Demonstration(recording, closed=self._closed, failed=self._failed), self.folder)
 
 
 def _append(handle: int, data: bytes) -> None:

@@ -170,14 +170,16 @@ class Sheet:
         return np.array(rows, dtype=np.float64).reshape(len(rows), len(columns))
 
     def _rows(self, text: str, first: int) -> Iterator[tuple[int, list[str]]]:
-        """Yield line number and cells of each row that is not empty; `first` is the text's first line number."""
+        """Yield first line's number and cells of each row that is not empty; the text begins in line `first`."""
         rows = csv.reader((line for block in _blocks(text) for line in block.split("\n")), delimiter=self.delimiter)
+        line = first
         try:
             for row in rows:
                 if row:
-                    yield first - 1 + rows.line_num, row
+                    yield line, row
+                line = first + rows.line_num
         except csv.Error as reason:
-            raise self._fault(first - 1 + rows.line_num, str(reason), "mend or remove the line") from None
+            raise self._fault(line, str(reason), "mend or remove the line") from None
 
     def _number(self, line: int, column: int, cell: str, order: str | None) -> float:
         try:

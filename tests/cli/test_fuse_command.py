@@ -75,13 +75,27 @@ def test_a_take_is_added_by_a_line_in_demo_toml(capsys: Capture) -> None:
     assert checked["duration_s"] == pytest.approx(track(load_demo("two")).t[-1])  # not as long as the first take
 
 
-def test_a_take_that_is_not_there_is_named_with_its_line(capsys: Capture) -> None:
-    folder = Path("demos/gone")
-    folder.mkdir()
-    takes = '[[take]]\ndemo = "../tea1"\n[[take]]\ndemo = "../tea9"\n'
-    (folder / "demo.toml").write_text(f'format = 1\nname = "gone"\nsensor = "wt901"\n{takes}')
-    line = "demos/gone/demo.toml:7: [take] demo names demos/gone/../tea9, where there is no demonstration; correct it"
-    assert line in refused(capsys, 1, "keyframes", "gone")
+@pytest.mark.parametrize(
+    ("takes", "says"),
+    [
+        ("tea1 tea9", ":7: [take] demo names demos/odd/../tea9, where there is no demonstration; correct it"),
+        ("tea1 odd", ":7: [take] demo names demos/odd/../odd, which is made of takes itself; list its takes here"),
+        ("tea1", ":5: [take] demo is the only [[take]]; add another, or use that demonstration as it is"),
+    ],
+)
+def test_a_take_that_cannot_be_one_is_named_with_its_line(capsys: Capture, takes: str, says: str) -> None:
+    folder = Path("demos/odd")
+    folder.mkdir(exist_ok=True)
+    listed = "".join(f'[[take]]\ndemo = "../{take}"\n' for take in takes.split())
+    (folder / "demo.toml").write_text(f'format = 1\nname = "odd"\nsensor = "wt901"\n{listed}')
+    assert f"demos/odd/demo.toml{says}" in refused(capsys, 1, "keyframes", "odd")
+
+
+def test_a_file_is_no_take(capsys: Capture) -> None:
+    """It is refused before the takes are tracked, and before figures are drawn."""
+    said = refused(capsys, 1, "fuse", "tea1", "demos/tea2/imu.csv", "-o", "both", "--plot", "figures")
+    assert "'imu' is no demonstration's folder, so it can't be a take; `pbd import` it first" in said
+    assert not Path("figures").exists()
 
 
 def test_what_a_person_did_that_is_not_used_is_said(capsys: Capture) -> None:

@@ -135,6 +135,11 @@ def test_keys_that_the_default_comments_out_are_valid(tmp_path: Path) -> None:
         ),
         ("[0.1]", "[25]", ":22: [obstacle] size has 25 m, beyond any arm's reach; give metres, not cm or mm"),
         ("0.25]", "25]", ":7: [dock] position has 25 m, beyond any arm's reach; give metres, not cm or mm"),
+        (
+            MOUNT,
+            f"{MOUNT}covariance = {[1e-6] * 6 + [2e-6] * 30}\n",
+            ":13: [mount] covariance is not a covariance (symmetric, positive); remove it, or calibrate again",
+        ),
         (MOUNT, MOUNT + MIRRORED, ":17: [sensor.gyr] matrix must be near the unit matrix"),
         (DOCK, DOCK + NAV, ":6: dock and [nav] can't both be given; remove one"),
         ('name = "shelf"\n', "", ":13: [obstacle] name is missing; add it"),

@@ -74,6 +74,11 @@ def test_ximu3_joins_its_magnetometer_by_time(tmp_path: Path) -> None:
     unknown = [np.nan] * 3  # after the last reading of the magnetometer
     assert_allclose(channel(recording, "mag"), [[0.0, 0.0, -1.0], [0.25, 0.5, -1.0], unknown])
     assert import_text(tmp_path, inertial, name="other.csv").mag is None  # it belongs only to Inertial.csv
+    two_axes = XIMU3_MAGNETOMETER.rpartition(",")[0]
+    (tmp_path / "Magnetometer.csv").write_text(f"{two_axes}\n1000000,0,0\n1020000,1,2\n")
+    recording = import_text(tmp_path, inertial, name="Inertial.csv")
+    assert recording.mag is None
+    assert recording.info.source.unread["Magnetometer.csv"] == "a file that isn't used"
 
 
 def test_our_imu_csv_in_any_order_of_columns(tmp_path: Path) -> None:
@@ -295,6 +300,8 @@ def test_an_unknown_suffix_is_refused(tmp_path: Path) -> None:
         RecordingError, match=r"can't import '\.xlsx' files; give a \.csv, \.tsv, \.txt, \.npz, \.mcap or "
     ):
         import_file(tmp_path / "run.XLSX")
+    with pytest.raises(RecordingError, match="only a bag has topics; leave --topic out"):
+        import_file(tmp_path / "run.csv", topic="/imu")
 
 
 def test_exported_keyframes_are_not_imported_but_edited_elsewhere(tmp_path: Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 import struct
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +19,9 @@ from pbd.data import Recording
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files.demo import load_demo
 from pbd.files.exporters import export
+from pbd.files.importers import bag as bag_importer
 from pbd.files.importers import import_file
-from pbd.pose import Array
+from pbd.pose import Array, quat_exp, quat_from_rpy
 from pbd.simulation.simulate import simulate
 from pbd.tracking.repair.repair_recording import condition
 from tests.files.test_formats import planned
@@ -39,9 +42,14 @@ def recording() -> Recording:
 
 
 def write_bag(
-    path: Path, recording: Recording, topics: tuple[str, ...] = ("/imu",), mcap: bool = True, packed: str = "none"
+    path: Path,
+    recording: Recording,
+    topics: tuple[str, ...] = ("/imu",),
+    mcap: bool = True,
+    packed: str = "none",
+    wxyz: Array | None = None,
 ) -> Path:
-    """Write a bag with rosbags as a driver does: messages arrive later than their stamps, there is no orientation."""
+    """Write a bag with rosbags as a driver does: messages arrive later than their stamps; orientations if given."""
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -61,15 +69,18 @@ def write_bag(
         imus = [writer.add_connection(name, "sensor_msgs/msg/Imu", typestore=store) for name in topics]
         field = writer.add_connection("/mag", "sensor_msgs/msg/MagneticField", typestore=store)
         text = writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
-        for t, acc, gyr, mag in zip(recording.t, recording.acc, recording.gyr, recording.mag, strict=True):
+        unset = np.pad(recording.t[:, None], ((0, 0), (0, 3)), constant_values=0.5)
+        attitudes = unset if wxyz is None else wxyz
+        channels = recording.t, recording.acc, recording.gyr, recording.mag, attitudes
+        for t, acc, gyr, mag, attitude in zip(*channels, strict=True):
             ns = 1_700_000_000_000_000_000 + round(1e9 * float(t))
             stamp = kinds["Time"](sec=ns // 10**9, nanosec=ns % 10**9)
             header = kinds["Header"](stamp=stamp, frame_id="imu")
             unknown, known = np.array([-1.0, *[0.0] * 8]), np.zeros(9)
             imu = kinds["Imu"](
                 header=header,
-                orientation=kinds["Quaternion"](x=0.5, y=0.5, z=0.5, w=float(t)),
-                orientation_covariance=unknown,
+                orientation=kinds["Quaternion"](**dict(zip("wxyz", map(float, attitude), strict=True))),
+                orientation_covariance=unknown if wxyz is None else known,
                 angular_velocity=vector(gyr),
                 angular_velocity_covariance=known,
                 linear_acceleration=vector(acc),
@@ -86,6 +97,13 @@ def write_bag(
             writer.write(field, ns + LATE_NS, store.serialize_cdr(message, "sensor_msgs/msg/MagneticField"))
         writer.write(text, ns, store.serialize_cdr(kinds["String"](data="end"), "std_msgs/msg/String"))
     return next(path.glob("*.mcap*" if mcap else "*.db3*"))
+
+
+def edit(bag: Path, change: str, *values: bytes) -> None:
+    """Change a bag in SQLite."""
+    with closing(sqlite3.connect(bag)) as opened:
+        opened.execute(change, values)
+        opened.commit()
 
 
 def write_imus(path: Path, rows: list[Row]) -> Path:
@@ -182,7 +200,9 @@ def assert_same(read: Recording, written: Recording) -> None:
     assert read.device_rpy is None
 
 
-@pytest.mark.parametrize(("mcap", "packed"), [(True, "none"), (False, "none"), (True, "message"), (False, "message")])
+@pytest.mark.parametrize(
+    ("mcap", "packed"), [(True, "none"), (False, "none"), (True, "message"), (False, "message"), (True, "storage")]
+)
 def test_both_storages_are_read_by_their_header_stamps(
     tmp_path: Path, recording: Recording, mcap: bool, packed: str
 ) -> None:
@@ -191,12 +211,49 @@ def test_both_storages_are_read_by_their_header_stamps(
         assert_same(import_file(place).recording, recording)
 
 
+def test_the_devices_own_attitude_is_read_in_batches(
+    tmp_path: Path, recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bag_importer, "BATCH_MESSAGES", 70)
+    wxyz = quat_exp(np.outer(np.linspace(0.0, 1.2, len(recording)), (0.5, -0.8, 1.7)))
+    wxyz[3] = 0.0  # a driver that has no attitude yet
+    read = import_file(write_bag(tmp_path / "bag", recording, wxyz=wxyz)).recording
+    assert read.device_rpy is not None
+    assert np.flatnonzero(np.isnan(read.device_rpy).any(axis=1)).tolist() == [3]
+    same = np.einsum("ij,ij->i", quat_from_rpy(read.device_rpy), wxyz)
+    assert_allclose(np.abs(np.delete(same, 3)), 1.0, atol=1e-12)
+    assert_same(replace(read, device_rpy=None), recording)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (
+            "UPDATE messages SET data = substr(data, 1, 100) WHERE id = 7",
+            "a message of 100 bytes is too short for its type; record it again",
+        ),
+        (
+            "DELETE FROM messages WHERE topic_id = 1",
+            r"its /imu \(.*\) has no messages; record it again, or name another",
+        ),
+    ],
+)
+def test_short_and_missing_messages_are_refused(tmp_path: Path, recording: Recording, change: str, says: str) -> None:
+    bag = write_bag(tmp_path / "bag", recording, mcap=False)
+    edit(bag, change)
+    with pytest.raises(RecordingError, match=says):
+        import_file(bag)
+
+
+def test_a_magnetometer_that_never_published_is_none(tmp_path: Path, recording: Recording) -> None:
+    bag = write_bag(tmp_path / "bag", recording, mcap=False)
+    edit(bag, "DELETE FROM messages WHERE topic_id = 2")
+    assert import_file(bag).recording.mag is None
+
+
 def test_a_message_that_decompresses_to_too_much_is_refused(tmp_path: Path, recording: Recording) -> None:
     bag = write_bag(tmp_path / "bag", recording, mcap=False, packed="message")
-    whole = sqlite3.connect(bag)
-    whole.execute("UPDATE messages SET data = ? WHERE id = 7", (storage_mcap.zstd.compress(bytes(10**8)),))
-    whole.commit()
-    whole.close()
+    edit(bag, "UPDATE messages SET data = ? WHERE id = 7", storage_mcap.zstd.compress(bytes(10**8)))
     for place in (bag, bag.parent):
         with pytest.raises(RecordingError, match=r"of \d+ bytes is cut off, or decompresses to more than 10000"):
             import_file(place)
@@ -226,6 +283,19 @@ def test_our_own_export_comes_back(tmp_path: Path) -> None:
     export(plan.trajectory, robot, "mcap", tmp_path / "out.mcap", 10.0, source=source)
     ours = load_demo("paper-test1").recording
     assert_same(import_file(tmp_path / "out.mcap").recording, replace(ours, device_rpy=None))
+
+
+def test_a_bag_without_its_file_is_refused(tmp_path: Path, recording: Recording) -> None:
+    bag = write_bag(tmp_path / "bag", recording)
+    bag.write_bytes(b"")
+    with pytest.raises(RecordingError, match="it is no MCAP"):
+        import_file(bag.parent)
+    bag.unlink()
+    for is_pipe in (False, True):  # a pipe would wait for its writer
+        if is_pipe:
+            os.mkfifo(bag)
+        with pytest.raises(RecordingError, match=r"bag\.mcap: there is no such file; give a bag that is whole"):
+            import_file(bag.parent)
 
 
 def test_a_topic_is_chosen_or_the_only_one(tmp_path: Path, recording: Recording) -> None:

@@ -168,6 +168,25 @@ def test_acceleration_without_gravity_names_the_file_that_is_needed(tmp_path: Pa
         read(place)
 
 
+def test_without_metadata_the_sign_of_gravity_is_unknown(tmp_path: Path) -> None:
+    place = folder(tmp_path / "w", {"Accelerometer": UP - GRAVITY_PART, "Gravity": GRAVITY_PART})
+    (place / "Metadata.csv").unlink()
+    with pytest.raises(RecordingError, match=r"Metadata\.csv is missing, which says whether the signs are an iPhone's"):
+        read(place)
+
+
+def test_a_zip_holds_one_recording(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "w.zip", "w") as archive:
+        archive.writestr("notes.txt", "tea")
+    with pytest.raises(RecordingError, match="this zip: no recording of Sensor Logger or phyphox is in it"):
+        read(tmp_path / "w.zip")
+    with zipfile.ZipFile(tmp_path / "w.zip", "a") as archive:
+        for day in ("monday", "tuesday"):
+            archive.writestr(f"{day}/TotalAcceleration.csv", table(T, UP))
+    with pytest.raises(RecordingError, match=r"it holds several recordings \(TotalAcceleration\.csv twice\); export"):
+        read(tmp_path / "w.zip")
+
+
 def test_streams_of_different_rates_are_joined_on_the_gyros_clock(tmp_path: Path) -> None:
     """The accelerometer starts late, ends early and has a gap: the gyro's samples there are left out."""
     place = folder(tmp_path / "w", {})
@@ -240,6 +259,17 @@ def test_a_csv_of_any_other_name_is_read_alone(tmp_path: Path) -> None:
     place = phyphox(tmp_path / "p")
     alone = (place / "Accelerometer.csv").rename(place / "monday.csv")
     assert read(alone).gyr is None
+
+
+def test_of_two_accelerometers_in_a_folder_of_phyphox_one_is_named(tmp_path: Path) -> None:
+    place = phyphox(tmp_path / "p")
+    (place / "meta" / "time.csv").write_text('"event","clock"\n"START",0\n')  # then the times are the sensors'
+    shutil.copy(place / "Accelerometer.csv", place / "Acceleration.csv")
+    with pytest.raises(RecordingError, match=r"'Acceleration x .*' is in Accelerometer\.csv and in another file too"):
+        read(place)
+    got = import_file(place / "Acceleration.csv").recording
+    assert got.info.source.of("acc")[0].name.startswith("Acceleration.csv: ")
+    assert_allclose(got.t, T[:-1], atol=1e-9)
 
 
 def test_a_gyro_that_is_not_phyphox_s_is_not_dropped(tmp_path: Path) -> None:

@@ -124,6 +124,17 @@ def test_an_arm_unknown_to_lerobot_has_the_models_joints(tmp_path: Path) -> None
     assert_allclose(rows["action"], np.column_stack((points.q, 100.0 * points.gripper)), atol=1e-5)
 
 
+def _without(table: Path, column: str) -> bytes:
+    """Return the bytes of a table without one of its columns."""
+    import pyarrow.parquet as pq
+
+    less = table.with_suffix(".less")
+    pq.write_table(pq.read_table(table).drop_columns([column]), less)
+    data = less.read_bytes()
+    less.unlink()
+    return data
+
+
 def test_what_it_refuses(tmp_path: Path) -> None:
     made(tmp_path / "tea", "so101")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
@@ -140,6 +151,16 @@ def test_what_it_refuses(tmp_path: Path) -> None:
     with pytest.raises(PlanError, match=r"begin and end at rest, .*; leave --no-approach and --no-retreat out"):
         export(plan.trajectory, elsewhere, "lerobot", tmp_path / "none", source=source)
     assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    (tmp_path / "file").touch()
+    with pytest.raises(PbdError, match="file is a file, and lerobot needs a folder; give another name"):
+        made(tmp_path / "file", "so101")
+    table = tmp_path / "tea" / lerobot.DATA
+    whole = table.read_bytes()
+    for damaged in (whole[:100], _without(table, "task_index"), _without(table, "action")):
+        table.write_bytes(damaged)
+        with pytest.raises(PbdError, match=r"tea can't be read as a dataset \(.*\); give a new folder"):
+            made(tmp_path / "tea", "so101")
+    table.write_bytes(whole)
     (tmp_path / "tea/videos").mkdir()
     (tmp_path / "tea/videos/top.mp4").touch()
     with pytest.raises(PbdError, match="holds a dataset that pbd did not write, or not alone"):

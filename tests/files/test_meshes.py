@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pbd.errors import RobotError
+from pbd.io import meshes
 from pbd.io.meshes import FORMATS, from_mesh, rounded_points
 from pbd.pose import Array
 from tests.reading_meshes import read_mesh
@@ -86,6 +87,15 @@ def test_a_mirrored_part_keeps_its_outside(tmp_path: Path) -> None:
     assert normal[2] < 0.0
 
 
+def test_a_part_that_is_placed_too_often_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A small file may place one part many times."""
+    monkeypatch.setattr(meshes, "MOST_TRIANGLES", 3)
+    quad = QUAD.format("<vcount>4</vcount><p>0 0 0 1 0 2 0 3</p>")
+    assert len(read(tmp_path, quad)[0]) == 2
+    with pytest.raises(RobotError, match="more than 3 triangles"):
+        read(tmp_path, quad, '<instance_node url="#n"/>')
+
+
 def test_rounded_points_are_different_and_in_order() -> None:
     corners = np.random.default_rng(0).uniform(-0.004, 0.004, (600, 3, 3))
     expected = np.unique(np.rint(corners.reshape(-1, 3) / 1e-3), axis=0) * 1e-3
@@ -152,6 +162,8 @@ def test_formats_without_colours(tmp_path: Path, name: str) -> None:
         ("a.step", b"ISO-10303-21;", f"none of {', '.join(FORMATS)}"),
         ("a.obj", b"v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n", "a vertex that is not a number or too far away"),
         ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "convert it to STL"),
+        ("a.obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", r"\(a vertex has not three coordinates\); convert it to STL"),
+        ("a.dae", b'<!DOCTYPE COLLADA [<!ENTITY l "ha">]><COLLADA/>', r"\(a DOCTYPE is not allowed\); convert it"),
     ],
 )
 def test_an_invalid_mesh_is_refused(tmp_path: Path, name: str, content: bytes | None, message: str) -> None:

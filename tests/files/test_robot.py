@@ -223,6 +223,9 @@ def test_the_docks_options(folder: Path) -> None:
         ("[dock]\n", "[dok]\n",
          ":25: dok is unknown; the keys here are format, name, description, notes, model, gripper, dock, servos, "
          "arm, limits; remove or rename it"),
+        ("[arm]\nhome = [0.1, 0.2]", "", "mine.toml` proposes it"),
+        ('["claw"]\nopen = [0.5]\nclosed = [0.0]', '["claw", "claw"]\nopen = [0.5, 0.5]\nclosed = [0.0, 0.0]',
+         ":15: [gripper] joints names 'claw' twice; correct it"),
         ("[limits]\n", "limits = 3\n[limts]\n", ": limits is missing (there is 'limts'); add it"),
     ],
 )  # fmt: skip
@@ -354,6 +357,21 @@ def test_a_joint_keeps_to_its_soft_limits_and_to_what_mimics_it(folder: Path) ->
     change(folder / "mine.urdf", "</robot>", rod.replace('velocity="3"', 'velocity="2"'))
     limits = read_robot(folder / "mine.toml").limits
     np.testing.assert_allclose((limits.lower[0], limits.upper[0], limits.velocity[0]), (-0.95, 1.05, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('multiplier="-2"', 'multiplier="0"'),
+        ('lower="-2" upper="2" velocity="3"', 'lower="1" upper="1" velocity="0"'),  # placeholders
+    ],
+)
+def test_a_joint_that_mimics_without_limits_of_its_own_narrows_nothing(folder: Path, old: str, new: str) -> None:
+    rod = FOLLOWER.replace('joint="claw"', 'joint="shoulder"')
+    assert old in rod
+    change(folder / "mine.urdf", "</robot>", rod.replace(old, new))
+    limits = read_robot(folder / "mine.toml").limits
+    assert (limits.lower[0], limits.upper[0], limits.velocity[0]) == (-2.0, 2.0, 1.5)
 
 
 @pytest.mark.parametrize(
@@ -561,6 +579,7 @@ def test_a_misspelt_link_is_named_with_its_line_and_the_most_similar_links(folde
         ),
         ("mine.toml", "rpy_deg = [0.0, 0.0, 90.0]", "rpy_deg = [0.0, 0.0, 1e300]", r"rpy_deg must .* from -360 to 360"),
         ("mine.srdf", "</robot>", "", r"mine\.srdf: not valid XML: "),
+        ("mine.srdf", '"-1"', '"up"', r"mine\.srdf: value = 'up' of a <joint> is not a number; correct it"),
         ("mine.toml", "[arm]", '[arm]\nmay_touch = [["foot", "fot"]]', r"may_touch names 'fot', which is no link of "),
         ("mine.toml", "[arm]", '[arm]\nmay_touch = ["foot"]', r"may_touch must be a list of pairs of strings, got "),
     ],
@@ -586,6 +605,10 @@ def test_a_fault_in_any_file_is_named(folder: Path, file: str, old: str, new: st
         ('<sphere radius="-0.1"/>', "radius = '-0.1' in the <sphere> of link 'hand' is smaller than 1e-06"),
         ('<box size="1 1 1e9"/>', "size = '1 1 1e9' in the <box> of link 'hand' is larger than 100"),
         ('<cylinder radius="0.1"/>', "a <cylinder> of link 'hand' has no length"),
+        (
+            '<sphere radius="1"/></geometry></collision><inertial><mass value="1"/></inertial><collision><geometry>',
+            "the <inertial> of link 'hand' lacks its <mass> or <inertia>",
+        ),
         ("", "a <collision> of link 'hand' must hold one of box, cylinder, sphere, capsule, mesh, has (none)"),
     ],
 )

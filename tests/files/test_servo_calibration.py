@@ -54,7 +54,12 @@ def test_an_invalid_number_is_refused(tmp_path: Path, key: str, value: object, s
 
 @pytest.mark.parametrize(
     ("text", "says"),
-    [("{", "is not JSON"), ("[1]", "holds no object"), ('{"elbow": {}}', "lacks shoulder_pan, .*: it has elbow")],
+    [
+        ("{", "is not JSON"),
+        ("[1]", "holds no object"),
+        ('{"elbow": {}}', "lacks shoulder_pan, .*: it has elbow"),
+        (json.dumps(dict.fromkeys(NAMES, 2048)), "shoulder_pan is no object; make it anew with"),
+    ],
 )
 def test_another_file_is_refused(tmp_path: Path, text: str, says: str) -> None:
     (tmp_path / "mine.json").write_text(text)

@@ -68,6 +68,11 @@ def test_degrees_and_percent_are_converted() -> None:
             "[servos] sign must be 1 or -1 for each joint",
         ),
         ("zero = [0.0, 0.0, 0.0, 0.0, 0.0486795]", "zero = [0.0]", "[servos] zero"),
+        (
+            '[gripper]\njoints = ["gripper"]\n',
+            "",
+            "[servos] gripper needs a [gripper] with one joint; add it, or",
+        ),
         ("gripper = [-0.174533, 1.74533]", "gripper = [1.0, 1.0]", "[servos] gripper is 1 both closed and open"),
     ],
 )

@@ -81,6 +81,16 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
             ":2: 3 cells where the header has 2; correct or remove the line",
             {"line": 2, "value": 3, "bound": 2},
         ),
+        (
+            't,ax\n0,1\n"1,2\n2,3\n',  # a quote that nothing closes
+            ":3: 1 cell where the header has 2; correct or remove the line",
+            {"line": 3, "value": 1, "bound": 2},
+        ),
+        (
+            't,ax\n0,1\n"1,2\n' + "2,3\n" * 50_000,
+            ":3: field larger than field limit (131072); mend or remove the line",
+            {"line": 3},
+        ),
         (bytes(1000), ": can't be read as text (NUL bytes, as a crash may leave); give a CSV file", {}),
         (b"t,ax\n0,\xff\n", ": can't be read as text ('utf-8' codec can't decode", {}),
     ],

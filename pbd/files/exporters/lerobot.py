@@ -148,14 +148,14 @@ def read_episodes(folder: Path, robot: Robot) -> list[Episode]:
         tasks = pq.read_table(folder / TASKS).to_pydict()
         words = dict(zip(tasks["task_index"], tasks["__index_level_0__"], strict=True))
         data = pq.read_table(folder / DATA)
-    except (pa.ArrowException, OSError, KeyError) as reason:
+        column = {name: np.array(data[name].to_pylist()) for name in data.column_names}
+        starts = np.flatnonzero(np.diff(column["episode_index"], prepend=-1))
+        rows = [slice(a, b) for a, b in zip(starts, [*starts[1:], len(data)], strict=True)]
+        state, action = (column[name].astype(np.float32) for name in ("observation.state", "action"))
+        return [Episode(words[int(column["task_index"][each.start])], state[each], action[each]) for each in rows]
+    except (pa.ArrowException, OSError, LookupError, ValueError, TypeError) as reason:
         what = f"{folder} can't be read as a dataset ({printable(str(reason)[:80])})"
         raise PbdError(f"{what}; give a new folder", path=folder) from None
-    column = {name: np.array(data[name].to_pylist()) for name in data.column_names}
-    starts = np.flatnonzero(np.diff(column["episode_index"], prepend=-1))
-    rows = [slice(a, b) for a, b in zip(starts, [*starts[1:], len(data)], strict=True)]
-    state, action = (column[name].astype(np.float32) for name in ("observation.state", "action"))
-    return [Episode(words[int(column["task_index"][each.start])], state[each], action[each]) for each in rows]
 
 
 def robot_type_of(robot: Robot) -> str:

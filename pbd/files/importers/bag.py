@@ -74,7 +74,7 @@ def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, SourceCol
         raise RecordingError.at(path, what) from None
     read = {name: decoder.all() for name, decoder in wanted.items()}
     if empty := next((name for name in imus if not len(read[name][0])), None):
-        raise RecordingError.at(path, f"its {empty} ({IMU}) has no messages; name another --topic")
+        raise RecordingError.at(path, f"its {empty} ({IMU}) has no messages; record it again, or name another --topic")
     of_gyr, of_acc = imus[-1], imus[0]
     begin, values = read[of_gyr][0][0], read[of_gyr][1]
     times = {name: 1e-9 * (ns - begin) for name, (ns, _) in read.items()}

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import mmap
-import os
-import stat
 import struct
 import sys
 from collections.abc import Iterator
@@ -14,6 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from pbd.errors import RecordingError, in_words, warn
+from pbd.io.atomic import is_file
 from pbd.io.read_file import LARGE, read_text
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -67,10 +66,10 @@ def _mcap_files(path: Path) -> list[Path]:
 
 def _mapped(path: Path) -> mmap.mmap | bytes:
     """Map a file into memory: a bag may be larger than the memory."""
+    if not is_file(path):  # a pipe waits for its writer
+        raise RecordingError.at(path, "there is no such file; give a bag that is whole")
     try:
         with path.open("rb") as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise OSError("it is not a regular file")
             return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     except ValueError:  # an empty file can't be mapped
         return b""

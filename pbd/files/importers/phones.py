@@ -134,10 +134,7 @@ def _files_in_folder(path: Path) -> Files:
             return {}
         family = (*LOGGER_FILES, METADATA) if logger else PHYPHOX_FILES
         family = (path.stem, PHYPHOX_MOMENTS, *(family if path.stem in family else ()))
-    try:
-        names = sorted(each for each in (*folder.glob("*.csv"), folder / f"{PHYPHOX_MOMENTS}.csv") if each.is_file())
-    except OSError as reason:
-        raise RecordingError.at(folder, f"can't be read ({in_words(reason)}); give another") from None
+    names = sorted(each for each in (*folder.glob("*.csv"), folder / f"{PHYPHOX_MOMENTS}.csv") if each.is_file())
     files = {
         str(file.relative_to(folder).with_suffix("")): partial(read_bytes, file, RecordingError, "give another")
         for file in names
