@@ -21,7 +21,7 @@ from pbd.data import Calibration, Demonstration, HandPath, JointTrajectory, Keyf
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError, UsageError
 from pbd.files.demo import load_demo
-from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes
+from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes, source_of
 from pbd.planning.object_frames import ThingPlace
 from pbd.planning.preconditions import check_certainty
 from pbd.pose import Array, Pose, quat_exp
@@ -393,6 +393,26 @@ def test_options_in_millimetres_are_refused() -> None:
         PlanOptions(at=(ThingPlace("cup", (450.0, -150.0, 250.0)),))
     with pytest.raises(UsageError, match=f"^the payload's centre of mass {far}$"):
         PlanOptions(payload=0.5, p_tool_payload=(0.0, 20.0, 450.0))
+
+
+def test_options_that_are_no_finite_numbers_are_refused() -> None:
+    for kg in (-1.0, np.inf, np.nan):
+        with pytest.raises(UsageError, match=f"^the payload is {kg} kg; give a number, zero or above$"):
+            PlanOptions(payload=kg)
+    with pytest.raises(UsageError, match=r"^the payload's centre of mass must have finite numbers$"):
+        PlanOptions(p_tool_payload=(0.0, 0.0, np.nan))
+    for place in (ThingPlace("cup", (0.4, -np.inf, 0.1)), ThingPlace("cup", (0.4, 0.0, 0.1), np.nan)):
+        with pytest.raises(UsageError, match=r"^the place of 'cup' must have finite numbers$"):
+            PlanOptions(at=(place,))
+
+
+def test_keyframes_alone_have_no_path_of_the_hand_to_export() -> None:
+    plan = plan_keyframes([keyframe(0.0), keyframe(1.0, x=0.1)], dock(), PANDA)
+    assert repr(plan) == f"<Plan: {plan.trajectory!r}>"
+    with pytest.raises(PlanError, match=r"a plan of keyframes alone has no path of the hand; plan from what "):
+        source_of(plan)
+    with pytest.raises(PlanError, match=r"these keyframes come without their demonstration; track one with pbd\.track"):
+        _ = plan.tracked
 
 
 def knob(yaw_deg: float, turn_deg: float) -> list[Keyframe]:

@@ -65,6 +65,9 @@ WRONG: dict[str, Callable[[Any], object]] = {
     "at must be a tuple of ThingPlace(name, (x, y, z), turn_rad), got {'cup': (1, 2, 3)}": lambda _: pbd.PlanOptions(
         at=cast(Any, {"cup": (1, 2, 3)})
     ),
+    "at must be a tuple of ThingPlace(name, (x, y, z), turn_rad), got ('tea',)": lambda name: pbd.PlanOptions(
+        at=(name,)
+    ),
 }
 
 

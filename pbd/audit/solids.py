@@ -174,10 +174,12 @@ def _is_inside(inner: Solid, T_inner: Any, outer: Solid, T_outer: Any) -> bool:
 
 def _hull_corners(triangles: Array) -> dict[str, Array]:
     """Return the corners (n, 3) m of a mesh's hull. Rounding its points first leaves far fewer corners."""
+    from scipy.spatial import ConvexHull, QhullError  # loads slowly, and hulls are cached on disk
+
     points = rounded_points(triangles, ROUNDED_M)
     try:
-        return {"corners": np.array(_convex_hull(points).points())}
-    except (RuntimeError, ValueError):  # a flat mesh has no hull; its bounding box serves
+        return {"corners": points[ConvexHull(points).vertices]}
+    except (QhullError, ValueError):  # a flat mesh has no hull, and crashes coal; its bounding box serves
         low, high = points.min(axis=0) - ROUNDED_M, points.max(axis=0) + ROUNDED_M
         return {"corners": np.array([np.where(mask, high, low) for mask in np.ndindex(2, 2, 2)])}
 

@@ -89,15 +89,14 @@ class PlanOptions:
                 raise UsageError(f"{name} must be from {least:g} to {most:g}, got {value:g}", value=value, bound=most)
         if self.tolerance_m is not None and self.path != "keyframes":
             raise UsageError("--path-tolerance is for --path keyframes: leave one of them out", value=self.path)
-        if not (0.0 <= self.payload < np.inf and np.isfinite(self.p_tool_payload).all()):
+        if not 0.0 <= self.payload < np.inf:
             raise UsageError(f"the payload is {self.payload} kg; give a number, zero or above", value=self.payload)
-        if far := beyond_reach(self.p_tool_payload):
-            raise UsageError(f"the payload's centre of mass is at {far}; {IN_METRES}", value=self.p_tool_payload)
-        for place in self.at:
-            if not np.isfinite([*place.p_base, place.turn_rad]).all():
-                raise UsageError("the place of a thing must have finite numbers", value=self.at)
-            if far := beyond_reach(place.p_base):
-                raise UsageError(f"the place of '{place.name}' is at {far}; {IN_METRES}", value=place.p_base)
+        things = [(f"the place of '{place.name}'", place.p_base, place.turn_rad) for place in self.at]
+        for what, p, turn_rad in (("the payload's centre of mass", self.p_tool_payload, 0.0), *things):
+            if not np.isfinite([*p, turn_rad]).all():
+                raise UsageError(f"{what} must have finite numbers", value=p)
+            if far := beyond_reach(p):
+                raise UsageError(f"{what} is at {far}; {IN_METRES}", value=p)
 
     def _refuse_wrong_types(self) -> None:
         for option in fields(self):

@@ -103,10 +103,7 @@ def _turn_between(wanted: Array, now: Array) -> Array:
     """Return the rotation vector in sensor axes that makes `wanted` point where `now` does."""
     axis = np.cross(wanted, now)
     sine = float(np.linalg.norm(axis))
-    if sine < 1e-6:
-        axis = np.cross(wanted, np.eye(3)[int(np.argmin(np.abs(wanted)))])
-    angle = np.arctan2(sine, wanted @ now)
-    return np.asarray(angle * axis / np.linalg.norm(axis))
+    return np.asarray(np.arctan2(sine, wanted @ now) * axis / sine)
 
 
 def _triple(values: Array) -> tuple[float, float, float]:

@@ -86,8 +86,7 @@ def _sensor_alarms(solution: Solution, found: SensorEstimate) -> Iterator[str]:
 
 def _move_alarms(solution: Solution) -> Iterator[str]:
     """Legs whose residuals are too large for the noise: chi-square test with Satterthwaite's degrees of freedom."""
-    if solution.leg_residuals is None:
-        return
+    assert solution.leg_residuals is not None
     residuals, spread = solution.leg_residuals
     left, total = (1.0 + LINEARISATION_SHARE) * np.eye(9) - spread, squares(residuals)
     mean, square = np.trace(left, axis1=1, axis2=2), (left**2).sum(axis=(1, 2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from pbd.arm.ik.branches import find_branches
@@ -45,6 +46,25 @@ def test_a_base_may_stand_beside_the_first_axis(name: str) -> None:
         branches = [branch for branch in seven_joints(moved, to_se3(there)) if len(branch) > 1]
         assert all(max(there.distance(moved.forward(branch[0]))) < 1e-5 for branch in branches)
         assert bool(branches) == (name == "panda")
+
+
+@pytest.mark.parametrize(("name", "joint"), [("ur5", 3), ("ur5", 4), ("ur5", 6), ("panda", 2), ("panda", 6)])
+def test_a_bent_arm_has_no_closed_form_but_is_solved(name: str, joint: int) -> None:
+    """Axes that were parallel or met no longer do."""
+    bent = load_model(arm_of(name).robot)
+    bent.model.jointPlacements[joint] *= pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.0])), np.array([0.01, 0.02, 0.03]))
+    truth = bent.robot.home
+    pose = bent.forward(truth)
+    assert not len(closed_form(bent, to_se3(pose)))
+    assert not seven_joints(bent, to_se3(pose))
+    assert len(find_branches(bent, pose, truth[None], 41))
+
+
+def test_an_arm_that_would_have_to_turn_its_last_joint_too_far_has_no_branch() -> None:
+    arm, far = arm_of("panda"), np.array([2.0, 0.0, 0.5])
+    goals = [to_se3(Pose.from_rpy(far, (np.pi, 0.0, yaw))) for yaw in np.linspace(-np.pi, np.pi, 24)]
+    found = [seven_joints(arm, goal) for goal in goals]
+    assert [] in found
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pbd.arm import gripper
 from pbd.arm.collision.clearance import MARGIN_M
 from pbd.arm.collision.scene import CollisionScene, GraspState
 from pbd.arm.gripper import ROD_RADIUS_M, ROD_SHORT_M, arm_bodies, gripper_links, opening_direction, tool_rod
@@ -39,6 +40,15 @@ def at(arm: ArmModel, z: float, roll: float = 0.0) -> Array:
 def test_arms_without_a_gripper_in_the_model_have_one() -> None:
     assert [name for name in NAMES if tool_rod(arm_of(name)) is not None] == sorted(WITHOUT)
     assert THE_TOOL in gripper_links(arm_of("ur5"), arm_bodies(arm_of("ur5")))
+
+
+@pytest.mark.parametrize(("gap_m", "needed"), [(0.015, False), (0.025, True)])
+def test_a_bare_flange_at_the_tools_origin_needs_no_rod(
+    monkeypatch: pytest.MonkeyPatch, gap_m: float, needed: bool
+) -> None:
+    monkeypatch.setattr(gripper, "link_bodies", lambda _: ())
+    monkeypatch.setattr(gripper, "tool_on_joint", lambda _: (6, Pose.from_rpy((0.0, 0.0, gap_m), (0.0, 0.0, 0.0))))
+    assert (tool_rod(arm_of("ur5")) is not None) == needed
 
 
 @pytest.mark.parametrize("name", WITHOUT)

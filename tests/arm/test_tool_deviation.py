@@ -31,3 +31,4 @@ def test_the_first_joint_takes_the_tool_along_an_arc() -> None:
         assert deviation.wide == (sagitta > 0.1 + 0.25 * chord)
         assert not deviation.turns
     assert deviation.wide
+    assert str(deviation) == f"stray {100.0 * sagitta:.0f} cm from a line of {100.0 * chord:.0f} cm"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import coal
 import numpy as np
@@ -19,7 +20,7 @@ from pbd.audit.arm import AuditArm
 from pbd.audit.collision_pairs import AuditScene
 from pbd.audit.contact import SPAN, Pair, Placement, SampledMotion, coordinates, find_touch
 from pbd.audit.grasp import resting_contact, tool_rod
-from pbd.audit.solids import clearance, hull_distance, link_solids, one_encloses_other, simple_solid
+from pbd.audit.solids import _hull_corners, clearance, hull_distance, link_solids, one_encloses_other, simple_solid
 from pbd.data import Calibration, GraspedObject, Gripper, JointLimits, JointTrajectory, Obstacle, Robot
 from pbd.data.world import Stay
 from pbd.pose import Pose
@@ -39,10 +40,22 @@ def swing(robot: Robot, seed: int = 0) -> JointTrajectory:
     return time_keyframes(load_model(robot), q, [0.1] * 4, grips, robot.home)
 
 
-@pytest.mark.parametrize("name", ["odd", "so101", "kinova"])
+def without_joint(robot: Robot, i: int) -> Robot:
+    """Return a robot whose [arm] leaves out a joint, which is then locked."""
+    arrays: dict[str, Any] = {
+        name: getattr(robot.limits, name) for name in ("lower", "upper", "velocity", "acceleration", "jerk")
+    }
+    arrays = {name: np.delete(array, i) for name, array in arrays.items()}
+    limits = replace(robot.limits, effort=None, **arrays)
+    joints = tuple(name for name in robot.joints if name != robot.joints[i])
+    return replace(robot, joints=joints, home=np.delete(robot.home, i), limits=limits)
+
+
+@pytest.mark.parametrize("name", ["odd", "so101", "kinova", "locked"])
 def test_no_point_moves_farther_than_its_bound(name: str, odd_robot: Robot) -> None:
     """Path length of a point on each joint, relative to the base, in steps of 20 us between instants of the grid."""
-    robot = odd_robot if name == "odd" else arm_of(name).robot
+    locked = without_joint(arm_of("panda").robot, 2) if name == "locked" else None
+    robot = locked or (odd_robot if name == "odd" else arm_of(name).robot)
     arm, trajectory = AuditArm(robot), swing(robot)
     motion, rng = SampledMotion(arm, trajectory), np.random.default_rng(0)
     still = simple_solid("still", 0, pin.SE3.Identity(), "sphere", (0.1,))
@@ -128,6 +141,14 @@ def test_the_order_of_two_solids_is_no_matter() -> None:
     assert_near(np.array(apart)[:, 0], np.array(apart)[:, 1], 1e-6)
 
 
+def test_the_hull_of_a_flat_mesh_is_a_thin_box() -> None:
+    """A plate, seen straight and edge on; coal would crash."""
+    plate = np.array([[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]], dtype=np.float64)
+    for flat in (plate, np.roll(plate, 1, axis=-1)):
+        corners = _hull_corners(flat)["corners"]
+        np.testing.assert_allclose(np.sort(np.ptp(corners, axis=0)), (0.002, 1.002, 1.002))
+
+
 def test_what_is_inside_a_mesh_is_enclosed_by_it() -> None:
     """Points in and around a convex mesh; scipy says which are inside."""
     link = max(link_solids(AuditArm(arm_of("panda").robot)), key=lambda solid: solid.reach)
@@ -149,6 +170,14 @@ def test_the_rod_is_the_same_as_the_planners(name: str) -> None:
         own = [rod.T_joint_solid.act(np.array([0.0, 0.0, end])) for end in (-rod.hull.halfLength, rod.hull.halfLength)]
         np.testing.assert_allclose(own, planned.T_joint_body.act(ends), atol=2e-3)
         assert rod.hull.radius == 0.5 * planned.size[0]
+
+
+@pytest.mark.parametrize(("gap_m", "needed"), [(0.015, False), (0.025, True)])
+def test_a_bare_flange_at_the_tools_origin_needs_no_rod(gap_m: float, needed: bool) -> None:
+    """Without links that carry the tool, the rod begins at the flange."""
+    arm = AuditArm(arm_of("ur5").robot)
+    arm.T_joint_tool = pin.SE3(np.eye(3), np.array([0.0, 0.0, gap_m]))
+    assert (tool_rod(arm, ()) is not None) == needed
 
 
 def test_a_carried_object_is_checked() -> None:

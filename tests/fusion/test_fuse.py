@@ -15,6 +15,7 @@ import pbd
 from pbd.data import Calibration, Contact, Demonstration, GripEvent, HandPath, Linear, Place
 from pbd.errors import CalibrationError, RecordingError, TrackingError, collected_warnings
 from pbd.fusion.calibration import _composed, device_errors
+from pbd.fusion.grips import differing_grips
 from pbd.fusion.marginals import SHARED, estimate_with_device, marginal_of
 from pbd.fusion.matching import Alignment, Registration
 from pbd.fusion.mean_path import TakePath, average_paths
@@ -199,6 +200,38 @@ def test_an_outlier_take_is_named_and_left_out(takes: list[Demonstration]) -> No
     assert len(fused.stops) == 7
 
 
+def test_takes_of_which_half_are_far_from_the_others_are_refused(
+    takes: list[Demonstration], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each estimate finds another outlier."""
+
+    def with_an_outlier(_: Any, alignment: Alignment, *__: Any) -> Any:
+        return sorted(alignment.registered), None, None, SimpleNamespace(take=0)
+
+    monkeypatch.setattr("pbd.fusion.fuse._without_outliers", with_an_outlier)
+    with pytest.raises(TrackingError, match=r"half of the takes don't agree with the others \(take 1, take 2\);"):
+        pbd.fuse(takes[:3])
+
+
+def test_what_is_wrong_with_a_take_is_said_with_its_name(takes: list[Demonstration]) -> None:
+    recording = takes[1].recording
+    with pytest.raises(RecordingError, match=r"^take 2: at rest the accelerometer reads"):
+        tracked_take(replace(takes[1], recording=replace(recording, acc=10.0 * recording.acc)), None, False)
+    lost = np.where(np.arange(len(recording))[:, None] == 70, np.nan, recording.acc)
+    with pytest.warns(match=r"^take 2: 1 sample"):
+        tracked_take(replace(takes[1], recording=replace(recording, acc=lost)), None, False)
+
+
+def test_a_grip_that_moves_at_a_stop_that_is_left_out_is_said() -> None:
+    """Each take lets go at a stop of its own, which no other has."""
+    grips: Any = [SimpleNamespace(grip=grip) for grip in (None, True, None, False)]
+    made: Any = [SimpleNamespace(name=f"take {k}", keyframes=grips) for k in range(3)]
+    kept: Any = [SimpleNamespace(own=dict.fromkeys(range(3), j)) for j in range(3)]
+    (said,) = differing_grips(kept, made)
+    assert said.startswith("the grip stays closed at the end, but it opens in most takes, at a stop that is left out;")
+    assert differing_grips([*kept, SimpleNamespace(own=dict.fromkeys(range(3), 3))], made) == []  # type: ignore[list-item]
+
+
 def test_stops_that_only_one_of_two_takes_has_are_reported(takes: list[Demonstration]) -> None:
     with pytest.warns(match="only take 1 has stops 5 6, and they are left out; a third take"):
         assert len(pbd.fuse([takes[0], shortened(takes[1], 5)]).stops) == 5
@@ -321,6 +354,10 @@ def test_known_stops_of_takes_are_used(path: HandPath, takes: list[Demonstration
     known = replace(takes[1], places=(Place((middles[1][3],), p_base_tool=(x, y, z)),))
     fused = pbd.fuse([takes[0], known], Calibration("bench", T_base_dock=dock))
     assert [claim.stop for claim in fused.claims] == [3]
+    left_out = replace(takes[0], places=(Place((middles[0][6],), p_base_tool=(x, y, z)),))
+    with pytest.warns(match="only take 1 has stops 5 6, and they are left out"):
+        fused = pbd.fuse([left_out, shortened(takes[1], 5)], Calibration("bench", T_base_dock=dock))
+    assert not fused.claims
 
 
 def test_keyframes_that_move_with_an_object_are_found(path: HandPath) -> None:

@@ -126,9 +126,7 @@ def shape_of(body: Body) -> Any:
         return coal.Capsule(0.5 * body.size[0], body.size[1])
     if body.shape == "sphere":
         return coal.Sphere(0.5 * body.size[0])
-    if body.shape == "floor":
-        return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-    raise ValueError(f"{body.shape!r} is none of hull, box, cylinder, capsule, sphere, floor")
+    return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)  # the floor
 
 
 def _extent(body: Body) -> tuple[float, float]:

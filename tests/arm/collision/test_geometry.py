@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 from pbd.arm.collision.allowed_collisions import link_pairs
 from pbd.arm.collision.clearance import Clearance
-from pbd.arm.collision.geometry import Body, link_bodies
+from pbd.arm.collision.geometry import Body, _slabs, link_bodies
 from pbd.arm.gripper import arm_bodies
 from pbd.arm.model import load_model
 from pbd.data import Robot
@@ -192,6 +192,12 @@ def test_a_faulty_shape_is_one_line(
 
 
 FLAT = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n"
+
+
+def test_a_mesh_of_two_parts_far_apart_has_no_slab_between_them() -> None:
+    part = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.05], [0.0, 0.0, 0.1]])[[[0, 1, 2], [0, 1, 3]]]
+    slabs = _slabs(np.concatenate((part, part + np.array((10.0, 0.0, 0.0)))))
+    assert_allclose([corners[:, 0].min() for corners in slabs.values()], (0.0, 10.0))
 
 
 def test_a_flat_mesh_becomes_a_thin_box(tmp_path: Path, cache: Path) -> None:
