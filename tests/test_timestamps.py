@@ -44,6 +44,14 @@ def test_one_false_time_costs_itself_and_shifts_nothing(row: int, wrong: float) 
         assert got[-1] == pytest.approx(0.59)
 
 
+def test_a_sample_that_seems_to_come_before_a_believed_jump_forward_is_left_out() -> None:
+    times = steady(30)
+    times[10] = 7.0 + 11.4 / HZ
+    got, clock = taken(times)
+    assert [round(t * HZ, 6) for t in got] == [*range(10), 11.4, *range(12, 30)]
+    assert clock.doubted == 1
+
+
 def test_a_device_that_begins_anew_goes_on_by_the_hosts_clock() -> None:
     times = steady(50) + steady(50, start=0.2)
     arrivals = [k / HZ for k in range(50)] + [2.0 + k / HZ for k in range(50)]

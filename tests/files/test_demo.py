@@ -29,6 +29,7 @@ from pbd.pose import Array, quat_exp
 from pbd.simulation.calibration_tasks import CALIBRATION_TASKS
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import TASKS
+from tests.unprivileged import as_a_user
 
 HALF_A_DIGIT = {"t": 5e-7, "gyr": 5e-8, "acc": 5e-7, "mag": 5e-5, "device_rpy": 5e-7, "p": 5e-7, "wxyz": 5e-9}
 """Rounding error of imu.csv and truth.csv, whose numbers of decimals are fixed."""
@@ -260,6 +261,34 @@ def test_a_failed_write_leaves_the_old_demonstration(tmp_path: Path, monkeypatch
     assert len(read_demo(folder).recording) == 3
     with pytest.raises(RecordingError):
         write_demo(still(5), tmp_path / "coffee")
+    assert [path.name for path in tmp_path.iterdir()] == ["tea"]
+
+
+def test_a_read_only_demonstration_is_not_replaced(tmp_path: Path) -> None:
+    write_demo(still(3), tmp_path / "tea")
+    (tmp_path / "tea").chmod(0o555)
+    with as_a_user(), pytest.raises(RecordingError, match="tea is read-only; change its permissions, or give another"):
+        write_demo(still(5), tmp_path / "tea", force=True)
+
+
+def test_what_is_left_of_the_old_folder_is_said(tmp_path: Path) -> None:
+    locked = tmp_path / "tea" / "locked"
+    locked.mkdir(parents=True)
+    (locked / "old").touch()
+    locked.chmod(0o555)
+    said = (
+        r"tea is replaced, but what is left of the old one is in .*tea\.before: it can't be removed \(Permission denied"
+    )
+    with as_a_user(), pytest.warns(PbdWarning, match=said), atomic_folder(tmp_path / "tea") as new:
+        (new / "mine").touch()
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["locked", "mine", "old", "tea", "tea.before"]
+
+
+def test_a_new_folder_that_vanishes_leaves_the_old_one(tmp_path: Path) -> None:
+    write_demo(still(3), tmp_path / "tea")
+    with pytest.raises(RecordingError, match="can't be written"), atomic_folder(tmp_path / "tea") as new:
+        new.rmdir()
+    assert len(read_demo(tmp_path / "tea").recording) == 3
     assert [path.name for path in tmp_path.iterdir()] == ["tea"]
 
 

@@ -18,6 +18,7 @@ from pbd.files.importers import import_file, npz
 from pbd.files.points import read_points
 from pbd.files.table import read_table
 from pbd.io import meshes
+from pbd.io.atomic import refuse_file
 from pbd.io.meshes import mesh_file
 from pbd.io.numbers import number, seconds
 from pbd.io.read_file import read_bytes
@@ -50,6 +51,12 @@ def test_what_is_not_a_regular_file_is_refused_without_waiting(
     make(tmp_path / name)
     with pytest.raises(PbdError, match=r"can't be read \((Is a directory|it is not a regular file)\); "):
         READ[name](tmp_path / name)
+
+
+def test_a_pipe_is_no_place_for_a_result(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.csv")
+    with pytest.raises(PbdError, match=r"pipe\.csv can't be written \(not a regular file\); give another place"):
+        refuse_file(tmp_path / "pipe.csv")
 
 
 def test_a_pipe_as_a_robots_file_is_refused(

@@ -312,6 +312,8 @@ def test_a_compass_counts_as_much_as_it_lasts_and_less_in_a_disturbed_field(stro
     assert (left == pytest.approx(0.25, rel=1e-3)) == (stronger == 1.0)
     assert kalman.north == pytest.approx((1.0 - left) * 0.002, rel=1e-3)
     assert kalman.P[NORTH, NORTH] == pytest.approx(left * noise.compass**2, rel=1e-3)
+    kalman.update_compass(1e3 * field, 3.0)  # a magnet
+    assert kalman.P[NORTH, NORTH] == pytest.approx(left * noise.compass**2, rel=1e-3)
 
 
 def test_the_further_away_a_hand_is_the_less_its_reach_pulls_it_back() -> None:
@@ -585,6 +587,9 @@ def test_it_waits_for_a_rest_and_says_why() -> None:
     shaking = recording.acc + 3.0 * np.sin(40.0 * recording.t)[:, None]
     tracker.feed(recording.t, shaking, recording.gyr)
     assert tracker.waiting.startswith("hold still for 1 s: the hand shakes with 3.")
+    dead = LiveTracker()
+    dead.feed(recording.t, np.zeros_like(recording.acc), recording.gyr)
+    assert dead.waiting == "the accelerometer reads zero while at rest, so it is dead or in free fall; check the sensor"
     assert tracker.rest is None
     assert not tracker.stops
     assert not tracker.keyframes

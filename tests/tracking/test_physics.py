@@ -54,6 +54,17 @@ def test_a_hand_that_never_moves_stays_where_it_is(
     assert largest_angle(path.wxyz_nav_sensor, path.wxyz_nav_sensor[:1]) < 1e-6
 
 
+@pytest.mark.parametrize(("pitch_deg", "axis"), [(55.0, (1.0, 0.0, 0.0)), (65.0, (0.0, 1.0, 0.0))])
+def test_without_north_navs_x_is_an_axis_of_the_sensor_laid_level(
+    pitch_deg: float, axis: tuple[float, float, float]
+) -> None:
+    """It is the sensor's y where its x is within 30 degrees of the vertical."""
+    task = Task("still", (Waypoint(rest_s=4.0),), start_rpy=(0.2, np.radians(pitch_deg), 1.0))
+    recording = replace(simulate(task, "modern", 0).recording, mag=None)
+    x, y, _ = quat_rotate(track(recording).wxyz_nav_sensor[0], axis)
+    assert abs(np.arctan2(y, x)) < 1e-3
+
+
 @every_method
 @pytest.mark.parametrize("seed", range(2))
 def test_a_perfect_sensor_gives_the_truth(method: str, seed: int) -> None:

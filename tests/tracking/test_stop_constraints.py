@@ -137,9 +137,12 @@ def test_errors_of_the_calibration_act_as_finite_differences_say(seed: int) -> N
 
     found = claims(np.zeros(9))
     misfits = [measurement_of(claims(error), p_stop, None)[2] for error in np.vstack((np.eye(9), -np.eye(9))) * 1e-6]
-    assert_near(
-        np.vstack([claim.by_calibration for claim in found]), np.subtract(misfits[:9], misfits[9:]).T / 2e-6, 1e-6
-    )
+    by_calibration = np.vstack([claim.by_calibration for claim in found])
+    assert_near(by_calibration, np.subtract(misfits[:9], misfits[9:]).T / 2e-6, 1e-6)
+    sure = Calibration("c", T_base_nav=start, T_sensor_tool=mount)
+    unsure = replace(sure, cov_sensor_tool=np.diag((1e-4, 4e-4, 9e-4, 1.0, 1.0, 1.0)))
+    more = np.subtract(*(measurement_of(found, p_stop, each)[1] for each in (unsure, sure)))
+    assert_near(more, by_calibration[:, 6:] * (1e-4, 4e-4, 9e-4) @ by_calibration[:, 6:].T, 1e-12)
     assert [claim.own + claim.shared for claim in found] == pytest.approx([(0.002 / scale) ** 2] * 4)
 
 

@@ -63,6 +63,15 @@ def test_what_is_no_pair_of_taps(blows: list[tuple[float, float]]) -> None:
     assert grip_by_taps(tapped(held(200.0), blows)) == ()
 
 
+@pytest.mark.parametrize(("lost_s", "found"), [(2.12, 0), (1.0, 1)])
+def test_a_lost_sample_between_two_taps_parts_them(lost_s: float, found: int) -> None:
+    """The hand may have moved there."""
+    recording = tapped(held(200.0), [(2.0, 40.0), (2.25, 40.0)])
+    lost = np.abs(recording.t - lost_s) < 0.003
+    acc = np.where(lost[:, None], np.nan, recording.acc)
+    assert len(grip_by_taps(replace(recording, acc=acc))) == found
+
+
 def test_a_knock_from_the_side_is_none() -> None:
     assert grip_by_taps(tapped(held(200.0), [(2.0, 40.0), (2.25, 40.0)], lean=1.5)) == ()
 

@@ -155,8 +155,10 @@ def test_of_several_blocks_that_came_twice_the_first_is_named() -> None:
 
 
 @pytest.mark.parametrize("rows", range(2, 7))
-def test_in_a_few_rows_no_block_came_twice(rows: int) -> None:
-    refuse_doubled(with_rows(pour().recording, slice(0, rows)))
+def test_in_a_few_rows_no_block_came_twice_or_in_the_wrong_order(rows: int) -> None:
+    few = with_rows(pour().recording, slice(0, rows))
+    refuse_doubled(few)
+    assert in_order(few) is few
 
 
 def test_in_a_motion_without_noise_that_recurs_no_block_came_twice() -> None:
