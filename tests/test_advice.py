@@ -11,6 +11,7 @@ import pytest
 from pbd.data import Obstacle
 from pbd.errors import PlanError, RobotError
 from pbd.planning import PlanOptions, arm_of, plan_keyframes
+from pbd.planning.object_frames import ThingPlace, nearest_working_place
 from pbd.pose import Pose
 from tests.cli.running import Capture, run
 from tests.reading_meshes import read_mesh
@@ -85,3 +86,12 @@ def test_where_a_mesh_is_missing_no_key_is_named_that_a_robot_does_not_take(tmp_
         RobotError, match=r"hand.stl: can't be read .*; put it there, or correct its address in the URDF$"
     ):
         read_mesh(tmp_path / "hand.stl")
+
+
+def test_the_place_that_is_advised_is_the_nearest_that_works() -> None:
+    wanted, shown = ThingPlace("cup", (1.0, 0.0, 0.0), 0.4), np.zeros(3)
+    assert nearest_working_place(wanted, shown, lambda _: False) is None  # the fault lies elsewhere
+    found = nearest_working_place(wanted, shown, lambda place: place.p_base[0] <= 0.3)
+    assert found is not None
+    assert 0.28 < found.p_base[0] <= 0.3
+    assert found.turn_rad == pytest.approx(0.4 * found.p_base[0])

@@ -180,8 +180,7 @@ def _move_along_null_space(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: L
     The direction is toward the mean of the two neighbours, and away from limits nearer than MARGIN_RAD.
     """
     shortest = ladder.shortest()
-    if isinstance(shortest, Barred):
-        return
+    assert not isinstance(shortest, Barred)  # nothing has been checked yet
     path = ladder.joints(shortest)
     costs = configuration_cost(arm, path)
     goals = [to_se3(pose) for pose in T_base_tool]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,15 +14,17 @@ from pbd.arm import ladder_checks
 from pbd.arm.choose_motion import choose_motion
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.motion_check import check_motion
-from pbd.arm.collision.scene import CollisionScene, GraspState
-from pbd.arm.detour import bend_detour
+from pbd.arm.collision.scene import CollisionScene, GraspState, Hit
+from pbd.arm.detour import _Search, bend_detour, find_detour
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ladder_building import build_ladder
-from pbd.arm.ladder_checks import APPROACH_M
+from pbd.arm.ladder_checks import APPROACH_M, DetourSearch
 from pbd.arm.ladder_graph import Barred, Ladder
+from pbd.arm.ladder_links import MoveState
+from pbd.arm.model import load_model
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest
-from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION, UNREACHABLE, Refusal
+from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION, UNREACHABLE, Refusal, refuse_move
 from pbd.arm.timing.time_moves import Move, time_moves
 from pbd.arm.tool_deviation import off_line
 from pbd.data import Obstacle
@@ -255,6 +258,20 @@ def test_a_known_detour_is_bent_to_joints_nearby_without_getting_longer(around: 
     assert (back[[0, -1]] == (start, goal)).all()
     assert scene.is_free(back, GraspState())
     assert np.abs(np.diff(back, axis=0)).sum() < 1.1 * np.abs(np.diff(way, axis=0)).sum()
+    ends, most = back[[0, -1]].max(axis=0), back.max(axis=0)
+    assert (most > ends + 0.01).any()
+    limits = replace(ARM.limits, upper=np.where(most > ends + 0.01, 0.5 * (ends + most), ARM.limits.upper))
+    tight = CollisionScene(load_model(replace(ARM.robot, limits=limits)), None, PLATE)
+    assert bend_detour(tight, GraspState(), start, goal, [way]) is None
+
+
+def test_a_known_path_to_the_goal_needs_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_Search, "connect", pytest.fail)
+    known = np.stack((HOME, HOME + 0.3, HOME - 0.1))
+    scene = CollisionScene(ARM, None)
+    found, _ = find_detour(scene, GraspState(), known[:1], known[2:], DetourSearch(100), 100, [known])
+    assert found is not None
+    assert (found[[0, -1]] == known[[0, 2]]).all()
 
 
 def test_no_detours_are_searched_for_beside_known_ones_where_too_many_pairs_were_barred(
@@ -357,6 +374,15 @@ def test_a_requested_path_is_not_replaced(kind: str) -> None:
     assert "motion from keyframe 0 to keyframe 1 among " in message
     assert " would touch the plate" in message
     assert "Straight in joint space" not in message
+
+
+def test_a_path_that_cannot_be_followed_is_said_beside_what_was_hit() -> None:
+    hit = Hit("the arm", "the plate", -0.01, np.zeros(3))
+    refusal = refuse_move(1, MoveState(LINE, [], {STRAIGHT: hit}, barred_pairs=2), LINE)
+    assert refusal.error.message.startswith(
+        "no collision-free motion from keyframe 0 to keyframe 1 among 2 pairs of arm"
+    )
+    assert ". Straight line of the tool: the arm can't follow it; move the dock or" in refusal.error.message
 
 
 def test_the_hit_of_a_path_that_was_not_followed_is_found_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -248,3 +248,13 @@ def test_moves_with_an_additional_cost_are_checked_only_on_the_shortest_path() -
     heavy = Ladder(layers).search(lambda *_: True, free, lambda places, before, after: 5.0 * (after[:, 0] == 0.1))
     assert heavy == [0, 1]
     assert asked == [0.2]
+
+
+def test_a_state_that_is_final_gets_no_others() -> None:
+    ladder = Ladder(random_layers(np.random.default_rng(0), [2, 2, 2]))
+    path = ladder.shortest()
+    assert not isinstance(path, Barred)
+    ladder.advance(path, 1, 4)
+    for place, count in ((1, 2), (2, 3)):
+        ladder.add(place, np.zeros((1, 2)), np.zeros(1))
+        assert len(ladder.layers[place].q) == count

@@ -18,6 +18,7 @@ from pbd.errors import PbdWarning, PlanError
 from pbd.files.demo import load_demo
 from pbd.files.exporters import export
 from pbd.files.exporters.controller_interpolation import limit_shares
+from pbd.files.exporters.ros2_json import _apart
 from pbd.planning import PlanOptions
 from tests.arm.bundled import arm_of, keyframes_of, path_of
 from tests.arm.controller import Controller, refuse, seconds
@@ -157,3 +158,9 @@ def test_samples_that_exceed_a_limit_between_them_are_warned_of(tmp_path: Path) 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         export(trajectory, robot, "csv", tmp_path / "motion.csv")
+
+
+@pytest.mark.parametrize("last", [0.2, 0.10000001])
+def test_points_closer_than_the_formats_grid_are_left_out_but_not_the_last(last: float) -> None:
+    kept = _apart(np.array([0.0, 0.1, 0.100000005, last - 1e-9, last]))
+    np.testing.assert_allclose(kept, [0.0, 0.1, 0.2] if last == 0.2 else [0.0, last], rtol=0.0, atol=1e-12)

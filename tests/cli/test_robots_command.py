@@ -9,12 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pbd.arm.ik.solver import solve
 from pbd.audit.arm import AuditArm
 from pbd.cli.robots import _ranked_table
+from pbd.data import Calibration
 from pbd.files.find_by_name import names
 from pbd.files.robot import read_robot
 from pbd.planning import arm_of
+from pbd.planning.suggest import DOCKS, MORE_DOCKS, _plan_at, _search_order, _solve_all
+from pbd.pose import Pose, quat_exp, quat_multiply
 from pbd.view.units import Units
+from tests.arm.bundled import keyframes_of
 from tests.arm.test_own_robot import own_toml, own_urdf
 from tests.cli.running import Capture, refused, run, run_json
 from tests.test_docs import ROOT
@@ -59,6 +64,32 @@ def test_what_is_suggested_replays_as_it_says(capsys: Capture, guide: str, monke
     TOML.write_text(bare + lines, encoding="utf-8")
     took_s = run_json(capsys, "replay", "paper-test2", "--robot", "mine")["duration_s"]
     assert f"the fastest: {took_s:.1f} s" in lines
+
+
+def test_tables_are_tried_at_zero_first_where_the_arm_reaches_it_and_then_anywhere() -> None:
+    reaches, hangs = (list(_search_order(None, np.linspace(low, low + 0.6, 9), 0.0)) for low in (-0.1, -0.9))
+    assert [height for height, _, _ in reaches[:4]] == [0.0, 0.0, 0.0, None]
+    assert hangs == reaches[3:]
+    assert [scale for _, scale, count in hangs if count == DOCKS] == [1.0, 0.7, 0.5, 0.35, 0.25]
+    assert {(height, scale) for height, scale, count in hangs if count == MORE_DOCKS} == {
+        (height, scale) for height in (0.0, None) for scale in (0.5, 0.35, 0.25)
+    }
+
+
+def test_a_dock_out_of_reach_is_said_to_be() -> None:
+    panda = arm_of(read_robot(ROOT / "robots" / "panda.toml")).robot
+    far = Calibration("far", Pose.from_rpy((3.0, 0.0, 0.5), (0.0, 0.0, 0.0)), robots=("panda",))
+    said = _plan_at(panda, far, keyframes_of("paper-test2"), None)
+    assert said == "the place over the dock is out of reach; correct base or T_body_tool"
+
+
+def test_an_arm_of_five_joints_is_given_no_pose_that_it_cannot_approach() -> None:
+    arm = arm_of(read_robot(ROOT / "robots" / "so101.toml"))
+    pose = arm.forward(np.array([0.3, 0.2, 0.4, 0.1, 0.0]))
+    aside = Pose(pose.p, quat_multiply(quat_exp((0.0, 0.0, 0.3)), pose.wxyz))
+    assert _solve_all(arm, [pose]) is not None
+    assert solve(arm, aside, None).reached
+    assert _solve_all(arm, [aside]) is None
 
 
 def test_the_users_own_table_is_kept(capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch) -> None:

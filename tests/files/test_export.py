@@ -16,6 +16,7 @@ from pbd.data import Gripper, JointLimits, JointTrajectory, Robot, Samples
 from pbd.errors import PbdError, PlanError, UsageError
 from pbd.files import exporters
 from pbd.files.exporters import FORMATS, export, npz
+from pbd.files.exporters.check_export import _deviating_motion
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Array, Pose
 
@@ -210,6 +211,26 @@ def test_a_rate_out_of_range_is_refused(tmp_path: Path, motion: JointTrajectory,
     with pytest.raises(PbdError, match="--rate must be 10 to 100000 Hz"):
         export(motion, ROBOT, "csv", tmp_path / "motion", rate_hz)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_format_that_needs_more_than_the_motion_says_from_where(tmp_path: Path, motion: JointTrajectory) -> None:
+    with pytest.raises(
+        PbdError, match=r"^keyframes needs what the motion was made from: plan with pbd\.planning\.plan_p"
+    ):
+        export(motion, ROBOT, "keyframes", tmp_path / "k.json")
+    assert not [*tmp_path.iterdir()]
+
+
+def test_points_that_miss_the_planned_motion_are_refused(motion: JointTrajectory) -> None:
+    request = ExportRequest("csv", motion, ROBOT, ".csv", 1000.0)
+    points = request.sampled()
+    assert _deviating_motion(request, points, "cubic") is None
+    q = points.q.copy()
+    q[5] += 1e-3
+    with pytest.raises(
+        PlanError, match=r"by cubics the file's points miss the planned motion by 0\.001 rad at 0\.0[01] s"
+    ):
+        _deviating_motion(request, replace(points, q=q), "cubic")
 
 
 def test_each_format_has_its_file() -> None:

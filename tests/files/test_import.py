@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -79,6 +80,14 @@ def test_ximu3_joins_its_magnetometer_by_time(tmp_path: Path) -> None:
     recording = import_text(tmp_path, inertial, name="Inertial.csv")
     assert recording.mag is None
     assert recording.info.source.unread["Magnetometer.csv"] == "a file that isn't used"
+
+
+def test_quoted_cells_are_the_same_as_bare_ones(tmp_path: Path) -> None:
+    bare = f"{NGIMU}\n5.5,90,0,-180,0,0,1\n5.51,0,0,0,0.5,0,-1\n"
+    quoted = re.sub(r"[^,\n]+", lambda cell: f'"{cell[0]}"', bare)
+    one, other = (import_text(tmp_path, text) for text in (bare, quoted))
+    for name in ("t", "gyr", "acc"):
+        assert_allclose(channel(other, name), channel(one, name), rtol=0.0, atol=0.0)
 
 
 def test_our_imu_csv_in_any_order_of_columns(tmp_path: Path) -> None:

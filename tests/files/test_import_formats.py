@@ -680,6 +680,11 @@ def echoed(k: int, header: str, covariance: str) -> str:
     return f"{header.format(k=k, ns=k * 50_000_000)}{text}---\n"
 
 
+def test_lines_with_names_but_fewer_than_three_numbers_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="no line has three numbers with names; give --columns as for `pbd record"):
+        imported(tmp_path, "ax: 0.1 ay: 9.8\n" * 30, name="log.txt")
+
+
 @pytest.mark.parametrize(
     ("header", "covariance"), [(ROS1_HEADER, ROS1_COVARIANCE), (ROS2_HEADER, ROS2_COVARIANCE), ("", ROS2_COVARIANCE)]
 )

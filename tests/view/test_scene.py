@@ -231,6 +231,12 @@ class TestVisuals:
         np.testing.assert_allclose(visual.T_link_visual.log(), [1, 2, 3, 0, 0, 1.5], atol=1e-12)
         assert (visual.mesh.rgb == [0, 128, 0]).all()
 
+    @pytest.mark.parametrize("colour", ["", "0 1", "red green blue 1"])
+    def test_a_material_whose_own_colour_is_none_has_its_names(self, tmp_path: Path, colour: str) -> None:
+        material = f'<material name="tea"><color rgba="{colour}"/></material>'
+        (visual,) = self.urdf(tmp_path, f'<geometry><sphere radius="1"/></geometry>{material}')
+        assert (visual.mesh.rgb == [0, 128, 0]).all()
+
     @pytest.mark.parametrize(
         "broken",
         [
