@@ -68,18 +68,12 @@ def fused_demo(takes: Sequence[Demonstration]) -> Demonstration:
     for take in takes:
         require_type("fuse", take, "pbd.load_demo", Demonstration)
     takes = [one for take in takes for one in (take.takes or (take,))]
-    names = [take.recording.info.name for take in takes]
-    for k, take in enumerate(takes):
-        for before, other in zip(names, takes[:k], strict=False):
-            one, same = take.recording, other.recording
-            if np.array_equal(one.t, same.t) and np.array_equal(one.acc, same.acc, equal_nan=True):
-                raise RecordingError(f"'{names[k]}' is the same recording as '{before}'; name each take once")
     if len(takes) < 2:
         raise RecordingError(
             f"fusing needs two takes of a task or more, got {len(takes)}; record another, or use it as it is"
         )
     first = takes[0]
-    info = replace(first.recording.info, name="+".join(names))
+    info = replace(first.recording.info, name="+".join(take.recording.info.name for take in takes))
     return Demonstration(
         replace(first.recording, info=info),
         grasped=next((take.grasped for take in takes if take.grasped), None),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from pbd.data import Calibration, Demonstration, FusedTake, HandPath
-from pbd.errors import TrackingError, warn
+from pbd.errors import RecordingError, TrackingError, warn
 from pbd.fusion.grips import differing_grips
 from pbd.fusion.joint_estimate import JointEstimate, Observations, TaskState, estimate_jointly
 from pbd.fusion.known_stops import condition_on_known_stops
@@ -25,10 +26,15 @@ def fused_path(demo: Demonstration, method: str, calibration: Calibration | None
     """Return the path of a demonstration that lists its takes; see `pbd.pipeline.fuse`.
 
     Raises:
+        RecordingError: two takes are the same recording.
         TrackingError: the takes are of different tasks, or one of them can't be tracked.
     """
     if method != "default":
         raise TrackingError(f"takes are fused by the default method only; track one of them with --method {method}")
+    for one, other in combinations([take.recording for take in demo.takes], 2):
+        if np.array_equal(one.t, other.t) and np.array_equal(one.acc, other.acc, equal_nan=True):
+            what = f"'{other.info.name}' is the same recording as '{one.info.name}'"
+            raise RecordingError(f"{what}; name each take once")
     takes = [tracked_take(take, calibration, accept_gap) for take in demo.takes]
     fused = estimated(takes, calibration)
     path = hand_path(demo, fused, calibration, accept_gap)

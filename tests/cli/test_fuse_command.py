@@ -78,9 +78,19 @@ def test_a_take_is_added_by_a_line_in_demo_toml(capsys: Capture) -> None:
 @pytest.mark.parametrize(
     ("takes", "says"),
     [
-        ("tea1 tea9", ":7: [take] demo names demos/odd/../tea9, where there is no demonstration; correct it"),
-        ("tea1 odd", ":7: [take] demo names demos/odd/../odd, which is made of takes itself; list its takes here"),
-        ("tea1", ":5: [take] demo is the only [[take]]; add another, or use that demonstration as it is"),
+        (
+            "tea1 tea9",
+            "demos/odd/demo.toml:7: [take] demo names demos/odd/../tea9, where there is no demonstration; correct it",
+        ),
+        (
+            "tea1 odd",
+            "demos/odd/demo.toml:7: [take] demo names demos/odd/../odd, which is made of takes itself; list",
+        ),
+        ("tea1 tea2 tea1", "pbd: 'tea1' is the same recording as 'tea1'; name each take once"),
+        (
+            "tea1",
+            "demos/odd/demo.toml:5: [take] demo is the only [[take]]; add another, or use that demonstration as it is",
+        ),
     ],
 )
 def test_a_take_that_cannot_be_one_is_named_with_its_line(capsys: Capture, takes: str, says: str) -> None:
@@ -88,7 +98,7 @@ def test_a_take_that_cannot_be_one_is_named_with_its_line(capsys: Capture, takes
     folder.mkdir(exist_ok=True)
     listed = "".join(f'[[take]]\ndemo = "../{take}"\n' for take in takes.split())
     (folder / "demo.toml").write_text(f'format = 1\nname = "odd"\nsensor = "wt901"\n{listed}')
-    assert f"demos/odd/demo.toml{says}" in refused(capsys, 1, "keyframes", "odd")
+    assert says in refused(capsys, 1, "keyframes", "odd")
 
 
 def test_a_file_is_no_take(capsys: Capture) -> None:
