@@ -48,7 +48,7 @@ def test_a_base_may_stand_beside_the_first_axis(name: str) -> None:
         assert bool(branches) == (name == "panda")
 
 
-@pytest.mark.parametrize(("name", "joint"), [("ur5", 3), ("ur5", 4), ("ur5", 6), ("panda", 2), ("panda", 6)])
+@pytest.mark.parametrize(("name", "joint"), [("kinova", 3), ("ur5", 4), ("ur5", 6), ("panda", 2), ("panda", 6)])
 def test_a_bent_arm_has_no_closed_form_but_is_solved(name: str, joint: int) -> None:
     """Axes that were parallel or met no longer do."""
     bent = load_model(arm_of(name).robot)

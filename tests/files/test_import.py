@@ -85,6 +85,9 @@ def test_ximu3_joins_its_magnetometer_by_time(tmp_path: Path) -> None:
 def test_quoted_cells_are_the_same_as_bare_ones(tmp_path: Path) -> None:
     bare = f"{NGIMU}\n5.5,90,0,-180,0,0,1\n5.51,0,0,0,0.5,0,-1\n"
     quoted = re.sub(r"[^,\n]+", lambda cell: f'"{cell[0]}"', bare)
+    first, *rows = quoted.splitlines()
+    long = '"' + "a note in lines\n" * 500 + '"'
+    quoted = "\n".join((f'"Notes",{first}', *(f"{long},{row}" for row in rows)))
     one, other = (import_text(tmp_path, text) for text in (bare, quoted))
     for name in ("t", "gyr", "acc"):
         assert_allclose(channel(other, name), channel(one, name), rtol=0.0, atol=0.0)

@@ -59,8 +59,6 @@ def seven_joints(arm: ArmModel, goal: pin.SE3) -> list[Array]:
     moved = goal * tool.inverse()
     R, to_shoulder = moved.rotation, axes[0].p - moved.act(axes[6].p)
     q7 = _last_joint_angles(arm, axes, R.T @ to_shoulder, axes[4].p - axes[6].p)
-    if not len(q7):
-        return []
     q, off = _solutions(arm, axes, R, to_shoulder, q7)
     # Where other joints move much faster than the last, try more of its angles.
     near = np.flatnonzero((_largest_steps(q, off) > FAST_RAD).any(axis=0))
