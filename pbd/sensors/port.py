@@ -71,16 +71,20 @@ class Port(Source):
         except (OSError, ValueError, TypeError, termios.error) as reason:
             raise self._unplugged() from reason
 
-    def set_baud(self, baud: int) -> None:
-        """Change the baud rate without reopening, which would reset an Arduino; SensorError: no such rate."""
+    def set_baud(self, baud: int) -> bool:
+        """Change the baud rate without reopening, which would reset an Arduino; return whether the port can do that.
+
+        SensorError: the device was unplugged.
+        """
         try:
             self._serial.baudrate = baud
-            self._serial.reset_input_buffer()
-        except (OSError, ValueError) as reason:
-            raise SensorError(
-                _cannot_open(self.device, baud, reason, self._what), path=self.device, baud=baud
-            ) from None
+        except (ValueError, termios.error):
+            return False
+        except OSError as reason:
+            raise self._unplugged() from reason
+        self.clear()
         self.baud = baud
+        return True
 
     def close(self) -> None:
         """Close the port. A second call has no effect."""
@@ -100,7 +104,7 @@ def open_port(device: str, baud: int, what: str = "sensor", wait_s: float = READ
         if baud <= 0:
             raise ValueError("a rate of 0 would close the line")
         return Port(Serial(device, baud, timeout=wait_s, write_timeout=1.0, exclusive=True), device, baud, what)
-    except (OSError, ValueError) as reason:
+    except (OSError, ValueError, termios.error) as reason:
         raise SensorError(_cannot_open(device, baud, reason, what), path=device, baud=baud) from None
 
 
@@ -113,7 +117,7 @@ def _cannot_open(device: str, baud: int, reason: Exception, what: str) -> str:
         return f"no permission for {device}: {_permission_advice(device)}"
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(reason):
         return f"{device} is in use by another program; close that one (a terminal, another recording)"
-    if isinstance(reason, ValueError):
+    if isinstance(reason, ValueError | termios.error):
         return f"{device} can't be set to {baud} baud; give another --baud"
     if number in (errno.ENOTTY, errno.EINVAL) or os.strerror(errno.ENOTTY) in str(reason):
         return f"{device} is not a serial port; name another, `pbd sensors` lists them"
@@ -123,10 +127,9 @@ def _cannot_open(device: str, baud: int, reason: Exception, what: str) -> str:
 def _permission_advice(device: str) -> str:
     """Say who may use the device, and how to get permission."""
     status, user = Path(device).stat(), os.environ.get("USER", "$USER")
-    try:
+    with suppress(KeyError):  # nobody can be added to a group without a name
         group = Path(device).group()
-    except KeyError:
-        group = str(status.st_gid)
-    if group == "root" or not status.st_mode & stat.S_IWGRP:
-        return f"only its owner may use it; give it to yourself with `sudo chown {user} {device}`"
-    return f"it belongs to the group '{group}'; add yourself with `sudo usermod -aG {group} {user}`, then log in again"
+        if group != "root" and status.st_mode & stat.S_IWGRP:
+            add = f"add yourself with `sudo usermod -aG {group} {user}`, then log in again"
+            return f"it belongs to the group '{group}'; {add}"
+    return f"only its owner may use it; give it to yourself with `sudo chown {user} {device}`"

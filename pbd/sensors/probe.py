@@ -132,7 +132,8 @@ def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
     """
     heard: dict[int, bytes] = {}
     for baud in PROTOCOLS[sensor].bauds:
-        port.set_baud(baud)
+        if not port.set_baud(baud):
+            continue
         listener = Listener(make)
         heard[baud] = listen(port, [listener], 2.0 * LISTEN_S, 0.0 if heard else BOOT_S)
         if listener.hears_packets:
@@ -157,7 +158,8 @@ def probe(port: Port) -> ProbeResult:
     """Listen at each known baud rate until a decoder identifies the sensor."""
     best = ProbeResult(None, 0, 0)
     for baud in BAUDS:
-        port.set_baud(baud)
+        if not port.set_baud(baud):
+            continue
         # All decoders at every rate: a USB device may ignore the port's baud rate.
         listeners = {name: Listener(PROTOCOLS[name].decoder) for name in GUESSED_PROTOCOLS}
         heard = listen(port, listeners.values(), LISTEN_S, BOOT_S if baud == FIRST_BAUD else 0.0)

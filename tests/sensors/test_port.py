@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import errno
 import os
+import termios
 import tty
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from serial import Serial
 
 from pbd.errors import SensorError
 from pbd.sensors import probe
@@ -64,9 +66,12 @@ def test_no_such_baud(pair: tuple[int, str], baud: int) -> None:
         ),
         ("root", 0o660, "only its owner may use it; give it to yourself with `sudo chown ann "),
         ("dialout", 0o600, "only its owner may use it; give it to yourself with `sudo chown ann "),
+        (None, 0o660, "only its owner may use it; give it to yourself with `sudo chown ann "),
     ],
 )
-def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str, mode: int, advice: str) -> None:
+def test_no_permission(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str | None, mode: int, advice: str
+) -> None:
     """Who runs the tests may be allowed everything, so the refusal is made up."""
     port = tmp_path / "ttyUSB0"
     port.touch()
@@ -75,12 +80,66 @@ def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: s
     def refuse(*given: object, **named: object) -> None:
         raise OSError(errno.EACCES, "Permission denied")
 
+    def group_of(path: Path) -> str:
+        if group is None:
+            raise KeyError("gid not found: 986")
+        return group
+
     monkeypatch.setattr("serial.Serial", refuse)
-    monkeypatch.setattr(Path, "group", lambda path: group)
+    monkeypatch.setattr(Path, "group", group_of)
     monkeypatch.setenv("USER", "ann")
     with pytest.raises(SensorError) as told:
         open_port(str(port), 9600)
     assert told.value.message.startswith(f"no permission for {port}: {advice}")
+
+
+@pytest.mark.parametrize(
+    ("reason", "message"),
+    [
+        (
+            OSError(errno.EIO, "Input/output error"),
+            r"can't be opened \(.*error\); unplug the sensor and plug it in again",
+        ),
+        (termios.error(errno.EPROTO, "Protocol error"), "can't be set to 9600 baud; give another --baud"),
+    ],
+)
+def test_a_driver_that_refuses(
+    pair: tuple[int, str], monkeypatch: pytest.MonkeyPatch, reason: Exception, message: str
+) -> None:
+    def refuse(*given: object, **named: object) -> None:
+        raise reason
+
+    monkeypatch.setattr("serial.Serial", refuse)
+    with pytest.raises(SensorError, match=message):
+        open_port(pair[1], 9600)
+
+
+@pytest.mark.parametrize("reason", [ValueError("no such rate"), termios.error(errno.EINVAL, "Invalid argument")])
+def test_a_rate_that_the_port_refuses_is_passed_over(
+    pair: tuple[int, str], monkeypatch: pytest.MonkeyPatch, reason: Exception
+) -> None:
+    """Nobody named it, so nobody can name another."""
+    rate = Serial.baudrate
+
+    def choose(serial: Serial, baud: int) -> None:
+        if baud in (probe.FIRST_BAUD, PROTOCOLS["witmotion"].bauds[0]):
+            raise reason
+        rate.fset(serial, baud)
+
+    with listening(pair, bytes_of("witmotion"), monkeypatch) as port:
+        monkeypatch.setattr(Serial, "baudrate", property(rate.fget, choose))
+        assert probe.probe(port)[:2] == ("witmotion", probe.BAUDS[1])
+        assert find_baud(port, PROTOCOLS["witmotion"].decoder, "witmotion") == PROTOCOLS["witmotion"].bauds[1]
+
+
+def test_a_port_that_goes_while_it_is_probed() -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    with open_port(os.ttyname(slave), 9600) as port:
+        os.close(slave)
+        os.close(master)
+        with pytest.raises(SensorError, match="is gone: the sensor was unplugged; plug it in again"):
+            port.set_baud(115200)
 
 
 @pytest.mark.parametrize("name", SPEAKERS)
