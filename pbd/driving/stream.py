@@ -117,11 +117,12 @@ def stream(
     """Send goals (n, k + 1), counts, one each period; with `dry_run` only read the servos.
 
     Each period reads the servos and then sends the next goal. A late goal delays all that follow, so goals never jump.
-    A stop sends the servos their last measured position as the goal, and returns. A fault must show in two readings.
+    A stop sends the servos their last measured position as the goal (before the first measurement: the first goal,
+    where the arm stands), and returns. A fault must show in two readings.
     """
     period, k = 1.0 / rate_hz, 0
     times: list[float] = []
-    state: State | None = None
+    counts = goals[0]
     why: SensorError | None = None
     due = clock.now()
     try:
@@ -136,9 +137,10 @@ def stream(
             try:
                 watch.check(seen)
             except SensorError:  # a damaged answer may pass its checksum, which is one byte: a second one must agree
-                seen = state = arm.state()
+                seen = arm.state()
+                counts = seen.counts
                 watch.check(seen)
-            state = seen
+            counts = seen.counts
             if not dry_run:
                 arm.send_goals(goal)
             watch.add_goal(goal)
@@ -151,9 +153,9 @@ def stream(
     except SensorError as error:
         why = error
     held = True
-    if state is not None and not dry_run:
+    if not dry_run:
         try:
-            arm.hold(state.counts)
+            arm.hold(counts)
         except LostTorqueError as error:
             why, held = error, False
         except SensorError:

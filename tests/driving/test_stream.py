@@ -189,6 +189,19 @@ def test_a_person_stops_it(emulator: Emulator) -> None:
     assert abs(emulator.goals[-1][1][3] - emulator.servos[3].counts) < 3 * SPEED
 
 
+@pytest.mark.parametrize("dry_run", [False, True])
+def test_a_person_stops_it_before_the_first_goal(emulator: Emulator, dry_run: bool) -> None:
+    done = swing(emulator, stop_wanted=lambda: True, dry_run=dry_run)
+    assert (done.by_hand, done.sent, done.held) == (True, 0, True)
+    assert len(emulator.goals) == (0 if dry_run else STIFFENING + 1)
+
+
+def test_an_arm_that_is_silent_before_the_first_goal_is_not_said_to_hold(emulator: Emulator) -> None:
+    emulator.fault = lambda: silent(emulator)
+    done = swing(emulator, answer_s=0.05, stop_wanted=lambda: bool(emulator.fault()))  # type: ignore[misc]
+    assert (done.sent, done.by_hand, done.held) == (0, False, False)
+
+
 def test_a_pulled_plug(emulator: Emulator) -> None:
     emulator.fault = emulator.unplug
     done = swing(emulator, answer_s=0.03)
@@ -269,7 +282,9 @@ def test_after_a_late_goal_none_comes_sooner_than_half_a_period() -> None:
         def sleep_until(self, t: float) -> None:
             self.t = max(self.t, t) + (0.09 if 0.4 <= t < 0.41 else 0.0)
 
-    arm: Any = SimpleNamespace(state=lambda: None, send_goals=lambda goal: None, check_torque=lambda: None)
+    arm: Any = SimpleNamespace(
+        state=lambda: standing(np.zeros(6)), send_goals=lambda goal: None, check_torque=lambda: None
+    )
     watch: Any = SimpleNamespace(check=lambda state: None, add_goal=lambda goal: None)
     done = stream(arm, np.zeros((60, 6)), RATE_HZ, watch, Late(), lambda: False)
     assert done.periods.max() == pytest.approx(0.11)
