@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import errno
-import os
 import shlex
 import sys
 from contextlib import ExitStack, closing, nullcontext, suppress
@@ -26,6 +25,7 @@ from pbd.io.toml import utc_now
 from pbd.record import Outcome, RecordOptions, record
 from pbd.record.loop import SCREEN_EVERY_S, Poll
 from pbd.record.session_types import FEWEST_STOPS
+from pbd.view.terminal import discard_rest
 
 SIMULATED = "sim"
 
@@ -99,12 +99,10 @@ def run(args: argparse.Namespace) -> None:
     try:
         _report(args, outcome)
         sys.stdout.flush()
-    except BrokenPipeError:
-        raise
     except OSError as reason:  # the terminal was closed; the recording is on disk
         if reason.errno != errno.EIO:
             raise
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        discard_rest(sys.stdout)
 
 
 def _errors(name: str | None, sensor: str) -> SensorErrors | None:
@@ -168,8 +166,10 @@ def _next_command(args: argparse.Namespace, folder: Path) -> str:
     """Return the command that follows a recording; after a take, the next take, or `pbd fuse`."""
     if args.take is None:
         return f"pbd keyframes {shell_word(folder)}"
-    sensor = f" --sensor {args.sensor}" if args.sensor else ""
-    more = f"pbd record {shlex.quote(args.name)} --take {args.take + 1}{sensor}"
+    kept = [(name, getattr(args, name)) for name in ("sensor", "port", "baud", "rate", "columns", "calibration")]
+    kept += [("unit", f"{kind}={unit}") for kind, unit in args.unit]
+    again = "".join(f" --{name} {shlex.quote(str(value))}" for name, value in kept if value)
+    more = f"pbd record {shlex.quote(args.name)} --take {args.take + 1}{again}"
     if args.take < 2:
         return more
     takes = (folder.with_name(f"{Path(args.name).name}{take}") for take in range(1, args.take + 1))

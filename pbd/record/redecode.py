@@ -41,9 +41,7 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
         data = b"\n" + data  # a text begins with a whole line; what came from a port may begin within one
     samples = [sample for sample in decoder.feed(data) if sample.acc is not None]
     if len(samples) < 2:
-        correct = "name the sensor that it came from"
-        if sensor == "lines":
-            correct = describe_bytes(data[:FIRST_BYTES], None, sensor, decoder.tally.why)
+        correct = describe_bytes(data[:FIRST_BYTES], None, sensor, decoder.tally.why)
         raise RecordingError.at(path, f"no samples of {sensor} in its {len(data)} bytes; {correct}")
     stored = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
     samples, t, clock = _sample_times(path, samples, None if stored is None else stored.recording, rate_hz)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import csv
 import json
 from dataclasses import replace
@@ -11,11 +12,16 @@ import numpy as np
 import pytest
 
 from pbd.cli import main
-from pbd.data import GRAVITY, Place
+from pbd.cli.import_ import _print_columns
+from pbd.data import GRAVITY, Demonstration, Place
+from pbd.data.source_columns import Column, SourceColumns
 from pbd.data.units import UNITS
 from pbd.files.demo import newest_demo, read_demo, write_demo
+from pbd.files.importers.columns import UNUSED
 from pbd.simulation.simulate import simulate
 from tests.cli.running import HEADER, write_recording
+from tests.record.speakers import SPEAKERS, random_hand
+from tests.tracking.tapping import tapped
 
 
 @pytest.fixture
@@ -230,6 +236,9 @@ def test_lines_without_names_are_decoded_as_a_port_would_be(in_g: Path, capsys: 
     recording = read_demo(Path("demos/tea")).recording
     assert recording.acc[:, 2].max() > GRAVITY
     assert len(recording) == len(Path("log.txt").read_text().splitlines())  # the first line too
+    Path("cols.toml").write_text(f'columns = "{columns}"\n[units]\nacc = "g"\n')
+    assert main(["import", "log.txt", "tea2", "--sensor", "lines", "--columns", "cols.toml"]) == 0
+    np.testing.assert_array_equal(read_demo(Path("demos/tea2")).recording.acc, recording.acc)
 
 
 @pytest.mark.usefixtures("in_g")
@@ -237,6 +246,38 @@ def test_a_column_of_lines_that_runs_to_and_fro_is_no_time(capsys: pytest.Captur
     Path("log.txt").write_text("".join(f"{k % 5},0,0,9.8\n" for k in range(100)))
     assert main(["import", "log.txt", "tea", "--sensor", "lines", "--columns", "t,ax,ay,az"]) == 1
     assert "so it is no time; of lines, call another column t, or none" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("in_g")
+def test_raw_bytes_need_their_sensor_and_where_it_has_no_clock_its_rate(capsys: pytest.CaptureFixture[str]) -> None:
+    hand = random_hand(50, seed=1)
+    for name in ("razor", "xsens"):
+        Path(f"{name}.bin").write_bytes(b"".join(SPEAKERS[name].encode(hand, row) for row in range(50)))
+    for words, told in (
+        ((), "razor.bin holds a sensor's raw bytes; name the sensor with --sensor"),
+        (("--sensor", "witmotion"), "no samples of witmotion in its "),
+        (("--sensor", "razor"), "razor.bin: the sensor has no clock, and nothing tells its rate; give --rate"),
+    ):
+        assert main(["import", "razor.bin", "tea", *words]) == 1
+        assert told in capsys.readouterr().err
+    assert main(["import", "xsens.bin", "tea", "--sensor", "razor"]) == 1
+    assert capsys.readouterr().err.endswith("bytes; they are xsens's: give --sensor xsens\n")
+    main(["import", "razor.bin", "tea", "--sensor", "razor", "--rate", "50"])
+    recording = read_demo(Path("demos/tea")).recording
+    np.testing.assert_allclose(recording.t, np.arange(len(recording)) / 50.0, atol=1e-9)
+    assert recording.info.clock == "none: evenly spaced at 50 Hz"
+
+
+@pytest.mark.usefixtures("in_g")
+def test_taps_in_a_recording_become_grips(capsys: pytest.CaptureFixture[str]) -> None:
+    hand = simulate("pour", "modern", 1).recording
+    for recording, told in (
+        (tapped(hand, ((0.8, 60.0), (1.05, 60.0))), "1 pairs of taps found: 0.8 s"),
+        (hand, "0 pairs of taps found: the grip"),
+    ):
+        write_demo(Demonstration(recording), Path("tapped"), force=True)
+        assert main(["import", "tapped/imu.csv", "tea", "--grip", "tap", "--force"]) == 0
+        assert told in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("in_g")
@@ -284,3 +325,13 @@ def test_the_rate_of_samples_that_come_in_batches_is_not_that_of_a_batch(
     assert f"s at {rate_hz:.0f} Hz, into" in capsys.readouterr().err
     assert main(["segments", "tea"]) == 0
     assert "the sensor is set to" not in capsys.readouterr().err
+
+
+def test_files_that_are_not_used_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    column = Column("aX", "ax", 1.0, "g", "its name", "its name")
+    unread = {"a.csv": UNUSED, "b.csv": UNUSED, "battery": "nothing inertial"}
+    _print_columns(argparse.Namespace(json=False), SourceColumns((column,), unread, "x-IMU3 GUI"))
+    program, *table = capsys.readouterr().out.splitlines()
+    assert program == "written by x-IMU3 GUI"
+    assert [line.split("  ")[0] for line in table[2:]] == ["aX", "battery", "2 files"]
+    assert table[-1].rstrip().endswith("not used; --json names them")

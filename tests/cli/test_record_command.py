@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import json
 import os
 import re
@@ -21,14 +22,20 @@ import numpy as np
 import pytest
 
 from pbd.cli import main
+from pbd.cli.commands import parse
 from pbd.cli.record import _report
+from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import Keys
+from pbd.errors import PbdError, SensorError
 from pbd.files.demo import demo_folder, read_demo, write_demo
 from pbd.record import Outcome
+from pbd.sensors import probe
+from pbd.sensors.port import PortInfo
 from pbd.simulation.emulator import Emulator
 from pbd.simulation.simulate import simulate
 from tests.cli.running import Capture, refused, run
 from tests.cli.terminal import Terminal, run_pbd
+from tests.record.phone import Phone, streams_of
 from tests.record.speakers import SPEAKERS, Device, random_hand
 
 
@@ -88,6 +95,13 @@ def test_a_terminal_that_goes_without_a_signal_is_a_hang_up(monkeypatch: pytest.
             assert keys.next() == ""
             os.close(master)
             assert (keys.next(), keys.signal) == (keys.END, signal.SIGHUP)
+
+
+def test_another_key_than_enter_cancels(monkeypatch: pytest.MonkeyPatch) -> None:
+    pressed = iter(("", "n"))
+    monkeypatch.setattr(Keys, "next", lambda _: next(pressed))
+    with pytest.raises(PbdError, match="cancelled: nothing was changed, run it again when you are ready"):
+        Keys().ask("Enter starts it")
 
 
 def test_nohup_outlives_a_hang_up() -> None:
@@ -219,6 +233,27 @@ def test_a_killed_forced_recording_leaves_the_old_one_beside_and_the_next_does_s
     assert (tmp_path / "demos" / "tea.before" / "keyframes.toml").exists()
 
 
+def test_a_take_leads_to_the_next_one_and_to_what_is_made_of_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert refused(capsys, 2, "record", "--take", "2").endswith("needs the task's NAME: pbd record tea --take 2")
+    words = ("--sensor", "lines", "--baud", "115200", "--columns", "t,ax,ay,az,gx,gy,gz", "--unit", "acc=0.001 g")
+    _, _, err = run(capsys, "record", "my tea", "--take", "2", "--port", "/dev/nothing", *words)
+    assert err.startswith("pbd: take 2: turn the sensor by a quarter about the vertical, as it lies at the dock: ")
+    for take in (1, 2):
+        write_demo(simulate("pick-and-place-direct"), demo_folder(f"my tea{take}"))
+        args = parse(["record", "my tea", "--take", f"{take}", "--port", "/dev/x", *words])
+        args.json = False
+        _report(args, Outcome(demo_folder(f"my tea{take}"), 100, 1.0, 0, 0, stops=2, ended_by="you"))
+        line = capsys.readouterr().out.splitlines()[-1]
+        again, _, fuse = line.removeprefix("next: ").partition("; or ")
+        more = parse(shlex.split(again)[1:])
+        args.take += 1
+        assert {name: getattr(more, name) for name in vars(args)} == vars(args)
+        assert fuse == ("" if take == 1 else "pbd fuse 'my tea1' 'my tea2' -o 'my tea'")
+
+
 @pytest.mark.parametrize("name", ["tea 9/x", "../oops", "./-x", "./~it's"])
 def test_the_next_command_that_it_prints_works(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
@@ -250,6 +285,22 @@ def test_a_recording_that_cannot_be_tracked_says_so_at_its_end(
     assert "next:" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("number", "code"), [(errno.ENOSPC, 1), (errno.EPIPE, 141), (errno.EIO, 0)])
+def test_a_recording_whose_end_nobody_can_read_is_kept(
+    elsewhere: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch, number: int, code: int
+) -> None:
+    """A full disk, a reader that has gone, and a terminal that was closed, which is no fault of the recording."""
+
+    def unwritable(*given: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("pbd.cli.record._report", unwritable)
+    found, _, err = run(capsys, "record", "tea", "--sensor", "sim", "--duration", "0.5")
+    assert found == code
+    assert err.endswith("(No space left on device); send it elsewhere\n") is (code == 1)
+    assert len(read_demo(elsewhere / "demos" / "tea").recording) > 20
+
+
 def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(elsewhere: Path, capsys: Capture) -> None:
     code, out, error = run(capsys, "record", "tea", "--sensor", "sim:pick-and-place-direct", "--json")
     assert code == 0, error
@@ -270,6 +321,11 @@ def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(elsewhe
         (2, ("--sensor", "sim:juggle"), "juggle"),
         (2, ("--sensor", "sim", "--rate", "50"), "a simulated sensor has no port, baud or rate to choose; leave out"),
         (2, ("--sensor", "sim", "--columns", "t,ax,ay,az"), "are for --sensor lines; leave them out for sim"),
+        (
+            2,
+            ("--sensor", "gamepad", "--rate", "50"),
+            "a gamepad has no baud or rate to choose; leave out --baud, --rate",
+        ),
         (2, ("--sensor", "witmotion", "--wrap", "9"), "are for --sensor lines; leave them out for witmotion"),
         (2, ("--port", "http://127.0.0.1:1", "--prefix", "x"), "are for --sensor lines; leave them out for phyphox"),
         (1, ("--sensor", "witmotion", "--port", "/dev/null", "--baud", "9600"), "/dev/null is not a serial port"),
@@ -287,6 +343,63 @@ def test_what_can_not_be_opened_is_told(
 def bytes_of(name: str, rows: int = 400) -> tuple[bytes, ...]:
     hand = random_hand(rows, seed=1)
     return tuple(SPEAKERS[name].encode(hand, row) for row in range(rows))
+
+
+@pytest.mark.parametrize(
+    ("data", "why"),
+    [
+        (b"", "it is silent at every baud rate; check that the sensor is on and sends by itself"),
+        (
+            b"0.01,0.02,0.98\r\n",
+            r"it prints lines such as '0.01,0.02,0.98' .3 numbers.; give --sensor lines --columns ",
+        ),
+        (b"\xf0\x0f garbage ", r"\d+ bytes came in no known protocol; give --sensor and --baud"),
+    ],
+)
+def test_a_device_that_is_not_recognised(
+    capsys: Capture, elsewhere: Path, monkeypatch: pytest.MonkeyPatch, data: bytes, why: str
+) -> None:
+    monkeypatch.setattr(probe, "LISTEN_S", 0.03)
+    monkeypatch.setattr(probe, "BOOT_S", 0.05)
+    with Device([data], 200.0, again=True) as device:
+        monkeypatch.setattr("pbd.sensors.port.list_ports", lambda: (PortInfo(device.device, "", "0403:6001"),))
+        device.go()
+        code, _, error = run(capsys, "record", "tea")
+    assert code == 1
+    assert re.search(f"pbd: the protocol of {device.device} is not recognised: {why}", error)
+
+
+def test_the_only_port_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    built_in, one, other = (PortInfo(f"/dev/{name}", "", usb) for name, usb in (("S0", ""), ("U1", "a"), ("U2", "b")))
+    for ports, message in (
+        ((built_in,), "no USB serial port has anything plugged in; plug the arm in, or name its --port"),
+        ((built_in, one, other), r"several ports have something plugged in \(/dev/U1, /dev/U2\); name a --port"),
+    ):
+        monkeypatch.setattr("pbd.sensors.port.list_ports", lambda ports=ports: ports)
+        with pytest.raises(SensorError, match=message):
+            only_port("arm", "")
+    monkeypatch.setattr("pbd.sensors.port.list_ports", lambda: (built_in, other))
+    assert only_port() == "/dev/U2"
+
+
+def test_the_baud_rate_of_a_named_sensor_is_found(
+    capsys: Capture, elsewhere: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(probe, "BOOT_S", 0.05)
+    with Device(bytes_of("xsens"), 400.0, again=True) as device:
+        device.go()
+        words = ("--sensor", "xsens", "--port", device.device, "--duration", "0.5")
+        code, _, error = run(capsys, "record", "tea", *words)
+    assert code == 0, error
+    assert f"looking for the baud rate of {device.device} ..." in error
+
+
+def test_a_phone_is_recorded_under_its_models_name(capsys: Capture, elsewhere: Path) -> None:
+    hand = simulate("pour", "modern", 1).recording
+    with Phone(streams_of({"acc": hand, "gyr": hand})) as phone:
+        code, _, error = run(capsys, "record", "tea", "--port", phone.address, "--duration", "0.5")
+    assert code == 0, error
+    assert read_demo(elsewhere / "demos" / "tea").recording.info.sensor == "phyphox (Test Phone)"
 
 
 def test_a_device_is_recognised_set_and_recorded(elsewhere: Path, capsys: Capture) -> None:

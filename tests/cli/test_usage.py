@@ -6,13 +6,15 @@ import argparse
 import errno
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
 
+import pbd
 from pbd.cli import main, sensors
-from pbd.cli.options import not_negative, pair, positive
-from pbd.errors import nearest
+from pbd.cli.options import not_negative, pair, positive, thing_place
+from pbd.errors import collected_warnings, nearest, warn
 from tests.cli.test_help import COMMANDS
 
 Capture = pytest.CaptureFixture[str]
@@ -33,6 +35,11 @@ def told(capsys: Capture, *args: str) -> tuple[object, str]:
 def test_a_share_is_no_percent(capsys: Capture) -> None:
     _, err = told(capsys, "replay", "pouring", "--robot", "panda", "--margin", "0.05")
     assert "--margin: must be 0, or from 1 to 50 percent, got '0.05'; see" in err
+
+
+def test_stops_are_numbers(capsys: Capture) -> None:
+    _, err = told(capsys, "calibrate", "points", "bench", "tea", "--points", "p.csv", "--stops", "1,a")
+    assert "--stops: must be stops such as 1,2,4, got '1,a'; see" in err
 
 
 def test_nothing_alike_is_no_question() -> None:
@@ -56,6 +63,13 @@ def test_a_unit_names_its_quantity(text: str) -> None:
         pair(text)
 
 
+@pytest.mark.parametrize("text", ["cup", "cup=1,2", "cup=1,2,3,4,5", "cup=1,2,x"])
+def test_a_thing_has_a_place_and_perhaps_a_turn(text: str) -> None:
+    assert thing_place("cup=1,2,3,90") == ("cup", (1.0, 2.0, 3.0, 90.0))
+    with pytest.raises(argparse.ArgumentTypeError, match=f"must be like cup=0.5,0.2,0.1 .*, got '{text}'"):
+        thing_place(text)
+
+
 @pytest.mark.parametrize("text", ["-1", "nan", "inf", "", "1,5"])
 def test_a_dwell_is_zero_or_more(text: str) -> None:
     assert not_negative("0") == 0.0
@@ -76,7 +90,14 @@ FULL = "pbd: standard output can't be written (No space left on device); send it
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 @pytest.mark.parametrize(
     "words",
-    ["segments pouring", "demos --json", "sensors --csv", "--print-completion bash", "--version", "export --help"],
+    [
+        "segments pouring",
+        "demos --json",
+        "sensors --csv",
+        "--print-completion bash",
+        "--version",
+        "export --help",
+    ],
 )
 def test_output_that_can_not_be_written_is_told_in_one_line(
     capsys: Capture, monkeypatch: pytest.MonkeyPatch, words: str
@@ -111,3 +132,16 @@ def test_an_output_that_is_closed_is_not_missed() -> None:
     run = subprocess.run(["bash", "-c", words], stderr=subprocess.PIPE, text=True, check=False)
     assert run.returncode == 0
     assert "Traceback" not in run.stderr
+
+
+def test_warnings_of_other_packages_are_not_ours() -> None:
+    with warnings.catch_warnings(record=True) as others:
+        warnings.simplefilter("always")
+        with collected_warnings() as ours:
+            warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+            warn("mind")
+    assert (ours, [each.category for each in others]) == (["mind"], [RuntimeWarning])
+
+
+def test_the_packages_names_are_listed_before_they_are_loaded() -> None:
+    assert set(pbd.__all__) <= set(dir(pbd))

@@ -143,7 +143,7 @@ def _stops(text: str) -> tuple[int, ...]:
     try:
         return tuple(int(part) for part in text.split(","))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"must be stops such as 1,2,4, got {text}") from None
+        raise argparse.ArgumentTypeError(f"must be stops such as 1,2,4, got '{text}'") from None
 
 
 def _some_of(*known: str) -> Callable[[str], tuple[str, ...]]:
