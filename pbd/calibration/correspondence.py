@@ -155,7 +155,7 @@ def _rows_in_order(cost: Array) -> tuple[int, ...]:
 
 def _refined(match: _Match, p: Array, sigma: Array, points: Array, in_order: bool) -> _Match:
     """Align a match on all of its stops that fit, assign again, and repeat while that lowers the cost."""
-    for _ in range(3):
+    while True:
         stops = list(match.stops)
         off = np.linalg.norm(match.T_base_nav.act(p[stops]) - points, axis=1) / sigma[stops]
         good = off < np.sqrt(OUTLIER_COST)
@@ -165,4 +165,3 @@ def _refined(match: _Match, p: Array, sigma: Array, points: Array, in_order: boo
         if again.cost >= match.cost:
             return match
         match = again
-    return match

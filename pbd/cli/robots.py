@@ -180,10 +180,9 @@ def _suggest_home_and_dock(args: argparse.Namespace) -> None:
 def _sections(found: Suggestion) -> dict[str, Any]:
     """Return the sections [arm] and [dock] of the robot's TOML."""
     dock, at = found.plan.calibration, found.plan.calibration.T_base_dock
-    place: dict[str, Any] = {}
-    if at is not None:
-        yaw_deg = round(float(np.degrees(quat_to_rpy(at.wxyz)[2])), 1) + 0.0
-        place = {"position": at.p.round(3).tolist(), "rpy_deg": [0.0, 0.0, yaw_deg]}
+    assert at is not None
+    yaw_deg = round(float(np.degrees(quat_to_rpy(at.wxyz)[2])), 1) + 0.0
+    place = {"position": at.p.round(3).tolist(), "rpy_deg": [0.0, 0.0, yaw_deg]}
     touch = {"may_touch": [list(pair) for pair in found.robot.may_touch]} if found.robot.may_touch else {}
     return {
         "arm": {"joints": list(found.robot.joints), "home": found.robot.home.tolist(), **touch},

@@ -13,7 +13,7 @@ from pbd.pose import Array
 from pbd.record.session_types import Say
 from pbd.sensors.decoding import Sample
 from pbd.tracking.estimate import GRIP_S
-from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
+from pbd.tracking.online.tracker import LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 from pbd.tracking.repair.gyro_consistency import UPSIDE_DOWN_COS
 
 MAX_TRACKED_HZ = 250.0
@@ -128,7 +128,7 @@ class Feedback:
                 self.say(event.announced_t, text if known else f"{text}: you may move on", bell=not known)
         elif isinstance(event, StopEnded):
             self._left_s = event.t
-        elif isinstance(event, DataFlaw):
+        else:
             self.say(event.t, event.message)
 
 

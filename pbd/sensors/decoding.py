@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, Protocol
 
@@ -67,7 +68,7 @@ class Decoder(Protocol):
         """Take the next bytes; return the samples that they complete, however the stream is cut."""
 
 
-class PacketDecoder:
+class PacketDecoder(ABC):
     """Finds packets in a stream: it tries each possible start, and goes on one byte later where no packet begins."""
 
     START: ClassVar[re.Pattern[bytes]]
@@ -96,13 +97,13 @@ class PacketDecoder:
         self._rest = data[at:]
         return samples
 
+    @abstractmethod
     def _read_packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
         """Read the packet that begins at index `at` and append its sample.
 
         Returns:
             The packet's length; 0 if its end has not come yet; -1 if no packet begins here.
         """
-        raise NotImplementedError
 
 
 def scaled(vector: tuple[float, ...], factor: float) -> Triple:

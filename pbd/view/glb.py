@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_to_xyzw
 from pbd.view.compact_mesh import Mesh
-from pbd.view.meshcat_encoding import MeshGeometry, PoseTrack, ScenePath, SetTracks, Visualizer, is_still, linear_light
+from pbd.view.meshcat_encoding import PoseTrack, ScenePath, SetTracks, Visualizer, is_still, linear_light
 from pbd.view.replay_scene import ReplayScene
 from pbd.view.scene import build
 
@@ -64,9 +64,8 @@ class _Window:
             for track in command.tracks:
                 self._animate(track)
         elif hasattr(command, "object"):
-            mesh, material = command.object.geometry, command.object.material
-            if isinstance(mesh, MeshGeometry):
-                self.nodes[self._node(command.path.entries)]["mesh"] = self._mesh(mesh.mesh, float(material.opacity))
+            mesh, material = command.object.geometry.mesh, command.object.material
+            self.nodes[self._node(command.path.entries)]["mesh"] = self._mesh(mesh, float(material.opacity))
         elif hasattr(command, "matrix"):
             self.nodes[self._node(command.path.entries)]["matrix"] = np.asarray(command.matrix).T.ravel().tolist()
 
