@@ -54,6 +54,15 @@ def test_replay_json(capsys: Capture, elsewhere: Path) -> None:
     assert (elsewhere / result["html"]).stat().st_size < 5e6
 
 
+def test_replay_is_served_where_no_file_is_named(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    served: list[tuple[str, bool]] = []
+    show = "pbd.cli.replay.show_replay"
+    monkeypatch.setattr(show, lambda scene, open_browser: served.append((scene.robot.name, open_browser)))
+    assert run(capsys, "replay", "paper-test2", "--robot", "ur5", "--no-open")[0] == 0
+    run_json(capsys, "replay", "paper-test2", "--robot", "ur5")
+    assert served == [("ur5", False)]
+
+
 def test_a_motion_of_another_size_says_so_and_why(capsys: Capture, elsewhere: Path) -> None:
     command = ("replay", "paper-test2", "--robot", "so101", "--scale", "1.1", "--json")
     code, out, err = run(capsys, *command)

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pbd.arm.tool_deviation import ToolDeviation
+from pbd.cli.plan_report import remarks
+from pbd.files.demo import load_demo
+from pbd.files.robot import load_robot
+from pbd.pipeline import track
+from pbd.planning import plan_path
 from tests.arm.bundled import FOLDER
 from tests.cli.running import Capture, refused, run, run_json
 
@@ -272,3 +279,16 @@ def test_keyframes_of_an_arm_of_five_joints_say_the_size_and_how_far_off_the_too
     assert max(row["off_deg"][1] for row in rows) > 0.1
     exact = run_json(capsys, "keyframes", "paper-test1", *PANDA)["keyframes"]
     assert all(row["off_deg"] == [0.0, 0.0] for row in exact)
+
+
+def test_what_is_remarked_of_a_move_that_is_a_line_and_of_unknown_torques() -> None:
+    path, robot = track(load_demo("paper-test2")), load_robot("ur5")
+    assert robot.dock is not None
+    plan = plan_path(path, robot.dock, robot)
+    place = next(i for i, move in enumerate(plan.segments) if i)
+    wide = replace(plan.segments[place], kind="line", wide=ToolDeviation(0.1, 0.1, 0.31, 0.2), avoided=None)
+    segments = tuple(wide if i == place else move for i, move in enumerate(plan.segments))
+    found = remarks(replace(plan, segments=segments, report=replace(plan.report, torque=None)), None)
+    how = "is made as a line: straight in joint space the tool would stray 31 cm from a line of 20 cm"
+    assert f"the move to keyframe {place} {how}" in found
+    assert "torques are not checked: ur5 has no `effort` in its [limits]" in found

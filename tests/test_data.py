@@ -33,6 +33,7 @@ from pbd.data import (
     SensorErrors,
     Stop,
     TouchUp,
+    Tracking,
     Truth,
 )
 from pbd.data.covariance import PoseCovariance
@@ -261,3 +262,11 @@ def test_a_person_sees_how_much_there_is() -> None:
     calibration = Calibration("bench", T_base_dock=Pose.identity(), table_height=0.0)
     assert repr(calibration) == "<Calibration 'bench': dock, table>"
     assert repr(PoseCovariance.chained(np.zeros((11, 6, 6)))) == "<PoseCovariance: 11 poses>"
+    tracking = Tracking(Demonstration(recording), "paper", calibration, recording, np.zeros((2281, 3)), 9.81, (0, 99))
+    assert repr(tracking) == "<Tracking 'tea': paper, gravity 9.810 m/s2, calibrated by 'bench'>"
+    assert "calibrated" not in repr(replace(tracking, calibration=None))
+
+
+def test_a_path_has_a_covariance_of_all_its_stops() -> None:
+    with pytest.raises(ValueError, match=r"HandPath\.covariance must be of 2 poses, got 1"):
+        VALUES["HandPath"][0](**sources("HandPath"), covariance=PoseCovariance.chained(np.zeros((1, 6, 6))))

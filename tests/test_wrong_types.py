@@ -12,6 +12,7 @@ import pytest
 import pbd
 from pbd.data import Calibration, Recording
 from pbd.data.covariance import PoseCovariance
+from pbd.data.frozen_arrays import numeric
 from pbd.errors import UsageError, WrongTypeError
 from pbd.planning import plan_keyframes, source_of
 from pbd.pose import Array
@@ -115,3 +116,9 @@ def test_export_refuses_a_robots_name_and_a_rate_in_quotes(tmp_path: Path) -> No
         assert str(caught.value).startswith(message)
     with pytest.raises(WrongTypeError, match=r"^t must be an array of numbers, got 'tea'$"):
         trajectory.at(cast(float, "tea"))
+
+
+def test_none_is_no_array() -> None:
+    """numpy would make NaN of it."""
+    with pytest.raises(WrongTypeError, match="t must be an array of numbers, got None"):
+        numeric("t", cast(Any, None))

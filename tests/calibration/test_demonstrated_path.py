@@ -122,3 +122,20 @@ def test_a_move_of_few_samples(samples: int) -> None:
     t, p, _ = moves_of(few)
     assert (np.diff(t) > 0.0).all()
     np.testing.assert_allclose(p[[0, -1]], [(0, 0, 0), (0.2, 0, 0.2)], atol=1e-9)
+
+
+def test_a_keyframe_inserted_in_a_rest_is_reached_straight() -> None:
+    """The hand made no move to it."""
+    path, first = arc(), find_keyframes(arc())[0]
+    start, end = (
+        replace(first, t=t, T_nav_sensor=Pose(np.array(p), first.T_nav_sensor.wxyz))
+        for t, p in (
+            (0.4, (0.0, 0.0, 0.0)),
+            (0.7, (0.0, 0.0, 0.05)),
+        )
+    )
+    t, p, _ = moves_of(path, (start, end))
+    np.testing.assert_allclose(p[:, :2], 0.0, atol=1e-9)
+    np.testing.assert_allclose(p[[0, -1], 2], [0.0, 0.05], atol=1e-9)
+    assert (np.diff(p[:, 2]) > 0.0).all()
+    assert (np.diff(t) > 0.0).all()

@@ -260,3 +260,13 @@ def test_no_other_yaw_aligns_better(seed: int) -> None:
 
     found = left(float(2.0 * np.arctan2(level.wxyz[3], level.wxyz[0])))
     assert found <= min(map(left, np.linspace(-np.pi, np.pi, 100))) + 1e-9
+
+
+def test_of_three_points_none_can_be_checked_by_the_others_while_the_tilt_is_free() -> None:
+    off = 0.002 * np.random.default_rng(0).normal(size=(3, 3))
+    T_base_nav = Pose(np.array([0.1, 0.2, 0.3]), quat_exp((0.1, -0.05, 1.0)))
+    with pytest.warns(PbdWarning, match="the points fit as in a mirror too"):
+        fit = fit_points(touched(T_base_nav, POINTS[:3] + off), POINTS[:3], free=True)
+    assert np.abs(fit.residuals).max() > 1e-4
+    assert_allclose(fit.left_out, fit.residuals)
+    assert (fit.left_out_sigma > 0.0).all()

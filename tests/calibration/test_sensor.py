@@ -68,6 +68,13 @@ def test_the_rests_are_those_of_the_task(recording: Recording, rests: Rests) -> 
         assert end - 0.6 < recording.t[stop - 1] <= end
 
 
+def test_sensors_that_are_quiet_in_turn_show_no_rest() -> None:
+    noise, first = np.random.default_rng(0).normal(size=(800, 3)), (np.arange(800) < 400)[:, None]
+    acc, gyr = (0.0, 0.0, 9.81) + np.where(first, 0.005, 2.0) * noise, np.where(first, 1.0, 0.0005) * noise
+    with pytest.raises(CalibrationError, match="the sensor was never still for 1 s"):
+        find_rests(Recording(np.arange(800) / 100.0, acc, gyr))
+
+
 @pytest.mark.parametrize(("degrees_s", "until"), [(2.0, 600), (0.6, 610)])
 def test_a_slow_turn_at_constant_rate_is_no_rest(degrees_s: float, until: int) -> None:
     """It shakes as little as a rest does; only the mean rate differs."""
@@ -288,6 +295,24 @@ def test_a_magnetometer_that_lay_flat_is_refused() -> None:
         fit_magnetometer(mag, replace(accelerometer_rests(9.81 * SIDES), mag=mag[:12], mag_noise=0.1), SIDES)
 
 
+def test_a_magnetometer_that_was_tilted_a_little_is_refused() -> None:
+    """An ellipsoid fits a cap of the sphere exactly, but by a hair's breadth; no ellipsoid fits a saddle."""
+    turn, tilt = np.meshgrid(np.linspace(0.0, 6.0, 40), np.arccos(np.linspace(1.0, np.cos(np.radians(23.0)), 20)))
+    cap = np.column_stack([part.ravel() for part in _spherical(60.0, turn, tilt)])
+    once = replace(accelerometer_rests(9.81 * SIDES[:1]), mag=cap[:1], mag_noise=0.0)
+    with pytest.raises(CalibrationError, match=r"\(its directions cover 11 % of what they could along one axis\)"):
+        fit_magnetometer(cap, once, SIDES[:1])
+    x, y, _ = _spherical(1.0, turn, 0.5 * np.pi * np.ones_like(turn))
+    rim = np.hypot(1.0, tilt - tilt.mean())
+    saddle = np.column_stack([part.ravel() for part in (rim * x, rim * y, tilt - tilt.mean())])
+    with pytest.raises(CalibrationError, match="its readings fit no ellipsoid"):
+        fit_ellipsoid(saddle)
+
+
+def _spherical(radius: float, turn: Array, tilt: Array) -> tuple[Array, Array, Array]:
+    return radius * np.sin(tilt) * np.cos(turn), radius * np.sin(tilt) * np.sin(turn), radius * np.cos(tilt)
+
+
 def test_a_magnetometer_that_was_not_turned_is_refused() -> None:
     """Its noise lies on all sides too, but is not the ellipsoid of a field."""
     mag = np.array([0.0, 19.5, -44.0]) + 0.2 * np.random.default_rng(0).normal(size=(500, 3))
@@ -388,6 +413,20 @@ def test_a_missing_sensor_is_left_out_or_refused(recording: Recording) -> None:
     for kind, what in (("gyr", "no gyro"), ("mag", "no magnetometer")):
         with pytest.raises(CalibrationError, match=f"the recording has {what}"):
             calibrate_sensor(bare, only=(kind,))
+
+
+def test_a_gyro_that_was_not_turned_between_rests_has_no_known_scale() -> None:
+    n = 400
+    noise = np.random.default_rng(0).normal(size=(n, 3))
+    recording = Recording(np.arange(n) / 100.0, (0.0, 0.0, 9.81) + 0.01 * noise, 0.02 + 0.001 * noise)
+    each = slice(0, 100), slice(200, 400)
+    means = np.array([recording.gyr[rows].mean(axis=0) for rows in each])  # type: ignore[index]
+    start, stop = (np.array([getattr(rows, end) for rows in each]) for end in ("start", "stop"))
+    rests = Rests(start, stop, (stop - start) / 100.0, np.zeros((2, 3)), means, None, 0.01, 0.001, 0.0)
+    linear = fit_gyro(recording, rests, np.tile((0.0, 0.0, 1.0), (2, 1)))
+    assert_allclose(linear.bias, 0.02, atol=0.001)
+    assert_allclose(linear.matrix, np.eye(3))
+    assert np.isnan(linear.matrix_sigma)
 
 
 def test_a_magnetometer_that_was_not_turned_far_enough_is_left_out(recording: Recording, calibrated: SensorFit) -> None:

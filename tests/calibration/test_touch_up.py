@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from pbd.calibration.touch_up import TOUCH_SIGMA_M, touch_up
+from pbd.calibration.dock import in_base
+from pbd.calibration.touch_up import TOUCH_SIGMA_M, touch_up, touched_covariances
+from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Keyframe, TouchUp
+from pbd.files.demo import load_demo
+from pbd.files.robot import load_robot
+from pbd.pipeline import track
 from pbd.pose import Array, Pose, quat_about_z
+from pbd.tracking.keyframes import keyframes_of
 
 COUNT = 4
 T_BASE_NAV = Pose(np.array([0.3, 0.1, 0.2]), quat_about_z(0.5 * np.pi))
@@ -70,3 +78,15 @@ def test_a_keyframe_touched_alone_stays_when_another_is_touched() -> None:
 @pytest.mark.parametrize("t", [1.4, -1.0, 9.0])
 def test_a_touch_up_of_a_missing_keyframe_moves_nothing(t: float) -> None:
     assert not touch_up([TouchUp(t, BY_NAV)], KEYFRAMES, T_BASE_NAV, walk()).shift.any()
+
+
+def test_touch_ups_that_were_undone_are_no_source_of_errors() -> None:
+    path, dock = track(load_demo("pouring")), load_robot("panda").dock
+    assert path.tracking is not None
+    assert dock is not None
+    t = keyframes_of(path)[1].t
+    for touch, parts in ((TouchUp(t, BY_NAV, undone=True), set()), (TouchUp(t, BY_NAV), {"touch-ups"})):
+        demo = replace(path.tracking.demo, touch_ups=(touch,))
+        touched = replace(path, tracking=replace(path.tracking, demo=demo))
+        placed = in_base(keyframes_of(path), dock, path=touched)
+        assert touched_covariances(placed).keys() - tool_covariances(placed).keys() == parts

@@ -201,6 +201,11 @@ def test_points_put_the_demonstration_into_base(capsys: Capture, touched: Touchi
     assert rad < np.radians(1.0)
     rows = run_json(capsys, "calibrate", "show", "bench", "touches")["keyframes"]
     assert rows[0]["base_sigma_m"] == pytest.approx(result["nav"]["sigma_m"], rel=1e-3)
+    assumed = "has no lever in [mount]: assuming that the sensor itself touched the points"
+    assert assumed in run(capsys, *POINTS)[2]
+    with Path("calibration/bench.toml").open("a", encoding="utf-8") as file:
+        file.write("\n[mount]\nposition = [0, 0, 0.0002]\nrpy_deg = [180, 0, 0]\n")
+    assert assumed not in run(capsys, *POINTS)[2]
 
 
 def test_fused_takes_that_touch_points_are_all_used(capsys: Capture) -> None:
@@ -382,3 +387,24 @@ def test_a_programs_view_of_a_calibration_has_the_sigmas_of_the_table(capsys: Ca
     assert shown["dock"]["sigma_deg"] == [None, None, pytest.approx(1.0)]
     assert shown["mount"]["sigma_m"] == [None] * 3  # nobody stated it
     assert (shown["robots"], shown["table_height_m"]) == (["panda"], None)
+
+
+def test_show_has_a_row_for_each_part(capsys: Capture) -> None:
+    Path("all.toml").write_text(
+        'format = 1\nname = "all"\nscale = 1.25\nrobots = ["panda", "ur5"]\ntable_height = 0.01\n'
+        "[nav]\nposition = [0.4, 0, 0.3]\nrpy_deg = [0, 0, 90]\n"
+        '[[obstacle]]\nname = "lamp"\nshape = "box"\nsize = [0.1, 0.2, 0.3]\nposition = [1, 1, 0]\n'
+        '[sensor]\nname = "witmotion"\ngravity = 9.81\n'
+        "[sensor.gyr]\nbias = [0.01, 0, 0]\nmatrix = [1, 0, 0, 0, 1, 0, 0, 0, 1]\n"
+    )
+    _, out, _ = run(capsys, "calibrate", "show", "all.toml")
+    rows = [" ".join(line.split()) for line in out.splitlines()]
+    for row in (
+        "nav nav in base (0.4000, 0.0000, 0.3000) m not stated",
+        "scale of the hand's path 1.2500",
+        "robots only for panda, ur5",
+        "obstacle lamp box 0.1, 0.2, 0.3 m",
+        "gyro bias (0.573, 0.000, 0.000) °/s",
+    ):
+        assert row in rows
+    assert "gyro scale" not in out  # only the bias was measured

@@ -172,6 +172,10 @@ def test_what_is_wrong_with_a_recording_of_sides(capsys: Capture) -> None:
     save("three", simulate(sides(1, SIDES[:3]), BAD, 1))
     line = refused_by(capsys, "calibrate", "sensor", "bench", "three")
     assert line.startswith("3 rests show only 3 orientations 15 degrees or more apart")
+    header, *rows = Path("demos/three/imu.csv").read_text().splitlines(keepends=True)
+    Path("gap.csv").write_text("".join([header, *rows[:190], *rows[210:]]))
+    line = refused_by(capsys, "calibrate", "sensor", "bench", "gap.csv")
+    assert line == "gap.csv has a gap of 200 ms at 1.89 s; record it again"
     assert not Path("calibration").exists()
     code, _, err = run(capsys, "calibrate", "sensor", "bench", "three", "--only", "gyr")
     assert (code, err) == (0, "pbd: calibration/bench.toml: [sensor] of 'simulated bad wt901' from 3 rests\n")
@@ -195,10 +199,13 @@ def test_fused_takes_are_not_one_recording_of_sides(capsys: Capture) -> None:
 # --- record -----------------------------------------------------------------------------------------------------------
 
 
-def said_at_rest(errors: SensorErrors | None) -> list[str]:
-    """The messages of a recording of two seconds of rest, with a perfect sensor."""
+def said_at_rest(errors: SensorErrors | None, shaken_s: float = 0.0) -> list[str]:
+    """The messages of a recording of two seconds of rest, with a perfect sensor, which was shaken elsewhere before."""
     coach = Feedback(0.01, errors)
     rng = np.random.default_rng(0)
+    for k in range(round(-100.0 * shaken_s), 0):
+        x, y, z = 3.0 * rng.normal(size=3)
+        coach.feed(0.01 * k, Sample(acc=(x, y, 9.81 + z), gyr=(x, y, z), mag=(90.0, 0.0, 0.0)))
     for k in range(200):
         x, y = 0.01 * rng.normal(size=2).tolist()[0], 0.0
         coach.feed(0.01 * k, Sample(acc=(x, y, 9.81), gyr=(1e-4 * x, 0.0, 0.0), mag=(0.0, 19.5, -44.0)))
@@ -209,6 +216,7 @@ def test_a_rest_that_disagrees_is_told_while_it_is_recorded() -> None:
     right = Linear(np.zeros(3), np.eye(3), np.full(3, 0.01))
     good = SensorErrors("s", right, right, right, gravity=9.81, field=48.127, dip=np.arctan2(44.0, 19.5))
     assert said_at_rest(None) == said_at_rest(good) == ["the rest at the start is found: you may move"]
+    assert said_at_rest(good, shaken_s=3.0)[-1:] == ["the rest at the start is found: you may move"]
     drifted = replace(good, gyr=replace(right, bias=np.radians((0.0, 0.0, 2.0))))
     assert said_at_rest(drifted)[1] == (
         "at rest the gyro is 2.0 degrees/s off its calibrated bias: calibrate this sensor"
@@ -249,6 +257,8 @@ def test_a_tip_is_pivoted_and_its_rotation_turned(capsys: Capture) -> None:
     assert [(int(move), axis) for move, axis, *_ in moves] == [(0, "x"), (1, "-x"), (2, "z")]
     assert [int(turned) for *_, turned, _ in moves] == pytest.approx(np.degrees([0.8, 0.9, 0.9]), abs=2.0)
     assert all(float(off) < 1.0 for *_, off in moves)
+    _, _, err = run(capsys, "calibrate", "mount", "grip", "turns", "--turns", "x,-x,z")
+    assert "which is not measured yet: --pivot does that; its rotation is known to " in err
     calibration = read_calibration(Path("calibration/bench.toml"))
     assert calibration.T_sensor_tool.p == pytest.approx(TIP, abs=0.001)
     turn = quat_log(quat_multiply(calibration.T_sensor_tool.wxyz, quat_exp((-2.9, -0.3, 0.2))))

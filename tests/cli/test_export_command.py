@@ -15,6 +15,7 @@ from pbd.cli import main
 from pbd.files.demo import load_demo, write_demo
 from pbd.files.exporters import FOLDERS, FORMATS, SUFFIXES
 from pbd.io.atomic import refuse_output
+from tests.cli.running import Capture, refused
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
@@ -123,3 +124,9 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     run = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert run.stdout.startswith("t,q_")
     assert "Traceback" not in run.stderr
+
+
+def test_what_is_binary_is_not_printed_to_a_terminal(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    line = refused(capsys, 2, *EXPORT, "--format", "npz", "-o", "-")
+    assert line == "pbd: npz is binary, so it is not printed to a terminal; name a file, or pipe it"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +59,16 @@ def test_a_sensor_that_was_never_turned_is_said_to_keep_its_errors(capsys: Captu
     told = "the sensor was held alike in all takes, so fusing can't remove its own errors"
     assert told in run(capsys, "fuse", "tea1", "alike", "-o", "unturned")[2]
     assert told not in run(capsys, "fuse", "tea1", "alike", "tea2", "-o", "turned")[2]
+
+
+def test_a_thing_that_stood_elsewhere_is_told_with_the_command_that_says_so(capsys: Capture) -> None:
+    for k, demo in enumerate(takes_of(Scenario("wt901", 3, thing=(3, 4)), 3)[0]):
+        write_demo(demo, Path(f"demos/cups{k + 1}"))
+    _, _, err = run(capsys, "fuse", "cups1", "cups2", "cups3", "-o", "cups")
+    told = r"keyframes 3\.\.4 move together against the others, .* \(0 cm in cups1, .* cm in cups3\); if so: pbd (.*)"
+    (command,) = re.findall(told, err)
+    assert command == "keyframes cups --frame NAME=3..4"
+    assert run(capsys, *command.replace("NAME", "cup").split())[0] == 0
 
 
 def test_only_the_takes_that_were_used_are_counted(capsys: Capture) -> None:

@@ -121,3 +121,9 @@ def test_every_example_runs(line: str, desk: Path, tmp_path: Path, monkeypatch: 
 
 def test_the_first_look_is_among_them() -> None:
     assert EPILOG.count("  pbd ") == 3
+
+
+def test_no_command_prints_the_help_as_a_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err) == ("", parser().format_help())

@@ -28,3 +28,9 @@ def test_a_missing_package_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: 
 def test_what_is_not_a_finite_number_is_null_in_json(capsys: pytest.CaptureFixture[str]) -> None:
     print_json({"a": float("nan"), "b": [1.5, float("inf"), {"c": (-float("inf"), "nan", True)}]})
     assert json.loads(capsys.readouterr().out) == {"a": None, "b": [1.5, None, {"c": [None, "nan", True]}]}
+
+
+def test_a_missing_module_of_ours_is_a_bug(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pbd.cli.robots", None)
+    with pytest.raises(ModuleNotFoundError, match=r"pbd\.cli\.robots"):
+        main(["robots", "panda"])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import os
+import sys
 import zipfile
 import zlib
 from pathlib import Path
@@ -16,7 +18,7 @@ from PIL import Image
 
 from pbd.sensors.phyphox.answers import BUFFERS
 from pbd.sensors.phyphox.experiment import BUFFER_ROWS, experiment, qr_payloads
-from tests.cli.running import Capture, run
+from tests.cli.running import Capture, run, run_json
 from tests.cli.terminal import Terminal
 
 
@@ -87,3 +89,20 @@ def test_a_small_terminal_shows_code_after_code(tmp_path: Path) -> None:
     terminal.type("\n" * 12)
     terminal.until("add experiment from QR code")
     assert terminal.exit_code() == 0
+
+
+def test_a_terminal_too_small_for_a_code_and_one_that_shows_it_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run_json(capsys, "sensors", "phyphox", "-o", "code.svg") == {"file": "code.svg"}
+    for size, code, told in (
+        ((20, 8), 1, "a terminal of 20 x 8 is too small for a code"),
+        ((300, 200), 0, "is written"),
+    ):
+        monkeypatch.setattr("shutil.get_terminal_size", lambda size=size: os.terminal_size(size))
+        monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+        found, out, err = run(capsys, "sensors", "phyphox")
+        assert found == code
+        assert told in err
+        assert "code 1 of" not in out

@@ -8,7 +8,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from pbd.cli.console import _Countdown
+import pytest
+
+from pbd.cli.console import _Countdown, listening
 from pbd.files.demo import write_demo
 from pbd.simulation.simulate import simulate
 from tests.cli.running import Capture
@@ -79,3 +81,11 @@ def test_what_may_last_counts_down() -> None:
 def test_a_pipe_gets_nothing_of_it(capsys: Capture) -> None:
     exec(SCRIPT.replace("0.3", "0.0"))
     assert capsys.readouterr() == ("done\n", "pbd: warning: something\n")
+
+
+def test_a_terminal_shows_a_device_once(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    for terminal in (False, True):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda terminal=terminal: terminal)
+        with listening("/dev/x", "listening to", 2.0):
+            pass
+        assert (capsys.readouterr().err == "listening to /dev/x ...\n") is not terminal

@@ -228,6 +228,7 @@ def test_the_list_is_short_and_one_robot_has_its_notes(capsys: Capture) -> None:
     assert len(listed.splitlines()) == 2 + len(names("robots"))
     assert "`pbd robots NAME`" in told
     assert run(capsys, "robots", "panda")[1].endswith("\n\n".join(notes) + "\n")
+    assert "--suggest takes the file itself" in refused(capsys, 2, "robots", "panda", "--suggest", "x.toml")
 
 
 @pytest.mark.parametrize("name", ["ur3", "ur5", "ur10"])

@@ -8,6 +8,7 @@ import json
 import pytest
 
 from pbd.cli import main
+from pbd.sensors import probe
 from pbd.sensors.port import PortInfo
 from pbd.sensors.protocols import PROTOCOLS
 from tests.record.speakers import SPEAKERS, Device, random_hand
@@ -40,6 +41,22 @@ def test_what_it_speaks(capsys: Capture, name: str, sensor: str | None, note: st
     assert row["sensor"] == sensor
     assert note in row["note"]
     assert err == f"listening to {device.device} ...\n"
+
+
+def test_a_port_that_cannot_be_opened_does_not_hide_the_others(
+    monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.setattr(probe, "LISTEN_S", 0.03)
+    monkeypatch.setattr(probe, "BOOT_S", 0.05)
+    with Device([b"\xf0\x0f garbage "], 200.0, again=True) as garbage, Device([b""], 100.0) as silent:
+        names = "/dev/nothing", garbage.device, silent.device
+        monkeypatch.setattr("pbd.sensors.port.list_ports", lambda: tuple(PortInfo(name, "", "") for name in names))
+        garbage.go()
+        assert main(["sensors", "--probe", "--csv"]) == 0
+    rows = csv.DictReader(capsys.readouterr().out.partition("\n\n")[0].splitlines())
+    remarks = {row["port"]: (row["speaks"], row["remarks"].partition(" (")[0]) for row in rows}
+    told = "there is no port /dev/nothing", "bytes in no known protocol", "silent"
+    assert remarks == {name: ("", remark) for name, remark in zip(names, told, strict=True)}
 
 
 def test_csv_has_both_tables(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:

@@ -202,6 +202,22 @@ def test_what_stands_on_a_thing_goes_with_what_carries_that(tea: Path, capsys: C
     np.testing.assert_array_equal(shift[:2], 0.0)
 
 
+def test_a_keyframe_that_is_given_to_another_thing_is_told(tea: Path, capsys: Capture) -> None:
+    run(capsys, "keyframes", "tea", "--frame", "cup=1..2")
+    tea.write_text(tea.read_text() + "# mine\n")
+    err = run(capsys, "keyframes", "tea", "--frame", "lid=2..3")[2]
+    assert err.count("no longer does") == 1
+    assert "pbd: keyframe 2 belonged to cup and no longer does\n" in err
+    assert tea.read_text().endswith("# mine\n")  # only the keyframes' things were edited
+
+
+def test_a_touch_up_that_no_other_keyframe_follows_is_told(brief: Path, capsys: Capture) -> None:
+    said = "the others hardly move: their errors have little in common with those of keyframe "
+    words = ("touch", "tea", "1", "--robot", "panda", "--by", "0", "0")
+    assert said not in run(capsys, *words, "0.0001")[2]  # nothing moves by much
+    assert f"{said}1\n" in run(capsys, *words, "0.001")[2]
+
+
 def test_out_of_reach_names_a_place_that_works(brief: Path, capsys: Capture) -> None:
     run(capsys, "keyframes", "tea", "--frame", "cup=1")
     command = ("export", "tea", "--robot", "panda", "-o", "x.npz", "--at")
@@ -241,6 +257,8 @@ def test_success_is_told_with_the_joint_distribution(tea: Path, capsys: Capture)
     )
     assert loose["success"]["band"] == "over 90 %"
     assert tight["success"]["band"] == "under 50 %"
+    shown = run(capsys, "keyframes", "tea", "--robot", "panda", "--tolerance", "0.05")[1]
+    assert "\nprobability that all keyframes are within the tolerance: over 90 %\n" in shown
     each = [row["probability"] for row in tight["keyframes"]]
     assert np.prod(each) < tight["success"]["probability"] <= min(each)
 

@@ -190,6 +190,9 @@ def test_answers_are_found_among_what_is_broken() -> None:
     buffer = bytearray(b"\xff\x00\xff\xff\x01" + good[:-1] + b"\x00" + good + b"\xff\xff\x02")
     assert list(take_answers(buffer)) == [Answer(1, 0, b"\x0a")]
     assert bytes(buffer) == b"\xff\xff\x02"
+    cut = bytearray(good[:-1])
+    assert list(take_answers(cut)) == []
+    assert list(take_answers(cut + good[-1:])) == [Answer(1, 0, b"\x0a")]
 
 
 @pytest.mark.parametrize("value", [0, 1, -1, 2047, -2047])

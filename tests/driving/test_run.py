@@ -8,24 +8,30 @@ import os
 import signal
 import time
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from pbd.cli.common import plan_demonstration
+from pbd.cli.recording.keys import Keys
+from pbd.cli.run import _show_ranges
 from pbd.cli.run.drive import timetable
 from pbd.data import JointTrajectory
 from pbd.driving import bus, stream
 from pbd.driving.arm import ServoArm
 from pbd.driving.packets import encode_word
 from pbd.driving.stream import Clock
+from pbd.errors import PbdError
 from pbd.files.demo import load_demo
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import write_servo_calibration
 from pbd.pipeline import track
-from pbd.planning import PlanOptions, plan_path
+from pbd.planning import Plan, PlanOptions, plan_path
 from pbd.pose import Array
 from tests.cli.running import Capture, refused, run, run_json
 from tests.cli.terminal import Terminal
@@ -127,8 +133,12 @@ def test_it_lets_go_only_when_told(emulator: Emulator, words: list[str], capsys:
     told = refused(capsys, 2, "run", *words, "--port", emulator.device, "--release")
     assert told == "pbd: pbd run asks before the arm moves: start it at a terminal, or with --yes"
     assert all(servo.registers[40] for servo in emulator.servos.values())
-    assert run_json(capsys, "run", *words, "--port", emulator.device, "--release", "--yes")["released"]
+    ended = run(capsys, "run", *words, "--port", emulator.device, "--release", "--yes")
+    assert ended == (0, "", "pbd: the servos have let go\n")
     assert not any(servo.registers[40] for servo in emulator.servos.values())
+    assert run_json(capsys, "run", *words, "--port", emulator.device, "--release", "--yes")["released"]
+    emulator.servos[5].put(3, (1284).to_bytes(2, "little"))
+    assert "says it is model 1284" in refused(capsys, 1, "run", *words, "--port", emulator.device, "--release", "--yes")
 
 
 def test_those_that_answer_let_go(emulator: Emulator, words: list[str], capsys: Capture) -> None:
@@ -180,6 +190,37 @@ def test_other_arms_have_other_programs(robot: str, way: str, capsys: Capture) -
     told = refused(capsys, 2, "run", "--robot", robot, "--yes")
     assert f"pbd run drives so100 and so101 alone; for {robot}: `pbd export DEMO --robot {robot} " in told
     assert way in told
+
+
+def test_an_arm_that_was_moved_while_it_was_planned_for(
+    emulator: Emulator, words: list[str], capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def planned(*given: Any) -> Plan:
+        emulator.servos[2].place += 60.0
+        return plan_demonstration(*given)
+
+    monkeypatch.setattr("pbd.cli.run.drive.plan_demonstration", planned)
+    code, _, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--yes")
+    says = "the arm was moved by 5.3 degrees since it was measured, so the motion doesn't begin there: run it again"
+    assert (code, err.splitlines()[-1]) == (1, f"pbd: {says}")
+    assert emulator.goals == []
+
+
+def test_an_adapter_that_is_too_slow_to_stop_the_arm(
+    emulator: Emulator, words: list[str], capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bus, "ANSWER_S", 1e-6)
+    line = refused(capsys, 1, "run", "pouring", *words, "--port", emulator.device, "--yes")
+    assert "pbd: the servos' answers take " in line
+    assert line.endswith(": lower the adapter's latency timer (docs/running.md), or close other programs")
+
+
+def test_an_arm_that_may_not_hold_is_to_be_supported(emulator: Emulator, words: list[str], capsys: Capture) -> None:
+    emulator.at_goal, emulator.fault = 30, lambda: emulator.servos[3].put(40, b"\x00")
+    code, out, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--yes", "--json")
+    assert (code, json.loads(out)["held"]) == (1, False)
+    says = "its servos did not confirm that they hold: support the arm, switch their power off if it still moves"
+    assert err.splitlines()[-1].endswith(f"; {says}")
 
 
 def test_an_arm_that_stands_outside_the_model(emulator: Emulator, words: list[str], capsys: Capture) -> None:
@@ -237,7 +278,7 @@ def test_a_person_calibrates(words: list[str]) -> None:
         for servo in real.servos.values():
             servo.registers[40] = 1
         words[-2:] = []
-        terminal = Terminal("run", "--calibrate", *words, "--port", real.device, cwd=Path.cwd())
+        terminal = Terminal("run", "--calibrate", *words, "--port", real.device, "--json", cwd=Path.cwd())
         terminal.until("Enter lets go; any other key cancels.")
         terminal.type("\n")
         terminal.until("Enter when it stands there.")
@@ -252,10 +293,12 @@ def test_a_person_calibrates(words: list[str]) -> None:
                 servo.place = middles[id_] + way
                 terminal.until(str(2047 + way))
         terminal.type("\n")
-        terminal.until("the arm is loose")
+        terminal.until("the arm is loose\r\n")
+        shown = json.loads(terminal.rest())
         assert terminal.exit_code() == 0
         written = json.loads(Path("calibration/so101-servos.json").read_text())
         assert list(written) == [*load_robot("so101").joints, "gripper"]
+        assert (shown["written"], shown["servos"]) == ("calibration/so101-servos.json", written)
         assert written["elbow_flex"] == {
             "id": 3,
             "drive_mode": 0,
@@ -269,6 +312,21 @@ def test_a_person_calibrates(words: list[str]) -> None:
             has = (servo.number(31, 11), servo.number(9), servo.number(11))
             assert has == (each["homing_offset"], each["range_min"], each["range_max"]), name
             assert servo.registers[55] == 1  # locked again
+
+
+@pytest.mark.parametrize(("key", "told"), [("\n", nullcontext()), ("x", pytest.raises(PbdError, match="cancelled: "))])
+def test_joints_are_followed_until_a_key_where_nothing_is_shown(key: str, told: Any) -> None:
+    pressed, followed = iter(("", "", key)), list[int]()
+    keys: Any = SimpleNamespace(next=lambda: next(pressed), raise_signal=lambda: None, ENTER=Keys.ENTER)
+
+    def follow() -> tuple[Array, Array]:
+        followed.append(1)
+        return np.zeros(6), np.ones(6)
+
+    session: Any = SimpleNamespace(follow=follow)
+    with told:
+        _show_ranges(keys, session, {})
+    assert len(followed) == 2
 
 
 def test_a_calibration_that_is_given_up_changes_nothing(words: list[str]) -> None:

@@ -98,6 +98,11 @@ def test_lerobots_degrees_and_percent() -> None:
     np.testing.assert_allclose(encoders.to_joints(at), q)
     # The tool's "open" is 1 rad of the jaw, which LeRobot's range of -10 to 100 degrees makes 61 %.
     assert encoders.gripper_percent(at)[0] == pytest.approx(100 * (1.0 + 0.174533) / (1.74533 + 0.174533))
+    servos = calibration_of("so101")
+    turned = Encoders(SO101, servos | {"gripper": replace(servos["gripper"], drive_mode=1)})
+    ours = turned.from_joints(q, np.array([1.0]))
+    assert ours[0, 5] - turned.lower[5] == pytest.approx(turned.upper[5] - at[0, 5])
+    assert turned.gripper_percent(ours) == pytest.approx(encoders.gripper_percent(at))
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,8 @@ from pbd.plots.compare import (
     spread_rows,
     spread_table,
 )
-from pbd.plots.compare_figures import COMPARISONS, FUSION_FIGURES, draw_comparison
+from pbd.plots.compare_figures import COMPARISONS, FUSION_FIGURES, MAX_NAMED, _runs, draw_comparison
+from pbd.plots.style import INK
 from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, quat_to_matrix
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.units import Units, parse_units
@@ -200,6 +201,13 @@ def test_a_single_demonstration_has_no_spread(tracked: list[Tracked]) -> None:
     assert cells[1] == "1"
     assert [cell == "" for cell in cells[5:]] == [True, True, True, True, False, True, True]  # only sigma is known
     assert overlaps(draw_comparison("spread", plot)) == []
+    ellipses = [sum(line.get_color() == INK for line in ax.lines) for ax in draw_comparison("views", plot).axes[:2]]
+    assert ellipses == [sum(keyframe.count > 1 for keyframe in plot.keyframes)] * 2
+
+
+def test_a_crowd_of_demonstrations_is_counted(tracked: list[Tracked]) -> None:
+    plot = compare([tracked[0]] * (MAX_NAMED + 3))
+    assert [label.get_label() for label in _runs(plot)][-2:] == [plot.runs[MAX_NAMED - 1].name, "and 3 more"]
 
 
 def test_ten_takes_look_different() -> None:

@@ -104,6 +104,21 @@ def test_a_truth_with_holes_leaves_holes(pouring: DemoValues, truth: Truth) -> N
     assert found.error[known] == pytest.approx(pouring.truth.error[known])
 
 
+def test_a_truth_that_ends_within_the_first_stop_has_no_largest_error(pouring: DemoValues, truth: Truth) -> None:
+    path, early = pouring.path, truth.t < pouring.path.t[pouring.path.stops[0].middle] - 0.1
+    found = Truth(truth.t[early], truth.p_nav_sensor[early], truth.wxyz_nav_sensor[early])
+    assert path.tracking is not None
+    tracking = replace(path.tracking, demo=replace(path.tracking.demo, truth=found))
+    values = demo_values(replace(path, tracking=tracking))
+    assert values.truth is not None
+    assert "largest error" not in dict(values.facts)
+
+
+def test_a_path_that_was_not_tracked_has_no_values(pouring: DemoValues) -> None:
+    with pytest.raises(ValueError, match=r"the path was not tracked, .*; give what pbd\.track returns"):
+        demo_values(replace(pouring.path, tracking=None))
+
+
 def test_a_truth_without_the_first_stop_is_left_out(pouring: DemoValues, truth: Truth) -> None:
     late = truth.t > 5.0
     assert against(pouring, Truth(truth.t[late], truth.p_nav_sensor[late], truth.wxyz_nav_sensor[late])) is None

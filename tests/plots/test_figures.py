@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -20,6 +21,7 @@ from pbd.pipeline import track
 from pbd.plots import figures
 from pbd.plots.demo_values import DemoValues, demo_values
 from pbd.plots.findings import Finding
+from pbd.plots.space import label_keyframes
 from pbd.plots.style import AXES_RGB, RUNS_RGB, plain_text, write
 from pbd.pose import Array, quat_rotate, quat_to_rpy
 from pbd.simulation.hand_motion import Waypoint
@@ -182,6 +184,12 @@ def test_a_single_stop_is_legible(still: DemoValues, name: str) -> None:
     assert overlaps(figures.draw(name, still)) == []
 
 
+def test_without_a_truth_nothing_is_drawn_as_true(pouring: DemoValues, sheets: dict[str, Any]) -> None:
+    for name, drawn in (("velocity", "truth"), ("motion", "truth"), ("sigma", "error")):
+        without = figures.draw(name, replace(pouring, truth=None))
+        assert named(sheets[name][0]) - named(without) == {drawn}
+
+
 @uncalibrated
 def test_a_crowd_is_legible() -> None:
     plot = demo_values(track(simulate(random_task(3, moves=21), "wt901", rate_hz=40.0)))
@@ -246,3 +254,15 @@ def test_the_colour_blind_can_distinguish_all_colours(kind: str) -> None:
         for one, other in combinations(colours, 2):
             difference = lab(one, np.array(BLIND[kind])) - lab(other, np.array(BLIND[kind]))
             assert np.linalg.norm(difference) > AT_A_GLANCE, (one, other)
+
+
+def test_a_number_without_room_is_left_out(pouring: DemoValues) -> None:
+    first, second, *rest = pouring.keyframes
+    crowded = replace(pouring, keyframes=(first, replace(second, t=first.t + 0.02), *rest))
+    shown = [drawn.words for drawn in texts(figures.draw("attitude", crowded))]
+    assert "1" not in shown
+    assert {"0", "2"} <= {*shown}
+    figure = Figure(figsize=(0.4, 0.4))
+    ax = figure.subplots()
+    label_keyframes(ax, np.array([[0.5, 0.5]]), np.array([[0.0, 0.0], [1.0, 1.0]]))
+    assert len(ax.texts) == 0

@@ -243,3 +243,14 @@ def test_setting_the_sensor_down_is_not_trembling() -> None:
     a = np.where(np.arange(100) == 60, 8.0, 0.0) - np.where(np.arange(100) == 61, 8.0, 0.0)
     path, a_nav = path_along_x(x, a)
     assert not [finding for finding in find_problems(path, "01", a_nav, None, ()) if "trembles" in finding.words]
+
+
+@pytest.mark.parametrize(("dwell_s", "count"), [(0.2, 1), (0.6, 0)])
+def test_trembling_beside_a_long_stop_is_of_that_stop(dwell_s: float, count: int) -> None:
+    t = np.arange(0.0, 2.0, 1.0 / HZ)
+    w, rest = 2.0 * np.pi * 5.0, round(dwell_s * HZ)
+    x = np.append(0.004 * np.sin(w * t), np.zeros(rest))
+    path, a_nav = path_along_x(x, -(w**2) * x)
+    stops = path.stops[0], Stop(len(x) - rest, len(x), dwell_s)
+    found = find_problems(replace(path, stops=stops), "01", a_nav, None, ())
+    assert sum("trembles" in finding.words for finding in found) == count

@@ -124,3 +124,7 @@ def test_a_field_that_comes_seldom_changes_nothing(pouring: Recording) -> None:
     assert pouring.mag is not None
     seldom = np.where((np.arange(len(pouring)) % 10 == 0)[:, None], pouring.mag, np.nan)
     assert told(replace(pouring, mag=seldom)) == []
+
+
+def test_a_few_samples_a_second_are_not_judged() -> None:
+    assert told(Recording(np.arange(60) / 2.5, np.tile((0.0, 0.0, 9.8), (60, 1)), np.zeros((60, 3)))) == []

@@ -118,6 +118,17 @@ def test_what_came_before_a_bug_is_kept(tmp_path: Path) -> None:
     assert got.acc == pytest.approx(hand.acc[: len(got)], abs=1e-5)
 
 
+def test_flaws_of_the_sensor_are_told_while_it_records(tmp_path: Path) -> None:
+    hand, speaker = random_hand(1, seed=1), SPEAKERS["razor"]
+    session = Session(speaker.decoder(), RecordOptions(tmp_path / "tea", "razor", "2026-01-02T03:04:05Z"))
+    for k in range(300):
+        session.take(speaker.encode(hand, 0), 0.01 * k)
+        session.track()
+    session.close()
+    (told,) = (say for say in session.status().said if "all samples are the same so far" in say.text)
+    assert told.bell
+
+
 class Slow:
     """A decoder on a machine that is too slow for its sensor, but for a moment only."""
 
@@ -137,6 +148,8 @@ def test_a_sensor_that_sends_faster_than_the_machine_takes_is_recorded(
 ) -> None:
     """20 kHz: a tenth of a second of samples takes longer than patience lasts."""
     monkeypatch.setattr(loop, "SILENT_S", 0.8)
+    monkeypatch.setattr(loop, "MAX_BACKLOG_S", 0.25)
+    monkeypatch.setattr(loop, "SUSPENDED_S", 60.0)  # the decoder sleeps instead of working
     hand, speaker = random_hand(400, seed=1, rate_hz=20_000.0), SPEAKERS["xsens"]
     with Device([b"".join(speaker.encode(hand, row) for row in range(400))], 100.0, again=True) as device:
         person = Watched()
@@ -148,6 +161,7 @@ def test_a_sensor_that_sends_faster_than_the_machine_takes_is_recorded(
         outcome = record(lambda: opened(device), Slow(speaker.decoder()), wanted, poll, person.shown.append)
     assert outcome.ended_by == "stopped by you"
     assert len(read_demo(tmp_path / "tea").recording) == outcome.samples > 10
+    assert person.said.count("samples come faster than this machine takes them: lower the sensor's rate") == 1
 
 
 @pytest.mark.parametrize("rate_hz", [40.0, 100.0, 400.0])

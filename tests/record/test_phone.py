@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 import pytest
@@ -16,11 +17,11 @@ import pytest
 from pbd.data import Recording
 from pbd.errors import SensorError
 from pbd.files.demo import read_demo
-from pbd.record import Command, Outcome, RecordOptions, Status, record
+from pbd.record import Command, Outcome, RecordOptions, Status, loop, record
 from pbd.record.redecode import decode_raw
 from pbd.sensors.decoding import Sample
 from pbd.sensors.phyphox import phone as phone_port
-from pbd.sensors.phyphox.answers import PhyphoxDecoder
+from pbd.sensors.phyphox.answers import BUFFERS, PhyphoxDecoder, read_answer, read_moments
 from pbd.sensors.phyphox.phone import PhonePort
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
@@ -172,11 +173,13 @@ def test_a_phone_that_sleeps_ends_the_recording_with_what_it_has(
 def test_reconnecting_goes_on_with_the_first_sample_not_yet_read(
     tmp_path: Path, phone: Phone, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(phone_port, "PATIENCE_S", 0.3)
-    later(phone, (0.5, lambda: setattr(phone, "offline", True)), (1.1, lambda: setattr(phone, "offline", False)))
-    outcome, said = recorded(phone, tmp_path / "tea", reconnect=True, duration_s=1.6)
+    """It is told once that the phone is silent, though it is waited for first, and given up then."""
+    monkeypatch.setattr(phone_port, "PATIENCE_S", 1.0)
+    monkeypatch.setattr(loop, "SILENT_S", 0.6)
+    later(phone, (0.5, lambda: setattr(phone, "offline", True)), (2.1, lambda: setattr(phone, "offline", False)))
+    outcome, said = recorded(phone, tmp_path / "tea", reconnect=True, duration_s=2.6)
     assert outcome.lost == 0
-    assert any(text.startswith("the phone does not answer") for text in said)
+    assert [text.endswith("(waiting)") for text in said if text.startswith("the phone does not answer")] == [True]
     assert "the sensor is back" in said
     assert np.diff(read_demo(tmp_path / "tea").recording.t).max() < 0.01
 
@@ -282,6 +285,77 @@ def test_an_app_that_tells_no_times_is_too_old(phone: Phone) -> None:
         SensorError, match=r"tells no times \(/time\), which it does from version 1\.1\.8 on: update the"
     ):
         PhonePort(phone.address)
+
+
+def test_a_phone_that_does_not_start_and_one_that_runs_for_days_are_told(phone: Phone) -> None:
+    answer = phone.answer
+    phone.answer = lambda path, query: b'{"result": false}' if path == "/control" else answer(path, query)  # type: ignore[method-assign]
+    with pytest.raises(SensorError, match="does not start to measure: press its play button"):
+        PhonePort(phone.address)
+    phone.body = b'{"buffer": {"acc_time": {"buffer": [1e5]}}, "status": {"measuring": true}}'
+    with pytest.raises(SensorError, match=r"has run for more than a day, .*: clear its data"):
+        PhonePort(phone.address)
+
+
+def test_a_server_that_closes_each_connection_is_asked_again(phone: Phone) -> None:
+    def closing(handler: Any) -> None:
+        text = answer("/get", dict(parse_qsl(urlsplit(handler.path).query, keep_blank_values=True)))
+        handler.send_response(200)
+        handler.send_header("Connection", "close")
+        handler.send_header("Content-Length", str(len(text)))
+        handler.end_headers()
+        handler.wfile.write(text)
+
+    answer = phone.answer
+    phone.answer = lambda path, query: closing if path == "/get" else answer(path, query)  # type: ignore[method-assign]
+    assert len(heard(phone, 0.5)) > 100
+
+
+def test_a_paused_phone_and_another_experiment_are_told_while_it_waits(
+    tmp_path: Path, phone: Phone, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop, "SILENT_S", 0.4)
+    other = b'{"buffer": {"x": {"buffer": [1]}}, "status": {"measuring": true}}'
+    later(phone, (0.6, lambda: setattr(phone, "body", other)), (1.5, lambda: setattr(phone, "body", b"")))
+    later(phone, (1.9, phone.pause))
+    threading.Timer(4.0, phone.start).start()
+    _, said = recorded(phone, tmp_path / "tea", duration_s=4.5)
+    told = [text for text in said if text.endswith(("(waiting)", "back"))]
+    assert told == [
+        "another experiment is open on the phone; open pbd's again (waiting)",
+        "the sensor is back",
+        "the measurement is paused on the phone; press its play button (waiting)",
+        "the sensor is back",
+    ]
+
+
+def test_a_phone_that_never_sends_is_told(tmp_path: Path, phone: Phone, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loop, "SILENT_S", 0.4)
+    answer = phone.answer
+    empty: dict[str, Any] = {name: {"buffer": []} for names in BUFFERS.values() for name in names}
+    still = json.dumps({"buffer": empty, "status": {"measuring": False}}).encode()
+    started = b'{"result": true}'
+    phone.answer = lambda path, query: (  # type: ignore[method-assign]
+        still if path == "/get" else started if path == "/control" else answer(path, query)
+    )
+    with pytest.raises(
+        SensorError, match=r"nothing came from http.* in 0\.4 s: .* is paused on the phone; press its play"
+    ):
+        recorded(phone, tmp_path / "tea")
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (b"1", "neither buffers nor moments"),
+        (b'[{"event": "START"}]', "no moments"),
+        (b"[3]", "no moments"),
+        (b'[{"event": "START", "experimentTime": -1, "systemTime": 1e9}]', "a moment without a time"),
+    ],
+)
+def test_what_is_no_answer_to_time(text: bytes, why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        read_moments(read_answer(text))
 
 
 def test_rates_of_50_100_and_200_hz_are_joined() -> None:

@@ -259,6 +259,32 @@ def test_bytes_that_make_no_recording_are_told(
     assert not (tmp_path / "tea").exists()
 
 
+def test_a_sensor_that_sends_once_in_a_while_is_too_slow(tmp_path: Path, silent: tuple[int, str]) -> None:
+    wanted = RecordOptions(tmp_path / "tea", "lines", "2026-01-02T03:04:05Z")
+
+    def opened() -> Port:
+        port = open_port(silent[1], 9600)
+        os.write(silent[0], b"\n9,0,0,9.8,4,5,6\n")
+        return port
+
+    with pytest.raises(SensorError, match=r"sends too slowly \(1 in 0\.2 s\): raise the rate of the device"):
+        record(opened, SPEAKERS["lines"].decoder(), wanted, lambda: None, lambda status: None)
+
+
+def test_what_is_discarded_before_the_first_sample_leaves_nothing(tmp_path: Path, silent: tuple[int, str]) -> None:
+    commands = iter((Command.GRIP, Command.DISCARD))
+    wanted, shown = options(tmp_path / "tea"), list[Status]()
+    outcome = record(
+        lambda: open_port(silent[1], 9600),
+        protocol("witmotion").decoder(),
+        wanted,
+        lambda: next(commands, None),
+        shown.append,
+    )
+    assert (outcome.folder, outcome.samples, shown) == (None, 0, [])
+    assert not (tmp_path / "tea").exists()
+
+
 @pytest.mark.parametrize("command", [Command.END, Command.DISCARD])
 def test_a_person_is_heard_while_an_unplugged_sensor_is_waited_for(
     tmp_path: Path, pouring: Recording, command: Command

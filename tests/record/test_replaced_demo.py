@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import re
 from pathlib import Path
 
 import pytest
@@ -101,3 +103,22 @@ def test_a_new_one_that_can_not_be_begun_makes_no_room(tea: Path, monkeypatch: p
         session.take(b"".join(packets), 0.0)
     assert beside(tea) == {"tea": "the old one"}
     assert session.backup is None
+
+
+def test_a_folder_that_cannot_be_renamed(tea: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as one on which a disk is mounted."""
+    before = set_aside(tea)
+    assert before is not None
+    tea.mkdir()
+    (tea / "demo.toml").write_text("the new one")
+
+    def busy(*given: object) -> None:
+        raise OSError(errno.EBUSY, "Device or resource busy")
+
+    monkeypatch.setattr(Path, "rename", busy)
+    why = "(Device or resource busy)"
+    told = f"no rest was found in it; the old one is in {tea}.before: it can't be put back {why}"
+    assert before.swap_back() == (tea, told)
+    with pytest.raises(RecordingError, match=re.escape(f"can't be renamed to make room {why}; give another name")):
+        set_aside(tea)
+    assert beside(tea) == {"tea": "the new one", "tea.before": "the old one"}

@@ -21,6 +21,7 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import Task
 from tests.sensors.encoders.gamepad import event, press, report
+from tests.unprivileged import as_a_user
 
 LEVEL = (0.0, 0.0, 1.0)
 
@@ -212,3 +213,26 @@ def test_the_buttons_are_those_of_the_same_pad(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(gamepad_port, "SYSFS_INPUT", tmp_path / "nothing")
     with pytest.raises(SensorError, match="no gamepad with motion sensors is there: connect a DualSense"):
         only_gamepad()
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("event5", "no permission for .*event5: add yourself with `sudo usermod -aG input"),
+        ("event6", "can't be opened .No such file or directory.; connect the gamepad, or name another --port"),
+    ],
+)
+def test_a_device_that_cannot_be_opened(tmp_path: Path, name: str, told: str) -> None:
+    fifo(tmp_path).chmod(0)
+    with as_a_user(), pytest.raises(SensorError, match=told):
+        GamepadPort(str(tmp_path / name))
+
+
+def test_a_filter_that_is_off_stays_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel = Kernel()
+    for info in kernel.info.values():
+        info[3] = 0
+    frozen = {axis: tuple(info) for axis, info in kernel.info.items()}
+    monkeypatch.setattr("fcntl.ioctl", kernel.ioctl)
+    GamepadPort(str(fifo(tmp_path))).close()
+    assert {axis: tuple(info) for axis, info in kernel.info.items()} == frozen

@@ -216,3 +216,10 @@ def test_a_false_start_swallows_nothing() -> None:
         samples = decoder.feed(false + b"".join(PACKETS))
         assert samples == VectorNavDecoder().feed(b"".join(PACKETS))
         assert decoder.tally.bad_packets > 0
+
+
+def test_a_packet_without_any_of_what_is_wanted_is_no_sample() -> None:
+    decoder = VectorNavDecoder()
+    group, bit = OTHERS[0]
+    assert decoder.feed(vn.binary({group: {bit: bytes(FIELD_BYTES[group][bit])}})) == []
+    assert (decoder.tally.packets, decoder.tally.bad_packets) == (1, 0)

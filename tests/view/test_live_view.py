@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -20,7 +22,7 @@ from pbd.files.demo import read_demo
 from pbd.pose import Array, Pose
 from pbd.simulation.simulate import simulate
 from pbd.tracking.online.tracker import LiveTracker
-from pbd.view.live_view import SMALLEST_M, LivePicture, LiveView
+from pbd.view.live_view import PIECES_AT_ONCE, SMALLEST_M, LivePicture, LiveView
 from tests.view.browser import Page, until
 from tests.view.chromium import Chromium
 
@@ -218,6 +220,33 @@ def test_nan_is_not_drawn(pictures: list[LivePicture]) -> None:
     with closing(LiveView()) as view:
         view.show(replace(pictures[-1], p_nav_sensor=np.full(3, np.nan)))
         draw(view, pictures[-1])
+
+
+def test_a_stop_that_is_known_better_moves(pictures: list[LivePicture]) -> None:
+    """At the end all is drawn, however many pieces of path one picture takes."""
+    *before, last = pictures[-1].keyframes
+    better = replace(last, T_nav_sensor=Pose(last.T_nav_sensor.p + 0.01, last.T_nav_sensor.wxyz))
+    with closing(LiveView()) as view:
+        sent: list[Any] = []
+        window = view._scene.window
+
+        def send(command: Any) -> None:
+            sent.append(command)
+            window.send(command)
+
+        view._scene.window = SimpleNamespace(send=send)
+        for shown in pictures:
+            view._follow(shown)  # the server is busy all the time
+        view.end(pictures[-1])
+        pieces = sum("path" in str(getattr(command, "path", "")) for command in sent)
+        assert pieces > 2 * PIECES_AT_ONCE
+        sent.clear()
+        view._follow(replace(pictures[-1], keyframes=(*before, better)))
+        view.end(pictures[-1])
+        moved = {str(command.path.entries): command.matrix for command in sent if hasattr(command, "matrix")}
+        assert len(moved) == 2
+        for matrix in moved.values():
+            np.testing.assert_allclose(np.asarray(matrix)[:3, 3], better.T_nav_sensor.p)
 
 
 class Recording:
