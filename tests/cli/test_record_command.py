@@ -24,7 +24,7 @@ import pytest
 from pbd.cli import main
 from pbd.cli.commands import parse
 from pbd.cli.record import _report
-from pbd.cli.recording.device import only_port
+from pbd.cli.recording.device import find_sensor, only_port
 from pbd.cli.recording.keys import Keys
 from pbd.errors import PbdError, SensorError
 from pbd.files.demo import demo_folder, read_demo, write_demo
@@ -359,9 +359,9 @@ def bytes_of(name: str, rows: int = 400) -> tuple[bytes, ...]:
 def test_a_device_that_is_not_recognised(
     capsys: Capture, elsewhere: Path, monkeypatch: pytest.MonkeyPatch, data: bytes, why: str
 ) -> None:
-    monkeypatch.setattr(probe, "LISTEN_S", 0.03)
+    monkeypatch.setattr(probe, "LISTEN_S", 0.05)
     monkeypatch.setattr(probe, "BOOT_S", 0.05)
-    with Device([data], 200.0, again=True) as device:
+    with Device([data], 400.0, again=True) as device:
         monkeypatch.setattr("pbd.sensors.port.list_ports", lambda: (PortInfo(device.device, "", "0403:6001"),))
         device.go()
         code, _, error = run(capsys, "record", "tea")
@@ -398,8 +398,12 @@ def test_a_phone_is_recorded_under_its_models_name(capsys: Capture, elsewhere: P
     hand = simulate("pour", "modern", 1).recording
     with Phone(streams_of({"acc": hand, "gyr": hand})) as phone:
         code, _, error = run(capsys, "record", "tea", "--port", phone.address, "--duration", "0.5")
-    assert code == 0, error
-    assert read_demo(elsewhere / "demos" / "tea").recording.info.sensor == "phyphox (Test Phone)"
+        assert code == 0, error
+        assert read_demo(elsewhere / "demos" / "tea").recording.info.sensor == "phyphox (Test Phone)"
+        _, opened, _ = find_sensor(parse(["record", "tea", "--port", phone.address]))
+        phone.offline = True
+        with pytest.raises(SensorError, match="does not answer"):
+            opened()
 
 
 def test_a_device_is_recognised_set_and_recorded(elsewhere: Path, capsys: Capture) -> None:

@@ -314,12 +314,20 @@ def test_a_server_that_closes_each_connection_is_asked_again(phone: Phone) -> No
 def test_a_paused_phone_and_another_experiment_are_told_while_it_waits(
     tmp_path: Path, phone: Phone, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(loop, "SILENT_S", 0.4)
+    def pause_a_while() -> None:
+        phone.pause()
+        time.sleep(1.3)
+        phone.start()
+
+    monkeypatch.setattr(loop, "SILENT_S", 0.6)
     other = b'{"buffer": {"x": {"buffer": [1]}}, "status": {"measuring": true}}'
-    later(phone, (0.6, lambda: setattr(phone, "body", other)), (1.5, lambda: setattr(phone, "body", b"")))
-    later(phone, (1.9, phone.pause))
-    threading.Timer(4.0, phone.start).start()
-    _, said = recorded(phone, tmp_path / "tea", duration_s=4.5)
+    acts = (
+        (0.6, lambda: setattr(phone, "body", other)),
+        (1.8, lambda: setattr(phone, "body", b"")),
+        (2.6, pause_a_while),
+    )
+    later(phone, *acts)
+    _, said = recorded(phone, tmp_path / "tea", duration_s=4.3)
     told = [text for text in said if text.endswith(("(waiting)", "back"))]
     assert told == [
         "another experiment is open on the phone; open pbd's again (waiting)",

@@ -226,13 +226,3 @@ def test_a_device_that_cannot_be_opened(tmp_path: Path, name: str, told: str) ->
     fifo(tmp_path).chmod(0)
     with as_a_user(), pytest.raises(SensorError, match=told):
         GamepadPort(str(tmp_path / name))
-
-
-def test_a_filter_that_is_off_stays_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    kernel = Kernel()
-    for info in kernel.info.values():
-        info[3] = 0
-    frozen = {axis: tuple(info) for axis, info in kernel.info.items()}
-    monkeypatch.setattr("fcntl.ioctl", kernel.ioctl)
-    GamepadPort(str(fifo(tmp_path))).close()
-    assert {axis: tuple(info) for axis, info in kernel.info.items()} == frozen

@@ -190,8 +190,6 @@ class PhonePort(Source):
         except BaseException:
             self.close()
             raise
-        if response.will_close:
-            self.close()
         return bytes(body)
 
     def close(self) -> None:
