@@ -91,15 +91,14 @@ class AuditScene:
         return pairs
 
     def _adjacent_links(self) -> set[frozenset[str]]:
-        """Return pairs of links with no solid link between them. The rod's neighbour is the link before the gripper."""
+        """Return pairs of links with no solid link between them."""
         joints = read_urdf_xml(self.arm.robot.urdf).iterfind("joint")
         parent = {j.find("child").get("link"): j.find("parent").get("link") for j in joints}  # type: ignore[union-attr]
         solid = {link.name for link in self.links}
-        outside_gripper = {link.name for link in self.links if link.joint not in self._gripper}
         found = set()
         for link in solid:
             other = parent.get(self.arm.robot.body if link == THE_TOOL else link)
-            while other is not None and other not in (outside_gripper if link == THE_TOOL else solid):
+            while other is not None and other not in solid:
                 other = parent.get(other)
             found |= {frozenset((link, other))} if other is not None else set()
         return found

@@ -517,10 +517,12 @@ def sigma(keyframe: Keyframe) -> float:
 
 def test_a_long_hole_in_a_rest_changes_nothing_but_is_told() -> None:
     recording = poured_at_first()
-    tracker, events = fed(with_hole(recording, 1.3, 2.2))
-    assert [event.message[:6] for event in events if isinstance(event, DataFlaw)] == ["900 ms"]
+    tracker, events = fed(with_hole(recording, 1.2, 2.4))
+    assert [event.message[:7] for event in events if isinstance(event, DataFlaw)] == ["1200 ms"]
     whole, _ = plain()
     assert len(tracker.stops) == 4
+    assert tracker.rest is not None
+    assert tracker.rest.start == 0  # what is interpolated in the hole is no quieter rest
     for ours, theirs in zip(tracker.keyframes, whole.keyframes, strict=True):
         assert ours.T_nav_sensor.distance(theirs.T_nav_sensor)[0] < 0.01
 

@@ -73,9 +73,8 @@ def _reasons(arm: ArmModel, bodies: Sequence[Body], links: Iterable[tuple[str, s
     """Return the reason for each pair of links that is left out because of its names alone."""
     gripper, solid = gripper_links(arm, bodies), frozenset(body.name for body in bodies)
     parents = {link: parent for link, _, parent, _ in link_tree(arm)}
-    carrier = {link: _carrier(parents, link, solid) for link in solid - {THE_TOOL}}
-    if THE_TOOL in solid:  # other links of the gripper are left out anyway: take the link before them
-        carrier[THE_TOOL] = _carrier(parents, arm.robot.body, solid - gripper)
+    parents[THE_TOOL] = arm.robot.body
+    carrier = {link: _carrier(parents, link, solid) for link in solid}
     trusted, reasons = _trusted(arm), {}
     for first, second in links:
         if first in gripper and second in gripper:

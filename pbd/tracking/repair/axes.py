@@ -86,7 +86,6 @@ class Contradiction(NamedTuple):
         fit_deg: the same with the best reading.
         pair: index of the first pair of moments that shows it.
         message: what is wrong and how to import the file.
-        in_other_unit: whether the gyro's unit is wrong. Then the accelerometer's may be too.
     """
 
     witness: str
@@ -94,7 +93,6 @@ class Contradiction(NamedTuple):
     fit_deg: float
     pair: int
     message: str
-    in_other_unit: bool = False
 
 
 def find_axis_error(
@@ -154,7 +152,7 @@ def find_axis_error(
     for factor, what in UNITS:
         fit = fit_of(factor)
         if fit < min(off_deg / IMPROVEMENT, found.fit_deg if found else np.inf):
-            return Contradiction("a", off_deg, fit, pair, or_order + what, in_other_unit=True)
+            return Contradiction("a", off_deg, fit, pair, or_order + what)
     if found is None and not np.ptp(by_gyro, axis=0).any():
         dead = "it reads the same all the time, so it is dead; check the columns gx, gy, gz"
         return Contradiction("a", off_deg, off_deg, pair, dead)

@@ -163,7 +163,7 @@ def test_two_wrong_units_are_named_at_once() -> None:
     recording = replace(simulate("pour", "modern", 1).recording, device_rpy=None)
     assert recording.gyr is not None
     wrong = replace(recording, acc=recording.acc / GRAVITY, gyr=np.degrees(recording.gyr))
-    with pytest.raises(RecordingError, match=r"import the file with --unit gyr=deg/s --unit acc=g$"):
+    with pytest.raises(RecordingError, match=r"import the file with --unit gyr=deg/s; with --unit acc=g too$"):
         refuse_disagreement(wrong)
 
 
