@@ -52,7 +52,7 @@ def _check_mimicking_fingers(
     for i, name in enumerate(names):
         mimic = urdf.followers([other for other in names if other != name]).get(name)
         named = urdf.joints[name].mimic
-        if mimic is None and named is not None and named.joint in urdf.joints:
+        if mimic is None and named is not None:
             section.fail("joints", f"names {name!r}, which mimics {named.joint!r}", f"name {named.joint!r} instead")
         for key, values in positions.items():
             if mimic is not None:

@@ -125,15 +125,24 @@ def _find(model: Section, key: str, share: Path | None) -> Path:
 
 
 def _check_meshes(urdf: Urdf, package_dirs: Sequence[Path]) -> None:
-    for link, address in urdf.meshes:
+    """Refuse a missing mesh that collision checks need; warn of the others."""
+    undrawn = []
+    for link, address, only_shows in urdf.meshes:
         places = mesh_places(address, urdf.path, package_dirs)
-        if not any(map(is_file, places)):
+        if any(map(is_file, places)):
+            continue
+        if only_shows:
+            undrawn.append(address)
+        else:
             raise RobotError.at(
                 urdf.path,
                 f"the mesh {printable(address)!r} of link {link!r} is missing: there is no "
                 f"{', nor '.join(map(str, places))}; put it there, or correct its address",
                 link=link,
             )
+    if undrawn:
+        what = f"{urdf.path}: visual meshes are missing: {listed(dict.fromkeys(undrawn))}; their links are drawn by"
+        warn(f"{what} their collision shapes; put them there, or correct their addresses")
 
 
 def _link(model: Section, key: str, urdf: Urdf) -> str:

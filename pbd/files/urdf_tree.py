@@ -59,12 +59,12 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class Urdf:
-    """A URDF's links, its joints (name -> joint), and its meshes: (link, address in the URDF)."""
+    """A URDF's links, its joints (name -> joint), and its meshes: (link, address in the URDF, needed to draw only)."""
 
     path: Path
     links: tuple[str, ...]
     joints: Mapping[str, UrdfJoint]
-    meshes: tuple[tuple[str, str], ...]
+    meshes: tuple[tuple[str, str, bool], ...]
 
     def chain(self, base: str, body: str) -> tuple[UrdfJoint, ...]:
         """Return the joints from base to body, fixed ones too; RobotError: `base` is not above `body` in the tree."""
@@ -84,7 +84,7 @@ class Urdf:
         for joint in self.joints.values():
             at, multiplier, offset = joint, 1.0, 0.0
             for _ in self.joints:  # no longer: joints may mimic each other in a circle
-                if at.name in leaders or at.mimic is None or at.mimic.joint not in self.joints:
+                if at.name in leaders or at.mimic is None:
                     break
                 offset += multiplier * at.mimic.offset
                 multiplier *= at.mimic.multiplier
@@ -117,7 +117,12 @@ def read_urdf(path: Path) -> Urdf:
     joints = [_joint(path, element) for element in root.iterfind("joint")]
     links = {_attribute(path, link, "name"): link for link in root.iterfind("link")}
     _check_tree(path, [link.get("name", "") for link in root.iterfind("link")], joints)
-    meshes = ((name, _attribute(path, mesh, "filename")) for name, link in links.items() for mesh in link.iter("mesh"))
+    meshes = (
+        (name, _attribute(path, mesh, "filename"), part.tag == "visual" and link.find("collision") is not None)
+        for name, link in links.items()
+        for part in link
+        for mesh in part.iter("mesh")
+    )
     return Urdf(path, tuple(links), {joint.name: joint for joint in joints}, tuple(dict.fromkeys(meshes)))
 
 
@@ -140,20 +145,24 @@ def read_poses(path: Path) -> dict[str, dict[str, float]]:
 
 def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -> None:
     """Refuse links and joints that are not a tree. Pinocchio refuses them too, but prints its reasons to stderr."""
+    known = [joint.name for joint in joints]
     for what, names in (
         ("two links are named {}; rename one of them", links),
-        ("two joints are named {}; rename one of them", [joint.name for joint in joints]),
+        ("two joints are named {}; rename one of them", known),
         ("link {} is the child of two joints; keep one of them", [joint.child for joint in joints]),
     ):
         if twice := next((name for name, count in Counter(names).items() if count > 1), None):
             raise RobotError.at(path, what.format(repr(twice)))
-    if RESERVED in links or RESERVED in (joint.name for joint in joints):
+    if RESERVED in (*links, *known):
         raise RobotError.at(path, f"a link or joint is named {RESERVED!r}, as pinocchio's own frame is; rename it")
     for joint in joints:
         for link in (joint.parent, joint.child):
             if link not in links:
                 what = f"joint {joint.name!r} joins {link!r}, which is not a link of it; correct it, or add the link"
                 raise RobotError.at(path, what, joint=joint.name)
+        if joint.mimic is not None and joint.mimic.joint not in known:
+            what = f"joint {joint.name!r} mimics {joint.mimic.joint!r}, which is not a joint of it; correct or remove"
+            raise RobotError.at(path, f"{what} its <mimic>", joint=joint.name)
     try:
         TopologicalSorter({joint.child: [joint.parent] for joint in joints}).prepare()
     except CycleError as error:

@@ -18,6 +18,7 @@ import numpy as np
 
 from pbd.data import Robot
 from pbd.errors import RobotError, listed, printable
+from pbd.io.atomic import is_file
 from pbd.io.meshes import mesh_file
 from pbd.io.numbers import finite_list
 from pbd.io.read_file import read_bytes
@@ -216,18 +217,28 @@ class Shape:
     scale: Triple = (1.0, 1.0, 1.0)
     rgb: Triple | None = None
 
+    @property
+    def lacks_mesh(self) -> bool:
+        """Whether it is a mesh whose file is missing."""
+        return self.kind == "mesh" and not is_file(self.mesh)
+
 
 def read_shapes(robot: Robot) -> tuple[Shape, ...]:
-    """Read the shapes of all links, in the file's order; raises as `read_urdf_xml`."""
+    """Read the shapes of all links, in the file's order; raises as `read_urdf_xml`.
+
+    A link whose visual mesh is missing has its collision shapes as visual shapes too, if it has any.
+    """
     root = read_urdf_xml(robot.urdf)
     named = {material.get("name"): rgb for material in root.iterfind("material") if (rgb := _rgb(material))}
-    return tuple(
-        part
-        for link in root.iterfind("link")
-        for element in link
-        if element.tag in ("visual", "collision")
-        for part in _parts(_shape(link.get("name", ""), element, robot, named))
-    )
+    shapes = list[Shape]()
+    for link in root.iterfind("link"):
+        elements = (element for element in link if element.tag in ("visual", "collision"))
+        own = [part for element in elements for part in _parts(_shape(link.get("name", ""), element, robot, named))]
+        solid = [shape for shape in own if shape.element == "collision"]
+        if solid and any(shape.element == "visual" and shape.lacks_mesh for shape in own):
+            own = [*(replace(shape, element="visual") for shape in solid), *solid]
+        shapes += own
+    return tuple(shapes)
 
 
 def collision_shapes(robot: Robot) -> tuple[Shape, ...]:

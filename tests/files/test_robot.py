@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pbd.arm.collision.shape_coverage import doubtful_shapes
 from pbd.arm.model import load_model
 from pbd.errors import PbdWarning, RobotError
 from pbd.files.robot import read_robot
 from pbd.files.urdf_tree import read_poses, read_urdf
+from pbd.io.urdf import collision_shapes, read_shapes
 
 PANDA = Path(__file__).parents[2] / "robots" / "panda.toml"
 
@@ -442,6 +444,34 @@ def test_a_missing_mesh_is_named_with_its_link(folder: Path, address: str) -> No
     place.mkdir(parents=True)
     (place / "hand.stl").write_bytes(b"")
     assert read_robot(folder / "mine.toml").body == "hand"
+
+
+def test_a_link_without_its_visual_mesh_is_drawn_by_its_collision_shapes(folder: Path) -> None:
+    """Nothing else needs the mesh. Where it is the link's only shape, collision checks do."""
+    ball = '<collision><origin xyz="0 0 1"/><geometry><sphere radius="0.1"/></geometry></collision>'
+    mesh = MESH.replace("ADDRESS", "hand.stl")
+    change(folder / "mine.urdf", '<link name="hand"/>', mesh.replace("</link>", f"{ball}</link>"))
+    said = r"mine.urdf: visual meshes are missing: hand.stl; their links are drawn by their collision shapes; put them"
+    with pytest.warns(PbdWarning, match=said) as warned:
+        robot = read_robot(folder / "mine.toml")
+    assert len(warned) == 1
+    shapes = read_shapes(robot)
+    assert [(each.element, each.kind) for each in shapes] == [("visual", "sphere"), ("collision", "sphere")]
+    assert [each.T_link_shape.p[2] for each in shapes] == [1.0, 1.0]
+    assert len(collision_shapes(robot)) == 1
+    assert "hand" not in doubtful_shapes(load_model(robot))
+    change(folder / "mine.urdf", '<sphere radius="0.1"/>', '<mesh filename="ball.stl"/>')
+    with pytest.raises(RobotError, match=r"the mesh 'ball.stl' of link 'hand' is missing"):
+        read_robot(folder / "mine.toml")
+
+
+def test_a_joint_that_mimics_no_joint_is_refused(folder: Path) -> None:
+    change(folder / "mine.urdf", "</robot>", FOLLOWER.replace('joint="claw"', 'joint="claws"'))
+    message = (
+        r"mine.urdf: joint 'thumb_joint' mimics 'claws', which is not a joint of it; correct or remove its <mimic>"
+    )
+    with pytest.raises(RobotError, match=message):
+        read_robot(folder / "mine.toml")
 
 
 def test_an_unnamed_joint_is_locked_at_zero_which_must_be_within_its_limits(folder: Path) -> None:
