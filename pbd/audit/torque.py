@@ -16,6 +16,7 @@ from pbd.audit.arm import AuditArm, se3
 from pbd.audit.contact import coordinates, joint_motion, time_grid
 from pbd.audit.grasp import follow_object
 from pbd.data import GraspedObject, JointTrajectory, Load
+from pbd.io.urdf import read_urdf_xml
 from pbd.pose import Array
 
 GRID_S = 0.01
@@ -23,6 +24,9 @@ GRID_S = 0.01
 
 MAX_GRID = 5_000
 """Largest number of these times, however slow the motion is."""
+
+ROUNDED = 0.01
+"""Largest excess of an inertia over what a body can have, relative to it, that rounding to two digits explains."""
 
 G = 9.81
 """Gravity, m/s2."""
@@ -37,6 +41,7 @@ class Torque:
         joint, t: name of the joint, and time (s).
         value, bound: torque and limit, in `unit`: N m, or N for a sliding joint.
         weightless: joints whose link has no mass in the URDF.
+        impossible: links with an inertia that no body has.
     """
 
     share: float
@@ -46,6 +51,7 @@ class Torque:
     bound: float
     unit: str
     weightless: tuple[str, ...]
+    impossible: tuple[str, ...]
 
 
 def find_torque(arm: AuditArm, trajectory: JointTrajectory, load: Load, effort: Array, pace: float = 1.0) -> Torque:
@@ -67,7 +73,24 @@ def find_torque(arm: AuditArm, trajectory: JointTrajectory, load: Load, effort: 
         bound=float(effort[joint]),
         unit="N" if model.joints[joints[joint]].shortname().startswith("JointModelP") else "N m",
         weightless=tuple(model.names[each] for each in joints if not model.inertias[each].mass > 0.0),
+        impossible=_impossible_inertias(arm),
     )
+
+
+def _impossible_inertias(arm: AuditArm) -> tuple[str, ...]:
+    """Return the links that the arm moves whose largest principal inertia exceeds the sum of the other two.
+
+    None of three that satisfy this inequality is negative.
+    """
+    found = []
+    for link in read_urdf_xml(arm.robot.urdf).iterfind("link"):
+        name, given = link.get("name", ""), link.find("inertial/inertia")
+        if given is not None and arm.driven_ancestors(arm.link_on_joint(name)[0]):
+            xx, xy, xz, yy, yz, zz = (float(given.attrib[key]) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+            principal = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            if 2.0 * principal[2] - principal.sum() > ROUNDED * np.abs(principal).max():
+                found.append(name)
+    return tuple(found)
 
 
 def torques(arm: AuditArm, trajectory: JointTrajectory, t: Array, load: Load, pace: float = 1.0) -> Array:

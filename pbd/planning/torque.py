@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pbd.data import JointLimits, Load
-from pbd.errors import PlanError, warn
+from pbd.errors import PlanError, listed, warn
 from pbd.planning.choose_joints import PlanRefusal
 from pbd.planning.options import PlanOptions
 
@@ -34,6 +34,9 @@ def check_torque(
         return None
     if torque.weightless:
         warn(f"torques are underestimated: the URDF gives no link mass on {', '.join(torque.weightless)}; add it")
+    if torque.impossible:
+        links = listed(torque.impossible)
+        warn(f"torques may be wrong: no body has the inertia that the URDF gives {links}; correct the <inertia>")
     assumed = "effort" in limits.assumed
     bound = f"its {'assumed ' if assumed else ''}torque limit of {torque.bound:.3g} {torque.unit}"
     carrying = f", carrying {load}" if str(load) else ""

@@ -105,6 +105,28 @@ def test_a_link_without_mass_is_named(tmp_path: Path) -> None:
     assert find_torque(pendulum(tmp_path, ""), swing(), Load(), one).weightless == ("hinge",)
 
 
+@pytest.mark.parametrize(
+    ("inertia", "impossible"),
+    [
+        ('ixx="0.1" iyy="0.05" izz="0.151" ixy="0" ixz="0" iyz="0"', False),  # rounded
+        ('ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"', False),  # a point
+        ('ixx="0.1" iyy="0.05" izz="0.16" ixy="0" ixz="0" iyz="0"', True),
+        ('ixx="0.1" iyy="0.1" izz="0.1" ixy="0.05" ixz="0" iyz="0"', False),
+        ('ixx="0.1" iyy="0.1" izz="0.1" ixy="0.06" ixz="0" iyz="0"', True),
+        ('ixx="-0.1" iyy="-0.1" izz="-0.1" ixy="0" ixz="0" iyz="0"', True),
+        ('ixx="0.1" iyy="-0.05" izz="0.1" ixy="0" ixz="0" iyz="0"', True),
+    ],
+)
+def test_an_inertia_that_no_body_has_is_found(tmp_path: Path, inertia: str, impossible: bool) -> None:
+    one, inertial = np.ones(1), INERTIAL.partition("<inertia ")[0] + f"<inertia {inertia}/></inertial>"
+    found = find_torque(pendulum(tmp_path, inertial), swing(), Load(), one).impossible
+    assert found == (("rod",) if impossible else ())
+    standing = pendulum(tmp_path, INERTIAL)
+    urdf = standing.robot.urdf.read_text().replace('<link name="base"/>', f'<link name="base">{inertial}</link>')
+    standing.robot.urdf.write_text(urdf)
+    assert find_torque(AuditArm(standing.robot), swing(), Load(), one).impossible == ()
+
+
 LIFT, POUR = slice(0, 4), slice(3, 7)
 """Keyframes of pouring on the way to which the torques are nearly as large as on the whole way."""
 
