@@ -172,20 +172,21 @@ def _suggest_home_and_dock(args: argparse.Namespace) -> None:
         found = suggest(robot, keyframes, demo.grasped, say)
     sections, reasons = _sections(found), _reasons(found, name)
     if args.json:
-        print_json({"robot": robot.name, "demo": name, **sections, "weighed": reasons})
+        warned = list(dict.fromkeys(args.warnings))  # the search may repeat what was said before it
+        print_json({"robot": robot.name, "demo": name, **sections, "weighed": reasons, "warnings": warned})
     else:
         print(_toml(sections, reasons))
 
 
 def _sections(found: Suggestion) -> dict[str, Any]:
     """Return the sections [arm] and [dock] of the robot's TOML."""
-    dock, at = found.plan.calibration, found.plan.calibration.T_base_dock
+    robot, dock, at = found.plan.robot, found.plan.calibration, found.plan.calibration.T_base_dock
     assert at is not None
     yaw_deg = round(float(np.degrees(quat_to_rpy(at.wxyz)[2])), 1) + 0.0
     place = {"position": at.p.round(3).tolist(), "rpy_deg": [0.0, 0.0, yaw_deg]}
-    touch = {"may_touch": [list(pair) for pair in found.robot.may_touch]} if found.robot.may_touch else {}
+    touch = {"may_touch": [list(pair) for pair in robot.may_touch]} if robot.may_touch else {}
     return {
-        "arm": {"joints": list(found.robot.joints), "home": found.robot.home.tolist(), **touch},
+        "arm": {"joints": list(robot.joints), "home": robot.home.tolist(), **touch},
         "dock": {**place, "table_height": dock.table_height, "scale": dock.scale},
     }
 
@@ -193,7 +194,7 @@ def _sections(found: Suggestion) -> dict[str, Any]:
 def _reasons(found: Suggestion, demo: str) -> list[str]:
     """Explain this home and this dock in sentences."""
     joint, room = found.near_limit
-    dock, took_s = found.plan.calibration, found.plan.trajectory.duration
+    robot, dock, took_s = found.plan.robot, found.plan.calibration, found.plan.trajectory.duration
     table = "the table's height is the file's own"
     if not found.own_table:
         stands = dock.table_height == 0.0
@@ -204,15 +205,15 @@ def _reasons(found: Suggestion, demo: str) -> list[str]:
         "so that nothing checks whether they touch; else take them out of may_touch and correct their shapes"
         for (first, second), count in found.touching.items()
     ]
-    alone_s = np.abs(np.diff(found.plan.trajectory.keyframe_q, axis=0)).sum(axis=0) / found.robot.limits.velocity
-    slowest = found.robot.joints[int(alone_s.argmax())]
+    alone_s = np.abs(np.diff(found.plan.trajectory.keyframe_q, axis=0)).sum(axis=0) / robot.limits.velocity
+    slowest = robot.joints[int(alone_s.argmax())]
     slow = f"{slowest} alone takes {alone_s.max():.1f} s of that at top speed; left out of [arm] joints it stays at 0"
     return [
         *touching,
         f"{found.within_reach} of {found.ranked} docks have all of {demo} within reach at {dock.scale:g} of its size; "
         f"of those farthest from limits and singularities this one is the fastest: {took_s:.1f} s",
         *([slow] if alone_s.max() > 0.5 * took_s else ()),
-        f"{table}; nothing touches it or the arm itself, as far as the URDF has shapes",
+        f"{table}; nothing that is checked touches it or the arm itself",
         f"home is over the dock: {joint} is {room:.2f} from its limit (rad; m where it slides), manipulability is "
         f"{found.manipulability:.1f} times the lower quartile of all configurations",
     ]

@@ -141,7 +141,7 @@ def plan_keyframes(
     require_type("plan_keyframes", grasped, "pbd.data.GraspedObject", GraspedObject, optional=True)
     task = Task(tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped)
     options = options or PlanOptions()
-    found = _attempt(task, options)
+    found = plan_task(task, options)
     if isinstance(found, Plan):
         return found
     others = [what for what, alternatives in found.alternatives if _works(task, alternatives)]
@@ -159,7 +159,7 @@ def _works(task: Task, options: PlanOptions, attempt: Callable[[Task, PlanOption
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # they concern a plan that nobody sees
         try:
-            return not isinstance((attempt or _attempt)(task, options), PlanRefusal)
+            return not isinstance((attempt or plan_task)(task, options), PlanRefusal)
         except PbdError:
             return False
 
@@ -208,7 +208,8 @@ def _prepare(task: Task, options: PlanOptions) -> Prepared | PlanRefusal:
     return arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen
 
 
-def _attempt(task: Task, options: PlanOptions) -> Plan | PlanRefusal:
+def plan_task(task: Task, options: PlanOptions) -> Plan | PlanRefusal:
+    """Plan as `plan_keyframes` does, without trying other options after a refusal."""
     from pbd.arm.ik.partial_pose import held_poses
     from pbd.arm.timing.time_moves import time_moves
     from pbd.audit.audit import TouchError, audit, torque_of

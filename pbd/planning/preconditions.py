@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.data import HandPath, Keyframe
-from pbd.data.world import TABLE
 from pbd.errors import PlanError, TrackingError, warn
 from pbd.planning.options import PlanOptions, hand_durations
 from pbd.pose import Array, Pose
@@ -111,11 +110,10 @@ def warn_of_table(scene: CollisionScene) -> None:
     """Warn if there is no table, and of links that nearly always touch it, so that they are not checked against it."""
     if scene.table_height is None:
         warn("no table is checked: write table_height (m in base; one far below if there is none) into the calibration")
-    sunk = [pair.first for pair in scene.unchecked if pair.second == TABLE]
-    if sunk:
+    if scene.sunk:
         warn(
-            f"not checked against the table, since it nearly always touches it: {', '.join(sunk)}; if that is wrong, "
-            "correct table_height in the calibration"
+            f"not checked against the table, since it nearly always touches it: {', '.join(scene.sunk)}; if that is "
+            "wrong, correct table_height in the calibration"
         )
 
 

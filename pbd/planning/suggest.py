@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -13,15 +13,18 @@ import numpy as np
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import tool_poses
 from pbd.data import Calibration, GraspedObject, Keyframe, Robot
-from pbd.errors import PbdError, PbdWarning, RobotError
-from pbd.planning.plan import plan_keyframes
+from pbd.errors import PbdError, RobotError, collected_warnings, warn
+from pbd.planning.choose_joints import PlanRefusal
+from pbd.planning.options import PlanOptions
+from pbd.planning.plan import plan_task
 from pbd.planning.result import Plan
-from pbd.planning.task import arm_of, scene_of
+from pbd.planning.task import Task, arm_of, scene_of
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 
 if TYPE_CHECKING:
     from pbd.arm.model import ArmModel
 
+Range = tuple[float, float]
 SAMPLES = 20_000
 DOWN = float(np.cos(np.radians(20.0)))
 """Cosine of the largest angle, 20 degrees, between straight down and the approach of a tool that points down."""
@@ -29,11 +32,13 @@ SCALES = (1.0, 0.7, 0.5, 0.35, 0.25)
 """Scales of the demonstration, in the order in which they are tried."""
 GRIP_M = 0.15
 """Height of the lowest keyframe over the table, m: the bundled bottle is 0.2 m high."""
-DOCKS, MORE_DOCKS, DOCKS_PLANNED, HOMES_PLANNED = 40, 160, 3, 2
-"""Number of docks ranked at each scale, in the first and in the second round; of the best docks that are planned; of
-homes that are planned at each dock."""
+DOCKS, MORE_DOCKS, DOCKS_PLANNED, HOMES_PLANNED = 40, 120, 3, 2
+"""Number of docks ranked at each scale in the first round, and of further ones in the second; of the best docks that
+are planned; of homes that are planned at each dock."""
 NEAR_M = 0.1
 """Largest distance of a sampled height from the wanted one over the table, m; the dock is moved to the wanted one."""
+TABLE_STEP_M = 0.01
+"""Precision of the largest height of a table, m: that of the positions of docks."""
 YAWS_DEG = (0.0, -90.0, 90.0, 180.0)
 AHEAD_COST = 0.2
 """Cost of a dock beside or behind the base's x axis, rad of joint travel per rad."""
@@ -53,8 +58,7 @@ class Suggestion:
     """A home and a dock with which a demonstration was planned.
 
     Attributes:
-        robot: the robot with this home and dock.
-        plan: the plan of the demonstration.
+        plan: the plan of the demonstration, and the robot with this home and dock.
         near_limit: the joint that is nearest to a limit at home: its name and the distance, rad or m.
         manipulability: that at home, relative to the arm's 25th percentile.
         ranked, within_reach: number of docks ranked at this scale, and of those with all keyframes within reach.
@@ -62,7 +66,6 @@ class Suggestion:
         touching: pairs of links added to `may_touch`, with the number of random configurations in which they touch.
     """
 
-    robot: Robot
     plan: Plan
     near_limit: tuple[str, float]
     manipulability: float
@@ -97,6 +100,7 @@ def suggest(
     CollisionScene(arm)  # a mesh that can't be read is refused before the search
     p, R = _sampled_tool_poses(arm)
     table = None if robot.dock is None else robot.dock.table_height
+    tables = (-np.inf, _highest_table(arm, p[:, 2])) if table is None else (table, table)
     lowest = -min(keyframe.T_nav_sensor.p[2] for keyframe in keyframes)
     touching: dict[tuple[str, str], int] = {}
     why = f"no dock has all keyframes within reach, even at {SCALES[-1]} of the size; correct base or T_body_tool"
@@ -104,8 +108,10 @@ def suggest(
     why += "" if table is None else ", or table_height"
     why += ", or take a demonstration that tilts the tool less (--for)" if is_partial(arm) else ""
     why += f"; the tool can point down at heights from {z_down.min():.2f} to {z_down.max():.2f} m"
-    for table_known, scale, places in _search_order(table, z_down, lowest):
-        docks = list(islice(_possible_docks(arm, (p, R), keyframes, table_known, scale), places))
+    possible: dict[tuple[Range, float], Iterator[Calibration]] = {}
+    for within, scale, places in _search_order(tables, z_down, lowest):
+        further = _possible_docks(arm, (p, R), keyframes, within, scale)
+        docks = list(islice(possible.setdefault((within, scale), further), places))
         reachable = _rank(arm, docks, keyframes)
         if docks:
             tell(f"{len(reachable)} of {len(docks)} docks have all keyframes within reach at {scale:g} of the size")
@@ -116,12 +122,14 @@ def suggest(
             tell(f"links that overlap in most configurations are taken to do so by design: {pairs}")
             planned, refusals = _plan_at_best(robot, reachable, keyframes, grasped)
         if planned:
-            own, plan = min(planned, key=lambda each: each[1].trajectory.duration)
-            room = arm.limit_margins(own.home)
+            plan, warned = min(planned, key=lambda each: each[0].trajectory.duration)
+            for message in warned:
+                warn(message)
+            room = arm.limit_margins(plan.robot.home)
             nearest = robot.joints[int(room.argmin())], float(room.min())
-            manipulability = float(relative_manipulability(arm, own.home[None])[0])
+            manipulability = float(relative_manipulability(arm, plan.robot.home[None])[0])
             counts = len(docks), len(reachable)
-            return Suggestion(own, plan, nearest, manipulability, *counts, table is not None, touching)
+            return Suggestion(plan, nearest, manipulability, *counts, table is not None, touching)
         why = next(iter(refusals), why)
     raise RobotError(f"{robot.name}: no home and dock found: {why}", robot=robot.name)
 
@@ -140,8 +148,8 @@ def _often_touching(arm: ArmModel) -> dict[tuple[str, str], int]:
 
 def _plan_at_best(
     robot: Robot, docks: Sequence[Calibration], keyframes: Sequence[Keyframe], grasped: GraspedObject | None
-) -> tuple[list[tuple[Robot, Plan]], list[str]]:
-    """Plan at the best docks; return the robots and plans that worked, and why the others failed."""
+) -> tuple[list[tuple[Plan, list[str]]], list[str]]:
+    """Plan at the best docks; return the plans that worked, with their warnings, and why the others failed."""
     tried = [_plan_at(robot, dock, keyframes, grasped) for dock in docks[:DOCKS_PLANNED]]
     return [each for each in tried if isinstance(each, tuple)], [each for each in tried if isinstance(each, str)]
 
@@ -162,24 +170,34 @@ def _sampled_tool_poses(arm: ArmModel) -> tuple[Array, Array]:
     return p.astype(np.float64), R.astype(np.float64)
 
 
-def _search_order(table: float | None, z_down: Array, lowest: float) -> Iterator[tuple[float | None, float, int]]:
-    """Yield the table's height, m (None: any), the scale, and the number of docks, in the order of trial."""
-    if table is not None:
-        yield from ((table, scale, DOCKS) for scale in SCALES)
-        yield from ((table, scale, MORE_DOCKS) for scale in SCALES[2:])
-        return
+def _highest_table(arm: ArmModel, z: Array) -> float:
+    """Return the largest height of a table, m, that no moving link nearly always touches; z: the tool's heights."""
+    from pbd.arm.collision.scene import CollisionScene
+
+    heights = TABLE_STEP_M * np.arange(z.min() // TABLE_STEP_M, z.max() // TABLE_STEP_M)
+    too_high = bisect_left(heights, True, key=lambda height: bool(CollisionScene(arm, float(height)).sunk))
+    return float(np.append(-np.inf, heights)[too_high])
+
+
+def _search_order(tables: Range, z_down: Array, lowest: float) -> Iterator[tuple[Range, float, int]]:
+    """Yield the range of the table's height, m, the scale, and the number of further docks, in the order of trial."""
+    on_table, free = (0.0, 0.0), tables[0] < 0.0 <= tables[1]
     # If the tool, pointing down, usually reaches the height of things on a table at z = 0, try that table first.
     low, high = np.quantile(z_down, (0.1, 0.9))
-    if low <= GRIP_M + lowest <= high:
-        yield from ((0.0, scale, DOCKS) for scale in SCALES[:3])
-    yield from ((None, scale, DOCKS) for scale in SCALES)
-    yield from ((height, scale, MORE_DOCKS) for height in (0.0, None) for scale in SCALES[2:])
+    if free and low <= GRIP_M + lowest <= high:
+        yield from ((on_table, scale, DOCKS) for scale in SCALES[:3])
+    yield from ((tables, scale, DOCKS) for scale in SCALES)
+    for heights in (on_table, tables) if free else (tables,):
+        yield from ((heights, scale, MORE_DOCKS) for scale in SCALES[2:])
 
 
 def _possible_docks(
-    arm: ArmModel, sampled: tuple[Array, Array], keyframes: Sequence[Keyframe], table: float | None, scale: float
+    arm: ArmModel, sampled: tuple[Array, Array], keyframes: Sequence[Keyframe], tables: Range, scale: float
 ) -> Iterator[Calibration]:
-    """Yield docks that bring the most tilted keyframe to a sampled tool pose with a similar tilt."""
+    """Yield docks that bring the most tilted keyframe to a sampled tool pose with a similar tilt.
+
+    `tables`: least and largest height of the table, m.
+    """
     from pbd.arm.ik.partial_pose import is_partial
 
     def dock(yaw: float, p: Array, table_height: float) -> Calibration:
@@ -199,11 +217,10 @@ def _possible_docks(
             yaw_deg = round(float(np.degrees(np.arctan2(R[1, 2], R[0, 2]) - np.arctan2(y, x))))
         yaw = float(np.radians(yaw_deg))
         at = np.round(p - quat_rotate(quat_about_z(yaw), at_origin[most_tilted].p), 2)
-        if table is not None:
-            if abs(at[2] - table - over) > NEAR_M:
-                continue
+        table = float(np.clip(at[2] - over, *tables))
+        if abs(at[2] - table - over) <= NEAR_M:
             at[2] = round(table + over, 3)
-        yield dock(yaw, at, round(float(at[2]) - over, 3))
+            yield dock(yaw, at, round(float(at[2]) - over, 3))
 
 
 def _rank(arm: ArmModel, docks: Sequence[Calibration], keyframes: Sequence[Keyframe]) -> list[Calibration]:
@@ -242,17 +259,19 @@ def _solve_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
 
 def _plan_at(
     robot: Robot, dock: Calibration, keyframes: Sequence[Keyframe], grasped: GraspedObject | None
-) -> tuple[Robot, Plan] | str:
-    """Plan the demonstration at a dock, from the first home that works; or return why it can't be planned."""
+) -> tuple[Plan, list[str]] | str:
+    """Return the plan at a dock, from the first home that works, and its warnings; or why it can't be planned."""
     why = "the place over the dock is out of reach; correct base or T_body_tool"
     for home in _homes(arm_of(robot), dock, keyframes, grasped):
         own = replace(robot, home=home, dock=dock)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PbdWarning)  # they concern a plan that nobody sees
+        with collected_warnings() as warned:
             try:
-                return own, plan_keyframes(keyframes, dock, own, grasped=grasped)
+                found = plan_task(Task(tuple(keyframes), dock, own, None, grasped), PlanOptions())
             except PbdError as error:
-                why = error.message
+                found = PlanRefusal(error)
+        if isinstance(found, Plan):
+            return found, warned
+        why = found.error.message
     return why
 
 

@@ -13,10 +13,13 @@ from pbd.arm.ik.solver import solve
 from pbd.audit.arm import AuditArm
 from pbd.cli.robots import _ranked_table
 from pbd.data import Calibration
+from pbd.errors import PlanError
 from pbd.files.find_by_name import names
 from pbd.files.robot import read_robot
-from pbd.planning import arm_of
-from pbd.planning.suggest import DOCKS, MORE_DOCKS, _plan_at, _search_order, _solve_all
+from pbd.planning import PlanOptions, arm_of
+from pbd.planning.choose_joints import PlanRefusal
+from pbd.planning.suggest import DOCKS, MORE_DOCKS, TABLE_STEP_M, _highest_table, _plan_at, _search_order, _solve_all
+from pbd.planning.task import Task
 from pbd.pose import Pose, quat_exp, quat_multiply
 from pbd.view.units import Units
 from tests.arm.bundled import keyframes_of
@@ -61,9 +64,12 @@ def test_what_is_suggested_replays_as_it_says(capsys: Capture, guide: str, monke
     code, lines, _ = run(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")
     assert code == 0
     assert run(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")[1] == lines
+    warned = run_json(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")["warnings"]
     TOML.write_text(bare + lines, encoding="utf-8")
-    took_s = run_json(capsys, "replay", "paper-test2", "--robot", "mine")["duration_s"]
-    assert f"the fastest: {took_s:.1f} s" in lines
+    replayed = run_json(capsys, "replay", "paper-test2", "--robot", "mine")
+    assert f"the fastest: {replayed['duration_s']:.1f} s" in lines
+    assert warned
+    assert set(warned) == set(replayed["warnings"])
 
 
 def test_tables_are_tried_at_zero_first_where_the_arm_reaches_it_and_then_anywhere() -> None:
@@ -127,6 +133,49 @@ def test_links_that_touch_by_design_are_found_and_may(
     assert 'may_touch = [["link4", "flange"]]' in lines
     TOML.write_text(bare + lines, encoding="utf-8")
     assert run_json(capsys, "replay", "paper-test2", "--robot", "mine")["collision"] is None
+
+
+def test_no_table_is_put_through_a_link_that_moves(
+    capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A ball below link1 touches any table above its lowest point, whatever the configuration."""
+    ball = '<collision><origin xyz="0 0 -0.25"/><geometry><sphere radius="0.105"/></geometry></collision>'
+    urdf = own_urdf().replace("<link name='link1'/>", f"<link name='link1'>{ball}</link>")
+    TOML.with_name("mine.urdf").write_text(urdf, encoding="utf-8")
+    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 3)
+    TOML.write_text(guide.partition("[dock]")[0], encoding="utf-8")
+    arm = arm_of(read_robot(TOML, draft=True))
+    low = arm.full.jointPlacements[1].translation[2] - 0.355
+    highest = _highest_table(arm, np.array([-1.0, 1.0]))
+    assert low - TABLE_STEP_M < highest < low
+    found = run_json(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")
+    assert found["dock"]["table_height"] <= highest + 1e-9
+    assert not any("nearly always touches" in words for words in found["warnings"])
+    TOML.write_text(guide, encoding="utf-8")  # the user's own table, at 0
+    found = run_json(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")
+    assert any("nearly always touches it: link1; if" in words for words in found["warnings"])
+
+
+def test_each_dock_is_planned_once_and_no_other_options_are(
+    capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Advice on a trial that nobody sees took most of a hopeless search's time."""
+    docks = []
+
+    def refuse(task: Task, options: PlanOptions) -> PlanRefusal:
+        assert task.calibration.T_base_dock is not None
+        docks.append((task.calibration.scale, *task.calibration.T_base_dock.p, *task.robot.home))
+        return PlanRefusal(PlanError("it is in the way"), (("use another option", options),))
+
+    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 3)
+    monkeypatch.setattr("pbd.planning.suggest.MORE_DOCKS", 3)
+    monkeypatch.setattr("pbd.planning.suggest.plan_task", refuse)
+    TOML.write_text(guide, encoding="utf-8")
+    code, _, told = run(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")
+    assert code == 1
+    assert told.endswith("no home and dock found: it is in the way\n")
+    assert len(docks) > 3
+    assert len(set(docks)) == len(docks)
 
 
 def test_a_mesh_that_cannot_be_read_is_refused_before_the_search(capsys: Capture, guide: str) -> None:

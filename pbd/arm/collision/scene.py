@@ -111,6 +111,11 @@ class CollisionScene:
         self.always = QuickClearance(arm, self._bodies, np.concatenate((pairs, around)))
         self._with_object: dict[Stay, QuickClearance] = {}
 
+    @property
+    def sunk(self) -> tuple[str, ...]:
+        """Links that are not checked against the table, since they nearly always touch it."""
+        return tuple(dict.fromkeys(pair.first for pair in self.unchecked if pair.second == TABLE))
+
     def closer(self) -> CollisionScene:
         """Return the same scene with the margin CLOSE_M."""
         scene = copy(self)
