@@ -217,11 +217,6 @@ class Shape:
     scale: Triple = (1.0, 1.0, 1.0)
     rgb: Triple | None = None
 
-    @property
-    def lacks_mesh(self) -> bool:
-        """Whether it is a mesh whose file is missing."""
-        return self.kind == "mesh" and not is_file(self.mesh)
-
 
 def read_shapes(robot: Robot) -> tuple[Shape, ...]:
     """Read the shapes of all links, in the file's order; raises as `read_urdf_xml`.
@@ -235,7 +230,8 @@ def read_shapes(robot: Robot) -> tuple[Shape, ...]:
         elements = (element for element in link if element.tag in ("visual", "collision"))
         own = [part for element in elements for part in _parts(_shape(link.get("name", ""), element, robot, named))]
         solid = [shape for shape in own if shape.element == "collision"]
-        if solid and any(shape.element == "visual" and shape.lacks_mesh for shape in own):
+        meshes = [shape.mesh for shape in own if (shape.element, shape.kind) == ("visual", "mesh")]
+        if solid and not all(map(is_file, meshes)):
             own = [*(replace(shape, element="visual") for shape in solid), *solid]
         shapes += own
     return tuple(shapes)
