@@ -73,12 +73,13 @@ def test_what_is_suggested_replays_as_it_says(capsys: Capture, guide: str, monke
 
 
 def test_tables_are_tried_at_zero_first_where_the_arm_reaches_it_and_then_anywhere() -> None:
-    reaches, hangs = (list(_search_order(None, np.linspace(low, low + 0.6, 9), 0.0)) for low in (-0.1, -0.9))
-    assert [height for height, _, _ in reaches[:4]] == [0.0, 0.0, 0.0, None]
+    at_zero, anywhere = (0.0, 0.0), (-np.inf, 0.3)
+    reaches, hangs = (list(_search_order(anywhere, np.linspace(low, low + 0.6, 9), 0.0)) for low in (-0.1, -0.9))
+    assert [within for within, _, _ in reaches[:4]] == [at_zero, at_zero, at_zero, anywhere]
     assert hangs == reaches[3:]
     assert [scale for _, scale, count in hangs if count == DOCKS] == [1.0, 0.7, 0.5, 0.35, 0.25]
-    assert {(height, scale) for height, scale, count in hangs if count == MORE_DOCKS} == {
-        (height, scale) for height in (0.0, None) for scale in (0.5, 0.35, 0.25)
+    assert {(within, scale) for within, scale, count in hangs if count == MORE_DOCKS} == {
+        (within, scale) for within in (at_zero, anywhere) for scale in (0.5, 0.35, 0.25)
     }
 
 
