@@ -145,6 +145,16 @@ def test_obstacles(arm: ArmModel, shape: str, size: tuple[float, ...], turned: b
             assert hit.distance == pytest.approx(gap, abs=1.5e-3)  # a sphere's top is round
 
 
+def test_an_obstacle_deep_inside_a_links_mesh_is_a_hit(arm: ArmModel) -> None:
+    """It touches the mesh's surface nowhere."""
+    placed = placements(arm, np.append(arm.robot.home, 0.0))
+    for link in link_bodies(arm):
+        if link.joint > 0 and link.mesh is not None:
+            inside = placed[link.joint] @ link.T_joint_body @ Pose(link.points.mean(axis=0), DOWN)
+            hit = CollisionScene(arm, obstacles=[Obstacle("ball", "sphere", (0.01,), inside)]).hit(arm.robot.home)
+            assert hit is not None, link.name
+
+
 def test_an_obstacle_stands_in_base_not_in_the_urdfs_world(odd_arm: ArmModel) -> None:
     """The base of the odd robot is not the URDF's root; its links have no shape, but the obstacle's pose is known."""
     obstacle = Obstacle("thing", "sphere", (0.1,), Pose.from_rpy((0.1, 0.2, 0.3), (0, 0, 0)))
