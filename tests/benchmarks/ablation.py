@@ -99,7 +99,7 @@ COLUMNS = (
 )
 """Of the windows: what it is called, which, percentile."""
 
-Change = tuple[ModuleType, str, object]
+Change = tuple[ModuleType | type, str, object]
 
 
 def of_noise(**values: float) -> tuple[Change, ...]:
