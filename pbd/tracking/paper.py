@@ -17,8 +17,6 @@ paper leaves one:
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
 from pbd.data import Recording, Stop
@@ -147,9 +145,7 @@ def resulting_variance(a_nav: Array) -> Array:
     """Equations 7-9: variance (n,) of the resulting acceleration over the last WINDOW samples, (m/s2)^2."""
     resulting = np.linalg.norm(a_nav, axis=1)  # (7)
     padded = np.concatenate((np.full(WINDOW - 1, resulting[0]), resulting))
-    window = np.lib.stride_tricks.sliding_window_view(padded, WINDOW)
-    mean = window.mean(axis=1, keepdims=True)  # (8)
-    variance: Array = ((window - mean) ** 2).mean(axis=1)  # (9)
+    variance: Array = np.lib.stride_tricks.sliding_window_view(padded, WINDOW).var(axis=1)  # (8), (9)
     return variance
 
 
@@ -167,18 +163,13 @@ def paper_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Array, 
         )
     dt = np.diff(t, prepend=t[0])[:, None]
     v = np.zeros_like(a_nav)
-    # The first stop begins at row 0: the variance of a single sample is zero.
-    bounds = sorted({len(t), *(i for stop in stops for i in (stop.start, stop.stop))})
-    rests = {stop.start for stop in stops}
-    closure = []
-    for start, stop in pairwise(bounds):
-        if start in rests:
-            continue
-        v[start:stop] = np.cumsum(a_nav[start:stop] * dt[start:stop], axis=0)  # (5)
-        if stop <= stops[-1].start:
-            closure.append(v[stop - 1])
+    # The first stop begins at row 0: the variance of a single sample is zero. So each move follows a stop.
+    arrivals = [stop.start for stop in stops[1:]]
+    for stop, end in zip(stops, [*arrivals, len(t)], strict=True):
+        move = slice(stop.stop, end)
+        v[move] = np.cumsum(a_nav[move] * dt[move], axis=0)  # (5)
     p: Array = np.cumsum(v * dt, axis=0)  # (6)
-    return p, v, np.array(closure).reshape(-1, 3)
+    return p, v, v[np.array(arrivals, dtype=np.intp) - 1]
 
 
 def paper_covariance(t: Array, stops: tuple[Stop, ...], closure: Array) -> Array:
