@@ -13,7 +13,7 @@ from pbd.data import SensorEstimate, Stop
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import lengths
 from pbd.tracking.first_rest import QUIET_RATIO, REST_S
-from pbd.tracking.moving_windows import median, moving_mean_variance, rows_of_mean, squares
+from pbd.tracking.moving_windows import moving_mean_variance, rows_of_mean, squares
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, SHORTEST_DIVIDED_S
 from pbd.tracking.smoother.factors import robust_weights
@@ -120,7 +120,7 @@ def _stop_alarms(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
     frame, rest = problem.frame, problem.rest
     rests = [(k, *span) for k, span in enumerate(problem.stops) if t[span[1] - 1] - t[span[0]] > REST_S]
     for k, start, end in rests:
-        weight = median(solution.still_weight[problem.stop_of == k])
+        weight = np.median(solution.still_weight[problem.stop_of == k])
         if weight < MOVING_WEIGHT and weight < _smallest_weight(len(rests)):
             yield (
                 f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but this hardly fits the "

@@ -15,7 +15,6 @@ from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.errors import TrackingError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.first_rest import Rest
-from pbd.tracking.moving_windows import median
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_sigma_factor
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, STATE, Solved
 from pbd.tracking.smoother.path import Path, between_stops
@@ -150,7 +149,7 @@ def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[flo
         (begun, left), (arrived, gone) = t[np.array([problem.stops[before], problem.stops[k]]) - (0, 1)]
         short_gap = arrived - left < BOUNCE_S
         gripped = arrived - left < GRIP_S and any(left - GRIP_S < at <= arrived for at in grips)
-        p_before, p_k = (median(p[problem.stop_of == stop]) for stop in (before, k))
+        p_before, p_k = (np.median(p[problem.stop_of == stop], axis=0) for stop in (before, k))
         moved = float(np.linalg.norm(p_k - p_before))
         turned = float(np.linalg.norm(quat_log(quat_multiply(wxyz[k], quat_inverse(wxyz[before])))))
         knocked = short_gap and is_where_it_was(problem.noise, moved, turned)

@@ -9,7 +9,7 @@ import numpy as np
 from pbd.data import GRAVITY, Recording
 from pbd.errors import RecordingError, TrackingError
 from pbd.pose import Array, lengths, readonly
-from pbd.tracking.moving_windows import PASSES, median, moving_mean_variance, moving_means, rows_of_mean, window_sums
+from pbd.tracking.moving_windows import PASSES, moving_mean_variance, moving_means, rows_of_mean, window_sums
 
 REST_S = 1.0
 """s: length of the first rest."""
@@ -83,21 +83,19 @@ def find_rest(recording: Recording, acc_factor: float = 1.0) -> Rest:
     """
     length = max(2, min(len(recording), round(REST_S * recording.rate_hz)))
     k = rows_of_mean(recording.rate_hz)
-    acc_var = moving_mean_variance(recording.acc, length, k)
-    gyr_var = np.zeros_like(acc_var) if recording.gyr is None else moving_mean_variance(recording.gyr, length, k)
+    gyr = np.zeros_like(recording.acc) if recording.gyr is None else recording.gyr
+    acc_var, gyr_var = (moving_mean_variance(values, length, k) for values in (recording.acc, gyr))
     lasts = recording.t[length - 1 :] - recording.t[: len(acc_var)]
     # Many samples with the same time stamp are no rest.
-    restless = np.where(lasts < 0.5 * median(lasts), np.inf, restlessness(acc_var, gyr_var))
+    restless = np.where(lasts < 0.5 * np.median(lasts), np.inf, restlessness(acc_var, gyr_var))
     # 1e-6: in a sensor without noise rounding alone makes one second quieter than another.
     quiet = restless <= QUIET_RATIO * restless.min() + 1e-6
-    if recording.gyr is not None:
-        rate = window_sums(recording.gyr, length) / length
-        off = lengths(rate - median(rate[quiet][::k]))
-        quiet &= off <= max(QUIET_GYR, float(off[quiet].min()))
+    rate = window_sums(gyr, length) / length
+    off = lengths(rate - np.median(rate[quiet][::k], axis=0))
+    quiet &= off <= max(QUIET_GYR, float(off[quiet].min()))
     start = int(np.argmax(quiet))
     stop = start + length
-    acc = recording.acc[start:stop]
-    gyr = np.zeros_like(acc) if recording.gyr is None else recording.gyr[start:stop]
+    acc, gyr = recording.acc[start:stop], gyr[start:stop]
     gravity = float(np.linalg.norm(acc.mean(axis=0)))
     if gravity == 0.0:
         raise TrackingError(

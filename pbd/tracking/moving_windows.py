@@ -90,14 +90,6 @@ def window_maxima(values: NDArray[Any], n: int) -> NDArray[Any]:
     return values
 
 
-def median(values: Array) -> Array:
-    """Median along the first axis. On short arrays numpy's own takes ten times as long."""
-    low, high = (len(values) - 1) // 2, len(values) // 2
-    parted = np.partition(values, (low, high), axis=0)
-    middle: Array = 0.5 * (parted[low] + parted[high])
-    return middle
-
-
 def squares(vectors: Array) -> Array:
     """Squared lengths of vectors (m, k) -> (m,). With few columns numpy's sum(axis=1) takes ten times as long."""
     total = np.zeros(len(vectors))

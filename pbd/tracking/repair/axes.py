@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from pbd.data.source_columns import IMU_CSV, SourceColumns
 from pbd.data.units import DEG
 from pbd.pose import Array
-from pbd.tracking.moving_windows import median
 from pbd.tracking.repair.axis_readings import READINGS, Reading
 
 CONTRADICTION_DEG = 12.0
@@ -115,13 +114,16 @@ def find_axis_error(
     moved = [_differ(each.first, each.second) for each in witnesses]
     telling = [rows | _differ(each.first, each.rotated(by_gyro)) for each, rows in zip(witnesses, moved, strict=True)]
 
+    def cost(k: int, off: Array) -> Array:
+        """Median of the angles (k, ...) by which witness k is off, where it turns or where it should, the larger."""
+        return np.maximum(_median(off[moved[k]]), _median(off[telling[k]]))
+
     def costs(k: int, by: Array, matrices: Array) -> Array:
-        """Median angles (r,), degrees, by which witness k is off with each of the readings (r, 3, 3)."""
-        cosines = _cosines(witnesses[k], by, matrices)
-        return np.maximum(_median_angles(cosines[moved[k]]), _median_angles(cosines[telling[k]]))
+        """The same (r,) with each of the readings (r, 3, 3)."""
+        return cost(k, _off_with_readings(witnesses[k], by, matrices))
 
     each_witness = range(len(witnesses))
-    off = np.array([max(_median(apart[k][moved[k]]), _median(apart[k][telling[k]])) for k in each_witness])
+    off = np.array([cost(k, apart[k]) for k in each_witness])
     # If no direction turns but the gyro does, the gyro is biased or noisy. A reading that turns it about that direction
     # would seem to remove the contradiction. So only witnesses that turn count.
     counted = [k for k in each_witness if moved[k].sum() >= SIMPLE_PAIRS]
@@ -143,8 +145,7 @@ def find_axis_error(
 
     def fit_of(factor: float) -> float:
         """Degrees by which gravity is off with that factor on the gyro, where it turns and where it doesn't."""
-        by_factor = witnesses[0].off(turn(factor))
-        return max(_median(by_factor[moved[0]]), _median(by_factor[telling[0]]))
+        return float(cost(0, witnesses[0].off(turn(factor))))
 
     off_deg, pair = float(off[0]), int(np.argmax(telling[0]))
     # Where gravity hardly turns, any factor that stops the gyro removes the contradiction.
@@ -219,26 +220,17 @@ def _differ(a: Array, b: Array) -> NDArray[np.bool_]:
     return differ
 
 
-def _cosines(witness: Witness, by: Array, matrices: Array) -> Array:
-    """Cosines (k, r) of the angles by which a witness is off, given rotations `by` (k, 3, 3) and readings (r, 3, 3)."""
+def _off_with_readings(witness: Witness, by: Array, matrices: Array) -> Array:
+    """Angles (k, r), degrees, by which a witness is off, given rotations `by` (k, 3, 3) and readings (r, 3, 3)."""
     # The cosines of all readings are sums of the same 81 products.
     products = np.einsum("ka,kb,kij->kaibj", witness.second, witness.first, by).reshape(-1, 81)
     cosines: Array = products @ np.einsum("ria,rjb->aibjr", matrices, matrices).reshape(81, -1)
-    return np.clip(cosines, -1.0, 1.0)
+    return np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
 
-def _median(values: Array) -> float:
-    """The median; 0 without values."""
-    return float(median(values)) if len(values) else 0.0
-
-
-def _median_angles(cosines: Array) -> Array:
-    """Median angles (r,), degrees, from cosines (k, r); 0 without values."""
-    if not len(cosines):
-        return np.zeros(cosines.shape[1])
-    middle = [(len(cosines) - 1) // 2, len(cosines) // 2]
-    angles: Array = np.arccos(np.partition(cosines, middle, axis=0)[middle]).mean(axis=0)
-    return np.degrees(angles)
+def _median(values: Array) -> Array:
+    """The median along the first axis; 0 without values."""
+    return np.asarray(np.median(values, axis=0) if len(values) else np.zeros(values.shape[1:]))
 
 
 def _message(named: Sequence[tuple[str, Reading]], sure: bool, source: SourceColumns) -> str:

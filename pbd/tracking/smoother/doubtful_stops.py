@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array, lengths
-from pbd.tracking.moving_windows import median
 from pbd.tracking.noise import OUTLIER_SIGMAS
 from pbd.tracking.smoother.gauss_newton import UNDOUBTED_SIGMAS
 from pbd.tracking.smoother.knots import Problem
@@ -71,8 +70,8 @@ def revised_stops(
             first, last = np.searchsorted(problem.rows, part)
             between = blurred[first : max(last - 1, first + 1)]
             blur = float(np.sqrt(between.sum() / max(len(between), 1)))
-            creep = lengths(v[inside] - median(v[inside]))
-            stop = trimmed(part, creep < OUTLIER_SIGMAS * (float(median(still_sigma[inside])) + blur))
+            creep = lengths(v[inside] - np.median(v[inside], axis=0))
+            stop = trimmed(part, creep < OUTLIER_SIGMAS * (float(np.median(still_sigma[inside])) + blur))
             if not lasts(t, stop, 0.5 * ENERGY_WINDOW_S):
                 continue
             stops.append(stop)
