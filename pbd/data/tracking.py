@@ -77,8 +77,13 @@ class Recording:
         return len(self.t)
 
     def __repr__(self) -> str:
-        channels = [name for name in ("acc", "gyr", "mag", "device_rpy") if getattr(self, name) is not None]
-        return brief(self, span(self.t), *channels, counted(len(self.grip), "grip"), name=self.info.name)
+        return brief(self, span(self.t), *self.channels, counted(len(self.grip), "grip"), name=self.info.name)
+
+    @property
+    def channels(self) -> dict[str, Array]:
+        """Name -> readings (n, 3) of each channel that there is."""
+        given = {"acc": self.acc, "gyr": self.gyr, "mag": self.mag, "device_rpy": self.device_rpy}
+        return {name: values for name, values in given.items() if values is not None}
 
     @cached_property
     def rate_hz(self) -> float:

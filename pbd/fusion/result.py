@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -204,22 +205,10 @@ def _relative_covariance_times(cov: Array, p: Array, columns: Array) -> Array:
 
 def _mean_recording(recording: Recording, mean: MeanPath, name: str, grip: tuple[GripEvent, ...]) -> Recording:
     """Return the first take's recording, at the pace of the mean path."""
-
-    def at(values: Array | None) -> Array | None:
-        return None if values is None else interpolate(mean.t_first, recording.t, values)
-
-    acc = at(recording.acc)
-    assert acc is not None
-    return replace(
-        recording,
-        t=mean.t,
-        acc=acc,
-        gyr=at(recording.gyr),
-        mag=at(recording.mag),
-        device_rpy=at(recording.device_rpy),
-        grip=grip,
-        info=replace(recording.info, name=name),
-    )
+    channels: dict[str, Any] = {
+        channel: interpolate(mean.t_first, recording.t, values) for channel, values in recording.channels.items()
+    }
+    return replace(recording, t=mean.t, grip=grip, info=replace(recording.info, name=name), **channels)
 
 
 def _sensor(first: Take, joint: JointEstimate, device: int) -> SensorEstimate | None:

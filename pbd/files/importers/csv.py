@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -185,8 +186,7 @@ def _joined(
 
 def _without_repeats(path: Path, recording: Recording) -> Recording:
     """Leave out rows that repeat the row before with its time, if most do, and samples don't share coarse times."""
-    channels = {name: getattr(recording, name) for name in ("t", "acc", "gyr", "mag", "device_rpy")}
-    channels = {name: values for name, values in channels.items() if values is not None}
+    channels: dict[str, Any] = {"t": recording.t, **recording.channels}
     rows = np.column_stack(list(channels.values()))
     kept = np.concatenate(([True], ~((rows[1:] == rows[:-1]) | np.isnan(rows[1:]) & np.isnan(rows[:-1])).all(axis=1)))
     steps, left = np.diff(recording.t), np.diff(recording.t[kept])

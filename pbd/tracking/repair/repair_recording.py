@@ -20,9 +20,6 @@ from pbd.tracking.repair.gaps import BRIDGED_S, FROZEN, Gap, bridged, find_gaps,
 from pbd.tracking.repair.gyro_consistency import refuse_disagreement
 from pbd.tracking.repair.splices import in_order, refuse_doubled, without_wild
 
-CHANNELS = "acc", "gyr", "mag", "device_rpy"
-"""Readings of a recording that may have missing samples."""
-
 LARGEST_READING = 1e5
 """Largest possible reading of any sensor, in its SI unit or uT. A larger one counts as missing."""
 
@@ -45,8 +42,7 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
             block came twice, or the gyro contradicts gravity.
     """
     # Contiguous columns: numpy is several times as fast with them.
-    given = {name: values for name in CHANNELS if (values := getattr(recording, name)) is not None}
-    columns: dict[str, Any] = {name: np.asfortranarray(values) for name, values in given.items()}
+    columns: dict[str, Any] = {name: np.asfortranarray(values) for name, values in recording.channels.items()}
     recording = with_clock(dataclasses.replace(recording, **columns))
     t, interval = recording.t, 1.0 / recording.rate_hz
     recording, missing = _fill_missing(recording)
@@ -110,19 +106,15 @@ def _fill_missing(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
     """Interpolate missing readings. Also returns the rows (n,) without a reading of accelerometer or gyro."""
     missing = np.zeros(len(recording), dtype=bool)
     filled: dict[str, Any] = {}
-    for name in CHANNELS:
-        values = getattr(recording, name)
-        if values is None:
-            continue
+    for name, values in recording.channels.items():
         if name == "mag":
             _refuse_field_unit(values)
-        good = (np.abs(values) < LARGEST_READING).all(axis=1)  # False for NaN
+        good = np.asarray((np.abs(values) < LARGEST_READING).all(axis=1))  # False for NaN
         if not good.any():
             raise RecordingError(f"'{name}' has no number in any row; leave the column out or record again")
         if name == "device_rpy":
             _refuse_degrees(values[good])
         # A magnetometer is often sampled more slowly: rows without it are no gap.
         missing |= ~good if name in ("acc", "gyr") else False
-        if not good.all():
-            filled[name] = bridged(recording.t, values, good)
+        filled[name] = bridged(recording.t, values, good)
     return dataclasses.replace(recording, **filled), missing

@@ -86,10 +86,10 @@ def find_clips(recording: Recording) -> tuple[Clip, ...]:
 
 def clips_of(recording: Recording) -> tuple[Clip, ...]:
     """`find_clips` without its warning."""
-    given = {name: values for name in SENSOR_NAMES if (values := getattr(recording, name)) is not None}
     clips = (
         Clip(sensor, axis, sign, start, stop)
-        for sensor, values in given.items()
+        for sensor, values in recording.channels.items()
+        if sensor in SENSOR_NAMES
         for new in [np.append(True, row_changes(values))]
         for axis in range(3)
         for sign in (1.0, -1.0)

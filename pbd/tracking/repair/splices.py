@@ -87,8 +87,7 @@ def in_order(recording: Recording) -> Recording:
         "follow, and are put behind them: packets are sent out of order"
     )
     rows[first : first + 2 * size] = np.roll(rows[first : first + 2 * size], size)
-    channels = {name: getattr(recording, name) for name in ("acc", "gyr", "mag", "device_rpy")}
-    changes: dict[str, Any] = {name: values[rows] for name, values in channels.items() if values is not None}
+    changes: dict[str, Any] = {name: values[rows] for name, values in recording.channels.items()}
     return replace(recording, **changes)
 
 
