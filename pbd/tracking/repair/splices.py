@@ -155,10 +155,10 @@ def _unmet(x: Array, edges: Rows) -> Array:
     return lengths(gap - np.clip(nearest, -0.5, 0.5)[:, None] * bend)
 
 
-def _extrapolate_everywhere(x: Array) -> tuple[Array, Array]:
-    """`_extrapolate` at every edge from 2 to len(x) - 2. Slices avoid four copies of all rows."""
-    before, after = x[1:-2], x[2:-1]
-    return before + 0.5 * (before - x[:-3]), after - 0.5 * (x[3:] - after)
+def _jumps(x: Array) -> Array:
+    """Jumps (n - 3,) between the lines of `_extrapolate` at every edge from 2 to len(x) - 2, in the middle."""
+    before, after = _extrapolate(x, np.arange(2, len(x) - 1))
+    return lengths(after - before)
 
 
 def _wild_rows(values: Array, away: float, most: int, least: float, reach: int) -> Rows:
@@ -169,8 +169,7 @@ def _wild_rows(values: Array, away: float, most: int, least: float, reach: int) 
     ends = np.median(values[:5], axis=0), np.median(values[-5:], axis=0)
     x = np.vstack((ends[0], ends[0], values, *[ends[1]] * (most + 1)))  # the first and last rows may be wild too
     edges = np.arange(2, len(x) - most - 1)
-    before, after = _extrapolate_everywhere(x)
-    jumps = lengths((after - before)[: len(edges)])
+    jumps = _jumps(x)[: len(edges)]
     sums = np.concatenate(([0.0], np.cumsum(jumps**2)))
     at = np.flatnonzero(jumps > 0.5 * away)
     low, high = np.maximum(at - reach, 0), np.minimum(at + reach + 1, len(jumps))
@@ -200,8 +199,7 @@ def _knocked(recording: Recording, rows: Rows, reach: int) -> NDArray[np.bool_]:
 
 def _jumps_at(values: Array, rows: Rows, reach: int, least: float) -> tuple[Array, Array]:
     """Largest jump (k,) of readings (n, 3) at some rows, and rms (k,), at least `least`, of those around (`reach`)."""
-    before, after = _extrapolate_everywhere(values)
-    jumps = np.pad(lengths(after - before), (2 + reach, 1 + reach))
+    jumps = np.pad(_jumps(values), (2 + reach, 1 + reach))
     near = np.lib.stride_tricks.sliding_window_view(jumps, 2 * reach + 1)[rows]
     own = near[:, reach - 1 : reach + 3]  # before the row, after it, and one further to either side
     around = squares(near) - squares(own)
@@ -216,8 +214,7 @@ def _swapped_blocks(recording: Recording) -> tuple[int, int] | None:
     for name, least in NOISE_FLOOR.items():
         values = getattr(recording, name)
         if values is not None:
-            before, after = _extrapolate_everywhere(values)
-            gaps = lengths(after - before)
+            gaps = _jumps(values)
             noise = max(least, float(np.median(gaps)))
             jumps += (gaps / noise) ** 2
             sensors.append((values, noise))
