@@ -12,9 +12,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_to_matrix, skew
+from pbd.tracking.moving_windows import Rows
 from pbd.tracking.smoother.factors import leg_jacobian
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LOWER, POS, ROT, VEL
@@ -30,9 +30,9 @@ def without_noise(problem: Problem, x: State, fixed: Fixed) -> Problem:
     residual = leg_jacobian(problem, x)[:, :, -1]
     acc_noise = _accelerometer_part(np.tensordot(fixed.components[:3], legs.parts, axes=1), legs.dU, residual)
     C = quat_to_matrix(problem.frame.wxyz[(rows[:-1] + rows[1:]) // 2])
-    J, lower, full = legs.J.copy(), np.transpose(LOWER), np.array(np.divmod(np.arange(9), 3))
-    J[:, VEL, ACC_MATRIX] -= _matrix_columns(C, acc_noise[:, 0], lower)
-    J[:, POS, ACC_MATRIX] -= _matrix_columns(C, acc_noise[:, 1], lower)
+    J, full = legs.J.copy(), np.divmod(np.arange(9), 3)
+    J[:, VEL, ACC_MATRIX] -= _matrix_columns(C, acc_noise[:, 0], LOWER)
+    J[:, POS, ACC_MATRIX] -= _matrix_columns(C, acc_noise[:, 1], LOWER)
     rotation = _matrix_columns(C, residual[:, ROT], full)
     velocity = -skew(legs.dU) @ rotation  # the rotation error grows linearly during the leg
     J[:, ROT, GYR_MATRIX] -= rotation
@@ -53,8 +53,8 @@ def _accelerometer_part(cov: Array, force: Array, residual: Array) -> Array:
     return np.asarray(acc_cov @ weighted)
 
 
-def _matrix_columns(C: Array, noise: Array, entries: NDArray[np.intp]) -> Array:
-    """Return how noise (m, 3) in the gyro frame changes the Jacobian's columns of a matrix's entries (2, e): (m, 3, e).
+def _matrix_columns(C: Array, noise: Array, entries: tuple[Rows, Rows]) -> Array:
+    """Return how noise (m, 3) in the gyro frame changes the Jacobian's columns of e entries of a matrix: (m, 3, e).
 
     Args:
         C: (m, 3, 3), gyro frame <- sensor.

@@ -32,8 +32,8 @@ ERRORS = ACC_BIAS.stop
 OF_GYR, OF_ACC = np.r_[GYR_BIAS, GYR_MATRIX], np.r_[ACC_BIAS, ACC_MATRIX]
 """Indices of each sensor's own errors."""
 
-LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
-"""Entries of N. It is lower triangular, because the accelerometer's axes define the sensor's."""
+LOWER = np.tril_indices(3)
+"""Rows and columns of N's entries. N is lower triangular, because the accelerometer's axes define the sensor's."""
 
 ROUNDING_SIGMAS = (1e-6, 3e-5, 1e-4)
 """rad, m/s, m per axis: rounding error of a leg. Without it covariances may become indefinite."""
@@ -138,7 +138,6 @@ class Legs:
     """Preintegrated motion from each knot to the next, in the gyro frame.
 
     Attributes:
-        rows: (m + 1,) the knots' rows.
         T: (m,) s, duration.
         U: (m + 1, 3) m/s, integral of specific force up to each knot.
         dU, dP: (m, 3) m/s and m, change of velocity, and displacement if the leg begins at rest.
@@ -146,7 +145,6 @@ class Legs:
         parts: (3, m, 9, 9), covariances that add up: from white noise, turning, motion.
     """
 
-    rows: Rows
     T: Array
     U: Array
     dU: Array  # noqa: N815
@@ -221,7 +219,7 @@ def preintegrate(
     for block, floor in zip((ROT, VEL, POS), ROUNDING_SIGMAS, strict=True):
         parts[0, :, block, block] += floor**2 * np.eye(3)
     _add_impulses(parts[0], frame, rows, impulses)
-    return Legs(rows, T, at_knots, gained, way, J, parts)
+    return Legs(T, at_knots, gained, way, J, parts)
 
 
 def of_blocks_by_errors(C: Array, rate: Array, force: Array, h: Array) -> tuple[Array, Array]:
@@ -232,7 +230,7 @@ def of_blocks_by_errors(C: Array, rate: Array, force: Array, h: Array) -> tuple[
         rate, force: (k, 3) rad/s and (k, 3) m/s2, means in sensor axes.
         h: (k,) s, duration.
     """
-    i, j = np.transpose(LOWER)
+    i, j = LOWER
     by_gyr = np.concatenate((C, (C[:, :, :, None] * rate[:, None, None, :]).reshape(-1, 3, 9)), axis=2)
     by_acc = np.concatenate((C, C[:, :, i] * force[:, None, j]), axis=2)
     return by_gyr * -h[:, None, None], by_acc * -h[:, None, None]

@@ -81,5 +81,5 @@ class Fixed:
 def lower_matrix(values: Array, elsewhere: Array | float = 0.0) -> Array:
     """Lower triangular matrix (3, 3) from its entries (6,), with `elsewhere` above the diagonal."""
     matrix = np.array(np.broadcast_to(elsewhere, (3, 3)), dtype=np.float64)
-    matrix[tuple(np.transpose(LOWER))] = values
+    matrix[LOWER] = values
     return matrix
