@@ -5,12 +5,10 @@ Rotations are perturbed on the left, in nav: E <- exp(theta) E.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.pose import Array, lengths, matrix_log, quat_exp, quat_to_matrix, readonly, skew
+from pbd.pose import Array, lengths, matrix_log, quat_exp, quat_to_matrix, skew
 from pbd.tracking.moving_windows import squares
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_sigma_factor
 from pbd.tracking.smoother.knots import Problem
@@ -210,23 +208,17 @@ def shared_prior(problem: Problem, x: State, prior: Prior) -> Array:
     """Information and, as last column, gradient (SHARED, SHARED + 1) of the prior of the shared unknowns."""
     noise, mean = problem.noise, np.zeros(SHARED)
     mean[LAG], mean[GRAVITY] = prior.lag, noise.gravity
-    information = _information(noise, acc_sigma_factor(noise, problem.rest), prior)
-    return np.column_stack((information, information @ (x.shared - mean)))
-
-
-@lru_cache(4)
-def _information(noise: Noise, acc_factor: float, prior: Prior) -> Array:
-    """Information (SHARED, SHARED) of the shared unknowns' prior. `acc_factor`: on the accelerometer's sigmas."""
     covariance = np.zeros((SHARED, SHARED))
     i = np.arange(SHARED)
     covariance[i[LAG], i[LAG]] = prior.lag_sigma**2
     covariance[i[GYR_MATRIX], i[GYR_MATRIX]] = noise.sensor.gyr_scale**2
-    covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (acc_factor * noise.sensor.acc_scale) ** 2
+    covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (acc_sigma_factor(noise, problem.rest) * noise.sensor.acc_scale) ** 2
     covariance[i[GRAVITY], i[GRAVITY]] = noise.gravity_sigma**2
     covariance[i[PIVOT], i[PIVOT]] = noise.pivot**2
     diagonal = i[GYR_MATRIX][::4]
     covariance[np.ix_(diagonal, diagonal)] += prior.common_scale**2
-    return readonly(np.linalg.inv(covariance))
+    information = np.linalg.inv(covariance)
+    return np.column_stack((information, information @ (x.shared - mean)))
 
 
 def robust_weights(squares: Array) -> Array:
