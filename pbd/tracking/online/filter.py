@@ -45,11 +45,10 @@ LEVEL_SIGMA = 0.1
 UP = np.array((0.0, 0.0, 1.0))
 
 IDENTITY = np.eye(STATES)
-H_VEL, H_POS, H_TILT = IDENTITY[VEL], IDENTITY[POS], IDENTITY[:2]
+H_POS = IDENTITY[POS]
 H_SHIFT = IDENTITY[POS] - IDENTITY[KNOT_POS]
-H_LAG = IDENTITY[SENSOR_ERRORS][LAG]
 H_MOTION = np.vstack((H_SHIFT, IDENTITY[ROT] - IDENTITY[KNOT_ROT]))
-"""Measurement matrices: velocity, position, tilt; shift since the last knot; lag; shift and turn since that knot."""
+"""Measurement matrices: position; shift since the last knot; shift and turn since that knot."""
 
 BIASES = np.arange(STATES)[SENSOR_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
 
@@ -109,7 +108,7 @@ class OnlineFilter:
     def _free_lag(self) -> None:
         """Widen the lag's prior, as if it had always been wide: an update with negative information."""
         less = self.noise.lag_sigma**-2 - self.noise.wide_lag_sigma**-2
-        self._update(H_LAG, self.noise.lag - self.x[LAG], -1.0 / less, robust=False)
+        self._update(IDENTITY[SENSOR_ERRORS][LAG], self.noise.lag - self.x[LAG], -1.0 / less, robust=False)
         self._lag_is_free = True
 
     def use_noise(self, noise: Noise) -> None:
@@ -175,7 +174,7 @@ class OnlineFilter:
 
     def update_zero_velocity(self, sigma: float, shaking: Array, robust: bool = True) -> None:
         """The velocity without `shaking` is zero within `sigma` m/s per axis; robust by Geman-McClure's weight."""
-        self._update(H_VEL, self.E @ shaking - self.v, sigma**2, robust)
+        self._update(IDENTITY[VEL], self.E @ shaking - self.v, sigma**2, robust)
 
     def update_no_motion(self, turn_sigma: float) -> None:
         """Since the last knot nothing moved, and nothing turned within `turn_sigma` rad."""
@@ -199,7 +198,7 @@ class OnlineFilter:
         """Without a gyro the gyro frame is nav, but the device's attitude errs, and lags at `rate` (3,) rad/s."""
         variance = self.noise.device_turn**2 + self.noise.device_lag**2 * float(rate @ rate)
         self._update_heading(float(matrix_log(self.E)[2]), UP, variance)
-        self._update(H_TILT, -matrix_log(self.E)[:2], variance, robust=False)
+        self._update(IDENTITY[:2], -matrix_log(self.E)[:2], variance, robust=False)
 
     def _update_heading(self, east: float, by_turn: Array, variance: float) -> None:
         H = np.zeros((1, STATES))
