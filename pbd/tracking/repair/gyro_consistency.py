@@ -133,8 +133,7 @@ def refuse_flipped_signs(recording: Recording) -> None:
 
 def up_in_sensor(wxyz_nav_sensor: Array) -> Array:
     """The vertical in sensor axes (..., 3), given attitudes (..., 4)."""
-    vertical = np.broadcast_to((0.0, 0.0, 1.0), (*wxyz_nav_sensor.shape[:-1], 3))
-    return quat_rotate(quat_inverse(wxyz_nav_sensor), vertical)
+    return quat_rotate(quat_inverse(wxyz_nav_sensor), (0.0, 0.0, 1.0))
 
 
 def warn_tracked_upside_down(path: HandPath, recording: Recording) -> None:
@@ -211,7 +210,7 @@ def _other_witnesses(
     if recording.device_rpy is not None:
         wxyz = quat_inverse(quat_from_rpy(recording.device_rpy[every // 2 :: every]))
         for axis in ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)):
-            seen = quat_rotate(wxyz, np.broadcast_to(axis, (len(wxyz), 3)))
+            seen = quat_rotate(wxyz, axis)
             yield Witness("", seen[row_before], seen[row_after])
 
 
