@@ -48,8 +48,7 @@ def cumulative(steps: Array) -> Array:
 def window_sums(values: Array, n: int) -> Array:
     """Sums over each window of n samples: (l,) or (l, k) -> (l - n + 1,) or (l - n + 1, k)."""
     sums = cumulative(values)
-    windows: Array = sums[n:] - sums[:-n]
-    return windows
+    return sums[n:] - sums[:-n]
 
 
 def smoothed(values: Array, n: int) -> Array:

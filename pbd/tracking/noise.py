@@ -283,5 +283,4 @@ def _bends(means: Array, n: int, noise: Noise, dt: float) -> Array:
     fourth = second[2 * n :] - 2.0 * second[n:-n] + second[: -2 * n]
     # White noise of variance 1 has fourth differences of variance 70 and second differences of variance 6.
     white = 6.0 * 3.0 * noise.acc_density**2 / dt * white_noise_variance(n, 2)
-    bends: Array = np.maximum(6.0 / 70.0 * squares(fourth) - white, 0.0)
-    return bends
+    return np.maximum(6.0 / 70.0 * squares(fourth) - white, 0.0)

@@ -150,8 +150,7 @@ def speed_by_energies(shake: Array, turn: Array, rest: Rest, noise: Noise) -> Ar
     """Sigma of zero velocity (k,), m/s per axis, of windows with known `energies`."""
     shaken = np.maximum(shake - rest.shake, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
     turned = noise.still_lever**2 * np.maximum(turn - rest.turn, 0.0)
-    speed: Array = np.sqrt(noise.still_speed**2 + shaken + turned)
-    return speed
+    return np.sqrt(noise.still_speed**2 + shaken + turned)
 
 
 def quiet_limits(rest: Rest) -> tuple[float, float]:

@@ -162,8 +162,7 @@ class Strapdown:
 
 def _middles(dt: float, earlier: Array, before: Array, own: Array) -> Array:
     """Integral from the middle of the interval `before` to that of `own`, given means over three intervals of dt s."""
-    integral: Array = dt * (6.0 * before + 3.0 * own - earlier) / 8.0
-    return integral
+    return dt * (6.0 * before + 3.0 * own - earlier) / 8.0
 
 
 def _device_attitude(sample: Sample) -> Array:

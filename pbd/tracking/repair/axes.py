@@ -72,8 +72,7 @@ class Witness:
 
     def rotated(self, turn: Array) -> Array:
         """The first direction (k, 3), rotated by `turn` (k, 3, 3)."""
-        rotated: Array = (turn @ self.first[:, :, None])[:, :, 0]
-        return rotated
+        return (turn @ self.first[:, :, None])[:, :, 0]
 
 
 class Contradiction(NamedTuple):
@@ -216,8 +215,7 @@ def _find_remedy(
 
 def _differ(a: Array, b: Array) -> NDArray[np.bool_]:
     """Whether each two directions (k, 3) are more than CONTRADICTION_DEG apart."""
-    differ: NDArray[np.bool_] = np.degrees(angles(a, b)) > CONTRADICTION_DEG
-    return differ
+    return np.degrees(angles(a, b)) > CONTRADICTION_DEG
 
 
 def _off_with_readings(witness: Witness, by: Array, matrices: Array) -> Array:

@@ -185,8 +185,7 @@ def refuse_freezes(recording: Recording, v_nav: Array, stops: tuple[Stop, ...]) 
 
 def _repeats(recording: Recording) -> NDArray[np.bool_]:
     """Whether each row repeats the one before it at a later time, (n - 1,)."""
-    same: NDArray[np.bool_] = ~row_changes(recording.acc, recording.gyr) & (np.diff(recording.t) > 0.0)
-    return same
+    return ~row_changes(recording.acc, recording.gyr) & (np.diff(recording.t) > 0.0)
 
 
 def _axis_has_noise(column: Array) -> bool:

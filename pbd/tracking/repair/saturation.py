@@ -159,5 +159,4 @@ def _overshoot(x: Array, sign: float, start: int, stop: int) -> Array:
     u = np.arange(1, width) / width
     cubic = before * (1 + 2 * u) * (1 - u) ** 2 + after * u**2 * (3 - 2 * u)
     cubic += width * (rise * u * (1 - u) ** 2 - fall * u**2 * (1 - u))
-    overshoot: Array = np.maximum(cubic - top, 0.0)
-    return overshoot
+    return np.maximum(cubic - top, 0.0)

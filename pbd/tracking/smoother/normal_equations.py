@@ -234,8 +234,7 @@ class Solved:
     def of_knots(self, block: slice = slice(None)) -> Array:
         """Covariance (m, k, k) of a block of each knot's unknowns."""
         by = self.by_shared[:, block]
-        covariance: Array = self.selected[0][:, block, block] + by @ self.shared @ by.transpose(0, 2, 1)
-        return covariance
+        return self.selected[0][:, block, block] + by @ self.shared @ by.transpose(0, 2, 1)
 
     def of_changes(self, block: slice) -> Array:
         """Covariance (m - 1, k, k) of the change of a block of unknowns from each knot to the next."""

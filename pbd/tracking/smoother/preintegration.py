@@ -97,8 +97,7 @@ def turns_between_middles(t: Array, gyr: Array, interval: float) -> Array:
     # Beyond its ends the recording is continued with the first and the last rate.
     padded = np.vstack((gyr[:1], gyr[:1], gyr, gyr[-1:]))
     earlier, before, own, later = padded[:-3], padded[1:-2], padded[2:-1], padded[3:]
-    turns: Array = dt * (9.0 * (before + own) - earlier - later) / 16.0 + dt**2 / 12.0 * cross(before, own)
-    return turns
+    return dt * (9.0 * (before + own) - earlier - later) / 16.0 + dt**2 / 12.0 * cross(before, own)
 
 
 def integral_of_means(t: Array, means: Array) -> Array:
