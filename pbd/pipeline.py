@@ -147,8 +147,7 @@ def track_alone(
     if method == "default":
         recording, lost = restore(recording, clips)
     errors = None if calibration is None else calibration.sensor
-    if errors is not None:
-        recording = corrected(recording, errors)  # after `restore`: clipping is at the range of the raw values
+    recording = corrected(recording, errors)  # after `restore`: clipping is at the range of the raw values
     rest = find_rest(recording)
     if method == "paper":
         found = track_as_paper(recording, rest)
