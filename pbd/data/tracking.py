@@ -181,6 +181,10 @@ class Stop:
         """The sample in its middle."""
         return (self.start + self.stop - 1) // 2
 
+    def middle_s(self, t: Array) -> float:
+        """Half-way from its first sample to its last, s; t (n,) s are the times of all samples."""
+        return 0.5 * float(t[self.start] + t[self.stop - 1])
+
 
 @dataclass(frozen=True, eq=False)
 class Tracking:

@@ -77,6 +77,5 @@ def points_in_base(
                 nearest = int(np.argmin(np.abs(middles - when)))
                 if nearest in indices:
                     j = indices.index(nearest)
-                    middle = 0.5 * float(t[stops[j].start] + t[stops[j].stop - 1])
-                    found.setdefault(j, replace(place, t=(middle,)))
+                    found.setdefault(j, replace(place, t=(stops[j].middle_s(t),)))
     return tuple(found.values())

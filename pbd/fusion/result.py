@@ -168,7 +168,7 @@ def hand_path(demo: Demonstration, fused: Fused, calibration: Calibration | None
     rotation = np.kron(np.eye(2 * len(p)), turn)
     cov = rotation @ joint.cov @ rotation.T
     grip = tuple(
-        GripEvent(0.5 * float(mean.t[stop.start] + mean.t[stop.stop - 1]), closed)
+        GripEvent(stop.middle_s(mean.t), closed)
         for closed, stop in zip(fused_grips(fused.kept, fused.takes), mean.stops, strict=True)
         if closed is not None
     )

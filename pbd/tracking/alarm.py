@@ -111,7 +111,7 @@ def _stop_alarms(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
     t = solution.problem.frame.t
     for stop in stops:
         if stop.weight < DOUBTED_WEIGHT:
-            middle = 0.5 * float(t[stop.start] + t[stop.stop - 1])
+            middle = stop.middle_s(t)
             yield (
                 f"the stop at {middle:.1f} s may be no stop ({100.0 * stop.weight:.0f} % sure): the hand seems to move "
                 "on there; stop for half a second, or drop it from keyframes.toml"

@@ -14,7 +14,7 @@ from math import erfc, sqrt
 
 import numpy as np
 
-from pbd.data import Calibration, ClaimFit, HandPath, Known, Stop
+from pbd.data import Calibration, ClaimFit, HandPath, Known
 from pbd.data.covariance import PoseCovariance
 from pbd.data.streams import interpolate
 from pbd.errors import TrackingError
@@ -145,7 +145,7 @@ def fits_of(path: HandPath, claims: Sequence[Claim], misfit: Array, S: Array) ->
         worst = int(np.argmax(gained))
         _refuse(path, claims[worst], against[worst], gained[worst], " against the other claims")
     return tuple(
-        ClaimFit(claim.saying, _middle(path, path.stops[claim.stop]), claim.stop, _length(misfit[row]), sqrt(value))
+        ClaimFit(claim.saying, path.stops[claim.stop].middle_s(path.t), claim.stop, _length(misfit[row]), sqrt(value))
         for claim, row, value in zip(claims, rows, square, strict=True)
     )
 
@@ -156,7 +156,7 @@ def _refuse(path: HandPath, claim: Claim, misfit: Array, square: float, beside: 
     raise TrackingError(
         f"demo.toml says that {claim.saying}, but {claim.differs.format(_cm(off))}{beside} "
         f"(sigma {_cm(off / sigmas)}, {number} sigma); remove {claim.entry}, or record again",
-        t=_middle(path, path.stops[claim.stop]),
+        t=path.stops[claim.stop].middle_s(path.t),
         stop=claim.stop,
         value=off,
         sigmas=sigmas,
@@ -173,10 +173,6 @@ def _excess(square: float, dimension: int) -> float:
     from scipy.special import chdtri
 
     return square / float(chdtri(dimension, erfc(OUTLIER_SIGMAS / sqrt(2.0))))
-
-
-def _middle(path: HandPath, stop: Stop) -> float:
-    return 0.5 * float(path.t[stop.start] + path.t[stop.stop - 1])
 
 
 def _length(vector: Array) -> float:

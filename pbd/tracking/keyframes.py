@@ -31,7 +31,7 @@ def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
     grips, fusion = _without_repeats(_grip_at_stops(events, path.t, path.stops)), path.fusion
     return tuple(
         Keyframe(
-            t=0.5 * float(path.t[stop.start] + path.t[stop.stop - 1]),
+            t=stop.middle_s(path.t),
             dwell_s=stop.dwell_s,
             T_nav_sensor=Pose(
                 path.p_nav_sensor[stop.start], mean_quaternion(path.wxyz_nav_sensor[stop.start : stop.stop])
