@@ -19,7 +19,6 @@ from pbd.tracking.smoother.normal_equations import (
     STATE,
     NormalEquations,
     batches,
-    inverse_of_lower,
 )
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, POS, ROT, VEL
 from pbd.tracking.smoother.state import GRAVITY, PIVOT, SHARED, Fixed, Prior, State
@@ -60,7 +59,7 @@ def sensor_errors(x: State) -> Array:
 def whitener(problem: Problem, fixed: Fixed) -> Array:
     """Inverse Cholesky factor (m - 1, 9, 9) of each leg's noise covariance, in the gyro frame."""
     root = np.linalg.cholesky(np.tensordot(fixed.components[:3], problem.legs.parts, axes=1))
-    return inverse_of_lower(np.asarray(root, dtype=np.float64))
+    return np.asarray(np.linalg.inv(root), dtype=np.float64)
 
 
 def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:

@@ -195,7 +195,7 @@ class Solved:
         root, gain = np.empty((2, len(self.scale), STATE, STATE))
         for knots in batches(len(root)):
             D, B = _blocks(self.cholesky[:, _rows(knots)])
-            root[knots] = inverse_of_lower(D)
+            root[knots] = np.linalg.inv(D)
             gain[knots] = B @ root[knots]
         return root, gain[:-1]
 
@@ -276,13 +276,3 @@ def _blocks(cholesky: Array) -> tuple[Array, Array]:
     rows.reshape(m, STATE, -1)[:, :, :BAND] = cholesky.T.reshape(m, STATE, BAND)
     columns = rows[:, :-STATE].reshape(m, STATE, -1).transpose(0, 2, 1)
     return columns[:, :STATE], columns[:, STATE : 2 * STATE]
-
-
-def inverse_of_lower(matrices: Array) -> Array:
-    """Inverse of lower triangular matrices (m, k, k), row by row for all at once."""
-    inverse = np.zeros(matrices.shape)
-    for row in range(matrices.shape[1]):
-        inverse[:, row, :row] = -(matrices[:, row, None, :row] @ inverse[:, :row, :row])[:, 0]
-        inverse[:, row, row] = 1.0
-        inverse[:, row] /= matrices[:, row, row, None]
-    return inverse
