@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbd.data import Keyframe, Stop
-from pbd.pose import Array, Pose, quat_log
+from pbd.pose import Array, Pose
 from pbd.tracking.estimate import BOUNCE_M, BOUNCE_RAD, BOUNCE_S, is_where_it_was
 from pbd.tracking.first_rest import STILL_ACC, Rest
 from pbd.tracking.moving_windows import PASSES, rows_of_mean
@@ -172,11 +172,6 @@ class LiveHand:
         kalman.clone_pose()
         self._t_knot, self._angles = t, [np.zeros(3)]
 
-    def _change(self, kalman: OnlineFilter) -> tuple[float, float]:
-        """How far the hand is from the last stop, m, and by how much it has turned since, rad."""
-        change = self._past_stops[-1].pose.inverse() @ kalman.pose()[0]
-        return float(np.linalg.norm(change.p)), float(np.linalg.norm(quat_log(change.wxyz)))
-
     def _knot_is_due(self, sample: Sample) -> bool:
         return sample.t - self._t_knot >= STOP_KNOT_S - 1e-6
 
@@ -254,7 +249,8 @@ class LiveHand:
             self._filter = self._trial_filter
         self._trial_filter = self._filter.fork()
         self._add_knot(self._trial_filter, sample.t, same=self._settled)
-        before, first, (moved, turned) = self._past_stops[-1], trial.first, self._change(self._trial_filter)
+        before, first = self._past_stops[-1], trial.first
+        moved, turned = before.pose.distance(self._trial_filter.pose()[0])
         # As `_join_stops` does; but how long the hand will stand here is not known yet.
         short_gap = first.t - before.last.t < BOUNCE_S
         knocked = short_gap and is_where_it_was(self._noise, moved, turned)
