@@ -51,8 +51,7 @@ def fuse(takes: Sequence[Demonstration], calibration: Calibration | None = None,
     Args:
         takes: two or more demonstrations of one task, by one device or by several. The first take defines nav and how
             the sensor is held.
-        calibration: as `track` takes it.
-        accept_gap: as `track` takes it.
+        calibration, accept_gap: as `track` takes them.
 
     Raises:
         RecordingError: fewer than two takes, or the same take twice.

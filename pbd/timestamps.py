@@ -111,7 +111,6 @@ class SampleClock(Generic[T]):
         """Add the next sample; return (time, sample) of each sample whose time is now known.
 
         Args:
-            sample: the sample.
             t_device: s on the device's clock; None if the sample has no time.
             arrival: s on the host's clock.
             after: how many samples came after it in the same piece.

@@ -82,7 +82,6 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance, scale: 
 
     Args:
         keyframes: a path's keyframes, not conditioned on known places. At all of them the tip stood on the point.
-        covariance: the keyframes' joint covariance.
         scale: the calibration's factor on the hand's positions, and so on the lever that they show.
 
     Raises:

@@ -66,7 +66,6 @@ def observe_points(
 
     Args:
         keyframes: all keyframes of a path that is not conditioned on known places.
-        covariance: the keyframes' joint covariance.
         p_sensor_tip: (3,) m, the tip l in sensor axes.
         cov_tip: (3, 3) m2, covariance of l; None: l is exact.
     """

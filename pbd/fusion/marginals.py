@@ -74,7 +74,6 @@ def marginal_of(solution: Solution, knots: Sequence[int], x: State | None = None
     """Marginalise a take onto its keyframes and its device's errors.
 
     Args:
-        solution: the smoother's.
         knots: indices of the keyframes' knots.
         x: linearisation point, estimated with given device errors; None: the solution.
     """

@@ -35,7 +35,6 @@ def apply_constraints(
 
     Args:
         path: as tracked, without constraints.
-        known: places, heights, closed.
         calibration: for the lever from sensor to tool, positions in base and the table's height.
         T_base_nav: nav in base, with a calibration.
 

@@ -74,7 +74,6 @@ def find_rest(recording: Recording, acc_factor: float = 1.0) -> Rest:
     seconds.
 
     Args:
-        recording: what the sensor said.
         acc_factor: by which a file's values of specific force were multiplied, for the advice on a wrong unit.
 
     Raises:

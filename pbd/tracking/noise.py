@@ -168,7 +168,6 @@ def noise_of(
 
     Args:
         recording: its `info.sensor` gives the class.
-        rest: its first quiet second.
         errors: the calibration's, already corrected in the recording. It also gives the local gravity.
         steps: of the gyro and the accelerometer; by default the recording's own.
     """
@@ -222,11 +221,7 @@ def _rounding(step: float, rms: float) -> tuple[float, float]:
 
 
 def _calibrated(own: SensorClass, acc: Linear, gyr: Linear | None) -> SensorClass:
-    """What a calibration leaves: its own sigmas (few orientations determine little), or the class'; at best CALIBRATED.
-
-    Args:
-        own: the sensor's class, for what the calibration did not determine.
-    """
+    """What a calibration leaves, at best CALIBRATED: its sigmas; the class' sigmas of what it did not determine."""
     names = "acc_bias", "acc_scale", "gyr_scale"
     found = acc.bias_sigma.max(), acc.matrix_sigma, np.nan if gyr is None else gyr.matrix_sigma
     best, usual = ([getattr(each, name) for name in names] for each in (CALIBRATED, own))
@@ -246,7 +241,6 @@ def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = 
     The three parts add up: white noise measured at rest, noise from turning, noise from motion.
 
     Args:
-        noise: parameters.
         gyr: (n, 3) rad/s, without bias.
         u: (n, 3) m/s2, specific force in the gyro frame.
         dt: s, sampling interval.
@@ -276,7 +270,6 @@ def _bends(means: Array, n: int, noise: Noise, dt: float) -> Array:
     Args:
         means: (m, 3) m/s2, moving means over n samples, taken twice.
         n: samples in a mean, and in the interval of a difference.
-        noise: gives the white noise.
         dt: s, sampling interval.
     """
     second = means[2 * n :] - 2.0 * means[n:-n] + means[: -2 * n]

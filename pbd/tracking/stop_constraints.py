@@ -118,8 +118,6 @@ def claims_of(
     """The constraints that follow from what is known. One that needs a missing calibration is left out, with a warning.
 
     Args:
-        path: with its stops.
-        known: places, heights, closed.
         calibration: gives the lever from sensor to tool (else 0), the table's height and the scale.
         T_base_nav: nav in base; without it positions in base and the table's height can't be used.
 

@@ -105,7 +105,6 @@ class QuietWindows:
     """Whether windows are quiet that come one after the other, as `find_candidates` judges those of a recording.
 
     Args:
-        rest: its energies set the thresholds.
         least: number of windows in which a hand must be held still to be one that trembles.
     """
 
@@ -137,9 +136,6 @@ def still_speed(shake: Array, turn: Array, n: int, rest: Rest, noise: Noise) -> 
 
     Args:
         shake, turn: (m,) (m/s2)^2 and (m,) (rad/s)^2, from `energies`.
-        n: number of rows.
-        rest: gives the sensor's noise.
-        noise: gives the hand's parameters.
     """
     before = (n - len(shake) + 1) // 2  # a row is in the middle of its window
     speed = speed_by_energies(shake, turn, rest, noise)

@@ -123,7 +123,6 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
 
     Args:
         recording: without NaN.
-        clips: from `find_clips`.
 
     Returns:
         The recording, and one sigma of what may still be lost, for each half of a clip.

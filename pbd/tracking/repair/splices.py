@@ -135,7 +135,6 @@ def _extrapolate(x: Array, edges: Rows, rows: int = 0) -> tuple[Array, Array]:
     """Extrapolate x (n, k) to the middle of each gap from the two rows before it, and from the two after: (m, k) each.
 
     Args:
-        x: readings.
         edges: (m,) first row after each edge.
         rows: number of rows left out from there on; 0: the middle is half a row before the edge.
     """

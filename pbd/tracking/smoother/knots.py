@@ -102,12 +102,10 @@ def build_problem(
     Args:
         frame, rest, noise, no_gyro: as in `Problem`.
         mag: (n, 3) in any unit, or None.
-        stops: candidates.
         calm: the part of each stop in which the hand surely stands still; its knots lie there.
         still_sigma: (n,) m/s per axis, sigma of zero velocity.
         density: from `row_noise`.
         extra_rows: further rows at which a knot is wanted.
-        impulses: motion lost above a sensor's range.
         gaps: last row before and first row after each gap in the data.
     """
     t, dt = frame.t, frame.dt

@@ -162,10 +162,8 @@ def preintegrate(
     """Integrate from knot to knot.
 
     Args:
-        frame: the recording in the gyro frame.
         rows: (m + 1,) rows of the knots, increasing.
         density: (3, n) rad2/s and (3, n) m2/s3, the parts of the noise at each row.
-        impulses: motion lost at some rows.
         U: (m + 1, 3) m/s, integral of specific force up to each knot; by default frame.U there.
     """
     t = frame.t

@@ -100,9 +100,6 @@ def smooth(
 
     Args:
         recording: without NaN.
-        rest: the first quiet second.
-        noise: parameters of sensor and hand.
-        impulses: motion lost above a sensor's range.
         gaps: last row before and first row after each gap in the data.
         extra_rows: rows at which a knot is wanted.
 
