@@ -42,19 +42,14 @@ def tool_poses(placed: KeyframesInBase) -> tuple[Pose, ...]:
 
     The path's touch-ups are not applied; see `touched_poses`.
     """
-    keyframes, T_base_nav, calibration = placed.keyframes, placed.T_base_nav, placed.calibration
-    scale = placed.scale * calibration.scale
-    poses = []
-    for keyframe in keyframes:
-        T_nav_sensor = keyframe.T_nav_sensor
-        scaled = Pose(scale * T_nav_sensor.p, T_nav_sensor.wxyz)
-        poses.append(T_base_nav @ scaled @ calibration.T_sensor_tool)
+    scale, shown = placed.scale * placed.calibration.scale, [keyframe.T_nav_sensor for keyframe in placed.keyframes]
+    sensors = [placed.T_base_nav @ Pose(scale * T_nav_sensor.p, T_nav_sensor.wxyz) for T_nav_sensor in shown]
+    tools = [T_base_sensor @ placed.calibration.T_sensor_tool for T_base_sensor in sensors]
     if placed.orientation == "fixed":
-        fixed = pointing_down(poses[0].wxyz)
         # The tool follows the hand's path at a constant offset, that of keyframe 0.
-        lever = poses[0].p - (T_base_nav @ Pose(scale * keyframes[0].T_nav_sensor.p, fixed)).p
-        poses = [Pose(T_base_nav.act(scale * keyframe.T_nav_sensor.p) + lever, fixed) for keyframe in keyframes]
-    return tuple(map(_nudged, poses, keyframes))
+        lever, wxyz = tools[0].p - sensors[0].p, pointing_down(tools[0].wxyz)
+        tools = [Pose(T_base_sensor.p + lever, wxyz) for T_base_sensor in sensors]
+    return tuple(map(_nudged, tools, placed.keyframes))
 
 
 def _nudged(T_base_tool: Pose, keyframe: Keyframe) -> Pose:
