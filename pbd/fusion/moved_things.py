@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -55,11 +55,9 @@ class MovedKeyframes:
         if take not in self.back:
             return keyframes
         moved = self.rest[take].inverse().after(self.back[take]).apply(keyframes)
-        own = np.arange(len(keyframes))
-        inside = (own >= self.first) & (own <= self.last)
-        p = np.where(inside[:, None], moved.p, keyframes.p)
-        R = np.where(inside[:, None, None], moved.R, keyframes.R)
-        return Keyframes(p, R, keyframes.grip, keyframes.sigma)
+        run, p, R = slice(self.first, self.last + 1), keyframes.p.copy(), keyframes.R.copy()
+        p[run], R[run] = moved.p[run], moved.R[run]
+        return replace(keyframes, p=p, R=R)
 
 
 def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
