@@ -109,7 +109,6 @@ def find_axis_error(
         None if nothing contradicts the gyro, or no reading removes the contradictions.
     """
     by_gyro = turn(1.0)
-    apart = [each.off(by_gyro) for each in witnesses]
     moved = [_differ(each.first, each.second) for each in witnesses]
     telling = [rows | _differ(each.first, each.rotated(by_gyro)) for each, rows in zip(witnesses, moved, strict=True)]
 
@@ -122,7 +121,7 @@ def find_axis_error(
         return cost(k, _off_with_readings(witnesses[k], by, matrices))
 
     each_witness = range(len(witnesses))
-    off = np.array([cost(k, apart[k]) for k in each_witness])
+    off = np.array([cost(k, witnesses[k].off(by_gyro)) for k in each_witness])
     # If no direction turns but the gyro does, the gyro is biased or noisy. A reading that turns it about that direction
     # would seem to remove the contradiction. So only witnesses that turn count.
     counted = [k for k in each_witness if moved[k].sum() >= SIMPLE_PAIRS]
