@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.data import Recording, Stop
+from pbd.data import Recording
 from pbd.errors import RecordingError, TrackingError, warn
 from pbd.pose import Array, lengths
 from pbd.tracking.first_rest import STILL_ACC
@@ -49,9 +49,8 @@ COARSE_REPEATS = 0.01
 COARSE_FROZEN_S = 0.2
 """s: if a sensor repeats itself for longer, the path must show a rest there."""
 
-STOP_EDGE_S, MOVING_SPEED = 0.15, 0.05
-"""A hand moves, and its sensor can't be constant, if the nearest stop is further away than STOP_EDGE_S (s) and the
-speed is above MOVING_SPEED (m/s)."""
+MOVING_SPEED = 0.05
+"""m/s: a hand that is faster moves, and its sensor can't be constant."""
 
 
 def refuse_dead(recording: Recording) -> None:
@@ -149,30 +148,22 @@ def _held_too_long(recording: Recording, same: NDArray[np.bool_]) -> NDArray[np.
     return np.zeros(len(t), dtype=bool)
 
 
-def refuse_freezes(recording: Recording, v_nav: Array, stops: tuple[Stop, ...]) -> None:
+def refuse_freezes(recording: Recording, v_nav: Array) -> None:
     """Refuse a sensor that repeats itself while the hand moves, judged by the path.
 
     Halfway through a move a sensor may read what it reads at rest. If it freezes there, the hand seems to stop dead.
 
     Args:
         recording: without NaN.
-        v_nav: (n, 3) m/s, the path's velocity.
-        stops: in order.
+        v_nav: (n, 3) m/s, the path's velocity, zero in stops.
 
     Raises:
         TrackingError: with row and time.
     """
-    t = recording.t
-    held = [(start, last) for start, last in runs(_repeats(recording)) if t[last] - t[start] > COARSE_FROZEN_S]
-    if not held:
-        return
-    speeds = lengths(v_nav)
-    for stop in stops:
-        near = slice(*np.searchsorted(t, (t[stop.start] - STOP_EDGE_S, t[stop.stop - 1] + STOP_EDGE_S)))
-        speeds[near] = 0.0
-    for start, last in held:
+    t, speeds = recording.t, lengths(v_nav)
+    for start, last in runs(_repeats(recording)):
         speed = float(speeds[start : last + 1].max())
-        if speed > MOVING_SPEED:
+        if t[last] - t[start] > COARSE_FROZEN_S and speed > MOVING_SPEED:
             raise TrackingError(
                 f"the readings repeat around row {start} (t = {t[start]:.2f} s) as in a rest, but the hand was moving "
                 f"at {speed:.2f} m/s: the sensor froze during a move; record again",
