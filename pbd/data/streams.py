@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
 
@@ -63,19 +64,17 @@ def interpolate(t: Array, known_t: Array, values: Array) -> Array:
     return np.array([np.interp(t, known_t, column) for column in values.T]).T
 
 
-def joined(acc: Stream, gyr: Stream | None, mag: Stream | None) -> tuple[Array, Array, Array | None, Array | None]:
-    """Join streams at the gyro's times; without a gyro, at the accelerometer's.
+def joined(streams: Mapping[str, Stream]) -> tuple[Array, dict[str, Array]]:
+    """Join the streams acc, gyr and mag (those that there are) at the gyro's times; without a gyro, at acc's.
 
-    A sample without a known acceleration is left out, so a gap stays a gap.
+    A sample without a known acceleration is left out, so a gap stays a gap. The field is NaN where it is unknown.
 
     Returns:
-        t (n,) s, acc (n, 3), gyr (n, 3) or None, mag (n, 3) or None (NaN where the field is unknown).
+        t (n,) s, and each stream's values (n, 3).
     """
-    clock = acc if gyr is None else gyr
-    at_clock = acc.at(clock.t)
-    known = np.isfinite(at_clock[:, 0])
-    t = clock.t[known]
-    return t, at_clock[known], None if gyr is None else gyr.values[known], None if mag is None else mag.at(t)
+    clock = streams.get("gyr", streams["acc"])
+    t = clock.t[np.isfinite(streams["acc"].at(clock.t)[:, 0])]
+    return t, {name: stream.at(t) for name, stream in streams.items()}
 
 
 @dataclass(frozen=True)

@@ -86,12 +86,10 @@ def score(demos: Sequence[Demonstration]) -> dict[str, Any]:
 def unequal(task: Task, seed: int) -> Demonstration:
     """The same phone's sensors at 200, 420 and 100 Hz, joined. A seed draws the same device whatever its rate."""
     acc, gyr, mag = (simulate(task, "phone", seed, rate_hz=hz) for hz in (200.0, 420.0, 100.0))
-    streams = (
-        Stream(each.recording.t, getattr(each.recording, kind))
-        for each, kind in ((acc, "acc"), (gyr, "gyr"), (mag, "mag"))
-    )
-    t, a, g, m = joined(*streams)
-    return replace(gyr, recording=Recording(t, a, g, m, info=RecordingInfo(sensor=gyr.recording.info.sensor)))
+    given = {"acc": acc, "gyr": gyr, "mag": mag}
+    t, at = joined({kind: Stream(each.recording.t, getattr(each.recording, kind)) for kind, each in given.items()})
+    info = RecordingInfo(sensor=gyr.recording.info.sensor)
+    return replace(gyr, recording=Recording(t, at["acc"], at["gyr"], at["mag"], info=info))
 
 
 def rounded(demo: Demonstration) -> Demonstration:

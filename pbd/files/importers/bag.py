@@ -80,9 +80,9 @@ def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, SourceCol
     times = {name: 1e-9 * (ns - begin) for name, (ns, _) in read.items()}
     t, (xyzw, gyr, acc) = times[of_gyr], np.split(values, (4, 7), axis=1)
     if of_acc != of_gyr:
-        t, acc, joined_gyr, _ = joined(Stream.of(times[of_acc], read[of_acc][1][:, 7:]), Stream.of(t, gyr), None)
-        assert joined_gyr is not None
-        gyr, xyzw = joined_gyr, np.full((len(t), 4), np.nan)
+        streams = {"acc": Stream.of(times[of_acc], read[of_acc][1][:, 7:]), "gyr": Stream.of(t, gyr)}
+        t, at = joined(streams)
+        acc, gyr, xyzw = at["acc"], at["gyr"], np.full((len(t), 4), np.nan)
     mag = None
     if field and len(times[field[0]]):
         with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples

@@ -175,13 +175,8 @@ def _joined(
     apart = alone or (acc | gyr).mean() <= 1.0 - OTHERS_ROWS
     if not times and not (apart and (np.diff(t[gyr]) > 0.0).all()):
         return None
-    sensors = ("acc", "gyr", "mag")
-    streams = [Stream.of(times.get(name, t), channels[name]) if name in channels else None for name in sensors]
-    assert streams[0] is not None
-    at, *values = joined(streams[0], streams[1], streams[2])
-    if len(at) < 2:  # holes in every row
-        return None
-    return at, {name: each for name, each in zip(sensors, values, strict=True) if each is not None}
+    at, values = joined({name: Stream.of(times.get(name, t), channels[name]) for name in known})
+    return (at, values) if len(at) > 1 else None  # else there are holes in every row
 
 
 def _without_repeats(path: Path, recording: Recording) -> Recording:

@@ -289,9 +289,10 @@ def _moments(path: Path, files: Files) -> Moments:
 
 def joined_recording(path: Path, streams: Mapping[str, Stream]) -> Recording:
     """Join the streams to a recording; RecordingError: they have no time in common."""
-    acc, gyr, mag = streams["acc"], streams.get("gyr") or None, streams.get("mag") or None
-    t, acc_at, gyr_at, mag_at = joined(acc, gyr, mag)
+    given = {name: streams[name] for name in ("acc", "gyr", "mag") if name == "acc" or streams.get(name)}
+    t, values = joined(given)
     if len(t) < 2:
-        spans = listed(f"{each.t[0]:.1f} to {each.t[-1]:.1f} s" for each in (acc, gyr) if each)
+        known = (given[name].t for name in ("acc", "gyr") if given.get(name))
+        spans = listed(f"{each[0]:.1f} to {each[-1]:.1f} s" for each in known)
         raise RecordingError.at(path, f"its sensors have no time in common ({spans}); record them together")
-    return Recording(t - t[0], acc_at, gyr_at, mag_at, info=RecordingInfo(clock="device"))
+    return Recording(t - t[0], values["acc"], values.get("gyr"), values.get("mag"), info=RecordingInfo(clock="device"))
