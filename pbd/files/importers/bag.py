@@ -8,6 +8,7 @@ driver left the stamps empty, the times of recording are used.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from itertools import groupby
 from os.path import commonprefix
 from pathlib import Path
 from typing import Any
@@ -110,9 +111,7 @@ class _Decoder:
         self._received: list[int] = []
         self._ns: list[NDArray[np.int64]] = []
         self._values: list[Array] = []
-        self._rows: list[NDArray[np.intp]] = []
-        self._frames: dict[bytes, None] = {}
-        self._decoded = 0
+        self._frames: set[bytes] = set()
 
     def add(self, received_ns: int, message: bytes) -> None:
         """Add the next message, and when it was recorded."""
@@ -134,9 +133,7 @@ class _Decoder:
             frames = listed(sorted(frame.rstrip(b"\0").decode("utf-8", "replace") for frame in self._frames))
             what = f"its messages are of {len(self._frames)} devices (the frames {frames}); give each its own topic"
             raise RecordingError.at(self._path, what, value=len(self._frames))
-        received, rows = np.array(self._received), np.concatenate(self._rows)
-        ns, values = np.empty(len(rows), dtype=np.int64), np.empty((len(rows), self._values[0].shape[1]))
-        ns[rows], values[rows] = np.concatenate(self._ns), np.vstack(self._values)
+        received, ns, values = np.array(self._received), np.concatenate(self._ns), np.vstack(self._values)
         if len(ns) > 1 and not np.ptp(ns) and np.ptp(received):
             warn(f"{self._path}: the headers' stamps are empty; the times at which the messages were recorded are used")
             ns = received
@@ -154,27 +151,20 @@ class _Decoder:
 
     def _decode(self) -> None:
         waiting, self._waiting = self._waiting, []
-        lengths = np.array([len(message) for message in waiting])
-        for length in np.unique(lengths):
-            if length < 16 + 8 * self._doubles:
+        for length, same in groupby(waiting, len):
+            padded = length - 16 - 8 * self._doubles
+            if padded < 0:
                 what = f"a message of {length} bytes is too short for its type; record it again"
                 raise RecordingError.at(self._path, what)
-            rows = np.flatnonzero(lengths == length)
-            self._rows.append(self._decoded + rows)
-            raw = np.frombuffer(b"".join(waiting[row] for row in rows), dtype=np.uint8).reshape(-1, length)
-            frames = raw[:, 16 : length - 8 * self._doubles]
-            if (frames != frames[0]).any():
-                frames = np.unique(frames, axis=0)
-            order = "<" if raw[0, 1] & 1 else ">"
-            size = int(raw[0, 12:16].copy().view(f"{order}u4")[0])
-            self._frames |= dict.fromkeys(frame[:size].tobytes() for frame in frames)
-            seconds, nanoseconds = (raw[:, k : k + 4].copy() for k in (4, 8))
-            ns = seconds.view(f"{order}i4")[:, 0].astype(np.int64) * 10**9
-            self._ns.append(ns + nanoseconds.view(f"{order}u4")[:, 0])
-            values = raw[:, -8 * self._doubles :].copy().view(f"{order}f8")
+            data = b"".join(same)
+            order = "<" if data[1] & 1 else ">"
+            header = [("kind", "V4"), ("s", f"{order}i4"), ("ns", f"{order}u4"), ("size", f"{order}u4")]
+            read = np.frombuffer(data, [*header, ("frame", f"V{padded}"), ("numbers", f"{order}f8", self._doubles)])
+            self._frames |= {frame[: read["size"][0]] for frame in set(read["frame"].tolist())}
+            self._ns.append(read["s"].astype(np.int64) * 10**9 + read["ns"])
+            values = read["numbers"]
             known = (np.where(values[:, k : k + 1] == -1.0, np.nan, values[:, i:k]) for i, k in self._parts)
             self._values.append(np.hstack(list(known)))
-        self._decoded += len(waiting)
 
 
 def _messages(path: Path, reader: Any, wanted: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
