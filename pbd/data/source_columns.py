@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import log
 from types import MappingProxyType
+from typing import Any
 
 from pbd.data.imu_columns import ACC, DEVICE, GYR, MAG
 from pbd.data.units import UNITS, unit_factor
@@ -75,14 +76,9 @@ class SourceColumns:
         """Our names, and their columns. The file's own replace those of `with_file`."""
         return {column.ours: column for column in reversed(self.columns)}
 
-    def with_clock(self, name: str, by: str) -> SourceColumns:
-        """Set how the column of the time was found."""
-        return replace(self, columns=tuple(replace(c, named_by=by) if c.name == name else c for c in self.columns))
-
-    def with_dates(self, name: str) -> SourceColumns:
-        """Read a column of dates or times of day in seconds, whatever its name says."""
-        columns = (replace(c, unit="s", unit_by=DATES) if c.name == name else c for c in self.columns)
-        return replace(self, columns=tuple(columns))
+    def with_column(self, name: str, **changes: Any) -> SourceColumns:
+        """Change what is known of a column: who named it, or its unit."""
+        return replace(self, columns=tuple(replace(c, **changes) if c.name == name else c for c in self.columns))
 
     def with_file(self, file: str, other: SourceColumns) -> SourceColumns:
         """Add the columns of another file."""

@@ -88,10 +88,10 @@ def read_csv(
     if not found.of("t") and rate_hz is None and (dates := dated_column(sheet)):
         # A column of dates is recognised by its contents: it may have any name.
         columns = {**columns, "t": dates}
-        found = understand(sheet, columns, units).with_clock(dates, DATES)
+        found = understand(sheet, columns, units).with_column(dates, named_by=DATES)
     elif not found.of("t") and rate_hz is None and (steps := next(filter(is_time_step, sheet.header), "")):
         in_steps, columns = True, {**columns, "t": steps}
-        found = understand(sheet, columns, units).with_clock(steps, "its name: steps of time")
+        found = understand(sheet, columns, units).with_column(steps, named_by="its name: steps of time")
     if rate_hz is not None and (wrong := found.of("t")):
         warn(f"{path}: --rate {rate_hz:g} is used instead of the times in the column '{wrong[0].name}'")
         others = tuple(column for column in found.columns if column not in wrong)
@@ -125,12 +125,12 @@ def read_csv(
         best = best_clock(path, table, clocks)
         if best != found.of("t")[0].name:
             found = understand(sheet, {**columns, "t": best}, units)
-            found = found.with_clock(best, "the best of several times")
+            found = found.with_column(best, named_by="the best of several times")
         if is_stamp(sheet.cell(best, 0)[1]):
             if "t" in units:
                 what = f"the column '{best}' has dates or times of day, whose unit is known; leave --unit t out"
                 raise RecordingError.at(path, what)
-            found = found.with_dates(best)
+            found = found.with_column(best, unit="s", unit_by=DATES)  # whatever its name says
         if best in parts:
             found = found.with_unread({parts[best]: f"read with {best}"})
         if own_times_of(best) != "a":
