@@ -290,11 +290,11 @@ def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tu
     """Write a table; `decimals`: each column's number of decimals; empty: all. NaN becomes an empty cell."""
     import orjson
 
-    with path.open("wb") as file:
-        file.write(",".join(header).encode() + b"\n")
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerow(header)  # a URDF allows any character in a joint's name
         for k in range(0, len(values), ROWS_AT_ONCE):
             part = values[k : k + ROWS_AT_ONCE]
             if decimals:
                 part = np.column_stack([column.round(places) for column, places in zip(part.T, decimals, strict=True)])
             rows = orjson.dumps(part, option=orjson.OPT_SERIALIZE_NUMPY)
-            file.write(rows[2:-2].replace(b"],[", b"\n").replace(b"null", b"") + b"\n")
+            file.write(rows[2:-2].replace(b"],[", b"\n").replace(b"null", b"").decode() + "\n")

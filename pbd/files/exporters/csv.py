@@ -17,7 +17,7 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
     names = request.trajectory.joint_names
     header = ("t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in names), "gripper")
     values = np.column_stack((points.t, points.q, points.qd, points.qdd, points.gripper))
-    write_table(path, tuple(map(_quoted, header)), values + 0.0)  # no -0.0
+    write_table(path, header, values + 0.0)  # no -0.0
 
 
 def read(path: Path) -> Samples:
@@ -27,8 +27,3 @@ def read(path: Path) -> Samples:
         values = Sheet(path, header, file.read(), ",", line=2).read().values
     q, qd, qdd = np.split(values[:, 1:-1], 3, axis=1)
     return Samples(values[:, 0], q, qd, qdd, values[:, -1])
-
-
-def _quoted(name: str) -> str:
-    """Quote the name of a column that is not plain: a URDF allows any character in a joint's name."""
-    return '"' + name.replace('"', '""') + '"' if set(name) & set(',;\t\n\r"') else name
