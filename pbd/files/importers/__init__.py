@@ -56,41 +56,32 @@ def import_file(
     is_table = suffix == ".csv" and (columns or units) and not any(".csv: " in name for name in columns.values())
     if topic is not None and not is_bag:
         raise RecordingError.at(path, "only a bag has topics; leave --topic out")
-    of_app, sensor = None, "unknown"
+    of_app = None
     if not is_bag and not is_table and (source.is_dir() or suffix in (".csv", ".zip")):
         from pbd.files.importers.metawear import read_metawear
         from pbd.files.importers.phones import read_phone
-        from pbd.files.importers.watch import WRIST, read_watch
+        from pbd.files.importers.watch import read_watch
 
-        if of_app := read_phone(source):
-            sensor = "phone"
-            if f"{WRIST}.csv" in of_app[1].unread:
-                warn(f"{path}: the phone is read, not the watch; for that import {WRIST}.csv alone")
-        elif of_app := read_metawear(source):
-            sensor = "metawear"
-        elif of_app := read_watch(source):
-            sensor = "watch"
+        of_app = read_phone(source) or read_metawear(source) or read_watch(source)
     if rate_hz is not None and (of_app is not None or is_bag or suffix == ".npz"):
         known = "a bag has times" if is_bag else "an npz has a rate" if suffix == ".npz" else "an app's file has times"
         raise RecordingError.at(path, f"{known} of its own; leave --rate out")
     if of_app is not None:
-        recording, understood = of_app
+        recording = of_app
     elif is_bag:
         from pbd.files.importers.bag import read_bag
 
-        recording, understood = read_bag(source, topic)
+        recording = read_bag(source, topic)
     elif suffix == ".npz":
         from pbd.files.importers.npz import read_npz
 
-        recording, understood, truth = read_npz(source)
+        recording, truth = read_npz(source)
     elif suffix in TEXT:
-        from pbd.files.importers.columns import PROGRAMS
         from pbd.files.importers.csv import read_csv
 
         beside = {ours: name for ours, name in columns.items() if ".csv: " in name}
         in_table = {ours: name for ours, name in columns.items() if ours not in beside}
-        recording, understood = read_csv(source, in_table, units, rate_hz)
-        sensor = next((program.sensor for program in PROGRAMS if program.title == understood.program), sensor)
+        recording = read_csv(source, in_table, units, rate_hz)
         columns, units = beside, {}
     else:
         kind = f"'{suffix}' files"
@@ -104,8 +95,8 @@ def import_file(
     if columns or units:
         from pbd.files.importers.headerless import remapped
 
-        recording, understood = remapped(path, recording, understood, columns, units)
-    info = replace(recording.info, name=utf8_name(path.stem), sensor=f"{sensor} (imported)", source=understood)
+        recording = remapped(path, recording, columns, units)
+    info = replace(recording.info, name=utf8_name(path.stem), sensor=f"{recording.info.sensor} (imported)")
     demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {utf8_name(path.name)}.")
     if path.name == "imu.csv" and (path.parent / "demo.toml").is_file():
         return _as_before(demo, path.parent, same_times)

@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording
-from pbd.data.source_columns import SourceColumns
 from pbd.data.streams import Stream, joined
 from pbd.errors import PbdError, RecordingError, in_words, listed, require_package, warn
-from pbd.files.importers.headerless import understood_channels
+from pbd.files.importers.headerless import with_source
 from pbd.files.importers.mcap_repair import repaired_bag, zstd_package
 from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
 
@@ -46,7 +45,7 @@ LONGEST_MESSAGE = 10_000
 """Largest size of a decompressed message, bytes. An Imu has 316 and its frame's name."""
 
 
-def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, SourceColumns]:
+def read_bag(path: Path, topic: str | None = None) -> Recording:
     """Read a .mcap file, a .db3 file or a bag's folder.
 
     Args:
@@ -94,7 +93,7 @@ def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, SourceCol
     names |= {"acc": f"{of_acc}: linear_acceleration", "rpy": f"{of_gyr}: orientation"}
     names |= {"mag": f"{field[0]}: magnetic_field"} if field else {}
     unread = {name: f"another topic, of {kind}" for name, kind in given.items() if name not in wanted}
-    return recording, understood_channels(recording, names, "its type", unread, {"mag": "T"})
+    return with_source(recording, names, "its type", unread, {"mag": "T"})
 
 
 class _Decoder:

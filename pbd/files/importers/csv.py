@@ -28,7 +28,7 @@ from pbd.files.importers.clock_columns import (
     unwrapped,
     with_nanoseconds,
 )
-from pbd.files.importers.columns import UNUSED, understand
+from pbd.files.importers.columns import PROGRAMS, UNUSED, understand
 from pbd.files.importers.header_names import (
     is_time,
     is_time_step,
@@ -60,7 +60,7 @@ MOST_DEVICES = 20
 
 def read_csv(
     path: Path, columns: Mapping[str, str], units: Mapping[str, str], rate_hz: float | None = None
-) -> tuple[Recording, SourceColumns]:
+) -> Recording:
     """Read a recording from a table with a header.
 
     Args:
@@ -154,15 +154,16 @@ def read_csv(
             if (apart := _joined(t, channels, times)) is not None:
                 t, channels = apart
         mag, compass = channels.get("mag"), channels.get("angle")
+        sensor = next((program.sensor for program in PROGRAMS if program.title == understood.program), "unknown")
         recording = Recording(
             t=t - t[0],
             acc=channels["acc"],
             gyr=channels.get("gyr"),
             mag=beside.at(t) if mag is None and beside is not None else mag,
             device_rpy=channels.get("rpy") if compass is None else device_rpy(compass),
-            info=RecordingInfo(rate_hz=rate_hz),
+            info=RecordingInfo(sensor=sensor, rate_hz=rate_hz, source=understood),
         )
-    return _without_repeats(path, recording) if timed else recording, understood
+    return _without_repeats(path, recording) if timed else recording
 
 
 def _joined(

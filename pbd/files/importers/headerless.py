@@ -13,14 +13,14 @@ from pbd.data.units import UNITS, unit_factor
 from pbd.errors import RecordingError, UsageError, listed, printable
 
 
-def understood_channels(
+def with_source(
     recording: Recording,
     names: Mapping[str, str],
     by: str,
     unread: Mapping[str, str],
     units: Mapping[str, str] = MappingProxyType({}),
-) -> SourceColumns:
-    """List the columns of a recording, by default in our units.
+) -> Recording:
+    """Add to a recording which columns of its file were read, by default in our units.
 
     Args:
         recording: the recording.
@@ -36,18 +36,15 @@ def understood_channels(
             axes = [""] if channel == "t" else [".x", ".y", ".z"]
             for ours, axis in zip(CHANNELS[channel], axes, strict=True):
                 columns.append(Column(f"{name}{axis}", ours, 1.0, unit, by, by))
-    return SourceColumns(tuple(columns), unread)
+    return replace(recording, info=replace(recording.info, source=SourceColumns(tuple(columns), unread)))
 
 
-def remapped(
-    path: Path, recording: Recording, understood: SourceColumns, columns: Mapping[str, str], units: Mapping[str, str]
-) -> tuple[Recording, SourceColumns]:
+def remapped(path: Path, recording: Recording, columns: Mapping[str, str], units: Mapping[str, str]) -> Recording:
     """Swap and reverse axes of an imported recording, and change its units.
 
     Args:
         path: the file, for errors.
         recording: as it was read.
-        understood: its columns.
         columns: our name -> our name, or the file's; -NAME reverses the sign.
         units: unit of acc, gyr or mag; -UNIT reverses the sign.
 
@@ -55,6 +52,7 @@ def remapped(
         UsageError: a channel or a unit is unknown.
         RecordingError: a column is unknown.
     """
+    understood = recording.info.source
     read = {name: values for name in ("gyr", "acc", "mag") if (values := getattr(recording, name)) is not None}
     changed = {name: values.copy() for name, values in read.items()}
     by_ours = {(column.ours, column.name if column.ours == "t" else ""): column for column in understood.columns}
@@ -83,4 +81,5 @@ def remapped(
             column = by_ours[ours, ""]
             changed[channel][:, k] *= sign * factor / (unit_factor(channel, column.unit) or 1.0)
             by_ours[ours, ""] = replace(column, sign=sign * column.sign, unit=unit, unit_by="--unit")
-    return replace(recording, **changed), replace(understood, columns=tuple(by_ours.values()))
+    info = replace(recording.info, source=replace(understood, columns=tuple(by_ours.values())))
+    return replace(recording, **changed, info=info)

@@ -26,7 +26,7 @@ TIME, AXES = "elapsed (s)", ("x-axis", "y-axis", "z-axis")
 TITLE = "MetaBase (MbientLab)"
 
 
-def read_metawear(path: Path) -> tuple[Recording, SourceColumns] | None:
+def read_metawear(path: Path) -> Recording | None:
     """Read a recording from one of its files, with those beside it, or from a folder; None: MetaBase did not write it.
 
     Raises:
@@ -58,7 +58,7 @@ def read_metawear(path: Path) -> tuple[Recording, SourceColumns] | None:
         columns = tuple(replace(column, named_by=TITLE) for column in its.columns)
         understood = understood.with_file(file.name, replace(its, columns=columns))
     others = (file.name for file in sorted(folder.glob("*.csv")) if file not in files.values())
-    return joined_recording(path, streams), understood.with_unread(dict.fromkeys(others, UNUSED))
+    return joined_recording(path, streams, "metawear", understood.with_unread(dict.fromkeys(others, UNUSED)))
 
 
 def _is_of_metabase(file: Path) -> bool:

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording, RecordingInfo, Truth
-from pbd.data.source_columns import SourceColumns
 from pbd.errors import RecordingError, in_words, listed, printable
 from pbd.files.importers import check_rate
 from pbd.files.importers.header_names import looks_inertial
-from pbd.files.importers.headerless import understood_channels
+from pbd.files.importers.headerless import with_source
 from pbd.io.read_file import LARGE, read_bytes
 from pbd.pose import Array
 
@@ -25,8 +24,8 @@ KEYS = ("rate_hz", "acc", "gyr", "mag", "true_position", "true_wxyz", "true_rate
 NEXT_STEP = "save it with numpy.savez"
 
 
-def read_npz(path: Path) -> tuple[Recording, SourceColumns, Truth | None]:
-    """Read a recording, its columns and, if known, its truth, whose first known position becomes the origin.
+def read_npz(path: Path) -> tuple[Recording, Truth | None]:
+    """Read a recording and, if known, its truth, whose first known position becomes the origin.
 
     The arrays are rate_hz; acc (n, 3) m/s2; gyr (n, 3) rad/s; mag (n, 3) uT; true_position (m, 3) m; true_wxyz (m, 4);
     true_rate_hz if the truth has another rate. Only rate_hz and acc are required. NaN means unknown.
@@ -65,8 +64,8 @@ def read_npz(path: Path) -> tuple[Recording, SourceColumns, Truth | None]:
         info=RecordingInfo(rate_hz=rates["rate_hz"]),
     )
     unread = dict.fromkeys(others, "none of the names that are known")
-    understood = understood_channels(recording, {key: key for key in ("gyr", "acc", "mag")}, "its name", unread)
-    return recording, understood, _truth(arrays, rates["true_rate_hz"])
+    recording = with_source(recording, {key: key for key in ("gyr", "acc", "mag")}, "its name", unread)
+    return recording, _truth(arrays, rates["true_rate_hz"])
 
 
 def _arrays(path: Path) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:

@@ -28,7 +28,7 @@ import numpy as np
 from pbd.data import GRAVITY, Recording, RecordingInfo
 from pbd.data.source_columns import CHANNEL_OF, CHANNELS, Column, SourceColumns
 from pbd.data.streams import Moment, Moments, Stream, joined
-from pbd.errors import RecordingError, in_words, listed
+from pbd.errors import RecordingError, in_words, listed, warn
 from pbd.files.importers.columns import UNUSED, why_not_read
 from pbd.files.table import Sheet, foreign_text, open_sheet
 from pbd.io.read_file import LARGE, read_bytes
@@ -49,6 +49,8 @@ PHYPHOX_QUANTITIES = {
 PHYPHOX_UNITS = {"gyr": "rad/s", "acc": "m/s2", "mag": "uT"}
 PHYPHOX_TIME = "Time (s)"
 LOGGER = "Sensor Logger"
+WRIST = "WristMotion"
+"""Sensor Logger's file of a watch (watch.py)."""
 
 PHYPHOX_IOS = {
     **{"Accelerometer": "acceleration", "Linear Accelerometer": "linear acceleration"},
@@ -69,22 +71,23 @@ Files = dict[str, Callable[[], bytes]]
 """Name of a CSV file, without suffix -> a function that reads it."""
 
 
-def read_phone(path: Path) -> tuple[Recording, SourceColumns] | None:
+def read_phone(path: Path) -> Recording | None:
     """Read a phone's recording from a zip, a folder, or a CSV file in such a folder; None: it is from neither app."""
     files = files_in_zip(path) if path.suffix.lower() == ".zip" else _files_in_folder(path)
-    if not files:
-        return None
     logger = {name: files[name] for name in LOGGER_FILES if name in files}
     sheets = {name: sheet_of(path, name, read) for name, read in logger.items()}
     sheets = {name: sheet for name, sheet in sheets.items() if {*sheet.header} >= {*LOGGER_COLUMNS}}
     if sheets:
-        recording, understood = _read_sensor_logger(path, sheets, _metadata(files))
+        streams, understood = _read_sensor_logger(path, sheets, _metadata(files))
         read = {*sheets, METADATA}
     elif phyphox := _read_phyphox(path, files):
-        recording, understood, read = phyphox
+        streams, understood, read = phyphox
     else:
         return None
-    return recording, understood.with_unread({f"{name}.csv": UNUSED for name in sorted(files.keys() - read)})
+    if WRIST in files:
+        warn(f"{path}: the phone is read, not the watch; for that import {WRIST}.csv alone")
+    understood = understood.with_unread({f"{name}.csv": UNUSED for name in sorted(files.keys() - read)})
+    return joined_recording(path, streams, "phone", understood)
 
 
 def files_in_zip(path: Path) -> Files:
@@ -165,7 +168,7 @@ def _metadata(files: Files) -> Mapping[str, str]:
 
 def _read_sensor_logger(
     path: Path, sheets: Mapping[str, Sheet], metadata: Mapping[str, str]
-) -> tuple[Recording, SourceColumns]:
+) -> tuple[dict[str, Stream], SourceColumns]:
     def stream(name: str, scale: float = 1.0) -> Stream:
         return _stream(sheets[name], LOGGER_COLUMNS, scale)
 
@@ -203,8 +206,7 @@ def _read_sensor_logger(
         unread["Accelerometer.csv"] = "without gravity"
     for name in sorted(used):
         unread |= unread_of(f"{name}.csv", sheets[name].header, LOGGER_COLUMNS)
-    recording = joined_recording(path, {"acc": acc} | others)
-    return recording, SourceColumns(tuple(columns), unread, f"{LOGGER} (a phone)")
+    return {"acc": acc} | others, SourceColumns(tuple(columns), unread, f"{LOGGER} (a phone)")
 
 
 def _phyphox_quantities(header: Sequence[str], file: str) -> dict[str, list[str]]:
@@ -221,8 +223,8 @@ def _phyphox_quantities(header: Sequence[str], file: str) -> dict[str, list[str]
     return found if PHYPHOX_TIME in header and not foreign else {}
 
 
-def _read_phyphox(path: Path, files: Files) -> tuple[Recording, SourceColumns, set[str]] | None:
-    """Read phyphox' files, the named one first; return the recording, its columns and the files read, or None."""
+def _read_phyphox(path: Path, files: Files) -> tuple[dict[str, Stream], SourceColumns, set[str]] | None:
+    """Read phyphox' files, the named one first; return the streams, their columns and the files read, or None."""
     streams: dict[str, Stream] = {}
     columns: list[Column] = []
     unread: dict[str, str] = {}
@@ -259,8 +261,7 @@ def _read_phyphox(path: Path, files: Files) -> tuple[Recording, SourceColumns, s
             f"{why}, and 'Acceleration x (m/s^2)' is needed; record with the experiment that `pbd sensors phyphox` "
             "gives to the phone",
         )
-    recording = joined_recording(path, streams)
-    return recording, SourceColumns(tuple(dict.fromkeys(columns)), unread, "phyphox (a phone)"), files_read
+    return streams, SourceColumns(tuple(dict.fromkeys(columns)), unread, "phyphox (a phone)"), files_read
 
 
 def columns_of(program: str, names: Sequence[str], kind: str, file: str, sign: float, unit: str) -> list[Column]:
@@ -287,7 +288,7 @@ def _moments(path: Path, files: Files) -> Moments:
     return moments
 
 
-def joined_recording(path: Path, streams: Mapping[str, Stream]) -> Recording:
+def joined_recording(path: Path, streams: Mapping[str, Stream], sensor: str, source: SourceColumns) -> Recording:
     """Join the streams to a recording; RecordingError: they have no time in common."""
     given = {name: streams[name] for name in ("acc", "gyr", "mag") if name == "acc" or streams.get(name)}
     t, values = joined(given)
@@ -295,4 +296,5 @@ def joined_recording(path: Path, streams: Mapping[str, Stream]) -> Recording:
         known = (given[name].t for name in ("acc", "gyr") if given.get(name))
         spans = listed(f"{each[0]:.1f} to {each[-1]:.1f} s" for each in known)
         raise RecordingError.at(path, f"its sensors have no time in common ({spans}); record them together")
-    return Recording(t - t[0], values["acc"], values.get("gyr"), values.get("mag"), info=RecordingInfo(clock="device"))
+    info = RecordingInfo(sensor=sensor, clock="device", source=source)
+    return Recording(t - t[0], values["acc"], values.get("gyr"), values.get("mag"), info=info)

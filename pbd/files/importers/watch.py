@@ -18,14 +18,14 @@ from pbd.data.source_columns import SourceColumns
 from pbd.data.streams import Stream
 from pbd.errors import RecordingError
 from pbd.files.importers.columns import UNUSED
-from pbd.files.importers.phones import LOGGER, columns_of, files_in_zip, joined_recording, sheet_of, unread_of
+from pbd.files.importers.phones import LOGGER, WRIST, columns_of, files_in_zip, joined_recording, sheet_of, unread_of
 from pbd.io.read_file import read_bytes
 
-WRIST, TIME = "WristMotion", "seconds_elapsed"
+TIME = "seconds_elapsed"
 AXES = tuple(f"{quantity}{axis}" for quantity in ("rotationRate", "gravity", "acceleration") for axis in "XYZ")
 
 
-def read_watch(path: Path) -> tuple[Recording, SourceColumns] | None:
+def read_watch(path: Path) -> Recording | None:
     """Read a watch's recording from a zip, a folder or its CSV file; None: there is none."""
     file = path if path.is_file() else path / f"{WRIST}.csv"
     if path.suffix.lower() == ".zip":
@@ -47,4 +47,4 @@ def read_watch(path: Path) -> tuple[Recording, SourceColumns] | None:
     unread = unread_of(f"{WRIST}.csv", sheet.header, (TIME, *AXES))
     unread |= {f"{name}.csv": UNUSED for name in sorted(files.keys() - {WRIST})}
     understood = SourceColumns(tuple(dict.fromkeys(columns)), unread, f"{LOGGER} (a watch)")
-    return joined_recording(path, streams), understood
+    return joined_recording(path, streams, "watch", understood)
