@@ -22,7 +22,6 @@ class Keyframe:
     Attributes:
         t: the middle of the stop, s.
         dwell_s: how long the hand stood still; at an edited keyframe, how long the arm stays.
-        T_nav_sensor: the sensor's pose.
         cov: (6, 6) m and rad, covariance of position, then rotation vector, in nav.
         grip: True if the grip closes at this stop, False if it opens, None if it does not change.
         label: a word for people.

@@ -123,11 +123,10 @@ class Demonstration:
     Attributes:
         recording: the recording; the first take's in a fused demonstration.
         keyframes: those edited by a person, which replace the automatic ones.
-        touch_ups: corrections of the keyframes.
         closed: the hand ended at the dock.
         failed: it was recorded or imported with fewer than two stops, or could not be tracked then.
         places, contacts: known places and heights of stops.
-        takes: the takes of a fused demonstration.
+        takes: of a fused demonstration.
     """
 
     recording: Recording

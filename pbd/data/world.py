@@ -119,7 +119,6 @@ def object_stays(
     If the gripper closes elsewhere, the object stays. If it never closes, the result is empty: the place is unknown.
 
     Args:
-        thing: the object.
         spans: when the gripper holds, as from `gripped_spans`.
         tool: T_base_tool at an instant (inf: at the end).
         table: z of the table's top in base, m. An object gripped within its own height above it stands on it.

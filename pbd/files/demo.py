@@ -138,8 +138,6 @@ def write_demo(
     """Write a demonstration's folder atomically.
 
     Args:
-        demo: the demonstration.
-        folder: its path.
         force: replace a demonstration of that name. If something of a person would be lost (`why_kept`), it is kept
             under another name.
         extra_files: name -> text of further files, which tracking does not read.
@@ -211,12 +209,7 @@ def utf8_name(name: str) -> str:
 
 
 def demo_toml(demo: Demonstration, folder: Path) -> str:
-    """Return the text of demo.toml.
-
-    Args:
-        demo: the demonstration.
-        folder: its path; the takes' paths are written relative to it.
-    """
+    """Return the text of demo.toml, in which the takes' paths are relative to the `folder` that it will be in."""
     import tomlkit
 
     recording, info, grasped = demo.recording, demo.recording.info, demo.grasped

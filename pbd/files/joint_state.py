@@ -30,7 +30,6 @@ def read_joints(
 
     Args:
         given: JSON, or the path of a file.
-        names: the arm's joints.
         unit: the unit's name, for errors; a message is always in rad and m.
         per_si: units per rad, or per m, of each joint; None: 1.
 

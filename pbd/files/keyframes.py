@@ -68,11 +68,8 @@ def keyframes_toml(
     """Return the text of keyframes.toml.
 
     Args:
-        name: the demonstration's name.
-        keyframes: n keyframes.
         magnetic: whether a magnetometer aligns nav with north.
         arm_dwell_s: (n,) s, how long the arm stays at each keyframe; None: as long as the hand.
-        touch_ups: corrections by `pbd touch`.
     """
     lines = [HEAD.format(name=name, word=shlex.quote(name), format=FORMAT, axes=NORTH if magnetic else AT_DOCK)]
     dwell_s = [keyframe.dwell_s for keyframe in keyframes] if arm_dwell_s is None else arm_dwell_s

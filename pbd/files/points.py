@@ -29,11 +29,7 @@ class Points:
 
 
 def read_points(path: Path, unit: str | None = None) -> Points:
-    """Read a CSV file with the columns x_m, y_m, z_m (or _cm, _mm), or x, y, z, and optionally name.
-
-    Args:
-        path: the file.
-        unit: "m", "cm" or "mm", the unit of the columns x, y, z.
+    """Read a CSV file with the columns x_m, y_m, z_m (or _cm, _mm), or x, y, z in a `unit`, and optionally name.
 
     Raises:
         CalibrationError: the file can't be read, a column or a unit is missing, or a cell is not a number.

@@ -30,7 +30,6 @@ class RecordingWriter:
         """Make the folder.
 
         Args:
-            folder: its path.
             info: what is known of the recording; the folder's name becomes its name.
             channels: the names in CHANNELS of the channels that will be recorded.
             closed: whether the hand returns to its start.
@@ -85,14 +84,7 @@ class RecordingWriter:
         write_text(self.folder / "demo.toml", self._toml())
 
     def finish(self, rate_hz: float | None, clock: str, t: Array | None = None, failed: bool = False) -> None:
-        """Close the files, and write what is known at the end.
-
-        Args:
-            rate_hz: the measured rate.
-            clock: the clock of the times.
-            t: (n,) s, better times.
-            failed: whether the recording has fewer than two stops.
-        """
+        """Close the files, and write what is known at the end; `t` (n,) s are better times than those so far."""
         self.close()
         if t is not None:
             imu = self.folder / "imu.csv"

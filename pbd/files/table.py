@@ -67,13 +67,9 @@ class Sheet:
     """A table whose header has been parsed, but not its rows.
 
     Attributes:
-        path: the file.
-        header: the names of the columns.
         body: the text of the rows.
-        delimiter: what separates cells.
         line: the line number of the first row.
         foreign: another program wrote it; without commas as delimiters, numbers may have decimal commas.
-        error: the type of errors.
         complete: no cell may be empty.
         preamble: the text above the header.
     """
@@ -237,10 +233,8 @@ def open_sheet(
     Lines that begin with # are comments.
 
     Args:
-        path: the file.
         foreign: another program wrote it. It may have lines above the header, text in some columns, an encoding other
             than UTF-8, and decimal commas if the delimiter is not a comma.
-        error: the type of errors.
         text: the file's text, if already read.
 
     Raises:

@@ -109,12 +109,9 @@ def refuse_folder(folder: Path, error: type[PbdError] = PbdError, other: str = "
 def refuse_output(file: Path, inputs: Iterable[str | None] = ()) -> None:
     """Refuse the path of a command's result before the command starts to work.
 
-    Args:
-        file: the path of the result.
-        inputs: the command's inputs; those that are not the paths of files are ignored.
-
     Raises:
-        PbdError: the path can't be written, belongs to a demonstration, or has an input or a file of others.
+        PbdError: the path can't be written, belongs to a demonstration, or has a file of others, or one of the
+            command's `inputs`, of which those that are not the paths of files are ignored.
     """
     refuse_file(file)
     with _os_errors_as(PbdError, file):

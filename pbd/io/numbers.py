@@ -62,12 +62,8 @@ def seconds(text: str, order: str = "") -> float:
 
     `12:05:00 AM` is five past midnight; `25:14.5` is in minutes and s. In `2025-10-9 8:18:9:94` the last number is ms.
     MATLAB writes `09-Jul-2025 8:18:09` and `0.5 sec`, C `Wed Jul  9 08:18:09 2025`. Dates count from the year 2000,
-    times of day from midnight. With a date, a time zone counts, because it changes in spring and autumn.
-    ValueError: it is none of these.
-
-    Args:
-        text: the time.
-        order: in which order a date gives year, month and day (`date_order`).
+    times of day from midnight. With a date, a time zone counts, because it changes in spring and autumn. `order`: in
+    which order a date gives year, month and day (`date_order`). ValueError: it is none of these.
     """
     match = _stamp(text)
     if match is None:

@@ -21,8 +21,6 @@ def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = LA
     """Read a regular file.
 
     Args:
-        path: the file.
-        error: the type of error.
         next_step: the end of the error's message.
         most: the largest size, bytes.
         name: the file's name in the message; default: its path.

@@ -134,10 +134,8 @@ def export(
     """Write a trajectory, atomically.
 
     Args:
-        trajectory: the motion.
         robot: its limits are checked between the samples too.
         format_name: one of FORMATS.
-        path: the file.
         rate_hz: samples a second; None: the format's default.
         dense: urscript only: servoj at the controller's period (125 or 500 Hz) instead of a movej to each keyframe.
         source: what the motion was made from; needed by formats that contain more than joints.
@@ -199,7 +197,6 @@ def export_dataset(
 
     Args:
         motions: each with what it was made from.
-        robot: the robot.
         folder: a new folder, or a dataset of this robot that pbd wrote.
         task: the task's description; "": each demonstration's name.
 

@@ -43,8 +43,6 @@ class ExportRequest:
 
     Attributes:
         format_name: one of FORMATS.
-        trajectory: the motion.
-        robot: the robot.
         suffix: the file name's suffix, in lower case.
         rate_hz: samples a second; None: the format's default.
         dense: urscript only: samples at the controller's period instead of keyframes.

@@ -49,7 +49,6 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
     """Read a .mcap file, a .db3 file or a bag's folder.
 
     Args:
-        path: the bag.
         topic: the topic of sensor_msgs/Imu, if there are several.
 
     Raises:

@@ -25,7 +25,6 @@ class Program:
     """How a program writes its tables, beyond what the columns' names tell.
 
     Attributes:
-        title: the program's name.
         header: plain names (`plain`) of columns that it always writes.
         preamble: a pattern that must occur above the header; "": none.
         units: channel -> its unit.
@@ -64,7 +63,6 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
     """Find which column contains what.
 
     Args:
-        sheet: the table.
         columns: the caller's, our name -> the file's column; -NAME reverses the sign.
         units: the caller's, channel -> unit; -UNIT reverses the sign.
 

@@ -23,7 +23,6 @@ def with_source(
     """Add to a recording which columns of its file were read, by default in our units.
 
     Args:
-        recording: the recording.
         names: channel -> its name in the file.
         by: who decided names and units.
         unread: what was not read, and why.
@@ -43,8 +42,6 @@ def remapped(path: Path, recording: Recording, columns: Mapping[str, str], units
     """Swap and reverse axes of an imported recording, and change its units.
 
     Args:
-        path: the file, for errors.
-        recording: as it was read.
         columns: our name -> our name, or the file's; -NAME reverses the sign.
         units: unit of acc, gyr or mag; -UNIT reverses the sign.
 
