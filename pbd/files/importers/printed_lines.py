@@ -62,19 +62,7 @@ def is_printed(text: str) -> bool:
 
 def printed_sheet(path: Path, text: str) -> Sheet:
     """Convert printed lines to a table; RecordingError: no sample has three numbers with names."""
-    if _is_echoed(text):
-        return _echoed_sheet(path, text)
-    samples: list[dict[str, str]] = [{}]
-    units: dict[str, str] = {}
-    for line in (line[:LONGEST_LINE] for line in text.split("\n")):
-        stamp, rest = _stamped(line)
-        pairs = _pairs(rest)
-        if any(name in samples[-1] for name, *_ in pairs):
-            samples.append({})
-        if stamp and pairs:
-            samples[-1].setdefault("time", stamp)
-        units |= {name: unit for name, _, unit in pairs if unit}
-        samples[-1] |= {name: value for name, value, _ in pairs}
+    samples, units = (_echoed_samples(text), {}) if _is_echoed(text) else _printed_samples(text)
     # The first and last sample may be incomplete. Numbers that are printed rarely, such as temperatures, are ignored.
     names = max(samples, key=len)
     header = [name for name in names if sum(name in sample for sample in samples) * 2 > len(samples)]
@@ -89,7 +77,23 @@ def printed_sheet(path: Path, text: str) -> Sheet:
         what = "no line has three numbers with names; give --columns as for `pbd record --sensor lines`"
         raise RecordingError.at(path, what)
     columns = tuple(f"{name} ({units[name]})" if name in units else name for name in header)
-    return Sheet(path, columns, "\n".join(rows), ",", 1, foreign=True, preamble="printed lines")
+    return Sheet(path, columns, "\n".join(rows), ",", 1)
+
+
+def _printed_samples(text: str) -> tuple[list[dict[str, str]], dict[str, str]]:
+    """Return each sample's numbers by their names, and the units of the names that have one."""
+    samples: list[dict[str, str]] = [{}]
+    units: dict[str, str] = {}
+    for line in (line[:LONGEST_LINE] for line in text.split("\n")):
+        stamp, rest = _stamped(line)
+        pairs = _pairs(rest)
+        if any(name in samples[-1] for name, *_ in pairs):
+            samples.append({})
+        if stamp and pairs:
+            samples[-1].setdefault("time", stamp)
+        units |= {name: unit for name, _, unit in pairs if unit}
+        samples[-1] |= {name: value for name, value, _ in pairs}
+    return samples, units
 
 
 def _is_echoed(text: str) -> bool:
@@ -99,8 +103,8 @@ def _is_echoed(text: str) -> bool:
     return any("\n  z: " in message and all(map(yaml, message.split("\n"))) for message in messages)
 
 
-def _echoed_sheet(path: Path, text: str) -> Sheet:
-    """Convert ROS's messages to a table, with `angular_velocity_x` for x below angular_velocity."""
+def _echoed_samples(text: str) -> list[dict[str, str]]:
+    """Return the numbers of each of ROS's messages, with the name `angular_velocity_x` for x below angular_velocity."""
     messages: list[dict[str, str]] = []
     for message in _MESSAGE_END.split(text)[:-1]:  # what follows the last one is cut off
         keys: list[tuple[int, str]] = []
@@ -110,14 +114,7 @@ def _echoed_sheet(path: Path, text: str) -> Sheet:
             keys = [*((depth, above) for depth, above in keys if depth < indent), (indent, key)]
             if key == "frame_id" or re.fullmatch(_NUMBER, value):
                 messages[-1]["_".join(name for _, name in keys)] = value.replace(",", " ")
-    header = max(messages, key=len)
-    timed = any(map(is_time, header))
-    rows = [
-        ",".join(message.get(name, "") for name in header)
-        for k, message in enumerate(messages)
-        if (k > 0 and not timed) or message.keys() == header.keys()  # without times each sample counts
-    ]
-    return Sheet(path, tuple(header), "\n".join(rows), ",", 1, foreign=True, preamble="ROS's messages")
+    return messages
 
 
 def _stamped(line: str) -> tuple[str, str]:
