@@ -16,9 +16,6 @@ from pbd.io.numbers import NO_NUMBER, is_stamp
 FEWEST_CELLS = 4
 """Smallest number of cells in a header (t, ax, ay, az). The lines of a preamble have fewer."""
 
-NUMBER_START = "0123456789-+."
-"""First characters of a number."""
-
 WIDEST_ROW = 30
 """Largest number of cells in a row of one sample: time, three sensors, attitude, place, and as many again."""
 
@@ -98,7 +95,7 @@ def without_cut_row(path: Path, body: str, cells: int, delimiter: str) -> str:
         or not last.strip()
         or last.count(delimiter) >= cells - 1
         or '"' in last
-        or last[0] not in NUMBER_START
+        or last[0] not in "0123456789-+."
     ):
         return body
     warn(f"{path}: the last row is cut off, and left out")

@@ -14,9 +14,6 @@ from pbd.io.toml import read_toml
 SIMULATED = ("sim", "simulated")
 """First word of the sensor's name in a simulated recording: of `pbd record --sensor sim`, and of `pbd simulate`."""
 
-ASIDE = re.compile(r".+\.(before|new)(-\d+)?")
-"""Name of a demonstration that was set aside (`name_aside`)."""
-
 _GENERATED = re.compile(
     r"""
       (format | created | sensor | clock | rate_hz | bundled | closed | failed | t_s)[ ]=[ ][^#]*
@@ -30,8 +27,8 @@ _GENERATED = re.compile(
 
 
 def is_aside(folder: Path) -> bool:
-    """Whether a demonstration has the name of one that was set aside, such as tea.before."""
-    return ASIDE.fullmatch(folder.name) is not None
+    """Whether a demonstration has the name of one that was set aside (`name_aside`), such as tea.before."""
+    return re.fullmatch(r".+\.(before|new)(-\d+)?", folder.name) is not None
 
 
 def why_kept(old: Path, new: Path | None = None) -> str:

@@ -39,9 +39,6 @@ LONGEST_PREAMBLE = 100
 BLOCK = 1_000_000
 """Characters that are parsed at once. A larger block needs more memory."""
 
-NUMERIC = b"0123456789+-.eE,\n "
-"""The characters of rows of plain numbers."""
-
 ROWS_AT_ONCE = 20_000
 """Rows that are written at once: a few MB of text."""
 
@@ -130,7 +127,7 @@ class Sheet:
 
         data = block.strip("\n").replace(self.delimiter, ",").encode()
         # Refuse JSON's words and strings, and decimal commas, which would become delimiters.
-        if data.translate(None, NUMERIC) or (self.delimiter != "," and "," in block):
+        if data.translate(None, b"0123456789+-.eE,\n ") or (self.delimiter != "," and "," in block):
             return None
         data = b"[[" + data.replace(b"\n", b"],[") + b"]]"
         if not self.complete:

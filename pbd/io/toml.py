@@ -186,10 +186,9 @@ class Section:
 
     def choice(self, key: str, choices: Mapping[str, T], default: T = _REQUIRED) -> T:
         """Return the value in `choices` of the word under `key`."""
-        if key not in self and default is not _REQUIRED:
-            return default
         rule = f"must be one of {', '.join(choices)}, got {{}}"
-        return choices[self._get(key, rule, lambda v: isinstance(v, str) and v in choices)]
+        word = self._get(key, rule, lambda v: isinstance(v, str) and v in choices, default)
+        return default if word is default else choices[word]
 
     def done(self) -> None:
         """Refuse keys that were not read, here and in the tables inside."""
