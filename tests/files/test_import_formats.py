@@ -56,6 +56,8 @@ def test_movella_dot(tmp_path: Path) -> None:
     assert recording.info.source.program == "Movella (Xsens) DOT"
     assert recording.info.source.unread["FreeAcc_X"] == "gravity, or gravity removed"
     assert decided(recording)["ax"] == "Acc_X"
+    with pytest.raises(RecordingError, match="time runs backwards from 3000000000 to 16666"):  # it started anew
+        imported(tmp_path, DOT.replace("4294967295", "3000000000").replace("4294950629", "2999983334"))
 
 
 MT_MANAGER = """// General information:

@@ -11,7 +11,6 @@ import numpy as np
 
 from pbd.data.source_columns import SourceColumns
 from pbd.errors import RecordingError, listed
-from pbd.files.importers.columns import PROGRAMS
 from pbd.files.importers.header_names import is_device_time, plain, split_unit
 from pbd.files.table import Sheet, Table
 from pbd.io.numbers import DAY_S, HOUR_S, date_order, is_stamp, seconds
@@ -63,24 +62,23 @@ def best_clock(path: Path, table: Table, clocks: list[str]) -> str:
 
 
 def unwrapped(t: Array, found: SourceColumns, sheet: Sheet) -> Array:
-    """Unwrap times (n,), s, if the program's clock wraps, or if they are times of day that pass midnight."""
+    """Unwrap times (n,), s, if they are a counter that wraps, or times of day that pass midnight."""
     clock = found.of("t")[0]
-    wraps = next((p.wraps for p in PROGRAMS if p.title == found.program), 0.0) * clock.factor
     if t[0] < DAY_S and is_stamp(first := sheet.cell(clock.name, 0)[1]):
         wraps = DAY_S if first.count(":") > 1 else HOUR_S
-    if not wraps:
+    else:
         wraps = clock.factor * _counter_size(t / clock.factor)
     return t + wraps * np.cumsum(np.diff(t, prepend=t[0]) < -0.5 * wraps)
 
 
 def _counter_size(ticks: Array) -> float:
-    """Return the size of the counter by which ticks (n,) drop without a lost step, as Arduino's micros(); 0: none."""
+    """Return the size of the counter by which ticks (n,) drop without a lost step, as Xsens' SampleTimeFine; 0: none."""
     whole = np.rint(ticks)
     steps = np.diff(whole)
-    drops = steps[steps < 0.0]
-    if not len(drops) or (np.abs(ticks - whole) > 1e-3).any():
+    drops, forward = steps[steps < 0.0], steps[steps >= 0.0]
+    if not (len(drops) and len(forward)) or (np.abs(ticks - whole) > 1e-3).any():
         return 0.0
-    longest = LONGEST_COUNT * float(np.median(steps))
+    longest = LONGEST_COUNT * float(np.median(forward))
     sizes = (size for size in COUNTER_SIZES if ticks.max() < size and (drops + size <= longest).all())
     return next(sizes, 0.0)
 

@@ -28,7 +28,6 @@ class Program:
         header: plain names (`plain`) of columns that it always writes.
         preamble: a pattern that must occur above the header; "": none.
         units: channel -> its unit.
-        wraps: the value at which its clock wraps to zero, in the clock's unit; 0: never.
         sensor: the sensor, as in `Recording.info`.
     """
 
@@ -36,7 +35,6 @@ class Program:
     header: frozenset[str]
     preamble: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
-    wraps: float = 0.0
     sensor: str = "unknown"
 
 
@@ -44,8 +42,8 @@ _XSENS = frozenset(("packet_counter", "sample_time_fine"))
 _GFORCE = {"acc": "g", "gyr": "rad/s", "mag": "uT"}
 _ICM20948 = {"acc": "mg", "gyr": "deg/s", "mag": "uT"}
 PROGRAMS = (
-    Program("Xsens MT Manager", _XSENS, r"(?m)^//", {"t": "0.1ms", "gyr": "rad/s", "mag": "a.u."}, 2.0**32),
-    Program("Movella (Xsens) DOT", _XSENS, "", {"t": "us", "gyr": "deg/s", "mag": "a.u."}, 2.0**32),
+    Program("Xsens MT Manager", _XSENS, r"(?m)^//", {"t": "0.1ms", "gyr": "rad/s", "mag": "a.u."}),
+    Program("Movella (Xsens) DOT", _XSENS, "", {"t": "us", "gyr": "deg/s", "mag": "a.u."}),
     Program("Physics Toolbox", frozenset(("g_fx", "g_fy", "g_fz")), units=_GFORCE, sensor="phone"),
     Program("rostopic", frozenset(("field_header_stamp",)), units={"t": "ns"}),
     Program("SparkFun OpenLog Artemis", frozenset(("rtc_date", "rtc_time")), units=_ICM20948, sensor="openlog"),
@@ -53,7 +51,7 @@ PROGRAMS = (
 """Programs whose units can't be read from the names.
 
 MT Manager: SampleTimeFine of an MTi counts at 10 kHz (Xsens, Low-Level Communication Protocol). DOT: SampleTimeFine is
-in us and wraps after 1.2 h, rates are in deg/s (Movella DOT User Manual XD0502P). Physics Toolbox: gF is specific force
+in us, rates are in deg/s (Movella DOT User Manual XD0502P). Physics Toolbox: gF is specific force
 over g. ROS 1's `rostopic echo -p` prints times in ns. OpenLog Artemis: SparkFun's library of the ICM-20948 gives mg,
 deg/s, uT.
 """
