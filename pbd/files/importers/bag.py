@@ -24,9 +24,8 @@ from pbd.files.importers.mcap_repair import repaired_bag, zstd_package
 from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
 
 IMU, FIELD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"
-IMU_DOUBLES, IMU_PARTS = 4 + 9 + 3 + 9 + 3 + 9, ((0, 4), (13, 16), (25, 28))
-FIELD_DOUBLES, FIELD_PARTS = 3 + 9, ((0, 3),)
-"""Layout of the two messages: how many numbers they have, and the (start, end) of each vector among them.
+VECTORS = {IMU: (4, 3, 3), FIELD: (3,)}
+"""Sizes of the vectors in the two messages.
 
 Imu: orientation xyzw, angular velocity in rad/s, specific force in m/s2. MagneticField: the field in tesla. The nine
 numbers of a vector's covariance follow it; the first is -1 if the vector is not known.
@@ -61,8 +60,7 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
     try:
         with repaired_bag(path) as repaired, Reader(repaired) as reader:
             imus, field = _choose_topics(path, reader.connections, topic)
-            wanted = {name: _Decoder(path, IMU_PARTS, IMU_DOUBLES) for name in imus}
-            wanted |= {name: _Decoder(path, FIELD_PARTS, FIELD_DOUBLES) for name in field}
+            wanted = {name: _Decoder(path, VECTORS[IMU if name in imus else FIELD]) for name in (*imus, *field)}
             given = {each.topic: each.msgtype for each in reader.connections}
             for name, received, data in _messages(path, reader, wanted):
                 wanted[name].add(received, data)
@@ -102,9 +100,9 @@ class _Decoder:
     rest of these messages is doubles.
     """
 
-    def __init__(self, path: Path, parts: tuple[tuple[int, int], ...], doubles: int) -> None:
-        """See IMU_PARTS and IMU_DOUBLES."""
-        self._path, self._parts, self._doubles = path, parts, doubles
+    def __init__(self, path: Path, vectors: tuple[int, ...]) -> None:
+        """See VECTORS."""
+        self._path, self._vectors = path, vectors
         self._waiting: list[bytes] = []
         self._received: list[int] = []
         self._ns: list[NDArray[np.int64]] = []
@@ -150,18 +148,20 @@ class _Decoder:
     def _decode(self) -> None:
         waiting, self._waiting = self._waiting, []
         for length, same in groupby(waiting, len):
-            padded = length - 16 - 8 * self._doubles
+            padded = length - 16 - sum(8 * (size + 9) for size in self._vectors)
             if padded < 0:
                 what = f"a message of {length} bytes is too short for its type; record it again"
                 raise RecordingError.at(self._path, what)
             data = b"".join(same)
             order = "<" if data[1] & 1 else ">"
             header = [("kind", "V4"), ("s", f"{order}i4"), ("ns", f"{order}u4"), ("size", f"{order}u4")]
-            read = np.frombuffer(data, [*header, ("frame", f"V{padded}"), ("numbers", f"{order}f8", self._doubles)])
+            covariance = ("covariance", f"{order}f8", 9)
+            vectors = [(f"{k}", [("vector", f"{order}f8", size), covariance]) for k, size in enumerate(self._vectors)]
+            read = np.frombuffer(data, [*header, ("frame", f"V{padded}"), *vectors])
             self._frames |= {frame[: read["size"][0]] for frame in set(read["frame"].tolist())}
             self._ns.append(read["s"].astype(np.int64) * 10**9 + read["ns"])
-            values = read["numbers"]
-            known = (np.where(values[:, k : k + 1] == -1.0, np.nan, values[:, i:k]) for i, k in self._parts)
+            parts = (read[name] for name, _ in vectors)
+            known = (np.where(part["covariance"][:, :1] == -1.0, np.nan, part["vector"]) for part in parts)
             self._values.append(np.hstack(list(known)))
 
 

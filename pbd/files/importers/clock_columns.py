@@ -72,7 +72,7 @@ def unwrapped(t: Array, found: SourceColumns, sheet: Sheet) -> Array:
 
 
 def _counter_size(ticks: Array) -> float:
-    """Return the size of the counter by which ticks (n,) drop without a lost step, as Xsens' SampleTimeFine; 0: none."""
+    """Return the size of the counter, as Arduino's micros(), by which ticks (n,) drop without a lost step; 0: none."""
     whole = np.rint(ticks)
     steps = np.diff(whole)
     drops, forward = steps[steps < 0.0], steps[steps >= 0.0]

@@ -51,9 +51,8 @@ PROGRAMS = (
 """Programs whose units can't be read from the names.
 
 MT Manager: SampleTimeFine of an MTi counts at 10 kHz (Xsens, Low-Level Communication Protocol). DOT: SampleTimeFine is
-in us, rates are in deg/s (Movella DOT User Manual XD0502P). Physics Toolbox: gF is specific force
-over g. ROS 1's `rostopic echo -p` prints times in ns. OpenLog Artemis: SparkFun's library of the ICM-20948 gives mg,
-deg/s, uT.
+in us, rates are in deg/s (Movella DOT User Manual XD0502P). Physics Toolbox: gF is specific force over g. ROS 1's
+`rostopic echo -p` prints times in ns. OpenLog Artemis: SparkFun's library of the ICM-20948 gives mg, deg/s, uT.
 """
 
 
