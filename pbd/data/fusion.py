@@ -18,7 +18,6 @@ class FusedTake:
     """One take, and how its keyframes match those of the task.
 
     Attributes:
-        name: the demonstration's name.
         own: for each keyframe of the task the index of the take's keyframe, or None.
         off: (n, 3) offset of the take's keyframes from the task's in nav, m; NaN where the take has none.
         off_rad: (n,) angle between the attitudes of the take's keyframes and the task's, rad; NaN where there is none.

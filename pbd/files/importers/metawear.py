@@ -18,7 +18,7 @@ from pbd.data.streams import Stream
 from pbd.errors import RecordingError
 from pbd.files.importers.columns import UNUSED, understand
 from pbd.files.importers.header_names import split_unit
-from pbd.files.importers.phones import joined_recording
+from pbd.files.importers.phones import joined_recording, stream_of
 from pbd.files.table import open_sheet
 
 SENSORS = {"Accelerometer": "acc", "Gyroscope": "gyr", "Magnetometer": "mag"}
@@ -53,8 +53,7 @@ def read_metawear(path: Path) -> Recording | None:
         axes = [next((name for name in sheet.header if split_unit(name)[0] == axis), axis) for axis in AXES]
         ours = dict(zip(("t", *CHANNELS[channel]), (TIME, *axes), strict=True))
         its = understand(sheet, ours, {})
-        values = sheet.read(list(ours.values())).values
-        streams[channel] = Stream.of(values[:, 0], values[:, 1:] * its.of(channel)[0].factor)
+        streams[channel] = stream_of(sheet, list(ours.values()), its.of(channel)[0].factor)
         columns = tuple(replace(column, named_by=TITLE) for column in its.columns)
         understood = understood.with_file(file.name, replace(its, columns=columns))
     others = (file.name for file in sorted(folder.glob("*.csv")) if file not in files.values())

@@ -152,7 +152,7 @@ def sheet_of(path: Path, name: str, read: Callable[[], bytes]) -> Sheet:
     return open_sheet(file, foreign=True, text=foreign_text(file, read()))
 
 
-def _stream(sheet: Sheet, columns: Sequence[str], scale: float = 1.0) -> Stream:
+def stream_of(sheet: Sheet, columns: Sequence[str], scale: float = 1.0) -> Stream:
     """Read a sensor's samples from columns of time, x, y, z: sorted, without repeated times and rows with NaN."""
     rows = sheet.read(columns).values
     return Stream.of(rows[:, 0], scale * rows[:, 1:])
@@ -170,7 +170,7 @@ def _read_sensor_logger(
     path: Path, sheets: Mapping[str, Sheet], metadata: Mapping[str, str]
 ) -> tuple[dict[str, Stream], SourceColumns]:
     def stream(name: str, scale: float = 1.0) -> Stream:
-        return _stream(sheets[name], LOGGER_COLUMNS, scale)
+        return stream_of(sheets[name], LOGGER_COLUMNS, scale)
 
     ios = metadata.get("platform") == "ios"
     reversed_ = ios and metadata.get("standardisation") != "true"
@@ -195,10 +195,10 @@ def _read_sensor_logger(
         why = "Accelerometer.csv is without gravity" if "Accelerometer" in sheets else "no acceleration is in it"
         what = f"{why}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again"
         raise RecordingError.at(path, what)
-    read, others = {"acc": (source, sign, unit)}, dict[str, Stream]()
+    streams, read = {"acc": acc}, {"acc": (source, sign, unit)}
     for kind, name, unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "uT")):
         if found := next((each for each in (name, f"{name}Uncalibrated") if each in sheets), None):
-            others[kind], read[kind] = stream(found), (f"{found}.csv", 1.0, unit)
+            streams[kind], read[kind] = stream(found), (f"{found}.csv", 1.0, unit)
     columns = [column for kind, its in read.items() for column in columns_of(LOGGER, LOGGER_COLUMNS, kind, *its)]
     used = {name for source, _, _ in read.values() for name in re.findall(r"(\w+)\.csv", source)}
     unread = {f"{name}.csv": "a better file is there" for name in sheets if name not in used}
@@ -206,7 +206,7 @@ def _read_sensor_logger(
         unread["Accelerometer.csv"] = "without gravity"
     for name in sorted(used):
         unread |= unread_of(f"{name}.csv", sheets[name].header, LOGGER_COLUMNS)
-    return {"acc": acc} | others, SourceColumns(tuple(columns), unread, f"{LOGGER} (a phone)")
+    return streams, SourceColumns(tuple(columns), unread, f"{LOGGER} (a phone)")
 
 
 def _phyphox_quantities(header: Sequence[str], file: str) -> dict[str, list[str]]:
@@ -243,7 +243,7 @@ def _read_phyphox(path: Path, files: Files) -> tuple[dict[str, Stream], SourceCo
                     continue
                 what = f"'{axes[0]}' is in {name}.csv and in another file too; keep one recording in a folder"
                 raise RecordingError.at(path, what)
-            stream = _stream(sheet, [PHYPHOX_TIME, *axes])
+            stream = stream_of(sheet, [PHYPHOX_TIME, *axes])
             streams[kind] = Stream(moments.to_elapsed(stream.t), stream.values)
             if kind == "linear":
                 unread |= dict.fromkeys((f"{name}.csv: {axis}" for axis in axes), "without gravity")
