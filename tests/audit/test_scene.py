@@ -131,7 +131,7 @@ def test_the_order_of_two_solids_is_no_matter() -> None:
     own, rng = AuditArm(arm_of("panda").robot), np.random.default_rng(0)
     here, apart = coal.Transform3s(), []
     for link in [each for each in link_solids(own) if each.mesh is not None]:
-        for share in rng.dirichlet(np.ones(4), 5):
+        for share in rng.dirichlet(np.ones(4), 30):
             corners = np.array(link.hull.points())
             center = coal.Transform3s(np.eye(3), share @ corners[rng.choice(len(corners), 4)])
             ball = simple_solid("ball", 0, pin.SE3.Identity(), "sphere", (0.002,))
