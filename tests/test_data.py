@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import FrozenInstanceError, fields, replace
 from functools import partial
 from pathlib import Path
@@ -15,6 +17,7 @@ from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 from numpy.testing import assert_allclose, assert_array_equal
 
+import pbd
 from pbd.data import (
     TOOL_DOWN,
     Calibration,
@@ -126,6 +129,12 @@ def test_another_shape_is_refused(name: str, field: str) -> None:
 def test_a_refusal_names_the_field_and_both_shapes() -> None:
     with pytest.raises(ValueError, match=r"^Recording\.acc must have shape \(5, 3\), got \(5, 2\)$"):
         Recording(t=np.zeros(5), acc=np.zeros((5, 2)))
+
+
+def test_a_demonstration_can_be_copied_and_sent_to_another_process() -> None:
+    demo = pbd.load_demo("pouring")
+    for copy in (deepcopy(demo), pickle.loads(pickle.dumps(demo))):
+        assert np.array_equal(copy.recording.acc, demo.recording.acc)
 
 
 def test_what_a_device_lacks_is_none() -> None:

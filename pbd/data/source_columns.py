@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import log
-from types import MappingProxyType
 from typing import Any
 
 from pbd.data.imu_columns import ACC, DEVICE, GYR, MAG
@@ -64,7 +63,7 @@ class SourceColumns:
     """
 
     columns: tuple[Column, ...] = ()
-    unread: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    unread: Mapping[str, str] = field(default_factory=dict)
     program: str = ""
 
     def of(self, channel: str) -> list[Column]:
