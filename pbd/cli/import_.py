@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import replace
 
 from pbd.cli.common import count_stops, decoder_maker, refuse_columns, store_demonstration
@@ -58,14 +57,17 @@ def run(args: argparse.Namespace) -> None:
     if demo.recording.gyr is None:
         warn(NO_GYRO)
     # Refuse wrong units or a wrong clock before anything is stored. A TrackingError is left to the tracking command.
-    with suppress(TrackingError), _columns_before_errors(args, source), working("checking it"):
-        recording, _ = condition(demo.recording)
-        if demo.recording.info.rate_hz is None:  # of evenly spaced times, where the file's come in batches
-            info = replace(demo.recording.info, rate_hz=recording.rate_hz)
-            demo = replace(demo, recording=replace(demo.recording, info=info))
-        acc = source.of("acc")
-        rest = find_rest(recording, abs(acc[0].factor) if acc else 1.0)
-        warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)
+    try:
+        with suppress(TrackingError), working("checking it"):
+            recording, _ = condition(demo.recording)
+            if demo.recording.info.rate_hz is None:  # of evenly spaced times, where the file's come in batches
+                info = replace(demo.recording.info, rate_hz=recording.rate_hz)
+                demo = replace(demo, recording=replace(demo.recording, info=info))
+            rest = find_rest(recording)
+            warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)
+    except RecordingError:
+        _print_columns(args, source)  # how they were read may be the cause
+        raise
     if args.grip:
         from pbd.tracking.taps import grip_by_taps
 
@@ -77,12 +79,11 @@ def run(args: argparse.Namespace) -> None:
         info = replace(demo.recording.info, sensor=args.sensor)
         demo = replace(demo, recording=replace(demo.recording, info=info))
     demo = replace(demo, closed=demo.closed or args.closed)
-    with _columns_before_errors(args, source):
-        try:
-            few = count_stops(demo) < FEWEST_STOPS
-            failure = "it has fewer than two stops, and a motion needs two" if few else ""
-        except PbdError as error:
-            failure = error.message
+    try:
+        few = count_stops(demo) < FEWEST_STOPS
+        failure = "it has fewer than two stops, and a motion needs two" if few else ""
+    except PbdError as error:
+        failure = error.message
     columns = [column.row() for column in source.columns]
     more = {"columns": columns, "unread": dict(source.unread)} if columns else {}
     store_demonstration(args, replace(demo, failed=bool(failure)), "imported", more=more)
@@ -103,16 +104,6 @@ def _print_columns(args: argparse.Namespace, source: SourceColumns) -> None:
             unread = {name: why for name, why in unread.items() if why != UNUSED}
             unread[f"{len(files)} files"] = "not used; --json names them"
         print_table(columns_table([column.row() for column in source.columns], unread))
-
-
-@contextmanager
-def _columns_before_errors(args: argparse.Namespace, source: SourceColumns) -> Iterator[None]:
-    """Print the columns before an error, whose cause may be how they were read."""
-    try:
-        yield
-    except RecordingError:
-        _print_columns(args, source)
-        raise
 
 
 def _decode(args: argparse.Namespace) -> Demonstration:

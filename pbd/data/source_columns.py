@@ -75,6 +75,21 @@ class SourceColumns:
         """Our names, and their columns. The file's own replace those of `with_file`."""
         return {column.ours: column for column in reversed(self.columns)}
 
+    def names(self, channel: str) -> str:
+        """Return the names of a channel's columns, for messages."""
+        return ", ".join(column.name for column in self.of(channel)) or ", ".join(CHANNELS[channel])
+
+    @property
+    def acc_factor(self) -> float:
+        """Factor, without its sign, from the file's values of specific force to m/s2."""
+        acc = self.of("acc")
+        return abs(acc[0].factor) if acc else 1.0
+
+    @property
+    def at_a_rate(self) -> bool:
+        """Whether the file has no times: its samples come at a rate that was given."""
+        return bool(self.columns) and "t" not in self._found
+
     def with_column(self, name: str, **changes: Any) -> SourceColumns:
         """Change what is known of a column: who named it, or its unit."""
         return replace(self, columns=tuple(replace(c, **changes) if c.name == name else c for c in self.columns))
@@ -110,8 +125,8 @@ class SourceColumns:
 
     def must_be_seconds(self) -> str:
         """Return what to do about times that can't be in seconds."""
-        if self.columns and "t" not in self._found:
-            return "give another --rate"
+        if self.at_a_rate:
+            return "correct the rate (--rate, or an npz's rate_hz)"
         return f"the column '{self._found['t'].name if self.columns else 't'}' must be seconds"
 
     def time_unit(self, unit: str) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.data import GRAVITY, Recording
+from pbd.data.source_columns import SourceColumns
 from pbd.errors import RecordingError, TrackingError
 from pbd.pose import Array, lengths, readonly
 from pbd.tracking.moving_windows import PASSES, moving_mean_variance, moving_means, rows_of_mean, window_sums
@@ -67,14 +68,11 @@ class Rest:
         return float(restlessness(self.shake, self.turn))
 
 
-def find_rest(recording: Recording, acc_factor: float = 1.0) -> Rest:
+def find_rest(recording: Recording) -> Rest:
     """Find the first quiet second of a recording without NaN. A shorter recording is taken as a whole.
 
     A steady turn about the vertical is as quiet as a rest. So the gyro's mean there must be that of most quiet
     seconds.
-
-    Args:
-        acc_factor: by which a file's values of specific force were multiplied, for the advice on a wrong unit.
 
     Raises:
         RecordingError: at rest the norm of specific force is more than 15 % off standard gravity: another unit.
@@ -101,7 +99,7 @@ def find_rest(recording: Recording, acc_factor: float = 1.0) -> Rest:
             "the accelerometer reads zero while at rest, so it is dead or in free fall; check the sensor", value=0.0
         )
     shakes = bool(np.sqrt(acc_var[start]) > STILL_ACC * max(1.0, gravity / GRAVITY))  # in any unit
-    _refuse_wrong_units(gravity, acc_factor, shakes)
+    _refuse_wrong_units(gravity, recording.info.source, shakes)
     if acc_var[start] > STILL_ACC**2 or gyr_var[start] > STILL_GYR**2:
         raise TrackingError(
             f"the hand never stands still for {REST_S:g} s: at its quietest (t = {recording.t[start]:.1f} s) it shakes "
@@ -124,7 +122,7 @@ def find_rest(recording: Recording, acc_factor: float = 1.0) -> Rest:
     )
 
 
-def likely_unit(norm_at_rest: float, factor: float = 1.0) -> str | None:
+def likely_unit(norm_at_rest: float, factor: float) -> str | None:
     """Unit of values whose norm at rest, times `factor`, was read as m/s2; None: as it was read, or unknown."""
     if _is_gravity(norm_at_rest):
         return None
@@ -139,7 +137,7 @@ def _is_gravity(norm_at_rest: float) -> bool:
     return 0.85 < norm_at_rest / GRAVITY < 1.15
 
 
-def _refuse_wrong_units(norm_at_rest: float, factor: float, shakes: bool) -> None:
+def _refuse_wrong_units(norm_at_rest: float, source: SourceColumns, shakes: bool) -> None:
     """Refuse specific force (its norm at rest, m/s2) that is not near gravity, and name the likely reason.
 
     Of a hand that shakes even then only a likely unit is named: the norm need not be gravity.
@@ -147,7 +145,7 @@ def _refuse_wrong_units(norm_at_rest: float, factor: float, shakes: bool) -> Non
     if _is_gravity(norm_at_rest):
         return
     said = f"at rest the accelerometer reads {norm_at_rest:.4g}, but gravity is {GRAVITY:.2f} m/s2"
-    if likely := likely_unit(norm_at_rest, factor):
+    if likely := likely_unit(norm_at_rest, source.acc_factor):
         what = "raw counts" if likely in COUNTS else f"in {likely}"
         why = f"the values are likely {what}: import the file with --unit acc={likely}"
         why += ", and a gyro's counts with --unit gyr=NUMBERdeg/s" * (likely in COUNTS)
@@ -163,7 +161,7 @@ def _refuse_wrong_units(norm_at_rest: float, factor: float, shakes: bool) -> Non
             bound=GRAVITY,
         )
     else:
-        why = "check the unit of the columns ax, ay, az"
+        why = f"check the unit of the columns {source.names('acc')}"
     raise RecordingError(
         f"{said}; {why}",
         value=norm_at_rest,

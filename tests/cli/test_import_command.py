@@ -119,11 +119,36 @@ def test_a_table_without_times_is_told_of_the_rate_and_takes_it(in_g: Path, caps
     assert ours.info.rate_hz == 100.0
 
 
-def test_a_rate_too_fast_is_not_blamed_on_a_column(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "run.csv"
+def test_a_wrong_rate_is_not_blamed_on_a_column(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """No --unit t and, in an npz, no --rate would help."""
+    acc = np.tile((0.0, 0.0, 9.8), (200, 1))
+    path, advice = tmp_path / "run.csv", "; correct the rate (--rate, or an npz's rate_hz)"
+    ends = {1e5: f"closer than any sensor's{advice}\n", 2.0: f"{advice}, or record faster, 4 a second at least\n"}
     path.write_text("ax,ay,az\n" + "0,0,9.8\n" * 200)
-    assert main(["import", str(path), str(tmp_path / "fast"), "--rate", "100000"]) == 1
-    assert capsys.readouterr().err.endswith("closer than any sensor's; give another --rate\n")
+    for rate_hz, end in ends.items():
+        np.savez(tmp_path / "run.npz", rate_hz=rate_hz, acc=acc)
+        for file, rate in ((path, ["--rate", str(rate_hz)]), (tmp_path / "run.npz", [])):
+            assert main(["import", str(file), str(tmp_path / "new"), *rate]) == 1
+            assert end in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "says"),
+    [
+        (" (mg)", 1.0, "likely in g: import the file with --unit acc=g"),
+        ("", 3.0 * GRAVITY, "check the unit of the columns Acc-X, Acc-Y, Acc-Z"),
+    ],
+)
+def test_every_command_knows_the_files_columns(
+    in_g: Path, capsys: pytest.CaptureFixture[str], unit: str, factor: float, says: str
+) -> None:
+    rows = [[float(cell) for cell in row[:7]] for row in list(csv.reader(in_g.read_text().splitlines()))[1:]]
+    values = np.array(rows) * np.repeat((1.0, factor), (4, 3))
+    header = ",".join(("t", "gx", "gy", "gz", *(f"Acc-{axis}{unit}" for axis in "XYZ")))
+    np.savetxt("run.csv", values, delimiter=",", header=header, comments="")
+    for command in (["import", "run.csv", "tea"], ["keyframes", "run.csv"]):
+        assert main(command) == 1
+        assert says in capsys.readouterr().err
 
 
 def test_a_recording_does_not_replace_the_folder_that_it_is_in(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -153,7 +153,7 @@ def find_axis_error(
         if fit < min(off_deg / IMPROVEMENT, found.fit_deg if found else np.inf):
             return Contradiction("a", off_deg, fit, pair, or_order + what)
     if found is None and not np.ptp(by_gyro, axis=0).any():
-        dead = "it reads the same all the time, so it is dead; check the columns gx, gy, gz"
+        dead = f"it reads the same all the time, so it is dead; check the columns {source.names('gyr')}"
         return Contradiction("a", off_deg, off_deg, pair, dead)
     if found is None and 0 in counted and off_deg > SCALE_DEG:
         return _find_scale(fit_of, off_deg, pair)

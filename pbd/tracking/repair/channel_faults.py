@@ -64,8 +64,8 @@ def refuse_dead(recording: Recording) -> None:
         raise RecordingError("all rows are the same: the sensor is stuck, or was never read; record again", row=0)
     if recording.gyr is not None and not np.diff(recording.gyr, axis=0).any() and has_noise(recording.acc):
         raise RecordingError(
-            "the gyro always reads the same, so it is dead; repair it, or leave out the columns gx, gy, gz if the "
-            "device gives its own attitude",
+            "the gyro always reads the same, so it is dead; repair it, or leave out the columns "
+            f"{recording.info.source.names('gyr')} if the device gives its own attitude",
             value=recording.gyr[0].tolist(),
         )
     norms, moves = lengths(recording.acc), np.ptp(recording.acc, axis=0).max() > STILL_ACC
@@ -162,8 +162,10 @@ def refuse_freezes(recording: Recording, v_nav: Array) -> None:
     """
     t, speeds = recording.t, lengths(v_nav)
     for start, last in runs(_repeats(recording)):
+        if t[last] - t[start] <= COARSE_FROZEN_S:
+            continue
         speed = float(speeds[start : last + 1].max())
-        if t[last] - t[start] > COARSE_FROZEN_S and speed > MOVING_SPEED:
+        if speed > MOVING_SPEED:
             raise TrackingError(
                 f"the readings repeat around row {start} (t = {t[start]:.2f} s) as in a rest, but the hand was moving "
                 f"at {speed:.2f} m/s: the sensor froze during a move; record again",

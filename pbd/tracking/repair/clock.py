@@ -103,7 +103,9 @@ def _refuse_slow(interval: float, source: SourceColumns) -> None:
     advice = f"import the file with {' or '.join(f'--unit t={unit}' for unit in named)}"
     advice += ", or with its --rate HZ if it counts rows" if interval == 1.0 else ""
     faster = f"record faster, {SLOWEST_HZ:g} a second at least"
-    if source.time_unit_by == DATES or (source.time_unit_by != NO_UNIT and interval < 1.0):
+    if source.at_a_rate:
+        advice = f"{source.must_be_seconds()}, or {faster}"
+    elif source.time_unit_by == DATES or (source.time_unit_by != NO_UNIT and interval < 1.0):
         advice = faster
     elif interval < 1.0:  # no time of a fast sensor in whole ms or ns
         advice = f"{faster}; if the time is in {named[0]}, {advice}"

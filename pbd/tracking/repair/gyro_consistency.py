@@ -190,7 +190,7 @@ def refuse_disagreement(recording: Recording) -> None:
     found = find_axis_error([up, *_other_witnesses(recording, every, row_before, row_after)], turn, source)
     if found is not None:
         at = recording.t[row_before[found.pair] * every]
-        unit = likely_unit(float(np.median(np.linalg.norm(acc, axis=1))))
+        unit = likely_unit(float(np.median(np.linalg.norm(acc, axis=1))), source.acc_factor)
         raise RecordingError(
             f"the gyro does not turn as {SHOWN_BY[found.witness]} shows (by {found.off_deg:.0f} degrees, first at "
             f"t = {at:.1f} s): {found.message}" + (f"; with --unit acc={unit} too" if unit else ""),
