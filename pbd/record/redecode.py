@@ -14,7 +14,7 @@ from pbd.pose import Array
 from pbd.record.session import DEVICE_CLOCK, FIRST_BYTES
 from pbd.record.session_types import recording_from_samples
 from pbd.sensors.decoding import Decoder, Sample
-from pbd.sensors.probe import describe_bytes
+from pbd.sensors.probe import describe_bytes, identify_protocol, printed_line
 from pbd.timestamps import SampleClock
 
 MOST_BACKWARDS = 0.05
@@ -41,7 +41,9 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
         data = b"\n" + data  # a text begins with a whole line; what came from a port may begin within one
     samples = [sample for sample in decoder.feed(data) if sample.acc is not None]
     if len(samples) < 2:
-        correct = describe_bytes(data[:FIRST_BYTES], None, sensor, decoder.tally.why)
+        first, correct = data[:FIRST_BYTES], "name the sensor that it came from"
+        if identify_protocol(first) or printed_line(first):
+            correct = describe_bytes(first, None, sensor, decoder.tally.why)
         raise RecordingError.at(path, f"no samples of {sensor} in its {len(data)} bytes; {correct}")
     stored = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
     samples, t, clock = _sample_times(path, samples, None if stored is None else stored.recording, rate_hz)

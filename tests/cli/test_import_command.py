@@ -287,6 +287,9 @@ def test_raw_bytes_need_their_sensor_and_where_it_has_no_clock_its_rate(capsys: 
         assert told in capsys.readouterr().err
     assert main(["import", "xsens.bin", "tea", "--sensor", "razor"]) == 1
     assert capsys.readouterr().err.endswith("bytes; they are xsens's: give --sensor xsens\n")
+    Path("empty.bin").touch()
+    assert main(["import", "empty.bin", "tea", "--sensor", "razor"]) == 1
+    assert capsys.readouterr().err.endswith("in its 0 bytes; name the sensor that it came from\n")
     main(["import", "razor.bin", "tea", "--sensor", "razor", "--rate", "50"])
     recording = read_demo(Path("demos/tea")).recording
     np.testing.assert_allclose(recording.t, np.arange(len(recording)) / 50.0, atol=1e-9)
