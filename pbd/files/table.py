@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -282,7 +283,9 @@ def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tu
     import orjson
 
     with path.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerow(header)  # a URDF allows any character in a joint's name
+        line = io.StringIO()  # a URDF allows any character in a joint's name: "\r\n" has both kinds of newline quoted
+        csv.writer(line, lineterminator="\r\n").writerow(header)
+        file.write(line.getvalue().removesuffix("\r\n") + "\n")
         for k in range(0, len(values), ROWS_AT_ONCE):
             part = values[k : k + ROWS_AT_ONCE]
             if decimals:

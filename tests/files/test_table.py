@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -119,3 +120,10 @@ def test_a_table_is_read_as_written(tmp_path: Path, hole: float) -> None:
     write_table(path, ("t", "ax"), values, (3, 2))
     assert path.read_text().splitlines()[:2] == ["t,ax", "0.0,-1.25"]
     assert_array_equal(read_table(path).values, [[0.0, -1.25], [0.123, hole]])
+
+
+def test_names_may_have_any_character(tmp_path: Path) -> None:
+    names = ("t", "a,b", 'a"b', "a\rb", "a\nb", "a;b", "\u00e4")
+    write_table(tmp_path / "table.csv", names, np.zeros((1, len(names))))
+    with (tmp_path / "table.csv").open(encoding="utf-8", newline="") as file:
+        assert next(csv.reader(file)) == list(names)
