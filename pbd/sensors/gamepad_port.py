@@ -125,7 +125,7 @@ class GamepadPort(Source):
                 info = self._absinfo(axis)
             except OSError:
                 return b""  # a pipe, not an input device
-            *values, _, flat, resolution = ABSINFO.unpack(info)
+            *values, fuzz, flat, resolution = ABSINFO.unpack(info)
             acc_per_g = acc_per_g or resolution
             pad = PADS.get(acc_per_g)
             if pad is None or resolution != (acc_per_g if axis < 3 else pad.gyro_per_deg_s):
@@ -135,8 +135,9 @@ class GamepadPort(Source):
                     path=self.device,
                     value=resolution,
                 )
-            self._fuzz[axis] = info
-            fcntl.ioctl(self._motion, _ioctl_request(True, 0xC0 + axis), ABSINFO.pack(*values, 0, flat, resolution))
+            if fuzz:
+                self._fuzz[axis] = info
+                fcntl.ioctl(self._motion, _ioctl_request(True, 0xC0 + axis), ABSINFO.pack(*values, 0, flat, resolution))
         return make_event(EV_MSC, MSC_RAW, acc_per_g) + self._axis_events()
 
     def _axis_events(self) -> bytes:

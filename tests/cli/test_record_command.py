@@ -401,6 +401,7 @@ def test_a_phone_is_recorded_under_its_models_name(capsys: Capture, elsewhere: P
         assert code == 0, error
         assert read_demo(elsewhere / "demos" / "tea").recording.info.sensor == "phyphox (Test Phone)"
         _, opened, _ = find_sensor(parse(["record", "tea", "--port", phone.address]))
+        opened().close()
         phone.offline = True
         with pytest.raises(SensorError, match="does not answer"):
             opened()
