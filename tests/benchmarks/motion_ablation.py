@@ -160,11 +160,16 @@ def main() -> None:
         print(json.dumps(rows))
         return
     print_machine()
-    names = list(rows["nothing"]["scenes"])
-    print(f"| taken out | {' | '.join(f'{of}: {name}' for of in ('scenes', 'plans') for name in names)} |")
-    print("|---" * (1 + 2 * len(names)) + "|")
+    columns = ("solved (lost, gained)", "length", "worst", "s")
+    print(f"| taken out | {' | '.join(f'{of}: {column}' for of in ('scenes', 'plans') for column in columns)} |")
+    print("|---" * (1 + 2 * len(columns)) + "|")
     for part, row in rows.items():
-        print(f"| {part} | {' | '.join(f'{value:.4g}' for of in row.values() for value in of.values())} |")
+        figures = [
+            f"{each['solved']} ({each['lost']}, {each['gained']}) | {each['length']:.3f} | {each['worst']:.2f} | "
+            f"{each['seconds']:.0f}"
+            for each in row.values()
+        ]
+        print(f"| {part} | {' | '.join(figures)} |")
 
 
 if __name__ == "__main__":
