@@ -97,7 +97,7 @@ def test_a_take_is_added_by_a_line_in_demo_toml(capsys: Capture) -> None:
             "tea1 odd",
             "demos/odd/demo.toml:7: [take] demo names demos/odd/../odd, which is made of takes itself; list",
         ),
-        ("tea1 tea2 tea1", "pbd: 'tea1' is the same recording as 'tea1'; name each take once"),
+        ("tea1 tea2 tea1", "demos/odd/demo.toml: 'tea1' is the same recording as 'tea1'; name each take once"),
         (
             "tea1",
             "demos/odd/demo.toml:5: [take] demo is the only [[take]]; add another, or use that demonstration as it is",
