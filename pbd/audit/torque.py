@@ -7,6 +7,7 @@ Friction and the motors' own inertia are left out, because their values in URDFs
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,7 @@ def find_torque(arm: AuditArm, trajectory: JointTrajectory, load: Load, effort: 
     )
 
 
+@lru_cache(maxsize=16)
 def _impossible_inertias(arm: AuditArm) -> tuple[str, ...]:
     """Return the links that the arm moves whose largest principal inertia exceeds the sum of the other two.
 

@@ -10,15 +10,7 @@ from pbd.cli.common import count_stops, decoder_maker, refuse_columns, store_dem
 from pbd.cli.console import say, working
 from pbd.data import Demonstration
 from pbd.data.source_columns import SourceColumns
-from pbd.errors import (
-    PbdError,
-    RecordingError,
-    SensorError,
-    TrackingError,
-    UsageError,
-    listed,
-    warn,
-)
+from pbd.errors import PbdError, RecordingError, SensorError, TrackingError, UsageError, listed, warn
 from pbd.files.demo import demo_folder
 from pbd.files.importers import import_file
 from pbd.files.importers.columns import UNUSED

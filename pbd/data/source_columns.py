@@ -138,4 +138,4 @@ class SourceColumns:
 
 
 IMU_CSV = SourceColumns()
-"""Those of a recording of ours."""
+"""The value for a recording that was not imported."""

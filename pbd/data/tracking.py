@@ -16,7 +16,7 @@ from pbd.data.fusion import Fusion
 from pbd.data.keyframe import Keyframe, TouchUp
 from pbd.data.one_line_repr import brief, counted, span
 from pbd.data.sensor_estimate import SensorEstimate
-from pbd.data.source_columns import SourceColumns
+from pbd.data.source_columns import IMU_CSV, SourceColumns
 from pbd.data.world import GraspedObject
 from pbd.errors import require_kind
 from pbd.pose import Array
@@ -45,7 +45,7 @@ class RecordingInfo:
     rate_hz: float | None = None
     created: str | None = None
     clock: str = ""
-    source: SourceColumns = field(default_factory=SourceColumns, compare=False, repr=False)
+    source: SourceColumns = field(default=IMU_CSV, compare=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)

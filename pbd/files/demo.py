@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Place, Recording, RecordingInfo, Truth
-from pbd.data.imu_columns import ACC, CHANNELS, compass_angles, device_rpy
+from pbd.data.imu_columns import ACC, IMU_COLUMNS, compass_angles, device_rpy
 from pbd.errors import RecordingError
 from pbd.files.calibration import read_shape
 from pbd.files.find_by_name import find
@@ -249,7 +249,7 @@ def _without_none(**values: Any) -> dict[str, Any]:
 
 def _read_recording(table: Table, grip: tuple[GripEvent, ...], info: RecordingInfo) -> Recording:
     def channel(name: str) -> Array | None:
-        columns, _ = CHANNELS[name]
+        columns, _ = IMU_COLUMNS[name]
         return table.columns(*columns) if set(columns) & {*table.header} else None
 
     device = channel("device")
@@ -268,8 +268,8 @@ def _imu_columns(recording: Recording) -> tuple[tuple[str, ...], Array, tuple[in
     device = None if recording.device_rpy is None else compass_angles(recording.device_rpy)
     values = {"gyr": recording.gyr, "acc": recording.acc, "mag": recording.mag, "device": device}
     present = {name: array for name, array in values.items() if array is not None}
-    header = ("t", *(column for name in present for column in CHANNELS[name][0]))
-    decimals = (6, *(CHANNELS[name][1] for name in present for _ in range(3)))
+    header = ("t", *(column for name in present for column in IMU_COLUMNS[name][0]))
+    decimals = (6, *(IMU_COLUMNS[name][1] for name in present for _ in range(3)))
     return header, np.hstack((recording.t[:, None], *present.values())), decimals
 
 

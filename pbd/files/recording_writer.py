@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Demonstration, GripEvent, Recording, RecordingInfo
-from pbd.data.imu_columns import CHANNELS
+from pbd.data.imu_columns import IMU_COLUMNS
 from pbd.errors import RecordingError
 from pbd.files.demo import demo_toml, refuse_demo_folder
 from pbd.io.atomic import atomic_file, atomic_folder, is_file, unwritable, write_text
@@ -31,7 +31,7 @@ class RecordingWriter:
 
         Args:
             info: what is known of the recording; the folder's name becomes its name.
-            channels: the names in CHANNELS of the channels that will be recorded.
+            channels: the names in IMU_COLUMNS of the channels that will be recorded.
             closed: whether the hand returns to its start.
 
         Raises:
@@ -42,7 +42,7 @@ class RecordingWriter:
         self._info, self._closed = replace(info, name=folder.name), closed
         self._failed = False
         self._grip: list[GripEvent] = []
-        written = [CHANNELS[name] for name in CHANNELS if name in channels]
+        written = [IMU_COLUMNS[name] for name in IMU_COLUMNS if name in channels]
         header = ",".join(["t", *(column for columns, _ in written for column in columns)])
         self._format = ",".join(["{:.6f}", *(f"{{:.{decimals}f}}" for _, decimals in written for _ in "xyz")])
         with atomic_folder(folder, replace=False) as new:
@@ -59,7 +59,7 @@ class RecordingWriter:
 
         Args:
             t: (n,) s.
-            values: n rows of the channels' numbers, in the order of CHANNELS; NaN becomes an empty cell.
+            values: n rows of the channels' numbers, in the order of IMU_COLUMNS; NaN becomes an empty cell.
 
         Raises:
             RecordingError: the disk is full, and the earlier rows are intact; or the folder is gone.

@@ -282,13 +282,13 @@ def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tu
     """Write a table; `decimals`: each column's number of decimals; empty: all. NaN becomes an empty cell."""
     import orjson
 
-    with path.open("w", encoding="utf-8", newline="") as file:
+    with path.open("wb") as file:
         line = io.StringIO()  # a URDF allows any character in a joint's name: "\r\n" has both kinds of newline quoted
         csv.writer(line, lineterminator="\r\n").writerow(header)
-        file.write(line.getvalue().removesuffix("\r\n") + "\n")
+        file.write(line.getvalue().removesuffix("\r\n").encode() + b"\n")
         for k in range(0, len(values), ROWS_AT_ONCE):
             part = values[k : k + ROWS_AT_ONCE]
             if decimals:
                 part = np.column_stack([column.round(places) for column, places in zip(part.T, decimals, strict=True)])
             rows = orjson.dumps(part, option=orjson.OPT_SERIALIZE_NUMPY)
-            file.write(rows[2:-2].replace(b"],[", b"\n").replace(b"null", b"").decode() + "\n")
+            file.write(rows[2:-2].replace(b"],[", b"\n").replace(b"null", b"") + b"\n")

@@ -21,22 +21,9 @@ from pbd.data.source_columns import CHANNELS, DATES, Column, SourceColumns
 from pbd.data.streams import Stream, joined
 from pbd.errors import RecordingError, listed, warn
 from pbd.files.importers import XIO_FILE, check_rate
-from pbd.files.importers.clock_columns import (
-    best_clock,
-    dated_column,
-    refuse_backwards,
-    unwrapped,
-    with_nanoseconds,
-)
+from pbd.files.importers.clock_columns import best_clock, dated_column, refuse_backwards, unwrapped, with_nanoseconds
 from pbd.files.importers.columns import PROGRAMS, UNUSED, understand
-from pbd.files.importers.header_names import (
-    is_time,
-    is_time_step,
-    nanoseconds_of,
-    our_name,
-    own_times_of,
-    plain,
-)
+from pbd.files.importers.header_names import is_time, is_time_step, nanoseconds_of, our_name, own_times_of, plain
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
 from pbd.io.numbers import is_stamp
