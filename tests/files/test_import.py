@@ -289,7 +289,6 @@ def test_axes_and_units_are_corrected_without_a_header(tmp_path: Path) -> None:
     read = import_file(tmp_path / "run.npz", columns, {"acc": "-g"})
     assert_allclose(read.recording.acc, -GRAVITY * COUNTING[:, [1, 0, 2]] * (-1.0, 1.0, 1.0))
     assert_allclose(channel(read.recording, "gyr"), COUNTING * (1.0, 1.0, -1.0))
-    assert read.recording.info.source is not None
     rows = {
         row["column"]: (row["read_as"], row["unit"], row["decided_by"])
         for row in map(Column.row, read.recording.info.source.columns)
