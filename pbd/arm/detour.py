@@ -7,6 +7,7 @@ The search is reproducible: its seed is fixed, and it ends after a number of col
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 from operator import itemgetter
 
@@ -77,16 +78,17 @@ def bend_detour(
         Joints (m, k): only the ends if the straight move is free, else the shortest free detour; None if none is free.
     """
     straight: Array = np.stack((start, goal))
+    travel = partial(joint_travel, travel_scale=scene.arm.travel_scale)
     if scene.is_free(straight, grasp):
         return straight
     detours: list[tuple[float, Array]] = []
     for path in known:
         share = np.linspace(0.0, 1.0, len(path))[:, None]
-        most = _MOST_GROWTH * joint_travel(straight) * joint_travel(path) / max(joint_travel(path[[0, -1]]), 1e-9)
+        most = _MOST_GROWTH * travel(straight) * travel(path) / max(travel(path[[0, -1]]), 1e-9)
         for directed in (path, path[::-1]):
             bent: Array = directed + (1.0 - share) * (start - directed[0]) + share * (goal - directed[-1])
             bent[0], bent[-1] = start, goal
-            if (length := joint_travel(bent)) < most:
+            if (length := travel(bent)) < most:
                 detours.append((length, bent))
     detours.sort(key=itemgetter(0))
     for _, bent in detours[:_MOST_BENT]:

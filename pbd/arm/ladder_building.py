@@ -82,7 +82,7 @@ def build_ladder(
         layers.append(Layer(at.q, at.cost, mend_after, wide_cost=wide_cost if keyframe > 0 else 0.0))
     if q_end is not None:
         layers.append(Layer(q_end[None], np.zeros(1), mend_after))
-    ladder = Ladder(layers)
+    ladder = Ladder(layers, arm.travel_scale)
     if is_redundant(arm):
         _move_along_null_space(arm, T_base_tool, ladder)
     return ladder
@@ -94,7 +94,7 @@ def states_at(arm: ArmModel, pose: Pose, before: States, starts: int) -> States:
     if not len(found):
         return States(found, np.empty(0), np.empty(0))
     nearest = turn_toward(arm, found, before.q[:, None])
-    total = before.travel[:, None] + np.linalg.norm(nearest - before.q[:, None], axis=2)
+    total = before.travel[:, None] + np.linalg.norm((nearest - before.q[:, None]) * arm.travel_scale, axis=2)
     via, each = total.argmin(axis=0), np.arange(len(found))
     q = nearest[via, each]
     cost = configuration_cost(arm, q)
@@ -184,18 +184,19 @@ def _move_along_null_space(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: L
     path = ladder.joints(shortest)
     costs = configuration_cost(arm, path)
     goals = [to_se3(pose) for pose in T_base_tool]
+    margin, mobility = MARGIN_RAD / arm.travel_scale, 1.0 / arm.travel_scale**2
     for _ in range(SWEEPS):
         for i, goal in enumerate(goals, start=1):
             q, before, after = path[i], path[i - 1], path[i + 1] if i + 1 < len(path) else path[i - 1]
             pull = 0.5 * (before + after) - q
             over, under = q - arm.limits.lower, arm.limits.upper - q
-            pull += np.maximum(0.0, MARGIN_RAD - over) - np.maximum(0.0, MARGIN_RAD - under)
+            pull += np.maximum(0.0, margin - over) - np.maximum(0.0, margin - under)
             J = arm.jacobian(q)
-            pull -= J.T @ np.linalg.solve(J @ J.T + _RIDGE, J @ pull)
+            pull -= mobility * (J.T @ np.linalg.solve((J * mobility) @ J.T + _RIDGE, J @ pull))
             ended, squares = descend_each(arm, goal, (q + pull)[None])
             # The new configuration is an improvement if its cost is below this.
-            most = costs[i] + joint_travel(np.array((before, q, after)))
-            most -= joint_travel(np.array((before, ended[0], after)))
+            most = costs[i] + joint_travel(np.array((before, q, after)), arm.travel_scale)
+            most -= joint_travel(np.array((before, ended[0], after)), arm.travel_scale)
             if squares[0] < SOLVED and most > 0.0 and (cost := float(configuration_cost(arm, ended)[0])) < most:
                 path[i], costs[i] = ended[0], cost
     for i, goal in enumerate(goals, start=1):

@@ -154,7 +154,8 @@ class LinkChecks:
         else:
             link.free_moves[ends_key(q_before, q)] = along
             if move.detour:
-                cost = joint_travel(np.vstack((q_before, along))) - joint_travel(np.stack((q_before, q)))
+                scale = self.arm.travel_scale
+                cost = joint_travel(np.vstack((q_before, along)), scale) - joint_travel(np.stack((q_before, q)), scale)
                 if len(link.free_moves) == ENOUGH_DETOURS:
                     self.ladder.set_unchecked_cost(place, OTHER_DETOUR_COST)
         if move.tool_barred:  # no configuration of the arm can help
@@ -190,7 +191,7 @@ class LinkChecks:
         if not (layer.q == found[-1]).all(axis=1).any():
             ladder.add(place, found[-1:], configuration_cost(self.arm, found[-1:]))
         link.free_moves[ends_key(found[0], found[-1])] = found[1:]
-        ladder.keep_only(place, found[0], found[-1], joint_travel(found))
+        ladder.keep_only(place, found[0], found[-1], joint_travel(found, self.arm.travel_scale))
 
     def _detour_between_any(self, i: int, starts: Array, goals: Array) -> Array | None:
         """Return joints (m, k) of a detour to keyframe i, from any of the starts (s, k) to any of the goals (g, k)."""

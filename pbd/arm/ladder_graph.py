@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy, deepcopy
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,10 +82,11 @@ class Layer:
         self.length = np.empty((0, 0))
         self.move_checked = self.cost_added = np.empty((0, 0), dtype=bool)
 
-    def link(self, before: Array, *, anew: bool = False) -> None:
+    def link(self, before: Array, travel_scale: Array, *, anew: bool = False) -> None:
         """Set the length of the moves from states (l, k); results of checked moves are kept unless `anew`."""
         step = before[:, None] - self.q
-        length, (move_checked, cost_added) = np.linalg.norm(step, axis=2), np.zeros((2, *step.shape[:2]), dtype=bool)
+        length: Array = np.linalg.norm(step * travel_scale, axis=2)
+        move_checked, cost_added = np.zeros((2, *length.shape), dtype=bool)
         farthest = np.abs(step).max(axis=2, initial=0.0)
         length += self.wide_cost * (farthest > np.pi)
         length[farthest > self.most_step] = np.inf
@@ -99,9 +99,9 @@ class Layer:
         self.length, self.move_checked, self.cost_added = length, move_checked, cost_added
 
 
-def joint_travel(q: Array) -> float:
-    """Return the length of a polyline in joint space through joints (m, k), rad."""
-    step = q[1:] - q[:-1]
+def joint_travel(q: Array, travel_scale: Array) -> float:
+    """Return the length of a polyline in joint space through joints (m, k), rad; `travel_scale`: see ArmModel."""
+    step = (q[1:] - q[:-1]) * travel_scale
     return float(np.sqrt(np.einsum("ij,ij->i", step, step)).sum())
 
 
@@ -109,13 +109,14 @@ class Ladder:
     """The layers through which a path is searched; layer 0 has one state, the start. `place` is the index of a layer.
 
     Attributes:
+        travel_scale: (k,) see ArmModel.
         first, end: the window: the path up to layer `first` is final; layers from `end` on are not searched yet.
     """
 
-    def __init__(self, layers: Sequence[Layer]) -> None:
-        self.layers = list(layers)
-        for before, layer in pairwise(self.layers):
-            layer.link(before.q)
+    def __init__(self, layers: Sequence[Layer], travel_scale: Array) -> None:
+        self.layers, self.travel_scale = list(layers), travel_scale
+        for place in range(1, len(self.layers)):
+            self._link(place)
         self.first, self.end = 0, len(self.layers)
         self._totals = [self.layers[0].cost]
 
@@ -148,7 +149,7 @@ class Ladder:
         layer.state_checked = np.append(layer.state_checked, np.zeros(len(q), dtype=bool))
         for at in (place, place + 1):
             if at < len(self.layers):
-                self.layers[at].link(self.layers[at - 1].q)
+                self._link(at)
         self._discard_totals(place)
 
     def reset_moves(
@@ -164,7 +165,7 @@ class Ladder:
         layer = self.layers[place]
         layer.mend_after, layer.costly = mend_after, costly
         layer.in_order, layer.unchecked_cost = in_order, unchecked_cost
-        layer.link(self.layers[place - 1].q, anew=True)
+        self._link(place, anew=True)
         self._discard_totals(place)
 
     def keep_only(self, place: int, q_before: Array, q: Array, length: float) -> None:
@@ -187,7 +188,7 @@ class Ladder:
         self.end += len(layers)
         self.layers[place:place] = layers
         for at in range(place, after + 1):
-            self.layers[at].link(self.layers[at - 1].q, anew=True)
+            self._link(at, anew=True)
         self._discard_totals(place)
 
     def drop(self, place: int, end: int) -> None:
@@ -196,7 +197,7 @@ class Ladder:
         self.end -= end - place
         if place < len(self.layers):
             self.layers[place].most_step = np.inf
-            self.layers[place].link(self.layers[place - 1].q, anew=True)
+            self._link(place, anew=True)
         self._discard_totals(place)
 
     def joints(self, path: Sequence[int]) -> Array:
@@ -240,6 +241,9 @@ class Ladder:
             exhausted = tuple(i for i in within if self.layers[i].barred_moves >= self.layers[i].mend_after)
             if exhausted:
                 return Barred(exhausted, (True,) * len(exhausted))
+
+    def _link(self, place: int, *, anew: bool = False) -> None:
+        self.layers[place].link(self.layers[place - 1].q, self.travel_scale, anew=anew)
 
     def _check_states(self, path: Sequence[int], state_check: StateCheck) -> bool:
         barred = False

@@ -52,6 +52,8 @@ class ArmModel:
         configuration: converts joints (k,) to pinocchio's configuration of `model`.
         tool_id: the tool's frame in `model`.
         turns: (k,) 1 for a revolute joint, whose whole turns change no pose; 0 for a prismatic joint.
+        travel_scale: (k,) rad of joint travel per unit of a joint: 1 for a revolute joint; for a prismatic joint the
+            angle by which a revolute joint turns while it moves by 1 m, both at their largest velocity.
     """
 
     def __init__(self, robot: Robot, full: Any) -> None:
@@ -96,6 +98,9 @@ class ArmModel:
         self.configuration = _configuration_of(self.model)
         self.steps = _steps(self)
         self.turns: Array = np.array([step.joint == "turns" for step in self.steps[:-1]], dtype=np.float64)
+        turning, velocity = self.turns > 0.0, robot.limits.velocity
+        typical = np.median(velocity[turning] if turning.any() else velocity)
+        self.travel_scale: Array = np.where(turning, 1.0, typical / velocity)
 
     @property
     def links(self) -> tuple[str, ...]:

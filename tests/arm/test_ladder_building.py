@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,6 +47,36 @@ def travel_ratios(arm: ArmModel) -> list[float]:
 
 def test_travel_is_less_than_that_of_a_path_known_to_exist(arm: ArmModel) -> None:
     assert max(travel_ratios(arm)) < 1.05
+
+
+def on_a_lift(robot: Robot, velocity: float, folder: Path) -> ArmModel:
+    """Return an arm on a lift of 0.5 m."""
+    urdf = folder / "lift.urdf"
+    lift = f"""<link name="floor"/><joint name="lift" type="prismatic"><parent link="floor"/><child link="world"/>
+        <axis xyz="0 0 1"/><limit lower="0" upper="0.5" velocity="{velocity}" effort="1"/></joint></robot>"""
+    urdf.write_text(robot.urdf.read_text().replace("</robot>", lift))
+    limits = {name: np.append(value, getattr(robot.limits, name)) for name, value in LIFT.items()}
+    limits["velocity"] = np.append(velocity, robot.limits.velocity)
+    joints, home = ("lift", *robot.joints), np.append(0.2, robot.home)
+    lifted = replace(robot, urdf=urdf, base="floor", joints=joints, home=home, limits=changed(robot.limits, **limits))
+    return load_model(lifted)
+
+
+LIFT = {"lower": 0.0, "upper": 0.5, "acceleration": 1.0, "jerk": 10.0, "effort": 1.0}
+
+
+def test_a_lift_moves_only_as_far_as_that_saves_time(tmp_path: Path) -> None:
+    robot = arm_of("ur5").robot
+    turned = []
+    for velocity in (0.05, 5.0):
+        arm = on_a_lift(robot, velocity, tmp_path)
+        scale = np.append(np.median(robot.limits.velocity) / velocity, np.ones(6))
+        for seed in range(3):
+            truth = np.hstack((np.full((7, 1), 0.2), wander(robot, 6, seed)))
+            path = np.vstack((truth[:1], solve_path(arm, [arm.forward(q) for q in truth[1:]], truth[0])))
+            assert travel(path * scale) < 1.05 * travel(truth)
+            turned.append(travel(path[:, 1:]))
+    assert np.all(np.array(turned[3:]) < turned[:3])
 
 
 @pytest.mark.parametrize("name", ["ur5", "kinova", "so101"])

@@ -17,6 +17,7 @@ from pbd.pose import Array
 from tests.arm.bundled import arm_of
 
 MANY = 10**6
+SCALE = np.ones(2)
 
 
 def random_layers(
@@ -72,7 +73,7 @@ def test_it_is_the_shortest_of_all_that_are_free(seed: int, sizes: list[int], st
     rng = np.random.default_rng(seed)
     layers = random_layers(rng, sizes)
     world = World(rng, layers, states, moves)
-    found = Ladder(layers).search(world.is_free, world.free_move)
+    found = Ladder(layers, SCALE).search(world.is_free, world.free_move)
     free = [path for path in world.every() if world.free(path)]
     if isinstance(found, Barred):
         assert not free
@@ -91,7 +92,7 @@ def test_a_known_path_is_left_only_for_one_that_is_shorter_by_the_extra_cost() -
         rng = np.random.default_rng(seed)
         layers = random_layers(rng, [4] * 5, unchecked_cost=unchecked_cost)
         world = World(rng, layers, 0.1, 0.4)
-        found = Ladder(layers).search(world.is_free, world.free_move)
+        found = Ladder(layers, SCALE).search(world.is_free, world.free_move)
         best = min(filter(world.free, world.every()), key=world.length, default=None)
         assert isinstance(found, Barred) == (best is None)
         if best is not None and not isinstance(found, Barred):
@@ -110,7 +111,7 @@ def test_a_mended_ladder_gives_the_same_path_as_one_built_at_once(seed: int, pla
     world.bad = {each for each in world.bad if each[0] != 4}
     third, part = layers.pop(3), layers[2]
     later_q, later_cost = part.q[2:], part.cost[2:].copy()
-    ladder = Ladder([*layers[:2], Layer(part.q[:2], part.cost[:2].copy(), MANY, unchecked_cost=0.0), layers[3]])
+    ladder = Ladder([*layers[:2], Layer(part.q[:2], part.cost[:2].copy(), MANY, unchecked_cost=0.0), layers[3]], SCALE)
     ladder.search(
         lambda at, q: at > 2 or world.is_free(at, q), lambda at, *q: 0.0 if at > 2 else world.free_move(at, *q)
     )
@@ -131,7 +132,7 @@ def test_only_the_path_is_checked_and_costly_moves_last() -> None:
     layers = random_layers(np.random.default_rng(0), [4, 4, 4])
     layers[1].costly = True
     world = World(np.random.default_rng(0), layers, 0.0, 0.0)
-    Ladder(layers).search(world.is_free, world.free_move)
+    Ladder(layers, SCALE).search(world.is_free, world.free_move)
     assert [place[0] for place in world.asked] == [1, 2, 3, 2, 3, 1]
 
 
@@ -144,7 +145,7 @@ def test_layers_with_too_many_barred_moves_are_returned() -> None:
         asked.append(place)
         return np.inf if place in (2, 4) else 0.0
 
-    found = Ladder(layers).search(lambda *_: True, free)
+    found = Ladder(layers, SCALE).search(lambda *_: True, free)
     assert found == Barred((2, 4), (True, True))
     assert asked.count(2) == asked.count(4) == 2
 
@@ -152,7 +153,7 @@ def test_layers_with_too_many_barred_moves_are_returned() -> None:
 def test_a_step_that_is_too_long_is_no_move() -> None:
     layers = [Layer(np.array([[0.0, 0.0]]), np.zeros(1), 1)]
     layers.append(Layer(np.array([[0.4, 0.6], [0.45, 3.0], [0.4, 0.4]]), np.array([0.0, 0.0, 5.0]), 1, most_step=0.5))
-    assert Ladder(layers).search(lambda *_: True, lambda *_: 0.0) == [0, 2]
+    assert Ladder(layers, SCALE).search(lambda *_: True, lambda *_: 0.0) == [0, 2]
 
 
 def test_the_elbow_is_on_the_side_that_is_free() -> None:
@@ -177,7 +178,7 @@ def test_the_elbow_is_on_the_side_that_is_free() -> None:
 @pytest.mark.parametrize("count", [0, 1])
 def test_no_layers_but_the_start(count: int) -> None:
     layers = random_layers(np.random.default_rng(0), [1] * count)
-    assert Ladder(layers).search(lambda *_: True, lambda *_: 0.0) == [0] * (count + 1)
+    assert Ladder(layers, SCALE).search(lambda *_: True, lambda *_: 0.0) == [0] * (count + 1)
 
 
 class Totalled(Ladder):
@@ -191,7 +192,7 @@ class Totalled(Ladder):
 
 
 def by_windows(layers: list[Layer], world: World, window: int) -> tuple[list[int], int]:
-    ladder = Totalled(layers)
+    ladder = Totalled(layers, SCALE)
     ladder.end = min(window, len(layers))
     while True:
         path = ladder.search(world.is_free, world.free_move)
@@ -212,7 +213,7 @@ def test_the_cost_of_a_long_ladder_is_linear_in_its_layers() -> None:
         asked.append(len(set(world.asked)))
         counts.append(count)
         whole = random_layers(np.random.default_rng(3), [4] * length)
-        best = Ladder(whole).search(world.is_free, world.free_move)
+        best = Ladder(whole, SCALE).search(world.is_free, world.free_move)
         assert isinstance(best, list)
         assert world.length(tuple(path)) <= 1.05 * world.length(tuple(best))
     assert counts[1] < 2.4 * counts[0]
@@ -223,7 +224,7 @@ def test_a_final_path_is_searched_again_once_released() -> None:
     """The path that is final leads nowhere; the one beside it does."""
     q = np.array([[0.0, 0.0], [1.0, 0.0]])
     layers = [Layer(q[:1], np.zeros(1), MANY), *(Layer(q, np.zeros(2), MANY) for _ in range(3))]
-    ladder = Ladder(layers)
+    ladder = Ladder(layers, SCALE)
     ladder.end = 3
 
     def free(place: int, before: Array, after: Array) -> float:
@@ -245,13 +246,15 @@ def test_moves_with_an_additional_cost_are_checked_only_on_the_shortest_path() -
         asked.append(float(after[0]))
         return 0.0
 
-    heavy = Ladder(layers).search(lambda *_: True, free, lambda places, before, after: 5.0 * (after[:, 0] == 0.1))
+    heavy = Ladder(layers, SCALE).search(
+        lambda *_: True, free, lambda places, before, after: 5.0 * (after[:, 0] == 0.1)
+    )
     assert heavy == [0, 1]
     assert asked == [0.2]
 
 
 def test_a_state_that_is_final_gets_no_others() -> None:
-    ladder = Ladder(random_layers(np.random.default_rng(0), [2, 2, 2]))
+    ladder = Ladder(random_layers(np.random.default_rng(0), [2, 2, 2]), SCALE)
     path = ladder.shortest()
     assert not isinstance(path, Barred)
     ladder.advance(path, 1, 4)

@@ -18,7 +18,7 @@ from pbd.pose import Array, Pose
 _dposv = lapack().dposv
 
 MARGIN_RAD = 0.1
-"""Distance of a joint from its limit, rad or m, below which it has a cost."""
+"""Distance of a joint from its limit, rad of joint travel, below which it has a cost."""
 AT_LIMIT = 0.3
 """Cost of a joint at its limit, in rad of joint travel."""
 SINGULAR = 0.3
@@ -82,6 +82,7 @@ def _nearest_first(arm: ArmModel, q: Array, earlier: Array) -> Array:
     """Return the order of configurations q (m, k) by the distance, modulo whole turns, to the nearest in `earlier`."""
     dq = q[:, None] - earlier
     dq -= (2.0 * np.pi) * arm.turns * np.round(dq / (2.0 * np.pi))
+    dq *= arm.travel_scale
     order: Array = np.einsum("smk,smk->sm", dq, dq).min(axis=1).argsort()
     return order
 
@@ -96,7 +97,7 @@ def turn_toward(arm: ArmModel, q: Array, q_near: Array) -> Array:
 
 def configuration_cost(arm: ArmModel, q: Array) -> Array:
     """Return the cost (m,) of being near limits and singularities at joints (m, k), in rad of joint travel."""
-    near_limits = np.maximum(0.0, 1.0 - arm.limit_margins(q) / MARGIN_RAD)
+    near_limits = np.maximum(0.0, 1.0 - arm.travel_scale * arm.limit_margins(q) / MARGIN_RAD)
     singular = np.maximum(0.0, 1.0 - relative_manipulability(arm, q))
     cost: Array = AT_LIMIT * (near_limits**2).sum(axis=1) + SINGULAR * singular**2
     return cost

@@ -1,8 +1,8 @@
 """Levenberg-Marquardt with joint limits: a descent from a seed to a nearby minimum of |e|^2.
 
 e = (p - p_target, log3(R R_target^T)), in m and rad; 1 rad counts as 1 m. A step dq solves
-(J^T J + mu |e|^2 I) dq = J^T e. If it lowers |e|^2 it is accepted and mu decreases, else mu increases. Joints at a
-limit that the step would exceed are held.
+(J^T J + mu |e|^2 S^2) dq = J^T e, with the joints' travel scale S: so a slow lift moves least. If the step lowers
+|e|^2 it is accepted and mu decreases, else mu increases. Joints at a limit that it would exceed are held.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def descend_each(
     found, squares = [], []
     residual = Residual(arm, target)
     for seed in q_seeds:
-        q, square = descend(residual, arm.limits, seed, patience=patience)
+        q, square = descend(residual, arm.limits, seed, patience=patience, travel_scale=arm.travel_scale)
         found.append(q)
         squares.append(square)
         if square < SOLVED and not all_seeds:
@@ -98,6 +98,7 @@ def descend(
     solved: float = SOLVED,
     stalled: float = STALLED,
     still: float = 0.0,
+    travel_scale: Array | float = 1.0,
 ) -> tuple[Array, float]:
     """Minimize the square of a residual, starting from a seed (k,).
 
@@ -108,6 +109,7 @@ def descend(
         solved: |e|^2 below which the descent ends.
         stalled: a step that leaves more than this share of |e|^2 is the last.
         still: the descent ends with a step in which no joint would move by this much, rad.
+        travel_scale: (k,) see ArmModel.
 
     Returns:
         The joints, within the limits, and |e|^2 there.
@@ -116,6 +118,7 @@ def descend(
     q = np.minimum(np.maximum(q_seed, lower), upper)
     e, J = residual(q)
     square, damping, slow_steps = float(e.dot(e)), DAMPING, 0
+    stiffness = travel_scale * travel_scale
     H = np.empty((len(q), len(q)))
     diagonal = H.ravel()[:: len(q) + 1]
     at_a_limit = bool(((q == lower) | (q == upper)).any())
@@ -128,7 +131,7 @@ def descend(
             J[:, held], gradient[held] = 0.0, 0.0
         np.dot(J.T, J, out=H)
         ridge = damping * square + RIDGE
-        diagonal += ridge
+        diagonal += ridge * stiffness
         while True:
             step = _dposv(H, gradient)[1]
             if step.dot(step) > MOST_TURN**2:
@@ -144,7 +147,7 @@ def descend(
             damping *= 10.0
             if damping * square > MOST_DAMPING:
                 return q, square
-            diagonal += damping * square + RIDGE - ridge
+            diagonal += (damping * square + RIDGE - ridge) * stiffness
             ridge = damping * square + RIDGE
         at_a_limit = at_a_limit or free.tobytes() != q_next.tobytes()
         damping = max(LEAST_DAMPING, 0.2 * damping)
