@@ -7,9 +7,9 @@ import numpy as np
 from pbd.pose import Array
 
 GYR, ACC, MAG = ("gx", "gy", "gz"), ("ax", "ay", "az"), ("mx", "my", "mz")
-DEVICE = ("heading", "pitch", "roll")
+ATTITUDE = ("heading", "pitch", "roll")
 
-IMU_COLUMNS = {"gyr": (GYR, 7), "acc": (ACC, 6), "mag": (MAG, 4), "device": (DEVICE, 6)}
+IMU_COLUMNS = {"gyr": (GYR, 7), "acc": (ACC, 6), "mag": (MAG, 4), "device": (ATTITUDE, 6)}
 """Channel -> its columns and their number of decimals, in the file's order."""
 
 

@@ -9,13 +9,13 @@ from functools import cached_property
 from math import log
 from typing import Any
 
-from pbd.data.imu_columns import ACC, DEVICE, GYR, MAG
+from pbd.data.imu_columns import ACC, ATTITUDE, GYR, MAG
 from pbd.data.units import UNITS, unit_factor
 
 RPY = ("anglex", "angley", "anglez")
 """The device's own attitude as rotations about x, y, z; the one about z counts from east to north."""
 
-CHANNELS = {"t": ("t",), "gyr": GYR, "acc": ACC, "mag": MAG, "angle": DEVICE, "rpy": RPY}
+CHANNELS = {"t": ("t",), "gyr": GYR, "acc": ACC, "mag": MAG, "angle": ATTITUDE, "rpy": RPY}
 CHANNEL_OF = {ours: channel for channel, names in CHANNELS.items() for ours in names}
 QUANTITIES = {"t": "time", "gyr": "turn rate", "acc": "specific force", "mag": "field"} | dict.fromkeys(
     ("angle", "rpy"), "the device's own attitude"

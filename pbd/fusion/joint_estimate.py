@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.fusion.marginals import BIAS, DEVICE, Marginal
+from pbd.fusion.marginals import BIAS_PART, DEVICE_ERRORS, Marginal
 from pbd.fusion.scatter import Scatter
 from pbd.pose import Array, matrix_log, quat_about_z, quat_exp, quat_to_matrix, skew
 from pbd.tracking.estimate import relative_to_first
@@ -43,7 +43,7 @@ class TaskState:
         m, A: (J, 3) m and (J, 3, 3), the task's keyframes.
         yaw, c: (F, K) rad and (F, K, 3) m, each take's nav in frame 0, and in frame 1 for a moved object's keyframes.
         Q, lever: (K, 3, 3) and (K, 3) m, the sensor's rotation and shift in the hand, relative to the first take.
-        devices: (D, DEVICE), the devices' errors.
+        devices: (D, DEVICE_ERRORS), the devices' errors.
     """
 
     m: Array
@@ -114,7 +114,7 @@ class JointEstimate:
         scatter: the hand's scatter.
         residuals: (N,), those of all takes.
         precision: (N, N), inverse covariance of the residuals, with the unknowns marginalised out.
-        cov_devices: (D, DEVICE, DEVICE), covariance of each device's errors.
+        cov_devices: (D, DEVICE_ERRORS, DEVICE_ERRORS), covariance of each device's errors.
         turn_sigma: (K,) rad, sigma of each sensor's rotation in the hand about its least certain axis.
     """
 
@@ -210,14 +210,14 @@ class _Columns:
         self.poses = slice(0, 6 * keyframes)
         self.per_take = 6 + 4 * frames
         self.devices = 6 * keyframes + self.per_take * (takes - 1)
-        self.count = self.devices + DEVICE * devices
+        self.count = self.devices + DEVICE_ERRORS * devices
 
     def take(self, k: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the first column of each take in k (n,)."""
         return np.asarray(self.poses.stop + self.per_take * (k - 1))
 
     def device(self, d: int) -> slice:
-        return slice(self.devices + DEVICE * d, self.devices + DEVICE * (d + 1))
+        return slice(self.devices + DEVICE_ERRORS * d, self.devices + DEVICE_ERRORS * (d + 1))
 
 
 def _prior_information(observations: Observations, columns: _Columns) -> tuple[Array, Array]:
@@ -228,7 +228,7 @@ def _prior_information(observations: Observations, columns: _Columns) -> tuple[A
         own = [m for m, device in zip(observations.marginals, observations.device, strict=True) if device == d]
         at = columns.device(d)
         # The takes' widest prior: if one take casts doubt on an accelerometer, the doubt holds for all.
-        widest = min(own, key=lambda marginal: float(np.trace(marginal.prior[BIAS, BIAS])))
+        widest = min(own, key=lambda marginal: float(np.trace(marginal.prior[BIAS_PART, BIAS_PART])))
         information[at, at] += widest.prior + sum(marginal.information for marginal in own)
         product[at] = widest.prior @ widest.mean + sum(marginal.gradient for marginal in own)
     return information, product[columns.devices :]
@@ -239,7 +239,7 @@ def _residuals(observations: Observations, x: TaskState, columns: _Columns) -> t
     take, at, count = observations.take, observations.at, len(observations.at)
     frame, device = observations.frame[at], np.take(observations.device, take)
     by_take = [
-        (*marginal.poses_with_device(x.devices[d]), marginal.by_device.reshape(-1, 6, DEVICE))
+        (*marginal.poses_with_device(x.devices[d]), marginal.by_device.reshape(-1, 6, DEVICE_ERRORS))
         for marginal, d in zip(observations.marginals, observations.device, strict=True)
     ]
     where = list(zip(take.tolist(), observations.own.tolist(), strict=True))
@@ -267,7 +267,7 @@ def _residuals(observations: Observations, x: TaskState, columns: _Columns) -> t
     put(later, 0, yaw, np.cross(up, p[later])[..., None])
     put(later, 3, yaw, up[None, :, None])
     put(later, 0, yaw + 1, one)
-    of_device = columns.devices + DEVICE * device
+    of_device = columns.devices + DEVICE_ERRORS * device
     put(every, 0, of_device, Rz @ by_device[:, :3])
     put(every, 3, of_device, Rz @ by_device[:, 3:])
     return r.ravel(), J.reshape(6 * count, -1)
@@ -285,5 +285,5 @@ def _updated(x: TaskState, step: Array, columns: _Columns) -> TaskState:
         x.c + frames[..., 1:],
         x.Q @ quat_to_matrix(quat_exp(takes[:, :3])),
         x.lever + takes[:, 3:6],
-        x.devices + step[columns.devices :].reshape(-1, DEVICE),
+        x.devices + step[columns.devices :].reshape(-1, DEVICE_ERRORS),
     )

@@ -26,7 +26,7 @@ from pbd.data.streams import interpolate
 from pbd.fusion.grips import fused_grips
 from pbd.fusion.joint_estimate import JointEstimate, Observations
 from pbd.fusion.known_stops import points_in_base
-from pbd.fusion.marginals import BIAS
+from pbd.fusion.marginals import BIAS_PART
 from pbd.fusion.matching import Candidate
 from pbd.fusion.mean_path import MeanPath, TakePath, average_paths
 from pbd.fusion.moved_things import MovedKeyframes
@@ -222,7 +222,7 @@ def _sensor(first: Take, joint: JointEstimate, device: int) -> SensorEstimate | 
     return SensorEstimate(
         alone.gyr_bias,
         replace(alone.gyr_matrix, value=gyr_matrix, sigma=sigma[GYR_MATRIX].reshape(3, 3)),
-        replace(alone.acc_bias, value=errors[BIAS], sigma=sigma[BIAS]),
+        replace(alone.acc_bias, value=errors[BIAS_PART], sigma=sigma[BIAS_PART]),
         replace(alone.acc_matrix, value=lower_matrix(errors[ACC_MATRIX]), sigma=acc_sigma),
         replace(alone.lag, value=first.solution.lag + errors[LAG][0], sigma=sigma[LAG][0]),
     )

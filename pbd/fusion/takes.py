@@ -10,14 +10,14 @@ import numpy as np
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
 from pbd.errors import PbdError, TrackingError, collected_warnings, warn
 from pbd.fusion.joint_estimate import Observations, TaskState
-from pbd.fusion.marginals import DEVICE, Marginal, marginal_of
+from pbd.fusion.marginals import DEVICE_ERRORS, Marginal, marginal_of
 from pbd.fusion.matching import Alignment, Keyframes
 from pbd.fusion.moved_things import MovedKeyframes
 from pbd.pipeline import track_alone
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.smoother.smooth import Solution
 
-ANOTHER_DEVICE = 5.0 * DEVICE
+ANOTHER_DEVICE = 5.0 * DEVICE_ERRORS
 """Chi-square between the sensor errors of a take and of a device, above which the take is of another device. In
 simulation (WT901, 64 takes) takes of one device gave at most 13, takes of two devices at least 700."""
 

@@ -16,7 +16,7 @@ from pbd.errors import TrackingError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_sigma_factor
-from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, STATE, Solved
+from pbd.tracking.smoother.normal_equations import STATE, STATE_ACC_BIAS, STATE_GYR_BIAS, Solved
 from pbd.tracking.smoother.path import Path, between_stops
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, POS, ROT, Impulse, integral_of_means
 from pbd.tracking.smoother.smooth import Solution, smooth
@@ -122,7 +122,7 @@ def _sensor_estimate(solution: Solution, first: int) -> SensorEstimate:
     solved, x, noise, rest = solution.solved, solution.state, solution.problem.noise, solution.problem.rest
     sensor, acc_factor, prior = noise.sensor, acc_sigma_factor(noise, rest), solution.fixed.prior
     sigma = np.sqrt(np.diagonal(solved.shared))
-    of_biases = np.sqrt(np.diagonal(solved.of_knots(slice(GYR_BIAS.start, ACC_BIAS.stop))[first]))
+    of_biases = np.sqrt(np.diagonal(solved.of_knots(slice(STATE_GYR_BIAS.start, STATE_ACC_BIAS.stop))[first]))
     acc_scale, none = acc_factor * sensor.acc_scale, np.array(0.0)
     M = x.shared[GYR_MATRIX].reshape(3, 3) - solution.scale * np.eye(3)
     N = lower_matrix(x.shared[ACC_MATRIX])

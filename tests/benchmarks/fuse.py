@@ -263,7 +263,7 @@ def learned_at_best(takes: int) -> float:
 
 
 def errors_of(device: SensorModel) -> tuple[Array, Array]:
-    """A device's true errors as the smoother has them, (DEVICE,), and the case's axes (3, 3) in the smoother's.
+    """A device's true errors as the smoother has them, (DEVICE_ERRORS,), and the case's axes (3, 3) in the smoother's.
 
     The smoother's axes are the accelerometer's: its inverse gain is a turn and a lower triangle.
     """

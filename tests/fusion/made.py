@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.fusion.joint_estimate import Observations, TaskState
-from pbd.fusion.marginals import DEVICE, Marginal
+from pbd.fusion.marginals import DEVICE_ERRORS, Marginal
 from pbd.pose import Array, quat_about_z, quat_exp, quat_to_matrix
 
 PRIOR = np.diag(np.concatenate((np.full(16, 1e4), [1e3], np.full(3, 25.0))))
@@ -60,8 +60,8 @@ def observations(true: Truth, hand: Array, sigma: float, seed: int = 0, off: Arr
         p = p + (0.0 if off is None else off[k]) + sigma * rng.normal(size=(count, 3))
         R = back @ true.A @ true.Q[k].T
         cov = np.diag(np.tile(np.repeat((sigma**2, (0.01 * sigma) ** 2), 3), count)) + 1e-14 * np.eye(6 * count)
-        none, zero = np.zeros(DEVICE), np.zeros((DEVICE, DEVICE))
-        by_device = np.zeros((6 * count, DEVICE))
+        none, zero = np.zeros(DEVICE_ERRORS), np.zeros((DEVICE_ERRORS, DEVICE_ERRORS))
+        by_device = np.zeros((6 * count, DEVICE_ERRORS))
         marginals.append(Marginal(p @ back.T, R, by_device, cov, none, zero, none, PRIOR, none))
     take, at = np.divmod(np.arange(takes * count), count)
     return Observations(tuple(marginals), take, at, at, (0,) * takes, np.zeros(count, dtype=np.intp))
@@ -76,5 +76,5 @@ def initial_state(true: Truth) -> TaskState:
         true.c[None],
         true.Q,
         np.zeros_like(true.lever),
-        np.zeros((1, DEVICE)),
+        np.zeros((1, DEVICE_ERRORS)),
     )

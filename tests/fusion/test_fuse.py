@@ -16,7 +16,7 @@ from pbd.data import Calibration, Contact, Demonstration, GripEvent, HandPath, L
 from pbd.errors import CalibrationError, RecordingError, TrackingError, collected_warnings
 from pbd.fusion.calibration import _composed, device_errors
 from pbd.fusion.grips import differing_grips
-from pbd.fusion.marginals import SHARED, estimate_with_device, marginal_of
+from pbd.fusion.marginals import SHARED_PART, estimate_with_device, marginal_of
 from pbd.fusion.matching import Alignment, Registration
 from pbd.fusion.mean_path import TakePath, average_paths
 from pbd.fusion.tables import fusion_table
@@ -73,10 +73,10 @@ def test_four_takes_do_not_tell_a_careful_keyframe_from_a_careless_one(path: Han
 
 def test_a_take_is_estimated_with_given_errors_of_its_device(takes: list[Demonstration]) -> None:
     solution = tracked_take(takes[0], None, False).solution
-    own = np.concatenate((solution.state.shared[SHARED], solution.state.acc_bias[0]))
+    own = np.concatenate((solution.state.shared[SHARED_PART], solution.state.acc_bias[0]))
     other = own + 0.01 * np.sqrt(np.diagonal(np.linalg.inv(marginal_of(solution, (0,)).prior)))
     found = estimate_with_device(solution, other)
-    np.testing.assert_allclose(np.concatenate((found.shared[SHARED], found.acc_bias[0])), other, rtol=1e-12)
+    np.testing.assert_allclose(np.concatenate((found.shared[SHARED_PART], found.acc_bias[0])), other, rtol=1e-12)
     again = estimate_with_device(replace(solution, state=found), other)
     np.testing.assert_allclose(again.p, found.p, atol=5e-5)  # m: the iteration stops at a step of 1e-4 rad
 

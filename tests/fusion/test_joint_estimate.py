@@ -9,7 +9,7 @@ import pytest
 from scipy.special import chdtrc
 
 from pbd.fusion.joint_estimate import TaskState, _Columns, _residuals, _updated, estimate_jointly
-from pbd.fusion.marginals import DEVICE
+from pbd.fusion.marginals import DEVICE_ERRORS
 from pbd.fusion.outliers import disagreement, remove_outliers
 from pbd.fusion.scatter import common_scatter, keyframe_scatter
 from pbd.pose import Array, matrix_log
@@ -33,7 +33,7 @@ def test_the_jacobian_agrees_with_finite_differences() -> None:
 
 def test_errors_that_the_takes_do_not_show_are_the_priors() -> None:
     takes, true = observations(truth(2), np.array(MM), MM), truth(2)
-    mean = np.linspace(0.1, 10.0, DEVICE)
+    mean = np.linspace(0.1, 10.0, DEVICE_ERRORS)
     takes = replace(takes, marginals=tuple(replace(one, mean=mean) for one in takes.marginals))
     np.testing.assert_allclose(
         estimate_jointly(takes, initial_state(true), common_scatter(6)).state.devices[0], mean, rtol=1e-9

@@ -33,7 +33,7 @@ from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import FACTORY, Noise, densities, noise_of
-from pbd.tracking.online.filter import IDENTITY, KNOT_ROT, NORTH, SENSOR_ERRORS, STATES, UP, OnlineFilter
+from pbd.tracking.online.filter import IDENTITY, KNOT_ROT, NORTH_ROW, SENSOR_ERRORS, STATES, UP, OnlineFilter
 from pbd.tracking.online.samples import Conditioner, Sample
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
@@ -302,7 +302,7 @@ def test_a_knock_at_an_unknown_time_leaves_velocity_and_position_uncertain() -> 
 def test_a_compass_counts_as_much_as_it_lasts_and_less_in_a_disturbed_field(stronger: float) -> None:
     rest, field = find_rest(poured_at_first()), np.array((3.0, 20.0, -45.0))
     noise = noise_of(poured_at_first(), rest)
-    kalman, north = OnlineFilter(noise, rest, np.eye(3), field, no_gyro=False), IDENTITY[NORTH]
+    kalman, north = OnlineFilter(noise, rest, np.eye(3), field, no_gyro=False), IDENTITY[NORTH_ROW]
     kalman.P = noise.compass**2 * np.outer(north, north)  # nothing else is unsure
     seen = stronger * quat_rotate(quat_about_z(0.002), kalman.E @ field)
     dip = np.arctan2(seen[2], np.hypot(seen[0], seen[1]))
@@ -311,9 +311,9 @@ def test_a_compass_counts_as_much_as_it_lasts_and_less_in_a_disturbed_field(stro
     left = 1.0 / (1.0 + 3.0 * trust)
     assert (left == pytest.approx(0.25, rel=1e-3)) == (stronger == 1.0)
     assert kalman.north == pytest.approx((1.0 - left) * 0.002, rel=1e-3)
-    assert kalman.P[NORTH, NORTH] == pytest.approx(left * noise.compass**2, rel=1e-3)
+    assert kalman.P[NORTH_ROW, NORTH_ROW] == pytest.approx(left * noise.compass**2, rel=1e-3)
     kalman.update_compass(kalman.E.T @ (0.0, 0.0, -50.0), 3.0)  # straight down, it shows no north
-    assert kalman.P[NORTH, NORTH] == pytest.approx(left * noise.compass**2, rel=1e-3)
+    assert kalman.P[NORTH_ROW, NORTH_ROW] == pytest.approx(left * noise.compass**2, rel=1e-3)
 
 
 def test_the_further_away_a_hand_is_the_less_its_reach_pulls_it_back() -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from pbd.data.imu_columns import DEVICE
+from pbd.data.imu_columns import ATTITUDE
 from pbd.data.units import unit_factor
 
 _WORDS = {
@@ -161,7 +161,7 @@ def our_name(name: str) -> tuple[str, str, str] | None:
     word = plain(name)
     if is_time(name):
         return "t", word, ""
-    if word in DEVICE:
+    if word in ATTITUDE:
         return word, "compass", ""
     for match in filter(None, (re.fullmatch(axis, word) for axis in _AXES)):
         quantity = match["quantity"]

@@ -34,7 +34,7 @@ from pbd.tracking.smoother.factors import compass_heading
 from pbd.tracking.smoother.preintegration import ACC_BIAS, ACC_MATRIX, ERRORS, GYR_BIAS, GYR_MATRIX, LAG, POS, ROT, VEL
 
 SENSOR_ERRORS = slice(9, 9 + ERRORS)
-GRAVITY, NORTH, KNOT_ROT, KNOT_POS = 31, 32, slice(33, 36), slice(36, 39)
+GRAVITY_ROW, NORTH_ROW, KNOT_ROT, KNOT_POS = 31, 32, slice(33, 36), slice(36, 39)
 STATES = 39
 """The error state: attitude, velocity and position; the sensor's errors; gravity; the heading of the compass' north in
 nav; attitude and position at the last knot."""
@@ -83,7 +83,7 @@ class OnlineFilter:
         errors[GYR_BIAS], errors[ACC_BIAS] = noise.gyr_bias, acc_factor * sensor.acc_bias
         errors[LAG], errors[GYR_MATRIX] = noise.lag_sigma, sensor.gyr_scale
         errors[ACC_MATRIX] = acc_factor * sensor.acc_scale
-        sigma[SENSOR_ERRORS], sigma[GRAVITY], sigma[NORTH] = errors, noise.gravity_sigma, noise.compass
+        sigma[SENSOR_ERRORS], sigma[GRAVITY_ROW], sigma[NORTH_ROW] = errors, noise.gravity_sigma, noise.compass
         self.P = np.diag(sigma**2)
         self._walks = _walks(noise)
         self.clone_pose()
@@ -124,7 +124,7 @@ class OnlineFilter:
         error[BIASES, np.arange(len(BIASES))] = 1.0
         x, y, z = self._last_knot[0]
         error[ROT, 3:] = error[KNOT_ROT, 3:] = -y / g, x / g, np.zeros(3)
-        error[GRAVITY, 3:] = -z
+        error[GRAVITY_ROW, 3:] = -z
         self.P = self.P + error * more @ error.T
 
     def predict(self, strapdown: Strapdown) -> tuple[Array, Array, Array]:
@@ -142,7 +142,7 @@ class OnlineFilter:
         F[VEL, ROT], F[POS, ROT] = -skew(gained), -skew(way)
         F[POS, VEL] = T * IDENTITY[VEL, VEL]
         F[:, SENSOR_ERRORS] = (E @ leg.J.reshape(3, 3, ERRORS)).reshape(9, ERRORS)
-        F[5, GRAVITY], F[8, GRAVITY] = -T, -0.5 * T**2
+        F[5, GRAVITY_ROW], F[8, GRAVITY_ROW] = -T, -0.5 * T**2
         EQ = (E @ leg.Q.reshape(3, 3, 9)).reshape(9, 9)
         FP, P = F @ self.P, self.P.copy()
         P[:9], P[9:, :9] = FP, FP[:, 9:].T
@@ -202,7 +202,7 @@ class OnlineFilter:
 
     def _update_heading(self, east: float, by_turn: Array, variance: float) -> None:
         H = np.zeros((1, STATES))
-        H[0, ROT], H[0, NORTH] = by_turn, 1.0
+        H[0, ROT], H[0, NORTH_ROW] = by_turn, 1.0
         self._update(H, np.array([-east - self.north]), variance, robust=False)
 
     def set_origin(self) -> None:
@@ -251,7 +251,7 @@ class OnlineFilter:
         self.P = 0.5 * (P + P.T)
         self.E = turn_matrix(d[ROT]) @ self.E
         self.v, self.p, self.x = self.v + d[VEL], self.p + d[POS], self.x + d[SENSOR_ERRORS]
-        self.gravity, self.north = self.gravity + float(d[GRAVITY]), self.north + float(d[NORTH])
+        self.gravity, self.north = self.gravity + float(d[GRAVITY_ROW]), self.north + float(d[NORTH_ROW])
         attitude, p = self._last_knot
         self._last_knot = turn_matrix(d[KNOT_ROT]) @ attitude, p + d[KNOT_POS]
 

@@ -13,15 +13,15 @@ from pbd.tracking.moving_windows import squares
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_sigma_factor
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import (
-    ACC_BIAS,
     BAND,
-    GYR_BIAS,
     STATE,
+    STATE_ACC_BIAS,
+    STATE_GYR_BIAS,
     NormalEquations,
     batches,
 )
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, POS, ROT, VEL
-from pbd.tracking.smoother.state import GRAVITY, PIVOT, SHARED, Fixed, Prior, State
+from pbd.tracking.smoother.state import SHARED, SHARED_GRAVITY, SHARED_PIVOT, Fixed, Prior, State
 
 LEAST_LEVEL_FIELD = 0.1
 """Smallest horizontal share of a magnetic field that can show north: within 6 degrees of vertical it can't."""
@@ -52,7 +52,7 @@ def linearise(
 
 def sensor_errors(x: State) -> Array:
     """The sensor's errors in each leg, (m - 1, ERRORS), in the order of the columns of `Legs.J`."""
-    shared = np.broadcast_to(x.shared[: GRAVITY.start], (len(x.p) - 1, GRAVITY.start))
+    shared = np.broadcast_to(x.shared[: SHARED_GRAVITY.start], (len(x.p) - 1, SHARED_GRAVITY.start))
     return np.hstack((shared, x.gyr_bias[:-1], x.acc_bias[:-1]))
 
 
@@ -70,7 +70,7 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     r_position = E^T b - dP - J_p x.
     """
     legs, J = problem.legs, problem.legs.J[at]
-    T, ET, g = legs.T[at, None], x.E[:-1][at].transpose(0, 2, 1), float(x.shared[GRAVITY][0])
+    T, ET, g = legs.T[at, None], x.E[:-1][at].transpose(0, 2, 1), float(x.shared[SHARED_GRAVITY][0])
     by_errors = (J @ sensor_errors(x)[at, :, None])[:, :, 0]
     up = np.array([0.0, 0.0, 1.0])
     a = np.diff(x.v, axis=0)[at] + g * T * up
@@ -80,8 +80,10 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     for block in (ROT, VEL, POS):
         out[:, block, block], out[:, block, STATE + block.start : STATE + block.stop] = -ET, ET
     out[:, VEL, ROT], out[:, POS, ROT], out[:, POS, VEL] = ET @ skew(a), ET @ skew(b), -ET * T[:, :, None]
-    gravity = BAND + GRAVITY.start
-    out[:, :, BAND:gravity], out[:, :, GYR_BIAS.start : ACC_BIAS.stop] = np.split(-J, (GRAVITY.start,), axis=2)
+    gravity = BAND + SHARED_GRAVITY.start
+    out[:, :, BAND:gravity], out[:, :, STATE_GYR_BIAS.start : STATE_ACC_BIAS.stop] = np.split(
+        -J, (SHARED_GRAVITY.start,), axis=2
+    )
     out[:, VEL, gravity], out[:, POS, gravity] = ET[:, :, 2] * T, ET[:, :, 2] * (0.5 * T**2)
     out[:, ROT, -1] = matrix_log(ET @ x.E[1:][at] @ quat_to_matrix(quat_exp(-by_errors[:, ROT])))
     out[:, VEL, -1] = np.einsum("kij,kj->ki", ET, a) - legs.dU[at] - by_errors[:, VEL]
@@ -97,8 +99,8 @@ def _add_legs(
         equations.add_legs(whiten[at] @ (leg_jacobian(problem, x, at) if legs is None else legs[at]), at.start)
     noise, T = problem.noise, problem.legs.T
     for block, values, walk, k in (
-        (GYR_BIAS, x.gyr_bias, noise.sensor.gyr_walk, fixed.components[3]),
-        (ACC_BIAS, x.acc_bias, noise.sensor.acc_walk, fixed.components[4]),
+        (STATE_GYR_BIAS, x.gyr_bias, noise.sensor.gyr_walk, fixed.components[3]),
+        (STATE_ACC_BIAS, x.acc_bias, noise.sensor.acc_walk, fixed.components[4]),
     ):
         equations.add_pairs(block, np.diff(values, axis=0), 1.0 / (k * walk**2 * T))
 
@@ -106,7 +108,7 @@ def _add_legs(
 def pivot_velocity(problem: Problem, x: State) -> tuple[Array, Array]:
     """Velocity (m, 3) of the pivot r, v - R (w x r), and its derivative with respect to r (m, 3, 3)."""
     swing = -(x.E @ problem.C @ skew(problem.rate))
-    return x.v + swing @ x.shared[PIVOT], swing
+    return x.v + swing @ x.shared[SHARED_PIVOT], swing
 
 
 def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fixed, anneal: float) -> Array:
@@ -120,14 +122,14 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fi
     v, swing = pivot_velocity(problem, x)
     still = robust_weights(squares(v) / variance) * (problem.stop_of >= 0)
     equations.add_unary(VEL, v, still / variance)
-    equations.add_by_turn(VEL, PIVOT, skew(x.v), swing, v, still / variance)
-    equations.add_shared(VEL, PIVOT, slice(None), swing, v, still / variance)
+    equations.add_by_turn(VEL, SHARED_PIVOT, skew(x.v), swing, v, still / variance)
+    equations.add_shared(VEL, SHARED_PIVOT, slice(None), swing, v, still / variance)
     swing, sigma_shift = -np.diff(R, axis=0), anneal * noise.still_shift
-    shift = np.diff(x.p, axis=0) + swing @ x.shared[PIVOT]
+    shift = np.diff(x.p, axis=0) + swing @ x.shared[SHARED_PIVOT]
     stay = robust_weights(squares(shift) / sigma_shift**2) * within
     equations.add_pairs(POS, shift, stay / sigma_shift**2)
-    equations.add_shared(POS, PIVOT, slice(1, None), swing, shift, stay / sigma_shift**2)
-    equations.border[:-1, POS, PIVOT] -= (stay / sigma_shift**2)[:, None, None] * swing
+    equations.add_shared(POS, SHARED_PIVOT, slice(1, None), swing, shift, stay / sigma_shift**2)
+    equations.border[:-1, POS, SHARED_PIVOT] -= (stay / sigma_shift**2)[:, None, None] * swing
     turned = matrix_log(R[1:] @ R[:-1].transpose(0, 2, 1))
     same_attitude = robust_weights(squares(turned) / problem.turn_sigma**2) * within
     equations.add_pairs(ROT, turned, same_attitude / problem.turn_sigma**2)
@@ -193,8 +195,8 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, fixed: F
     first = np.zeros(len(problem.rows))
     first[0] = 1.0
     acc_factor = acc_sigma_factor(noise, problem.rest)
-    equations.add_unary(GYR_BIAS, x.gyr_bias, first / noise.gyr_bias**2)
-    equations.add_unary(ACC_BIAS, x.acc_bias, first / (acc_factor * sensor.acc_bias) ** 2)
+    equations.add_unary(STATE_GYR_BIAS, x.gyr_bias, first / noise.gyr_bias**2)
+    equations.add_unary(STATE_ACC_BIAS, x.acc_bias, first / (acc_factor * sensor.acc_bias) ** 2)
     at = np.zeros(len(problem.rows))
     at[fixed.origin] = GAUGE_WEIGHT
     equations.add_unary(POS, x.p, at)
@@ -206,14 +208,14 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, fixed: F
 def shared_prior(problem: Problem, x: State, prior: Prior) -> Array:
     """Information and, as last column, gradient (SHARED, SHARED + 1) of the prior of the shared unknowns."""
     noise, mean = problem.noise, np.zeros(SHARED)
-    mean[LAG], mean[GRAVITY] = prior.lag, noise.gravity
+    mean[LAG], mean[SHARED_GRAVITY] = prior.lag, noise.gravity
     covariance = np.zeros((SHARED, SHARED))
     i = np.arange(SHARED)
     covariance[i[LAG], i[LAG]] = prior.lag_sigma**2
     covariance[i[GYR_MATRIX], i[GYR_MATRIX]] = noise.sensor.gyr_scale**2
     covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (acc_sigma_factor(noise, problem.rest) * noise.sensor.acc_scale) ** 2
-    covariance[i[GRAVITY], i[GRAVITY]] = noise.gravity_sigma**2
-    covariance[i[PIVOT], i[PIVOT]] = noise.pivot**2
+    covariance[i[SHARED_GRAVITY], i[SHARED_GRAVITY]] = noise.gravity_sigma**2
+    covariance[i[SHARED_PIVOT], i[SHARED_PIVOT]] = noise.pivot**2
     diagonal = i[GYR_MATRIX][::4]
     covariance[np.ix_(diagonal, diagonal)] += prior.common_scale**2
     information = np.linalg.inv(covariance)

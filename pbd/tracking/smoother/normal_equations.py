@@ -12,11 +12,11 @@ from pbd.lapack import lapack
 from pbd.pose import Array
 from pbd.tracking.smoother.preintegration import ROT
 
-GYR_BIAS, ACC_BIAS = slice(9, 12), slice(12, 15)
-STATE = ACC_BIAS.stop
+STATE_GYR_BIAS, STATE_ACC_BIAS = slice(9, 12), slice(12, 15)
+STATE = STATE_ACC_BIAS.stop
 """A knot's unknowns: rotation vector in nav (rad), velocity, position, biases."""
 
-NEXT_STATE = GYR_BIAS.start
+NEXT_STATE = STATE_GYR_BIAS.start
 """Unknowns of a leg's second knot on which its motion depends: not the biases, whose walk is a factor of its own."""
 
 BAND = STATE + NEXT_STATE

@@ -13,7 +13,7 @@ from pbd.pose import Array, quat_canonical, quat_from_matrix, quat_multiply
 from pbd.tracking.smoother.factors import sensor_errors
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import batches
-from pbd.tracking.smoother.state import GRAVITY, State
+from pbd.tracking.smoother.state import SHARED_GRAVITY, State
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ def path_of(problem: Problem, x: State) -> Path:
     grows by a cubic that keeps the velocity at both knots.
     """
     frame, rows, T = problem.frame, problem.rows, problem.legs.T[:, None]
-    g, E = np.array([0.0, 0.0, float(x.shared[GRAVITY][0])]), x.E[:-1]
+    g, E = np.array([0.0, 0.0, float(x.shared[SHARED_GRAVITY][0])]), x.E[:-1]
     U, UU = problem.legs.U[:-1], frame.UU[rows[:-1]]
     left_v = np.diff(x.v, axis=0) - _rotate(E, problem.legs.dU) + g * T
     left_p = np.diff(x.p, axis=0) - x.v[:-1] * T - _rotate(E, problem.legs.dP) + 0.5 * g * T**2

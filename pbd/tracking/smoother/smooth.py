@@ -27,7 +27,7 @@ from pbd.tracking.smoother.knots import Problem, build_problem, row_noise
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
 from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, Impulse
-from pbd.tracking.smoother.state import GRAVITY, SHARED, Fixed, Prior, State
+from pbd.tracking.smoother.state import SHARED, SHARED_GRAVITY, Fixed, Prior, State
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, energies, find_candidates, still_speed
 
 ANNEALING = (20.0, 3.0)
@@ -239,7 +239,7 @@ def _initial_state(problem: Problem, prior: Prior, azimuth: float = 0.0) -> tupl
         E = quat_to_matrix(quat_multiply(quat_about_z(off), wxyz))
     none = np.zeros((m, 3))
     shared = np.zeros(SHARED)
-    shared[LAG], shared[GRAVITY] = prior.lag, problem.noise.gravity
+    shared[LAG], shared[SHARED_GRAVITY] = prior.lag, problem.noise.gravity
     state = State(E, *_dead_reckoning(problem, E), none, none, shared)
     return state, Fixed(origin, strength, dip, azimuth, prior, np.ones(6))
 

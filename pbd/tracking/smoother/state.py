@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.pose import Array, cross, quat_exp, quat_rotate, quat_to_matrix
-from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, Solved
+from pbd.tracking.smoother.normal_equations import STATE_ACC_BIAS, STATE_GYR_BIAS, Solved
 from pbd.tracking.smoother.preintegration import LOWER, POS, ROT, VEL
 
-GRAVITY, PIVOT = slice(16, 17), slice(17, 20)
-SHARED = PIVOT.stop
+SHARED_GRAVITY, SHARED_PIVOT = slice(16, 17), slice(17, 20)
+SHARED = SHARED_PIVOT.stop
 """Shared unknowns: lag (s) and the matrices M of the gyro and N of the accelerometer, in the order of `Legs.J`; then
 gravity (m/s2) and the lever from the pivot to the sensor (m, in sensor axes)."""
 
@@ -42,8 +42,8 @@ class State:
             quat_to_matrix(turn) @ self.E,
             quat_rotate(turn, self.v) + d[:, VEL] - cross(d[:, ROT], self.v),
             quat_rotate(turn, self.p) + d[:, POS] - cross(d[:, ROT], self.p),
-            self.gyr_bias + d[:, GYR_BIAS],
-            self.acc_bias + d[:, ACC_BIAS],
+            self.gyr_bias + d[:, STATE_GYR_BIAS],
+            self.acc_bias + d[:, STATE_ACC_BIAS],
             self.shared + step.d_shared,
         )
 

@@ -10,7 +10,7 @@ from pbd.pose import Array
 from pbd.tracking.moving_windows import squares
 from pbd.tracking.smoother.factors import leg_jacobian, linearise, pivot_velocity, whitener
 from pbd.tracking.smoother.knots import Problem
-from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, Solved, batches
+from pbd.tracking.smoother.normal_equations import STATE_ACC_BIAS, STATE_GYR_BIAS, Solved, batches
 from pbd.tracking.smoother.preintegration import VEL
 from pbd.tracking.smoother.smooth import Solution
 from pbd.tracking.smoother.state import Fixed
@@ -31,7 +31,7 @@ def with_own_noise(solution: Solution) -> Solution:
     """
     problem, x, fixed, solved = solution.problem, solution.state, solution.fixed, solution.solved
     sensor, T, still = problem.noise.sensor, problem.legs.T, solution.still_weight
-    walks = ((GYR_BIAS, x.gyr_bias, sensor.gyr_walk), (ACC_BIAS, x.acc_bias, sensor.acc_walk))
+    walks = ((STATE_GYR_BIAS, x.gyr_bias, sensor.gyr_walk), (STATE_ACC_BIAS, x.acc_bias, sensor.acc_walk))
     nu = np.array((*4 * (PRIOR_FREEDOM,), PRIOR_FREEDOM_STILL))
     stood, whiten = still / problem.still_sigma**2, whitener(problem, fixed)
     jacobian = leg_jacobian(problem, x)

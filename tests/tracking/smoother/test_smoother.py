@@ -31,10 +31,10 @@ from pbd.tracking.smoother.factors import (
     whitener,
 )
 from pbd.tracking.smoother.knots import Problem, _turn_sigma
-from pbd.tracking.smoother.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations, Solved
+from pbd.tracking.smoother.normal_equations import BAND, STATE, STATE_ACC_BIAS, STATE_GYR_BIAS, NormalEquations, Solved
 from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, POS, ROT, VEL, GyroFrame
 from pbd.tracking.smoother.smooth import _initial_state, _large_lag_and_scale
-from pbd.tracking.smoother.state import PIVOT, SHARED
+from pbd.tracking.smoother.state import SHARED, SHARED_PIVOT
 from pbd.tracking.zero_velocity import Spans
 from tests.benchmarks.trials import with_drift
 from tests.scenarios import simulate
@@ -85,8 +85,8 @@ def test_the_first_knots_biases_are_as_large_as_such_a_device_has_them(sensor: s
     equations = NormalEquations.empty(len(problem.rows), SHARED)
     _add_priors(equations, problem, x, solution.fixed)
     for block, bias, sigma in (
-        (GYR_BIAS, x.gyr_bias, noise.gyr_bias),
-        (ACC_BIAS, x.acc_bias, acc_sigma_factor(noise, problem.rest) * noise.sensor.acc_bias),
+        (STATE_GYR_BIAS, x.gyr_bias, noise.gyr_bias),
+        (STATE_ACC_BIAS, x.acc_bias, acc_sigma_factor(noise, problem.rest) * noise.sensor.acc_bias),
     ):
         information = np.diagonal(equations.diagonal, axis1=1, axis2=2)[:, block]
         assert information[0] == pytest.approx(np.full(3, sigma**-2.0))
@@ -155,7 +155,7 @@ def test_a_foot_turns_about_the_point_that_it_treads_on() -> None:
     found = smoothed(Recording(t - t[0], *noisy))
     assert len(found.stops) == 11
     assert found.solution is not None
-    assert found.solution.state.shared[PIVOT] == pytest.approx(r, abs=0.03)
+    assert found.solution.state.shared[SHARED_PIVOT] == pytest.approx(r, abs=0.03)
     assert np.linalg.norm(found.path.p[-1] - found.path.p[0]) == pytest.approx(10.0, abs=0.02)
 
 
@@ -214,8 +214,8 @@ def test_normal_equations_are_solved_as_dense_ones(monkeypatch: pytest.MonkeyPat
     m, s = 6, 4
     equations = NormalEquations.empty(m, s)
     equations.add_legs(rng.normal(size=(m - 1, 40, BAND + s + 1)))
-    equations.add_pairs(GYR_BIAS, rng.normal(size=(m - 1, 3)), rng.uniform(1.0, 2.0, m - 1))
-    equations.add_unary(ACC_BIAS, rng.normal(size=(m, 3)), rng.uniform(1.0, 2.0, m))
+    equations.add_pairs(STATE_GYR_BIAS, rng.normal(size=(m - 1, 3)), rng.uniform(1.0, 2.0, m - 1))
+    equations.add_unary(STATE_ACC_BIAS, rng.normal(size=(m, 3)), rng.uniform(1.0, 2.0, m))
     equations.add_pairs(slice(6, 9), rng.normal(size=(m - 1, 3)), rng.uniform(1.0, 2.0, m - 1))
     n = m * STATE
     dense = np.zeros((n + s, n + s))
@@ -241,8 +241,8 @@ def test_normal_equations_are_solved_as_dense_ones(monkeypatch: pytest.MonkeyPat
     of_leg = solved.of_legs(np.eye(len(pair))[None])
     assert of_leg[0] == pytest.approx(covariance[np.ix_(pair, pair)], abs=1e-9)
     change = np.zeros((3, n))
-    change[:, GYR_BIAS], change[:, STATE : 2 * STATE][:, GYR_BIAS] = -np.eye(3), np.eye(3)
-    assert solved.of_changes(GYR_BIAS)[0] == pytest.approx(change @ covariance[:n, :n] @ change.T, abs=1e-9)
+    change[:, STATE_GYR_BIAS], change[:, STATE : 2 * STATE][:, STATE_GYR_BIAS] = -np.eye(3), np.eye(3)
+    assert solved.of_changes(STATE_GYR_BIAS)[0] == pytest.approx(change @ covariance[:n, :n] @ change.T, abs=1e-9)
     known = np.column_stack((np.eye(s), np.ones(s)))
     dense[n:, n:] += np.eye(s)
     gradient[n:] += 1.0
