@@ -23,10 +23,10 @@ from pbd.tracking.noise import noise_of
 from pbd.tracking.paper import track_as_paper
 from pbd.tracking.repair.channel_faults import refuse_freezes
 from pbd.tracking.repair.gaps import refuse_gaps
-from pbd.tracking.repair.repair_recording import condition
+from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.repair.saturation import find_clips, restore
 from pbd.tracking.smoother.attitude import mean_quaternion
-from pbd.tracking.smoother.preintegration import Impulse
+from pbd.tracking.smoother.preintegration import LostMotion
 
 SAME_DOCK_RAD = np.radians(1.0)
 """Largest rotation from the tracked to the edited first keyframe, rad: the first keyframe must stay the dock."""
@@ -140,9 +140,9 @@ def track_alone(
     """Track the recording without known places; return the path and the estimate that it was made from."""
     if method not in METHODS:
         raise TrackingError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method)
-    recording, gaps = condition(demo.recording)
+    recording, gaps = repair_recording(demo.recording)
     clips = find_clips(recording)
-    lost: tuple[Impulse, ...] = ()
+    lost: tuple[LostMotion, ...] = ()
     if method == "default":
         recording, lost = restore(recording, clips)
     errors = None if calibration is None else calibration.sensor

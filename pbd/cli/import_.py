@@ -19,7 +19,7 @@ from pbd.record.redecode import decode_raw
 from pbd.record.session_types import FEWEST_STOPS
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.repair.gyro_consistency import warn_upside_down
-from pbd.tracking.repair.repair_recording import condition
+from pbd.tracking.repair.repair_recording import repair_recording
 
 NO_GYRO = (
     "no gyro was found: attitude is then the device's own, which lags, or there is none; keyframes of a hand that "
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
     # Refuse wrong units or a wrong clock before anything is stored. A TrackingError is left to the tracking command.
     try:
         with suppress(TrackingError), working("checking it"):
-            recording, _ = condition(demo.recording)
+            recording, _ = repair_recording(demo.recording)
             if demo.recording.info.rate_hz is None:  # of evenly spaced times, where the file's come in batches
                 info = replace(demo.recording.info, rate_hz=recording.rate_hz)
                 demo = replace(demo, recording=replace(demo.recording, info=info))

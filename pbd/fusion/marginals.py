@@ -179,7 +179,7 @@ def _joint_covariance(solved: Solved, knots: Sequence[int]) -> Array:
         right[knot, POS, 6 * k : 6 * k + 3] = np.eye(3)
         right[knot, ROT, 6 * k + 3 : 6 * k + 6] = np.eye(3)
     right[0, STATE_ACC_BIAS, n:] = np.eye(3)
-    columns, by_shared = solved.columns(right), -solved.by_shared @ solved.shared
+    columns, by_shared = solved.covariance_times(right), -solved.by_shared @ solved.shared
 
     def picked(values: Array) -> Array:
         poses = np.concatenate((values[at, POS], values[at, ROT]), axis=1).reshape(n, -1)

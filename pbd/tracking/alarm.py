@@ -133,7 +133,7 @@ def _stop_alarms(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
             continue  # a stop overlaps it
         n = int(np.searchsorted(t, t[start] + SHORTEST_DIVIDED_S)) - start
         k = rows_of_mean(n / SHORTEST_DIVIDED_S)
-        if moving_mean_variance(frame.u[start:end], n, k).min() < QUIET_RATIO * rest.shake:
+        if moving_mean_variance(frame.u[start:end], n, k).min() < QUIET_RATIO * rest.acc_var:
             yield (
                 f"from {t[start]:.1f} s on the sensor seems to rest for {lasts:.1f} s, but the stops beside it "
                 "contradict this: it coasts, or the data between them are wrong; look at pbd plot"

@@ -18,7 +18,7 @@ from pbd.tracking.first_rest import Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_sigma_factor
 from pbd.tracking.smoother.normal_equations import STATE, STATE_ACC_BIAS, STATE_GYR_BIAS, Solved
 from pbd.tracking.smoother.path import Path, between_stops
-from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, POS, ROT, Impulse, integral_of_means
+from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, POS, ROT, LostMotion, integral_of_means
 from pbd.tracking.smoother.smooth import Solution, smooth
 from pbd.tracking.smoother.state import lower_matrix
 from pbd.tracking.smoother.variance_components import with_own_noise
@@ -57,7 +57,7 @@ def estimate(
     recording: Recording,
     rest: Rest,
     noise: Noise,
-    impulses: Sequence[Impulse] = (),
+    lost_motion: Sequence[LostMotion] = (),
     gaps: Sequence[tuple[int, int]] = (),
 ) -> Estimate:
     """Smooth a recording; return path, stops and covariance.
@@ -65,7 +65,7 @@ def estimate(
     Raises:
         TrackingError: the hand never stands still, or not where the sensor seems to rest.
     """
-    solution = smooth(recording, rest, noise, impulses, gaps)
+    solution = smooth(recording, rest, noise, lost_motion, gaps)
     if solution is None:
         raise TrackingError("the hand never stands still; stop for half a second between the moves")
     t, problem = recording.t, solution.problem
@@ -122,7 +122,8 @@ def _sensor_estimate(solution: Solution, first: int) -> SensorEstimate:
     solved, x, noise, rest = solution.solved, solution.state, solution.problem.noise, solution.problem.rest
     sensor, acc_factor, prior = noise.sensor, acc_sigma_factor(noise, rest), solution.fixed.prior
     sigma = np.sqrt(np.diagonal(solved.shared))
-    of_biases = np.sqrt(np.diagonal(solved.of_knots(slice(STATE_GYR_BIAS.start, STATE_ACC_BIAS.stop))[first]))
+    biases = slice(STATE_GYR_BIAS.start, STATE_ACC_BIAS.stop)
+    of_biases = np.sqrt(np.diagonal(solved.covariance_of_knots(biases)[first]))
     acc_scale, none = acc_factor * sensor.acc_scale, np.array(0.0)
     M = x.shared[GYR_MATRIX].reshape(3, 3) - solution.scale * np.eye(3)
     N = lower_matrix(x.shared[ACC_MATRIX])
@@ -198,16 +199,16 @@ def _covariance_times(solved: Solved, knots: Sequence[int], p: Array, columns: A
     for k, knot in enumerate(knots):
         right[knot, POS] += relative[k, :3]
         right[knot, ROT] += relative[k, 3:]
-    left = solved.columns(right)[knots]
+    left = solved.covariance_times(right)[knots]
     return relative_to_first(np.concatenate((left[:, POS], left[:, ROT]), axis=1), p)
 
 
 def _each_covariance(solved: Solved, knots: Sequence[int], p: Array) -> Array:
     """The diagonal blocks (k, 6, 6) of the matrix that `_covariance_times` multiplies by."""
-    own = solved.of_knots(slice(ROT.start, POS.stop))[knots]
+    own = solved.covariance_of_knots(slice(ROT.start, POS.stop))[knots]
     first = np.zeros((len(solved.scale), STATE, 6))
     first[knots[0], POS, :3] = first[knots[0], ROT, 3:] = np.eye(3)
-    with_first = solved.columns(first)[knots]
+    with_first = solved.covariance_times(first)[knots]
     order = np.r_[POS, ROT]
     turn, of_first = _by_first(p), with_first[0, order]
     crossed = with_first[:, order] @ turn.transpose(0, 2, 1)

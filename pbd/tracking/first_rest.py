@@ -37,9 +37,9 @@ STILL_ACC, STILL_GYR = 0.5, 0.15
 """rms above which a hand moves, m/s2 and rad/s."""
 
 
-def restlessness(shake: Array | float, turn: Array | float) -> Array:
+def restlessness(acc_var: Array | float, gyr_var: Array | float) -> Array:
     """Energies of both sensors, (m/s2)^2 and (rad/s)^2, as one number: 1 at STILL_ACC or STILL_GYR alone."""
-    return np.asarray(shake / STILL_ACC**2 + turn / STILL_GYR**2)
+    return np.asarray(acc_var / STILL_ACC**2 + gyr_var / STILL_GYR**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +48,8 @@ class Rest:
 
     Attributes:
         gravity: m/s2, the norm of mean specific force.
-        shake: (m/s2)^2, variance of the `moving_means` of specific force, summed over the axes.
-        turn: (rad/s)^2, the same of the gyro; 0 without one.
+        acc_var: (m/s2)^2, variance of the `moving_means` of specific force, summed over the axes.
+        gyr_var: (rad/s)^2, the same of the gyro; 0 without one.
         gyro_bias: (3,) rad/s, the gyro's mean.
         up_sensor: (3,) unit, the vertical in sensor axes.
     """
@@ -57,15 +57,15 @@ class Rest:
     start: int
     stop: int
     gravity: float
-    shake: float
-    turn: float
+    acc_var: float
+    gyr_var: float
     gyro_bias: Array
     up_sensor: Array
 
     @property
     def restless(self) -> float:
         """Its `restlessness`."""
-        return float(restlessness(self.shake, self.turn))
+        return float(restlessness(self.acc_var, self.gyr_var))
 
 
 def find_rest(recording: Recording) -> Rest:
@@ -115,8 +115,8 @@ def find_rest(recording: Recording) -> Rest:
         start=start,
         stop=stop,
         gravity=gravity,
-        shake=float(moving_means(acc, k, PASSES).var(axis=0).sum()),
-        turn=float(moving_means(gyr, k, PASSES).var(axis=0).sum()),
+        acc_var=float(moving_means(acc, k, PASSES).var(axis=0).sum()),
+        gyr_var=float(moving_means(gyr, k, PASSES).var(axis=0).sum()),
         gyro_bias=readonly(gyr.mean(axis=0)),
         up_sensor=readonly(acc.mean(axis=0) / gravity),
     )

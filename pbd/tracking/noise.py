@@ -177,8 +177,8 @@ def noise_of(
         sensor, gravity = _calibrated(sensor, errors.acc, errors.gyr), errors.gravity
     white = 3.0 * white_noise_variance(rows_of_mean(recording.rate_hz))
     gyr_step, acc_step = steps_of(recording) if steps is None else steps
-    gyr, gyr_held = _rounding(gyr_step, np.sqrt(rest.turn / white))
-    acc, acc_held = _rounding(acc_step, np.sqrt(rest.shake / white))
+    gyr, gyr_held = _rounding(gyr_step, np.sqrt(rest.gyr_var / white))
+    acc, acc_held = _rounding(acc_step, np.sqrt(rest.acc_var / white))
     sensor = replace(
         sensor,
         acc_bias=float(np.hypot(sensor.acc_bias, acc_held)),

@@ -59,22 +59,22 @@ def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
 
 
 def find_candidates(
-    t: Array, dt: float, shake: Array, turn: Array, rest: Rest, gaps: Sequence[tuple[int, int]] = ()
+    t: Array, dt: float, acc_energy: Array, gyr_energy: Array, rest: Rest, gaps: Sequence[tuple[int, int]] = ()
 ) -> Spans:
     """Find the spans in which specific force is constant and nothing turns.
 
     Args:
         t: (n,) s.
         dt: s, the sampling interval.
-        shake, turn: (m,) (m/s2)^2 and (m,) (rad/s)^2, from `energies`.
+        acc_energy, gyr_energy: (m,) (m/s2)^2 and (m,) (rad/s)^2, from `energies`.
         rest: its energies set the thresholds.
         gaps: last row before and first row after each gap. A gap between two rests is part of them.
     """
-    n = len(t) - len(shake) + 1
+    n = len(t) - len(acc_energy) + 1
     limits = quiet_limits(rest)
-    quiet = (shake < limits[0]) & (turn < limits[1])
-    held = (shake < HELD_ACC**2) & (turn < HELD_GYR**2)
-    calm = (energy < LULL_SHARE * _move_energy(energy, n, dt) for energy in (shake, turn))
+    quiet = (acc_energy < limits[0]) & (gyr_energy < limits[1])
+    held = (acc_energy < HELD_ACC**2) & (gyr_energy < HELD_GYR**2)
+    calm = (energy < LULL_SHARE * _move_energy(energy, n, dt) for energy in (acc_energy, gyr_energy))
     lull = quiet | np.logical_and(*calm)
     for before, after in gaps:  # interpolated data show no rest; `refuse_gaps` handles a gap at an end
         if before == 0 or after == len(t) - 1:
@@ -84,7 +84,7 @@ def find_candidates(
     for start, stop in runs(held):
         if _trembles(int(np.count_nonzero(quiet[start:stop])), stop - start, 2 * n):
             quiet[start:stop] = True
-    restless = shake / limits[0] + turn / limits[1]
+    restless = acc_energy / limits[0] + gyr_energy / limits[1]
     for start, stop in runs(lull):
         if not quiet[max(start - 2 * n, 0) : stop + 2 * n].any():  # not the edge of a rest
             quiet[start + int(np.argmin(restless[start:stop]))] = True
@@ -112,10 +112,10 @@ class QuietWindows:
         self._limits, self._least = quiet_limits(rest), least
         self._quiet = self._held = 0  # windows since the hand is held
 
-    def take(self, shake: float, turn: float) -> bool:
+    def take(self, acc_energy: float, gyr_energy: float) -> bool:
         """Take the next window's `energies`."""
-        quiet = shake < self._limits[0] and turn < self._limits[1]
-        held = shake < HELD_ACC**2 and turn < HELD_GYR**2
+        quiet = acc_energy < self._limits[0] and gyr_energy < self._limits[1]
+        held = acc_energy < HELD_ACC**2 and gyr_energy < HELD_GYR**2
         self._quiet, self._held = held * (self._quiet + quiet), held * (self._held + 1)
         return quiet or _trembles(self._quiet, self._held, self._least)
 
@@ -128,30 +128,30 @@ def _move_energy(energy: Array, n: int, dt: float) -> Array:
     return window_maxima(least, 2 * reach + 2 - lasting)
 
 
-def still_speed(shake: Array, turn: Array, n: int, rest: Rest, noise: Noise) -> Array:
+def zero_velocity_sigma(acc_energy: Array, gyr_energy: Array, n: int, rest: Rest, noise: Noise) -> Array:
     """Sigma of zero velocity, m/s per axis, at each of n rows.
 
     A hand at rest creeps, trembles (acceleration above the sensor's noise) and turns about a point beside the sensor
     (rate above the sensor's noise).
 
     Args:
-        shake, turn: (m,) (m/s2)^2 and (m,) (rad/s)^2, from `energies`.
+        acc_energy, gyr_energy: (m,) (m/s2)^2 and (m,) (rad/s)^2, from `energies`.
     """
-    before = (n - len(shake) + 1) // 2  # a row is in the middle of its window
-    speed = speed_by_energies(shake, turn, rest, noise)
-    return np.pad(speed, (before, n - len(shake) - before), mode="edge")
+    before = (n - len(acc_energy) + 1) // 2  # a row is in the middle of its window
+    speed = sigma_by_energies(acc_energy, gyr_energy, rest, noise)
+    return np.pad(speed, (before, n - len(acc_energy) - before), mode="edge")
 
 
-def speed_by_energies(shake: Array, turn: Array, rest: Rest, noise: Noise) -> Array:
+def sigma_by_energies(acc_energy: Array, gyr_energy: Array, rest: Rest, noise: Noise) -> Array:
     """Sigma of zero velocity (k,), m/s per axis, of windows with known `energies`."""
-    shaken = np.maximum(shake - rest.shake, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
-    turned = noise.still_lever**2 * np.maximum(turn - rest.turn, 0.0)
+    shaken = np.maximum(acc_energy - rest.acc_var, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
+    turned = noise.still_lever**2 * np.maximum(gyr_energy - rest.gyr_var, 0.0)
     return np.sqrt(noise.still_speed**2 + shaken + turned)
 
 
 def quiet_limits(rest: Rest) -> tuple[float, float]:
     """Energies below which a window is quiet, (m/s2)^2 and (rad/s)^2."""
-    return max(QUIET_ENERGY * rest.shake, QUIET_ACC**2), max(QUIET_ENERGY * rest.turn, QUIET_GYR**2)
+    return max(QUIET_ENERGY * rest.acc_var, QUIET_ACC**2), max(QUIET_ENERGY * rest.gyr_var, QUIET_GYR**2)
 
 
 def slow_parts(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> Spans:

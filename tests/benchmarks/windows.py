@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pbd.pose import Array, quat_about_z, quat_canonical, quat_inverse, quat_log, quat_multiply, quat_rotate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import noise_of
-from pbd.tracking.repair.repair_recording import condition
+from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.repair.saturation import find_clips, restore
 from pbd.tracking.smoother.normal_equations import STATE
 from pbd.tracking.smoother.path import Path
@@ -49,7 +49,7 @@ class Motion:
 
 def motion_of(trial: Trial, lengths: Sequence[float] = WINDOWS_S) -> Motion:
     """Smooth a whole trial as `track` does, with a knot at each end of its windows."""
-    recording, gaps = condition(trial.recording)
+    recording, gaps = repair_recording(trial.recording)
     recording, lost = restore(recording, find_clips(recording))
     rest = find_rest(recording)
     ends = {length: window_ends(trial, length) for length in lengths}
@@ -94,7 +94,7 @@ def joint_covariance(solution: Solution, path: Path, mean: Array, ends: Ends) ->
             right[i, VEL, c, 0:3], right[j, VEL, c, 3:6] = one, one
             right[j, POS, c, WAY], right[i, POS, c, WAY], right[j, ROT, c, TURN] = one, -one, one
         right[:, 2] -= mean[:, None, None] * turned[chunk]
-        X = solution.solved.columns(right.reshape(len(mean), STATE, -1))
+        X = solution.solved.covariance_times(right.reshape(len(mean), STATE, -1))
         left = np.concatenate((X[first, VEL], X[last, VEL], X[last, POS] - X[first, POS], X[last, ROT]), axis=1)
         left -= turned[:, :, None] * (mean @ X[:, 2])
         joint[:, :, chunk] = left.reshape(len(rows), 12, len(chunk), 12)

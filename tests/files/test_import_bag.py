@@ -23,7 +23,7 @@ from pbd.files.importers import bag as bag_importer
 from pbd.files.importers import import_file
 from pbd.pose import Array, quat_exp, quat_from_rpy
 from pbd.simulation.simulate import simulate
-from pbd.tracking.repair.repair_recording import condition
+from pbd.tracking.repair.repair_recording import repair_recording
 from tests.files.test_formats import planned
 
 Row = tuple[int, int, str, Array, Array]
@@ -186,7 +186,7 @@ def test_two_devices_on_one_topic_are_refused(tmp_path: Path, rows: list[Row]) -
 def test_a_driver_that_does_not_publish_tesla(tmp_path: Path, recording: Recording, rows: list[Row]) -> None:
     path = write_imus(tmp_path / "bag", rows)
     with pytest.raises(RecordingError, match=r"the magnetometer reads .*--unit mag="):
-        condition(import_file(path).recording)
+        repair_recording(import_file(path).recording)
     assert recording.mag is not None
     read = import_file(path, units={"mag": "uT"}).recording.mag
     assert read is not None

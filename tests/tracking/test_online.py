@@ -33,8 +33,8 @@ from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import FACTORY, Noise, densities, noise_of
-from pbd.tracking.online.filter import IDENTITY, KNOT_ROT, NORTH_ROW, SENSOR_ERRORS, STATES, UP, OnlineFilter
-from pbd.tracking.online.samples import Conditioner, Sample
+from pbd.tracking.online.filter import IDENTITY, KNOT_ROT, NORTH_ROW, SENSOR_ERRORS, STATES, UP, ErrorStateFilter
+from pbd.tracking.online.samples import Sample, SampleRepair
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 from pbd.tracking.smoother.factors import compass_heading
@@ -290,7 +290,7 @@ def test_a_clipped_turn_is_told_with_its_stop() -> None:
 
 def test_a_knock_at_an_unknown_time_leaves_velocity_and_position_uncertain() -> None:
     rest = find_rest(poured_at_first())
-    kalman = OnlineFilter(noise_of(poured_at_first(), rest), rest, np.eye(3), None, no_gyro=False)
+    kalman = ErrorStateFilter(noise_of(poured_at_first(), rest), rest, np.eye(3), None, no_gyro=False)
     before = kalman.P
     kalman.add_velocity_error(0.6, 0.2)
     since = np.linspace(0.0, 0.6, 1001)
@@ -302,7 +302,7 @@ def test_a_knock_at_an_unknown_time_leaves_velocity_and_position_uncertain() -> 
 def test_a_compass_counts_as_much_as_it_lasts_and_less_in_a_disturbed_field(stronger: float) -> None:
     rest, field = find_rest(poured_at_first()), np.array((3.0, 20.0, -45.0))
     noise = noise_of(poured_at_first(), rest)
-    kalman, north = OnlineFilter(noise, rest, np.eye(3), field, no_gyro=False), IDENTITY[NORTH_ROW]
+    kalman, north = ErrorStateFilter(noise, rest, np.eye(3), field, no_gyro=False), IDENTITY[NORTH_ROW]
     kalman.P = noise.compass**2 * np.outer(north, north)  # nothing else is unsure
     seen = stronger * quat_rotate(quat_about_z(0.002), kalman.E @ field)
     dip = np.arctan2(seen[2], np.hypot(seen[0], seen[1]))
@@ -319,7 +319,7 @@ def test_a_compass_counts_as_much_as_it_lasts_and_less_in_a_disturbed_field(stro
 def test_the_further_away_a_hand_is_the_less_its_reach_pulls_it_back() -> None:
     rest, unsure = find_rest(poured_at_first()), np.zeros(STATES)
     noise = replace(noise_of(poured_at_first(), rest), reach=3.0)
-    kalman = OnlineFilter(noise, rest, np.eye(3), None, no_gyro=False)
+    kalman = ErrorStateFilter(noise, rest, np.eye(3), None, no_gyro=False)
     unsure[POS] = (3.0**2 + 5.0**2) / 2.0  # as the reach is at 5 m, over 2 s
     kalman.p, kalman.P = np.array((4.0, 3.0, 0.0)), np.diag(unsure)
     kalman.update_reach(2.0)
@@ -329,7 +329,7 @@ def test_the_further_away_a_hand_is_the_less_its_reach_pulls_it_back() -> None:
 def test_the_devices_own_attitude_is_less_sure_the_faster_it_turns() -> None:
     rest, off = find_rest(poured_at_first()), np.array((0.002, -0.003, 0.004))
     noise = replace(noise_of(poured_at_first(), rest), device_turn=0.03, device_lag=0.2)
-    kalman, unsure = OnlineFilter(noise, rest, np.eye(3), None, no_gyro=True), np.zeros(STATES)
+    kalman, unsure = ErrorStateFilter(noise, rest, np.eye(3), None, no_gyro=True), np.zeros(STATES)
     unsure[ROT] = 1.0
     kalman.E, kalman.P = quat_to_matrix(quat_exp(off)), np.diag(0.05**2 * unsure)
     kalman.update_device_attitude(np.array((0.0, 0.2, 0.0)))  # 0.05 rad of error: 0.03 anyway, and 0.04 of lag
@@ -480,12 +480,12 @@ def test_short_holes_are_bridged() -> None:
     holed = with_hole(with_hole(recording, 2.9, 2.93), 5.1, 5.13)
     tracker, events = fed(holed)
     assert not [event for event in events if isinstance(event, DataFlaw)]
-    conditioner = Conditioner()
-    conditioner.interval = 0.01
+    repair = SampleRepair()
+    repair.interval = 0.01
     assert recording.gyr is not None
     assert holed.gyr is not None
     rows = zip(holed.t.tolist(), holed.acc, holed.gyr, strict=True)
-    bridged = [sample for t, acc, gyr in rows for sample in conditioner.take(t, acc, gyr, None, None)[0]]
+    bridged = [sample for t, acc, gyr in rows for sample in repair.take(t, acc, gyr, None, None)[0]]
     assert_near(np.array([sample.t for sample in bridged]), recording.t, 1e-9)
     good = np.isfinite(holed.acc).all(axis=1)
     for name, values in (("acc", holed.acc), ("gyr", holed.gyr)):
@@ -663,7 +663,7 @@ def test_it_learns_from_a_far_quieter_second() -> None:
     tracker, events = fed(replace(recording, acc=acc))
     (found,) = (event for event in events if isinstance(event, RestFound))
     assert tracker.rest is not None
-    assert tracker.rest.shake < 0.01 * found.rest.shake
+    assert tracker.rest.acc_var < 0.01 * found.rest.acc_var
     assert len(tracker.stops) == 4
 
 
@@ -692,8 +692,8 @@ def test_a_prior_of_the_lag_that_is_widened_late_gives_what_a_wide_one_gives() -
     noise, J = noise_of(poured_at_first(), rest), np.zeros((9, ERRORS))
     J[VEL, LAG] = np.array([[0.3], [-0.2], [0.1]])
 
-    def moved(lag_sigma: float) -> OnlineFilter:
-        kalman = OnlineFilter(replace(noise, lag_sigma=lag_sigma), rest, np.eye(3), None, no_gyro=False)
+    def moved(lag_sigma: float) -> ErrorStateFilter:
+        kalman = ErrorStateFilter(replace(noise, lag_sigma=lag_sigma), rest, np.eye(3), None, no_gyro=False)
         kalman.propagate(Leg(0.05, 0.05 * GRAVITY * UP, np.zeros(3), J, 1e-6 * np.eye(9), np.eye(3), np.zeros(3)))
         kalman.update_zero_velocity(0.01, np.array((0.002, 0.0, 0.0)), robust=False)
         return kalman
@@ -708,7 +708,7 @@ def test_a_bias_that_rounding_hid_has_tilted_the_vertical_too() -> None:
     """So at the same attitude a rest goes on to fit, however large that bias may be."""
     rest = find_rest(poured_at_first())
     noise = noise_of(poured_at_first(), rest)
-    kalman = OnlineFilter(noise, rest, quat_to_matrix(quat_exp(np.array((0.5, -0.3, 0.2)))), None, no_gyro=False)
+    kalman = ErrorStateFilter(noise, rest, quat_to_matrix(quat_exp(np.array((0.5, -0.3, 0.2)))), None, no_gyro=False)
     kalman.P = np.zeros((STATES, STATES))
     kalman.use_noise(replace(noise, sensor=replace(noise.sensor, acc_walk=0.04)))
     assert np.diagonal(kalman.P)[SENSOR_ERRORS][ACC_BIAS] == pytest.approx(0.04**2 - noise.sensor.acc_walk**2)
@@ -799,11 +799,11 @@ def test_stops_of_a_real_hand_agree_with_the_optics(data_folder: Path) -> None:
 
 def test_between_the_neighbours_of_lost_samples_motion_may_be_anything() -> None:
     """Its noise: the variance of a uniform distribution between the two, summed over axes, times the gap's duration."""
-    conditioner, between = Conditioner(), np.linspace(0.0, 1.0, 10_001)[:, None]
-    conditioner.interval = 0.01
+    repair, between = SampleRepair(), np.linspace(0.0, 1.0, 10_001)[:, None]
+    repair.interval = 0.01
     gyr, acc = np.array((0.1, -0.2, 0.3)), np.array((1.0, 2.0, -0.5))
-    conditioner.take(0.0, 0.5 * acc, 0.5 * gyr, None, None)
-    samples, _ = conditioner.take(0.03, acc, gyr, None, None)
+    repair.take(0.0, 0.5 * acc, 0.5 * gyr, None, None)
+    samples, _ = repair.take(0.03, acc, gyr, None, None)
     assert len(samples) == 3
     wanted = [0.03 * (between * 0.5 * change).var(axis=0).sum() for change in (gyr, acc)]
     assert samples[-1].gap_noise == pytest.approx(wanted, rel=1e-3)

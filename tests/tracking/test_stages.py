@@ -33,7 +33,7 @@ from pbd.tracking.first_rest import STILL_ACC, STILL_GYR, find_rest, restlessnes
 from pbd.tracking.keyframes import find_keyframes, find_segments
 from pbd.tracking.moving_windows import rows_of_mean, white_noise_variance
 from pbd.tracking.noise import FACTORY, Noise, _bends, _rounding, _step, noise_of
-from pbd.tracking.repair.repair_recording import condition
+from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.smoother.preintegration import integral_of_means, integral_of_values, turns_between_middles
 from pbd.tracking.zero_velocity import energies, find_candidates, lasts
 from tests.scenarios import pour
@@ -48,7 +48,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 def test_the_stages_one_by_one_give_what_track_gives() -> None:
     demo = pour("os5000")
     path = track(demo.recording)
-    recording, gaps = condition(demo.recording)
+    recording, gaps = repair_recording(demo.recording)
     rest = find_rest(recording)
     found = estimate(recording, rest, noise_of(recording, rest))
     assert not gaps
@@ -99,8 +99,8 @@ def test_interpolated_rows_belong_to_no_stop_of_a_hand_that_has_set_out() -> Non
     force[120:] += np.sin(0.3 * np.arange(80))[:, None]
     force[100:120] = force[99]
     rest = find_rest(Recording(t[:100], force[:100], np.zeros((100, 3))))
-    shake, turn = energies(force, np.zeros((200, 3)), window)
-    assert find_candidates(t, 0.01, shake, turn, rest, [(99, 120)]) == [(0, 100)]
+    acc_energy, gyr_energy = energies(force, np.zeros((200, 3)), window)
+    assert find_candidates(t, 0.01, acc_energy, gyr_energy, rest, [(99, 120)]) == [(0, 100)]
 
 
 def interval_means(signal: Callable[[Array], Array], middles: Array, dt: float) -> Array:

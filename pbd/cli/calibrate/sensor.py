@@ -18,7 +18,7 @@ from pbd.data.units import MG
 from pbd.errors import CalibrationError, warn
 from pbd.files.calibration_edit import earlier_fit, existing_calibration, update_calibration
 from pbd.files.demo import load_demo
-from pbd.tracking.repair.repair_recording import condition
+from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.view.terminal_tables import print_table, words_table
 
 
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> None:
         if demo.takes:
             again = f"name one of them, or use `pbd fuse TAKE... --save-calibration {args.name}`"
             raise CalibrationError(f"{args.demo} is fused from {counted(len(demo.takes), 'take')}; {again}")
-        recording, gaps = condition(demo.recording)
+        recording, gaps = repair_recording(demo.recording)
     if gaps:
         at, missing = float(recording.t[gaps[0].before]), 1e3 * gaps[0].missing_s
         raise CalibrationError(f"{args.demo} has a gap of {missing:.0f} ms at {at:.2f} s; record it again")

@@ -53,7 +53,7 @@ H_MOTION = np.vstack((H_SHIFT, IDENTITY[ROT] - IDENTITY[KNOT_ROT]))
 BIASES = np.arange(STATES)[SENSOR_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
 
 
-class OnlineFilter:
+class ErrorStateFilter:
     """An estimate of the hand's present motion.
 
     Attributes:
@@ -88,11 +88,11 @@ class OnlineFilter:
         self._walks = _walks(noise)
         self.clone_pose()
 
-    def fork(self) -> OnlineFilter:
+    def fork(self) -> ErrorStateFilter:
         """A copy that goes on from here. It is shallow, because no array is changed in place."""
         return copy(self)
 
-    def fork_at_stop(self, sigma: float, shaking: Array, gate: float) -> tuple[OnlineFilter, float, float]:
+    def fork_at_stop(self, sigma: float, shaking: Array, gate: float) -> tuple[ErrorStateFilter, float, float]:
         """A copy that goes on from a possible stop, with its `velocity_test`.
 
         If the velocity is not zero within the gate, but with a free lag it is, the copy's lag is free.

@@ -15,13 +15,13 @@ from pbd.tracking.first_rest import STILL_ACC, Rest
 from pbd.tracking.moving_windows import PASSES, rows_of_mean
 from pbd.tracking.noise import Noise
 from pbd.tracking.online.events import LiveEvent, StopBegan, StopEnded
-from pbd.tracking.online.filter import OnlineFilter
+from pbd.tracking.online.filter import ErrorStateFilter
 from pbd.tracking.online.samples import Sample
 from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
 from pbd.tracking.smoother.preintegration import GYR_BIAS, integral_of_means
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, QuietWindows, energies, speed_by_energies
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, QuietWindows, energies, sigma_by_energies
 
 CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_NO_GYRO_S = 0.2, 2.0, 0.6
 """s: time at rest before a stop is announced, if it is clear; doubtful (longer than half of a hand's slowest move);
@@ -85,13 +85,13 @@ class LiveHand:
         self._shaking: Array = np.zeros(3)
         self._angles = [np.zeros(3)]
         self._trial: StopTrial | None = None
-        self._trial_filter: OnlineFilter | None = None
+        self._trial_filter: ErrorStateFilter | None = None
         self._peak = 0.0  # m/s2, largest acceleration of a block since the hand stood still
         self._t_knot, self._t_compass = samples[0].t, samples[0].t
         fields = [sample.mag for sample in samples if sample.mag is not None]
         self._field: list[Array] | None = [] if fields else None
         north = np.mean(fields, axis=0) if fields else None
-        self._filter = OnlineFilter(noise, rest, self._strapdown.C, north, self._no_gyro)
+        self._filter = ErrorStateFilter(noise, rest, self._strapdown.C, north, self._no_gyro)
         self.use_rest(rest, noise)
         self._stop: LiveStop | None = LiveStop(samples[0], samples[0], *self._filter.pose())
         self.still, self._settled = True, True
@@ -137,15 +137,15 @@ class LiveHand:
         """Whether the last window is quiet. Also sets sigma and tremor of a zero-velocity update."""
         force, rate = (np.array(seen) for seen in zip(*((u, rate) for _, u, rate in self._window), strict=True))
         rate = rate - self._filter.x[GYR_BIAS]  # it drifts while the gyro warms up
-        shake, turn = (each[len(each) // 2] for each in energies(force, rate, min(self._n, len(force))))
-        self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise))
+        acc_energy, gyr_energy = (each[len(each) // 2] for each in energies(force, rate, min(self._n, len(force))))
+        self._sigma = float(sigma_by_energies(acc_energy, gyr_energy, self.rest, self._noise))
         if not self._no_gyro:
             # The tremor's velocity is the residual of a straight line through the velocity in the window.
             t = np.array([sample.t for sample, _, _ in self._window])[-self._n :]
             self._shaking = deviation_from_line(t, integral_of_means(t, force[-self._n :]))
-        return self._quiet.take(shake, turn) and len(force) == self._window.maxlen
+        return self._quiet.take(acc_energy, gyr_energy) and len(force) == self._window.maxlen
 
-    def _filters(self) -> list[OnlineFilter]:
+    def _filters(self) -> list[ErrorStateFilter]:
         """The filter, and the one under test if there is one."""
         return [self._filter] if self._trial_filter is None else [self._filter, self._trial_filter]
 
@@ -160,7 +160,7 @@ class LiveHand:
                 each.update_compass(np.mean(self._field, axis=0), sample.t - self._t_compass)
         self._t_compass, self._field = sample.t, None if self._field is None else []
 
-    def _add_knot(self, kalman: OnlineFilter, t: float, same: bool, robust: bool = True) -> None:
+    def _add_knot(self, kalman: ErrorStateFilter, t: float, same: bool, robust: bool = True) -> None:
         """Add a knot of zero velocity; `same`: it is in the last knot's stop, so nothing moved since then."""
         if same:
             angle = np.array(self._angles) - self._angles[0]
@@ -175,7 +175,7 @@ class LiveHand:
     def _knot_is_due(self, sample: Sample) -> bool:
         return sample.t - self._t_knot >= STOP_KNOT_S - 1e-6
 
-    def _is_moving(self, kalman: OnlineFilter) -> tuple[float, bool]:
+    def _is_moving(self, kalman: ErrorStateFilter) -> tuple[float, bool]:
         """Squared Mahalanobis distance of the velocity from zero; whether the hand certainly moves."""
         off, speed = kalman.velocity_test(self._sigma, self._shaking)
         return off, off > VELOCITY_GATE and speed > SLOW_SPEED

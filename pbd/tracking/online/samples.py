@@ -40,8 +40,8 @@ class Sample:
     gap_noise: tuple[float, float] = (0.0, 0.0)
 
 
-class Conditioner:
-    """Leaves out bad rows and fills gaps, as `condition` does in a whole recording.
+class SampleRepair:
+    """Leaves out bad rows and fills gaps, as `repair_recording` does in a whole recording.
 
     A row with a missing number counts as lost. Gaps of up to 50 ms are interpolated. Samples that fill a longer gap are
     marked as unseen.

@@ -16,7 +16,7 @@ from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, QUIET_RATIO, REST_S, S
 from pbd.tracking.noise import Noise, noise_of, steps_of
 from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan, StopEnded
 from pbd.tracking.online.live_hand import LiveHand
-from pbd.tracking.online.samples import Conditioner, Sample
+from pbd.tracking.online.samples import Sample, SampleRepair
 from pbd.tracking.repair.clock import SLOWEST_HZ
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
@@ -48,7 +48,7 @@ class LiveTracker:
     def __init__(self, sensor: str = "") -> None:
         """Begin. `sensor` is its name, as in `Recording.info`; it selects the error model."""
         self._sensor = sensor
-        self._conditioner = Conditioner()
+        self._repair = SampleRepair()
         self._has_gyro: bool | None = None
         self._recent: deque[Sample] = deque()
         self._t_next_look = -np.inf
@@ -101,7 +101,7 @@ class LiveTracker:
         self, t: float, acc: Array | None, gyr: Array | None, mag: Array | None, device_rpy: Array | None
     ) -> list[LiveEvent]:
         before = self._recent[-1] if self._recent else None
-        samples, wrong = self._conditioner.take(t, acc, gyr if self._has_gyro else None, mag, device_rpy)
+        samples, wrong = self._repair.take(t, acc, gyr if self._has_gyro else None, mag, device_rpy)
         events: list[LiveEvent] = []
         if wrong:
             events.append(DataFlaw(t if before is None else before.t, wrong))
@@ -148,11 +148,11 @@ class LiveTracker:
         if hand is None:
             interval = float(np.median(np.diff(recording.t)))
             hand = LiveHand(samples, interval, rest, noise, bool(self._has_gyro))
-            loud = rest.shake > QUIET_ACC**2 or rest.turn > QUIET_GYR**2
+            loud = rest.acc_var > QUIET_ACC**2 or rest.gyr_var > QUIET_GYR**2
             if len(hand.stops) > 1 or not hand.still or (hand.set_out and loud):
                 self._waiting = f"hold still for {REST_S:g} s: the hand moves"
                 return []
-            self._conditioner.interval, self._hand = interval, hand
+            self._repair.interval, self._hand = interval, hand
             return [RestFound(t, rest), self._hand.current_stop(t)]
         if rest.restless < hand.rest.restless / QUIET_RATIO:
             hand.use_rest(rest, noise)

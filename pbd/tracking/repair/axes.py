@@ -2,10 +2,10 @@
 
 A direction that is fixed in the world (up, the magnetic field, the device's own up and north) must turn in sensor axes
 as the gyro says. If one doesn't, each channel in turn is read with another order and other signs of its axes, and the
-gyro in another unit. The reading that removes every contradiction shows the mistake.
+gyro in another unit. The mapping that removes every contradiction shows the mistake.
 
-A gyro turns a direction and its opposite alike, so gravity and gyro can only tell 24 of the 48 readings of the
-accelerometer apart. If the hand turned about one axis only, several readings fit; all of the simplest are named.
+A gyro turns a direction and its opposite alike, so gravity and gyro can only tell 24 of the 48 mappings of the
+accelerometer apart. If the hand turned about one axis only, several mappings fit; all of the simplest are named.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from numpy.typing import NDArray
 from pbd.data.source_columns import IMU_CSV, SourceColumns
 from pbd.data.units import DEG
 from pbd.pose import Array
-from pbd.tracking.repair.axis_readings import READINGS, Reading
+from pbd.tracking.repair.axis_mappings import AXIS_MAPPINGS, AxisMapping
 
 CONTRADICTION_DEG = 12.0
 """A direction contradicts the gyro if the median angle between it and the gyro's prediction is larger (degrees). A hand
-that never quite stops is up to 14 degrees off (BROAD's trial 14), which no other reading of the axes mends."""
+that never quite stops is up to 14 degrees off (BROAD's trial 14), which no other mapping of the axes mends."""
 
 SCALE_DEG = 20.0
 """A scale of the gyro is looked for, which takes as long as tracking, if gravity is off by more than this, degrees."""
 
 IMPROVEMENT = 4.0
-"""Another reading is accepted if it makes that angle smaller by this factor."""
+"""Another mapping is accepted if it makes that angle smaller by this factor."""
 
 SIMPLE_PAIRS, ANY_PAIRS = 3, 8
 """Smallest number of pairs of moments between which a direction turns: for a unit, a sign or two swapped axes; for any
-of the 48 readings, one of which may fit by chance."""
+of the 48 mappings, one of which may fit by chance."""
 
 AS_GOOD_DEG = 4.0
 """Readings whose angle is within this (degrees) of the best fit equally well."""
 
 MAX_NAMED = 5
-"""Largest number of readings that a message names."""
+"""Largest number of mappings that a message names."""
 
 UNITS = (
     (DEG, "its values are in deg/s; import the file with --unit gyr=deg/s"),
@@ -81,7 +81,7 @@ class Contradiction(NamedTuple):
     Attributes:
         witness: the witness' channel.
         off_deg: median angle by which it is off, degrees.
-        fit_deg: the same with the best reading.
+        fit_deg: the same with the best mapping.
         pair: index of the first pair of moments that shows it.
         message: what is wrong and how to import the file.
     """
@@ -96,7 +96,7 @@ class Contradiction(NamedTuple):
 def find_axis_error(
     witnesses: Sequence[Witness], turn: Callable[[float], Array], source: SourceColumns = IMU_CSV
 ) -> Contradiction | None:
-    """Find the reading that removes all contradictions, by all witnesses or only the first ones.
+    """Find the mapping that removes all contradictions, by all witnesses or only the first ones.
 
     The last witnesses may be wrong: the device's own attitude lags, iron bends the field.
 
@@ -106,7 +106,7 @@ def find_axis_error(
         source: the file's columns, which the message names.
 
     Returns:
-        None if nothing contradicts the gyro, or no reading removes the contradictions.
+        None if nothing contradicts the gyro, or no mapping removes the contradictions.
     """
     by_gyro = turn(1.0)
     moved = [_differ(each.first, each.second) for each in witnesses]
@@ -117,25 +117,25 @@ def find_axis_error(
         return np.maximum(_median(off[moved[k]]), _median(off[telling[k]]))
 
     def costs(k: int, by: Array, matrices: Array) -> Array:
-        """The same (r,) with each of the readings (r, 3, 3)."""
-        return cost(k, _off_with_readings(witnesses[k], by, matrices))
+        """The same (r,) with each of the mappings (r, 3, 3)."""
+        return cost(k, _off_with_mappings(witnesses[k], by, matrices))
 
     each_witness = range(len(witnesses))
     off = np.array([cost(k, witnesses[k].off(by_gyro)) for k in each_witness])
-    # If no direction turns but the gyro does, the gyro is biased or noisy. A reading that turns it about that direction
+    # If no direction turns but the gyro does, the gyro is biased or noisy. A mapping that turns it about that direction
     # would seem to remove the contradiction. So only witnesses that turn count.
     counted = [k for k in each_witness if moved[k].sum() >= SIMPLE_PAIRS]
     found = None
     if counted and off[counted].max() > CONTRADICTION_DEG:
-        matrices = np.array([reading.matrix for reading in READINGS])
+        matrices = np.array([mapping.matrix for mapping in AXIS_MAPPINGS])
         of_own = np.array([costs(k, by_gyro, matrices) for k in each_witness])
-        # Another reading of the gyro is the inverse reading of all witnesses. A mirrored one reverses its rotation.
+        # Another mapping of the gyro is the inverse mapping of all witnesses. A mirrored one reverses its rotation.
         inverse = [int(np.argmax((matrices == one.T).all(axis=(1, 2)))) for one in matrices]
         mirrored, back, of_gyro = np.linalg.det(matrices) < 0.0, turn(-1.0), of_own[:, inverse]
         of_gyro[:, mirrored] = [costs(k, back, matrices[mirrored].transpose(0, 2, 1)) for k in each_witness]
         left = {c: np.where([[each.channel == c] for each in witnesses], of_own, off[:, None]) for c in "am"}
         left["g"] = of_gyro
-        fits = [(channel, reading, left[channel][:, k]) for k, reading in enumerate(READINGS) for channel in "gam"]
+        fits = [(channel, mapping, left[channel][:, k]) for k, mapping in enumerate(AXIS_MAPPINGS) for channel in "gam"]
         used = ([k for k in counted if k < n] for n in range(len(witnesses), 0, -1))
         found = next(filter(None, (_find_remedy(witnesses, telling, fits, k, source) for k in used if k)), None)
     if telling[0].sum() < SIMPLE_PAIRS or off[0] <= CONTRADICTION_DEG:
@@ -178,8 +178,8 @@ def _find_scale(fit_of: Callable[[float], float], off_deg: float, pair: int) -> 
     return Contradiction("a", off_deg, float(fits[best]), pair, what)
 
 
-Fit = tuple[str, Reading, Array]
-"""A channel, a reading of it, and the degrees by which each witness is then off."""
+Fit = tuple[str, AxisMapping, Array]
+"""A channel, a mapping of it, and the degrees by which each witness is then off."""
 
 
 def _find_remedy(
@@ -189,24 +189,24 @@ def _find_remedy(
     used: Sequence[int],
     source: SourceColumns,
 ) -> Contradiction | None:
-    """Find the readings of one channel that remove all contradictions of the `used` witnesses; fits[0] is as read."""
+    """Find the mappings of one channel that remove all contradictions of the `used` witnesses; fits[0] is as read."""
     as_it_is = fits[0][2]
     wrong = [k for k in used if as_it_is[k] > CONTRADICTION_DEG]
     if not wrong:
         return None
     simple = min(telling[k].sum() for k in wrong) < ANY_PAIRS
     able = [
-        (float(off[used].max()), reading.causes, channel, reading)
-        for channel, reading, off in fits
-        if reading.causes == 1 or not simple
+        (float(off[used].max()), mapping.causes, channel, mapping)
+        for channel, mapping, off in fits
+        if mapping.causes == 1 or not simple
     ]
     off, best = float(as_it_is[used].max()), min(able)[0]
     if best > min(off / IMPROVEMENT, CONTRADICTION_DEG):
         return None
     good = [fit for fit in able if fit[0] <= best + AS_GOOD_DEG and fit[1] > 0]
     fewest = min(fit[1] for fit in good)
-    named = [(channel, reading) for _, causes, channel, reading in good if causes == fewest]
-    # Gravity and gyro together allow one reading of the gyro, unless the hand turned about too few axes.
+    named = [(channel, mapping) for _, causes, channel, mapping in good if causes == fewest]
+    # Gravity and gyro together allow one mapping of the gyro, unless the hand turned about too few axes.
     sure = not simple and sum(channel == "g" for *_, channel, _ in good) < 2
     message = _message(named[:MAX_NAMED], sure, source)
     return Contradiction(witnesses[wrong[0]].channel, off, best, int(np.argmax(telling[wrong[0]])), message)
@@ -217,9 +217,9 @@ def _differ(a: Array, b: Array) -> NDArray[np.bool_]:
     return np.degrees(angles(a, b)) > CONTRADICTION_DEG
 
 
-def _off_with_readings(witness: Witness, by: Array, matrices: Array) -> Array:
-    """Angles (k, r), degrees, by which a witness is off, given rotations `by` (k, 3, 3) and readings (r, 3, 3)."""
-    # The cosines of all readings are sums of the same 81 products.
+def _off_with_mappings(witness: Witness, by: Array, matrices: Array) -> Array:
+    """Angles (k, r), degrees, by which a witness is off, given rotations `by` (k, 3, 3) and mappings (r, 3, 3)."""
+    # The cosines of all mappings are sums of the same 81 products.
     products = np.einsum("ka,kb,kij->kaibj", witness.second, witness.first, by).reshape(-1, 81)
     cosines: Array = products @ np.einsum("ria,rjb->aibjr", matrices, matrices).reshape(81, -1)
     return np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
@@ -230,13 +230,13 @@ def _median(values: Array) -> Array:
     return np.asarray(np.median(values, axis=0) if len(values) else np.zeros(values.shape[1:]))
 
 
-def _message(named: Sequence[tuple[str, Reading]], sure: bool, source: SourceColumns) -> str:
+def _message(named: Sequence[tuple[str, AxisMapping]], sure: bool, source: SourceColumns) -> str:
     each = [f"{one.fault(channel)}: import the file with {one.remedy(channel, source)}" for channel, one in named]
     message = "; or ".join(each)
     if len(each) > 1 or not sure:
         message += f" (the hand turned too little to {'tell which' if len(each) > 1 else 'be sure'})"
     if any(
-        channel == "g" and reading.signs == (-1, -1, -1) and reading.order == (0, 1, 2) for channel, reading in named
+        channel == "g" and mapping.signs == (-1, -1, -1) and mapping.order == (0, 1, 2) for channel, mapping in named
     ):
         both = " ".join(source.column_option(f"{sensor}y", f"{sensor}y", reverse=True) for sensor in "ag")
         return f"both may have left-handed axes (then {both}; only left and right in the replay tell), or {message}"

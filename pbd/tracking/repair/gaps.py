@@ -85,7 +85,7 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
     The sensor's attitude after the gap proves nothing: the hand may be elsewhere, and as level as before.
 
     Args:
-        gaps, recording: from `condition`.
+        gaps, recording: from `repair_recording`.
         stops: in order.
         accept: only warn of gaps in rests, because a person knows that the hand stood still.
 

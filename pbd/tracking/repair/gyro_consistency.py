@@ -36,7 +36,7 @@ from pbd.tracking.repair.axes import (
     angles,
     find_axis_error,
 )
-from pbd.tracking.repair.axis_readings import READINGS
+from pbd.tracking.repair.axis_mappings import AXIS_MAPPINGS
 
 UPSIDE_DOWN_COS = -0.9
 """The sensor is upside down if cos(its z axis, up) is below this: z within 26 degrees of down."""
@@ -110,7 +110,7 @@ def refuse_flipped_signs(recording: Recording) -> None:
     if len(steady.rows) == 0:
         return
     up = up_in_sensor(quat_from_rpy(recording.device_rpy[steady.rows]))
-    signs = [reading for reading in READINGS if reading.order == (0, 1, 2)]
+    signs = [mapping for mapping in AXIS_MAPPINGS if mapping.order == (0, 1, 2)]
     off, *fits = (float(np.degrees(angles(steady.up_sensor * each.signs, up).mean())) for each in signs)
     if off < CONTRADICTION_DEG or min(fits) > off / IMPROVEMENT:
         return

@@ -30,7 +30,7 @@ LARGEST_ANGLE = 4.0 * np.pi
 """Largest angle of the device's own attitude, rad: a heading that counts on after a turn. Degrees pass it soon."""
 
 
-def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
+def repair_recording(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     """Check a recording; interpolate missing and wild samples, exchange swapped blocks, even out coarse time stamps.
 
     Returns:

@@ -28,7 +28,7 @@ from pbd.errors import warn
 from pbd.pose import Array
 from pbd.tracking.repair.channel_faults import REPEATED_ROWS, SENSOR_NAMES
 from pbd.tracking.repair.clock import row_changes
-from pbd.tracking.smoother.preintegration import Impulse
+from pbd.tracking.smoother.preintegration import LostMotion
 from pbd.tracking.zero_velocity import runs
 
 LEAST_RANGE = {"acc": 1.15 * GRAVITY, "gyr": 0.5}
@@ -118,7 +118,7 @@ def _clipped_runs(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[i
     return []
 
 
-def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tuple[Impulse, ...]]:
+def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tuple[LostMotion, ...]]:
     """Extrapolate clipped peaks from their sides.
 
     Args:
@@ -131,7 +131,7 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
         return recording, ()
     channels: dict[str, Any] = {clip.sensor: getattr(recording, clip.sensor).copy() for clip in clips}
     interval = 1.0 / recording.rate_hz
-    impulses = []
+    lost_motion = []
     for clip in clips:
         values = channels[clip.sensor]
         top = abs(float(values[clip.start, clip.axis]))
@@ -144,8 +144,8 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
         by_sensor = {"acc": np.zeros(3), "gyr": np.zeros(3), clip.sensor: lost}
         quarter = (clip.stop - clip.start) // 4
         # It is unknown when it was lost, so each half gets an impulse of its own.
-        impulses += [Impulse(row, **by_sensor) for row in (clip.start + quarter, clip.stop - quarter)]
-    return replace(recording, **channels), tuple(impulses)
+        lost_motion += [LostMotion(row, **by_sensor) for row in (clip.start + quarter, clip.stop - quarter)]
+    return replace(recording, **channels), tuple(lost_motion)
 
 
 def _overshoot(x: Array, sign: float, start: int, stop: int) -> Array:

@@ -57,7 +57,7 @@ def revised_stops(
     """
     t, fast = problem.frame.t, np.maximum(SLOW_SPEED, OUTLIER_SIGMAS * still_sigma)
     if cut.any():
-        sigma = np.sqrt(np.trace(solved.of_knots(VEL), axis1=1, axis2=2))
+        sigma = np.sqrt(np.trace(solved.covariance_of_knots(VEL), axis1=1, axis2=2))
         fast = np.maximum(fast, UNDOUBTED_SIGMAS * np.interp(t, problem.t, sigma))
     blurred = np.trace(problem.legs.parts[:, :, 3:6, 3:6].sum(axis=0), axis1=1, axis2=2) / 3.0
     stops: Spans = []

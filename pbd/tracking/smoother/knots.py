@@ -12,7 +12,7 @@ from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import Rows, cumulative
 from pbd.tracking.noise import Noise, densities
-from pbd.tracking.smoother.preintegration import BLOCK_S, GyroFrame, Impulse, Legs, preintegrate
+from pbd.tracking.smoother.preintegration import BLOCK_S, GyroFrame, Legs, LostMotion, preintegrate
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans
 
 INSET_SHARE = 0.2
@@ -92,7 +92,7 @@ def build_problem(
     still_sigma: Array,
     density: tuple[Array, Array],
     extra_rows: Sequence[int] = (),
-    impulses: Sequence[Impulse] = (),
+    lost_motion: Sequence[LostMotion] = (),
     gaps: Sequence[tuple[int, int]] = (),
     *,
     no_gyro: bool = False,
@@ -126,7 +126,7 @@ def build_problem(
         rows,
         stop_of,
         same_stop,
-        preintegrate(frame, rows, density, impulses, _knot_velocity(frame, rows, stop_of)),
+        preintegrate(frame, rows, density, lost_motion, _knot_velocity(frame, rows, stop_of)),
         still_sigma[rows],
         quat_to_matrix(frame.wxyz[rows]),
         np.zeros((len(rows), 3)) if no_gyro else mean_around(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),

@@ -180,7 +180,7 @@ class Solved:
         """The solution with more information and gradient (s, s + 1) on the shared unknowns."""
         return Solved.at_corner(self.cholesky, self.scale, self.half, self.product, self.corner + corner)
 
-    def columns(self, right: Array) -> Array:
+    def covariance_times(self, right: Array) -> Array:
         """The joint covariance of all knots times columns: (m, 15, k) -> (m, 15, k)."""
         m, _, k = right.shape
         scaled = (right * self.scale[:, :, None]).reshape(m * STATE, k)
@@ -231,19 +231,19 @@ class Solved:
         for name in ("_factor", "selected", "by_shared"):
             self.__dict__.pop(name, None)
 
-    def of_knots(self, block: slice = slice(None)) -> Array:
+    def covariance_of_knots(self, block: slice = slice(None)) -> Array:
         """Covariance (m, k, k) of a block of each knot's unknowns."""
         by = self.by_shared[:, block]
         return self.selected[0][:, block, block] + by @ self.shared @ by.transpose(0, 2, 1)
 
-    def of_changes(self, block: slice) -> Array:
+    def covariance_of_changes(self, block: slice) -> Array:
         """Covariance (m - 1, k, k) of the change of a block of unknowns from each knot to the next."""
         own, lower = self.selected
         by, cross = np.diff(self.by_shared[:, block], axis=0), lower[:, block, block]
         covariance: Array = own[1:, block, block] + own[:-1, block, block] - cross - cross.transpose(0, 2, 1)
         return covariance + by @ self.shared @ by.transpose(0, 2, 1)
 
-    def of_legs(self, jacobian: Array, at: int = 0) -> Array:
+    def covariance_of_legs(self, jacobian: Array, at: int = 0) -> Array:
         """Covariance (., r, r) of functions of a leg's two knots and the shared unknowns, from the knot `at` on.
 
         `jacobian` (., r, 15 + 9 + s) has their derivatives with respect to these.

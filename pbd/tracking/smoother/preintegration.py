@@ -118,7 +118,7 @@ def integral_of_values(t: Array, values: Array, slopes: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Impulse:
+class LostMotion:
     """Motion lost at one row: a sudden change of angle or velocity of unknown size, in sensor axes.
 
     Attributes:
@@ -156,7 +156,7 @@ def preintegrate(
     frame: GyroFrame,
     rows: Rows,
     density: tuple[Array, Array],
-    impulses: Sequence[Impulse] = (),
+    lost_motion: Sequence[LostMotion] = (),
     U: Array | None = None,
 ) -> Legs:
     """Integrate from knot to knot.
@@ -215,7 +215,7 @@ def preintegrate(
     )
     for block, floor in zip((ROT, VEL, POS), ROUNDING_SIGMAS, strict=True):
         parts[0, :, block, block] += floor**2 * np.eye(3)
-    _add_impulses(parts[0], frame, rows, impulses)
+    _add_lost_motion(parts[0], frame, rows, lost_motion)
     return Legs(T, at_knots, gained, way, J, parts)
 
 
@@ -268,18 +268,18 @@ def block_noise(force: Array, gyr: Array, acc: Array, to_end: Array, h: Array, s
     return Q
 
 
-def _add_impulses(Q: Array, frame: GyroFrame, rows: Rows, impulses: Sequence[Impulse]) -> None:
-    """Marginalise impulses: each adds the outer product of its effect at the end of its leg."""
-    if not impulses:
+def _add_lost_motion(Q: Array, frame: GyroFrame, rows: Rows, lost_motion: Sequence[LostMotion]) -> None:
+    """Marginalise lost_motion: each adds the outer product of its effect at the end of its leg."""
+    if not lost_motion:
         return
-    at = np.array([impulse.row for impulse in impulses])
+    at = np.array([impulse.row for impulse in lost_motion])
     k = np.clip(np.searchsorted(rows, at, side="right") - 1, 0, len(rows) - 2)
     end = rows[k + 1]
     at = np.clip(at, rows[k], end)
     to_end = (frame.t[end] - frame.t[at])[:, None]
     wxyz = frame.wxyz[at]
-    turn = quat_rotate(wxyz, np.array([impulse.gyr for impulse in impulses]))
-    push = quat_rotate(wxyz, np.array([impulse.acc for impulse in impulses]))
+    turn = quat_rotate(wxyz, np.array([impulse.gyr for impulse in lost_motion]))
+    push = quat_rotate(wxyz, np.array([impulse.acc for impulse in lost_motion]))
     dV = frame.U[end] - frame.U[at]
     dP = frame.UU[end] - frame.UU[at] - frame.U[at] * to_end
     effect = np.hstack((turn, cross(turn, dV) + push, cross(turn, dP) + push * to_end))

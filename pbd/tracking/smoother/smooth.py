@@ -26,9 +26,9 @@ from pbd.tracking.smoother.hard_iron import find_hard_iron
 from pbd.tracking.smoother.knots import Problem, build_problem, row_noise
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
-from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, Impulse
+from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, LostMotion
 from pbd.tracking.smoother.state import SHARED, SHARED_GRAVITY, Fixed, Prior, State
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, energies, find_candidates, still_speed
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, energies, find_candidates, zero_velocity_sigma
 
 ANNEALING = (20.0, 3.0)
 """Factors on a stop's velocity sigma, before the last factor of 1. From an earlier solution only the last is used."""
@@ -92,7 +92,7 @@ def smooth(
     recording: Recording,
     rest: Rest,
     noise: Noise,
-    impulses: Sequence[Impulse] = (),
+    lost_motion: Sequence[LostMotion] = (),
     gaps: Sequence[tuple[int, int]] = (),
     extra_rows: Sequence[int] = (),
 ) -> Solution | None:
@@ -113,12 +113,12 @@ def smooth(
     prior = Prior(noise.lag, noise.wide_lag_sigma, WIDE_SCALE_SIGMA)
 
     # A knot right after lost motion: the unknown turn is too large to linearise over a longer leg.
-    extra_rows = [*extra_rows, *(min(impulse.row + 1, len(recording) - 1) for impulse in impulses)]
+    extra_rows = [*extra_rows, *(min(lost.row + 1, len(recording) - 1) for lost in lost_motion)]
 
     def build(stops: Spans, calm: Spans) -> Problem:
         mag = None if recording.mag is None else recording.mag - hard_iron
         return build_problem(
-            *(frame, mag, rest, noise, stops, calm, still_sigma, density, extra_rows, impulses, gaps),
+            *(frame, mag, rest, noise, stops, calm, still_sigma, density, extra_rows, lost_motion, gaps),
             no_gyro=no_gyro,
         )
 
@@ -130,7 +130,7 @@ def smooth(
         energy = energies(force, rate - drift, window)
         if stops is None:
             stops = find_candidates(frame.t, frame.dt, *energy, rest, gaps)
-        still_sigma = still_speed(*energy, len(frame.t), rest, noise)
+        still_sigma = zero_velocity_sigma(*energy, len(frame.t), rest, noise)
         density = row_noise(frame, rest, noise, gaps, no_gyro)
         if not stops:
             return None

@@ -43,10 +43,10 @@ def with_own_noise(solution: Solution) -> Solution:
         for (block, values, walk), k in zip(walks, fixed.components[3:], strict=False):
             w = 1.0 / (k * walk**2 * T)
             top.append(w @ squares(np.diff(values, axis=0)))
-            bottom.append((3.0 - w * np.trace(solved.of_changes(block), axis1=1, axis2=2)).sum())
+            bottom.append((3.0 - w * np.trace(solved.covariance_of_changes(block), axis1=1, axis2=2)).sum())
         w = stood / fixed.components[5]
         top.append(w @ squares(pivot_velocity(problem, x)[0]))
-        bottom.append((3.0 * still - w * np.trace(solved.of_knots(VEL), axis1=1, axis2=2)).sum())
+        bottom.append((3.0 * still - w * np.trace(solved.covariance_of_knots(VEL), axis1=1, axis2=2)).sum())
         factors = (top + nu) / np.maximum(bottom + nu, 1e-3 * nu)
         fixed = replace(fixed, components=fixed.components * (1.0, *factors))
         whiten = whitener(problem, fixed)
@@ -64,7 +64,7 @@ def _of_legs(
     top, bottom, spread = np.zeros(2), np.zeros(2), np.empty(whiten.shape)
     for at in batches(len(whiten)):
         A, back = whiten[at] @ jacobian[at], whiten[at].transpose(0, 2, 1)
-        spread[at] = solved.of_legs(A[:, :, :-1], at.start)
+        spread[at] = solved.covariance_of_legs(A[:, :, :-1], at.start)
         r, redundant = back @ A[:, :, -1:], back @ (np.eye(9) - spread[at]) @ whiten[at]
         parts = fixed.components[1:3, None, None, None] * problem.legs.parts[1:, at]
         top += (r * (parts @ r)).sum(axis=(1, 2, 3))

@@ -15,7 +15,7 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.first_rest import find_rest
-from pbd.tracking.repair.repair_recording import condition
+from pbd.tracking.repair.repair_recording import repair_recording
 from tests.scenarios import keyframes_and_errors, pour, simulate, with_rows
 from tests.tracking.fault_matrix import Case, named, outcome
 from tests.tracking.faults import broken, every_method, quietly, with_channel
@@ -279,7 +279,7 @@ def test_a_field_in_another_unit_is_refused(usual: float, refused: bool) -> None
     field = np.asarray(recording.mag)
     field = usual / float(np.median(np.linalg.norm(field, axis=1))) * field
     with pytest.raises(RecordingError, match="its unit is another") if refused else nullcontext():
-        condition(replace(recording, mag=field))
+        repair_recording(replace(recording, mag=field))
 
 
 @pytest.mark.parametrize("gyro", [True, False])
@@ -291,7 +291,7 @@ def test_an_attitude_in_degrees_is_refused(gyro: bool, factor: float, turn: floa
     rpy = factor * recording.device_rpy + [0.0, 0.0, turn]
     recording = replace(recording, device_rpy=rpy, gyr=recording.gyr if gyro else None)
     with pytest.raises(RecordingError, match="--unit angle=deg") if refused else nullcontext():
-        condition(recording)
+        repair_recording(recording)
 
 
 @quietly

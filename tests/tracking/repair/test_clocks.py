@@ -19,7 +19,7 @@ from pbd.pose import Array
 from pbd.simulation.simulate import SENSOR_MODELS
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.clock import steady_clock, with_clock
-from pbd.tracking.repair.repair_recording import condition
+from pbd.tracking.repair.repair_recording import repair_recording
 from tests.scenarios import simulate, truth_at, uncalibrated, with_rows
 
 pytestmark = pytest.mark.usefixtures("remembered")
@@ -236,5 +236,5 @@ def test_a_rate_other_than_the_nominal_one_is_told() -> None:
 def test_a_gap_of_fifty_milliseconds_is_the_longest_that_is_bridged(lost: int, long: int) -> None:
     recording = simulate("pour", "modern", 1).recording
     with pytest.warns(PbdWarning, match=f"{lost} samples missing, in 1 gap"):
-        _, gaps = condition(with_rows(recording, np.delete(np.arange(len(recording)), slice(500, 500 + lost))))
+        _, gaps = repair_recording(with_rows(recording, np.delete(np.arange(len(recording)), slice(500, 500 + lost))))
     assert len(gaps) == long

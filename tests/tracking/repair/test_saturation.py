@@ -172,11 +172,11 @@ def test_a_clipped_parabola_is_continued_and_as_unsure_as_the_continuation() -> 
     clipped = Recording(0.01 * t, acc)
     clips = clips_of(clipped)
     assert [(clip.sensor, clip.axis, clip.start, clip.stop) for clip in clips] == [("acc", 0, 189, 212)]
-    restored, impulses = restore(clipped, clips)
+    restored, lost_motion = restore(clipped, clips)
     assert restored.acc[189:212, 0] == pytest.approx(x[189:212], rel=0.016)
     lost = 0.01 * ((restored.acc - acc)[:, 0].sum() + 0.1 * 20.0 * 23)
-    assert np.sqrt(sum(impulse.acc @ impulse.acc for impulse in impulses)) == pytest.approx(lost)
-    assert [impulse.row for impulse in impulses] == [189 + 5, 212 - 5]
+    assert np.sqrt(sum(impulse.acc @ impulse.acc for impulse in lost_motion)) == pytest.approx(lost)
+    assert [impulse.row for impulse in lost_motion] == [189 + 5, 212 - 5]
 
 
 @pytest.mark.parametrize(("sensor", "top"), [("acc", 36.0), ("gyr", 18.0)])

@@ -24,7 +24,7 @@ from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.channel_faults import frozen_rows, refuse_dead
 from pbd.tracking.repair.gyro_consistency import find_steady, refuse_disagreement
-from pbd.tracking.repair.repair_recording import condition
+from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.repair.splices import without_wild
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import keyframes_and_errors, pour, simulate, uncalibrated, with_rows
@@ -257,7 +257,7 @@ def test_a_real_gyro_in_degrees_is_found_out_and_a_good_one_is_not(data_folder: 
     for name, recording in real_recordings(data_folder).items():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PbdWarning)  # of lost samples
-            good, _ = condition(recording)
+            good, _ = repair_recording(recording)
         assert good.gyr is not None
         if name.endswith((" 40", " 1")):
             with pytest.raises(RecordingError, match="--unit gyr=deg/s"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pbd.pose import quat_inverse, quat_log, quat_multiply, quat_to_matrix
-from pbd.tracking.smoother.preintegration import LAG, POS, VEL, Impulse, gyro_frame, preintegrate
+from pbd.tracking.smoother.preintegration import LAG, POS, VEL, LostMotion, gyro_frame, preintegrate
 
 
 def test_samples_that_came_at_one_instant_are_an_empty_block() -> None:
@@ -54,7 +54,7 @@ def test_a_turn_that_is_lost_turns_what_comes_after_it() -> None:
     density, knots = (np.zeros((3, n)), np.zeros((3, n))), np.array([0, n - 1])
     frame = gyro_frame(t, gyr, acc, dt)
     legs = preintegrate(frame, knots, density)
-    unsure = preintegrate(frame, knots, density, [Impulse(row, size, np.zeros(3))])
+    unsure = preintegrate(frame, knots, density, [LostMotion(row, size, np.zeros(3))])
     kicked = gyr.copy()
     kicked[row] += size / dt
     true = gyro_frame(t, kicked, acc, dt)

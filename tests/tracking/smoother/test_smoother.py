@@ -17,7 +17,7 @@ from pbd.simulation.tasks import Task
 from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import FACTORY, Noise, acc_sigma_factor, noise_of
-from pbd.tracking.repair.repair_recording import condition
+from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.smoother import normal_equations
 from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, revised_stops
 from pbd.tracking.smoother.factors import (
@@ -43,7 +43,7 @@ SENSORS = ("os5000", "wt901", "modern")
 
 
 def smoothed(recording: Recording) -> Estimate:
-    recording, _ = condition(recording)
+    recording, _ = repair_recording(recording)
     rest = find_rest(recording)
     return estimate(recording, rest, noise_of(recording, rest))
 
@@ -233,16 +233,20 @@ def test_normal_equations_are_solved_as_dense_ones(monkeypatch: pytest.MonkeyPat
     assert step == pytest.approx(-covariance @ gradient, rel=1e-8, abs=1e-10)
     assert solved.shared == pytest.approx(covariance[n:, n:], rel=1e-8, abs=1e-12)
     right = rng.normal(size=(m, STATE, 2))
-    assert solved.columns(right).reshape(n, 2) == pytest.approx(covariance[:n, :n] @ right.reshape(n, 2), abs=1e-8)
-    for k, block in enumerate(solved.of_knots()):
+    assert solved.covariance_times(right).reshape(n, 2) == pytest.approx(
+        covariance[:n, :n] @ right.reshape(n, 2), abs=1e-8
+    )
+    for k, block in enumerate(solved.covariance_of_knots()):
         here = slice(k * STATE, (k + 1) * STATE)
         assert block == pytest.approx(covariance[here, here], abs=1e-9)
     pair = np.r_[0:BAND, n : n + s]
-    of_leg = solved.of_legs(np.eye(len(pair))[None])
+    of_leg = solved.covariance_of_legs(np.eye(len(pair))[None])
     assert of_leg[0] == pytest.approx(covariance[np.ix_(pair, pair)], abs=1e-9)
     change = np.zeros((3, n))
     change[:, STATE_GYR_BIAS], change[:, STATE : 2 * STATE][:, STATE_GYR_BIAS] = -np.eye(3), np.eye(3)
-    assert solved.of_changes(STATE_GYR_BIAS)[0] == pytest.approx(change @ covariance[:n, :n] @ change.T, abs=1e-9)
+    assert solved.covariance_of_changes(STATE_GYR_BIAS)[0] == pytest.approx(
+        change @ covariance[:n, :n] @ change.T, abs=1e-9
+    )
     known = np.column_stack((np.eye(s), np.ones(s)))
     dense[n:, n:] += np.eye(s)
     gradient[n:] += 1.0

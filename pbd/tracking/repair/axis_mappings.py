@@ -13,7 +13,7 @@ from pbd.pose import Array
 
 
 @dataclass(frozen=True, order=True)
-class Reading:
+class AxisMapping:
     """A way to read three axes: for each, the index and sign of the axis from which it should have been read."""
 
     order: tuple[int, ...]
@@ -50,5 +50,5 @@ class Reading:
         return " and ".join(said)
 
 
-READINGS = tuple(Reading(o, s) for o, s in product(permutations(range(3)), product((1, -1), repeat=3)))
-"""All 48 readings; the first changes nothing."""
+AXIS_MAPPINGS = tuple(AxisMapping(o, s) for o, s in product(permutations(range(3)), product((1, -1), repeat=3)))
+"""All 48 mappings; the first changes nothing."""
