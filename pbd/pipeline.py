@@ -9,36 +9,20 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.calibration.dock import nav_in_base
-from pbd.calibration.sensor import corrected
-from pbd.calibration.sensor_changed import disagreements
-from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, SensorErrors, Stop, Tracking
+from pbd.data import Calibration, Demonstration, HandPath, Known, Recording
 from pbd.errors import PbdWarning, RecordingError, TrackingError, listed, require_kind, require_type, warn
+from pbd.fusion.fuse import fused_path
 from pbd.lapack import one_blas_thread
-from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
-from pbd.tracking.alarm import alarms
+from pbd.pose import quat_inverse, quat_log, quat_multiply
+from pbd.track_alone import track_alone
 from pbd.tracking.apply_constraints import apply_constraints
-from pbd.tracking.estimate import Estimate, estimate, refuse_doubted_rest
-from pbd.tracking.first_rest import Rest, find_rest
-from pbd.tracking.noise import noise_of
-from pbd.tracking.paper import track_as_paper
-from pbd.tracking.repair.channel_faults import refuse_freezes
-from pbd.tracking.repair.gaps import refuse_gaps
-from pbd.tracking.repair.repair_recording import repair_recording
-from pbd.tracking.repair.saturation import find_clips, restore
 from pbd.tracking.smoother.attitude import mean_quaternion
-from pbd.tracking.smoother.preintegration import LostMotion
 
 SAME_DOCK_RAD = np.radians(1.0)
 """Largest rotation from the tracked to the edited first keyframe, rad: the first keyframe must stay the dock."""
 
-OPEN_END_S = 0.2
-"""Longest motion, s, before the first stop or after the last one, without a warning."""
-
 MILLISECOND_S = 1e-3
 """Rounding of a time in keyframes.toml, s."""
-
-METHODS = ("default", "paper")
-"""Names of the tracking methods: pbd's own, and the paper's."""
 
 
 def fuse(takes: Sequence[Demonstration], calibration: Calibration | None = None, accept_gap: bool = False) -> HandPath:
@@ -95,7 +79,7 @@ def track(
 
     Args:
         source: the samples, or a demonstration with them.
-        method: one of METHODS. The paper's method does not use known places.
+        method: "default", or "paper". The paper's method does not use known places.
         known: known places and heights of the stops; None: as the demonstration says.
         calibration: the sensor's errors, which either method removes; places known in the robot's base; the lever
             from sensor to tool. Without it, `plan` tracks again if its own calibration has any of these.
@@ -116,8 +100,6 @@ def track(
     if known is not None:
         demo = replace(demo, closed=known.closed, places=known.places, contacts=known.contacts)
     if demo.takes:
-        from pbd.fusion.fuse import fused_path
-
         path = fused_path(demo, method, calibration, accept_gap)
         demo = replace(demo, places=(*demo.places, *(path.fusion.places if path.fusion else ())))
     else:
@@ -132,50 +114,6 @@ def track(
         if demo.folder is None or not reason.message.startswith("demo.toml "):
             raise
         raise TrackingError(f"{demo.folder}/{reason.message}", **reason.fields) from None
-
-
-def track_alone(
-    demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool
-) -> tuple[HandPath, Estimate]:
-    """Track the recording without known places; return the path and the estimate that it was made from."""
-    if method not in METHODS:
-        raise TrackingError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method)
-    recording, gaps = repair_recording(demo.recording)
-    clips = find_clips(recording)
-    lost: tuple[LostMotion, ...] = ()
-    if method == "default":
-        recording, lost = restore(recording, clips)
-    errors = None if calibration is None else calibration.sensor
-    recording = corrected(recording, errors)  # after `restore`: clipping is at the range of the raw values
-    rest = find_rest(recording)
-    if method == "paper":
-        found = track_as_paper(recording, rest)
-    else:
-        unseen = [(gap.before, gap.after) for gap in gaps]
-        found = estimate(recording, rest, noise_of(recording, rest, errors), lost, unseen)
-    refuse_gaps(gaps, recording, found.stops, accept_gap)
-    refuse_freezes(recording, found.path.v)
-    _warn_at_rest(recording, rest, errors)
-    _warn_of_open_ends(recording.t, found.stops)
-    if found.solution is not None:
-        refuse_doubted_rest(recording.t, rest, found.stops)
-        for line in alarms(found.solution, found.stops, found.sensor):
-            warn(line)
-    path = HandPath(
-        t=recording.t,
-        p_nav_sensor=found.path.p,
-        v_nav_sensor=found.path.v,
-        wxyz_nav_sensor=found.path.wxyz,
-        stops=found.stops,
-        closure=found.closure,
-        covariance=found.covariance,
-        grip=recording.grip,
-        tracking=Tracking(
-            demo, method, calibration, recording, found.path.a, rest.gravity, (rest.start, rest.stop), accept_gap
-        ),
-        sensor=found.sensor,
-    )
-    return path, found
 
 
 def _refuse_turned_dock(demo: Demonstration, path: HandPath, method: str) -> None:
@@ -224,24 +162,3 @@ def _condition_on_known(path: HandPath, known: Known, calibration: Calibration |
             warnings.simplefilter("ignore", PbdWarning)  # planning warns of the dock's tilt
             T_base_nav = nav_in_base(calibration, mean_quaternion(path.wxyz_nav_sensor[first]))
     return apply_constraints(path, known, calibration, T_base_nav)
-
-
-def _warn_at_rest(recording: Recording, rest: Rest, errors: SensorErrors | None) -> None:
-    """Warn where the samples of the first rest contradict gravity or the calibration."""
-    rows, acc = slice(rest.start, rest.stop), rest.gravity * rest.up_sensor
-    gyr = None if recording.gyr is None else rest.gyro_bias
-    mag = None if recording.mag is None else recording.mag[rows].mean(axis=0)
-    for line in disagreements(errors, acc, gyr, mag):
-        warn(line)
-
-
-def _warn_of_open_ends(t: Array, stops: tuple[Stop, ...]) -> None:
-    """Warn of motion before the first stop and after the last one: neither is used."""
-    before, after = float(t[stops[0].start] - t[0]), float(t[-1] - t[stops[-1].stop - 1])
-    if before > OPEN_END_S:
-        warn(f"the hand moves when the recording starts; its first rest, at {before:.1f} s, is taken as the dock")
-    if after > OPEN_END_S:
-        warn(
-            f"the hand moves when the recording ends: the last {after:.1f} s are not used; stop before you end the "
-            "recording"
-        )

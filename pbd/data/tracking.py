@@ -190,7 +190,7 @@ class Tracking:
     """What a path was tracked from, and intermediate results that other stages use.
 
     Attributes:
-        method: one of pbd.pipeline.METHODS.
+        method: one of pbd.track_alone.METHODS.
         calibration: has the sensor's errors, and where known places lie in nav; or None.
         recording: the repaired and calibrated recording, at the path's instants.
         a_nav: (n, 3) motion acceleration as integrated, m/s2: specific force in nav minus gravity.

@@ -13,7 +13,7 @@ from pbd.fusion.joint_estimate import Observations, TaskState
 from pbd.fusion.marginals import DEVICE_ERRORS, Marginal, marginal_of
 from pbd.fusion.matching import Alignment, Keyframes
 from pbd.fusion.moved_things import MovedKeyframes
-from pbd.pipeline import track_alone
+from pbd.track_alone import track_alone
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.smoother.smooth import Solution
 

@@ -20,9 +20,10 @@ import numpy as np
 
 from pbd.data import TOOL_DOWN, Keyframe, Truth
 from pbd.errors import PbdWarning
-from pbd.pipeline import METHODS, track
+from pbd.pipeline import track
 from pbd.pose import Array, Pose
 from pbd.simulation.simulate import simulate
+from pbd.track_alone import METHODS
 from pbd.tracking.keyframes import find_keyframes
 from tests.benchmarks.report import arguments, finish
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from pbd.fusion.errors_in_variables import without_noise
-from pbd.pipeline import track_alone
 from pbd.pose import Array, quat_to_matrix
 from pbd.simulation.simulate import simulate
+from pbd.track_alone import track_alone
 from pbd.tracking.noise import densities
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, POS, ROT, VEL, gyro_frame, preintegrate
 

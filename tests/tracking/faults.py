@@ -10,8 +10,9 @@ import pytest
 
 from pbd.data import HandPath, Recording
 from pbd.errors import PbdError
-from pbd.pipeline import METHODS, track
+from pbd.pipeline import track
 from pbd.pose import Array
+from pbd.track_alone import METHODS
 
 every_method = pytest.mark.parametrize("method", METHODS)
 quietly = pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pbd.data import HandPath, Stop, Truth
-from pbd.pipeline import METHODS, track
+from pbd.pipeline import track
 from pbd.pose import (
     Array,
     quat_about_z,
@@ -23,6 +23,7 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.sensor_model import AttitudeOutput, SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, random_task
 from pbd.simulation.tasks import Task
+from pbd.track_alone import METHODS
 from pbd.tracking.paper import LAMBDA_V
 from tests.scenarios import simulate
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pbd.data import Recording
-from pbd.pipeline import METHODS
 from pbd.pose import Array
 from pbd.simulation.simulate import random_task
+from pbd.track_alone import METHODS
 from tests.scenarios import simulate, with_rows
 from tests.tracking.faults import every_method, path_or_none, quietly, with_channel
 
