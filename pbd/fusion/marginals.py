@@ -14,7 +14,7 @@ from pbd.fusion.errors_in_variables import without_noise
 from pbd.pose import Array, quat_exp, quat_to_matrix
 from pbd.tracking.noise import acc_sigma_factor
 from pbd.tracking.smoother.factors import linearise, shared_prior, whitener
-from pbd.tracking.smoother.gauss_newton import CONVERGED_RAD, MAX_ITERATIONS
+from pbd.tracking.smoother.gauss_newton import descend
 from pbd.tracking.smoother.normal_equations import STATE, STATE_ACC_BIAS, NormalEquations, Solved
 from pbd.tracking.smoother.preintegration import POS, ROT
 from pbd.tracking.smoother.smooth import Solution
@@ -133,18 +133,10 @@ def _moved(p: Array, R: Array, by: Array) -> tuple[Array, Array]:
 
 def estimate_with_device(solution: Solution, device: Array) -> State:
     """Return the smoother's state of a take, estimated again with given errors (DEVICE_ERRORS,) of its device."""
-    problem, fixed, x = solution.problem, solution.fixed, solution.state
-    whiten = whitener(problem, fixed)
+    x = solution.state
     shared = np.concatenate((device[SHARED_PART], x.shared[SHARED_PART.stop :]))
     x = replace(x, shared=shared, acc_bias=x.acc_bias + device[BIAS_PART] - x.acc_bias[0])
-    for _ in range(MAX_ITERATIONS):
-        equations, _ = linearise(problem, x, fixed, whiten)
-        _fix_device(equations)
-        step = equations.solve()
-        x = x.moved(step)
-        if np.abs(step.d[:, ROT]).max() < CONVERGED_RAD:
-            break
-    return x
+    return descend(solution.problem, x, solution.fixed, change=_fix_device).x
 
 
 def _fix_device(equations: NormalEquations) -> None:

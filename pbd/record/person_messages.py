@@ -12,7 +12,7 @@ from pbd.errors import PbdError
 from pbd.pose import Array
 from pbd.record.session_types import Say
 from pbd.sensors.decoding import Sample
-from pbd.tracking.estimate import GRIP_S
+from pbd.tracking.estimate import has_grip
 from pbd.tracking.online.tracker import LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 from pbd.tracking.repair.gyro_consistency import UPSIDE_DOWN_COS
 
@@ -50,10 +50,7 @@ class Feedback:
     @property
     def stops(self) -> int:
         """Number of stops so far. A stop that taps interrupted counts once, as in `pbd.track`."""
-        return self._announced - sum(
-            arrived - left < GRIP_S and any(left - GRIP_S < at <= arrived for at in self._grips)
-            for left, arrived in self._gaps.values()
-        )
+        return self._announced - sum(has_grip(left, arrived, self._grips) for left, arrived in self._gaps.values())
 
     def mark_grip(self, t: float) -> None:
         """Note that the grip changed at t s."""

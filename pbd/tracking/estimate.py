@@ -149,7 +149,7 @@ def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[flo
         before = joined[-1][-1]
         (begun, left), (arrived, gone) = t[np.array([problem.stops[before], problem.stops[k]]) - (0, 1)]
         short_gap = arrived - left < BOUNCE_S
-        gripped = arrived - left < GRIP_S and any(left - GRIP_S < at <= arrived for at in grips)
+        gripped = has_grip(left, arrived, grips)
         p_before, p_k = (np.median(p[problem.stop_of == stop], axis=0) for stop in (before, k))
         moved = float(np.linalg.norm(p_k - p_before))
         turned = float(np.linalg.norm(quat_log(quat_multiply(wxyz[k], quat_inverse(wxyz[before])))))
@@ -162,6 +162,11 @@ def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[flo
         elif gone - arrived > left - begun:
             joined[-1][-1] = k
     return joined
+
+
+def has_grip(left: float, arrived: float, grips: Sequence[float]) -> bool:
+    """Whether the gap between two stops, from `left` to `arrived` s, belongs to one of the `grips` (s)."""
+    return arrived - left < GRIP_S and any(left - GRIP_S < at <= arrived for at in grips)
 
 
 def is_where_it_was(noise: Noise, moved: float, turned: float) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -12,7 +12,7 @@ import numpy as np
 from pbd.pose import Array, lengths
 from pbd.tracking.smoother.factors import linearise, pivot_velocity, whitener
 from pbd.tracking.smoother.knots import Problem
-from pbd.tracking.smoother.normal_equations import Solved
+from pbd.tracking.smoother.normal_equations import NormalEquations, Solved
 from pbd.tracking.smoother.state import Fixed, State
 
 UNDOUBTED_SIGMAS = 2.0
@@ -41,17 +41,26 @@ class Descent:
         return self.at.moved(self.solved)
 
 
-def descend(problem: Problem, x: State, fixed: Fixed, anneal: Sequence[float] = ()) -> Descent:
+def descend(
+    problem: Problem,
+    x: State,
+    fixed: Fixed,
+    anneal: Sequence[float] = (),
+    change: Callable[[NormalEquations], None] | None = None,
+) -> Descent:
     """Gauss-Newton to convergence; every step linearises all factors anew.
 
     Args:
         anneal: decreasing factors on the stops' velocity sigma. With several, `x` is a guess that stands still in
             each stop, which can't show which factors may be skipped: the first is always used.
+        change: changes the normal equations of each step.
     """
     whiten, still = whitener(problem, fixed), problem.stop_of >= 0
 
     def step(x: State, anneal: float) -> Descent:
         equations, weights = linearise(problem, x, fixed, whiten, anneal)
+        if change is not None:
+            change(equations)
         return Descent(x, weights, equations.solve())
 
     if len(anneal) > 1:
