@@ -135,7 +135,8 @@ def _refuse_turned_dock(demo: Demonstration, path: HandPath, method: str) -> Non
 def _warn_of_edited_times(demo: Demonstration, path: HandPath) -> None:
     """Warn of edited keyframes before or after the recording: the hand's way and time to them are unknown.
 
-    Of a fused demonstration, warn too if they have the times of other takes: --path demo would go other ways.
+    Of a fused demonstration, warn too if they have the times of other takes: --path demo would follow the wrong part of
+    the path.
     """
     first, last = float(path.t[0]), float(path.t[-1])
     times = enumerate(each.t for each in demo.keyframes or ())

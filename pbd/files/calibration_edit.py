@@ -105,7 +105,8 @@ def existing_calibration(name: str) -> tuple[Path, Calibration]:
 
 def earlier_fit(calibration: Calibration, part: str) -> dict[str, float]:
     """Return how well a part fitted when it was made: the figures of its `fit`, whole numbers as such."""
-    of_part = {name.removeprefix(f"{part}."): x for name, x in calibration.residuals.items() if f"{part}." in name}
+    prefix = f"{part}."
+    of_part = {name[len(prefix) :]: x for name, x in calibration.residuals.items() if name.startswith(prefix)}
     return {name: int(x) if x == int(x) else x for name, x in of_part.items()}
 
 

@@ -1,1 +1,1 @@
-"""Bytes to samples: one small file per wire protocol, the port, and a simulated hand."""
+"""Bytes to samples: one small file per wire protocol, and the ports."""

@@ -78,7 +78,7 @@ PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
             title="WitMotion WT901, JY901, HWT905, WT61",
             decoder_path="witmotion:WitMotionDecoder",
             bauds=(9600, 115200, 230400, 921600, 57600, 38400, 19200),
-            gives="acceleration, gyro, attitude; field but for WT61",
+            gives="acceleration, gyro, attitude; field (not the WT61)",
             rate_commands=WITMOTION_RATES,
         ),
         "ximu3": WireProtocol(

@@ -90,7 +90,7 @@ def _move_alarms(solution: Solution) -> Iterator[str]:
     residuals, spread = solution.leg_residuals
     left, total = (1.0 + LINEARISATION_SHARE) * np.eye(9) - spread, squares(residuals)
     mean, square = np.trace(left, axis1=1, axis2=2), (left**2).sum(axis=(1, 2))
-    # Chance exceeds two standard deviations of a chi-square in at least 0.7 % of cases. Among seven legs that is no
+    # By chance, at least 0.7 % of chi-squares exceed their mean by two standard deviations. Among seven legs that is no
     # alarm. So sound recordings need no scipy.special, which takes 0.15 s to load.
     if len(total) > 6 and (total <= np.minimum(mean + np.sqrt(8.0 * square), 9.0 * LEG_RMS**2)).all():
         return

@@ -101,11 +101,12 @@ def find_rest(recording: Recording) -> Rest:
     shakes = bool(np.sqrt(acc_var[start]) > STILL_ACC * max(1.0, gravity / GRAVITY))  # in any unit
     _refuse_wrong_units(gravity, recording.info.source, shakes)
     if acc_var[start] > STILL_ACC**2 or gyr_var[start] > STILL_GYR**2:
+        always_shakes = acc_var.min() > STILL_ACC**2
+        unit = "" if always_shakes else " (if the gyro is not in rad/s, give its unit: --unit gyr=deg/s)"
         raise TrackingError(
             f"the hand never stands still for {REST_S:g} s: at its quietest (t = {recording.t[start]:.1f} s) it shakes "
             f"with {np.sqrt(acc_var[start]):.2f} m/s2 and {np.sqrt(gyr_var[start]):.2f} rad/s; start with two seconds "
-            "of rest and stop between the moves"
-            + ("" if acc_var.min() > STILL_ACC**2 else " (if the gyro is not in rad/s: --unit gyr=deg/s, or its own)"),
+            f"of rest and stop between the moves{unit}",
             t=float(recording.t[start]),
             value=float(np.sqrt(acc_var[start])),
             bound=STILL_ACC,

@@ -12,7 +12,7 @@ from pbd.pose import Array, Pose, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.smoother.attitude import mean_quaternion
 
 NEAR_STOP_S = 0.5
-"""s: a grip event that is further from all stops is warned of, a claim is refused."""
+"""s: largest distance of a time from its stop. Beyond it a grip event gets a warning, and a claim is refused."""
 
 ROTATION_RAD, ROTATION_SHIFT_M = np.radians(10.0), 0.03
 """A move that turns by more than this (rad), and extends by less than this (m) along each axis, is a hand rotation."""

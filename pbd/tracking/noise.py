@@ -18,7 +18,8 @@ from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import moving_means, rows_of_mean, squares, white_noise_variance
 
 OUTLIER_SIGMAS = 3.0
-"""More sigmas along an axis are no chance (0.27 %): a robust factor fades, a claim is refused, a lag is real."""
+"""An error of more sigmas along an axis is an outlier (by chance in 0.27 % of cases): a robust factor fades, a claim is
+refused, a lag is real."""
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ def _trembles(quiet: int, held: int, least: int) -> bool:
 
 
 class QuietWindows:
-    """Whether windows are quiet that come one after the other, as `find_candidates` judges those of a recording.
+    """Says of windows that come one after the other which are quiet, as `find_candidates` does of a recording.
 
     Args:
         least: number of windows in which a hand must be held still to be one that trembles.

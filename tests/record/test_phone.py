@@ -282,7 +282,7 @@ def test_an_app_that_tells_no_times_is_too_old(phone: Phone) -> None:
     newer = phone.answer
     phone.answer = lambda path, query: b"" if path in ("/meta", "/time") else newer(path, query)  # type: ignore[method-assign]
     with pytest.raises(
-        SensorError, match=r"tells no times \(/time\), which it does from version 1\.1\.8 on: update the"
+        SensorError, match=r"does not report its times \(/time\), as version 1\.1\.8 and later do: update the"
     ):
         PhonePort(phone.address)
 

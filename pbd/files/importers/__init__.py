@@ -105,7 +105,7 @@ def import_file(
 
 def _is_lfs_pointer(path: Path) -> bool:
     if path.is_file():  # else it may be a pipe, which waits for its writer
-        with suppress(OSError), path.open("rb") as file:  # of a file that can't be read its reader tells
+        with suppress(OSError), path.open("rb") as file:  # if it can't be read, its reader says so
             return file.read(len(LFS_POINTER)) == LFS_POINTER
     return False
 

@@ -98,7 +98,8 @@ class PhonePort(Source):
             read_moments(read_answer(self._get("/time")))
         except ValueError:
             raise SensorError(
-                f"phyphox on {self.device} tells no times (/time), which it does from version 1.1.8 on: update the app",
+                f"phyphox on {self.device} does not report its times (/time), as version 1.1.8 and later do: update "
+                "the app",
                 path=self.device,
             ) from None
         if not self._last_moments:

@@ -128,7 +128,7 @@ class LiveHand:
         events = (
             self._look_for_stop(sample, quiet) if self._stop is None else self._continue_stop(self._stop, sample, quiet)
         )
-        # Not in the sample of a knot, which has work enough.
+        # A knot's own sample is left out: it takes longest already.
         if sample.t - self._t_compass >= STOP_KNOT_S and self._t_knot < sample.t:
             self._update_between_knots(sample)
         return events

@@ -68,8 +68,8 @@ class SampleRepair:
             was_wrong, self._clock_wrong = self._clock_wrong, True
             what = "runs backwards" if t < last.t else "jumps"
             message = (
-                f"time {what} from {last.t:.3f} s to {t:.3f} s (row {self._row}); rows are left out until it goes on "
-                "from there; if it doesn't, start again"
+                f"time {what} from {last.t:.3f} s to {t:.3f} s (row {self._row}); rows are left out until it is at "
+                f"{last.t:.3f} s again; if it never is, start again"
             )
             return [], "" if was_wrong else message
         self._clock_wrong = False

@@ -40,7 +40,7 @@ SAME_NORM = 2e-4
 decimals. The noise of one row, and any move, change the norm by more."""
 
 REPEATED_ROWS = 3
-"""This many equal rows are no chance. A sensor with noise that repeats itself this often, and for longer than
+"""Chance does not repeat a row this often. A sensor with noise that repeats itself this often, and for longer than
 BRIDGED_S, is frozen. A flat top of this many samples may be clipped."""
 
 COARSE_REPEATS = 0.01

@@ -107,7 +107,7 @@ def _refuse_slow(interval: float, source: SourceColumns) -> None:
         advice = f"{source.must_be_seconds()}, or {faster}"
     elif source.time_unit_by == DATES or (source.time_unit_by != NO_UNIT and interval < 1.0):
         advice = faster
-    elif interval < 1.0:  # no time of a fast sensor in whole ms or ns
+    elif interval < 1.0:  # times in whole ms or us would differ by 1 at least
         advice = f"{faster}; if the time is in {named[0]}, {advice}"
     else:
         advice = f"the time is likely in {named[0]}: {advice}" if likely else f"if the time is in ms or us, {advice}"

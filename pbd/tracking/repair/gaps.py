@@ -50,7 +50,7 @@ class Gap:
 
 
 def find_gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap]:
-    """Gaps between good rows, of which there is one, that are more than one and a half sampling intervals (s) apart."""
+    """Gaps: good rows that are more than one and a half sampling intervals (s) apart. At least one row must be good."""
     good = np.flatnonzero(~missing)
     good = good[np.concatenate(([True], np.diff(t[good]) > 0.0))]
     late = np.cumsum(np.diff(t[good], prepend=t[good[0]]) - interval)  # relative to evenly spaced times
