@@ -14,7 +14,7 @@ import numpy as np
 from pbd.data import Calibration, Robot
 from pbd.errors import PbdError, WrongTypeError, collected_warnings, is_whole_number, require_kind
 from pbd.files.demo import load_demo
-from pbd.fusion.matching import HAND_M
+from pbd.fusion.matching import MATCH_M
 from pbd.pipeline import track
 from pbd.plots.demo_values import demo_values
 from pbd.plots.findings import OFF_SIGMAS
@@ -191,5 +191,5 @@ def _sensor_yaws(p: Array) -> Array:
     horizontal = p[..., 0] + 1j * p[..., 1]
     between = np.angle(np.einsum("ik,jk->ij", horizontal.conj(), horizontal))
     yaws: Array = between[np.argmin(np.abs(between).sum(axis=1))]
-    shown = (np.abs(horizontal).max(axis=1) > HAND_M).all()
+    shown = (np.abs(horizontal).max(axis=1) > MATCH_M).all()
     return np.where(shown & (np.abs(yaws) > TURNED_RAD), yaws, 0.0)

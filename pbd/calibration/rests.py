@@ -17,7 +17,7 @@ STILL_WINDOW_S, SHORTEST_REST_S, REST_EDGE_S = 0.5, 1.0, 0.2
 STILL_RATIO = 9.0
 """Largest variance of a still window, relative to the quietest window."""
 
-STILL_ACC, STILL_GYR = 0.1, np.radians(1.0)
+REST_ACC, REST_GYR = 0.1, np.radians(1.0)
 """A sensor that shakes more than this, m/s2 and rad/s rms over a window, all axes together, is not still. On a table it
 shakes less."""
 
@@ -92,10 +92,10 @@ def find_rests(recording: Recording) -> Rests:
             f"the recording lasts only {recording.t[-1]:.1f} s; put the sensor down for two seconds in each orientation"
         )
     acc_var, _ = _moving(recording.acc, length)
-    still = quiet = _still(recording, "accelerometer", acc_var, STILL_ACC, SURELY_STILL_ACC, "m/s2", 1.0)
+    still = quiet = _still(recording, "accelerometer", acc_var, REST_ACC, SURELY_STILL_ACC, "m/s2", 1.0)
     if recording.gyr is not None:
         gyr_var, gyr_mean = _moving(recording.gyr, length)
-        quiet &= _still(recording, "gyro", gyr_var, STILL_GYR, SURELY_STILL_GYR, "degrees/s", 180.0 / np.pi)
+        quiet &= _still(recording, "gyro", gyr_var, REST_GYR, SURELY_STILL_GYR, "degrees/s", 180.0 / np.pi)
         if quiet.any():
             tolerance = np.hypot(RATE_DEVIATION, 4.0 * np.sqrt(np.median(gyr_var[quiet]) / length))
             off = np.linalg.norm(gyr_mean - np.median(gyr_mean[quiet], axis=0), axis=1)

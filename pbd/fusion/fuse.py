@@ -14,7 +14,7 @@ from pbd.fusion.grips import differing_grips
 from pbd.fusion.joint_estimate import JointEstimate, Observations, TaskState, estimate_jointly
 from pbd.fusion.known_stops import condition_on_known_stops
 from pbd.fusion.marginals import estimate_with_device, marginal_of
-from pbd.fusion.matching import HAND_M, Alignment, align
+from pbd.fusion.matching import MATCH_M, Alignment, align
 from pbd.fusion.moved_things import MovedKeyframes, another_thing, find_moved_keyframes
 from pbd.fusion.outliers import Outliers, disagreement, remove_outliers
 from pbd.fusion.result import Fused, hand_path
@@ -42,7 +42,7 @@ def fused_path(demo: Demonstration, method: str, calibration: Calibration | None
     assert path.fusion is not None
     lines = _exclusions(path.fusion.takes) + differing_grips(fused.kept, fused.takes)
     lines.append(disagreement(fused.observations, fused.joint, [takes[k].name for k in fused.used]))
-    if path.fusion.overall[0] > HAND_M:
+    if path.fusion.overall[0] > MATCH_M:
         mm = f"{1e3 * path.fusion.overall[0]:.0f} mm"
         lines.append(f"the keyframes scatter by {mm} from take to take, more than a hand's: are all takes of one task?")
     for line in filter(None, lines):

@@ -14,8 +14,8 @@ import numpy as np
 
 from pbd.pose import Array, matrix_log, quat_about_z, quat_to_matrix
 
-HAND_M, HAND_RAD, HAND_SHARE = 0.03, np.radians(10.0), 0.1
-"""Repeatability of a hand, for matching only: m, rad, and a share of the move. More than HAND_M is warned of."""
+MATCH_M, MATCH_RAD, MATCH_SHARE = 0.03, np.radians(10.0), 0.1
+"""Repeatability of a hand, for matching only: m, rad, and a share of the move. More than MATCH_M is warned of."""
 
 SKIP, GRIP = 8.0, 12.0
 """Cost of a keyframe without a match, and of a different grip, in squared sigmas. Two keyframes match up to a cost of
@@ -264,7 +264,7 @@ def _move_features(keyframes: Keyframes) -> list[Array]:
 
 def _move_misfit(one: Array, others: Array) -> Array:
     """Return the difference of moves in squared sigmas: (3,) and (k, 3) -> (k,)."""
-    sigma = np.array((HAND_M, HAND_M, HAND_RAD)) + HAND_SHARE * np.abs(one)
+    sigma = np.array((MATCH_M, MATCH_M, MATCH_RAD)) + MATCH_SHARE * np.abs(one)
     return np.asarray((((others - one) / sigma) ** 2).sum(axis=1))
 
 
@@ -296,5 +296,5 @@ def _pose_costs(ref: Keyframes, other: Keyframes) -> Array:
     """Return the cost of matching each keyframe with each, by pose and grip, in squared sigmas: (n, m)."""
     turn = matrix_log(ref.R[:, None] @ other.R[None].transpose(0, 1, 3, 2))
     square = ((ref.p[:, None] - other.p) ** 2).sum(axis=2)
-    variance = HAND_M**2 + ref.sigma[:, None] ** 2 + other.sigma**2
-    return np.asarray(square / variance + (turn**2).sum(axis=2) / HAND_RAD**2 + _grip_cost(ref, other))
+    variance = MATCH_M**2 + ref.sigma[:, None] ** 2 + other.sigma**2
+    return np.asarray(square / variance + (turn**2).sum(axis=2) / MATCH_RAD**2 + _grip_cost(ref, other))

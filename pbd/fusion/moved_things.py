@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.fusion.matching import HAND_M, TURN_LEVER_M, Keyframes, Registration, register
+from pbd.fusion.matching import MATCH_M, TURN_LEVER_M, Keyframes, Registration, register
 from pbd.pose import lengths, matrix_log
 from pbd.tracking.stop_constraints import PLACE_SIGMA_M
 
@@ -23,7 +23,7 @@ Index = NDArray[np.intp]
 LEAST_GAIN = 10.0
 """Log likelihood ratio above which an object has moved. With normal noise, chance exceeds it 1 in 20,000 times."""
 
-LEAST_TAKES, LEVEL_M = 3, 0.01
+SINGLE_KEYFRAME_TAKES, LEVEL_M = 3, 0.01
 """Conditions for a single keyframe: smallest number of takes, in each of which it must be elsewhere (else it may be a
 mistake); largest difference in height, m (a waypoint in the air varies more)."""
 
@@ -80,7 +80,7 @@ def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
     for first, end in combinations(range(1, count + 1), 2):
         run, rest = everything[first:end], np.r_[0:first, end:count]
         alone = len(run) == 1
-        if len(rest) < LEAST_OTHERS or (alone and len(members) < LEAST_TAKES):
+        if len(rest) < LEAST_OTHERS or (alone and len(members) < SINGLE_KEYFRAME_TAKES):
             continue
         found = {k: _misfit_in_frames(ref, takes[k], rest, run) for k in others}
         apart = sum(misfit for misfit, _, _ in found.values())
@@ -91,9 +91,9 @@ def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
         back = {k: one for k, (_, _, one) in found.items()}
         places = np.array([ref.p[run], *(one.apply(takes[k]).p[run] for k, one in registered.items())])  # m
         shifts = places[1:] - places[0]
-        far = lengths(shifts) > HAND_M
+        far = lengths(shifts) > MATCH_M
         level = np.abs(shifts[..., 2]).max() < LEVEL_M
-        alike = (lengths(places[:, None] - places) <= HAND_M).sum(axis=1)  # takes with the keyframe at the same place
+        alike = (lengths(places[:, None] - places) <= MATCH_M).sum(axis=1)  # takes with the keyframe at the same place
         if far.all() and level and 2 * alike.max() <= len(places) if alone else far.any(axis=0).all():
             best = MovedKeyframes(first, end - 1, gain, reference, registered, back)
     return best
