@@ -207,7 +207,7 @@ def write_figures(folder: Path, format_name: str, names: Collection[str], draw: 
     Raises:
         PbdError: a file of such a name is there that pbd did not make, or it can't be written.
     """
-    from pbd.plots.style import write
+    from pbd.plots.style import style, write
 
     files = {name: folder / f"{name}.{format_name}" for name in names}
     for file in files.values():
@@ -218,7 +218,7 @@ def write_figures(folder: Path, format_name: str, names: Collection[str], draw: 
     with ExitStack() as all_or_none:
         for number, (name, file) in enumerate(files.items(), 1):
             new = all_or_none.enter_context(atomic_file(file, parents=True))
-            with working(f"drawing {number} of {len(files)}: {name}"), new.open("wb") as stream:
+            with working(f"drawing {number} of {len(files)}: {name}"), new.open("wb") as stream, style():
                 write(draw(name), stream, format_name)
     over = f", {replaced} of them over older ones" if replaced else ""
     say(f"wrote {counted(len(files), 'file')} into {folder}{over}")

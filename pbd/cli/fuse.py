@@ -42,14 +42,14 @@ def run(args: argparse.Namespace) -> None:
     calibration = named_calibration(args)
     with working(f"fusing {len(demo.takes)} takes"):
         path = track(demo, calibration=calibration, accept_gap=args.accept_gap)
-    files = []
-    if args.plot is not None:
-        from pbd.plots.compare_figures import FUSION_FIGURES, draw_fusion
-
-        files = write_figures(args.plot, "png", FUSION_FIGURES, lambda name: draw_fusion(name, path))
-    write_demo(demo, folder, force=args.force)
     fusion = path.fusion
     assert fusion is not None
+    files = []
+    if args.plot is not None:
+        from pbd.plots.compare_figures import FUSION_FIGURES
+
+        files = write_figures(args.plot, "png", FUSION_FIGURES, lambda name: FUSION_FIGURES[name](fusion))
+    write_demo(demo, folder, force=args.force)
     saved = {}
     if args.save_calibration:
         errors, figures = device_errors(path)

@@ -66,12 +66,12 @@ def _compare(args: argparse.Namespace) -> None:
             raise type(error)(f"{title}: {error.message}", **error.fields) from None
     with working("comparing"):
         from pbd.plots.compare import compare, spread_rows, spread_table
-        from pbd.plots.compare_figures import COMPARISONS, draw_comparison
+        from pbd.plots.compare_figures import COMPARISONS
 
         plot = compare(tracked)
     for remark in plot.remarks:
         say(remark)
-    files = write_figures(folder, args.format, COMPARISONS, lambda name: draw_comparison(name, plot))
+    files = write_figures(folder, args.format, COMPARISONS, lambda name: COMPARISONS[name](plot))
     result = {
         "demos": titles,
         "method": args.method,

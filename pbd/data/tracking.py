@@ -264,16 +264,19 @@ class HandPath:
         """The samples from the first stop to the last. Outside them no stop bounds the path on one side."""
         return slice(self.stops[0].start, self.stops[-1].stop)
 
+    @cached_property
+    def rests(self) -> tuple[tuple[float, float], ...]:
+        """When each stop begins and ends, s."""
+        return tuple((float(self.t[stop.start]), float(self.t[stop.stop - 1])) for stop in self.stops)
+
     def stop_at(self, t: float) -> int | None:
         """Index of the stop during which t (s) is; None: the hand moves then."""
-        during = (k for k, stop in enumerate(self.stops) if self.t[stop.start] <= t <= self.t[stop.stop - 1])
-        return next(during, None)
+        return next((k for k, (begin, end) in enumerate(self.rests) if begin <= t <= end), None)
 
     def rest_at(self, t: float) -> tuple[float, float]:
         """When the hand's rest at t (s) begins and ends; t and t if the hand moves then."""
-        if (k := self.stop_at(t)) is None:
-            return t, t
-        return float(self.t[self.stops[k].start]), float(self.t[self.stops[k].stop - 1])
+        k = self.stop_at(t)
+        return (t, t) if k is None else self.rests[k]
 
     def __repr__(self) -> str:
         return brief(

@@ -13,24 +13,18 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from pbd.data import Fusion, HandPath
+from pbd.data import Fusion
 from pbd.data.one_line_repr import counted
 from pbd.plots.compare import Comparison
 from pbd.plots.panels import XYZ
 from pbd.plots.space import YX, YZ, ellipse, fit_3d, label_keyframes, label_keyframes_3d, view
-from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, length_unit, new_figure, plain_text, style
+from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, length_unit, new_figure, plain_text
 from pbd.pose import Array
 
 DASHES, DOTS = ("-", "--", ":", "-."), "os^D"
 """Line styles and markers. With more demonstrations than colours, the colours are repeated in the next style."""
 MAX_NAMED, LONGEST_NAME = 16, 18
 """Largest number of demonstrations in a legend, and of characters in a name."""
-
-
-def draw_comparison(name: str, comparison: Comparison) -> Figure:
-    """Draw one of COMPARISONS."""
-    with style():
-        return COMPARISONS[name](comparison)
 
 
 def _paths(comparison: Comparison) -> Figure:
@@ -170,14 +164,7 @@ COMPARISONS: Mapping[str, Callable[[Comparison], Figure]] = {
     "positions": _positions,
     "spread": _spread,
 }
-"""File name -> how the figure is drawn."""
-
-
-def draw_fusion(name: str, path: HandPath) -> Figure:
-    """Draw one of FUSION_FIGURES."""
-    assert path.fusion is not None
-    with style():
-        return FUSION_FIGURES[name](path.fusion)
+"""File name -> how the figure is drawn, within `style`."""
 
 
 def _match(fusion: Fusion) -> Figure:
@@ -215,4 +202,4 @@ def _used_takes(fusion: Fusion) -> str:
 
 
 FUSION_FIGURES: Mapping[str, Callable[[Fusion], Figure]] = {"match": _match, "scatter": _scatter}
-"""File name -> how the figure is drawn."""
+"""File name -> how the figure is drawn, within `style`."""

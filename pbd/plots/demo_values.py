@@ -109,7 +109,7 @@ class DemoValues:
     @cached_property
     def sigma(self) -> Array:
         """(n, 6) m and rad, sigma along and about nav's axes, interpolated between stops; NaN outside."""
-        ends = self.path.t[[row for stop in self.path.stops for row in (stop.start, stop.stop - 1)]]
+        ends = np.ravel(self.path.rests)
         variances = np.repeat(np.diagonal(self.path.cov, axis1=1, axis2=2), 2, axis=0)
         along = [np.interp(self.path.t, ends, v, left=np.nan, right=np.nan) for v in variances.T]
         return np.asarray(np.sqrt(np.column_stack(along)))
@@ -207,7 +207,7 @@ def _facts(
     ]
     if len(stops) > 1:
         inside = path.p_nav_sensor[path.demonstrated]
-        longest, duration = _largest([float(path.t[b.start] - path.t[a.stop - 1]) for a, b in pairwise(stops)])
+        longest, duration = _largest([begin - end for (_, end), (begin, _) in pairwise(path.rests)])
         worst, residual = _largest(np.linalg.norm(path.closure, axis=1))
         unsure, variance = _largest(path.cov[:, range(3), range(3)].max(axis=1))
         facts += [

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.data import HandPath, Keyframe, Stop
+from pbd.data import HandPath, Keyframe
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import Array, quat_to_matrix
 
@@ -97,8 +97,7 @@ def stop_names(path: HandPath, keyframes: Sequence[Keyframe]) -> tuple[str, ...]
     """Name of each stop in plots: its keyframe's number, or its time if that keyframe was removed."""
     t = np.array([keyframe.t for keyframe in keyframes])
     names = []
-    for stop in path.stops:
-        begin, end = _stop_span(path, stop)
+    for begin, end in path.rests:
         k = int(np.searchsorted(t, begin))
         names.append(str(k) if k < len(t) and t[k] <= end else f"the stop at {begin:.1f} s")
     return tuple(names)
@@ -131,7 +130,7 @@ def _first_rest(path: HandPath) -> Iterator[Finding]:
         yield Finding("the hand stops only once: there is nothing to replay; hold still, move, and hold still again")
     elif first.dwell_s < FIRST_REST_S:
         rest = f"the first rest lasts only {first.dwell_s:.2f} s, but all else is measured from it"
-        yield Finding(f"{rest}: hold still for two seconds", (_stop_span(path, first),))
+        yield Finding(f"{rest}: hold still for two seconds", path.rests[:1])
 
 
 def _doubted(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
@@ -141,17 +140,17 @@ def _doubted(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> It
             f"{at_stop(names[k])} may not be a stop ({100.0 * sure:.0f} % sure): the hand seems to pass through it; "
             "stop for half a second, or move faster"
         )
-        yield -sure, Finding(words, (_stop_span(path, path.stops[k]),))
+        yield -sure, Finding(words, (path.rests[k],))
 
 
 def _short_stops(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
     for k, stop in enumerate(path.stops[1:], start=1):
         if k not in doubted and round(stop.dwell_s, 2) < SHORT_STOP_S:  # rounded as in the text
             words = (
-                f"{at_stop(names[k])} lasts only {stop.dwell_s:.2f} s, from {path.t[stop.start]:.1f} s on, so the hand "
+                f"{at_stop(names[k])} lasts only {stop.dwell_s:.2f} s, from {path.rests[k][0]:.1f} s on, so the hand "
                 "may not have stopped: stop for half a second"
             )
-            yield -stop.dwell_s, Finding(words, (_stop_span(path, stop),))
+            yield -stop.dwell_s, Finding(words, (path.rests[k],))
 
 
 def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[Weighed]:
@@ -164,7 +163,7 @@ def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[W
             continue
         longest = max(np.split(begins, np.flatnonzero(np.diff(begins) > 1) + 1), key=len)
         span = (float(path.t[longest[0]]), float(path.t[longest[-1] + n]))
-        if not any(_is_near(path, stop, span) for stop in (before, after)):
+        if not any(_marks(path, stop, span) for stop in (k, k + 1)):
             words = (
                 f"between {names[k]} and {names[k + 1]} the hand is held still from {span[0]:.1f} to {span[1]:.1f} s, "
                 "but trembles, so no stop is found: rest the hand on something"
@@ -172,10 +171,10 @@ def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[W
             yield span[1] - span[0], Finding(words, (span,))
 
 
-def _is_near(path: HandPath, stop: Stop, span: Span) -> bool:
+def _marks(path: HandPath, stop: int, span: Span) -> bool:
     """Whether a long enough stop, right before or after the trembling, marks the same place."""
-    begin, end = _stop_span(path, stop)
-    return stop.dwell_s >= SHORT_STOP_S and begin - SHORT_STOP_S < span[1] and span[0] < end + SHORT_STOP_S
+    begin, end = path.rests[stop]
+    return path.stops[stop].dwell_s >= SHORT_STOP_S and begin - SHORT_STOP_S < span[1] and span[0] < end + SHORT_STOP_S
 
 
 def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
@@ -236,16 +235,12 @@ def _off_the_truth(path: HandPath, names: Sequence[str], error: Array | None) ->
         k = int(np.argmax(sigmas))
         more = f" ({far} keyframes are more than {OFF_SIGMAS:g} off)" if far > 1 else ""
         words = f"{at_stop(names[k])} is {length_text(float(off[k]))} from the truth, {sigmas[k]:.0f} sigma{more}"
-        yield Finding(words, (_stop_span(path, path.stops[k]),))
-
-
-def _stop_span(path: HandPath, stop: Stop) -> Span:
-    return float(path.t[stop.start]), float(path.t[stop.stop - 1])
+        yield Finding(words, (path.rests[k],))
 
 
 def _move_span(path: HandPath, k: int) -> Span:
     """From the end of stop k to the start of the next one."""
-    return float(path.t[path.stops[k].stop - 1]), float(path.t[path.stops[k + 1].start])
+    return path.rests[k][1], path.rests[k + 1][0]
 
 
 def _move_s(path: HandPath, k: int) -> float:

@@ -155,7 +155,7 @@ def mark_events(ax: Axes, demo: DemoValues, numbers: bool = False) -> None:
     With `numbers`, the keyframes are numbered above the axes: a box marks a known place, a ? a doubted stop.
     """
     t, low_to_high = demo.path.t, ax.get_xaxis_transform()
-    rests = [(t[stop.start], t[stop.stop - 1] - t[stop.start]) for stop in demo.path.stops]
+    rests = [(begin, end - begin) for begin, end in demo.path.rests]
     ax.broken_barh(rests, (0.0, 1.0), transform=low_to_high, facecolor=REST, edgecolor=REST, linewidth=0.8, zorder=0.0)
     spans = [(begin, end - begin) for finding in demo.findings for begin, end in finding.spans]
     ax.broken_barh(spans, (0.0, 1.0), transform=low_to_high, zorder=0.1, **CHECK)

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from pbd.data import FusedTake, Fusion, HandPath, Keyframe
 from pbd.data.covariance import PoseCovariance
@@ -19,8 +20,8 @@ from pbd.plots.compare import (
     spread_rows,
     spread_table,
 )
-from pbd.plots.compare_figures import COMPARISONS, FUSION_FIGURES, MAX_NAMED, _runs, draw_comparison
-from pbd.plots.style import INK
+from pbd.plots.compare_figures import COMPARISONS, FUSION_FIGURES, MAX_NAMED, _runs
+from pbd.plots.style import INK, style
 from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, quat_to_matrix
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.units import Units, parse_units
@@ -142,6 +143,11 @@ def compared(tracked: list[Tracked]) -> Comparison:
         (names[k % 3], *without(tracked[k % 3], *([4] if k == 3 else []))[1:]) for k in range(8)
     ]
     return compare(more)
+
+
+def draw_comparison(name: str, comparison: Comparison) -> Figure:
+    with style():
+        return COMPARISONS[name](comparison)
 
 
 @pytest.mark.parametrize("name", COMPARISONS)
