@@ -113,7 +113,6 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
                 raise gone or _no_samples_error(session, reader)
             session.begin()
         session.flush()
-        session.track()
         if gone or (not pieces and silent_s > (reader.port.patience_s or SILENT_S)):
             why = f"sensor silent for {SILENT_S:g} s" if not gone else reader.port.trouble or "sensor unplugged"
             if not options.reconnect:

@@ -54,10 +54,8 @@ class Session:
         self._taps = TapDetector() if options.taps else None
         self._presses = 0
         self._raw = bytearray()
-        self._first: list[tuple[float, Sample]] = []
         self._channels: tuple[str, ...] = ()
-        self._rows: list[tuple[float, tuple[float, ...]]] = []
-        self._untracked: list[tuple[float, Sample]] = []
+        self._new: list[tuple[float, Sample]] = []  # neither written nor tracked yet
         self._recent: deque[tuple[float, float]] = deque()
         self._clock: SampleClock[Sample] = SampleClock()
 
@@ -68,10 +66,7 @@ class Session:
             for t, sample in self._clock.take(decoded, decoded.t_device, arrival, len(piece) - k):
                 self.t = t
                 self.samples += 1
-                if self.demo is None:
-                    self._first.append((t, sample))
-                else:
-                    self._store(t, sample)
+                self._new.append((t, sample))
         while self._presses < self.decoder.tally.presses:
             self._presses += 1
             self.grip()
@@ -88,21 +83,23 @@ class Session:
         return self.samples > 0 and self.decoder.tally.packets > self.decoder.tally.bad_packets
 
     def flush(self) -> None:
-        """Write the new rows and raw bytes to disk."""
-        if self.demo is not None and self._raw:
+        """Write the new samples and raw bytes to disk; then, because it may take long, track and check them."""
+        if self.demo is None:
+            return
+        if self._raw:
             self.demo.add_raw(bytes(self._raw))
             self._raw.clear()
-        if self.demo is not None and self._rows:
-            self.demo.add([t for t, _ in self._rows], [values for _, values in self._rows])
-            self._rows.clear()
-
-    def track(self) -> None:
-        """Track and check the new samples, after they were written because this may take long."""
-        for t, sample in self._untracked:
+        if self._new:
+            self.demo.add([t for t, _ in self._new], [self._row(sample) for _, sample in self._new])
+        new, self._new = self._new, []
+        for t, sample in new:
+            assert sample.acc is not None
+            self._recent.append((t, hypot(*sample.acc)))
+            if self._taps is not None and (tapped_t := self._taps.feed(t, sample.acc)) is not None:
+                self.grip(tapped_t)
             self.feedback.feed(t, sample)
             for line in self._diagnostics.feed(t, sample):
                 self.feedback.say(t, line, bell=True)
-        self._untracked.clear()
 
     def grip(self, tapped_t: float | None = None) -> None:
         """Toggle the grip: now, or at the time of the taps, s."""
@@ -147,7 +144,7 @@ class Session:
         """Begin with the samples so far, unless it has begun, was discarded, or nothing can be decoded."""
         if self.demo is not None or self.discarded or not self.decodable:
             return
-        seen = [sample for _, sample in self._first]
+        seen = [sample for _, sample in self._new]
         given = {"gyr": any(s.gyr for s in seen), "acc": True, "mag": any(s.mag for s in seen)}
         given["device"] = any(s.rpy for s in seen)
         self._channels = tuple(name for name, present in given.items() if present)
@@ -162,11 +159,7 @@ class Session:
             raise
         if self.backup is not None:
             self.feedback.say(self.t, self.backup.notice)
-        for t, sample in self._first:
-            self._store(t, sample)
-        self._first.clear()
         self.flush()
-        self.track()
 
     def close(self) -> None:
         """Write the rest, and what is known at the end only: the rate, and times fitted to the whole recording."""
@@ -247,13 +240,8 @@ class Session:
     def _clock_name(self) -> str:
         return DEVICE_CLOCK if self._clock.is_device else HOST_CLOCK
 
-    def _store(self, t: float, sample: Sample) -> None:
-        assert sample.acc is not None
+    def _row(self, sample: Sample) -> list[float]:
         device = None if sample.rpy is None else compass_angles(np.array([sample.rpy]))[0]
         of = {"gyr": sample.gyr, "acc": sample.acc, "mag": sample.mag, "device": device}
         given = (of[name] for name in self._channels)
-        self._rows.append((t, tuple(float(x) for each in given for x in (MISSING if each is None else each))))
-        self._recent.append((t, hypot(*sample.acc)))
-        self._untracked.append((t, sample))
-        if self._taps is not None and (tapped_t := self._taps.feed(t, sample.acc)) is not None:
-            self.grip(tapped_t)
+        return [float(x) for each in given for x in (MISSING if each is None else each)]

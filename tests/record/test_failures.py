@@ -123,7 +123,7 @@ def test_flaws_of_the_sensor_are_told_while_it_records(tmp_path: Path) -> None:
     session = Session(speaker.decoder(), RecordOptions(tmp_path / "tea", "razor", "2026-01-02T03:04:05Z"))
     for k in range(300):
         session.take(speaker.encode(hand, 0), 0.01 * k)
-        session.track()
+        session.flush()
     session.close()
     (told,) = (say for say in session.status().said if "all samples are the same so far" in say.text)
     assert told.bell
