@@ -8,7 +8,6 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import fields, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +19,6 @@ from pbd.errors import SensorError, UsageError, listed
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, write_demo
 from pbd.files.find_by_name import bundled, bundled_names
-from pbd.files.points import Points, points_csv
 from pbd.files.set_aside import is_aside
 from pbd.io.atomic import atomic_file, is_file, refuse_file
 from pbd.io.made_by_pbd import refuse_others_file
@@ -34,9 +32,6 @@ if TYPE_CHECKING:
 
     from pbd.planning import Plan, PlanOptions
     from pbd.sensors.decoding import Decoder
-
-POINTS_FILE = "points.csv"
-"""Name of the file, in a demonstration's folder, with the points that the hand touched."""
 
 
 def load_demonstration(name: str | None) -> Demonstration:
@@ -67,16 +62,22 @@ def say_hidden(folder: Path) -> None:
         say(f"{folder} hides the bundled demonstration of that name")
 
 
-def track_demonstration(
-    demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool
-) -> tuple[HandPath, tuple[Keyframe, ...]]:
-    """Track a demonstration; return the hand's path and its keyframes, the edited ones if there are any."""
+def track_with(args: argparse.Namespace, demo: Demonstration, calibration: Calibration | None) -> HandPath:
+    """Track a demonstration by args.method, and as --accept-gap says."""
     from pbd.pipeline import track
+
+    with working("tracking"):
+        return track(demo, args.method, calibration=calibration, accept_gap=args.accept_gap)
+
+
+def track_demonstration(
+    args: argparse.Namespace, demo: Demonstration, calibration: Calibration | None
+) -> tuple[HandPath, tuple[Keyframe, ...]]:
+    """Track a demonstration to use it; return the hand's path and its keyframes, the edited ones if there are any."""
     from pbd.tracking.keyframes import keyframes_of
     from pbd.tracking.repair.gyro_consistency import warn_tracked_upside_down
 
-    with working("tracking"):
-        path = track(demo, method, calibration=calibration, accept_gap=accept_gap)
+    path = track_with(args, demo, calibration)
     keyframes = keyframes_of(path)
     if calibration is None:  # with a calibration, the tilt of the dock is reported instead
         warn_tracked_upside_down(path, demo.recording)
@@ -85,14 +86,6 @@ def track_demonstration(
         if path.claims:
             say("places in demo.toml do not move them; `pbd keyframes DEMO --save --force` finds them anew")
     return path, keyframes
-
-
-def track_with(args: argparse.Namespace, demo: Demonstration, calibration: Calibration) -> HandPath:
-    """Track a demonstration that a calibration is made from."""
-    from pbd.pipeline import track
-
-    with working("tracking"):
-        return track(demo, calibration=calibration, accept_gap=args.accept_gap)
 
 
 def count_stops(demo: Demonstration) -> int:
@@ -154,7 +147,7 @@ def plan_demonstration(args: argparse.Namespace, measured: tuple[float, ...] | N
         raise UsageError("--units is for --from alone, as motions are always in rad and m: leave it out")
     demo = load_demonstration(args.demo)
     robot, calibration = load_robot_and_calibration(args.robot, args.calibration)
-    path, _ = track_demonstration(demo, args.method, calibration, args.accept_gap)
+    path, _ = track_demonstration(args, demo, calibration)
     options = plan_options(args, robot, measured)
     with working(f"planning for {robot.name}"):
         return plan_path(path, calibration, robot, options)
@@ -164,28 +157,23 @@ def store_demonstration(
     args: argparse.Namespace,
     demo: Demonstration,
     done: str,
-    touched: Points | None = None,
-    more: Mapping[str, object] = MappingProxyType({}),
+    more: Mapping[str, object],
+    extra_files: Mapping[str, str] | None = None,
 ) -> None:
     """Write a demonstration to args.name with the present time, and say what was `done`: "imported", "simulated".
 
-    Args:
-        touched: points that the hand touched; they are written to POINTS_FILE beside it.
-        more: further keys of the JSON.
+    `more` are further keys of the JSON, and `extra_files` as `write_demo` takes them.
     """
     recording = replace(demo.recording, info=replace(demo.recording.info, created=utc_now()))
     folder = demo_folder(args.name)
-    remark = "simulated: touched with the sensor itself, in the robot's base"
     with working(f"writing {folder}"):
-        beside = {} if touched is None else {POINTS_FILE: points_csv(touched, remark)}
-        write_demo(replace(demo, recording=recording), folder, args.force, beside)
+        write_demo(replace(demo, recording=recording), folder, args.force, extra_files)
     samples, duration_s, rate_hz = len(recording), float(recording.t[-1]), recording.info.rate_hz or recording.rate_hz
     say(f"{done} {samples} samples, {duration_s:.1f} s at {rate_hz:.0f} Hz, into {folder}")
     say_hidden(folder)
     if args.json:
         stored = {"demo": folder.name, "folder": str(folder), "samples": samples}
-        points = {} if touched is None else {"points": str(folder / POINTS_FILE)}
-        print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | points | dict(more))
+        print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | dict(more))
 
 
 def print_result(args: argparse.Namespace, result: dict[str, Any], *tables: Table) -> bool:

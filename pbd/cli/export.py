@@ -13,7 +13,7 @@ import numpy as np
 
 from pbd.cli.common import plan_demonstration, without_aside
 from pbd.cli.console import print_json, say, working
-from pbd.cli.plan_report import moves_json, remarks
+from pbd.cli.plan_report import moves_json, plan_json, remarks
 from pbd.errors import PbdError, PlanError, UsageError, listed
 from pbd.files.exporters import FOLDERS, FORMATS, SUFFIXES, Export, check_format, check_suffix, export, export_dataset
 from pbd.files.exporters.lerobot import first_frame, refuse_dataset
@@ -81,14 +81,11 @@ def _say_remarks(plans: list[Plan], calibration: str | None) -> None:
 
 def _json(args: argparse.Namespace, format_name: str, plan: Plan, done: Export) -> dict[str, Any]:
     return {
-        "demo": plan.name,
-        "robot": plan.robot.name,
+        **plan_json(plan),
         "format": format_name,
         "output": str(args.output),
         "samples": len(done.samples.t),
         **({} if done.episode is None else {"episode": done.episode}),
-        "duration_s": plan.trajectory.duration,
-        "scale": plan.scale,
         "receiver": {rule: {share.limit: share.value for share in shares} for rule, shares in done.receiver.items()},
         "moves": moves_json(plan),
         "warnings": args.warnings,

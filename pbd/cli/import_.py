@@ -45,32 +45,30 @@ def run(args: argparse.Namespace) -> None:
         refuse_columns(args, "a file with a header")
         with working(f"reading {args.file}"):
             demo = import_file(args.file, dict(args.column), dict(args.unit), args.rate, args.topic)
-    source = demo.recording.info.source
-    if demo.recording.gyr is None:
+    recording, source = demo.recording, demo.recording.info.source
+    if recording.gyr is None:
         warn(NO_GYRO)
     # Refuse wrong units or a wrong clock before anything is stored. A TrackingError is left to the tracking command.
     try:
         with suppress(TrackingError), working("checking it"):
-            recording, _ = repair_recording(demo.recording)
-            if demo.recording.info.rate_hz is None:  # of evenly spaced times, where the file's come in batches
-                info = replace(demo.recording.info, rate_hz=recording.rate_hz)
-                demo = replace(demo, recording=replace(demo.recording, info=info))
-            rest = find_rest(recording)
-            warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)
+            repaired, _ = repair_recording(recording)
+            if recording.info.rate_hz is None:  # of evenly spaced times, where the file's come in batches
+                recording = replace(recording, info=replace(recording.info, rate_hz=repaired.rate_hz))
+            rest = find_rest(repaired)
+            warn_upside_down(repaired, rest.up_sensor, rest.start, rest.stop)
     except RecordingError:
         _print_columns(args, source)  # how they were read may be the cause
         raise
     if args.grip:
         from pbd.tracking.taps import grip_by_taps
 
-        taps = grip_by_taps(demo.recording)
+        taps = grip_by_taps(recording)
         none = "the grip stays open; `pbd keyframes --save` writes a file in which to say where it closes"
         say(f"{len(taps)} pairs of taps found: {listed(f'{event.t:.1f} s' for event in taps) if taps else none}")
-        demo = replace(demo, recording=replace(demo.recording, grip=taps))
+        recording = replace(recording, grip=taps)
     if args.sensor:
-        info = replace(demo.recording.info, sensor=args.sensor)
-        demo = replace(demo, recording=replace(demo.recording, info=info))
-    demo = replace(demo, closed=demo.closed or args.closed)
+        recording = replace(recording, info=replace(recording.info, sensor=args.sensor))
+    demo = replace(demo, recording=recording, closed=demo.closed or args.closed)
     try:
         few = count_stops(demo) < FEWEST_STOPS
         failure = "it has fewer than two stops, and a motion needs two" if few else ""
@@ -78,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
         failure = error.message
     columns = [column.row() for column in source.columns]
     more = {"columns": columns, "unread": dict(source.unread)} if columns else {}
-    store_demonstration(args, replace(demo, failed=bool(failure)), "imported", more=more)
+    store_demonstration(args, replace(demo, failed=bool(failure)), "imported", more)
     if failure:
         warn(f"{failure}; so it is never the default demonstration, and another import needs --force")
     _print_columns(args, source)

@@ -8,6 +8,8 @@ from dataclasses import replace
 from os.path import commonprefix
 from typing import Any
 
+from rich.table import Table
+
 from pbd.calibration.dock import in_base
 from pbd.calibration.success_probability import Success, success_of
 from pbd.calibration.tool_poses import KeyframesInBase
@@ -44,7 +46,7 @@ def run(args: argparse.Namespace) -> None:
     robot, calibration = (
         load_robot_and_calibration(args.robot, args.calibration) if args.robot else (None, named_calibration(args))
     )
-    path, keyframes = track_demonstration(demo, args.method, calibration, args.accept_gap)
+    path, keyframes = track_demonstration(args, demo, calibration)
     if path.claims and demo.keyframes is None:
         fits = (f"{fit.saying} (off by {100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma)" for fit in path.claims)
         say(f"using: {'; '.join(fits)}")
@@ -55,19 +57,31 @@ def run(args: argparse.Namespace) -> None:
     placed = None
     if calibration is not None and (calibration.knows_start or args.tolerance is not None):
         placed = in_base(keyframes, calibration, args.scale, path, args.orientation)
+    below: list[str | Table] = []  # what is printed below the keyframes
     if placed is not None and args.calibration:
         base = touched_poses(placed), base_sigmas(touched_covariances(placed))
         for row, pose, sigma_base in zip(rows, *base, strict=True):
             row |= _pose(pose) | sigma_base
+        what = "uncertainty of the tool in base, one sigma; right columns: by source (rms over axes)"
+        below += [f"\n{what}", base_table(rows, args.units)]
+    inside = _success(args, placed)
+    if inside is not None:
+        for row, probability in zip(rows, inside.of_each, strict=True):
+            row["probability"] = probability
+        below.append(f"\nprobability that all keyframes are within the tolerance: {inside.band}")
     if robot is not None and calibration is not None:
         solved = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
         for row, pose, q, off in zip(rows, *solved, strict=True):
             row |= _pose(pose) | {"joints": q}
             row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, then about it: arms of 5 joints
-    inside = _success(args, placed)
-    if inside is not None:
-        for row, probability in zip(rows, inside.of_each, strict=True):
-            row["probability"] = probability
+        common = commonprefix(robot.joints)  # noqa: RUF071  # a prefix of letters, not of path components
+        prefix = "" if args.csv else "".join(common.rpartition("_")[:2])
+        names = [name.removeprefix(prefix) for name in robot.joints]
+        joints = joints_table(names, rows, args.units, (arm_of(robot).turns == 0.0).tolist())
+        below += [f"\nthe joints' names begin with {prefix}" if prefix else "", joints]
+        for remark in place_remark(robot, calibration, args.calibration), size_remark(robot, calibration, args.scale):
+            if remark:
+                say(remark)
     result = {
         "demo": demo.recording.info.name,
         "keyframes": rows,
@@ -78,26 +92,10 @@ def run(args: argparse.Namespace) -> None:
             for name, members in keyframes_of_things(keyframes).items()
         ],
     }
-    tables = [keyframes_table(keyframes, args.units, None if inside is None else inside.of_each)]
-    slides = () if robot is None else (arm_of(robot).turns == 0.0).tolist()
-    of_tool = [base_table(rows, args.units)] if placed is not None and args.calibration else []
-    tables += of_tool
-    tables += [] if robot is None else [joints_table(robot.joints, rows, args.units, slides)]
-    if robot is not None and calibration is not None:
-        for remark in place_remark(robot, calibration, args.calibration), size_remark(robot, calibration, args.scale):
-            if remark:
-                say(remark)
-    if not print_result(args, result, *tables):
-        return
-    for table in of_tool:
-        print("\nuncertainty of the tool in base, one sigma; right columns: by source (rms over axes)")
-        print_table(table)
-    if inside is not None:
-        print(f"\nprobability that all keyframes are within the tolerance: {inside.band}")
-    if robot is not None:
-        prefix = "".join(commonprefix(robot.joints).rpartition("_")[:2])  # noqa: RUF071  # a prefix of letters, not of path components
-        print(f"\nthe joints' names begin with {prefix}" if prefix else "")
-        print_table(joints_table([name.removeprefix(prefix) for name in robot.joints], rows, args.units, slides))
+    table = keyframes_table(keyframes, args.units, None if inside is None else inside.of_each)
+    if print_result(args, result, table, *(each for each in below if isinstance(each, Table))):
+        for each in below:
+            print(each) if isinstance(each, str) else print_table(each)
 
 
 def _success(args: argparse.Namespace, placed: KeyframesInBase | None) -> Success | None:

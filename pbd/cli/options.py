@@ -158,6 +158,7 @@ def add_tracking(parser: argparse.ArgumentParser, calibration: str = "the robot'
 def add_accept_gap(parser: argparse.ArgumentParser) -> None:
     """Add --accept-gap, for commands that track."""
     flag(parser, "--accept-gap", "accept missing data in a rest: the hand stood still there")
+    parser.set_defaults(method="default")
 
 
 def add_planning(

@@ -55,6 +55,12 @@ def torque_remark(plan: Plan) -> str:
     return f"torques: at most {100.0 * torque.share:.0f} % of the limit ({torque.joint}), carrying {carried}{unknown}"
 
 
+def plan_json(plan: Plan) -> dict[str, Any]:
+    """Return what every command that plans says of the plan."""
+    duration_s = plan.trajectory.duration
+    return {"demo": plan.name, "robot": plan.robot.name, "duration_s": duration_s, "scale": plan.scale}
+
+
 def moves_json(plan: Plan) -> list[dict[str, Any]]:
     """Return how the arm moves to each keyframe after the first; detours to the first one and back home (null) too."""
     moves = enumerate([*plan.segments, plan.retreat] if plan.retreat else plan.segments)

@@ -88,13 +88,13 @@ def _tracked(
 ) -> tuple[HandPath, tuple[Keyframe, ...]]:
     """Track a demonstration; without its known places if they contradict the samples, so that a plot shows why."""
     try:
-        return track_demonstration(demo, args.method, calibration, args.accept_gap)
+        return track_demonstration(args, demo, calibration)
     except TrackingError as error:
         unaided = replace(demo, closed=False, places=(), contacts=())
         if unaided.known == demo.known:
             raise
         with collected_warnings():  # the first attempt has issued them
-            tracked = track_demonstration(unaided, args.method, calibration, args.accept_gap)
+            tracked = track_demonstration(args, unaided, calibration)
         warn(f"{error.message}; drawn without it")
         return tracked
 

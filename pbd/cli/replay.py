@@ -7,7 +7,7 @@ import math
 
 from pbd.cli.common import plan_demonstration
 from pbd.cli.console import print_json, say, working
-from pbd.cli.plan_report import moves_json, remarks, touching_json
+from pbd.cli.plan_report import moves_json, plan_json, remarks, touching_json
 from pbd.errors import UsageError
 from pbd.io.atomic import refuse_output
 from pbd.replay import replay_scene
@@ -24,9 +24,9 @@ def run(args: argparse.Namespace) -> None:
         if args.html.suffix.lower() not in SUFFIXES:
             raise UsageError(f"--html needs a name that ends in .html, got '{args.html}'")
     plan = plan_demonstration(args)
-    duration, warned = plan.trajectory.duration, list(args.warnings)
+    warned = list(args.warnings)
     used = 100.0 * max(plan.report.velocity, plan.report.acceleration, plan.report.jerk)
-    audited = f"{duration:.1f} s, audited, at most {used:.0f} % of the limits"
+    audited = f"{plan.trajectory.duration:.1f} s, audited, at most {used:.0f} % of the limits"
     say(f"'{plan.name}' on {plan.robot.name}: {len(plan.keyframes)} keyframes, {audited}")
     for remark in remarks(plan, args.calibration):
         say(remark)
@@ -44,11 +44,8 @@ def run(args: argparse.Namespace) -> None:
         errors = {name: getattr(report, name) for name in ("max_position_error_m", "max_rotation_error_rad")}
         print_json(
             {
-                "demo": plan.name,
-                "robot": plan.robot.name,
+                **plan_json(plan),
                 "keyframes": len(plan.keyframes),
-                "duration_s": duration,
-                "scale": plan.scale,
                 "ik": errors,
                 "limits": {
                     **{name: getattr(report, name) for name in ("velocity", "acceleration", "jerk")},

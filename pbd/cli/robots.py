@@ -109,7 +109,7 @@ def _collision(arm: ArmModel) -> dict[str, Any]:
 def _rank_robots(args: argparse.Namespace) -> None:
     """Plan the demonstration for each robot, and print them: first those that hold its poses, the fastest first."""
     demo = load_demonstration(args.demo)
-    path, _ = track_demonstration(demo, "default", None, accept_gap=False)
+    path, _ = track_demonstration(args, demo, None)
     arms = [args.robot] if args.robot else names("robots")
     rows = []
     for number, name in enumerate(arms, start=1):
@@ -166,7 +166,7 @@ def _suggest_home_and_dock(args: argparse.Namespace) -> None:
     robot = read_robot(args.suggest, draft=True)
     name = args.demo or EASY_DEMO
     demo = load_demonstration(name)
-    _, keyframes = track_demonstration(demo, "default", None, accept_gap=False)
+    _, keyframes = track_demonstration(args, demo, None)
     warn_of_jaws(load_model(robot))
     with working(f"searching a home and a dock for {robot.name}"):
         found = suggest(robot, keyframes, demo.grasped, say)

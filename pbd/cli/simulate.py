@@ -7,14 +7,17 @@ import shlex
 
 import numpy as np
 
-from pbd.cli.common import POINTS_FILE, store_demonstration
+from pbd.cli.common import store_demonstration
 from pbd.cli.console import say, working
 from pbd.errors import UsageError
 from pbd.files.demo import demo_folder
-from pbd.files.points import Points
+from pbd.files.points import Points, points_csv
 from pbd.simulation.calibration_tasks import TOUCHED
 from pbd.simulation.simulate import EARTH, simulate
 from pbd.tracking.repair.clock import FASTEST_HZ, SLOWEST_HZ
+
+POINTS_FILE = "points.csv"
+"""Name of the file, in a demonstration's folder, with the points that the hand touched."""
 
 NEXT_COMMAND = {
     "touch": "pbd calibrate points trial {demo} --points {points}",
@@ -32,9 +35,12 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError(what, value=args.rate)
     with working("simulating"):
         demo = simulate(args.task, args.sensor_model, args.seed, rate_hz=args.rate)
-    touched = Points(tuple(TOUCHED), np.array(list(TOUCHED.values()))) if args.task == "touch" else None
-    store_demonstration(args, demo, "simulated", touched)
+    points, more, beside = str(demo_folder(args.name) / POINTS_FILE), {}, {}
+    if args.task == "touch":
+        touched = Points(tuple(TOUCHED), np.array(list(TOUCHED.values())))
+        more["points"] = points
+        beside[POINTS_FILE] = points_csv(touched, "simulated: touched with the sensor itself, in the robot's base")
+    store_demonstration(args, demo, "simulated", more, beside)
     if args.task in NEXT_COMMAND:
-        points = shlex.quote(str(demo_folder(args.name) / POINTS_FILE))
-        command = NEXT_COMMAND[args.task].format(demo=shlex.quote(args.name), points=points, gravity=EARTH.gravity)
-        say(f"try it: {command}")
+        words = {"demo": shlex.quote(args.name), "points": shlex.quote(points), "gravity": EARTH.gravity}
+        say(f"try it: {NEXT_COMMAND[args.task].format(**words)}")

@@ -19,7 +19,7 @@ from pbd.files.keyframes import KEYFRAMES_FILE, LARGEST_NUDGE_M
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
 from pbd.planning import load_robot_and_calibration
 from pbd.plots.findings import OFF_SIGMAS
-from pbd.pose import Array, quat_inverse, quat_rotate
+from pbd.pose import quat_inverse, quat_rotate
 from pbd.view.terminal_tables import make_table
 
 HARDLY_MOVED_M = 0.0005
@@ -36,27 +36,17 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("--tool is for --by: --at is a place in base; leave --tool out")
     demo = load_demonstration(args.demo)
     _, calibration = load_robot_and_calibration(args.robot, args.calibration)
-    path, keyframes = track_demonstration(demo, "default", calibration, args.accept_gap)
+    path, keyframes = track_demonstration(args, demo, calibration)
     placed = in_base(keyframes, calibration, path=path)
     before = touched_up(placed)
     if args.undo and all(each.undone for each in demo.touch_ups):
         raise RecordingError("there is no touch-up to undo; `pbd touch DEMO KEYFRAME --by X Y Z` makes one")
-    if not args.undo:
-        by_base = _wanted_shift(args, placed, before)
-        by_nav = quat_rotate(quat_inverse(placed.T_base_nav.wxyz), by_base)
-        if not np.abs(by_nav).max() <= LARGEST_NUDGE_M:  # keyframes.toml with it could not be read again
-            raise RecordingError(
-                f"that is {np.linalg.norm(by_base):.2f} m away, and a touch-up may be at most {LARGEST_NUDGE_M} m "
-                "along each of nav's axes; --by and --at are in metres: correct them"
-            )
-        added = TouchUp(
-            keyframes[args.keyframe].t, by_nav, args.only, from_base_m=demonstrated_places(placed)[args.keyframe]
-        )
+    added = None if args.undo else _touch_up(args, placed, before)
     if demo.keyframes is None or demo.folder is None:
         file = save_keyframes(args, demo, keyframes, for_touch=True)
     else:
         file = demo.folder / KEYFRAMES_FILE
-    if args.undo:
+    if added is None:
         touch_ups = undo_touch_up(file)
     else:
         add_touch_up(file, added)
@@ -69,15 +59,24 @@ def run(args: argparse.Namespace) -> None:
     say(f"{'undone' if args.undo else 'added'} in {file}, which the arm follows from now on{back}")
 
 
-def _wanted_shift(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp) -> Array:
-    """Return the displacement of the tool that --by or --at asks for, (3,) m in base."""
+def _touch_up(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp) -> TouchUp:
+    """Make the touch-up that --by or --at asks for."""
     count = len(placed.keyframes)
     if not 0 <= args.keyframe < count:
         raise RecordingError(f"there is no keyframe {args.keyframe}; they are 0 to {count - 1}", value=args.keyframe)
     pose = tool_poses(placed)[args.keyframe]
     if args.at is not None:
-        return np.asarray(np.array(args.at) - pose.p - before.shift[args.keyframe])
-    return np.asarray(quat_rotate(pose.wxyz, np.array(args.by)) if args.tool else np.array(args.by))
+        by_base = np.array(args.at) - pose.p - before.shift[args.keyframe]
+    else:
+        by_base = quat_rotate(pose.wxyz, args.by) if args.tool else np.array(args.by)
+    by_nav = quat_rotate(quat_inverse(placed.T_base_nav.wxyz), by_base)
+    if not np.abs(by_nav).max() <= LARGEST_NUDGE_M:  # keyframes.toml with it could not be read again
+        raise RecordingError(
+            f"that is {np.linalg.norm(by_base):.2f} m away, and a touch-up may be at most {LARGEST_NUDGE_M} m "
+            "along each of nav's axes; --by and --at are in metres: correct them"
+        )
+    t, place = placed.keyframes[args.keyframe].t, demonstrated_places(placed)[args.keyframe]
+    return TouchUp(t, by_nav, args.only, from_base_m=place)
 
 
 def _undo_command(args: argparse.Namespace) -> str:

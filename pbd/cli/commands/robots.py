@@ -97,3 +97,4 @@ def robots(parser: ArgumentParser) -> None:
     missing = "find a home and a dock for a robot's TOML that lacks them, with which it replays --for (pouring)"
     option(parser, "--suggest", "FILE", missing, type=Path)
     add_table(parser, units="m")
+    parser.set_defaults(method="default", accept_gap=False)

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from pbd.cli.common import plan_demonstration
 from pbd.cli.console import print_json, say
-from pbd.cli.plan_report import remarks_of_whole
+from pbd.cli.plan_report import plan_json, remarks_of_whole
 from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import Keys
 from pbd.data import JointTrajectory, Robot
@@ -82,13 +82,10 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
     if args.json:
         print_json(
             {
-                "demo": plan.name,
-                "robot": robot.name,
+                **plan_json(plan),
                 "port": device,
                 "servos": str(file),
                 "dry_run": args.dry_run,
-                "duration_s": plan.trajectory.duration,
-                "scale": plan.scale,
                 **_motion_json(done, watch, bus, encoders.names, args.dry_run),
                 "warnings": args.warnings,
             }
