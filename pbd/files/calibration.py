@@ -51,7 +51,7 @@ def parse_calibration(top: Section) -> Calibration:
         cov_base=_covariance(base),
         T_sensor_tool=TOOL_DOWN if mount is None else read_pose(mount),
         cov_sensor_tool=_covariance(mount),
-        table_height=top.length("table_height", None),
+        table_height=top.length("table_height"),
         scale=top.number("scale", 1.0, positive=True),
         robots=top.texts("robots", ()),
         obstacles=_obstacles(top.tables("obstacle")),

@@ -283,7 +283,7 @@ def _read_place(section: Section) -> Place:
 
 
 def _read_contact(section: Section) -> Contact:
-    t, as_at, height = section.number("t_s"), section.number("as_at_s", None), section.length("height_m", None)
+    t, as_at, height = section.number("t_s"), section.number("as_at_s", None), section.length("height_m")
     sigma_m = section.number("sigma_m", None, positive=True)
     try:
         return Contact(t, as_at, height, sigma_m)

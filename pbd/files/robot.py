@@ -276,7 +276,7 @@ def _home(arm: Section, joints: Sequence[UrdfJoint], poses: Mapping[str, Mapping
 
 
 def _dock(section: Section, robot: str, draft: bool) -> Calibration:
-    table = Calibration(robot, table_height=section.length("table_height", None))
+    table = Calibration(robot, table_height=section.length("table_height"))
     if draft:
         return table
     any_attitude, scale = section.flag("any_attitude", False), section.number("scale", 1.0, positive=True)

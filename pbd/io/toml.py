@@ -139,7 +139,7 @@ class Section:
     ) -> float | T:
         """Return a finite number whose magnitude is at most `within`."""
         value = self._get(key, "must be a finite number, got {}", _is_number, default)
-        return value if value is default else self._bounded(key, [value], positive, within, "be ", value)[0]
+        return value if value is default else self._bounded(key, value, positive, within)[0]
 
     def numbers(
         self,
@@ -158,12 +158,12 @@ class Section:
         if count is not None and len(values) != count:
             comma = len(values) > count and self._source.has_decimal_comma(self.line(key))
             self.fail(key, f"must have {count} numbers, got {len(values)}", DECIMAL_POINTS if comma else "correct it")
-        return self._bounded(key, values, positive, within, "hold only numbers ", values)
+        return self._bounded(key, values, positive, within)
 
-    def length(self, key: str, default: T = _REQUIRED) -> float | T:
-        """Return a length or a coordinate in base, m; one that is beyond any arm's reach is not in metres: refused."""
-        value = self.number(key, default)
-        return value if value is default else self._within_reach(key, [value], REACH_M)[0]
+    def length(self, key: str) -> float | None:
+        """Return a length or a coordinate in base, m, or None; beyond any arm's reach, it is not in metres: refused."""
+        value = self.number(key, None)
+        return None if value is None else self._within_reach(key, [value], REACH_M)[0]
 
     def lengths(
         self, key: str, count: int, default: T = _REQUIRED, *, positive: bool = False, within: float = REACH_M
@@ -220,14 +220,13 @@ class Section:
             self.fail(key, rule.format(_shown(value)))
         return value
 
-    def _bounded(
-        self, key: str, values: list[Any], positive: bool, within: float, must: str, got: object
-    ) -> tuple[float, ...]:
+    def _bounded(self, key: str, given: Any, positive: bool, within: float) -> tuple[float, ...]:
+        values, must = (given, "hold only numbers ") if isinstance(given, list) else ([given], "be ")
         if positive and min(values, default=1.0) <= 0:
-            self.fail(key, f"must {must}above zero, got {_shown(got)}")
+            self.fail(key, f"must {must}above zero, got {_shown(given)}")
         if max(map(abs, values), default=0.0) > within or (positive and min(values, default=1.0) < SMALLEST_POSITIVE):
             least = f"{SMALLEST_POSITIVE:g}" if positive else f"-{within:g}"
-            self.fail(key, f"must {must}from {least} to {within:g}, got {_shown(got)}")
+            self.fail(key, f"must {must}from {least} to {within:g}, got {_shown(given)}")
         return tuple(map(float, values))
 
     def _within_reach(self, key: str, values: Any, most_m: float) -> tuple[float, ...]:

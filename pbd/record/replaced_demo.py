@@ -75,10 +75,9 @@ def set_aside(folder: Path) -> Backup | None:
     if not os.path.lexists(folder):
         return None
     refuse_demo_folder(folder, force=True)
-    before = Backup(folder, name_aside(folder, "before"), why_kept(folder))
+    why = why_kept(folder)
     try:
-        folder.rename(before.aside)
+        return Backup(folder, folder.rename(name_aside(folder, "before")), why)
     except OSError as reason:
         what = f"{folder} can't be renamed to make room ({in_words(reason)}); give another name"
         raise RecordingError(what, path=folder) from None
-    return before

@@ -46,21 +46,6 @@ def find_gamepads() -> dict[str, tuple[str, str | None]]:
     return found
 
 
-def only_gamepad() -> str:
-    """Return the motion sensors' device of the only connected pad; SensorError: there is none, or several."""
-    found = find_gamepads()
-    if len(found) == 1:
-        return next(iter(found))
-    if not found:
-        raise SensorError(
-            "no gamepad with motion sensors is there: connect a DualSense, DualShock 4, Joy-Con or Switch Pro "
-            "Controller (Linux 5.16 or newer shows it as '... Motion Sensors' or '... IMU' in "
-            "/proc/bus/input/devices), or name its --port /dev/input/eventN"
-        )
-    named = ", ".join(f"{device} ({title})" for device, (title, _) in found.items())
-    raise SensorError(f"several gamepads are there: {named}; name a --port")
-
-
 class GamepadPort(Source):
     """Reads the motion sensors and the buttons of a pad."""
 
@@ -149,6 +134,25 @@ class GamepadPort(Source):
 
     def _absinfo(self, axis: int) -> bytes:
         return fcntl.ioctl(self._motion, _ioctl_request(False, 0x40 + axis), bytes(ABSINFO.size))
+
+
+def open_gamepad(device: str | None) -> GamepadPort:
+    """Open a pad with its buttons: this motion sensors' device, or else that of the only connected pad.
+
+    SensorError: there is none, or several; or it can't be opened.
+    """
+    found = find_gamepads()
+    if device is None and not found:
+        raise SensorError(
+            "no gamepad with motion sensors is there: connect a DualSense, DualShock 4, Joy-Con or Switch Pro "
+            "Controller (Linux 5.16 or newer shows it as '... Motion Sensors' or '... IMU' in "
+            "/proc/bus/input/devices), or name its --port /dev/input/eventN"
+        )
+    if device is None and len(found) > 1:
+        named = ", ".join(f"{each} ({title})" for each, (title, _) in found.items())
+        raise SensorError(f"several gamepads are there: {named}; name a --port")
+    device = device or next(iter(found))
+    return GamepadPort(device, found.get(device, ("", None))[1])
 
 
 def _open_device(device: str) -> int:

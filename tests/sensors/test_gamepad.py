@@ -16,7 +16,7 @@ from pbd.errors import SensorError
 from pbd.files.demo import read_demo
 from pbd.sensors import gamepad_port
 from pbd.sensors.gamepad import GamepadDecoder
-from pbd.sensors.gamepad_port import GamepadPort, only_gamepad
+from pbd.sensors.gamepad_port import GamepadPort, open_gamepad
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import Task
@@ -209,10 +209,10 @@ def test_the_buttons_are_those_of_the_same_pad(tmp_path: Path, monkeypatch: pyte
         "/dev/input/event6": ("DualSense", "/dev/input/event5"),
     }
     with pytest.raises(SensorError, match=r"several gamepads are there: /dev/input/event4 \(DualSense\), .*name a --p"):
-        only_gamepad()
+        open_gamepad(None)
     monkeypatch.setattr(gamepad_port, "SYSFS_INPUT", tmp_path / "nothing")
     with pytest.raises(SensorError, match="no gamepad with motion sensors is there: connect a DualSense"):
-        only_gamepad()
+        open_gamepad(None)
 
 
 @pytest.mark.parametrize(

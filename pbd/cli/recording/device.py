@@ -31,13 +31,9 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
     if wanted == GAMEPAD:
         if args.baud or args.rate:
             raise UsageError("a gamepad has no baud or rate to choose; leave out --baud, --rate")
-        from pbd.sensors.gamepad_port import GamepadPort, find_gamepads, only_gamepad
+        from pbd.sensors.gamepad_port import open_gamepad
 
-        def open_pad() -> Source:
-            device = args.port or only_gamepad()
-            return GamepadPort(device, find_gamepads().get(device, ("", None))[1])
-
-        return wanted, open_pad, protocol(GAMEPAD).decoder()
+        return wanted, lambda: open_gamepad(args.port), protocol(GAMEPAD).decoder()
     device, baud = args.port or only_port(), args.baud
     if wanted is None:
         wanted, heard_at = _detect(device)
