@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from math import inf, pi
-from types import MappingProxyType
 
 from pbd.io.numbers import DAY_S, HOUR_S
 
@@ -21,17 +20,15 @@ DEG = pi / 180.0
 UT_PER_GAUSS = 100.0
 """A gauss, uT."""
 
-UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
-    {
-        "acc": {"m/s2": 1.0, "g": GRAVITY, "mg": MG, "mm/s2": 1e-3, "cm/s2": 1e-2},
-        "gyr": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": DEG, "dps": DEG, "mdeg/s": 1e-3 * DEG, "mdps": 1e-3 * DEG}
-        | {"rpm": 2.0 * pi / 60.0},
-        "mag": {"uT": 1.0, "nT": 1e-3, "mT": 1e3, "T": 1e6, "gauss": UT_PER_GAUSS, "mgauss": 1e-3 * UT_PER_GAUSS}
-        | {"G": UT_PER_GAUSS, "mG": 1e-3 * UT_PER_GAUSS, "a.u.": 1.0, "local_flux": 1.0},
-        "angle": {"rad": 1.0, "deg": DEG},
-        "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": HOUR_S, "day": DAY_S} | {"0.1ms": 1e-4},
-    }
-)
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "acc": {"m/s2": 1.0, "g": GRAVITY, "mg": MG, "mm/s2": 1e-3, "cm/s2": 1e-2},
+    "gyr": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": DEG, "dps": DEG, "mdeg/s": 1e-3 * DEG, "mdps": 1e-3 * DEG}
+    | {"rpm": 2.0 * pi / 60.0},
+    "mag": {"uT": 1.0, "nT": 1e-3, "mT": 1e3, "T": 1e6, "gauss": UT_PER_GAUSS, "mgauss": 1e-3 * UT_PER_GAUSS}
+    | {"G": UT_PER_GAUSS, "mG": 1e-3 * UT_PER_GAUSS, "a.u.": 1.0, "local_flux": 1.0},
+    "angle": {"rad": 1.0, "deg": DEG},
+    "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": HOUR_S, "day": DAY_S} | {"0.1ms": 1e-4},
+}
 """Factor to m/s2, rad/s, uT, rad and s by quantity and unit. The first unit of each quantity has the factor 1."""
 
 _SIGNS = str.maketrans({"µ": "u", "μ": "u", "ʯ": "u", "?": "u"} | dict(zip("¹²⁻−", "12--", strict=True)))

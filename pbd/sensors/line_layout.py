@@ -29,15 +29,13 @@ from pbd.data.units import UNITS, unit_factor
 from pbd.errors import SensorError
 from pbd.io.toml import parse_toml
 
-QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "acc": ("ax", "ay", "az"),
-        "gyr": ("gx", "gy", "gz"),
-        "mag": ("mx", "my", "mz"),
-        "angle": ("roll", "pitch", "yaw", "heading"),
-        "t": ("t",),
-    }
-)
+QUANTITIES: Mapping[str, tuple[str, ...]] = {
+    "acc": ("ax", "ay", "az"),
+    "gyr": ("gx", "gy", "gz"),
+    "mag": ("mx", "my", "mz"),
+    "angle": ("roll", "pitch", "yaw", "heading"),
+    "t": ("t",),
+}
 
 ARDUINO_WRAP = 2.0**32
 """Default wrap of a t in ms or us: the value at which an Arduino's millis() and micros() restart from zero."""

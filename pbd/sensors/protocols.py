@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pkgutil import resolve_name
-from types import MappingProxyType
 
 from pbd.errors import SensorError, UsageError, nearest
 from pbd.sensors.decoding import Decoder
@@ -65,66 +64,64 @@ WITMOTION_RATES = {
 }
 """Unlock, write register 3, save (WIT Standard Communication Protocol: FF AA, register, low byte, high byte)."""
 
-PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
-    {
-        "os5000": WireProtocol(
-            title="OceanServer OS5000, OS500, OS4000",
-            decoder_path="os5000:OS5000Decoder",
-            bauds=(19200, 38400, 115200, 57600, 9600, 4800),
-            gives="acceleration, field, heading, pitch, roll",
-            rate_commands=OS5000_RATES,
-        ),
-        "witmotion": WireProtocol(
-            title="WitMotion WT901, JY901, HWT905, WT61",
-            decoder_path="witmotion:WitMotionDecoder",
-            bauds=(9600, 115200, 230400, 921600, 57600, 38400, 19200),
-            gives="acceleration, gyro, attitude; field (not the WT61)",
-            rate_commands=WITMOTION_RATES,
-        ),
-        "ximu3": WireProtocol(
-            title="x-io x-IMU3",
-            decoder_path="ximu3:XImu3Decoder",
-            bauds=(115200, 921600, 460800, 230400),
-            gives="acceleration, gyro, field, attitude, clock",
-        ),
-        "vectornav": WireProtocol(
-            title="VectorNav VN-100",
-            decoder_path="vectornav:VectorNavDecoder",
-            bauds=(115200, 921600, 460800, 230400, 57600, 9600),
-            gives="acceleration, gyro, field, attitude; in binary its clock",
-        ),
-        "xsens": WireProtocol(
-            title="Xsens MTi (MTData2)",
-            decoder_path="xsens:XsensDecoder",
-            bauds=(115200, 921600, 2000000, 460800, 230400, 57600),
-            gives="acceleration, gyro, field, attitude, clock",
-        ),
-        "lines": WireProtocol(
-            title="any device that prints numbers (Arduino)",
-            decoder_path="",
-            bauds=(115200, 9600, 57600, 230400, 250000, 500000, 1000000, 38400, 19200),
-            gives="the channels that its columns name",
-        ),
-        "razor": WireProtocol(
-            title="SparkFun Razor, 9DOF Sensor Stick (Razor AHRS)",
-            decoder_path="razor:razor_decoder",
-            bauds=(57600, 115200),
-            gives="acceleration, gyro, field",
-        ),
-        "phyphox": WireProtocol(
-            title="a phone with the app phyphox",
-            decoder_path="phyphox.answers:PhyphoxDecoder",
-            bauds=(),
-            gives="acceleration, gyro, field where it has one, clock",
-        ),
-        "gamepad": WireProtocol(
-            title="DualSense, DualShock 4, Joy-Con, Switch Pro Controller (Linux)",
-            decoder_path="gamepad:GamepadDecoder",
-            bauds=(),
-            gives="acceleration, gyro, clock; its buttons mark the grip",
-        ),
-    }
-)
+PROTOCOLS: Mapping[str, WireProtocol] = {
+    "os5000": WireProtocol(
+        title="OceanServer OS5000, OS500, OS4000",
+        decoder_path="os5000:OS5000Decoder",
+        bauds=(19200, 38400, 115200, 57600, 9600, 4800),
+        gives="acceleration, field, heading, pitch, roll",
+        rate_commands=OS5000_RATES,
+    ),
+    "witmotion": WireProtocol(
+        title="WitMotion WT901, JY901, HWT905, WT61",
+        decoder_path="witmotion:WitMotionDecoder",
+        bauds=(9600, 115200, 230400, 921600, 57600, 38400, 19200),
+        gives="acceleration, gyro, attitude; field (not the WT61)",
+        rate_commands=WITMOTION_RATES,
+    ),
+    "ximu3": WireProtocol(
+        title="x-io x-IMU3",
+        decoder_path="ximu3:XImu3Decoder",
+        bauds=(115200, 921600, 460800, 230400),
+        gives="acceleration, gyro, field, attitude, clock",
+    ),
+    "vectornav": WireProtocol(
+        title="VectorNav VN-100",
+        decoder_path="vectornav:VectorNavDecoder",
+        bauds=(115200, 921600, 460800, 230400, 57600, 9600),
+        gives="acceleration, gyro, field, attitude; in binary its clock",
+    ),
+    "xsens": WireProtocol(
+        title="Xsens MTi (MTData2)",
+        decoder_path="xsens:XsensDecoder",
+        bauds=(115200, 921600, 2000000, 460800, 230400, 57600),
+        gives="acceleration, gyro, field, attitude, clock",
+    ),
+    "lines": WireProtocol(
+        title="any device that prints numbers (Arduino)",
+        decoder_path="",
+        bauds=(115200, 9600, 57600, 230400, 250000, 500000, 1000000, 38400, 19200),
+        gives="the channels that its columns name",
+    ),
+    "razor": WireProtocol(
+        title="SparkFun Razor, 9DOF Sensor Stick (Razor AHRS)",
+        decoder_path="razor:razor_decoder",
+        bauds=(57600, 115200),
+        gives="acceleration, gyro, field",
+    ),
+    "phyphox": WireProtocol(
+        title="a phone with the app phyphox",
+        decoder_path="phyphox.answers:PhyphoxDecoder",
+        bauds=(),
+        gives="acceleration, gyro, field where it has one, clock",
+    ),
+    "gamepad": WireProtocol(
+        title="DualSense, DualShock 4, Joy-Con, Switch Pro Controller (Linux)",
+        decoder_path="gamepad:GamepadDecoder",
+        bauds=(),
+        gives="acceleration, gyro, clock; its buttons mark the grip",
+    ),
+}
 
 
 def protocol(name: str, also: Iterable[str] = ()) -> WireProtocol:

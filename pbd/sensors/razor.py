@@ -15,12 +15,11 @@ magnetometer's own unit.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 from pbd.sensors.line_layout import Line, LineLayout
 from pbd.sensors.lines import LineDecoder
 
-UNITS: Mapping[str, str] = MappingProxyType({"acc": "0.00390625 g", "gyr": "0.06957 deg/s"})
+UNITS: Mapping[str, str] = {"acc": "0.00390625 g", "gyr": "0.06957 deg/s"}
 
 
 def razor_layout(units: Mapping[str, str] | None = None) -> LineLayout:

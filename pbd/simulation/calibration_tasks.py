@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import radians
-from types import MappingProxyType
 
 import numpy as np
 
@@ -17,16 +16,14 @@ from pbd.pose import Array, quat_exp, quat_inverse, quat_log, quat_multiply, qua
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.tasks import HEADING, Task
 
-TOUCHED: Mapping[str, tuple[float, float, float]] = MappingProxyType(
-    {
-        "A": (0.30, -0.20, 0.00),
-        "B": (0.60, -0.15, 0.02),
-        "C": (0.55, 0.20, 0.00),
-        "D": (0.25, 0.15, 0.10),
-        "E": (0.40, 0.00, 0.30),
-        "F": (0.65, -0.05, 0.15),
-    }
-)
+TOUCHED: Mapping[str, tuple[float, float, float]] = {
+    "A": (0.30, -0.20, 0.00),
+    "B": (0.60, -0.15, 0.02),
+    "C": (0.55, 0.20, 0.00),
+    "D": (0.25, 0.15, 0.10),
+    "E": (0.40, 0.00, 0.30),
+    "F": (0.65, -0.05, 0.15),
+}
 """Points that `touch` touches, in this order, starting from DOCK: m in the robot's base."""
 
 DOCK = (0.45, -0.15, 0.25)
@@ -111,7 +108,5 @@ def _triple(values: Array) -> tuple[float, float, float]:
     return x, y, z
 
 
-CALIBRATION_TASKS: Mapping[str, Task] = MappingProxyType(
-    {task.name: task for task in (_touch(), pivoting(1), sides(1))}
-)
+CALIBRATION_TASKS: Mapping[str, Task] = {task.name: task for task in (_touch(), pivoting(1), sides(1))}
 """Name -> task. The tasks grip nothing, and no robot replays them."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import inf, sqrt
-from types import MappingProxyType
 
 import numpy as np
 
@@ -196,6 +195,6 @@ _PRESETS = (
     SensorModel("ideal", 100.0),
 )
 
-SENSOR_MODELS: Mapping[str, SensorModel] = MappingProxyType({model.name: model for model in _PRESETS})
+SENSOR_MODELS: Mapping[str, SensorModel] = {model.name: model for model in _PRESETS}
 """Name -> preset. os5000: the paper's device plus a three-axis gyro. modern: the class of an MTi. phone: 8 g and
 its maker's calibration. ideal: no errors."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import cos, isfinite, radians, sin
-from types import MappingProxyType
 
 import numpy as np
 
@@ -202,7 +201,5 @@ def _pour() -> Task:
     ).rotated(HEADING)
 
 
-TASKS: Mapping[str, Task] = MappingProxyType(
-    {task.name: task for task in (_pick_and_place_stops(), _pick_and_place_direct(), _pour())}
-)
+TASKS: Mapping[str, Task] = {task.name: task for task in (_pick_and_place_stops(), _pick_and_place_direct(), _pour())}
 """Name -> task."""
