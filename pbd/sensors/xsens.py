@@ -26,7 +26,7 @@ import re
 from collections.abc import Callable
 from math import atan2, hypot, isfinite, nan, pi, radians
 from struct import Struct
-from typing import TypedDict
+from typing import Any
 
 from pbd.sensors.attitude import from_north_east_down, from_north_west_up, rpy_from_quaternion, wrap_angle
 from pbd.sensors.decoding import PacketDecoder, Sample, Triple, WrappingClock, scaled
@@ -43,19 +43,6 @@ MAX_AGE_TICKS = TICKS_HZ // 5
 ENU, NED, NWU = 0x0, 0x4, 0x8
 _HEAD = Struct(">HB").unpack_from
 Read = Callable[[bytes, int], tuple[float, ...]]
-
-
-class Items(TypedDict, total=False):
-    """Values of a message as sent, but `rpy` in rad, east-north-up."""
-
-    counter: tuple[int]
-    ticks: tuple[int]
-    dv: Triple
-    acc: Triple
-    gyr: Triple
-    dq: tuple[float, float, float, float]
-    mag: Triple
-    rpy: Triple
 
 
 def _fixed_12_20(count: int) -> Read:
@@ -168,7 +155,7 @@ class XsensDecoder(PacketDecoder):
             return None
         return Sample(acc, gyr, mag, rpy, t)
 
-    def _time(self, found: Items) -> float | None:
+    def _time(self, found: dict[str, Any]) -> float | None:
         """Update the sample time and the interval between samples; return the packet's time, s."""
         if "ticks" not in found:
             return None
@@ -201,9 +188,9 @@ def _rate_of_turn(dq: tuple[float, float, float, float], interval: float) -> Tri
     return x * scale, y * scale, z * scale
 
 
-def _read_items(payload: bytes) -> Items | None:
-    """Read the payload's items; None if a size or a number is impossible."""
-    found: dict[str, tuple[float, ...]] = {}
+def _read_items(payload: bytes) -> dict[str, Any] | None:
+    """Read the payload's items by the names in ITEMS; None if a size or a number is impossible."""
+    found: dict[str, Any] = {}
     at, end, total = 0, len(payload), 0.0
     while at + 3 <= end:
         identifier, size = _HEAD(payload, at)
@@ -215,4 +202,4 @@ def _read_items(payload: bytes) -> Items | None:
             found[what] = numbers = read(payload, at)
             total += sum(numbers)
         at += size
-    return found if at == end and isfinite(total) else None  # type: ignore[return-value]
+    return found if at == end and isfinite(total) else None

@@ -133,14 +133,14 @@ def timetable(trajectory: JointTrajectory, t: Array, retreats: bool) -> str:
 
 def _motion_json(done: StreamResult, watch: Watch, bus: Bus, names: Sequence[str], dry_run: bool) -> dict[str, Any]:
     """Return the motion's goals, their timing, and the largest values that the servos reported, for JSON."""
-    period_ms = 1e3 * done.periods
+    period_ms = 1e3 * done.periods if len(done.periods) else np.array([np.nan])
     return {
         "goals": 0 if dry_run else done.sent,
         "t_s": done.t,
         "period_ms": {
-            "median": float(np.median(period_ms)) if len(period_ms) else None,
-            "p99": float(np.percentile(period_ms, 99)) if len(period_ms) else None,
-            "max": float(period_ms.max()) if len(period_ms) else None,
+            "median": np.median(period_ms),
+            "p99": np.percentile(period_ms, 99),
+            "max": period_ms.max(),
         },
         "asked_again": bus.asked_again,
         "error_deg": None if dry_run else dict(zip(names, watch.error_deg, strict=True)),
