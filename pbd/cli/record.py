@@ -92,8 +92,6 @@ def run(args: argparse.Namespace) -> None:
             poll, show = hand.combine(poll, show, keys.terminal, args.duration)
         with panel or nullcontext():
             outcome = record(opened, decoder, options, poll, show, every_s)
-        if hand is not None:
-            outcome = hand.outcome(outcome)
         if live is not None:
             live.end(outcome)
     try:

@@ -8,7 +8,7 @@ from contextlib import suppress
 
 from pbd.errors import PbdError, SensorError
 from pbd.record.session import Session
-from pbd.record.session_types import Command, Outcome, RecordOptions, Status
+from pbd.record.session_types import ENDED_BY, Command, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.probe import describe_bytes, identify_protocol
 from pbd.sensors.reader import Reader, Source
@@ -124,8 +124,8 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
             command = poll()
         if command is Command.DISCARD:
             session.discard()
-        if command in (Command.END, Command.DISCARD):
-            return "stopped by you"
+        if command in ENDED_BY:
+            return ENDED_BY[command]
         if command is Command.GRIP:
             session.grip()
         if options.duration_s is not None and session.t >= options.duration_s:
@@ -163,7 +163,7 @@ def _wait_for_port(session: Session, reader: Reader, poll: Poll, show: Callable[
     while not reader.reopen():
         show(session.status())
         command = poll()
-        if command in (Command.END, Command.DISCARD):
+        if command in ENDED_BY:
             return command
         time.sleep(REOPEN_EVERY_S)
     return None

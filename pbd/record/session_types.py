@@ -35,11 +35,16 @@ def recording_from_samples(t: Array, samples: Sequence[Sample], **more: Any) -> 
 
 
 class Command(enum.Enum):
-    """What a person may do while recording."""
+    """What a person, or a simulated hand, may do while recording. FINISH: the hand has done its task."""
 
     END = enum.auto()
     GRIP = enum.auto()
     DISCARD = enum.auto()
+    FINISH = enum.auto()
+
+
+ENDED_BY = dict.fromkeys((Command.END, Command.DISCARD), "stopped by you") | {Command.FINISH: "simulated task finished"}
+"""Who ends a recording by a command, in words."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import pytest
 from pbd.cli.recording.simulated import SimulatedHand, simulated_hand
 from pbd.data import GRAVITY, Demonstration, GripEvent, Recording
 from pbd.errors import SensorError, UsageError
-from pbd.record import Command, Outcome, Status
+from pbd.record import Command, Status
 from pbd.sensors.decoding import Sample
 from pbd.sensors.port import open_port
 from pbd.sensors.protocols import protocol
@@ -22,7 +22,6 @@ from tests.cli.test_recording_screen import STILL
 from tests.record.speakers import random_hand
 
 OPEN = replace(STILL, closed=False, said=())
-OUTCOME = Outcome(None, 400, 4.0, 3, 2, 2, "you")
 HAND = random_hand(400, seed=1)
 
 
@@ -69,7 +68,6 @@ def test_a_person_comes_first(emulator: Emulator) -> None:
     show(OPEN)
     emulator.sent = 400
     assert poll() is Command.DISCARD
-    assert hand.outcome(OUTCOME) == OUTCOME
 
 
 @pytest.mark.parametrize(
@@ -96,8 +94,7 @@ def test_the_end_of_the_task_is_told_once_and_ends_it_where_nobody_could(
     said = [[say.text for say in status.said] for status in shown]
     assert said == [[], [f"the simulated task is finished: {then}"], []]
     ends = then == "it ends here"
-    assert poll() is (Command.END if ends else None)
-    assert hand.outcome(OUTCOME).ended_by == ("simulated task finished" if ends else "you")
+    assert poll() is (Command.FINISH if ends else None)
 
 
 def test_it_begins_when_its_port_is_opened_and_is_unplugged_at_the_end() -> None:

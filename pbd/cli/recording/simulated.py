@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from pbd.data import GripEvent
 from pbd.record.loop import Poll
-from pbd.record.session_types import Command, Outcome, Say, Status
+from pbd.record.session_types import Command, Say, Status
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol
@@ -20,7 +20,6 @@ BAUD = 115200
 FIRST_TASK = "pour"
 DEVICE = 0
 """Seed of the simulated device's errors."""
-ENDED_BY = "simulated task finished"
 
 Show = Callable[[Status], None]
 
@@ -40,7 +39,7 @@ class SimulatedHand:
         self._emulator = emulator
         self._grips_ahead = list(grip)
         self._closed: bool | None = None  # the grip as last shown; None before the first sample is on disk
-        self._announced = self._has_ended = False
+        self._announced = False
 
     def open(self) -> Port:
         """Open the port and start the task."""
@@ -74,17 +73,10 @@ class SimulatedHand:
 
         return poll_both, show_too
 
-    def outcome(self, outcome: Outcome) -> Outcome:
-        """Return the outcome; it says so if the hand ended the recording."""
-        return replace(outcome, ended_by=ENDED_BY) if self._has_ended else outcome
-
     def _command(self, ends: bool) -> Command | None:
         if self._closed is not None and self._grips_ahead and self._emulator.t >= self._grips_ahead[0].t:
             return Command.GRIP if self._grips_ahead.pop(0).closed != self._closed else None
-        if ends and self._announced:
-            self._has_ended = True
-            return Command.END
-        return None
+        return Command.FINISH if ends and self._announced else None
 
 
 def simulated_hand(task: str, stack: ExitStack) -> SimulatedHand:
