@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 
 from pbd.errors import PbdError, SensorError
 from pbd.record.session import Session
@@ -62,21 +62,18 @@ def record(
     """
     session = Session(decoder, options)
     try:
-        reader = Reader(open_port)
-        try:
-            ended_by = _run(session, reader, poll, show, every_s)
-            session.begin()
+        with closing(session), closing(Reader(open_port)) as reader:
+            try:
+                ended_by = _run(session, reader, poll, show, every_s)
+                session.begin()
+            except PbdError:
+                raise
+            except BaseException:  # even a bug must not lose samples
+                with suppress(PbdError):
+                    session.begin()
+                raise
             if session.demo is None and not session.discarded:
                 raise SensorError("ended before the first sample came: nothing is recorded; record again")
-        except PbdError:
-            raise
-        except BaseException:  # even a bug must not lose samples
-            with suppress(PbdError):
-                session.begin()
-            raise
-        finally:
-            reader.close()
-            session.close()
     except PbdError as error:
         note = session.backup_message()
         if not note:
