@@ -9,15 +9,21 @@ from typing import TYPE_CHECKING, NamedTuple
 from pbd.data import Calibration, HandPath, Keyframe, Robot
 from pbd.errors import PbdError, PlanError
 from pbd.planning.options import PlanOptions
-from pbd.planning.preconditions import start_joints
-from pbd.planning.task import Task, arm_of, place_keyframes, request_of
+from pbd.planning.preconditions import (
+    check_certainty,
+    check_count,
+    spread_error,
+    warn_of_jaws,
+    warn_of_shapes,
+    warn_of_table,
+)
+from pbd.planning.task import Task
 from pbd.planning.undo_advice import undo_advice
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
     from pbd.arm.collision.scene import CollisionScene
-    from pbd.arm.model import ArmModel
-    from pbd.arm.motion_request import Motion, MotionRequest
+    from pbd.arm.motion_request import Motion
     from pbd.arm.refusal import Refusal
 
 
@@ -28,14 +34,31 @@ class PlanRefusal(NamedTuple):
     alternatives: tuple[tuple[str, PlanOptions], ...] = ()
 
 
-def choose_joints(
-    arm: ArmModel, scene: CollisionScene | None, request: MotionRequest, options: PlanOptions
-) -> Motion | PlanRefusal:
+def choose_joints(task: Task) -> Motion | PlanRefusal:
+    """Choose joints and segments, without timing; refuse what no motion can be planned for, and warn of doubts."""
+    keyframes, options, arm = task.keyframes, task.options, task.arm
+    if options.path == "demo" and task.hand_path is None:
+        raise PlanError("only the keyframes are known, not the hand's path; choose another --path")
+    check_count(keyframes)
+    check_certainty(keyframes, options.scale * task.calibration.scale, task.hand_path)
+    if options.path != "demo" and (error := spread_error(task.T_base_tool)) is not None:
+        demo = replace(options, path="demo", tolerance_m=None)
+        return PlanRefusal(error, (("follow the hand with --path demo", demo),))
+    _ = task.q_start  # refuses one outside the limits
+    warn_of_shapes(arm)
+    warn_of_jaws(arm)
+    warn_of_table(task.scene)
+    chosen = _choose(task, task.scene)
+    return _choose(task, None) if isinstance(chosen, PlanRefusal) and options.allow_collision else chosen
+
+
+def _choose(task: Task, scene: CollisionScene | None) -> Motion | PlanRefusal:
     """Choose joints and segments; without a scene, collisions are ignored."""
     from pbd.arm.choose_motion import choose_motion
     from pbd.arm.collision.motion_check import refuse_home
     from pbd.arm.motion_request import Motion
 
+    options, request = task.options, task.request
     if scene is not None:
         if options.retreat or (options.approach and options.start is None):
             try:
@@ -46,7 +69,7 @@ def choose_joints(
         if options.approach and (hit := scene.hit(request.q_start, grasp)) is not None:
             what = f"at the arm's start: {hit}; move the arm, or correct the obstacles in the calibration"
             return PlanRefusal(PlanError(what, **hit.fields))
-    found = choose_motion(arm, request, scene)
+    found = choose_motion(task.arm, request, scene)
     return found if isinstance(found, Motion) else PlanRefusal(found.error, _alternatives(found, options))
 
 
@@ -85,17 +108,13 @@ def solve_keyframes(
     from pbd.arm.ik.partial_pose import held_poses
     from pbd.arm.motion_request import Motion
 
-    arm = arm_of(robot)
-    q_start = start_joints(arm, options)
+    def solved(task: Task) -> Motion | Refusal:
+        return choose_motion(task.arm, task.request, None)
 
-    def solved(task: Task) -> tuple[tuple[Pose, ...], Motion | Refusal]:
-        _, T_base_tool = place_keyframes(task, options)
-        straight = replace(options, path="keyframes", tolerance_m=None)
-        return T_base_tool, choose_motion(arm, request_of(arm, T_base_tool, q_start, None, straight), None)
-
-    task = Task(tuple(keyframes), calibration, robot, hand_path, None)
-    T_base_tool, found = solved(task)
+    straight = replace(options, path="keyframes", tolerance_m=None)
+    task = Task(tuple(keyframes), calibration, robot, hand_path, None, straight)
+    found = solved(task)
     if not isinstance(found, Motion):
-        advice = undo_advice(task, options, found.error, lambda without: isinstance(solved(without)[1], Motion))
+        advice = undo_advice(task, found.error, lambda without: isinstance(solved(without), Motion))
         raise PlanError(", or ".join((found.error.message, *advice)), **found.error.fields)
-    return T_base_tool, found.q, held_poses(arm, T_base_tool, found.q)[1]
+    return task.T_base_tool, found.q, held_poses(task.arm, task.T_base_tool, found.q)[1]

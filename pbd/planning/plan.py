@@ -6,42 +6,26 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache, partial
 from typing import TYPE_CHECKING
 
-from pbd.calibration.demonstrated_path import demonstrated_moves
 from pbd.calibration.tool_poses import with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Load, Robot
-from pbd.errors import PbdError, PlanError, require_kind, require_type
+from pbd.errors import PbdError, require_kind, require_type
 from pbd.pipeline import track
 from pbd.planning.choose_joints import PlanRefusal, choose_joints
-from pbd.planning.object_frames import keyframes_of_things, nearest_working_place
+from pbd.planning.object_frames import ThingPlace, keyframes_of_things, nearest_working_place
 from pbd.planning.options import PlanOptions, dwells, hand_durations
-from pbd.planning.preconditions import (
-    check_certainty,
-    check_count,
-    spread_error,
-    start_joints,
-    warn_of_jaws,
-    warn_of_shapes,
-    warn_of_table,
-    warn_of_wide_moves,
-)
+from pbd.planning.preconditions import warn_of_wide_moves
 from pbd.planning.result import Plan, find_stretched, find_touching
-from pbd.planning.task import Task, arm_of, moves_of, place_keyframes, request_of, scene_of
+from pbd.planning.task import Task
 from pbd.planning.torque import check_torque
 from pbd.planning.undo_advice import undo_advice
-from pbd.pose import Array, Pose
+from pbd.pose import Array
 from pbd.tracking.keyframes import keyframes_of
 
 if TYPE_CHECKING:
-    from pbd.arm.collision.scene import CollisionScene
-    from pbd.arm.model import ArmModel
     from pbd.arm.motion_request import Motion
-    from pbd.planning.task import Hand
-
-    Prepared = tuple[ArmModel, CollisionScene, Pose, tuple[Pose, ...], Array, Hand | None, Motion]
-
+    from pbd.arm.timing.time_moves import Move
 
 DEVIATION_SHARES = 1.0, 0.1
 """Shares of the usual deviation from a curve; the second is tried if the motion touches something."""
@@ -139,111 +123,74 @@ def plan_keyframes(
     _require_types(calibration, robot, options)
     require_type("plan_keyframes", hand_path, "pbd.track", HandPath, optional=True)
     require_type("plan_keyframes", grasped, "pbd.data.GraspedObject", GraspedObject, optional=True)
-    task = Task(tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped)
-    options = options or PlanOptions()
-    found = plan_task(task, options)
+    task = Task(tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped, options or PlanOptions())
+    found = plan_task(task)
     if isinstance(found, Plan):
         return found
-    others = [what for what, alternatives in found.alternatives if _works(task, alternatives)]
-    others += _suggest_place(task, options, found.error)
-    others += undo_advice(task, options, found.error, lambda without: _works(without, options))
+    others = [what for what, other in found.alternatives if _works(replace(task, options=other))]
+    others += _suggest_place(task, found.error)
+    others += undo_advice(task, found.error, _works)
     raise type(found.error)(", or ".join((found.error.message, *others)), **found.error.fields)
 
 
 def can_plan(plan: Plan, options: PlanOptions) -> bool:
     """Whether joints and segments for the same keyframes exist with other options; nothing is timed or audited."""
-    return _works(Task(plan.keyframes, plan.calibration, plan.robot, plan.hand_path, plan.grasped), options, _prepare)
+    task = Task(plan.keyframes, plan.calibration, plan.robot, plan.hand_path, plan.grasped, options)
+    return _works(task, choose_joints)
 
 
-def _works(task: Task, options: PlanOptions, attempt: Callable[[Task, PlanOptions], object] | None = None) -> bool:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they concern a plan that nobody sees
-        try:
-            return not isinstance((attempt or plan_task)(task, options), PlanRefusal)
-        except PbdError:
-            return False
-
-
-def _suggest_place(task: Task, options: PlanOptions, error: PbdError) -> list[str]:
+def _suggest_place(task: Task, error: PbdError) -> list[str]:
     """Suggest a place that works for the thing to which the keyframe of the error belongs."""
-    number = error.fields.get("keyframe")
+    number, options = error.fields.get("keyframe"), task.options
     of = task.keyframes[number].frames if isinstance(number, int) else ()
     wanted = next((each for each in options.at if each.name in of), None)
     if wanted is None:
         return []
-    others = tuple(each for each in options.at if each is not wanted)
-    _, as_shown = place_keyframes(task, replace(options, at=others))
-    p_shown = as_shown[keyframes_of_things(task.keyframes)[wanted.name][0]].p
-    found = nearest_working_place(wanted, p_shown, lambda at: _works(task, replace(options, at=(*others, at))))
+    others = [each for each in options.at if each is not wanted]
+
+    def with_things_at(*places: ThingPlace) -> Task:
+        return replace(task, options=replace(options, at=(*others, *places)))
+
+    p_shown = with_things_at().T_base_tool[keyframes_of_things(task.keyframes)[wanted.name][0]].p
+    found = nearest_working_place(wanted, p_shown, lambda place: _works(with_things_at(place)))
     return [] if found is None else [f"put the {wanted.name} nearer to where it was shown (--at {found} works)"]
 
 
-def _prepare(task: Task, options: PlanOptions) -> Prepared | PlanRefusal:
-    """Choose joints and segments, without timing. Also return T_base_nav, the tool's poses and the start."""
-    keyframes, calibration, robot, hand_path, grasped = task
-    if options.path == "demo" and hand_path is None:
-        raise PlanError("only the keyframes are known, not the hand's path; choose another --path")
-    check_count(keyframes)
-    check_certainty(keyframes, options.scale * calibration.scale, hand_path)
-    arm = arm_of(robot)
-    T_base_nav, T_base_tool = place_keyframes(task, options)
-    if options.path != "demo" and (error := spread_error(T_base_tool)) is not None:
-        demo = replace(options, path="demo", tolerance_m=None)
-        return PlanRefusal(error, (("follow the hand with --path demo", demo),))
-    q_start = start_joints(arm, options)
-    scene = scene_of(arm, calibration, grasped)
-    warn_of_shapes(arm)
-    warn_of_jaws(arm)
-    warn_of_table(scene)
-    fixed = options.orientation == "fixed"
-    between = keyframes, T_base_nav, T_base_tool, calibration, options.scale, fixed
-    # The hand's path is computed only if it is needed.
-    hand = None if hand_path is None else cache(partial(demonstrated_moves, hand_path, *between))
-    request = request_of(arm, T_base_tool, q_start, hand, options, [keyframe.grip for keyframe in keyframes])
-    chosen = choose_joints(arm, scene, request, options)
-    if isinstance(chosen, PlanRefusal) and options.allow_collision:
-        chosen = choose_joints(arm, None, request, options)
-    if isinstance(chosen, PlanRefusal):
-        return chosen
-    return arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen
-
-
-def plan_task(task: Task, options: PlanOptions) -> Plan | PlanRefusal:
+def plan_task(task: Task) -> Plan | PlanRefusal:
     """Plan as `plan_keyframes` does, without trying other options after a refusal."""
     from pbd.arm.ik.partial_pose import held_poses
     from pbd.arm.timing.time_moves import time_moves
     from pbd.audit.audit import TouchError, audit, torque_of
 
-    prepared = _prepare(task, options)
-    if isinstance(prepared, PlanRefusal):
-        return prepared
-    keyframes, calibration, robot, hand_path, grasped = task
-    arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen = prepared
+    chosen = choose_joints(task)
+    if isinstance(chosen, PlanRefusal):
+        return chosen
+    robot, options, arm = task.robot, task.options, task.arm
     warn_of_wide_moves(arm, chosen)
-    held, off_rad = held_poses(arm, T_base_tool, chosen.q)
-    durations_s = hand_durations(keyframes, hand_path)
-    moves, retreat = moves_of(chosen, durations_s, hand, options)
+    held, off_rad = held_poses(arm, task.T_base_tool, chosen.q)
+    durations_s = hand_durations(task.keyframes, task.hand_path)
+    moves, retreat = _moves(task, chosen, durations_s)
 
     def timed_at(speed: float, deviation_share: float) -> tuple[JointTrajectory, Array]:
         return time_moves(
             arm,
-            q_start if options.approach else chosen.q[0],
+            task.q_start if options.approach else chosen.q[0],
             moves,
-            dwells(keyframes, options),
-            [keyframe.grip for keyframe in keyframes],
+            dwells(task.keyframes, options),
+            task.request.grips,
             retreat=retreat,
             speed=speed * (1.0 - options.margin),
             deviation_share=deviation_share,
         )
 
-    load = Load(options.payload, options.p_tool_payload, grasped, calibration.table_height)
+    load = Load(options.payload, options.p_tool_payload, task.grasped, task.calibration.table_height)
 
     def share_at(speed: float) -> float:
         another, pace = (timed_at(speed, deviation_share)[0], 1.0) if speed else (trajectory, 0.0)
         torque = torque_of(another, robot, load, pace)
         return torque.share if torque else 0.0
 
-    world = None if options.allow_collision else (calibration, grasped)
+    world = None if options.allow_collision else (task.calibration, task.grasped)
     for deviation_share in DEVIATION_SHARES:
         trajectory, took = timed_at(options.speed, deviation_share)
         try:
@@ -255,15 +202,41 @@ def plan_task(task: Task, options: PlanOptions) -> Plan | PlanRefusal:
     if (heavy := check_torque(report.torque, robot.limits, load, options, share_at)) is not None:
         return heavy
     return Plan(
-        *task,
+        task.keyframes,
+        task.calibration,
+        robot,
+        task.hand_path,
+        task.grasped,
         options,
-        T_base_nav,
-        T_base_tool,
+        task.placed.T_base_nav,
+        task.T_base_tool,
         off_rad,
         chosen.segments,
         trajectory,
         report,
         find_stretched(took, durations_s) if options.time == "demo" else (),
-        find_touching(scene.closer(), trajectory) if options.allow_collision else None,
+        find_touching(task.scene.closer(), trajectory) if options.allow_collision else None,
         chosen.retreat,
     )
+
+
+def _moves(task: Task, chosen: Motion, durations_s: Sequence[float]) -> tuple[list[Move], Move | None]:
+    """Make the moves of the segments, which time_moves.py times, and the retreat or None; durations of the hand."""
+    from pbd.arm.motion_request import DEMO
+    from pbd.arm.timing.time_moves import APPROACH_SPEED, Move
+
+    first, retreat, as_demonstrated = chosen.segments[0], chosen.retreat, task.options.time == "demo"
+    moves = [Move(first.q, first.curved, share=APPROACH_SPEED)]
+    for i, (segment, hand_s) in enumerate(zip(chosen.segments[1:], durations_s, strict=True)):
+        t = task.hand_moves[i].t if as_demonstrated and segment.kind == DEMO else None
+        moves.append(Move(segment.q, segment.curved, t, hand_s if as_demonstrated else 0.0))
+    return moves, None if retreat is None else Move(retreat.q, retreat.curved, share=APPROACH_SPEED)
+
+
+def _works(task: Task, attempt: Callable[[Task], object] = plan_task) -> bool:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # they concern a plan that nobody sees
+        try:
+            return not isinstance(attempt(task), PlanRefusal)
+        except PbdError:
+            return False

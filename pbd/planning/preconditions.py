@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.data import HandPath, Keyframe
-from pbd.errors import PlanError, TrackingError, warn
-from pbd.planning.options import PlanOptions, hand_durations
-from pbd.pose import Array, Pose
+from pbd.errors import TrackingError, warn
+from pbd.planning.options import hand_durations
+from pbd.pose import Pose
 
 if TYPE_CHECKING:
     from pbd.arm.collision.scene import CollisionScene
@@ -141,24 +141,3 @@ def _turns_back(arm: ArmModel, motion: Motion, i: int) -> str:
         return ""
     holds = f"its range of {np.degrees(ranges[joint]):.0f} degrees is no whole turn"
     return f" ({arm.robot.joints[joint]} turns back: {holds})"
-
-
-def start_joints(arm: ArmModel, options: PlanOptions) -> Array:
-    """Return the joints (k,) at which the arm starts, rad; PlanError if they are not within its limits."""
-    if options.start is None:
-        return arm.robot.home
-    q, names, limits = np.array(options.start), arm.robot.joints, arm.limits
-    if len(q) != len(names) or not np.isfinite(q).all():
-        raise PlanError(
-            f"the start must give {len(names)} numbers, in rad, for {', '.join(names)}", value=options.start
-        )
-    for name, value, lower, upper in zip(names, q, limits.lower, limits.upper, strict=True):
-        if not lower <= value <= upper:
-            raise PlanError(
-                f"the start has {name} at {value:.4g} rad, outside its limits of {lower:.4g} to {upper:.4g}; give the "
-                "arm's present joints in rad, or in degrees with --units deg",
-                joint=name,
-                value=float(value),
-                bound=float(lower if value < lower else upper),
-            )
-    return q

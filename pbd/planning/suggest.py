@@ -266,7 +266,7 @@ def _plan_at(
         own = replace(robot, home=home, dock=dock)
         with collected_warnings() as warned:
             try:
-                found = plan_task(Task(tuple(keyframes), dock, own, None, grasped), PlanOptions())
+                found = plan_task(Task(tuple(keyframes), dock, own, None, grasped, PlanOptions()))
             except PbdError as error:
                 found = PlanRefusal(error)
         if isinstance(found, Plan):

@@ -1,15 +1,19 @@
-"""The steps of planning, each from the values of the step before; slow imports are made where they are used."""
+"""What a motion is planned for: keyframes, a robot, its surroundings and options, and what follows from these alone."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from pbd.calibration.demonstrated_path import DemonstratedMove, demonstrated_moves
 from pbd.calibration.dock import in_base
+from pbd.calibration.tool_poses import KeyframesInBase, with_table
 from pbd.calibration.touch_up import touched_poses
 from pbd.data import Calibration, GraspedObject, HandPath, Keyframe, Robot
-from pbd.errors import CalibrationError
+from pbd.errors import CalibrationError, PlanError
 from pbd.planning.object_frames import place_things
 from pbd.planning.options import PlanOptions
 from pbd.pose import Array, Pose
@@ -17,11 +21,94 @@ from pbd.pose import Array, Pose
 if TYPE_CHECKING:
     from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.model import ArmModel
-    from pbd.arm.motion_request import Motion, MotionRequest
-    from pbd.arm.timing.time_moves import Move
-    from pbd.calibration.demonstrated_path import DemonstratedMove
+    from pbd.arm.motion_request import MotionRequest
 
-    Hand = Callable[[], Sequence[DemonstratedMove]]
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """The arguments of `plan_keyframes`, and what follows from them, each computed when it is first needed."""
+
+    keyframes: tuple[Keyframe, ...]
+    calibration: Calibration
+    robot: Robot
+    hand_path: HandPath | None
+    grasped: GraspedObject | None
+    options: PlanOptions
+
+    @property
+    def arm(self) -> ArmModel:
+        """The robot's model."""
+        return arm_of(self.robot)
+
+    @property
+    def scene(self) -> CollisionScene:
+        """The bodies that can touch."""
+        return scene_of(self.arm, self.calibration, self.grasped)
+
+    @cached_property
+    def q_start(self) -> Array:
+        """The joints (k,) at which the arm starts, rad; PlanError if they are not within its limits."""
+        start, names, limits = self.options.start, self.robot.joints, self.robot.limits
+        if start is None:
+            return self.robot.home
+        q = np.array(start)
+        if len(q) != len(names) or not np.isfinite(q).all():
+            raise PlanError(f"the start must give {len(names)} numbers, in rad, for {', '.join(names)}", value=start)
+        for name, value, lower, upper in zip(names, q, limits.lower, limits.upper, strict=True):
+            if not lower <= value <= upper:
+                raise PlanError(
+                    f"the start has {name} at {value:.4g} rad, outside its limits of {lower:.4g} to {upper:.4g}; give "
+                    "the arm's present joints in rad, or in degrees with --units deg",
+                    joint=name,
+                    value=float(value),
+                    bound=float(lower if value < lower else upper),
+                )
+        return q
+
+    @cached_property
+    def placed(self) -> KeyframesInBase:
+        """The keyframes in base.
+
+        Raises:
+            CalibrationError: the calibration is for other robots, or as `in_base`.
+        """
+        calibration, robot = self.calibration, self.robot
+        if calibration.robots and robot.name not in calibration.robots:
+            raise CalibrationError(
+                f"the calibration '{calibration.name}' is for {', '.join(calibration.robots)}, not for {robot.name}; "
+                "choose another, or add the robot to it",
+                value=robot.name,
+            )
+        return in_base(self.keyframes, calibration, self.options.scale, self.hand_path, self.options.orientation)
+
+    @cached_property
+    def T_base_tool(self) -> tuple[Pose, ...]:
+        """The tool's pose in base at each keyframe, with nudges, touch-ups and places of things."""
+        return place_things(touched_poses(self.placed), self.keyframes, self.options.at)
+
+    @cached_property
+    def hand_moves(self) -> tuple[DemonstratedMove, ...]:
+        """The demonstrated move to each keyframe but the first; there must be a path."""
+        assert self.hand_path is not None
+        at, how = (self.placed.T_base_nav, self.T_base_tool), (self.options.scale, self.options.orientation == "fixed")
+        return demonstrated_moves(self.hand_path, self.keyframes, *at, self.calibration, *how)
+
+    @cached_property
+    def request(self) -> MotionRequest:
+        """The request for a motion."""
+        from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, MotionRequest
+
+        return MotionRequest(
+            self.T_base_tool,
+            self.q_start,
+            self.options.approach,
+            self.robot.home if self.options.retreat else None,
+            {"keyframes": STRAIGHT, "line": LINE, "demo": DEMO}[self.options.path],
+            None if self.hand_path is None else lambda: [move.T_base_tool for move in self.hand_moves],
+            self.options.tolerance_m,
+            self.options.detour,
+            [keyframe.grip for keyframe in self.keyframes],
+        )
 
 
 def load_robot_and_calibration(robot: str, calibration: str | None = None) -> tuple[Robot, Calibration]:
@@ -30,7 +117,6 @@ def load_robot_and_calibration(robot: str, calibration: str | None = None) -> tu
     Raises:
         RobotError, CalibrationError: one can't be loaded.
     """
-    from pbd.calibration.tool_poses import with_table
     from pbd.files.calibration import load_calibration
     from pbd.files.robot import load_robot
 
@@ -38,73 +124,6 @@ def load_robot_and_calibration(robot: str, calibration: str | None = None) -> tu
     if calibration is None and loaded.dock is not None:
         return loaded, loaded.dock
     return loaded, with_table(load_calibration(calibration or "default"), loaded)
-
-
-def request_of(
-    arm: ArmModel,
-    T_base_tool: Sequence[Pose],
-    q_start: Array,
-    hand: Hand | None,
-    options: PlanOptions,
-    grips: Sequence[bool | None] = (),
-) -> MotionRequest:
-    """Make the request for a motion from the options."""
-    from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, MotionRequest
-
-    return MotionRequest(
-        T_base_tool,
-        q_start,
-        options.approach,
-        arm.robot.home if options.retreat else None,
-        {"keyframes": STRAIGHT, "line": LINE, "demo": DEMO}[options.path],
-        hand and (lambda: [move.T_base_tool for move in hand()]),
-        options.tolerance_m,
-        options.detour,
-        grips,
-    )
-
-
-def moves_of(
-    chosen: Motion, durations_s: Sequence[float], hand: Hand | None, options: PlanOptions
-) -> tuple[list[Move], Move | None]:
-    """Make the moves of the segments, which time_moves.py times, and the retreat or None.
-
-    Args:
-        durations_s: the time that the hand took from each keyframe to the next.
-    """
-    from pbd.arm.motion_request import DEMO
-    from pbd.arm.timing.time_moves import APPROACH_SPEED, Move
-
-    first, retreat = chosen.segments[0], chosen.retreat
-    moves = [Move(first.q, first.curved, share=APPROACH_SPEED)]
-    for i, (segment, demonstrated_s) in enumerate(zip(chosen.segments[1:], durations_s, strict=True)):
-        least_s = demonstrated_s if options.time == "demo" else 0.0
-        t = hand()[i].t if options.time == "demo" and segment.kind == DEMO and hand else None
-        moves.append(Move(segment.q, curved=segment.curved, t=t, least_s=least_s))
-    return moves, None if retreat is None else Move(retreat.q, retreat.curved, share=APPROACH_SPEED)
-
-
-class Task(NamedTuple):
-    """The arguments of `plan_keyframes` without the options."""
-
-    keyframes: tuple[Keyframe, ...]
-    calibration: Calibration
-    robot: Robot
-    hand_path: HandPath | None
-    grasped: GraspedObject | None
-
-
-def place_keyframes(task: Task, options: PlanOptions) -> tuple[Pose, tuple[Pose, ...]]:
-    """Return T_base_nav and the tool's pose in base at each keyframe, with nudges, touch-ups and places of things."""
-    keyframes, calibration, robot, path, _ = task
-    if calibration.robots and robot.name not in calibration.robots:
-        raise CalibrationError(
-            f"the calibration '{calibration.name}' is for {', '.join(calibration.robots)}, not for {robot.name}; "
-            "choose another, or add the robot to it",
-            value=robot.name,
-        )
-    placed = in_base(keyframes, calibration, options.scale, path, options.orientation)
-    return placed.T_base_nav, place_things(touched_poses(placed), keyframes, options.at)
 
 
 @lru_cache(maxsize=16)

@@ -12,11 +12,10 @@ from pbd.data import Demonstration
 from pbd.errors import PbdError
 from pbd.files.demo import shell_word
 from pbd.files.keyframes import KEYFRAMES_FILE
-from pbd.planning.options import PlanOptions
-from pbd.planning.task import Task, place_keyframes
+from pbd.planning.task import Task
 
 
-def undo_advice(task: Task, options: PlanOptions, error: PbdError, works: Callable[[Task], bool]) -> list[str]:
+def undo_advice(task: Task, error: PbdError, works: Callable[[Task], bool]) -> list[str]:
     """Return how to undo the touch-ups, or else the nudges, that moved the keyframe of the error, if that helps.
 
     `works`: whether a task can be done; it is called with the task without its touch-ups, or its nudges.
@@ -25,9 +24,9 @@ def undo_advice(task: Task, options: PlanOptions, error: PbdError, works: Callab
     demo = None if path is None or path.tracking is None else path.tracking.demo
     if demo is None or demo.folder is None or not isinstance(number, int):
         return []
-    placed = place_keyframes(task, options)[1][number]
+    placed = task.T_base_tool[number]
     for without, undo, how in _uncorrected(task, demo, demo.folder):
-        moved_m, _ = placed.distance(place_keyframes(without, options)[1][number])
+        moved_m, _ = placed.distance(without.T_base_tool[number])
         if moved_m > 0.0 and works(without):
             return [f"{undo} that moved keyframe {number} by {100.0 * moved_m:.1f} cm ({how})"]
     return []
@@ -41,10 +40,10 @@ def _uncorrected(task: Task, demo: Demonstration, folder: Path) -> Iterator[tupl
         untouched = replace(path, tracking=replace(path.tracking, demo=replace(demo, touch_ups=())))
         which, repeat = ("touch-up", "") if count == 1 else (f"{count} touch-ups", ", once for each")
         command = f"`pbd touch {shell_word(folder)} --robot {task.robot.name} --undo`{repeat}"
-        yield task._replace(hand_path=untouched), f"undo the {which}", command
+        yield replace(task, hand_path=untouched), f"undo the {which}", command
     nudged = sum(each.nudge_base_m.any() or each.nudge_tool_m.any() for each in task.keyframes)
     if nudged:
         none = np.zeros(3)
         keyframes = tuple(replace(each, nudge_base_m=none, nudge_tool_m=none) for each in task.keyframes)
         which = "nudge" if nudged == 1 else "nudges"
-        yield task._replace(keyframes=keyframes), f"remove the {which}", f"in {folder / KEYFRAMES_FILE}"
+        yield replace(task, keyframes=keyframes), f"remove the {which}", f"in {folder / KEYFRAMES_FILE}"

@@ -16,7 +16,7 @@ from pbd.data import Calibration
 from pbd.errors import PlanError
 from pbd.files.find_by_name import names
 from pbd.files.robot import read_robot
-from pbd.planning import PlanOptions, arm_of
+from pbd.planning import arm_of
 from pbd.planning.choose_joints import PlanRefusal
 from pbd.planning.suggest import DOCKS, MORE_DOCKS, TABLE_STEP_M, _highest_table, _plan_at, _search_order, _solve_all
 from pbd.planning.task import Task
@@ -163,10 +163,10 @@ def test_each_dock_is_planned_once_and_no_other_options_are(
     """Advice on a trial that nobody sees took most of a hopeless search's time."""
     docks = []
 
-    def refuse(task: Task, options: PlanOptions) -> PlanRefusal:
+    def refuse(task: Task) -> PlanRefusal:
         assert task.calibration.T_base_dock is not None
         docks.append((task.calibration.scale, *task.calibration.T_base_dock.p, *task.robot.home))
-        return PlanRefusal(PlanError("it is in the way"), (("use another option", options),))
+        return PlanRefusal(PlanError("it is in the way"), (("use another option", task.options),))
 
     monkeypatch.setattr("pbd.planning.suggest.DOCKS", 3)
     monkeypatch.setattr("pbd.planning.suggest.MORE_DOCKS", 3)
