@@ -99,11 +99,9 @@ def _contacts(plan: Plan) -> tuple[TouchingPair, ...]:
     """Return all contacts; the first one's message is the plan's, which says what to change."""
     if plan.touching is None:
         return ()
-    first, error = plan.touching.found, plan.touching.error
-    contacts = []
-    for each in plan.touching.hits:
-        bodies = (each.hit.first, each.hit.second)
-        is_first = each.t == first.t and bodies == (first.hit.first, first.hit.second)
-        message = error.message if is_first else f"t = {each.t:.1f} s: {each.hit}"
-        contacts.append(TouchingPair(bodies, each.t, each.parted_t, message))
-    return tuple(contacts)
+    messages = [f"t = {each.t:.1f} s: {each.hit}" for each in plan.touching.hits]
+    messages[0] = plan.touching.error.message
+    return tuple(
+        TouchingPair((each.hit.first, each.hit.second), each.t, each.parted_t, message)
+        for each, message in zip(plan.touching.hits, messages, strict=True)
+    )

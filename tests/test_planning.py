@@ -297,10 +297,11 @@ def test_a_contact_has_both_bodies_its_depth_and_its_time() -> None:
     plan = plan_keyframes(*low(), PANDA, PlanOptions(allow_collision=True))
     touching, t = plan.touching, plan.trajectory.keyframe_t
     assert touching is not None
-    assert touching.found.hit.second == "the table"
-    assert t[0] < touching.found.t < t[1] < touching.found.parted_t < t[2]
-    assert touching.error.fields["bodies"] == (touching.found.hit.first, "the table")
-    assert 0.015 < touching.found.hit.depth < 0.05
+    first = touching.hits[0]
+    assert first.hit.second == "the table"
+    assert t[0] < first.t < t[1] < first.parted_t < t[2]
+    assert touching.error.fields["bodies"] == (first.hit.first, "the table")
+    assert 0.015 < first.hit.depth < 0.05
 
 
 def test_plan_refuses_a_contact_even_if_it_is_allowed() -> None:

@@ -75,7 +75,7 @@ def touching_json(plan: Plan) -> dict[str, Any] | None:
     """Return the first contact, if --allow-collision was given and there is one."""
     if plan.touching is None:
         return None
-    found = plan.touching.found
+    found = plan.touching.hits[0]
     return {
         "bodies": [found.hit.first, found.hit.second],
         "depth_m": found.hit.depth,

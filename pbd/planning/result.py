@@ -35,9 +35,8 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Touching:
-    """The first hit of a motion, the error that describes it, and all hits sorted by their beginning."""
+    """The error that describes the first hit of a motion, and all hits sorted by their beginning."""
 
-    found: MotionHit
     error: PlanError
     hits: tuple[MotionHit, ...]
 
@@ -124,12 +123,10 @@ def size_remark(robot: Robot, calibration: Calibration, chosen: float) -> str:
 
 def find_touching(scene: CollisionScene, trajectory: JointTrajectory) -> Touching | None:
     """Return what a motion touches; None if it is free."""
-    from pbd.arm.collision.motion_check import all_hits, check_motion, collision_error
+    from pbd.arm.collision.motion_check import all_hits, collision_error
 
-    found = check_motion(scene, trajectory)
-    if found is None:
-        return None
-    return Touching(found, collision_error(scene, trajectory, found), all_hits(scene, trajectory))
+    hits = all_hits(scene, trajectory)
+    return Touching(collision_error(scene, trajectory, hits[0]), hits) if hits else None
 
 
 def find_stretched(took_s: Array, durations_s: Sequence[float]) -> tuple[Stretch, ...]:

@@ -12,7 +12,10 @@ from scipy.optimize import nnls
 from pbd.arm.collision.allowed_collisions import sample_coordinates
 from pbd.arm.collision.clearance import Clearance
 from pbd.arm.collision.geometry import Body
+from pbd.arm.collision.motion_check import MotionHit, all_hits
+from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel
+from pbd.data import JointTrajectory
 from pbd.pose import Array, Pose, quat_from_xyzw
 from tests.arm.bundled import arm_of
 
@@ -102,3 +105,8 @@ def links_watched(clearance: Clearance) -> set[frozenset[str]]:
 def links_touching(clearance: Clearance, x: Array) -> set[frozenset[str]]:
     touching = clearance.pairs[clearance.distances(x) <= 0.0]
     return {frozenset((clearance.bodies[a].name, clearance.bodies[b].name)) for a, b in touching}
+
+
+def first_hit(scene: CollisionScene, trajectory: JointTrajectory) -> MotionHit | None:
+    """Return the first hit of a motion; None if it is free."""
+    return next(iter(all_hits(scene, trajectory)), None)

@@ -13,7 +13,6 @@ from pbd.arm import choose_motion as motion_module
 from pbd.arm import ladder_checks
 from pbd.arm.choose_motion import choose_motion
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
-from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.collision.scene import CollisionScene, GraspState, Hit
 from pbd.arm.detour import _Search, bend_detour, find_detour
 from pbd.arm.ik import cartesian
@@ -31,6 +30,7 @@ from pbd.data import Obstacle
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose
 from tests.arm.bundled import arm_of
+from tests.arm.collision_oracles import first_hit
 from tests.benchmarks.scenes import made, travel
 
 ARM = arm_of("panda")
@@ -75,7 +75,7 @@ def chosen(poses: Sequence[Pose], obstacles: Sequence[Obstacle] = (), **request:
     back = None if found.retreat is None else Move(found.retreat.q, found.retreat.curved)
     start = HOME if request.get("approach", True) else found.q[0]
     trajectory, _ = time_moves(ARM, start, moves, [0.2] * len(moves), [None] * len(moves), retreat=back)
-    assert check_motion(scene, trajectory) is None
+    assert first_hit(scene, trajectory) is None
     for pose, q in zip(poses, found.q, strict=True):
         assert max(pose.distance(ARM.forward(q))) < 1e-5
     return found

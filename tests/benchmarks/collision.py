@@ -22,14 +22,13 @@ import numpy as np
 
 from pbd.arm.collision.allowed_collisions import sample_coordinates
 from pbd.arm.collision.clearance import Clearance
-from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel, load_model
 from pbd.data import GraspedObject, JointTrajectory, Obstacle
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
 from pbd.pose import Array, Pose
-from tests.arm.collision_oracles import links_touching, links_watched, raw_meshes
+from tests.arm.collision_oracles import first_hit, links_touching, links_watched, raw_meshes
 from tests.arm.straight import time_keyframes
 from tests.benchmarks.report import arguments, finish, median_ms
 
@@ -53,7 +52,7 @@ def measure(name: str, motions: int) -> dict[str, float]:
     free = [x[:-1] for x in sample_coordinates(arm, 400) if scene.hit(x[:-1]) is None]
     moves = [(a, a + 0.3 * (b - a)) for a, b in zip(free[:20], free[20:40], strict=False)]
     chosen = free_motions(scene, motions)
-    times = np.array([timed_ms(partial(check_motion, scene, trajectory)) for trajectory in chosen])
+    times = np.array([timed_ms(partial(first_hit, scene, trajectory)) for trajectory in chosen])
     return {
         "pairs": float(len(scene.always.pairs)),
         "dropped_pairs": float(len(scene.unchecked)),
@@ -95,7 +94,7 @@ def free_motions(scene: CollisionScene, count: int) -> list[JointTrajectory]:
         spread = rng.uniform(-SPREAD_RAD, SPREAD_RAD, (9, len(arm.robot.joints)))
         q: Array = np.clip(arm.robot.home + spread, arm.limits.lower, arm.limits.upper)
         trajectory = time_keyframes(arm, q, [0.2] * 9, grips, arm.robot.home)
-        if check_motion(scene, trajectory) is None:
+        if first_hit(scene, trajectory) is None:
             found.append(trajectory)
         if len(found) == count:
             break
@@ -112,7 +111,7 @@ def looks(scene: CollisionScene, trajectory: JointTrajectory) -> int:
         return asked(self, pair)
 
     Clearance._distance = counted  # type: ignore[method-assign]
-    check_motion(scene, trajectory)
+    first_hit(scene, trajectory)
     Clearance._distance = asked  # type: ignore[method-assign]
     return count
 

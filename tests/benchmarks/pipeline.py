@@ -16,7 +16,6 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import pbd
-from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
@@ -26,6 +25,7 @@ from pbd.planning import plan_keyframes, scene_of
 from pbd.replay import replay_scene
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.page import write_page
+from tests.arm.collision_oracles import first_hit
 from tests.arm.straight import time_keyframes
 from tests.benchmarks.report import arguments, finish, median_ms
 
@@ -58,7 +58,7 @@ def main() -> None:
             "model": median_ms(lambda: load_model(robot), runs),
             "ik": median_ms(lambda: solve_path(arm, T_base_tool, robot.home), runs),
             "timing": median_ms(lambda: time_keyframes(arm, q, dwells, grips, robot.home), runs),
-            "collision": median_ms(lambda: check_motion(scene, plan.trajectory), runs),
+            "collision": median_ms(lambda: first_hit(scene, plan.trajectory), runs),
             "audit": median_ms(lambda: audit(plan.trajectory, robot, T_base_tool, world), runs),
             "audit_load": median_ms(lambda: AuditScene(AuditArm(robot), *world), runs),
             "page": median_ms(lambda: write_page(shown, page), max(3, runs // 10)),

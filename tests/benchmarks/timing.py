@@ -26,7 +26,6 @@ import numpy as np
 from ruckig import InputParameter, Ruckig, Trajectory
 
 import pbd
-from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.ladder_building import solve_path
 from pbd.arm.timing.path_smoothing import Curve, curved_move
@@ -39,6 +38,7 @@ from pbd.files.find_by_name import names
 from pbd.planning import PlanOptions, arm_of, plan_keyframes, scene_of
 from pbd.pose import Array
 from pbd.tracking.keyframes import find_keyframes
+from tests.arm.collision_oracles import first_hit
 from tests.arm.straight import time_keyframes
 from tests.arm.toppra_oracle import toppra_duration
 from tests.benchmarks.report import arguments, finish, median_ms
@@ -155,7 +155,7 @@ def planning(tracked: tuple[HandPath, tuple[Keyframe, ...]], runs: int) -> dict[
         "stages_ms": {
             "ik": median_ms(lambda: solve_path(arm, plan.T_base_tool, robot.home), runs),
             "timing": median_ms(lambda: time_keyframes(arm, q, dwells, grips, robot.home), runs),
-            "collision": median_ms(lambda: check_motion(scene, plan.trajectory), runs),
+            "collision": median_ms(lambda: first_hit(scene, plan.trajectory), runs),
             "audit": median_ms(lambda: audit(plan.trajectory, robot, plan.T_base_tool, (dock, grasped)), runs),
             "audit_load": median_ms(lambda: AuditScene(AuditArm(robot), dock, grasped), runs),
         },

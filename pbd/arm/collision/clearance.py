@@ -15,8 +15,8 @@ of NaN counts as a contact.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -148,80 +148,46 @@ class Clearance:
         return always
 
     def first_contact(self, path: JointPath) -> ContactSpan | None:
-        """Return the contact of a path that begins first; of several at the same node, the deepest.
+        """Return the contact of a path that begins first; of several at the same node, the deepest."""
+        return min(self.contacts(path), key=lambda contact: (contact.first, contact.distance), default=None)
+
+    def contacts(self, path: JointPath) -> list[ContactSpan]:
+        """Return all contacts of a path, pair by pair.
 
         The path's nodes must be dense enough for `rates`, see path_sampling.py.
         """
-        sampled, found = self._sampled(path), None
-        stop = len(sampled.q) - 1
-        for pair, distance in self._near(sampled):
-            met = self._follow(sampled, pair, 0, distance, stop)
-            if met is not None and (found is None or met[0] < stop or met[1] < found.distance):
-                stop = met[0]
-                found = ContactSpan(pair, stop, stop, stop, met[1])
-        return found and self._until_clear(sampled, found)
-
-    def contacts(self, path: JointPath) -> list[ContactSpan]:
-        """Return all contacts of a path, pair by pair."""
-        sampled, found = self._sampled(path), []
-        stop = len(sampled.q) - 1
-        for pair, distance in self._near(sampled):
-            met = self._follow(sampled, pair, 0, distance, stop)
-            while met is not None:
-                found.append(self._until_clear(sampled, ContactSpan(pair, met[0], met[0], met[0], met[1])))
-                node = found[-1].last + 1
-                if node > stop:
-                    break
-                self._place(sampled.q[node])
-                met = self._follow(sampled, pair, node, self._distance(pair), stop)
-        return found
+        sampled, at_start = self._sampled(path), self.distances(path.x[0])
+        near = np.flatnonzero(~(at_start - self.margin_m >= self.rates @ sampled.moved[:, -1])).tolist()
+        return [contact for pair in near for contact in self._contacts_of(pair, sampled, float(at_start[pair]))]
 
     def _sampled(self, path: JointPath) -> SampledPath:
         moved = np.zeros_like(path.x.T)
         np.cumsum(np.abs(np.diff(path.x.T)), axis=1, out=moved[:, 1:])
         return SampledPath(path, self.arm.configurations(path.x), moved)
 
-    def _near(self, sampled: SampledPath) -> list[tuple[int, float]]:
-        """Return the pairs that may touch on a path by their bound of motion, with their distances at its start."""
-        at_start = self.distances(sampled.path.x[0])
-        near = np.flatnonzero(~(at_start - self.margin_m >= self.rates @ sampled.moved[:, -1])).tolist()
-        return [(pair, float(at_start[pair])) for pair in near]
-
-    def _follow(
-        self, sampled: SampledPath, pair: int, node: int, distance: float, stop: int
-    ) -> tuple[int, float] | None:
-        """Return the first node from `node` to `stop` at which a pair touches, and its distance there; or None.
-
-        `distance`: the pair's distance at `node`, m.
-        """
-        travel = self.rates[pair] @ sampled.moved
+    def _contacts_of(self, pair: int, sampled: SampledPath, distance: float) -> Iterator[ContactSpan]:
+        """Yield a pair's contacts on a path; one ends where it is allowed, too. `distance`: m, at the start."""
+        travel, node, end = self.rates[pair] @ sampled.moved, 0, len(sampled.q) - 1
+        contact: ContactSpan | None = None
         while True:
-            if not distance >= self.margin_m and not self.may_touch(pair, sampled.path.x[node]):
-                return node, distance
-            if node == stop or travel[stop] - travel[node] <= distance - self.margin_m:
-                return None
-            node = min(self._next(travel, node, distance), stop)
+            if distance >= self.margin_m or self.may_touch(pair, sampled.path.x[node]):
+                if contact is not None:
+                    yield contact
+                contact = None
+            elif contact is None:
+                contact = ContactSpan(pair, node, node, node, distance)
+            elif distance < contact.distance:
+                contact = replace(contact, last=node, deepest=node, distance=distance)
+            else:
+                contact = replace(contact, last=node)
+            if node == end or travel[end] - travel[node] <= distance - self.margin_m:
+                break
+            due = travel[node] + max(self.margin_m, distance) + self.margin_m
+            node = min(max(int(travel.searchsorted(due, side="right")) - 1, node + 1), end)
             self._place(sampled.q[node])
             distance = self._distance(pair)
-
-    def _until_clear(self, sampled: SampledPath, contact: ContactSpan) -> ContactSpan:
-        """Extend a contact to the node where it ends, or from where it is allowed; find the deepest node."""
-        travel = self.rates[contact.pair] @ sampled.moved
-        last, deepest, node, least = contact.first, contact.first, contact.first, contact.distance
-        while node < len(sampled.q) - 1:
-            node = min(self._next(travel, node, self.margin_m), len(sampled.q) - 1)
-            self._place(sampled.q[node])
-            distance = self._distance(contact.pair)
-            if distance >= self.margin_m or self.may_touch(contact.pair, sampled.path.x[node]):
-                break
-            last = node
-            if distance < least:
-                deepest, least = node, distance
-        return ContactSpan(contact.pair, contact.first, last, deepest, least)
-
-    def _next(self, travel: Array, node: int, distance: float) -> int:
-        due = travel[node] + max(distance, self.margin_m) + self.margin_m
-        return max(int(travel.searchsorted(due, side="right")) - 1, node + 1)
+        if contact is not None:
+            yield contact
 
     def _place(self, q: Array) -> None:
         pin.updateGeometryPlacements(self.arm.full, self._data, self._geometry, self._placed, q)

@@ -44,29 +44,17 @@ class MotionHit:
     at_keyframe: bool
 
 
-def check_motion(scene: CollisionScene, trajectory: JointTrajectory) -> MotionHit | None:
-    """Return the first hit of a motion; None if it is free.
+def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[MotionHit, ...]:
+    """Return all hits of a motion, sorted by their beginning; short gaps in a contact are closed (_MERGED_S).
 
     The trajectory's gripper opening decides where the fingers are, and when the object is carried.
     """
-    first: MotionHit | None = None
-    for clearance, start, end in _phases(scene, trajectory):
-        if first is None or start <= first.t:
-            path = sample_trajectory(trajectory, clearance.rates, start, min(end, first.t) if first else end)
-            met = clearance.first_contact(path)
-            found = None if met is None else _motion_hit(scene, trajectory, clearance, path, met)
-            first = found if first is None or (found is not None and found.t < first.t) else first
-    return first
-
-
-def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[MotionHit, ...]:
-    """Return all hits of a motion, sorted by their beginning; short gaps in a contact are closed (_MERGED_S)."""
     found: list[MotionHit] = []
     for clearance, start, end in _phases(scene, trajectory):
         path = sample_trajectory(trajectory, clearance.rates, start, end)
         found += [_motion_hit(scene, trajectory, clearance, path, met) for met in clearance.contacts(path)]
     hits: list[MotionHit] = []
-    for hit in sorted(found, key=lambda each: each.t):
+    for hit in sorted(found, key=lambda each: (each.t, each.hit.distance)):
         i = next((i for i, other in enumerate(hits) if _same_contact(other, hit)), None)
         if i is None:
             hits.append(hit)
@@ -170,11 +158,16 @@ def _keyframe(trajectory: JointTrajectory, start: float, end: float) -> tuple[in
     return following, False
 
 
+def _at_start(trajectory: JointTrajectory, found: MotionHit) -> bool:
+    """Whether the arm touches something where it already stands, before it moves to keyframe 0."""
+    return bool(found.t == 0.0 < trajectory.keyframe_t[0])
+
+
 def _when(trajectory: JointTrajectory, found: MotionHit) -> str:
+    if _at_start(trajectory, found):
+        return "at the start of the motion"
     if found.at_keyframe:
         return f"at keyframe {found.keyframe}"
-    if found.t == 0.0:
-        return "at the start of the motion"
     if found.keyframe == 0:
         return "on the way to keyframe 0"
     if found.keyframe == len(trajectory.keyframe_t):
@@ -184,7 +177,7 @@ def _when(trajectory: JointTrajectory, found: MotionHit) -> str:
 
 def _advice(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> str:
     other = found.hit.second
-    if found.t == 0.0 and not found.at_keyframe:
+    if _at_start(trajectory, found):
         at_home = np.abs(trajectory.at(np.zeros(1)).q[0] - scene.arm.robot.home).max() < _STILL_RAD
         move = "change home in the robot's TOML" if at_home else "move the arm"
         stands = "table_height" if other == TABLE else "the obstacles" if other in scene.obstacles else ""

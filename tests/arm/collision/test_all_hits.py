@@ -7,10 +7,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pbd.arm.collision.motion_check import all_hits, check_motion, object_stays
+from pbd.arm.collision.motion_check import all_hits, object_stays
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel
 from pbd.data import GraspedObject, JointTrajectory
+from pbd.planning.result import find_touching
 from pbd.pose import Array
 from tests.arm.collision.test_collision import BOTTLE, GRIPS, PLACES, board, through
 
@@ -56,12 +57,11 @@ def test_all_hits_are_those_that_a_search_finds(
 def test_the_first_hit_is_that_of_a_refusal(arm: ArmModel) -> None:
     scene = CollisionScene(arm, 0.12, [board(0.0, 0.45)], BOTTLE)
     trajectory = through(arm, PLACES, GRIPS)
-    first, (told, *_) = check_motion(scene, trajectory), all_hits(scene, trajectory)
-    assert first is not None
-    assert told.t == first.t
-    assert (first.hit.first, first.hit.second) in {
-        (each.hit.first, each.hit.second) for each in all_hits(scene, trajectory) if each.t == first.t
-    }
+    touching = find_touching(scene, trajectory)
+    assert touching is not None
+    first, fields = touching.hits[0], touching.error.fields
+    assert first.t == min(each.t for each in touching.hits)
+    assert (fields["t"], fields["bodies"]) == (first.t, (first.hit.first, first.hit.second))
 
 
 def test_a_free_motion_has_none(arm: ArmModel) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance
 from pbd.arm.collision.geometry import link_bodies
-from pbd.arm.collision.motion_check import check_motion, collision_error, object_stays, refuse_home
+from pbd.arm.collision.motion_check import collision_error, object_stays, refuse_home
 from pbd.arm.collision.scene import CollisionScene, GraspState
 from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import ArmModel, load_model
@@ -21,7 +21,7 @@ from pbd.data import GraspedObject, JointTrajectory, Obstacle, Robot
 from pbd.data.world import TABLE, Stay
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose, quat_from_rpy
-from tests.arm.collision_oracles import placements, points_of
+from tests.arm.collision_oracles import first_hit, placements, points_of
 from tests.arm.conftest import random_joints
 from tests.arm.straight import time_keyframes
 
@@ -30,7 +30,7 @@ DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
 
 
 def refuse_collision(scene: CollisionScene, trajectory: JointTrajectory) -> None:
-    found = check_motion(scene, trajectory)
+    found = first_hit(scene, trajectory)
     if found is not None:
         raise collision_error(scene, trajectory, found)
 
@@ -56,7 +56,7 @@ def board(low: float, high: float, thick: float = 0.02) -> Obstacle:
 def test_a_free_motion_is_free(arm: ArmModel) -> None:
     scene = CollisionScene(arm, 0.0, [board(0.0, 0.15)], BOTTLE)
     trajectory = through(arm, PLACES, GRIPS)
-    assert check_motion(scene, trajectory) is None
+    assert first_hit(scene, trajectory) is None
     refuse_collision(scene, trajectory)
     refuse_home(scene)
 
@@ -64,8 +64,8 @@ def test_a_free_motion_is_free(arm: ArmModel) -> None:
 def test_the_bottle_meets_what_the_hand_does_not(arm: ArmModel) -> None:
     """On the way the bottle's lower end is at 0.2 m, the fingertips are at 0.34 m."""
     trajectory = through(arm, PLACES, GRIPS)
-    assert check_motion(CollisionScene(arm, 0.0, [board(0.0, 0.25)]), trajectory) is None
-    found = check_motion(CollisionScene(arm, 0.0, [board(0.0, 0.25)], BOTTLE), trajectory)
+    assert first_hit(CollisionScene(arm, 0.0, [board(0.0, 0.25)]), trajectory) is None
+    found = first_hit(CollisionScene(arm, 0.0, [board(0.0, 0.25)], BOTTLE), trajectory)
     assert found is not None
     assert (found.hit.first, found.hit.second) == ("the cylinder", "the board")
     assert found.hit.depth > 0.01
@@ -83,26 +83,26 @@ def test_a_released_object_is_an_obstacle(arm: ArmModel) -> None:
     for through_it in random_joints(arm.robot, 3000, seed=0):
         if bare.hit(through_it) is None and scene.hit(through_it, GraspState(1.0, put_down)) is not None:
             last = time_keyframes(arm, np.array([*q, through_it]), [0.2] * 3, [True, False, None], arm.robot.home)
-            if check_motion(bare, last) is None:
+            if first_hit(bare, last) is None:
                 break
     else:
         raise AssertionError("no such configuration")
     first = time_keyframes(arm, np.array([through_it, *q]), [0.2] * 3, [None, True, False], arm.robot.home)
-    found = check_motion(scene, last)
+    found = first_hit(scene, last)
     assert found is not None
     assert found.hit.second == "the cylinder"
     assert found.t > last.keyframe_t[1]
     assert [stay.held for stay in object_stays(scene, last)] == [False, True, False]
-    earlier = check_motion(scene, first)
+    earlier = first_hit(scene, first)
     assert earlier is None or earlier.t > first.keyframe_t[0]
 
 
 def test_a_contact_with_the_table_is_allowed_only_where_the_object_rests(arm: ArmModel) -> None:
     scene = CollisionScene(arm, 0.0, [], BOTTLE)
     low = [(x, y, z - 0.01 if i == 4 else z) for i, (x, y, z) in enumerate(PLACES)]  # put down a centimetre too deep
-    assert check_motion(scene, through(arm, low, GRIPS)) is None
+    assert first_hit(scene, through(arm, low, GRIPS)) is None
     dragged = [(x, y, 0.15 if 2 <= i <= 3 else z) for i, (x, y, z) in enumerate(PLACES)]
-    found = check_motion(scene, through(arm, dragged, GRIPS))
+    found = first_hit(scene, through(arm, dragged, GRIPS))
     assert found is not None
     assert (found.hit.first, found.hit.second) == ("the cylinder", TABLE)
 
@@ -113,19 +113,19 @@ def test_a_contact_of_opening_fingers_is_found(arm: ArmModel) -> None:
     scene = CollisionScene(arm, None, [post])
     places = [(0.5, -0.2, 0.35), (0.5, 0.2, 0.35), (0.5, 0.2, 0.15), (0.5, 0.2, 0.35)]
     opens = through(arm, places, [True, None, False, None])
-    found = check_motion(scene, opens)
+    found = first_hit(scene, opens)
     assert found is not None
     assert (found.keyframe, found.hit.second) == (2, "post")
     assert "finger" in found.hit.first
     assert opens.keyframe_t[2] < found.t < opens.keyframe_t[2] + 0.8
-    assert check_motion(scene, through(arm, places, [True, None, None, None])) is None
+    assert first_hit(scene, through(arm, places, [True, None, None, None])) is None
 
 
 @pytest.mark.parametrize("thick", [1e-4, 1e-3])
 def test_a_thin_sheet_across_a_fast_move_is_found(arm: ArmModel, thick: float) -> None:
     """A thin sheet across a move at full speed; both ends are free."""
     trajectory = through(arm, [(0.5, -0.3, 0.4), (0.5, 0.3, 0.4)], [None, None])
-    found = check_motion(CollisionScene(arm, 0.0, [board(0.3, 0.6, thick)]), trajectory)
+    found = first_hit(CollisionScene(arm, 0.0, [board(0.3, 0.6, thick)]), trajectory)
     assert found is not None
     assert found.hit.second == "the board"
     assert (found.keyframe, found.at_keyframe) == (1, False)
@@ -153,7 +153,7 @@ def test_against_dense_sampling(arm: ArmModel) -> None:
         ]
         scene = CollisionScene(arm, None, things)
         t, distance = dense(arm, scene, {"board", "rod"}, trajectory)
-        found = check_motion(scene, trajectory)
+        found = first_hit(scene, trajectory)
         verdicts.append(found is not None)
         if (distance < 0.0).any():
             assert found is not None
@@ -176,6 +176,10 @@ def test_against_dense_sampling(arm: ArmModel) -> None:
         ),
         (
             Obstacle("the lamp", "sphere", (0.2,), Pose.from_rpy((0.31, 0.0, 0.6), (0, 0, 0))),
+            r"at the start of the motion \(t = 0\.0 s\): panda_\w+ touches the lamp, \d+\.\d cm deep; change home",
+        ),
+        (  # from the start to keyframe 0
+            Obstacle("the lamp", "sphere", (0.7,), Pose.from_rpy((0.4, -0.1, 0.6), (0, 0, 0))),
             r"at the start of the motion \(t = 0\.0 s\): panda_\w+ touches the lamp, \d+\.\d cm deep; change home",
         ),
         (
@@ -208,7 +212,7 @@ def test_a_keyframe_in_the_table_is_named(arm: ArmModel) -> None:
     scene = CollisionScene(arm, 0.0)
     places = [(0.5, -0.2, 0.35), (0.5, -0.2, -0.018), (0.5, -0.2, 0.35)]
     trajectory = through(arm, places, [None] * 3)
-    found = check_motion(scene, trajectory)
+    found = first_hit(scene, trajectory)
     assert found is not None
     assert (found.keyframe, found.at_keyframe) == (1, True)
     error = collision_error(scene, trajectory, found)
