@@ -86,13 +86,12 @@ def detours(plan: Plan) -> tuple[tuple[float, float], ...]:
 
 
 def _rod(arm: ArmModel) -> Rod | None:
-    from pbd.arm.gripper import tool_on_joint, tool_rod
+    from pbd.arm.gripper import tool_rod
 
     body = tool_rod(arm)
     if body is None:
         return None
-    _, T_joint_tool = tool_on_joint(arm)
-    return Rod(T_joint_tool.inverse() @ body.T_joint_body, *body.size)
+    return Rod(arm.T_joint_tool.inverse() @ body.T_joint_body, *body.size)
 
 
 def _contacts(plan: Plan) -> tuple[TouchingPair, ...]:

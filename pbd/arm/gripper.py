@@ -36,23 +36,15 @@ _AHEAD, _FLIPPED = Body("ahead", 0, Pose.identity(), "floor"), Pose(np.zeros(3),
 _POINT = Body("point", 0, Pose.identity(), "sphere", (0.0,))
 
 
-@lru_cache(maxsize=16)
-def tool_on_joint(arm: ArmModel) -> tuple[int, Pose]:
-    """Return the joint that carries the tool, as an index in `arm.full`, and T_joint_tool."""
-    frame = arm.full.frames[arm.full.getFrameId(arm.robot.body, pin.FrameType.BODY)]
-    return int(frame.parentJoint), from_se3(frame.placement) @ arm.robot.T_body_tool
-
-
 def opening_direction(arm: ArmModel) -> Array | None:
     """Return the direction (3,) in the tool's frame in which the jaws begin to open; None if the model has no jaws.
 
     It is that of the finger which moves most at the tool's origin.
     """
-    joint, T_joint_tool = tool_on_joint(arm)
     closed, ajar = arm.full.createData(), arm.full.createData()
     for data, opening in ((closed, 0.0), (ajar, AJAR)):
         pin.forwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, opening)))
-    T_base_tool = closed.oMi[joint] * to_se3(T_joint_tool)
+    T_base_tool = closed.oMi[arm.tool_joint] * to_se3(arm.T_joint_tool)
     fingers = [] if arm.robot.gripper is None else map(arm.full.getJointId, arm.robot.gripper.joints)
     moved = [
         T_base_tool.actInv(ajar.oMi[each].act(closed.oMi[each].actInv(T_base_tool.translation))) for each in fingers
@@ -64,8 +56,7 @@ def opening_direction(arm: ArmModel) -> Array | None:
 
 def gripper_links(arm: ArmModel, bodies: Iterable[Body]) -> frozenset[str]:
     """Return the names of the bodies that the tool's joint carries; these may touch the grasped object."""
-    joint, _ = tool_on_joint(arm)
-    return frozenset(body.name for body in bodies if joint in list(arm.full.supports[body.joint]))
+    return frozenset(body.name for body in bodies if arm.tool_joint in list(arm.full.supports[body.joint]))
 
 
 @lru_cache(maxsize=16)
@@ -79,11 +70,10 @@ def tool_rod(arm: ArmModel) -> Body | None:
     """Return the rod from the nearest point of the tool's links to the tool's origin; None if they reach that far."""
     links = link_bodies(arm)
     gripper = gripper_links(arm, links)
-    joint, T_joint_tool = tool_on_joint(arm)
     data = arm.full.createData()
     pin.forwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, 0.0)))
-    T_tool_base = T_joint_tool.inverse() @ from_se3(data.oMi[joint]).inverse()
-    start = T_joint_tool.inverse().p
+    T_tool_joint = arm.T_joint_tool.inverse()
+    T_tool_base, start = T_tool_joint @ from_se3(data.oMi[arm.tool_joint]).inverse(), T_tool_joint.p
     nearest = np.inf
     for link in links:
         if link.name not in gripper:
@@ -101,4 +91,4 @@ def tool_rod(arm: ArmModel) -> Body | None:
     turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end - start)
     T_tool_rod = Pose(0.5 * (start + end), quat_from_xyzw(turn.coeffs()))
     size = (2.0 * ROD_RADIUS_M, float(np.linalg.norm(end - start)))
-    return Body(THE_TOOL, joint, T_joint_tool @ T_tool_rod, "capsule", size)
+    return Body(THE_TOOL, arm.tool_joint, arm.T_joint_tool @ T_tool_rod, "capsule", size)

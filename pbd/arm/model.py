@@ -51,6 +51,7 @@ class ArmModel:
         model, data: pinocchio's model of the arm's joints alone, and its buffers.
         configuration: converts joints (k,) to pinocchio's configuration of `model`.
         tool_id: the tool's frame in `model`.
+        tool_joint, T_joint_tool: the joint of `full` that carries the tool, and the tool's pose on it.
         turns: (k,) 1 for a revolute joint, whose whole turns change no pose; 0 for a prismatic joint.
         travel_scale: (k,) rad of joint travel per unit of a joint: 1 for a revolute joint; for a prismatic joint the
             angle by which a revolute joint turns while it moves by 1 m, both at their largest velocity.
@@ -91,8 +92,10 @@ class ArmModel:
         T_base_universe = base.placement.inverse()
         for model in (full, self.model):
             _move_world(model, T_base_universe)
-        T_joint_tool = body.placement * to_se3(robot.T_body_tool)
-        frame = pin.Frame(TOOL, body.parentJoint, 0, T_joint_tool, pin.FrameType.OP_FRAME)
+        self.tool_joint, T_joint_body = self.link_on_joint(robot.body)
+        self.T_joint_tool = T_joint_body @ robot.T_body_tool
+        placement = body.placement * to_se3(robot.T_body_tool)
+        frame = pin.Frame(TOOL, body.parentJoint, 0, placement, pin.FrameType.OP_FRAME)
         self.tool_id: int = self.model.addFrame(frame)
         self.data = self.model.createData()
         self.configuration = _configuration_of(self.model)
@@ -114,14 +117,13 @@ class ArmModel:
 
     def unmoved_between(self, *links: str) -> tuple[str, ...]:
         """Return the joints between two links that neither the arm nor the gripper moves; they stand at 0."""
-        chains = []
-        for link in links:
-            joint = self.full.frames[self.full.getFrameId(link, pin.FrameType.BODY)].parentJoint
-            chains.append(set[int]())
-            while joint != 0:
-                chains[-1].add(joint)
-                joint = self.full.parents[joint]
-        return tuple(self.full.names[joint] for joint in sorted(chains[0] ^ chains[1]) if joint not in self.drives)
+        one, other = (set(self.full.supports[self.link_on_joint(link)[0]]) for link in links)
+        return tuple(self.full.names[joint] for joint in sorted(one ^ other) if joint not in self.drives)
+
+    def link_on_joint(self, name: str) -> tuple[int, Pose]:
+        """Return the joint that carries a link, as an index in `full`, and T_joint_link."""
+        frame = self.full.frames[self.full.getFrameId(name, pin.FrameType.BODY)]
+        return int(frame.parentJoint), from_se3(frame.placement)
 
     def limit_margins(self, q: Array) -> Array:
         """Return the distance (..., k) of each joint from its nearer limit, rad or m; negative beyond it."""

@@ -47,7 +47,7 @@ def test_a_bare_flange_at_the_tools_origin_needs_no_rod(
     monkeypatch: pytest.MonkeyPatch, gap_m: float, needed: bool
 ) -> None:
     monkeypatch.setattr(gripper, "link_bodies", lambda _: ())
-    monkeypatch.setattr(gripper, "tool_on_joint", lambda _: (6, Pose.from_rpy((0.0, 0.0, gap_m), (0.0, 0.0, 0.0))))
+    monkeypatch.setattr(arm_of("ur5"), "T_joint_tool", Pose.from_rpy((0.0, 0.0, gap_m), (0.0, 0.0, 0.0)))
     assert (tool_rod(arm_of("ur5")) is not None) == needed
 
 

@@ -15,9 +15,8 @@ from typing import Any
 
 import coal
 import numpy as np
-import pinocchio as pin
 
-from pbd.arm.model import ArmModel, from_se3, to_se3
+from pbd.arm.model import ArmModel, to_se3
 from pbd.data.world import beyond_reach
 from pbd.errors import RobotError
 from pbd.io.meshes import from_mesh, mesh_triangles, rounded_points
@@ -81,8 +80,8 @@ def bodies_of(arm: ArmModel, shapes: Iterable[Shape]) -> tuple[Body, ...]:
     """
     bodies = []
     for shape in shapes:
-        frame = arm.full.frames[arm.full.getFrameId(shape.link, pin.FrameType.BODY)]
-        placed = shape.link, int(frame.parentJoint), from_se3(frame.placement) @ shape.T_link_shape
+        joint, T_joint_link = arm.link_on_joint(shape.link)
+        placed = shape.link, joint, T_joint_link @ shape.T_link_shape
         if shape.kind == "mesh":
             mesh = shape.mesh, shape.scale
             points = _hull(*mesh)

@@ -12,7 +12,6 @@ import numpy as np
 
 from pbd.arm.collision.clearance import MARGIN_M, NONE_ALLOWED, AllowedTouches, Clearance, JointPath, Pairs, SampledPath
 from pbd.arm.collision.geometry import Body, moves_with_tool
-from pbd.arm.gripper import tool_on_joint
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
@@ -98,12 +97,11 @@ class QuickClearance(Clearance):
         Returns:
             The first pair found that touches, its distance, m, and the point (3,) in base, m; or None.
         """
-        joint, T_joint_tool = tool_on_joint(self.arm)
         self._place(self.arm.configurations(np.append(self.arm.robot.home, opening)))
-        T_joint_base, pairs = self._data.oMi[joint].inverse(), np.flatnonzero(self._of_tool).tolist()
+        T_joint_base, pairs = self._data.oMi[self.arm.tool_joint].inverse(), np.flatnonzero(self._of_tool).tolist()
         carried = {int(i) for i in self.pairs[pairs].ravel() if self.bodies[i].joint > 0}
         T_joint_body = {i: T_joint_base * self._placed.oMg[i] for i in carried}
-        T_tool_joint = to_se3(T_joint_tool.inverse())
+        T_tool_joint = to_se3(self.arm.T_joint_tool.inverse())
         for pose in T_base_tool:
             T_base_joint = to_se3(pose) * T_tool_joint
             for i, T in T_joint_body.items():
@@ -157,6 +155,5 @@ class QuickClearance(Clearance):
         return any(not self.may_touch(pair, x) for pair in near)
 
     def _remember_touch(self, pair: int) -> bool:
-        """Remember a pair that touched; return True."""
         self._recent = [pair, *(each for each in self._recent if each != pair)][:RECENT]
         return True

@@ -19,7 +19,7 @@ from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Clearance, Pairs
 from pbd.arm.collision.geometry import Body, body_distance
 from pbd.arm.collision.motion_bounds import moving_pairs
 from pbd.arm.collision.quick_clearance import QuickClearance
-from pbd.arm.gripper import arm_bodies, gripper_links, tool_on_joint
+from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.model import ArmModel
 from pbd.arm.path_sampling import sample_polyline
 from pbd.data import GraspedObject, Obstacle
@@ -212,8 +212,7 @@ class CollisionScene:
     def _object_pairs(self, stay: Stay) -> QuickClearance:
         thing = self._grasped
         assert thing is not None  # `stays` returns none without an object
-        joint, T_joint_tool = tool_on_joint(self.arm)
-        placed = (joint, T_joint_tool @ stay.pose) if stay.held else (0, stay.pose)
+        placed = (self.arm.tool_joint, self.arm.T_joint_tool @ stay.pose) if stay.held else (0, stay.pose)
         bodies = (*self._bodies, Body(f"the {thing.shape}", *placed, thing.shape, thing.size))
         this, gripper = len(self._bodies), gripper_links(self.arm, self._links)
         others = [i for i, link in enumerate(self._links) if link.name not in gripper]
@@ -231,7 +230,6 @@ class CollisionScene:
         return QuickClearance(self.arm, bodies, np.concatenate((pairs, around)), self.margin_m, allowed)
 
     def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:
-        """Whether an object at a pose stands on a support."""
         distance, _, normal = body_distance(thing, T_base_thing, support, support.T_joint_body)
         return bool(abs(distance) <= NEAR_SUPPORT_M and -normal[2] >= LEAST_NORMAL_Z)
 
