@@ -41,7 +41,8 @@ def sample_trajectory(trajectory: JointTrajectory, rates: Array, start: float = 
     # Between two marks each joint moves in one direction with monotonic speed, so its top speed is at an end.
     duration = np.diff(marks)
     opening = np.interp(marks, trajectory.gripper_t, trajectory.gripper_opening)
-    speed = np.column_stack((_top_speeds(trajectory, marks), np.abs(np.diff(opening)) / duration))
+    at_marks = np.abs(trajectory.at(marks).qd)
+    speed = np.column_stack((np.maximum(at_marks[:-1], at_marks[1:]), np.abs(np.diff(opening)) / duration))
     motion = duration * (speed @ np.max(rates, axis=0, initial=0.0))
     steps = np.ceil(motion / STEP_M).astype(np.int64) + 1
     span, share = _shares(steps)
@@ -66,14 +67,3 @@ def _turning_points(trajectory: JointTrajectory) -> Array:
         roots = np.stack((w / (3.0 * c3), c1 / w, -c2 / (3.0 * c3)))
     inside = (roots > 0.0) & (roots < np.diff(trajectory.knots)[:, None])
     return np.asarray((roots + trajectory.knots[:-1, None])[inside])
-
-
-def _top_speeds(trajectory: JointTrajectory, marks: Array) -> Array:
-    """Return the larger of each joint's speeds at the two ends of each span between marks (n,): (n - 1, k) rad/s."""
-    middle = 0.5 * (marks[:-1] + marks[1:])
-    piece = np.clip(np.searchsorted(trajectory.knots, middle) - 1, 0, len(trajectory.coefficients) - 1)
-    _, c1, c2, c3 = np.moveaxis(trajectory.coefficients[piece], 1, 0)
-    ends = [(mark - trajectory.knots[piece])[:, None] for mark in (marks[:-1], marks[1:])]
-    begin, end = (np.abs(c1 + s * (2.0 * c2 + s * 3.0 * c3)) for s in ends)
-    fastest: Array = np.maximum(begin, end)
-    return fastest
