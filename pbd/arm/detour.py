@@ -35,13 +35,11 @@ def find_detour(
     starts: Array,
     goals: Array,
     settings: DetourSearch,
-    most_checks: int,
     known: Sequence[Array] = (),
 ) -> tuple[Array | None, int]:
     """Find a collision-free path from one of the starts (s, k) to one of the goals (g, k).
 
     Args:
-        most_checks: collision checks before the search gives up; smoothing needs further checks.
         known: free paths (m, k) in the same grasp state; the detour may follow part of one, in either direction.
 
     Returns:
@@ -50,7 +48,7 @@ def find_detour(
     """
     starts = np.array([q for q in starts if scene.is_free(q[None], grasp)]).reshape(-1, goals.shape[1])
     goals = np.array([q for q in goals if scene.is_free(q[None], grasp)]).reshape(-1, goals.shape[1])
-    if not len(starts) or not len(goals) or most_checks <= 0:
+    if not len(starts) or not len(goals) or settings.most_checks <= 0:
         return None, 0
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(settings.seed)
@@ -60,7 +58,7 @@ def find_detour(
     if found is None:
         marks = {q.tobytes() for path in known for q in (*path[::_START_EVERY], path[-1])}
         begun = np.array([*starts, *(p[-1] for p in [*paths.values()][len(starts) :] if p[-1].tobytes() in marks)])
-        corners = search.connect(begun, goals, settings.step_rad, most_checks)
+        corners = search.connect(begun, goals, settings)
         if corners is None:
             return None, search.checker.checks
         found = np.vstack((paths[corners[0].tobytes()], corners[1:]))
@@ -145,7 +143,7 @@ class _Search:
         self.information.setMotionValidator(self.checker)
         self.information.setup()
 
-    def connect(self, starts: Array, goals: Array, step_rad: float, most_checks: int) -> Array | None:
+    def connect(self, starts: Array, goals: Array, settings: DetourSearch) -> Array | None:
         """Return the corners (m, k) of a path from a start to a goal; None if the checks are used up first."""
         problem, ends = base.ProblemDefinition(self.information), base.GoalStates(self.information)
         for q in starts:
@@ -154,10 +152,10 @@ class _Search:
             ends.addState(self._state(q))
         problem.setGoal(ends)
         planner = geometric.RRTConnect(self.information)
-        planner.setRange(step_rad)
+        planner.setRange(settings.step_rad)
         planner.setProblemDefinition(problem)
         planner.setup()
-        planner.solve(base.PlannerTerminationCondition(lambda: self.checker.checks >= most_checks))
+        planner.solve(base.PlannerTerminationCondition(lambda: self.checker.checks >= settings.most_checks))
         return self.checker.joints(problem.getSolutionPath()) if problem.hasExactSolution() else None
 
     def smooth(self, q: Array) -> Array | None:

@@ -40,7 +40,7 @@ class DetourSearch(NamedTuple):
     """Settings of one search for a detour.
 
     Attributes:
-        most_checks: number of collision checks after which the search gives up.
+        most_checks: number of collision checks after which the search gives up; smoothing needs further ones.
         seed: seed of the random search.
         step_rad: longest edge of a tree, as the norm over all joints.
         winding_rad: how far a joint may go beyond the range of all starts and goals.
@@ -214,8 +214,8 @@ class LinkChecks:
         from pbd.arm.detour import find_detour  # OMPL loads slowly
 
         assert self.scene is not None
-        move, most_checks = self.moves[i], min(settings.most_checks, self.checks_left)
-        found, checks = find_detour(self.scene, self.grasps[i], starts, goals, settings, most_checks, known)
+        move, affordable = self.moves[i], settings._replace(most_checks=min(settings.most_checks, self.checks_left))
+        found, checks = find_detour(self.scene, self.grasps[i], starts, goals, affordable, known)
         move.detour_checks, self.checks_left = move.detour_checks + checks, self.checks_left - checks
         return found
 

@@ -269,7 +269,7 @@ def test_a_known_path_to_the_goal_needs_no_search(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(_Search, "connect", pytest.fail)
     known = np.stack((HOME, HOME + 0.3, HOME - 0.1))
     scene = CollisionScene(ARM, None)
-    found, _ = find_detour(scene, GraspState(), known[:1], known[2:], DetourSearch(100), 100, [known])
+    found, _ = find_detour(scene, GraspState(), known[:1], known[2:], DetourSearch(100), [known])
     assert found is not None
     assert (found[[0, -1]] == known[[0, 2]]).all()
 
