@@ -90,7 +90,10 @@ def _link_solid(arm: AuditArm, shape: Shape) -> Solid:
     at_joint = corners @ T_joint_solid.rotation.T + T_joint_solid.translation
     center = 0.5 * (at_joint.min(axis=0) + at_joint.max(axis=0))
     reach, radius = (float(np.linalg.norm(at_joint - p, axis=1).max()) + pad for p in (np.zeros(3), center))
-    return Solid(shape.link, joint, T_joint_solid, _convex_hull(corners), reach, (center, radius), pad, mesh)
+    vertices = coal.StdVec_Vec3s()
+    vertices.extend(list(corners))
+    hull = coal.Convex.convexHull(vertices, True, "Qt")
+    return Solid(shape.link, joint, T_joint_solid, hull, reach, (center, radius), pad, mesh)
 
 
 def simple_solid(name: str, joint: int, T_joint_solid: Any, shape: str, size: tuple[float, ...]) -> Solid:
@@ -182,9 +185,3 @@ def _hull_corners(triangles: Array) -> dict[str, Array]:
     except (QhullError, ValueError):  # a flat mesh has no hull, and crashes coal; its bounding box serves
         low, high = points.min(axis=0) - ROUNDED_M, points.max(axis=0) + ROUNDED_M
         return {"corners": np.array([np.where(mask, high, low) for mask in np.ndindex(2, 2, 2)])}
-
-
-def _convex_hull(points: Array) -> Any:
-    vertices = coal.StdVec_Vec3s()
-    vertices.extend(list(points))
-    return coal.Convex.convexHull(vertices, True, "Qt")

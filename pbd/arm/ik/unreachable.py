@@ -59,7 +59,9 @@ def find_reason(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Unreache
         if beyond <= TOLERANCE_M:
             return Unreached(0.0, False, _limits(arm, nearest.q, *residual(nearest.q)))
     e, J = residual(q_least)
-    from_shoulder = T_base_tool.p + e[:3] - _shoulder(arm, q_least)
+    arm.forward(q_least)
+    p_shoulder = arm.data.oMi[min(2, arm.model.njoints - 1)].translation  # of the second joint
+    from_shoulder = T_base_tool.p + e[:3] - p_shoulder
     return Unreached(beyond, float(from_shoulder @ e[:3]) < 0.0, _limits(arm, q_least, e[:3], J[:3]))
 
 
@@ -87,14 +89,6 @@ def out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> Pla
         beyond=reason.beyond_m,
         joints=tuple(joint for joint, _ in reason.limits),
     )
-
-
-def _shoulder(arm: ArmModel, q: Array) -> Array:
-    """Return the position (3,) of the second joint in base, m."""
-    arm.forward(q)
-    joint = min(2, arm.model.njoints - 1)
-    shoulder: Array = arm.data.oMi[joint].translation
-    return shoulder
 
 
 def _limits(arm: ArmModel, q: Array, e: Array, J: Array) -> tuple[tuple[str, str], ...]:
