@@ -18,7 +18,7 @@ from pbd.planning.choose_joints import PlanRefusal
 from pbd.planning.options import PlanOptions
 from pbd.planning.plan import plan_task
 from pbd.planning.result import Plan
-from pbd.planning.task import Task, arm_of, scene_of
+from pbd.planning.task import Task, arm_of
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 
 if TYPE_CHECKING:
@@ -115,12 +115,13 @@ def suggest(
         reachable = _rank(arm, docks, keyframes)
         if docks:
             tell(f"{len(reachable)} of {len(docks)} docks have all keyframes within reach at {scale:g} of the size")
-        planned, refusals = _plan_at_best(robot, reachable, keyframes, grasped)
+        best = [Task(tuple(keyframes), dock, robot, None, grasped, PlanOptions()) for dock in reachable[:DOCKS_PLANNED]]
+        planned, refusals = _plan_each(best)
         if refusals and not planned and not touching and (touching := _often_touching(arm)):
             robot = replace(robot, may_touch=(*robot.may_touch, *touching))
             pairs = ", ".join(f"{first} and {second}" for first, second in touching)
             tell(f"links that overlap in most configurations are taken to do so by design: {pairs}")
-            planned, refusals = _plan_at_best(robot, reachable, keyframes, grasped)
+            planned, refusals = _plan_each([replace(task, robot=robot) for task in best])
         if planned:
             plan, warned = min(planned, key=lambda each: each[0].trajectory.duration)
             for message in warned:
@@ -146,11 +147,9 @@ def _often_touching(arm: ArmModel) -> dict[tuple[str, str], int]:
     return often
 
 
-def _plan_at_best(
-    robot: Robot, docks: Sequence[Calibration], keyframes: Sequence[Keyframe], grasped: GraspedObject | None
-) -> tuple[list[tuple[Plan, list[str]]], list[str]]:
-    """Plan at the best docks; return the plans that worked, with their warnings, and why the others failed."""
-    tried = [_plan_at(robot, dock, keyframes, grasped) for dock in docks[:DOCKS_PLANNED]]
+def _plan_each(tasks: Sequence[Task]) -> tuple[list[tuple[Plan, list[str]]], list[str]]:
+    """Plan at each dock; return the plans that worked, with their warnings, and why the others failed."""
+    tried = list(map(_plan_at_dock, tasks))
     return [each for each in tried if isinstance(each, tuple)], [each for each in tried if isinstance(each, str)]
 
 
@@ -257,16 +256,13 @@ def _solve_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
     return np.array(found)
 
 
-def _plan_at(
-    robot: Robot, dock: Calibration, keyframes: Sequence[Keyframe], grasped: GraspedObject | None
-) -> tuple[Plan, list[str]] | str:
-    """Return the plan at a dock, from the first home that works, and its warnings; or why it can't be planned."""
+def _plan_at_dock(task: Task) -> tuple[Plan, list[str]] | str:
+    """Return the plan from the first home that works, and its warnings; or why the task can't be planned."""
     why = "the place over the dock is out of reach; correct base or T_body_tool"
-    for home in _homes(arm_of(robot), dock, keyframes, grasped):
-        own = replace(robot, home=home, dock=dock)
+    for home in _homes(task):
         with collected_warnings() as warned:
             try:
-                found = plan_task(Task(tuple(keyframes), dock, own, None, grasped, PlanOptions()))
+                found = plan_task(replace(task, robot=replace(task.robot, home=home, dock=task.calibration)))
             except PbdError as error:
                 found = PlanRefusal(error)
         if isinstance(found, Plan):
@@ -275,21 +271,18 @@ def _plan_at(
     return why
 
 
-def _homes(
-    arm: ArmModel, dock: Calibration, keyframes: Sequence[Keyframe], grasped: GraspedObject | None
-) -> list[Array]:
+def _homes(task: Task) -> list[Array]:
     """Return joints (k,) with the tool over the first keyframe, least cost first; free ones if there are any."""
     from pbd.arm.ik.branches import configuration_cost, find_branches, turn_toward
 
-    first = _tool_poses_at(dock, keyframes)[0]
-    over = Pose(first.p + np.array([0.0, 0.0, HOME_OVER_M * dock.scale]), first.wxyz)
-    found = turn_toward(arm, find_branches(arm, over, arm.robot.home[None], HOME_DESCENTS), arm.robot.home)
+    arm, first, usual = task.arm, task.T_base_tool[0], task.robot.home
+    over = Pose(first.p + np.array([0.0, 0.0, HOME_OVER_M * task.calibration.scale]), first.wxyz)
+    found = turn_toward(arm, find_branches(arm, over, usual[None], HOME_DESCENTS), usual)
     if not len(found):
         return []
-    scene = scene_of(arm, dock, grasped)
     least_first = np.round(found[configuration_cost(arm, found).argsort()], 4)
     # If none is free, planning explains why.
-    return [q for q in least_first if scene.hit(q) is None][:HOMES_PLANNED] or [least_first[0]]
+    return [q for q in least_first if task.scene.hit(q) is None][:HOMES_PLANNED] or [least_first[0]]
 
 
 def _tool_poses_at(dock: Calibration, keyframes: Sequence[Keyframe]) -> tuple[Pose, ...]:

@@ -16,9 +16,17 @@ from pbd.data import Calibration
 from pbd.errors import PlanError
 from pbd.files.find_by_name import names
 from pbd.files.robot import read_robot
-from pbd.planning import arm_of
+from pbd.planning import PlanOptions, arm_of
 from pbd.planning.choose_joints import PlanRefusal
-from pbd.planning.suggest import DOCKS, MORE_DOCKS, TABLE_STEP_M, _highest_table, _plan_at, _search_order, _solve_all
+from pbd.planning.suggest import (
+    DOCKS,
+    MORE_DOCKS,
+    TABLE_STEP_M,
+    _highest_table,
+    _plan_at_dock,
+    _search_order,
+    _solve_all,
+)
 from pbd.planning.task import Task
 from pbd.pose import Pose, quat_exp, quat_multiply
 from pbd.view.units import Units
@@ -86,7 +94,7 @@ def test_tables_are_tried_at_zero_first_where_the_arm_reaches_it_and_then_anywhe
 def test_a_dock_out_of_reach_is_said_to_be() -> None:
     panda = arm_of(read_robot(ROOT / "robots" / "panda.toml")).robot
     far = Calibration("far", Pose.from_rpy((3.0, 0.0, 0.5), (0.0, 0.0, 0.0)), robots=("panda",))
-    said = _plan_at(panda, far, keyframes_of("paper-test2"), None)
+    said = _plan_at_dock(Task(keyframes_of("paper-test2"), far, panda, None, None, PlanOptions()))
     assert said == "the place over the dock is out of reach; correct base or T_body_tool"
 
 
