@@ -21,7 +21,7 @@ from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.ladder_building import Unreachable, add_turns, build_ladder, joints_to_unwind, widen
 from pbd.arm.ladder_checks import WIDE_COST
 from pbd.arm.ladder_graph import Barred, Ladder
-from pbd.arm.ladder_links import Link, MoveState, assemble_motion
+from pbd.arm.ladder_links import Link, MoveState, ends_key
 from pbd.arm.ladder_mending import Mending
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
@@ -75,6 +75,8 @@ class _Search(Mending):
         self.retreat_hit: Hit | None = None
         self.before_trial: tuple[Ladder, list[Link], list[MoveState], Hit | None] | None = None
         self.unwound: set[int] = set()
+        for i in range(1, self.n if request.kind != STRAIGHT else 1):
+            self._follow_path(i + 1, request.kind)
 
     def run(self) -> Motion | Refusal:
         while True:
@@ -92,7 +94,7 @@ class _Search(Mending):
             elif self.ladder.end < len(self.ladder.layers):
                 self._advance(path)
             else:
-                return assemble_motion(self.arm, self.links, self.moves, self.ladder.joints(path), self.n)
+                return self._motion(self.ladder.joints(path))
 
     def _advance(self, path: Sequence[int]) -> None:
         """Move the window; it begins at a keyframe, so that no move is partly final and partly open to remedies."""
@@ -203,6 +205,22 @@ class _Search(Mending):
         for i in {link.keyframe for link in links[within]}:
             moves[i] = replace(moves[i], remedies=list(moves[i].remedies), hits=dict(moves[i].hits))
         return self.ladder.copy(), links, moves, self.retreat_hit
+
+    def _motion(self, q: Array) -> Motion:
+        """Assemble the motion from the free moves of the l links; q (l + 1, k) are the joints chosen."""
+        parts: list[list[Array]] = [[] for _ in self.moves]
+        ends = [q[0]] * self.n
+        for place, link in enumerate(self.links, start=1):
+            parts[link.keyframe].append(link.free_moves[ends_key(q[place - 1], q[place])])
+            if link.keyframe < self.n:
+                ends[link.keyframe] = q[place]
+        segments = [move.segment(np.vstack(part)) for move, part in zip(self.moves, parts, strict=True) if part]
+        for i, segment in enumerate(segments[1 : self.n], start=1):
+            if segment.kind == STRAIGHT:
+                (deviation,) = tool_deviations(self.arm, ends[i - 1][None], ends[i][None])
+                wide = deviation if deviation.wide else None
+                segments[i] = replace(segment, off_line_m=deviation.off_line_m, wide=wide)
+        return Motion(np.array(ends), tuple(segments[: self.n]), segments[self.n] if len(segments) > self.n else None)
 
     def _refuse(self, i: int) -> Refusal:
         move, infeasible_kind = self.moves[i], None

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-
-import numpy as np
+from dataclasses import dataclass, field
 
 from pbd.arm.collision.scene import Hit
-from pbd.arm.model import ArmModel
-from pbd.arm.motion_request import DETOUR, STRAIGHT, Motion, MotionRequest, Segment
-from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
+from pbd.arm.motion_request import DETOUR, STRAIGHT, MotionRequest, Segment
+from pbd.arm.tool_deviation import ToolDeviation
 from pbd.pose import Array, Pose
 
 
@@ -105,22 +101,3 @@ def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str
     # A line is optional, so it gets fewer remedies.
     path = ["follow", "widen", "split"] if request.hand else ["follow"]
     return [*path, "detour", "connect"]
-
-
-def assemble_motion(arm: ArmModel, links: Sequence[Link], moves: Sequence[MoveState], q: Array, n: int) -> Motion:
-    """Assemble a motion through n keyframes from the free moves of the l links; q (l + 1, k) are the joints chosen."""
-    parts: list[list[Array]] = [[] for _ in moves]
-    ends = [q[0]] * n
-    for place, link in enumerate(links, start=1):
-        parts[link.keyframe].append(link.free_moves[ends_key(q[place - 1], q[place])])
-        if link.keyframe < n:
-            ends[link.keyframe] = q[place]
-    segments = []
-    for i in range(n):
-        segment = moves[i].segment(np.vstack(parts[i]))
-        if i > 0 and segment.kind == STRAIGHT:
-            (deviation,) = tool_deviations(arm, ends[i - 1][None], ends[i][None])
-            segment = replace(segment, off_line_m=deviation.off_line_m, wide=deviation if deviation.wide else None)
-        segments.append(segment)
-    retreat = moves[n].segment(np.vstack(parts[n])) if len(parts) > n and parts[n] else None
-    return Motion(np.array(ends), tuple(segments), retreat)

@@ -5,15 +5,12 @@ from __future__ import annotations
 from functools import partial
 from itertools import pairwise
 
-from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.partial_pose import is_redundant
 from pbd.arm.ladder_building import CONTINUOUS_RAD, MEND_AFTER_STEPS, STARTS, STARTS_NULL_SPACE, layers_along, widen
 from pbd.arm.ladder_checks import LinkChecks
-from pbd.arm.ladder_graph import Ladder
 from pbd.arm.ladder_links import Link
-from pbd.arm.model import ArmModel
-from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, MotionRequest
+from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
 from pbd.pose import Pose
 
 MEND_AFTER_PATHS = 4
@@ -32,11 +29,6 @@ LOOK_BACK = 8
 
 class Mending(LinkChecks):
     """The ladder of a motion, with the remedies for its links."""
-
-    def __init__(self, arm: ArmModel, request: MotionRequest, scene: CollisionScene | None, ladder: Ladder) -> None:
-        super().__init__(arm, request, scene, ladder)
-        for i in range(1, self.n if request.kind != STRAIGHT else 1):
-            self._follow_path(i + 1, request.kind)
 
     def _follow_path(self, place: int, kind: str | None = None) -> None:
         """Let the tool follow one path to a layer: the hand's if it is known and `kind` is not LINE, else a line."""

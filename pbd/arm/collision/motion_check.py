@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbd.arm.collision.clearance import Clearance, ContactSpan, JointPath
+from pbd.arm.collision.clearance import Clearance
 from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import JointTrajectory
@@ -52,15 +52,18 @@ def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Motion
     found: list[MotionHit] = []
     for clearance, start, end in _phases(scene, trajectory):
         path = sample_trajectory(trajectory, clearance.rates, start, end)
-        found += [_motion_hit(scene, trajectory, clearance, path, met) for met in clearance.contacts(path)]
+        for met in clearance.contacts(path):
+            hit = scene.as_hit(clearance, met.pair, path.x[met.deepest], met.distance)
+            t, parted_t = float(path.t[met.first]), float(path.t[met.last])
+            found.append(MotionHit(hit, t, parted_t, *_keyframe(trajectory, t, parted_t)))
     hits: list[MotionHit] = []
-    for hit in sorted(found, key=lambda each: (each.t, each.hit.distance)):
-        i = next((i for i, other in enumerate(hits) if _same_contact(other, hit)), None)
+    for later in sorted(found, key=lambda each: (each.t, each.hit.distance)):
+        i = next((i for i, earlier in enumerate(hits) if _same_contact(earlier, later)), None)
         if i is None:
-            hits.append(hit)
+            hits.append(later)
         else:
-            deeper = min(hits[i].hit, hit.hit, key=lambda each: each.distance)
-            hits[i] = replace(hits[i], hit=deeper, parted_t=max(hits[i].parted_t, hit.parted_t))
+            deeper = min(hits[i].hit, later.hit, key=lambda each: each.distance)
+            hits[i] = replace(hits[i], hit=deeper, parted_t=max(hits[i].parted_t, later.parted_t))
     return tuple(hits)
 
 
@@ -135,14 +138,6 @@ def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: M
         t=found.t,
         **found.hit.fields,
     )
-
-
-def _motion_hit(
-    scene: CollisionScene, trajectory: JointTrajectory, clearance: Clearance, path: JointPath, met: ContactSpan
-) -> MotionHit:
-    hit = scene.as_hit(clearance, met.pair, path.x[met.deepest], met.distance)
-    t, parted_t = float(path.t[met.first]), float(path.t[met.last])
-    return MotionHit(hit, t, parted_t, *_keyframe(trajectory, t, parted_t))
 
 
 def _keyframe(trajectory: JointTrajectory, start: float, end: float) -> tuple[int, bool]:
