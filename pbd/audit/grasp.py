@@ -61,10 +61,8 @@ def tool_rod(arm: AuditArm, links: Sequence[Solid]) -> Solid | None:
     if length < ROD_GAP_M:
         return None
     end = start * (ROD_SHORT_M + ROD_RADIUS_M) / length
-    z = -start / length
-    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-    x /= np.linalg.norm(x)
-    T_tool_rod = pin.SE3(np.stack((x, np.cross(z, x), z), axis=1), 0.5 * (start + end))
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), -start)
+    T_tool_rod = pin.SE3(turn.matrix(), 0.5 * (start + end))
     size = (2.0 * ROD_RADIUS_M, float(np.linalg.norm(end - start)))
     return simple_solid(THE_TOOL, arm.tool_joint, arm.T_joint_tool * T_tool_rod, "capsule", size)
 

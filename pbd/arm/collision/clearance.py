@@ -17,8 +17,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -51,6 +51,13 @@ class JointPath:
     t: Array
     x: Array
 
+    @cached_property
+    def moved(self) -> Array:
+        """(k + 1, n) total travel of each coordinate up to each node."""
+        moved = np.zeros_like(self.x.T)
+        np.cumsum(np.abs(np.diff(self.x.T)), axis=1, out=moved[:, 1:])
+        return moved
+
 
 @dataclass(frozen=True)
 class ContactSpan:
@@ -64,15 +71,6 @@ class ContactSpan:
     last: int
     deepest: int
     distance: float
-
-
-class SampledPath(NamedTuple):
-    """A path, pinocchio's configuration q (n, nq) at each node, and each coordinate's total travel up to that node,
-    `moved` (k + 1, n)."""
-
-    path: JointPath
-    q: Array
-    moved: Array
 
 
 class Clearance:
@@ -156,21 +154,19 @@ class Clearance:
 
         The path's nodes must be dense enough for `rates`, see path_sampling.py.
         """
-        sampled, at_start = self._sampled(path), self.distances(path.x[0])
-        near = np.flatnonzero(~(at_start - self.margin_m >= self.rates @ sampled.moved[:, -1])).tolist()
-        return [contact for pair in near for contact in self._contacts_of(pair, sampled, float(at_start[pair]))]
+        q, at_start = self.arm.configurations(path.x), self.distances(path.x[0])
+        near = np.flatnonzero(~(at_start - self.margin_m >= self.rates @ path.moved[:, -1])).tolist()
+        return [contact for pair in near for contact in self._contacts_of(pair, path, q, float(at_start[pair]))]
 
-    def _sampled(self, path: JointPath) -> SampledPath:
-        moved = np.zeros_like(path.x.T)
-        np.cumsum(np.abs(np.diff(path.x.T)), axis=1, out=moved[:, 1:])
-        return SampledPath(path, self.arm.configurations(path.x), moved)
+    def _contacts_of(self, pair: int, path: JointPath, q: Array, distance: float) -> Iterator[ContactSpan]:
+        """Yield a pair's contacts on a path; one ends where it is allowed, too.
 
-    def _contacts_of(self, pair: int, sampled: SampledPath, distance: float) -> Iterator[ContactSpan]:
-        """Yield a pair's contacts on a path; one ends where it is allowed, too. `distance`: m, at the start."""
-        travel, node, end = self.rates[pair] @ sampled.moved, 0, len(sampled.q) - 1
+        `q`: (n, nq) pinocchio's configurations at the nodes; `distance`: m, at the first.
+        """
+        travel, node, end = self.rates[pair] @ path.moved, 0, len(q) - 1
         contact: ContactSpan | None = None
         while True:
-            if distance >= self.margin_m or self.may_touch(pair, sampled.path.x[node]):
+            if distance >= self.margin_m or self.may_touch(pair, path.x[node]):
                 if contact is not None:
                     yield contact
                 contact = None
@@ -184,7 +180,7 @@ class Clearance:
                 break
             due = travel[node] + max(self.margin_m, distance) + self.margin_m
             node = min(max(int(travel.searchsorted(due, side="right")) - 1, node + 1), end)
-            self._place(sampled.q[node])
+            self._place(q[node])
             distance = self._distance(pair)
         if contact is not None:
             yield contact

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from pbd.arm.collision.clearance import MARGIN_M, NONE_ALLOWED, AllowedTouches, Clearance, JointPath, Pairs, SampledPath
+from pbd.arm.collision.clearance import MARGIN_M, NONE_ALLOWED, AllowedTouches, Clearance, JointPath, Pairs
 from pbd.arm.collision.geometry import Body, moves_with_tool
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
@@ -83,11 +83,11 @@ class QuickClearance(Clearance):
 
     def touches_on_path(self, path: JointPath) -> bool:
         """Whether any pair touches on a path; its ends are not checked."""
-        sampled = self._sampled(path)
+        q = self.arm.configurations(path.x)
         at_start, at_end = self._cached_distances(path.x[0]), self._cached_distances(path.x[-1])
-        near = self._may_touch_on_way(at_start, at_end, self.rates @ sampled.moved[:, -1])
+        near = self._may_touch_on_way(at_start, at_end, self.rates @ path.moved[:, -1])
         return any(
-            self._pair_touches_on(sampled, pair, at_start[pair], at_end[pair]) and self._remember_touch(pair)
+            self._pair_touches_on(path, q, pair, at_start[pair], at_end[pair]) and self._remember_touch(pair)
             for pair in near
         )
 
@@ -121,9 +121,9 @@ class QuickClearance(Clearance):
         near.sort(key=lambda pair: self._recent.index(pair) if pair in self._recent else RECENT)
         return near
 
-    def _pair_touches_on(self, sampled: SampledPath, pair: int, at_start: float, at_end: float) -> bool:
+    def _pair_touches_on(self, path: JointPath, q: Array, pair: int, at_start: float, at_end: float) -> bool:
         """Whether a pair touches on a path where it may not; `at_start`, `at_end`: its distances at the ends, m."""
-        travel = self.rates[pair] @ sampled.moved
+        travel = self.rates[pair] @ path.moved
         parts = [(0, max(self.margin_m, at_start), len(travel) - 1, max(self.margin_m, at_end))]
         for first, before, last, after in parts:
             if last - first < 2 or before + after > travel[last] - travel[first]:
@@ -131,10 +131,10 @@ class QuickClearance(Clearance):
             # Take the middle of the part that the distances at the two ends do not cover.
             middle = 0.5 * (travel[first] + before + travel[last] - after)
             node = min(max(int(travel.searchsorted(middle)), first + 1), last - 1)
-            self._place(sampled.q[node])
+            self._place(q[node])
             distance = self._distance(pair)
             if not distance >= self.margin_m:
-                if not self.may_touch(pair, sampled.path.x[node]):
+                if not self.may_touch(pair, path.x[node]):
                     return True
                 distance = self.margin_m
             parts += ((first, before, node, distance), (node, distance, last, after))
