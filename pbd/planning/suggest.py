@@ -142,8 +142,8 @@ def _often_touching(arm: ArmModel) -> dict[tuple[str, str], int]:
 
     clearance, often = CollisionScene(arm).always, dict[tuple[str, str], int]()
     for row, count in clearance.always_touching(sample_coordinates(arm), OFTEN_SHARE).items():
-        first, second = (clearance.bodies[i].name for i in clearance.pairs[row])
-        often[first, second] = max(count, often.get((first, second), 0))
+        links = clearance.names(row)
+        often[links] = max(count, often.get(links, 0))
     return often
 
 

@@ -144,13 +144,6 @@ def _extent(body: Body) -> tuple[float, float]:
     return min(diameter, height + round_ends), float(np.hypot(diameter, height)) + round_ends
 
 
-def moves_with_tool(arm: ArmModel, first: Body, second: Body) -> bool:
-    """Whether one of two bodies moves with the tool and the other does not move at all."""
-    tool = arm.full.getJointId(arm.robot.joints[-1])
-    ones, others = (list(arm.full.supports[body.joint]) for body in (first, second))
-    return (tool in ones and second.joint == 0) or (tool in others and first.joint == 0)
-
-
 def mesh_depth(first: Body, second: Body) -> float:
     """Return the overlap of two bodies' hulls, m, up to which their meshes decide whether they touch.
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from pbd.arm.collision.clearance import MARGIN_M, NONE_ALLOWED, AllowedTouches, Clearance, JointPath, Pairs
-from pbd.arm.collision.geometry import Body, moves_with_tool
+from pbd.arm.collision.geometry import Body
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
@@ -35,8 +35,11 @@ class QuickClearance(Clearance):
     ) -> None:
         super().__init__(arm, bodies, pairs)
         self.margin_m, self.allowed = margin_m, allowed
-        of_pairs = ((self.bodies[a], self.bodies[b]) for a, b in self.pairs)
-        self._of_tool = np.array([moves_with_tool(arm, *pair) for pair in of_pairs], dtype=bool)
+        # Pairs of what moves with the tool and what does not move at all.
+        last = arm.full.getJointId(arm.robot.joints[-1])
+        with_tool = np.array([last in list(arm.full.supports[body.joint]) for body in self.bodies], dtype=bool)
+        still = np.array([body.joint == 0 for body in self.bodies], dtype=bool)
+        self._of_tool = (with_tool[self.pairs] & still[self.pairs[:, ::-1]]).any(axis=1)
         self._even = arm.full.nq == arm.full.nv  # without continuous joints, straight moves are straight for pinocchio
         self._recent: list[int] = []  # pairs that touched recently, the last one first
         self._known: dict[bytes, Array] = {}
