@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import NamedTuple
 
@@ -88,8 +89,5 @@ def nearest_working_place(wanted: ThingPlace, shown: Array, works: Callable[[Thi
 
     if not works(at(0.0)):
         return None
-    low, high = 0.0, 1.0
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if works(at(middle)) else (low, middle)
-    return at(low)
+    steps = 2**HALVINGS
+    return at(bisect_left(range(1, steps), True, key=lambda k: not works(at(k / steps))) / steps)

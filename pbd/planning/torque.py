@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -58,11 +59,8 @@ def _fitting_speed(speed: float, share_at: Callable[[float], float]) -> float | 
     """Find the highest speed, in whole percent, at which torques are within the limits."""
     if share_at(0.0) > 1.0:
         return None
-    fits, too_fast = 0, max(1, round(100.0 * speed))
-    while too_fast - fits > 1:
-        middle = (fits + too_fast) // 2
-        fits, too_fast = (middle, too_fast) if share_at(middle / 100) <= 1.0 else (fits, middle)
-    return fits / 100 or None
+    slower = range(1, max(1, round(100.0 * speed)))
+    return bisect_left(slower, True, key=lambda percent: share_at(percent / 100) > 1.0) / 100 or None
 
 
 def _shown(value: float) -> str:

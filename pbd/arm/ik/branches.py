@@ -10,7 +10,7 @@ from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import SLACK_RAD, is_partial, is_redundant, refine_partial, solve_partial
 from pbd.arm.ik.seven_joints import seven_joints
 from pbd.arm.ik.solver import solve
-from pbd.arm.ik.starts import relative_manipulability, starts_of
+from pbd.arm.ik.starts import distinct, relative_manipulability, starts_of
 from pbd.arm.model import ArmModel, to_se3
 from pbd.lapack import lapack
 from pbd.pose import Array, Pose
@@ -53,16 +53,16 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
         return _partial_pose_solutions(arm, T_base_tool, before)
     goal = to_se3(T_base_tool)
     third = starts // 3
-    earlier = _distinct(before, third, EARLIER_APART_RAD)
+    earlier = distinct(before, third, EARLIER_APART_RAD)
     around = min(ALONG_APART_RAD, 2.0 * np.pi / third)
     curves = (branch[_nearest_first(arm, branch, earlier)] for branch in seven_joints(arm, goal))
-    analytic = np.vstack((closed_form(arm, goal), *(_distinct(branch, third, around) for branch in curves)))
+    analytic = np.vstack((closed_form(arm, goal), *(distinct(branch, third, around) for branch in curves)))
     # A singular pose has more solutions; descents from `before` find those.
     if len(analytic) and len(found := _solutions(arm, goal, np.vstack((analytic, earlier)))):
         return found
     seeds = starts_of(arm).nearest(goal, NEARBY)
     distance = FRESH_APART_REDUNDANT_RAD if is_redundant(arm) else FRESH_APART_RAD
-    fresh = _distinct(seeds[_nearest_first(arm, seeds, earlier)], starts - third, distance)
+    fresh = distinct(seeds[_nearest_first(arm, seeds, earlier)], starts - third, distance)
     found = _solutions(arm, goal, np.vstack((earlier, fresh)))
     if not len(found) and (result := solve(arm, T_base_tool, before[0])).reached:
         return polish(arm, goal, result.q[None])
@@ -75,7 +75,7 @@ def _solutions(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> Array:
     solved = squares < SOLVED
     coarse = solved & (squares > EXACT**2)
     q[coarse] = polish(arm, goal, q[coarse])
-    return _distinct(q[solved], len(q), SAME_RAD)
+    return distinct(q[solved], len(q), SAME_RAD)
 
 
 def _nearest_first(arm: ArmModel, q: Array, earlier: Array) -> Array:
@@ -103,16 +103,6 @@ def configuration_cost(arm: ArmModel, q: Array) -> Array:
     return cost
 
 
-def _distinct(q: Array, most: int, distance: float) -> Array:
-    """Keep the first `most` configurations of q (m, k) that differ from all others kept by more than `distance`, rad,
-    in some joint."""
-    left, kept = q, list[Array]()
-    while len(left) and len(kept) < most:
-        kept.append(left[0])
-        left = left[np.abs(left - left[0]).max(axis=1) > distance]
-    return np.array(kept).reshape(-1, q.shape[1])
-
-
 def polish(arm: ArmModel, goal: pin.SE3, q: Array) -> Array:
     """Take one Newton step from solutions (m, k) within tolerance: then exact to rounding, unless at a limit.
 
@@ -132,13 +122,13 @@ def polish(arm: ArmModel, goal: pin.SE3, q: Array) -> Array:
 
 
 def _partial_pose_solutions(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:
-    goal, earlier = to_se3(T_base_tool), _distinct(before, EARLIER_PARTIAL, EARLIER_APART_RAD)
+    goal, earlier = to_se3(T_base_tool), distinct(before, EARLIER_PARTIAL, EARLIER_APART_RAD)
     solutions = solve_partial(arm, goal, earlier) + [refine_partial(arm, goal, q) for q in earlier]
     reached = [each for each in solutions if each.reached]
     least = min((each.weighted_rad for each in reached), default=0.0)
     found = np.array([one.q for one in reached if one.weighted_rad <= least + SLACK_RAD]).reshape(-1, before.shape[1])
-    found = _distinct(found, len(found), SAME_RAD)
+    found = distinct(found, len(found), SAME_RAD)
     flipped = [refine_partial(arm, goal, q) for q_found in found if (q := flipped_elbow(arm, q_found)) is not None]
     also = [each.q for each in flipped if each.reached and each.weighted_rad <= least + SLACK_RAD]
     found = np.vstack((found, *also))
-    return _distinct(found, len(found), SAME_RAD)
+    return distinct(found, len(found), SAME_RAD)

@@ -21,7 +21,7 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.ik.levenberg_marquardt import descend
-from pbd.arm.ik.starts import starts_of
+from pbd.arm.ik.starts import distinct, starts_of
 from pbd.arm.model import ArmModel, to_se3
 from pbd.errors import warn
 from pbd.pose import Array, Pose
@@ -92,10 +92,7 @@ def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialP
     starts = (q_seeds, samples.nearest(goal, NEAREST), samples.q[:ANYWHERE])
     rough = _Residual(arm, goal, _ROUGH)
     ended = [descend(rough, arm.limits, q, steps=_ROUGH_STEPS) for q in np.vstack(starts)]
-    kept: list[Array] = []
-    for q, _ in sorted(ended, key=lambda end: end[1]):
-        if all(np.abs(q - other).max() > _APART_RAD for other in kept) and len(kept) < _KEPT:
-            kept.append(q)
+    kept = [*distinct(np.array([q for q, _ in sorted(ended, key=lambda end: end[1])]), _KEPT, _APART_RAD)]
     places = [measure(arm, goal, nearest_position(arm, goal, q)) for q in kept]
     if not any(place.reached for place in places):  # the weight of the rotation may have led away from the position
         kept = [nearest_position(arm, goal, q) for q in samples.at(goal.translation, AT_POSITION)[::EVERY]]

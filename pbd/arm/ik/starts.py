@@ -75,6 +75,16 @@ starts_of = lru_cache(maxsize=16)(Starts)
 """Returns an arm's samples, cached."""
 
 
+def distinct(q: Array, most: int, distance: float) -> Array:
+    """Keep the first `most` configurations of q (m, k) that differ from all others kept by more than `distance`, rad,
+    in some joint."""
+    left, kept = q, list[Array]()
+    while len(left) and len(kept) < most:
+        kept.append(left[0])
+        left = left[np.abs(left - left[0]).max(axis=1) > distance]
+    return np.array(kept).reshape(-1, q.shape[1])
+
+
 def relative_manipulability(arm: ArmModel, q: Array) -> Array:
     """Return the manipulability (m,) at joints (m, k) relative to the arm's own 25th percentile.
 
