@@ -36,17 +36,17 @@ class PlanRefusal(NamedTuple):
 
 def choose_joints(task: Task) -> Motion | PlanRefusal:
     """Choose joints and segments, without timing; refuse what no motion can be planned for, and warn of doubts."""
-    keyframes, options, arm = task.keyframes, task.options, task.arm
+    options = task.options
     if options.path == "demo" and task.hand_path is None:
         raise PlanError("only the keyframes are known, not the hand's path; choose another --path")
-    check_count(keyframes)
-    check_certainty(keyframes, options.scale * task.calibration.scale, task.hand_path)
-    if options.path != "demo" and (error := spread_error(task.T_base_tool)) is not None:
+    check_count(task.keyframes)
+    check_certainty(task.keyframes, options.scale * task.calibration.scale, task.hand_path)
+    request = task.request  # refuses the calibration of another robot, and a start outside the limits
+    if options.path != "demo" and (error := spread_error(request.T_base_tool)) is not None:
         demo = replace(options, path="demo", tolerance_m=None)
         return PlanRefusal(error, (("follow the hand with --path demo", demo),))
-    _ = task.q_start  # refuses one outside the limits
-    warn_of_shapes(arm)
-    warn_of_jaws(arm)
+    warn_of_shapes(task.arm)
+    warn_of_jaws(task.arm)
     warn_of_table(task.scene)
     chosen = _choose(task, task.scene)
     return _choose(task, None) if isinstance(chosen, PlanRefusal) and options.allow_collision else chosen
