@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pbd.data import GraspedObject
-from pbd.data.world import gripped_spans, object_stays
+from pbd.data.world import gripped_spans, object_phases
 from pbd.pose import Pose, quat_rotate
 
 BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
@@ -33,7 +33,7 @@ def test_it_is_held_from_the_end_of_closing_to_the_start_of_opening(
 
 
 def test_it_stands_then_goes_with_the_tool_then_stands() -> None:
-    before, held, after = object_stays(BOTTLE, [(3.0, 6.0)], tool, 0.0)
+    before, held, after = object_phases(BOTTLE, [(3.0, 6.0)], tool, 0.0)
     assert [(each.start, each.end, each.held) for each in (before, held, after)] == [
         (-np.inf, 3.0, False),
         (3.0, 6.0, True),
@@ -46,9 +46,9 @@ def test_it_stands_then_goes_with_the_tool_then_stands() -> None:
 
 
 def test_it_does_not_reach_into_the_table() -> None:
-    assert object_stays(BOTTLE, [(3.0, 6.0)], tool, 0.04)[0].pose.p[2] == pytest.approx(0.04 + 0.1)
+    assert object_phases(BOTTLE, [(3.0, 6.0)], tool, 0.04)[0].pose.p[2] == pytest.approx(0.04 + 0.1)
 
 
 def test_a_gripper_that_closes_elsewhere_takes_nothing() -> None:
-    once, again = (object_stays(BOTTLE, spans, tool, None) for spans in ([(3.0, 4.0)], [(3.0, 4.0), (8.0, np.inf)]))
+    once, again = (object_phases(BOTTLE, spans, tool, None) for spans in ([(3.0, 4.0)], [(3.0, 4.0), (8.0, np.inf)]))
     assert [each.end for each in once] == [each.end for each in again]

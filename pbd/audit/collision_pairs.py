@@ -14,7 +14,7 @@ from pbd.audit.contact import Pair, Placement
 from pbd.audit.grasp import follow_object, gripper_joints, resting_contact, tool_rod
 from pbd.audit.solids import Solid, clearance, half_space, hull_distance, link_solids, one_encloses_other, simple_solid
 from pbd.data import Calibration, GraspedObject, JointTrajectory
-from pbd.data.world import TABLE, THE_TOOL, Stay
+from pbd.data.world import TABLE, THE_TOOL, ObjectPhase
 from pbd.io.urdf import read_urdf_xml, read_xml
 
 TRUSTED_REASONS = ("Adjacent", "Never")
@@ -56,8 +56,8 @@ class AuditScene:
         """Return all pairs that must not touch during a motion."""
         pairs = list(self._fixed_pairs)
         if self._grasped is not None:
-            for stay in follow_object(self.arm, trajectory, self._grasped, self._table):
-                pairs += self._object_pairs(stay, self._grasped)
+            for phase in follow_object(self.arm, trajectory, self._grasped, self._table):
+                pairs += self._object_pairs(phase, self._grasped)
         return pairs
 
     def _self_pairs(self) -> list[Pair]:
@@ -78,16 +78,16 @@ class AuditScene:
     def _moving_pairs(self, ones: Sequence[Solid], others: Sequence[Solid]) -> list[Pair]:
         return [Pair(one, other) for one in ones for other in others if self._can_move(one, other)]
 
-    def _object_pairs(self, stay: Stay, grasped: GraspedObject) -> list[Pair]:
+    def _object_pairs(self, phase: ObjectPhase, grasped: GraspedObject) -> list[Pair]:
         """Pair the object with the links, except the gripper's; while it is held, also with obstacles and table."""
-        in_tool, standing = self.arm.T_joint_tool * se3(stay.pose), self.arm.T_universe_base * se3(stay.pose)
-        placed = (self.arm.tool_joint, in_tool) if stay.held else (0, standing)
+        in_tool, standing = self.arm.T_joint_tool * se3(phase.pose), self.arm.T_universe_base * se3(phase.pose)
+        placed = (self.arm.tool_joint, in_tool) if phase.held else (0, standing)
         held = simple_solid(f"the {grasped.shape}", *placed, grasped.shape, grasped.size)
         links = [link for link in self.links if link.joint not in self._gripper and self._can_move(link, held)]
-        pairs = [Pair(link, held, stay.start, stay.end) for link in links]
-        for other in self._around if stay.held else []:
-            allowed = resting_contact(self.arm, stay, held, other)
-            pairs.append(Pair(other, held, stay.start, stay.end, allowed))
+        pairs = [Pair(link, held, phase.start, phase.end) for link in links]
+        for other in self._around if phase.held else []:
+            allowed = resting_contact(self.arm, phase, held, other)
+            pairs.append(Pair(other, held, phase.start, phase.end, allowed))
         return pairs
 
     def _adjacent_links(self) -> set[frozenset[str]]:

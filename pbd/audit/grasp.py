@@ -18,7 +18,7 @@ from pbd.audit.arm import AuditArm, se3
 from pbd.audit.contact import coordinates
 from pbd.audit.solids import Solid, simple_solid
 from pbd.data import GraspedObject, JointTrajectory
-from pbd.data.world import THE_TOOL, Stay, gripped_spans, object_stays
+from pbd.data.world import THE_TOOL, ObjectPhase, gripped_spans, object_phases
 from pbd.pose import Pose
 
 ROD_RADIUS_M = 0.01
@@ -69,20 +69,20 @@ def tool_rod(arm: AuditArm, links: Sequence[Solid]) -> Solid | None:
 
 def follow_object(
     arm: AuditArm, trajectory: JointTrajectory, grasped: GraspedObject, table: float | None
-) -> tuple[Stay, ...]:
+) -> tuple[ObjectPhase, ...]:
     """Return where an object is during a motion, from the tool's poses as the audit computes them."""
 
     def tool(t: float) -> Pose:  # an object that is never let go counts as resting at the last keyframe
         return arm.tool_pose(coordinates(trajectory, np.array([min(t, *trajectory.keyframe_t[-1:])]))[0])
 
-    return object_stays(grasped, gripped_spans(trajectory.gripper_t, trajectory.gripper_opening), tool, table)
+    return object_phases(grasped, gripped_spans(trajectory.gripper_t, trajectory.gripper_opening), tool, table)
 
 
-def resting_contact(arm: AuditArm, stay: Stay, held: Solid, support: Solid) -> Callable[[Any], bool]:
+def resting_contact(arm: AuditArm, phase: ObjectPhase, held: Solid, support: Solid) -> Callable[[Any], bool]:
     """Return a function of T_universe_joint: may the held object touch a support? Only where it stands on it."""
     up = arm.T_universe_base.rotation[:, 2]
     places = []
-    for rest in (arm.T_universe_base * se3(pose) for pose in stay.rests):
+    for rest in (arm.T_universe_base * se3(pose) for pose in phase.rests):
         distance, found = _distance(held.hull, support.T_joint_solid.inverse() * rest, support.hull)
         # coal's normal points from the object to the support.
         if abs(distance) <= NEAR_SUPPORT_M and -(support.T_joint_solid.rotation @ found.normal) @ up >= UPRIGHT:

@@ -109,12 +109,12 @@ def torques(arm: AuditArm, trajectory: JointTrajectory, t: Array, load: Load, pa
         bare.appendBodyToJoint(arm.tool_joint, payload, arm.T_joint_tool)
     models = [bare] * len(t)
     if load.grasped is not None and load.grasped.mass:
-        for stay in follow_object(arm, trajectory, load.grasped, load.table):
-            if stay.held:
+        for phase in follow_object(arm, trajectory, load.grasped, load.table):
+            if phase.held:
                 holding = bare.copy()
-                T_joint_object = arm.T_joint_tool * se3(stay.pose)
+                T_joint_object = arm.T_joint_tool * se3(phase.pose)
                 holding.appendBodyToJoint(arm.tool_joint, _inertia(load.grasped), T_joint_object)
-                for i in np.flatnonzero((stay.start <= t) & (t <= stay.end)):
+                for i in np.flatnonzero((phase.start <= t) & (t <= phase.end)):
                     models[i] = holding
     data, gears = bare.createData(), arm.gears()
     _, qd, qdd, _ = joint_motion(trajectory, t)

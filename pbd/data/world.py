@@ -72,11 +72,11 @@ class Obstacle:
 
 
 @dataclass(frozen=True, eq=False)
-class Stay:
+class ObjectPhase:
     """Where the grasped object is from `start` to `end`: fixed in base, or fixed to the tool.
 
     Attributes:
-        start, end: s, or keyframe indices, as given to `object_stays`. The first starts at -inf, the last ends at inf.
+        start, end: s, or keyframe indices, as given to `object_phases`. The first starts at -inf, the last ends at inf.
         held: whether it is fixed to the tool.
         pose: T_tool_object if held, else T_base_object.
         rests: T_base_object where it is gripped and where it is let go; empty if it is not held.
@@ -111,9 +111,9 @@ def gripped_spans(t: Array, opening: Array) -> list[tuple[float, float]]:
     return spans
 
 
-def object_stays(
+def object_phases(
     thing: GraspedObject, spans: Sequence[tuple[float, float]], tool: Callable[[float], Pose], table: float | None
-) -> tuple[Stay, ...]:
+) -> tuple[ObjectPhase, ...]:
     """Follow an object: it stands upright where it is first gripped, moves with the tool, and stays where it is let go.
 
     If the gripper closes elsewhere, the object stays. If it never closes, the result is empty: the place is unknown.
@@ -127,17 +127,17 @@ def object_stays(
         return ()
     reach = 0.05 + 0.5 * max(thing.size)
     T_base_object, since = _upright(tool(spans[0][0]), thing.size[-1], table), -np.inf
-    found: list[Stay] = []
+    found: list[ObjectPhase] = []
     for start, end in spans:
         T_base_tool = tool(start)
         if np.linalg.norm(T_base_tool.p - T_base_object.p) > reach:
             continue
         T_tool_object, T_base_before = T_base_tool.inverse() @ T_base_object, T_base_object
-        found.append(Stay(since, start, False, T_base_before))
+        found.append(ObjectPhase(since, start, False, T_base_before))
         T_base_object, since = tool(end) @ T_tool_object, end
-        found.append(Stay(start, end, True, T_tool_object, (T_base_before, T_base_object)))
+        found.append(ObjectPhase(start, end, True, T_tool_object, (T_base_before, T_base_object)))
     if since < np.inf:
-        found.append(Stay(since, np.inf, False, T_base_object))
+        found.append(ObjectPhase(since, np.inf, False, T_base_object))
     return tuple(found)
 
 

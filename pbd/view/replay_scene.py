@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from pbd.data import Calibration, GraspedObject, JointTrajectory, Keyframe, Robot
 from pbd.data.frozen_arrays import freeze_arrays
-from pbd.data.world import Stay
+from pbd.data.world import ObjectPhase
 from pbd.pose import Array, Pose
 from pbd.view.robot_motion import RobotMotion
 
@@ -53,7 +53,7 @@ class ReplayScene:
         inside: (k,) probability that the tool is within the keyframe's tolerance.
         hand_path_base: (n, 3) m, where the hand would have carried the tool.
         hand_speed: (n,) m/s, along that path.
-        stays: where the grasped object is, by time; empty where nothing is grasped.
+        phases: where the grasped object is, by time; empty where nothing is grasped.
         rod: None where the model has a gripper.
         slides: (j) whether each joint is a sliding one; empty: none is.
         torque: largest share of a joint's torque limit; None where no limit is known.
@@ -77,7 +77,7 @@ class ReplayScene:
     hand_path_base: Array
     hand_speed: Array
     grasped: GraspedObject | None = None
-    stays: tuple[Stay, ...] = ()
+    phases: tuple[ObjectPhase, ...] = ()
     rod: Rod | None = None
     slides: tuple[bool, ...] = ()
     torque: float | None = None

@@ -71,15 +71,15 @@ def build(scene: ReplayScene, into: Visualizer) -> None:
 
 def carried_object(scene: ReplayScene, tool: Poses) -> Poses | None:
     """T_base_object over time, given T_base_tool; None where nothing is grasped."""
-    if not scene.stays:
+    if not scene.phases:
         return None
     p, wxyz = np.empty_like(tool.p), np.empty_like(tool.wxyz)
     last = len(tool.p) - 1
-    for stay in scene.stays:
-        first, end = np.searchsorted(scene.motion.t, (stay.start, stay.end)).clip(0, last)
-        rows, held = slice(first, end + 1), tool @ stay.pose
-        p[rows] = held.p[rows] if stay.held else stay.pose.p
-        wxyz[rows] = held.wxyz[rows] if stay.held else stay.pose.wxyz
+    for phase in scene.phases:
+        first, end = np.searchsorted(scene.motion.t, (phase.start, phase.end)).clip(0, last)
+        rows, held = slice(first, end + 1), tool @ phase.pose
+        p[rows] = held.p[rows] if phase.held else phase.pose.p
+        wxyz[rows] = held.wxyz[rows] if phase.held else phase.pose.wxyz
     return Poses(p, wxyz)
 
 

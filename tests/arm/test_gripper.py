@@ -15,7 +15,7 @@ from pbd.arm.gripper import ROD_RADIUS_M, ROD_SHORT_M, arm_bodies, gripper_links
 from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel, load_model
 from pbd.data import GraspedObject, Obstacle
-from pbd.data.world import TABLE, THE_TOOL, Stay
+from pbd.data.world import TABLE, THE_TOOL, ObjectPhase
 from pbd.errors import PbdWarning
 from pbd.planning.preconditions import warn_of_jaws
 from pbd.pose import Array, Pose, quat_from_rpy
@@ -89,7 +89,7 @@ def test_the_rod_may_touch_the_object_but_no_obstacle(name: str) -> None:
         if hit is not None:
             assert (hit.first, hit.second) == (THE_TOOL, "ball")
     scene = CollisionScene(arm, 0.0, grasped=GraspedObject("cylinder", (0.06, 0.1)))
-    assert scene.hit(q, GraspState(0.0, Stay(0.0, 1.0, True, Pose.identity()))) is None
+    assert scene.hit(q, GraspState(0.0, ObjectPhase(0.0, 1.0, True, Pose.identity()))) is None
 
 
 @pytest.mark.parametrize("name", ["panda", "z1", "so100", "so101"])

@@ -22,7 +22,7 @@ from pbd.audit.contact import SPAN, Pair, Placement, SampledMotion, coordinates,
 from pbd.audit.grasp import resting_contact, tool_rod
 from pbd.audit.solids import _hull_corners, clearance, hull_distance, link_solids, one_encloses_other, simple_solid
 from pbd.data import Calibration, GraspedObject, Gripper, JointLimits, JointTrajectory, Obstacle, Robot
-from pbd.data.world import Stay
+from pbd.data.world import ObjectPhase
 from pbd.pose import Pose
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.conftest import random_joints
@@ -327,7 +327,7 @@ def ball_may_touch_slope(degrees: float, gap_m: float, aside_m: float) -> bool:
     ball = simple_solid("ball", own.tool_joint, pin.SE3.Identity(), "sphere", (0.1,))
     rest = turn @ np.array([0.0, 0.0, 0.15 + gap_m])
     T_base_rest = Pose(own.T_universe_base.inverse().act(rest), Pose.identity().wxyz)
-    allowed = resting_contact(own, Stay(0.0, 1.0, True, Pose.identity(), (T_base_rest,)), ball, slope)
+    allowed = resting_contact(own, ObjectPhase(0.0, 1.0, True, Pose.identity(), (T_base_rest,)), ball, slope)
     T_universe_ball = pin.SE3(np.eye(3), rest + np.array([aside_m, 0.0, 0.0]))
     return allowed is not None and allowed({own.tool_joint: T_universe_ball})
 

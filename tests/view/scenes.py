@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from pbd.arm.model import load_model
 from pbd.data import Calibration, GraspedObject, Gripper, JointLimits, JointTrajectory, Keyframe, Obstacle, Robot
-from pbd.data.world import gripped_spans, object_stays
+from pbd.data.world import gripped_spans, object_phases
 from pbd.pose import Array, Pose
 from pbd.replay import robot_motion
 from pbd.view.replay_scene import ReplayScene, TouchingPair
@@ -129,7 +129,7 @@ def replay(
         hand_path_base=path,
         hand_speed=np.linalg.norm(np.gradient(path, t, axis=0), axis=1),
         grasped=grasped,
-        stays=() if grasped is None else object_stays(grasped, spans, at, 0.0),
+        phases=() if grasped is None else object_phases(grasped, spans, at, 0.0),
         torque=0.674,
         notes=("Simulated data: no sensor was held.",),
     )

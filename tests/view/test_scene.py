@@ -112,7 +112,7 @@ def test_an_object_stands_is_held_and_stands_again() -> None:
     tool = scene.motion.tool(scene.robot)
     carried = carried_object(scene, tool)
     assert carried is not None
-    close, let_go = (int(np.searchsorted(scene.motion.t, stay.end)) for stay in scene.stays[:2])
+    close, let_go = (int(np.searchsorted(scene.motion.t, phase.end)) for phase in scene.phases[:2])
     held = [(tool[i].inverse() @ carried[i]).log() for i in range(close, let_go + 1)]
     np.testing.assert_allclose(held, np.tile(held[0], (len(held), 1)), atol=1e-9)
     for still in (carried.p[: close + 1], carried.p[let_go + 1 :]):

@@ -53,7 +53,7 @@ def chrome(chrome: Chromium) -> Iterator[Chromium]:
 
 def by_hand() -> ReplayScene:
     """A scene without an object."""
-    return replace(scenes.pouring(), title="By hand", grasped=None, stays=())
+    return replace(scenes.pouring(), title="By hand", grasped=None, phases=())
 
 
 def has_object(page: Replay) -> bool:

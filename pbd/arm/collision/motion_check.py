@@ -16,7 +16,7 @@ from pbd.arm.collision.clearance import Clearance
 from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import JointTrajectory
-from pbd.data.world import TABLE, Stay, gripped_spans
+from pbd.data.world import TABLE, ObjectPhase, gripped_spans
 from pbd.errors import PlanError, listed
 from pbd.pose import Pose
 
@@ -70,10 +70,10 @@ def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Motion
 def _phases(scene: CollisionScene, trajectory: JointTrajectory) -> Iterator[tuple[Clearance, float, float]]:
     """Yield the pairs to check, and from when to when, s."""
     yield scene.always, 0.0, trajectory.duration
-    for stay in object_stays(scene, trajectory):
-        start, end = max(0.0, stay.start), min(stay.end, trajectory.duration)
+    for phase in object_phases(scene, trajectory):
+        start, end = max(0.0, phase.start), min(phase.end, trajectory.duration)
         if start <= end:
-            yield scene.object_clearance(stay), start, end
+            yield scene.object_clearance(phase), start, end
 
 
 def _same_contact(earlier: MotionHit, later: MotionHit) -> bool:
@@ -82,13 +82,13 @@ def _same_contact(earlier: MotionHit, later: MotionHit) -> bool:
     return same_bodies and later.t <= earlier.parted_t + _MERGED_S
 
 
-def object_stays(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Stay, ...]:
+def object_phases(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[ObjectPhase, ...]:
     """Return where the grasped object is during a motion."""
 
     def tool(t: float) -> Pose:  # an object that is never released may rest at the last keyframe
         return scene.arm.forward(trajectory.at(np.array([min(t, *trajectory.keyframe_t[-1:])])).q[0])
 
-    return scene.stays(gripped_spans(trajectory.gripper_t, trajectory.gripper_opening), tool)
+    return scene.phases(gripped_spans(trajectory.gripper_t, trajectory.gripper_opening), tool)
 
 
 def refuse_home(scene: CollisionScene) -> None:

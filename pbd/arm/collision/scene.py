@@ -23,7 +23,7 @@ from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.model import ArmModel
 from pbd.arm.path_sampling import sample_polyline
 from pbd.data import GraspedObject, Obstacle
-from pbd.data.world import TABLE, THE_TOOL, Stay, gripped_spans, object_stays
+from pbd.data.world import TABLE, THE_TOOL, ObjectPhase, gripped_spans, object_phases
 from pbd.pose import Array, Pose
 
 NEAR_SUPPORT_M = 0.03
@@ -75,7 +75,7 @@ class GraspState:
     """The state of the gripper and the object during a move: the gripper's opening, and where the object is."""
 
     opening: float = 1.0
-    stay: Stay | None = None
+    phase: ObjectPhase | None = None
 
 
 class CollisionScene:
@@ -109,7 +109,7 @@ class CollisionScene:
         around = self._pairs_between(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
         around = self._without_mount(around)
         self.always = QuickClearance(arm, self._bodies, np.concatenate((pairs, around)))
-        self._with_object: dict[Stay, QuickClearance] = {}
+        self._with_object: dict[ObjectPhase, QuickClearance] = {}
 
     @property
     def sunk(self) -> tuple[str, ...]:
@@ -127,7 +127,7 @@ class CollisionScene:
         """Return the deepest hit at joints q (k,); by default the gripper is open and there is no object."""
         grasp = grasp or GraspState()
         x, worst = np.append(q, grasp.opening), None
-        for each in self.clearances(grasp.stay):
+        for each in self.clearances(grasp.phase):
             for pair, distance in each.touching(x):
                 if worst is None or distance < worst.distance:
                     worst = self.as_hit(each, pair, x, distance)
@@ -140,7 +140,7 @@ class CollisionScene:
         the two.
         """
         x = np.column_stack((q[[0, -1]], (grasp.opening, grasp.opening)))[: len(q)]
-        for each in self.clearances(grasp.stay):
+        for each in self.clearances(grasp.phase):
             if any(each.touches(end) for end in x) or (len(q) == 2 and each.touches_on_move(x)):
                 return False
             if len(q) > 2 and each.touches_on_path(sample_polyline(q, grasp.opening, each.rates, 2.0 * self.margin_m)):
@@ -151,7 +151,7 @@ class CollisionScene:
         """Return a hit of what moves with the tool, with the tool at given poses, whatever the arm's configuration."""
         count = len(T_base_tool)
         middle_first = sorted(range(0, count, count // MOST_TOOL_CHECKS + 1), key=lambda i: abs(2 * i - count))
-        for each in self.clearances(grasp.stay):
+        for each in self.clearances(grasp.phase):
             met = each.tool_contact((T_base_tool[i] for i in middle_first), grasp.opening)
             if met is not None:
                 pair, distance, p_base = met
@@ -162,7 +162,7 @@ class CollisionScene:
         """Return the first hit along the polyline in joint space through joints (m, k)."""
         grasp = grasp or GraspState()
         first = None
-        for each in self.clearances(grasp.stay):
+        for each in self.clearances(grasp.phase):
             path = sample_polyline(q, grasp.opening, each.rates, 2.0 * self.margin_m)
             met = each.first_contact(path)
             if met is not None and (first is None or path.t[met.first] < first.share):
@@ -184,35 +184,35 @@ class CollisionScene:
                 opening += [opening[-1], float(not closes)]
         last = len(T_base_tool) - 1
         spans = gripped_spans(np.array(t), np.array(opening))
-        found = self.stays(spans, lambda keyframe: T_base_tool[int(min(keyframe, last))])
+        found = self.phases(spans, lambda keyframe: T_base_tool[int(min(keyframe, last))])
         grasps = []
         for i in range(last + 2):
-            stay = next((stay for stay in found if stay.start < i <= stay.end), None)
-            grasps.append(GraspState(opening[int(np.searchsorted(t, i - 1, side="right")) - 1], stay))
+            phase = next((phase for phase in found if phase.start < i <= phase.end), None)
+            grasps.append(GraspState(opening[int(np.searchsorted(t, i - 1, side="right")) - 1], phase))
         return tuple(grasps)
 
-    def stays(self, spans: Sequence[tuple[float, float]], tool: Callable[[float], Pose]) -> tuple[Stay, ...]:
-        """Return where the object is over time: see `pbd.data.world.object_stays`; empty if there is no object."""
-        return () if self._grasped is None else object_stays(self._grasped, spans, tool, self.table_height)
+    def phases(self, spans: Sequence[tuple[float, float]], tool: Callable[[float], Pose]) -> tuple[ObjectPhase, ...]:
+        """Return where the object is over time: see `pbd.data.world.object_phases`; empty if there is no object."""
+        return () if self._grasped is None else object_phases(self._grasped, spans, tool, self.table_height)
 
-    def clearances(self, stay: Stay | None) -> list[QuickClearance]:
-        """Return all clearances to check while the object is where `stay` says; None: there is no object."""
-        return [self.always] if stay is None else [self.always, self.object_clearance(stay)]
+    def clearances(self, phase: ObjectPhase | None) -> list[QuickClearance]:
+        """Return all clearances to check while the object is where `phase` says; None: there is no object."""
+        return [self.always] if phase is None else [self.always, self.object_clearance(phase)]
 
-    def object_clearance(self, stay: Stay) -> QuickClearance:
+    def object_clearance(self, phase: ObjectPhase) -> QuickClearance:
         """Return the clearance of the object: to the arm, and while it is held also to the world; cached."""
-        if stay not in self._with_object:
-            self._with_object[stay] = self._object_pairs(stay)
-        return self._with_object[stay]
+        if phase not in self._with_object:
+            self._with_object[phase] = self._object_pairs(phase)
+        return self._with_object[phase]
 
     def as_hit(self, clearance: Clearance, pair: int, x: Array, distance: float, share: float = 0.0) -> Hit:
         """Make the hit of a pair that touches at coordinates x (k + 1,)."""
         return Hit(*clearance.names(pair), distance, clearance.witness(x, pair), share)
 
-    def _object_pairs(self, stay: Stay) -> QuickClearance:
+    def _object_pairs(self, phase: ObjectPhase) -> QuickClearance:
         thing = self._grasped
-        assert thing is not None  # `stays` returns none without an object
-        placed = (self.arm.tool_joint, self.arm.T_joint_tool @ stay.pose) if stay.held else (0, stay.pose)
+        assert thing is not None  # `phases` returns none without an object
+        placed = (self.arm.tool_joint, self.arm.T_joint_tool @ phase.pose) if phase.held else (0, phase.pose)
         bodies = (*self._bodies, Body(f"the {thing.shape}", *placed, thing.shape, thing.size))
         this, gripper = len(self._bodies), gripper_links(self.arm, self._links)
         others = [i for i, link in enumerate(self._links) if link.name not in gripper]
@@ -220,12 +220,12 @@ class CollisionScene:
         around = self._pairs_between(bodies, (this,), range(len(self._links), this))
 
         def near(places: Sequence[Array], T_base_tool: Pose) -> bool:
-            p = (T_base_tool @ stay.pose).p
+            p = (T_base_tool @ phase.pose).p
             return any(np.linalg.norm(p - place) <= NEAR_SUPPORT_M for place in places)
 
         allowed = {}
         for pair, (_, second) in enumerate(around, start=len(pairs)):
-            if places := [rest.p for rest in stay.rests if self._stands_on(bodies[this], rest, bodies[second])]:
+            if places := [rest.p for rest in phase.rests if self._stands_on(bodies[this], rest, bodies[second])]:
                 allowed[pair] = partial(near, places)
         return QuickClearance(self.arm, bodies, np.concatenate((pairs, around)), self.margin_m, allowed)
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pbd.arm.collision.motion_check import all_hits, object_stays
+from pbd.arm.collision.motion_check import all_hits, object_phases
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel
 from pbd.data import GraspedObject, JointTrajectory
@@ -18,11 +18,11 @@ from tests.arm.collision.test_collision import BOTTLE, GRIPS, PLACES, board, thr
 
 def sampled(scene: CollisionScene, trajectory: JointTrajectory, t: Array) -> dict[tuple[str, str], list[float]]:
     """Return the sampled instants at which two bodies touch, by their names."""
-    samples, stays = trajectory.at(t), object_stays(scene, trajectory)
+    samples, phases = trajectory.at(t), object_phases(scene, trajectory)
     found: dict[tuple[str, str], list[float]] = {}
     for instant, q, opening in zip(t, samples.q, samples.gripper, strict=True):
         x = np.append(q, opening)
-        around = [scene.object_clearance(stay) for stay in stays if stay.start <= instant <= stay.end]
+        around = [scene.object_clearance(phase) for phase in phases if phase.start <= instant <= phase.end]
         for watch in (scene.always, *around):
             for pair, distance in watch.touching(x):
                 hit = scene.as_hit(watch, pair, x, distance)

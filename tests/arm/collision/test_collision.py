@@ -12,13 +12,13 @@ import pytest
 
 from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance
 from pbd.arm.collision.geometry import link_bodies
-from pbd.arm.collision.motion_check import collision_error, object_stays, refuse_home
+from pbd.arm.collision.motion_check import collision_error, object_phases, refuse_home
 from pbd.arm.collision.scene import CollisionScene, GraspState
 from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import GraspedObject, JointTrajectory, Obstacle, Robot
-from pbd.data.world import TABLE, Stay
+from pbd.data.world import TABLE, ObjectPhase
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose, quat_from_rpy
 from tests.arm.collision_oracles import first_hit, placements, points_of
@@ -79,7 +79,7 @@ def test_a_released_object_is_an_obstacle(arm: ArmModel) -> None:
     here, there = (0.5, -0.2, 0.15), (0.5, 0.2, 0.15)
     q = solve_path(arm, [Pose(np.array(place), DOWN) for place in (here, there)], arm.robot.home)
     bare, scene = CollisionScene(arm), CollisionScene(arm, grasped=rod)
-    put_down = Stay(0.0, 1.0, False, Pose.from_rpy(there, (0, 0, 0)))
+    put_down = ObjectPhase(0.0, 1.0, False, Pose.from_rpy(there, (0, 0, 0)))
     for through_it in random_joints(arm.robot, 3000, seed=0):
         if bare.hit(through_it) is None and scene.hit(through_it, GraspState(1.0, put_down)) is not None:
             last = time_keyframes(arm, np.array([*q, through_it]), [0.2] * 3, [True, False, None], arm.robot.home)
@@ -92,7 +92,7 @@ def test_a_released_object_is_an_obstacle(arm: ArmModel) -> None:
     assert found is not None
     assert found.hit.second == "the cylinder"
     assert found.t > last.keyframe_t[1]
-    assert [stay.held for stay in object_stays(scene, last)] == [False, True, False]
+    assert [phase.held for phase in object_phases(scene, last)] == [False, True, False]
     earlier = first_hit(scene, first)
     assert earlier is None or earlier.t > first.keyframe_t[0]
 

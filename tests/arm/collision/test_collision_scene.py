@@ -16,7 +16,7 @@ from pbd.arm.gripper import arm_bodies
 from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel, from_se3, load_model
 from pbd.data import GraspedObject, Obstacle
-from pbd.data.world import TABLE, Stay
+from pbd.data.world import TABLE, ObjectPhase
 from pbd.pose import Array, Pose, quat_from_rpy
 from tests.arm.bundled import KINDS, NAMES, arm_of
 from tests.arm.collision_oracles import coordinates, placements, points_of
@@ -187,8 +187,15 @@ def test_legs_have_the_place_of_the_object_and_the_gripper_opening(arm: ArmModel
     poses = [tool_over(0.4, 0.3), tool_over(0.4, 0.15), tool_over(0.5, 0.3), tool_over(0.5, 0.15), tool_over(0.4, 0.3)]
     grasps = scene.grasp_states(poses, [None, True, None, False, None])
     assert [grasp.opening for grasp in grasps] == [1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
-    assert [grasp.stay is not None and grasp.stay.held for grasp in grasps] == [False, False, True, True, False, False]
-    before, after = grasps[0].stay, grasps[-1].stay
+    assert [grasp.phase is not None and grasp.phase.held for grasp in grasps] == [
+        False,
+        False,
+        True,
+        True,
+        False,
+        False,
+    ]
+    before, after = grasps[0].phase, grasps[-1].phase
     assert before is not None
     assert after is not None
     assert_allclose(before.pose.p, (0.4, 0.0, 0.1), atol=1e-12)  # it stands on the table
@@ -201,11 +208,11 @@ def test_without_a_gripper_or_an_object_nothing_is_carried(arm: ArmModel) -> Non
     for scene in (CollisionScene(arm), CollisionScene(handless, grasped=BOTTLE)):
         grasps = scene.grasp_states(poses, [None, True, None])
         assert len(grasps) == 4
-        assert all(grasp.stay is None for grasp in grasps)
+        assert all(grasp.phase is None for grasp in grasps)
 
 
 def held(T_tool_object: Pose, *rests: Pose) -> GraspState:
-    return GraspState(0.0, Stay(0.0, 1.0, True, T_tool_object, rests))
+    return GraspState(0.0, ObjectPhase(0.0, 1.0, True, T_tool_object, rests))
 
 
 def test_a_held_object_touches_what_the_arm_does_not(arm: ArmModel) -> None:
@@ -236,7 +243,7 @@ def test_a_held_object_may_touch_the_gripper_but_not_the_arm(arm: ArmModel) -> N
 
 
 def test_a_standing_object_may_touch_the_gripper_but_not_the_arm(arm: ArmModel) -> None:
-    standing = Stay(-np.inf, 1.0, False, Pose.from_rpy((0.5, 0.0, 0.1), (0, 0, 0)))
+    standing = ObjectPhase(-np.inf, 1.0, False, Pose.from_rpy((0.5, 0.0, 0.1), (0, 0, 0)))
     scene = CollisionScene(arm, 0.0, grasped=BOTTLE)
     assert scene.hit(at(arm, 0.5, 0.0, 0.15), GraspState(1.0, standing)) is None
     elbow = arm.robot.home
