@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
     """Collect what a replay shows."""
-    from pbd.arm.collision.motion_check import object_phases
+    from pbd.arm.collision.motion_check import motion_phases
 
     (path, demo), arm = plan.tracked, arm_of(plan.robot)
     placement = plan.T_base_nav, plan.calibration, plan.options.scale
@@ -49,7 +49,7 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
         hand_path_base=_hand_path(plan),
         hand_speed=np.linalg.norm(path.v_nav_sensor[path.demonstrated], axis=1),
         grasped=plan.grasped,
-        phases=object_phases(scene_of(arm, plan.calibration, plan.grasped), plan.trajectory),
+        phases=motion_phases(scene_of(arm, plan.calibration, plan.grasped), plan.trajectory),
         rod=_rod(arm),
         slides=tuple((arm.turns == 0.0).tolist()),
         torque=None if plan.report.torque is None else plan.report.torque.share,

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pbd.arm.collision.motion_check import all_hits, object_phases
+from pbd.arm.collision.motion_check import all_hits, motion_phases
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel
 from pbd.data import GraspedObject, JointTrajectory
@@ -18,7 +18,7 @@ from tests.arm.collision.test_collision import BOTTLE, GRIPS, PLACES, board, thr
 
 def sampled(scene: CollisionScene, trajectory: JointTrajectory, t: Array) -> dict[tuple[str, str], list[float]]:
     """Return the sampled instants at which two bodies touch, by their names."""
-    samples, phases = trajectory.at(t), object_phases(scene, trajectory)
+    samples, phases = trajectory.at(t), motion_phases(scene, trajectory)
     found: dict[tuple[str, str], list[float]] = {}
     for instant, q, opening in zip(t, samples.q, samples.gripper, strict=True):
         x = np.append(q, opening)

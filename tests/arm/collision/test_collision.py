@@ -12,7 +12,7 @@ import pytest
 
 from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance
 from pbd.arm.collision.geometry import link_bodies
-from pbd.arm.collision.motion_check import collision_error, object_phases, refuse_home
+from pbd.arm.collision.motion_check import collision_error, motion_phases, refuse_home
 from pbd.arm.collision.scene import CollisionScene, GraspState
 from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import ArmModel, load_model
@@ -92,7 +92,7 @@ def test_a_released_object_is_an_obstacle(arm: ArmModel) -> None:
     assert found is not None
     assert found.hit.second == "the cylinder"
     assert found.t > last.keyframe_t[1]
-    assert [phase.held for phase in object_phases(scene, last)] == [False, True, False]
+    assert [phase.held for phase in motion_phases(scene, last)] == [False, True, False]
     earlier = first_hit(scene, first)
     assert earlier is None or earlier.t > first.keyframe_t[0]
 
