@@ -10,7 +10,7 @@ from collections import deque
 
 import numpy as np
 
-from pbd.data import GRAVITY, Recording
+from pbd.data import Recording
 from pbd.pose import Array
 from pbd.record.session_types import recording_from_samples
 from pbd.sensors.decoding import Sample
@@ -68,9 +68,9 @@ class Diagnostics:
         faults: dict[str, str] = {}
         for clip in clips_of(window):
             side = clip.sensor, clip.axis, clip.sign
-            reading = abs(float(getattr(window, clip.sensor)[clip.start, clip.axis]))
-            if reading >= self._largest.get(side, 0.0) * (1.0 - TOP_TOLERANCE) and window.t[clip.stop - 1] > since:
-                shown = f"{reading / GRAVITY:.3g} g" if clip.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
+            is_new = window.t[clip.stop - 1] > since
+            if is_new and clip.limit(window) >= self._largest.get(side, 0.0) * (1.0 - TOP_TOLERANCE):
+                shown = clip.limit_text(window)
                 axis = f"{'xyz'[clip.axis]} axis of the {SENSOR_NAMES[clip.sensor]}"
                 what = f"the {axis} is at the end of its range ({shown}): move slower, or set a larger one"
                 faults[f"{axis} clipped"] = what

@@ -18,6 +18,7 @@ from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan
 from pbd.tracking.online.live_hand import LiveHand
 from pbd.tracking.online.samples import Sample, SampleRepair
 from pbd.tracking.repair.clock import SLOWEST_HZ
+from pbd.tracking.smoother.attitude import NO_ORIENTATION
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 __all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "StopEnded"]
@@ -87,10 +88,7 @@ class LiveTracker:
         ]
         if self._has_gyro is None and len(times):
             if gyr is None and device_rpy is None:
-                raise TrackingError(
-                    "there is neither a gyro nor the device's own attitude, so the orientation is unknown; "
-                    "record gx, gy, gz, or heading, pitch, roll"
-                )
+                raise TrackingError(NO_ORIENTATION)
             self._has_gyro = gyr is not None
         events: list[LiveEvent] = []
         for k, at in enumerate(times.tolist()):

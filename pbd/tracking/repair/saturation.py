@@ -64,6 +64,15 @@ class Clip:
     start: int
     stop: int
 
+    def limit(self, recording: Recording) -> float:
+        """The end of the range, m/s2 or rad/s."""
+        return abs(float(getattr(recording, self.sensor)[self.start, self.axis]))
+
+    def limit_text(self, recording: Recording) -> str:
+        """The end of the range, in g or deg/s."""
+        limit = self.limit(recording)
+        return f"{limit / GRAVITY:.3g} g" if self.sensor == "acc" else f"{np.degrees(limit):.0f} deg/s"
+
 
 def find_clips(recording: Recording) -> tuple[Clip, ...]:
     """Find the clipped samples of a recording without NaN, in order; warns if there are any."""
@@ -74,8 +83,7 @@ def find_clips(recording: Recording) -> tuple[Clip, ...]:
     for sensor in sorted({clip.sensor for clip in clips}):
         own = [clip for clip in clips if clip.sensor == sensor]
         axes.append(f"the {SENSOR_NAMES[sensor]}'s {', '.join(sorted({'xyz'[clip.axis] for clip in own}))} axis")
-        reading = abs(float(getattr(recording, sensor)[own[0].start, own[0].axis]))
-        ends.append(f"{reading / GRAVITY:.3g} g" if sensor == "acc" else f"{np.degrees(reading):.0f} deg/s")
+        ends.append(own[0].limit_text(recording))
     rows = len({row for clip in clips for row in range(clip.start, clip.stop)})
     warn(
         f"{rows} samples of {' and '.join(axes)} are at the end of the range ({' and '.join(ends)}), the first at "

@@ -11,6 +11,11 @@ from pbd.tracking.moving_windows import Rows
 from pbd.tracking.smoother.preintegration import GyroFrame, gyro_frame
 from pbd.tracking.zero_velocity import Spans
 
+NO_ORIENTATION = (
+    "there is neither a gyro nor the device's own attitude, so the orientation is unknown; "
+    "record gx, gy, gz, or heading, pitch, roll"
+)
+
 
 def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
     """The gyro frame of a recording; without a gyro, integrated in the device's own attitude.
@@ -22,10 +27,7 @@ def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
     if recording.gyr is not None:
         return gyro_frame(t, recording.gyr - gyro_bias, recording.acc, interval)
     if recording.device_rpy is None:
-        raise TrackingError(
-            "the recording has neither a gyro nor the device's own attitude, so the orientation is unknown; "
-            "record gx, gy, gz, or heading, pitch, roll"
-        )
+        raise TrackingError(NO_ORIENTATION)
     wxyz = quat_from_rpy(recording.device_rpy)
     dt, turns = np.diff(t)[:, None], quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:]))
     turns = np.divide(turns, dt, out=np.zeros_like(turns), where=dt > 0.0)
