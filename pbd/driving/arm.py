@@ -20,8 +20,10 @@ STS3215 = 777
 # Registers: first address, and number of bytes to read. Source: Feetech's memory table of the STS series, as in
 # lerobot/motors/feetech/tables.py.
 IDENTITY, IDENTITY_LENGTH = 3, 31
-"""Addresses: model number 3, position limits 9 and 11, highest temperature 13, highest and lowest voltage 14 and 15,
-homing offset 31, mode 33."""
+"""The servo's permanent memory. It begins with the model number."""
+RANGE, MAX_CELSIUS, MAX_VOLTS, MIN_VOLTS, OFFSET, MODE = 9, 13, 14, 15, 31, 33
+"""Addresses in it: position limits (two words), highest temperature (°C), highest and lowest voltage (0.1 V), homing
+offset, mode (0: position)."""
 TORQUE_ENABLE, GOAL, TORQUE_LIMIT, LOCK = 40, 42, 48, 55
 PRESENT, PRESENT_LENGTH = 56, 8
 """Addresses: position 56, speed 58, load 60, voltage 62, temperature 63."""
@@ -88,20 +90,21 @@ class ServoArm:
         self._bus, self.encoders = bus, encoders
         found = identify(bus, dict(zip(encoders.names, encoders.ids, strict=True)))
         self.bounds = Bounds(
-            celsius=np.array([data[10] for data in found]),
-            min_volts=0.1 * np.array([data[12] for data in found]),
-            max_volts=0.1 * np.array([data[11] for data in found]),
+            celsius=np.array([data[MAX_CELSIUS - IDENTITY] for data in found]),
+            min_volts=0.1 * np.array([data[MIN_VOLTS - IDENTITY] for data in found]),
+            max_volts=0.1 * np.array([data[MAX_VOLTS - IDENTITY] for data in found]),
         )
         for (name, servo), data in zip(encoders.servos.items(), found, strict=True):
-            stored = (decode_word(data, 28, OFFSET_SIGN), decode_word(data, 6), decode_word(data, 8))
+            low, high = (decode_word(data, address - IDENTITY) for address in (RANGE, RANGE + 2))
+            stored = (decode_word(data, OFFSET - IDENTITY, OFFSET_SIGN), low, high)
             wanted = (servo.homing_offset, servo.range_min, servo.range_max)
             if stored != wanted:
                 what = f"the calibration is another arm's, or an old one: of {name} it has homing offset and range"
                 raise CalibrationError(
                     f"{what} {wanted}, the servo has {stored}; name the right --servos, or calibrate anew"
                 )
-            if data[30]:  # 0 is position mode
-                what = f"servo {servo.id} ({name}) is in mode {data[30]}, not in position mode"
+            if mode := data[MODE - IDENTITY]:
+                what = f"servo {servo.id} ({name}) is in mode {mode}, not in position mode"
                 raise SensorError(f"{what}; calibrate anew with `pbd run --calibrate`")
 
     def state(self) -> State:

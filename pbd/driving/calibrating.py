@@ -10,15 +10,12 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from pbd.driving.arm import LOCK, OFFSET_SIGN, PRESENT, identify, release, write_verified
+from pbd.driving.arm import IDENTITY, LOCK, MODE, OFFSET, OFFSET_SIGN, PRESENT, RANGE, identify, release, write_verified
 from pbd.driving.bus import Bus
 from pbd.driving.packets import decode_word, encode_word
 from pbd.errors import SensorError
 from pbd.files.servo_calibration import COUNTS, LARGEST_OFFSET, ServoCalibration
 from pbd.pose import Array
-
-RANGE, OFFSET, MODE = 9, 31, 33
-"""Addresses in the servo's permanent memory: position limits, homing offset, mode (0: position)."""
 
 MIDDLE = COUNTS // 2 - 1
 """Count of a servo in the middle of its joint's range."""
@@ -91,8 +88,9 @@ def calibrating(bus: Bus, ids: Mapping[str, int]) -> Iterator[Calibrating]:
         yield Calibrating(bus, ids)
     except BaseException:
         try:
-            write_verified(bus, RANGE, {id_: data[6:10] for id_, data in zip(ids.values(), before, strict=True)})
-            write_verified(bus, OFFSET, {id_: data[28:30] for id_, data in zip(ids.values(), before, strict=True)})
+            for address, length in ((RANGE, 4), (OFFSET, 2)):
+                old = (data[address - IDENTITY :][:length] for data in before)
+                write_verified(bus, address, dict(zip(ids.values(), old, strict=True)))
             write_verified(bus, LOCK, locked)
         except SensorError as error:
             what = f"{error.message}; the servos did not all get their old calibration back: calibrate anew"
