@@ -20,7 +20,7 @@ from pbd.files.demo import (
     write_demo,
 )
 from pbd.files.keyframes import KEYFRAMES_FILE
-from pbd.fusion.calibration import device_errors
+from pbd.fusion.fused_calibration import device_errors
 from pbd.fusion.tables import fusion_rows, fusion_table, held_alike, takes_table
 from pbd.io.toml import utc_now
 from pbd.pipeline import fused_demo, track

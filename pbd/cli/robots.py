@@ -27,7 +27,7 @@ from pbd.view.terminal_tables import make_table, print_table, robots_table, word
 from pbd.view.units import Units
 
 if TYPE_CHECKING:
-    from pbd.planning.suggest import Suggestion
+    from pbd.planning.suggest_dock import Suggestion
 
 EASY_DEMO = "pouring"
 """The demonstration that the suggested home and dock make possible if none is named."""
@@ -159,7 +159,7 @@ def _ranked_table(rows: list[dict[str, Any]], units: Units) -> Table:
 
 def _suggest_home_and_dock(args: argparse.Namespace) -> None:
     """Search for them, and print them with the reasons for the choice."""
-    from pbd.planning.suggest import suggest
+    from pbd.planning.suggest_dock import suggest
 
     if args.robot or args.csv:
         raise UsageError("--suggest takes the file itself, and prints TOML, or JSON with --json")

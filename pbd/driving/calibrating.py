@@ -10,9 +10,20 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from pbd.driving.arm import IDENTITY, LOCK, MODE, OFFSET, OFFSET_SIGN, PRESENT, RANGE, identify, release, write_verified
 from pbd.driving.bus import Bus
 from pbd.driving.packets import decode_word, encode_word
+from pbd.driving.servo_arm import (
+    IDENTITY,
+    LOCK,
+    MODE,
+    OFFSET,
+    OFFSET_SIGN,
+    PRESENT,
+    RANGE,
+    identify,
+    release,
+    write_verified,
+)
 from pbd.errors import SensorError
 from pbd.files.servo_calibration import COUNTS, LARGEST_OFFSET, ServoCalibration
 from pbd.pose import Array

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.data import JointLimits, JointTrajectory
-from pbd.driving.arm import LostTorqueError, ServoArm, State
 from pbd.driving.encoders import Encoders
-from pbd.driving.watch import Watch
+from pbd.driving.motion_monitor import MotionMonitor
+from pbd.driving.servo_arm import LostTorqueError, ServoArm, State
 from pbd.errors import PlanError, SensorError
 from pbd.pose import Array
 
@@ -109,7 +109,7 @@ def stream(
     arm: ServoArm,
     goals: Array,
     rate_hz: float,
-    watch: Watch,
+    monitor: MotionMonitor,
     clock: Clock,
     stop_wanted: Callable[[], bool],
     dry_run: bool = False,
@@ -135,15 +135,15 @@ def stream(
                 raise SensorError(f"this computer was busy for {now - due:.2f} s: close other programs")
             seen = arm.state()
             try:
-                watch.check(seen)
+                monitor.check(seen)
             except SensorError:  # a damaged answer may pass its checksum, which is one byte: a second one must agree
                 seen = arm.state()
                 counts = seen.counts
-                watch.check(seen)
+                monitor.check(seen)
             counts = seen.counts
             if not dry_run:
                 arm.send_goals(goal)
-            watch.add_goal(goal)
+            monitor.add_goal(goal)
             times.append(now)
             due = max(due, now - 0.5 * period) + period
         else:

@@ -18,7 +18,7 @@ from pbd.data import Calibration, Follower, Gripper, JointLimits, Robot, Servos
 from pbd.errors import MOST_LISTED, RobotError, listed, printable, warn
 from pbd.files.calibration import read_pose
 from pbd.files.find_by_name import find
-from pbd.files.gripper import MIMIC_TOLERANCE, check_range, read_gripper
+from pbd.files.robot_gripper import MIMIC_TOLERANCE, check_range, read_gripper
 from pbd.files.urdf_tree import ACTUATED, Urdf, UrdfJoint, read_poses, read_urdf
 from pbd.io.atomic import is_file
 from pbd.io.meshes import mesh_places

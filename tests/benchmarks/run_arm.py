@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from pbd.driving.motion_monitor import LAG_S
 from pbd.driving.stream import Clock
-from pbd.driving.watch import LAG_S
 from pbd.files.servo_calibration import write_servo_calibration
 from tests.benchmarks.report import arguments, finish
 from tests.driving.emulator import LEFT, Emulator, calibration_of, resting

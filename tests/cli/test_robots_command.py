@@ -18,7 +18,7 @@ from pbd.files.find_by_name import names
 from pbd.files.robot import read_robot
 from pbd.planning import PlanOptions, arm_of
 from pbd.planning.choose_joints import PlanRefusal
-from pbd.planning.suggest import (
+from pbd.planning.suggest_dock import (
     DOCKS,
     MORE_DOCKS,
     TABLE_STEP_M,
@@ -66,7 +66,7 @@ def guide(elsewhere: Path) -> str:
 
 
 def test_what_is_suggested_replays_as_it_says(capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 5)
+    monkeypatch.setattr("pbd.planning.suggest_dock.DOCKS", 5)
     bare = guide.split("[arm]")[0] + "[gripper]" + guide.split("[gripper]")[1].split("[dock]")[0]
     TOML.write_text(bare, encoding="utf-8")
     code, lines, _ = run(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")
@@ -108,7 +108,7 @@ def test_an_arm_of_five_joints_is_given_no_pose_that_it_cannot_approach() -> Non
 
 
 def test_the_users_own_table_is_kept(capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 3)
+    monkeypatch.setattr("pbd.planning.suggest_dock.DOCKS", 3)
     TOML.write_text(guide.replace("table_height = 0.0", "table_height = 0.1").replace("0.97", "97.0"), encoding="utf-8")
     dock = run_json(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")["dock"]
     assert dock["table_height"] == 0.1
@@ -117,8 +117,8 @@ def test_the_users_own_table_is_kept(capsys: Capture, guide: str, monkeypatch: p
 
 def test_where_few_docks_will_do_more_are_weighed(capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch) -> None:
     TOML.write_text(guide, encoding="utf-8")
-    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 0)
-    monkeypatch.setattr("pbd.planning.suggest.MORE_DOCKS", 4)
+    monkeypatch.setattr("pbd.planning.suggest_dock.DOCKS", 0)
+    monkeypatch.setattr("pbd.planning.suggest_dock.MORE_DOCKS", 4)
     code, lines, told = run(capsys, "robots", "--suggest", TOML)
     assert code == 0
     assert " of 0 docks" not in told
@@ -130,7 +130,7 @@ def test_links_that_touch_by_design_are_found_and_may(
 ) -> None:
     """The spheres of the flange and of link4 overlap in seven of ten configurations."""
     urdf = own_urdf()
-    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 3)
+    monkeypatch.setattr("pbd.planning.suggest_dock.DOCKS", 3)
     for link, x, radius in (("link4", 0.05, 0.0536), ("link5", 0.0, 0.01), ("flange", 0.0, 0.06)):
         solid = f'<collision><origin xyz="{x} 0 0"/><geometry><sphere radius="{radius}"/></geometry></collision>'
         urdf = urdf.replace(f"<link name='{link}'/>", f"<link name='{link}'>{solid}</link>")
@@ -151,7 +151,7 @@ def test_no_table_is_put_through_a_link_that_moves(
     ball = '<collision><origin xyz="0 0 -0.25"/><geometry><sphere radius="0.105"/></geometry></collision>'
     urdf = own_urdf().replace("<link name='link1'/>", f"<link name='link1'>{ball}</link>")
     TOML.with_name("mine.urdf").write_text(urdf, encoding="utf-8")
-    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 3)
+    monkeypatch.setattr("pbd.planning.suggest_dock.DOCKS", 3)
     TOML.write_text(guide.partition("[dock]")[0], encoding="utf-8")
     arm = arm_of(read_robot(TOML, draft=True))
     low = arm.full.jointPlacements[1].translation[2] - 0.355
@@ -176,9 +176,9 @@ def test_each_dock_is_planned_once_and_no_other_options_are(
         docks.append((task.calibration.scale, *task.calibration.T_base_dock.p, *task.robot.home))
         return PlanRefusal(PlanError("it is in the way"), (("use another option", task.options),))
 
-    monkeypatch.setattr("pbd.planning.suggest.DOCKS", 3)
-    monkeypatch.setattr("pbd.planning.suggest.MORE_DOCKS", 3)
-    monkeypatch.setattr("pbd.planning.suggest.plan_task", refuse)
+    monkeypatch.setattr("pbd.planning.suggest_dock.DOCKS", 3)
+    monkeypatch.setattr("pbd.planning.suggest_dock.MORE_DOCKS", 3)
+    monkeypatch.setattr("pbd.planning.suggest_dock.plan_task", refuse)
     TOML.write_text(guide, encoding="utf-8")
     code, _, told = run(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")
     assert code == 1

@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 import time
 
-from pbd.driving.arm import ServoArm
 from pbd.driving.bus import Bus
 from pbd.driving.encoders import Encoders
+from pbd.driving.servo_arm import ServoArm
 from pbd.driving.stream import Clock
 from pbd.files.robot import load_robot
 from tests.driving.emulator import calibration_of

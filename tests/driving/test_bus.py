@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import scservo_sdk
 
-from pbd.driving.arm import PRESENT, release
 from pbd.driving.bus import Bus
 from pbd.driving.calibrating import calibrating
 from pbd.driving.packets import Answer, decode_word, encode_word, take_answers
+from pbd.driving.servo_arm import PRESENT, release
 from pbd.driving.stream import Clock
 from pbd.errors import CalibrationError, SensorError
 from pbd.files.robot import load_robot

@@ -23,8 +23,8 @@ from pbd.cli.run import _show_ranges
 from pbd.cli.run.drive import timetable
 from pbd.data import JointTrajectory
 from pbd.driving import bus, stream
-from pbd.driving.arm import ServoArm
 from pbd.driving.packets import encode_word
+from pbd.driving.servo_arm import ServoArm
 from pbd.driving.stream import Clock
 from pbd.errors import PbdError
 from pbd.files.demo import load_demo

@@ -12,11 +12,11 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from pbd.driving.arm import WRITE_TRIES, Bounds, State
 from pbd.driving.bus import Bus
 from pbd.driving.encoders import Encoders
+from pbd.driving.motion_monitor import MotionMonitor, check_health
+from pbd.driving.servo_arm import WRITE_TRIES, Bounds, State
 from pbd.driving.stream import Clock, StreamResult, planned_start, stream
-from pbd.driving.watch import Watch, check_health
 from pbd.errors import PlanError, SensorError
 from pbd.files.robot import load_robot
 from pbd.pose import Array
@@ -69,9 +69,9 @@ def swing(
                 fault()
 
         emulator.fault = impatient
-        watch = Watch(arm.encoders.names, arm.bounds, start, 10.0, RATE_HZ)
+        monitor = MotionMonitor(arm.encoders.names, arm.bounds, start, 10.0, RATE_HZ)
         with patch("pbd.driving.stream.STALL_S", stall_s):
-            return stream(arm, path, RATE_HZ, watch, clock, stop_wanted, dry_run)
+            return stream(arm, path, RATE_HZ, monitor, clock, stop_wanted, dry_run)
 
 
 def hot(emulator: Emulator) -> None:
@@ -165,9 +165,9 @@ def test_a_joint_that_pushes_too_long(emulator: Emulator) -> None:
         arm = connect(bus)
         start = arm.state()
         arm.enable_torque(start.counts)
-        watch = Watch(arm.encoders.names, arm.bounds, start, 45.0, RATE_HZ)
+        monitor = MotionMonitor(arm.encoders.names, arm.bounds, start, 45.0, RATE_HZ)
         with patch("pbd.driving.stream.STALL_S", UNHURRIED_S):
-            done = stream(arm, np.tile(start.counts, (80, 1)), RATE_HZ, watch, clock, lambda: False)
+            done = stream(arm, np.tile(start.counts, (80, 1)), RATE_HZ, monitor, clock, lambda: False)
     assert done.stopped is not None
     assert "elbow_flex has pushed with more than 80 % of its strength for 0.5 s" in done.stopped.message
     assert FAULT_AT + 20 < done.sent < FAULT_AT + 30
@@ -285,8 +285,8 @@ def test_after_a_late_goal_none_comes_sooner_than_half_a_period() -> None:
     arm: Any = SimpleNamespace(
         state=lambda: standing(np.zeros(6)), send_goals=lambda goal: None, check_torque=lambda: None
     )
-    watch: Any = SimpleNamespace(check=lambda state: None, add_goal=lambda goal: None)
-    done = stream(arm, np.zeros((60, 6)), RATE_HZ, watch, Late(), lambda: False)
+    monitor: Any = SimpleNamespace(check=lambda state: None, add_goal=lambda goal: None)
+    done = stream(arm, np.zeros((60, 6)), RATE_HZ, monitor, Late(), lambda: False)
     assert done.periods.max() == pytest.approx(0.11)
     assert done.periods.min() >= 0.5 / RATE_HZ - 1e-9
 
@@ -297,11 +297,11 @@ def test_a_servo_may_be_a_quarter_of_a_second_behind(behind_s: float, sound: boo
     encoders, n = so101(), 6
     bounds = Bounds(np.full(n, 70.0), np.full(n, 4.0), np.full(n, 8.0))
     path = np.full((40, n), 2048.0) + np.eye(n)[ELBOW] * 4096.0 / 18.0 * np.arange(40)[:, None]
-    watch = Watch(encoders.names, bounds, standing(path[0]), 10.0, RATE_HZ)
+    monitor = MotionMonitor(encoders.names, bounds, standing(path[0]), 10.0, RATE_HZ)
     for goal in path:
-        watch.add_goal(goal)
+        monitor.add_goal(goal)
     with nullcontext() if sound else pytest.raises(SensorError, match=r"elbow_flex is .* degrees off its goal"):
-        watch.check(standing(path[-1 - round(behind_s * RATE_HZ)]))
+        monitor.check(standing(path[-1 - round(behind_s * RATE_HZ)]))
 
 
 @pytest.mark.parametrize(("beyond", "sound"), [(0.9, True), (1.1, False)])

@@ -14,7 +14,7 @@ import pytest
 import pbd
 from pbd.data import Calibration, Contact, Demonstration, GripEvent, HandPath, Linear, Place
 from pbd.errors import CalibrationError, RecordingError, TrackingError, collected_warnings
-from pbd.fusion.calibration import _composed, device_errors
+from pbd.fusion.fused_calibration import _composed, device_errors
 from pbd.fusion.grips import differing_grips
 from pbd.fusion.marginals import SHARED_PART, estimate_with_device, marginal_of
 from pbd.fusion.matching import Alignment, Registration

@@ -17,10 +17,10 @@ from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import POLL_S, Keys
 from pbd.cli.run.drive import drive_arm
 from pbd.data import Robot
-from pbd.driving.arm import identify, release
 from pbd.driving.bus import Bus
 from pbd.driving.calibrating import FULL_TURN_JOINT, Calibrating, calibrating
 from pbd.driving.encoders import Encoders, servo_names
+from pbd.driving.servo_arm import identify, release
 from pbd.errors import PbdError, SensorError, UsageError, listed
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import COUNTS, own_servo_calibration, write_servo_calibration

@@ -19,11 +19,11 @@ from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import Keys
 from pbd.data import JointTrajectory, Robot
 from pbd.driving import bus as servo_bus
-from pbd.driving.arm import ServoArm, State
 from pbd.driving.bus import Bus
 from pbd.driving.encoders import Encoders, servo_names
+from pbd.driving.motion_monitor import MotionMonitor, check_health
+from pbd.driving.servo_arm import ServoArm, State
 from pbd.driving.stream import Clock, StreamResult, planned_start, sample_goals, stream
-from pbd.driving.watch import Watch, check_health
 from pbd.errors import SensorError
 from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration
 from pbd.pose import Array
@@ -76,9 +76,9 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
                 say("the arm moves: any key stops it")
             bus.answer_s = servo_bus.ANSWER_S
             tolerance = math.inf if args.dry_run else args.tolerance
-            watch = Watch(encoders.names, arm.bounds, before, tolerance, args.rate)
-            done = stream(arm, goals, args.rate, watch, Clock(), lambda: bool(keys.next()), args.dry_run)
-    code = _report_end(done, watch, encoders, args, device)  # before the JSON, whose reader may be gone
+            monitor = MotionMonitor(encoders.names, arm.bounds, before, tolerance, args.rate)
+            done = stream(arm, goals, args.rate, monitor, Clock(), lambda: bool(keys.next()), args.dry_run)
+    code = _report_end(done, monitor, encoders, args, device)  # before the JSON, whose reader may be gone
     if args.json:
         print_json(
             {
@@ -86,7 +86,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
                 "port": device,
                 "servos": str(file),
                 "dry_run": args.dry_run,
-                **_motion_json(done, watch, bus, encoders.names, args.dry_run),
+                **_motion_json(done, monitor, bus, encoders.names, args.dry_run),
                 "warnings": args.warnings,
             }
         )
@@ -131,7 +131,9 @@ def timetable(trajectory: JointTrajectory, t: Array, retreats: bool) -> str:
     return f"{', '.join(parts)}: {t[-1] - t[0]:.1f} s in all, then the arm holds"
 
 
-def _motion_json(done: StreamResult, watch: Watch, bus: Bus, names: Sequence[str], dry_run: bool) -> dict[str, Any]:
+def _motion_json(
+    done: StreamResult, monitor: MotionMonitor, bus: Bus, names: Sequence[str], dry_run: bool
+) -> dict[str, Any]:
     """Return the motion's goals, their timing, and the largest values that the servos reported, for JSON."""
     period_ms = 1e3 * done.periods if len(done.periods) else np.array([np.nan])
     return {
@@ -143,16 +145,18 @@ def _motion_json(done: StreamResult, watch: Watch, bus: Bus, names: Sequence[str
             "max": period_ms.max(),
         },
         "asked_again": bus.asked_again,
-        "error_deg": None if dry_run else dict(zip(names, watch.error_deg, strict=True)),
-        "load": dict(zip(names, watch.load, strict=True)),
-        "celsius": dict(zip(names, watch.celsius, strict=True)),
-        "volts": float(watch.volts.min()),
+        "error_deg": None if dry_run else dict(zip(names, monitor.error_deg, strict=True)),
+        "load": dict(zip(names, monitor.load, strict=True)),
+        "celsius": dict(zip(names, monitor.celsius, strict=True)),
+        "volts": float(monitor.volts.min()),
         "stopped": "by hand" if done.by_hand else done.stopped and done.stopped.message,
         "held": done.held,
     }
 
 
-def _report_end(done: StreamResult, watch: Watch, encoders: Encoders, args: argparse.Namespace, device: str) -> int:
+def _report_end(
+    done: StreamResult, monitor: MotionMonitor, encoders: Encoders, args: argparse.Namespace, device: str
+) -> int:
     """Say how the motion ended; return the exit code."""
     lets_go = f"`pbd run --release --robot {args.robot} --port {device}` lets go of it"
     holds = "the arm holds where it stopped"
@@ -166,12 +170,12 @@ def _report_end(done: StreamResult, watch: Watch, encoders: Encoders, args: argp
     if done.by_hand:
         say(f"stopped by hand after {done.t:.2f} s: {holds}; {lets_go}")
         return STOPPED_BY_HAND
-    worst = int(np.argmax(watch.error_deg[:-1]))
-    load, celsius, volts = watch.load.max(), watch.celsius.max(), watch.volts.min()
+    worst = int(np.argmax(monitor.error_deg[:-1]))
+    load, celsius, volts = monitor.load.max(), monitor.celsius.max(), monitor.volts.min()
     felt = f"load up to {100 * load:.0f} %, up to {celsius:.0f} °C, at least {volts:.1f} V"
     if args.dry_run:
         say(f"dry run done: the servos answered {done.sent} times; {felt}")
     else:
-        off = f"at most {watch.error_deg[worst]:.1f} degrees off ({encoders.names[worst]})"
+        off = f"at most {monitor.error_deg[worst]:.1f} degrees off ({encoders.names[worst]})"
         say(f"done: {done.sent} goals, {off}, {felt}; the arm holds, {lets_go}")
     return 0

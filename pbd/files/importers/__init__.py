@@ -58,9 +58,9 @@ def import_file(
         raise RecordingError.at(path, "only a bag has topics; leave --topic out")
     of_app = None
     if not is_bag and not is_table and (source.is_dir() or suffix in (".csv", ".zip")):
+        from pbd.files.importers.apple_watch import read_watch
         from pbd.files.importers.metawear import read_metawear
         from pbd.files.importers.phones import read_phone
-        from pbd.files.importers.watch import read_watch
 
         of_app = read_phone(source) or read_metawear(source) or read_watch(source)
     if rate_hz is not None and (of_app is not None or is_bag or suffix == ".npz"):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pbd.driving.arm import Bounds, State
+from pbd.driving.servo_arm import Bounds, State
 from pbd.errors import SensorError
 from pbd.files.servo_calibration import COUNTS
 from pbd.pose import Array
@@ -29,7 +29,7 @@ ERROR_FLAGS = {1: "voltage", 2: "encoder", 4: "temperature", 8: "current", 32: "
 """Meaning of the bits of a servo's error flags."""
 
 
-class Watch:
+class MotionMonitor:
     """Checks each state and keeps the extremes. The gripper closes on things, so its position and load are not checked.
 
     Attributes:
