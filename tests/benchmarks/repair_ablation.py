@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
-from pbd import pipeline
+from pbd import track_alone
 from pbd.tracking import alarm, estimate, first_rest
 from pbd.tracking.repair import channel_faults, gaps, gyro_consistency, repair_recording
 from pbd.tracking.repair.saturation import restore
@@ -54,21 +54,21 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "blocks in order": ((repair_recording, "in_order", as_it_is),),
     "blocks doubled": ((repair_recording, "refuse_doubled", nothing),),
     "freezes": ((repair_recording, "frozen_rows", lambda recording, _: np.zeros(len(recording), dtype=bool)),),
-    "gaps refused": ((pipeline, "refuse_gaps", nothing),),
+    "gaps refused": ((track_alone, "refuse_gaps", nothing),),
     "rest beside a gap": ((gaps, "_rests_on_both_sides", lambda *_: True),),
     "signs by the device": ((gyro_consistency, "refuse_flipped_signs", nothing),),
     "axes and unit of the gyro": ((gyro_consistency, "find_axis_error", nothing),),
     "unit of the accelerometer": ((first_rest, "_refuse_wrong_units", nothing),),
-    "clipped peaks": ((pipeline, "find_clips", lambda _: ()),),
-    "doubt of clipped peaks": ((pipeline, "restore", lambda *clipped: (restore(*clipped)[0], ())),),
+    "clipped peaks": ((track_alone, "find_clips", lambda _: ()),),
+    "doubt of clipped peaks": ((track_alone, "restore", lambda *clipped: (restore(*clipped)[0], ())),),
     "gravity at rest widens priors": tuple(
         (module, "acc_sigma_factor", lambda *_: 1.0) for module in (factors, estimate)
     ),
-    "rest that is no stop": ((pipeline, "refuse_doubted_rest", nothing),),
+    "rest that is no stop": ((track_alone, "refuse_doubted_rest", nothing),),
     "a large lag": ((smooth, "REMOVED_LAG", LARGE),),
     "a common scale": ((smooth, "WIDE_SCALE_SIGMA", TINY),),
     "upside down": ((fault_matrix, "warn_upside_down", nothing),),
-    "open ends": ((pipeline, "_warn_of_open_ends", nothing),),
+    "open ends": ((track_alone, "_warn_of_open_ends", nothing),),
     "alarm: sensor": ((alarm, "_sensor_alarms", no_line),),
     "alarm: moves": ((alarm, "_move_alarms", no_line),),
     "alarm: stops": ((alarm, "_stop_alarms", no_line),),
