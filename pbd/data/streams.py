@@ -1,10 +1,9 @@
-"""Joins a device's sensors, which sample at their own times and rates, on one clock; and undoes a clock's pauses."""
+"""Joins a device's sensors, which sample at their own times and rates, on one clock."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf
 
 import numpy as np
 
@@ -75,40 +74,3 @@ def joined(streams: Mapping[str, Stream]) -> tuple[Array, dict[str, Array]]:
     clock = streams.get("gyr", streams["acc"])
     t = clock.t[np.isfinite(streams["acc"].at(clock.t)[:, 0])]
     return t, {name: stream.at(t) for name, stream in streams.items()}
-
-
-@dataclass(frozen=True)
-class Moment:
-    """A start (or, if not `started`, a pause) of phyphox' measurement: experiment time, s, and the phone's clock, s."""
-
-    started: bool
-    t: float
-    system: float
-
-
-class Moments:
-    """The starts and pauses so far. They convert experiment time, which stops in pauses, to elapsed time."""
-
-    def __init__(self) -> None:
-        self.known: tuple[Moment, ...] = ()
-        self._begun: float | None = None
-
-    def take(self, moments: tuple[Moment, ...]) -> bool:
-        """Take the latest list; return whether the measurement was cleared since, so that experiment time restarted."""
-        before, self.known = self.known, moments
-        if self._begun is None and moments:
-            self._begun = moments[0].system
-        return bool(before) and moments[:1] != before[:1]
-
-    @property
-    def paused_at(self) -> float:
-        """Experiment time of the present pause, s; infinite while it measures."""
-        return self.known[-1].t if self.known and not self.known[-1].started else inf
-
-    def to_elapsed(self, t: Array) -> Array:
-        """Convert experiment time (n,) s to s since the first start, with pauses counted."""
-        starts = [each for each in self.known if each.started]
-        if not starts or self._begun is None:
-            return t
-        paused = np.array([each.system - self._begun - each.t for each in starts])
-        return t + paused[np.maximum(np.searchsorted([each.t for each in starts], t) - 1, 0)]  # type: ignore[no-any-return]

@@ -21,7 +21,7 @@ from pbd.record import Command, Outcome, RecordOptions, Status, loop, record
 from pbd.record.redecode import decode_raw
 from pbd.sensors.decoding import Sample
 from pbd.sensors.phyphox import phone as phone_port
-from pbd.sensors.phyphox.answers import BUFFERS, PhyphoxDecoder, read_answer, read_moments
+from pbd.sensors.phyphox.answers import BUFFERS, PhyphoxDecoder, read_answer, read_clock_events
 from pbd.sensors.phyphox.phone import PhonePort
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
@@ -355,15 +355,15 @@ def test_a_phone_that_never_sends_is_told(tmp_path: Path, phone: Phone, monkeypa
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        (b"1", "neither buffers nor moments"),
-        (b'[{"event": "START"}]', "no moments"),
-        (b"[3]", "no moments"),
+        (b"1", "neither buffers nor clock events"),
+        (b'[{"event": "START"}]', "no clock events"),
+        (b"[3]", "no clock events"),
         (b'[{"event": "START", "experimentTime": -1, "systemTime": 1e9}]', "a moment without a time"),
     ],
 )
 def test_what_is_no_answer_to_time(text: bytes, why: str) -> None:
     with pytest.raises(ValueError, match=why):
-        read_moments(read_answer(text))
+        read_clock_events(read_answer(text))
 
 
 def test_rates_of_50_100_and_200_hz_are_joined() -> None:

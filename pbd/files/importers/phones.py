@@ -26,8 +26,9 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from pbd.data import GRAVITY, Recording, RecordingInfo
+from pbd.data.paused_clock import ClockEvent, PausedClock
 from pbd.data.source_columns import CHANNEL_OF, CHANNELS, Column, SourceColumns
-from pbd.data.streams import Moment, Moments, Stream, joined
+from pbd.data.streams import Stream, joined
 from pbd.errors import RecordingError, in_words, listed, warn
 from pbd.files.importers.columns import UNUSED, why_not_read
 from pbd.files.table import Sheet, foreign_text, open_sheet
@@ -64,7 +65,7 @@ PHYPHOX_FILES = (*PHYPHOX_IOS, "Acceleration", "Magnetic field")
 LARGEST_FILE = LARGE // 4
 """Largest file in a zip, bytes, so that a small zip can't fill the memory. An hour at 400 Hz has 120 MB."""
 
-PHYPHOX_MOMENTS = "meta/time"
+PHYPHOX_CLOCK = "meta/time"
 """phyphox' table of starts and pauses. The other files in its folder `meta` describe the phone."""
 
 Files = dict[str, Callable[[], bytes]]
@@ -103,8 +104,8 @@ def files_in_zip(path: Path) -> Files:
         place = PurePosixPath(member.filename)
         if place.suffix.lower() != ".csv" or "__MACOSX" in place.parts:
             continue
-        name = PHYPHOX_MOMENTS if place.parts[-2:] == ("meta", "time.csv") else place.stem
-        if place.parts[-2:-1] == ("meta",) and name != PHYPHOX_MOMENTS:
+        name = PHYPHOX_CLOCK if place.parts[-2:] == ("meta", "time.csv") else place.stem
+        if place.parts[-2:-1] == ("meta",) and name != PHYPHOX_CLOCK:
             continue
         if name in files:
             raise RecordingError.at(path, f"it holds several recordings ({name}.csv twice); export one")
@@ -136,8 +137,8 @@ def _files_in_folder(path: Path) -> Files:
         if not logger and not _phyphox_quantities(cells, path.stem):
             return {}
         family = (*LOGGER_FILES, METADATA) if logger else PHYPHOX_FILES
-        family = (path.stem, PHYPHOX_MOMENTS, *(family if path.stem in family else ()))
-    names = sorted(each for each in (*folder.glob("*.csv"), folder / f"{PHYPHOX_MOMENTS}.csv") if each.is_file())
+        family = (path.stem, PHYPHOX_CLOCK, *(family if path.stem in family else ()))
+    names = sorted(each for each in (*folder.glob("*.csv"), folder / f"{PHYPHOX_CLOCK}.csv") if each.is_file())
     files = {
         str(file.relative_to(folder).with_suffix("")): partial(read_bytes, file, RecordingError, "give another")
         for file in names
@@ -228,9 +229,9 @@ def _read_phyphox(path: Path, files: Files) -> tuple[dict[str, Stream], SourceCo
     streams: dict[str, Stream] = {}
     columns: list[Column] = []
     unread: dict[str, str] = {}
-    files_read = {PHYPHOX_MOMENTS}
-    moments = _moments(path, files)
-    for name in sorted(files.keys() - {PHYPHOX_MOMENTS}, key=lambda name: (name != path.stem, name)):
+    files_read = {PHYPHOX_CLOCK}
+    clock = _experiment_clock(path, files)
+    for name in sorted(files.keys() - {PHYPHOX_CLOCK}, key=lambda name: (name != path.stem, name)):
         try:
             sheet = sheet_of(path, name, files[name])
         except RecordingError:
@@ -244,7 +245,7 @@ def _read_phyphox(path: Path, files: Files) -> tuple[dict[str, Stream], SourceCo
                 what = f"'{axes[0]}' is in {name}.csv and in another file too; keep one recording in a folder"
                 raise RecordingError.at(path, what)
             stream = stream_of(sheet, [PHYPHOX_TIME, *axes])
-            streams[kind] = Stream(moments.to_elapsed(stream.t), stream.values)
+            streams[kind] = Stream(clock.to_elapsed(stream.t), stream.values)
             if kind == "linear":
                 unread |= dict.fromkeys((f"{name}.csv: {axis}" for axis in axes), "without gravity")
             else:
@@ -276,16 +277,16 @@ def unread_of(file: str, header: Sequence[str], used: Collection[str]) -> dict[s
     return {f"{file}: {name}": why_not_read(name, CHANNEL_OF) for name in header if name not in used}
 
 
-def _moments(path: Path, files: Files) -> Moments:
+def _experiment_clock(path: Path, files: Files) -> PausedClock:
     """Read when the measurement was started and paused: experiment time stands still in pauses."""
-    moments = Moments()
-    if PHYPHOX_MOMENTS in files:
-        sheet = sheet_of(path, PHYPHOX_MOMENTS, files[PHYPHOX_MOMENTS])
+    clock = PausedClock()
+    if PHYPHOX_CLOCK in files:
+        sheet = sheet_of(path, PHYPHOX_CLOCK, files[PHYPHOX_CLOCK])
         if {"event", "experiment time", "system time"} <= set(sheet.header):
             at = sheet.read(["experiment time", "system time"]).values.tolist()
             events = sheet.words("event")
-            moments.take(tuple(Moment(e == "START", t, s) for e, (t, s) in zip(events, at, strict=True)))
-    return moments
+            clock.take(tuple(ClockEvent(e == "START", t, s) for e, (t, s) in zip(events, at, strict=True)))
+    return clock
 
 
 def joined_recording(path: Path, streams: Mapping[str, Stream], sensor: str, source: SourceColumns) -> Recording:

@@ -2,8 +2,8 @@
 
 Source: phyphox' documentation of its remote interface (github.com/phyphox/phyphox-docs, docs/remote-interface) and the
 app's own RemoteServer.java. `/get` returns buffers of numbers with 8 digits, `null` for one that is not finite. `/time`
-returns the moments at which the measurement was started and paused. Experiment time stops in a pause, and restarts from
-zero when the data are cleared; the moments tell how long that took.
+returns the events at which the measurement was started and paused. Experiment time stops in a pause, and restarts from
+zero when the data are cleared; the events tell how long that took.
 
 The phone's axes: x right, y to the top of the screen, z out of it. Android and iOS both give +g up at rest.
 """
@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from pbd.data.streams import Moment, Moments, Stream
+from pbd.data.paused_clock import ClockEvent, PausedClock
+from pbd.data.streams import Stream
 from pbd.pose import Array
 from pbd.sensors.decoding import Sample, Tally
 
@@ -64,20 +65,23 @@ def read_answer(text: bytes) -> dict[str, Any] | list[Any]:
         except RecursionError:
             raise ValueError("nested too deeply") from None
     if not isinstance(answer, dict | list):
-        raise ValueError("neither buffers nor moments")
+        raise ValueError("neither buffers nor clock events")
     return answer
 
 
-def read_moments(answer: object) -> tuple[Moment, ...]:
-    """Read the answer to `/time`, oldest moment first; ValueError: it is not such an answer."""
+def read_clock_events(answer: object) -> tuple[ClockEvent, ...]:
+    """Read the answer to `/time`, oldest event first; ValueError: it is not such an answer."""
     try:
-        moments = tuple(Moment(each["event"] == "START", each["experimentTime"], each["systemTime"]) for each in answer)  # type: ignore[attr-defined]
-        plain = all(0.0 <= each.t < inf and abs(each.system) < 1e12 for each in moments)
+        events = tuple(
+            ClockEvent(each["event"] == "START", each["experimentTime"], each["systemTime"])
+            for each in answer  # type: ignore[attr-defined]
+        )
+        plain = all(0.0 <= each.t < inf and abs(each.system) < 1e12 for each in events)
     except (TypeError, KeyError) as reason:
-        raise ValueError("no moments") from reason
+        raise ValueError("no clock events") from reason
     if not plain:
-        raise ValueError("a moment without a time")
-    return moments
+        raise ValueError("a clock event without a time")
+    return events
 
 
 def read_buffers(answer: object) -> dict[str, Array]:
@@ -145,7 +149,7 @@ class PhyphoxDecoder:
     def __init__(self) -> None:
         self.tally = Tally()
         self._rest = b""
-        self._moments = Moments()
+        self._clock = PausedClock()
         self._latest = -inf
         self._begin()
 
@@ -173,7 +177,7 @@ class PhyphoxDecoder:
             answer = read_answer(text)
             if request == b"/get":
                 self._add(read_buffers(answer))
-            elif self._moments.take(read_moments(answer)):
+            elif self._clock.take(read_clock_events(answer)):
                 self._begin()
         except ValueError:
             self.tally.bad_packets += 1
@@ -202,7 +206,7 @@ class PhyphoxDecoder:
         if not has_gyr and acc.last - self._first < GYRO_WAIT_S:
             return []
         clock = gyr if has_gyr else acc
-        until = min(acc.last, self._moments.paused_at)
+        until = min(acc.last, self._clock.paused_at)
         if mag.last > -inf:
             until = min(until, max(mag.last, acc.last - MAG_WAIT_S))
         rows = clock.rows[(clock.rows[:, 0] > self._last_t) & (clock.rows[:, 0] <= until)]
@@ -211,8 +215,8 @@ class PhyphoxDecoder:
         t = rows[:, 0]
         self._last_t = float(t[-1])
         at_acc, at_mag = acc.stream().at(t, acc.usual_step_s), mag.stream().at(t, mag.usual_step_s)
-        elapsed = self._moments.to_elapsed(t)
-        # The phone's moments are exact to milliseconds only, so around a pause times may step back: drop those samples.
+        elapsed = self._clock.to_elapsed(t)
+        # Clock events are exact to milliseconds only, so around a pause times may step back: drop those samples.
         later = elapsed > np.maximum.accumulate(np.append(self._latest, elapsed[:-1]))
         self._latest = max(self._latest, float(elapsed.max()))
         for sensor in (gyr, acc, mag):

@@ -12,7 +12,7 @@ from math import inf
 from typing import Any
 from urllib.parse import urlsplit
 
-from pbd.data.streams import Moments
+from pbd.data.paused_clock import PausedClock
 from pbd.errors import SensorError, printable
 from pbd.sensors.phyphox.answers import (
     BUFFERS,
@@ -20,7 +20,7 @@ from pbd.sensors.phyphox.answers import (
     MAX_RUN_S,
     read_answer,
     read_buffers,
-    read_moments,
+    read_clock_events,
     trusted_rows,
 )
 from pbd.sensors.reader import Source
@@ -63,8 +63,8 @@ class PhonePort(Source):
         self.device, self.trouble = address.rstrip("/"), ""
         self._host, self._port = _host_and_port(self.device)
         self._connection: http.client.HTTPConnection | None = None
-        self._moments, self._last_t, self._due, self._silent_since = Moments(), dict.fromkeys(BUFFERS, -inf), 0.0, inf
-        self._last_moments = b""
+        self._clock, self._last_t, self._due, self._silent_since = PausedClock(), dict.fromkeys(BUFFERS, -inf), 0.0, inf
+        self._last_events = b""
         self.connect()
 
     def connect(self) -> None:
@@ -95,14 +95,14 @@ class PhonePort(Source):
             raise SensorError(f"another experiment than pbd's is open on {self.device}: {SCAN_HINT}", path=self.device)
         try:
             self.model = _device_model(read_answer(self._get("/meta")))
-            read_moments(read_answer(self._get("/time")))
+            read_clock_events(read_answer(self._get("/time")))
         except ValueError:
             raise SensorError(
                 f"phyphox on {self.device} does not report its times (/time), as version 1.1.8 and later do: update "
                 "the app",
                 path=self.device,
             ) from None
-        if not self._last_moments:
+        if not self._last_events:
             for kind, names in BUFFERS.items():
                 with suppress(TypeError, KeyError, IndexError, OverflowError):
                     self._last_t[kind] = float(buffers[names[0]]["buffer"][-1])
@@ -138,9 +138,9 @@ class PhonePort(Source):
         return data
 
     def _poll(self) -> bytes:
-        """Poll once. It asks for the moments first, so that no sample after a pause counts as one before it."""
-        moments = self._get("/time")
-        if self._moments.take(read_moments(read_answer(moments))):
+        """Poll once. It asks for the events first, so that no sample after a pause counts as one before it."""
+        events = self._get("/time")
+        if self._clock.take(read_clock_events(read_answer(events))):
             self._last_t = dict.fromkeys(BUFFERS, -inf)
         text = self._get("/get?" + "&".join(self._query()))
         answer = read_answer(text)
@@ -158,8 +158,8 @@ class PhonePort(Source):
             self.trouble = "the phone sends no new samples" if _is_measuring(answer) else paused
             return b""
         self.trouble = ""
-        before, self._last_moments = self._last_moments, moments
-        return (b"" if moments == before else b"/time " + _one_line(moments)) + b"/get " + _one_line(text)
+        before, self._last_events = self._last_events, events
+        return (b"" if events == before else b"/time " + _one_line(events)) + b"/get " + _one_line(text)
 
     def _query(self) -> list[str]:
         """Ask for the full buffers at first, later for the rows whose time (`|` t) is after the last one."""
