@@ -358,7 +358,7 @@ def test_a_phone_that_never_sends_is_told(tmp_path: Path, phone: Phone, monkeypa
         (b"1", "neither buffers nor clock events"),
         (b'[{"event": "START"}]', "no clock events"),
         (b"[3]", "no clock events"),
-        (b'[{"event": "START", "experimentTime": -1, "systemTime": 1e9}]', "a moment without a time"),
+        (b'[{"event": "START", "experimentTime": -1, "systemTime": 1e9}]', "a clock event without a time"),
     ],
 )
 def test_what_is_no_answer_to_time(text: bytes, why: str) -> None:

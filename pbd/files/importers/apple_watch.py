@@ -17,8 +17,9 @@ from pbd.data import GRAVITY, Recording
 from pbd.data.source_columns import SourceColumns
 from pbd.data.streams import Stream
 from pbd.errors import RecordingError
+from pbd.files.importers.app_files import columns_of, files_in_zip, joined_recording, sheet_of, unread_of
 from pbd.files.importers.columns import UNUSED
-from pbd.files.importers.phones import LOGGER, WRIST, columns_of, files_in_zip, joined_recording, sheet_of, unread_of
+from pbd.files.importers.phones import LOGGER, WRIST
 from pbd.io.read_file import read_bytes
 
 TIME = "seconds_elapsed"

@@ -16,9 +16,9 @@ from pbd.data import Recording
 from pbd.data.source_columns import CHANNELS, SourceColumns
 from pbd.data.streams import Stream
 from pbd.errors import RecordingError
+from pbd.files.importers.app_files import joined_recording, stream_of
 from pbd.files.importers.columns import UNUSED, understand
 from pbd.files.importers.header_names import split_unit
-from pbd.files.importers.phones import joined_recording, stream_of
 from pbd.files.table import open_sheet
 
 SENSORS = {"Accelerometer": "acc", "Gyroscope": "gyr", "Magnetometer": "mag"}

@@ -17,22 +17,30 @@ from __future__ import annotations
 import csv
 import io
 import re
-import zipfile
-import zlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 
-from pbd.data import GRAVITY, Recording, RecordingInfo
+from pbd.data import GRAVITY, Recording
 from pbd.data.paused_clock import ClockEvent, PausedClock
-from pbd.data.source_columns import CHANNEL_OF, CHANNELS, Column, SourceColumns
-from pbd.data.streams import Stream, joined
-from pbd.errors import RecordingError, in_words, listed, warn
+from pbd.data.source_columns import CHANNELS, Column, SourceColumns
+from pbd.data.streams import Stream
+from pbd.errors import RecordingError, warn
+from pbd.files.importers.app_files import (
+    PHYPHOX_CLOCK,
+    Files,
+    columns_of,
+    files_in_zip,
+    joined_recording,
+    sheet_of,
+    stream_of,
+    unread_of,
+)
 from pbd.files.importers.columns import UNUSED, why_not_read
-from pbd.files.table import Sheet, foreign_text, open_sheet
-from pbd.io.read_file import LARGE, read_bytes
+from pbd.files.table import Sheet
+from pbd.io.read_file import read_bytes
 
 LOGGER_FILES = (
     *("TotalAcceleration", "Accelerometer", "AccelerometerUncalibrated", "Gravity"),
@@ -51,7 +59,7 @@ PHYPHOX_UNITS = {"gyr": "rad/s", "acc": "m/s2", "mag": "uT"}
 PHYPHOX_TIME = "Time (s)"
 LOGGER = "Sensor Logger"
 WRIST = "WristMotion"
-"""Sensor Logger's file of a watch (watch.py)."""
+"""Sensor Logger's file of a watch (apple_watch.py)."""
 
 PHYPHOX_IOS = {
     **{"Accelerometer": "acceleration", "Linear Accelerometer": "linear acceleration"},
@@ -61,15 +69,6 @@ PHYPHOX_IOS = {
 
 PHYPHOX_FILES = (*PHYPHOX_IOS, "Acceleration", "Magnetic field")
 """Sets that phyphox' experiments, and ours, export beside one another."""
-
-LARGEST_FILE = LARGE // 4
-"""Largest file in a zip, bytes, so that a small zip can't fill the memory. An hour at 400 Hz has 120 MB."""
-
-PHYPHOX_CLOCK = "meta/time"
-"""phyphox' table of starts and pauses. The other files in its folder `meta` describe the phone."""
-
-Files = dict[str, Callable[[], bytes]]
-"""Name of a CSV file, without suffix -> a function that reads it."""
 
 
 def read_phone(path: Path) -> Recording | None:
@@ -91,40 +90,6 @@ def read_phone(path: Path) -> Recording | None:
     return joined_recording(path, streams, "phone", understood)
 
 
-def files_in_zip(path: Path) -> Files:
-    """List the CSV files of a zip, in any folder; RecordingError: it is not a zip, or has several recordings."""
-    data = read_bytes(path, RecordingError, "export it again")
-    try:
-        archive = zipfile.ZipFile(io.BytesIO(data))
-    except (zipfile.BadZipFile, OSError, ValueError) as reason:
-        what = f"{path}: the zip is damaged or cut off ({in_words(reason)}); copy or export it again"
-        raise RecordingError(what, path=path) from None
-    files: Files = {}
-    for member in archive.infolist():
-        place = PurePosixPath(member.filename)
-        if place.suffix.lower() != ".csv" or "__MACOSX" in place.parts:
-            continue
-        name = PHYPHOX_CLOCK if place.parts[-2:] == ("meta", "time.csv") else place.stem
-        if place.parts[-2:-1] == ("meta",) and name != PHYPHOX_CLOCK:
-            continue
-        if name in files:
-            raise RecordingError.at(path, f"it holds several recordings ({name}.csv twice); export one")
-        files[name] = partial(_member, path, archive, member)
-    return files
-
-
-def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
-    if member.file_size > LARGEST_FILE:
-        most = f"{LARGEST_FILE / 1e6:.0f} MB"
-        what = f"'{member.filename}' in it has {member.file_size / 1e6:.3g} MB, more than the {most} that are read"
-        raise RecordingError.at(path, f"{what}; export a shorter recording", value=member.file_size)
-    try:
-        return archive.read(member)
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError, ValueError) as reason:
-        what = f"'{member.filename}' in the zip can't be read ({in_words(reason)}); export it again"
-        raise RecordingError.at(path, what) from None
-
-
 def _files_in_folder(path: Path) -> Files:
     """List the CSV files of a folder; or a CSV file of these apps, and those beside it if all have the app's names."""
     folder = path if path.is_dir() else path.parent
@@ -144,19 +109,6 @@ def _files_in_folder(path: Path) -> Files:
         for file in names
     }
     return {name: read for name, read in files.items() if not family or name in family}
-
-
-def sheet_of(path: Path, name: str, read: Callable[[], bytes]) -> Sheet:
-    """Read the header of a CSV file, `name` without suffix, of the recording at `path`."""
-    folder = path.parent if path.suffix.lower() == ".csv" else path
-    file = folder / f"{name}.csv"
-    return open_sheet(file, foreign=True, text=foreign_text(file, read()))
-
-
-def stream_of(sheet: Sheet, columns: Sequence[str], scale: float = 1.0) -> Stream:
-    """Read a sensor's samples from columns of time, x, y, z: sorted, without repeated times and rows with NaN."""
-    rows = sheet.read(columns).values
-    return Stream.of(rows[:, 0], scale * rows[:, 1:])
 
 
 def _metadata(files: Files) -> Mapping[str, str]:
@@ -265,18 +217,6 @@ def _read_phyphox(path: Path, files: Files) -> tuple[dict[str, Stream], SourceCo
     return streams, SourceColumns(tuple(dict.fromkeys(columns)), unread, "phyphox (a phone)"), files_read
 
 
-def columns_of(program: str, names: Sequence[str], kind: str, file: str, sign: float, unit: str) -> list[Column]:
-    """Describe columns of time, x, y, z, as the program documents them."""
-    by = f"{program}'s documentation"
-    ours = ("t", 1.0, "s"), *((f"{kind[0]}{axis}", sign, unit) for axis in "xyz")
-    return [Column(f"{file}: {name}", *its, by, by) for name, its in zip(names, ours, strict=True)]
-
-
-def unread_of(file: str, header: Sequence[str], used: Collection[str]) -> dict[str, str]:
-    """Return the columns of a file that were not read, and why."""
-    return {f"{file}: {name}": why_not_read(name, CHANNEL_OF) for name in header if name not in used}
-
-
 def _experiment_clock(path: Path, files: Files) -> PausedClock:
     """Read when the measurement was started and paused: experiment time stands still in pauses."""
     clock = PausedClock()
@@ -287,15 +227,3 @@ def _experiment_clock(path: Path, files: Files) -> PausedClock:
             events = sheet.words("event")
             clock.take(tuple(ClockEvent(e == "START", t, s) for e, (t, s) in zip(events, at, strict=True)))
     return clock
-
-
-def joined_recording(path: Path, streams: Mapping[str, Stream], sensor: str, source: SourceColumns) -> Recording:
-    """Join the streams to a recording; RecordingError: they have no time in common."""
-    given = {name: streams[name] for name in ("acc", "gyr", "mag") if name == "acc" or streams.get(name)}
-    t, values = joined(given)
-    if len(t) < 2:
-        known = (given[name].t for name in ("acc", "gyr") if given.get(name))
-        spans = listed(f"{each[0]:.1f} to {each[-1]:.1f} s" for each in known)
-        raise RecordingError.at(path, f"its sensors have no time in common ({spans}); record them together")
-    info = RecordingInfo(sensor=sensor, clock="device", source=source)
-    return Recording(t - t[0], values["acc"], values.get("gyr"), values.get("mag"), info=info)
