@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning, RecordingError
-from pbd.files.importers import import_file, phones
+from pbd.files.importers import app_files, import_file
 
 N = 200
 T = np.arange(N) / 100.0
@@ -320,7 +320,7 @@ def test_a_truncated_zip_and_a_zip_bomb_are_refused(tmp_path: Path, monkeypatch:
         half.write_bytes(whole[:cut])
         with pytest.raises(RecordingError, match=r"damaged or cut off .*; copy or export it again"):
             read(half)
-    monkeypatch.setattr(phones, "LARGEST_FILE", 100_000)
+    monkeypatch.setattr(app_files, "LARGEST_FILE", 100_000)
     with zipfile.ZipFile(half, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("TotalAcceleration.csv", b"0" * 1_000_000)
     with pytest.raises(RecordingError, match="has 1 MB, more than the 0 MB that are read"):
