@@ -20,9 +20,6 @@ TOUCH_SIGMA_M = 0.0005
 STALE_M = 0.002
 """Largest change, m, of the place that was touched up, because of rounding and slightly different calibrations."""
 
-SAME_S = 0.002
-"""Largest difference, s, between a keyframe's time and the time in its touch-up, because files have milliseconds."""
-
 
 class TouchedUp(NamedTuple):
     """The tool after touch-ups.
@@ -56,7 +53,7 @@ def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base
     only: set[int] = set()
     gain = np.zeros((k, 3, 0))
     for each in touch_ups:
-        if (at := _touched(each, keyframes)) is None:
+        if (at := each.index_in(keyframes)) is None:
             continue
         by_base = quat_rotate(T_base_nav.wxyz, each.by_nav_m)
         if each.only:
@@ -72,12 +69,6 @@ def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base
         own_shift[stay] += before[stay] - common_shift[stay]
     kept, noise = _conditioning(touched, gain, only)
     return TouchedUp(common_shift + own_shift, kept, noise, kept @ cov @ kept.T + noise)
-
-
-def _touched(touch_up: TouchUp, keyframes: Sequence[Keyframe]) -> int | None:
-    """Return the index of the touched keyframe; None if the touch-up was undone, or the keyframe is gone."""
-    at = int(np.argmin([abs(keyframe.t - touch_up.t) for keyframe in keyframes]))
-    return None if touch_up.undone or abs(keyframes[at].t - touch_up.t) > SAME_S else at
 
 
 def _gain(cov: Array, touched: Sequence[int]) -> Array:
@@ -152,7 +143,7 @@ def _warn_of_stale(touch_ups: Sequence[TouchUp], placed: KeyframesInBase) -> Non
     """Warn if the tool was elsewhere in base when it was touched up: the same error may be corrected twice now."""
     places, last = demonstrated_places(placed), dict[int, float]()
     for each in touch_ups:
-        if (at := _touched(each, placed.keyframes)) is not None:
+        if (at := each.index_in(placed.keyframes)) is not None:
             p = each.from_base_m
             last[at] = 0.0 if p is None else float(np.linalg.norm(places[at] - p))
     stale = {at: away for at, away in last.items() if away > STALE_M}

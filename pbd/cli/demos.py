@@ -9,14 +9,11 @@ from typing import Any
 from pbd.cli.common import print_result
 from pbd.data import Demonstration
 from pbd.errors import RecordingError, warn
-from pbd.files.demo import load_demo, newest_demo
+from pbd.files.demo import UNDATED, load_demo, newest_demo
 from pbd.files.find_by_name import names
 from pbd.files.set_aside import is_aside
 from pbd.io.toml import instant_of
 from pbd.view.terminal_tables import make_table
-
-UNDATED = "1970-01-01"
-"""Sorts a demonstration without a date."""
 
 
 def run(args: argparse.Namespace) -> None:

@@ -14,6 +14,9 @@ from pbd.data.one_line_repr import brief
 from pbd.errors import RecordingError
 from pbd.pose import Array, Pose
 
+SAME_S = 0.002
+"""Largest difference, s, between a keyframe's time and the time in its touch-up, because files have milliseconds."""
+
 
 @dataclass(frozen=True, eq=False)
 class Keyframe:
@@ -98,3 +101,8 @@ class TouchUp:
 
     def __post_init__(self) -> None:
         freeze_arrays(self, by_nav_m=(3,), from_base_m=(3,))
+
+    def index_in(self, keyframes: Sequence[Keyframe]) -> int | None:
+        """The index of the touched keyframe; None if the touch-up was undone, or the keyframe is gone."""
+        at = int(np.argmin([abs(keyframe.t - self.t) for keyframe in keyframes]))
+        return None if self.undone or abs(keyframes[at].t - self.t) > SAME_S else at

@@ -29,7 +29,7 @@ Values = Mapping[str, tuple[Value | None, str]]
 
 
 def calibration_file(name: str) -> Path:
-    """Return the path of a calibration: ./calibration/NAME.toml, or the given path.
+    """Return the path of a calibration: ./calibration/NAME.toml, or a given path, which has a slash.
 
     A path with `..` must end in .toml. CalibrationError: this can't be a calibration's name.
     """
@@ -37,10 +37,11 @@ def calibration_file(name: str) -> Path:
     word = path.name.removesuffix(".toml")
     upwards = ".." in path.parts and path.suffix != ".toml"
     if not word or name.startswith("~") or upwards or any(c.isspace() or not c.isprintable() for c in word):
-        raise CalibrationError(f"'{name}' can't be a calibration's name; give a word, or a file's path", value=name)
+        advice = "give a word without spaces, or a path that ends in .toml"
+        raise CalibrationError(f"'{name}' can't be a calibration's name; {advice}", value=name)
     if path.suffix != ".toml":
         path = path.with_name(path.name + ".toml")
-    return path if len(path.parts) > 1 else Path("calibration") / path
+    return path if "/" in name else Path("calibration") / path
 
 
 def update_calibration(

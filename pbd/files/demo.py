@@ -27,6 +27,8 @@ from pbd.io.toml import Section, instant_of, read_toml
 from pbd.pose import Array
 
 FORMAT = 1
+UNDATED = "0001-01-01"
+"""When a demonstration was recorded that does not say it: it comes after those that do."""
 RATES_HZ = (1e-6, 1e6)
 """Lowest and highest rate of a recording, Hz: one sample in eleven days; faster than any sensor."""
 
@@ -58,7 +60,7 @@ def newest_demo(failed: bool = False) -> str:
             top = read_toml(file, RecordingError)
             left_out = top.flag("bundled", False) or (top.flag("failed", False) and not failed)
             if not left_out and not is_aside(file.parent):
-                recorded.append((instant_of(top.date("created")), file.parent.name))
+                recorded.append((instant_of(top.date("created", UNDATED)), file.parent.name))
     return max(recorded)[1] if recorded else "pouring"
 
 
@@ -190,17 +192,21 @@ def refuse_unwritable_fused(demo: Demonstration, folder: Path) -> None:
 
 
 def demo_folder(name: str) -> Path:
-    """Return the path of a new demonstration: ./demos/NAME, or the given path; RecordingError: it can't be a name."""
+    """Return the path of a new demonstration: ./demos/NAME, or a given path, which has a slash.
+
+    Raises:
+        RecordingError: it can't be a name.
+    """
     path = Path(name)
     if path.name in ("", "..") or name.startswith(("~", "-")):
         raise RecordingError(f"'{name}' can't be a demonstration's name; give a word, or a folder's path", value=name)
-    return path if len(path.parts) > 1 else Path("demos") / path
+    return path if "/" in name else Path("demos") / path
 
 
 def shell_word(folder: Path) -> str:
     """Return a demonstration's name, or its path outside ./demos, quoted for a shell."""
     word = folder.name if folder.parent == Path("demos") else str(folder)
-    return shlex.quote(f"./{folder}" if word[0] in "-~" else word)
+    return shlex.quote(f"./{folder}" if word[0] in "-~" or len(folder.parts) == 1 else word)
 
 
 def utf8_name(name: str) -> str:

@@ -157,11 +157,14 @@ def parse_keyframes(top: Section) -> tuple[Keyframe, ...]:
     top.format(FORMAT)
     tables = top.tables("keyframe")
     keyframes = tuple(map(_read_keyframe, tables))
-    for table in top.tables("touch_up"):
-        _read_touch_up(table)
+    touch_ups = [(table, _read_touch_up(table)) for table in top.tables("touch_up")]
     top.done()
     if not keyframes:
         raise RecordingError.at(top.path, "it has no [[keyframe]]; add some, or remove the file to find them again")
+    for table, touch_up in touch_ups:
+        if not touch_up.undone and touch_up.index_in(keyframes) is None:
+            what = f"the touch-up at {touch_up.t:g} s is not used, as no [[keyframe]] has this t_s"
+            _warn(table, "t_s", f"{what}; put that keyframe back with its t_s, or remove the [[touch_up]]")
     for before, after, table in zip(keyframes, keyframes[1:], tables[1:], strict=False):
         if after.t <= before.t:
             table.fail("t_s", f"must be later than the keyframe before ({before.t:g} s), got {after.t:g}")

@@ -126,7 +126,7 @@ def simulate(
             info=RecordingInfo(name=task.name, sensor=f"simulated {model.name}", rate_hz=model.rate_hz),
         ),
         truth=Truth(t, quat_rotate(wxyz_nav_world, hand.p - hand.p[0]), quat_canonical(wxyz_nav_sensor)),
-        notes=f"Simulated (sensor model {model.name}, seed {seed}). {task.description}.",
+        notes=f"Simulated (sensor model {model.name}, seed {seed}).{task.description and f' {task.description}.'}",
         closed=task.closed,
         grasped=task.grasped,
     )

@@ -21,7 +21,7 @@ from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Known, Pl
 from pbd.data.world import REACH_M
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files import demo as demo_file
-from pbd.files.demo import demo_folder, load_demo, newest_demo, read_demo, write_demo
+from pbd.files.demo import demo_folder, load_demo, newest_demo, read_demo, shell_word, write_demo
 from pbd.files.find_by_name import bundled
 from pbd.files.set_aside import why_kept
 from pbd.io.atomic import atomic_folder
@@ -452,8 +452,9 @@ def record(name: str, created: str | None, is_bundled: bool = False) -> None:
 def test_the_newest_is_the_one_recorded_last() -> None:
     assert newest_demo() == "pouring"
     record("copied", "2026-09-01T00:00:00Z", is_bundled=True)
-    record("undated", None)
     assert newest_demo() == "pouring"  # bundled ones come last, whatever their dates
+    record("undated", None)
+    assert newest_demo() == "undated"
     record("b", "2026-05-02T00:00:00Z")
     record("a", "2026-05-03T00:00:00Z")
     record("c", "2025-12-31T23:59:59Z")
@@ -475,6 +476,8 @@ def test_a_demonstration_is_a_name_a_folder_or_a_file() -> None:
     record("tea", None)
     assert demo_folder("tea") == Path("demos/tea")
     assert demo_folder("other/tea") == Path("other/tea")
+    assert demo_folder("./tea") == demo_folder("tea/") == Path("tea")  # as `load_demo` reads a path with a slash
+    assert shell_word(Path("tea")) == "./tea"
     for name in ("tea", "demos/tea"):
         assert load_demo(name).recording.info.name == "tea"
     assert load_demo("demos/tea/imu.csv").recording.info.name == "imu"

@@ -223,6 +223,19 @@ def test_a_long_dwell_is_warned_of(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.parametrize(
+    ("later_s", "undone", "told"), [(0.0, False, False), (0.005, False, True), (0.005, True, False)]
+)
+def test_a_touch_up_without_its_keyframe_is_told(tmp_path: Path, later_s: float, undone: bool, told: bool) -> None:
+    touch_up = TouchUp(FOUND[3].t + later_s, np.full(3, 0.001), undone=undone)
+    path = write_keyframes(tmp_path, FOUND, magnetic=True, touch_ups=[touch_up])
+    with collected_warnings() as said:
+        read_keyframes(path)
+    line = path.read_text(encoding="utf-8").splitlines().index("[[touch_up]] # of `pbd touch`, which can undo it") + 2
+    start = f"{path}:{line}: the touch-up at {touch_up.t:.2f}"
+    assert [text.startswith(start) and "is not used" in text for text in said] == [True] * told
+
+
 def test_the_hands_dwell_is_in_the_comment_of_the_arms() -> None:
     text = keyframes_toml("tea", FOUND, magnetic=True, arm_dwell_s=[0.25] * len(FOUND))
     said = [line for line in text.splitlines() if line.startswith("dwell_s")]
