@@ -11,20 +11,20 @@ from datetime import datetime
 from pathlib import Path
 
 from pbd.calibration.sensor import refuse_other_sensor
-from pbd.cli.common import count_stops, decoder_maker, refuse_columns, say_hidden
+from pbd.cli.common import decoder_maker, refuse_columns, say_hidden
 from pbd.cli.console import print_json, say
 from pbd.cli.recording.device import find_sensor
 from pbd.cli.recording.keys import Keys, Person
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
 from pbd.cli.recording.simulated import Show, SimulatedHand, simulated_hand
 from pbd.data import SensorErrors
-from pbd.errors import PbdError, UsageError, collected_warnings, warn
+from pbd.errors import UsageError, warn
 from pbd.files.calibration import load_calibration
-from pbd.files.demo import demo_folder, read_demo, refuse_demo_folder, shell_word
+from pbd.files.demo import demo_folder, refuse_demo_folder, shell_word
 from pbd.io.toml import utc_now
 from pbd.record import Outcome, RecordOptions, record
 from pbd.record.loop import SCREEN_EVERY_S, Poll
-from pbd.record.session_types import FEWEST_STOPS
+from pbd.record.session_types import TOO_FEW_STOPS
 from pbd.view.terminal import discard_rest
 
 SIMULATED = "sim"
@@ -132,7 +132,8 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
     folder = None if outcome.folder is None else str(outcome.folder)
     if args.json:
         figures = ("samples", "duration_s", "lost", "bad_packets", "stops", "ended_by")
-        print_json({"demo": folder} | {name: getattr(outcome, name) for name in figures})
+        counts = {name: getattr(outcome, name) for name in figures}
+        print_json({"demo": folder, **counts, "failed": bool(outcome.why_failed)})
     elif outcome.folder is None:
         print("discarded", file=sys.stderr)
     else:
@@ -142,14 +143,10 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
             f"{folder}: {outcome.duration_s:.1f} s, {outcome.samples} samples, {outcome.lost} lost{bad}, "
             f"stops after the first rest: {max(outcome.stops - 1, 0)}; ended: {outcome.ended_by}"
         )
-        try:
-            with collected_warnings():  # the person was told while it was recorded
-                stops = min(outcome.stops, count_stops(read_demo(outcome.folder)))
-        except PbdError as error:
-            warn(f"{outcome.folder / 'imu.csv'}: {error.message}")
-            return
-        if stops < FEWEST_STOPS:
-            print("fewer than two stops: nothing to replay; hold still for two seconds, then move, stop, move, stop")
+        if outcome.why_failed == TOO_FEW_STOPS:
+            print(TOO_FEW_STOPS)
+        elif outcome.why_failed:
+            warn(f"{outcome.folder / 'imu.csv'}: {outcome.why_failed}")
         else:
             print(f"next: {_next_command(args, outcome.folder)}")
 

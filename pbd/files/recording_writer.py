@@ -83,7 +83,7 @@ class RecordingWriter:
         self._grip.append(grip)
         write_text(self.folder / "demo.toml", self._toml())
 
-    def finish(self, rate_hz: float | None, clock: str, t: Array | None = None, failed: bool = False) -> None:
+    def finish(self, rate_hz: float | None, clock: str, t: Array | None = None) -> None:
         """Close the files, and write what is known at the end; `t` (n,) s are better times than those so far."""
         self.close()
         if t is not None:
@@ -91,7 +91,12 @@ class RecordingWriter:
             with atomic_file(imu) as file, imu.open(encoding="ascii") as old, file.open("w", encoding="ascii") as new:
                 new.write(next(old))
                 new.writelines(f"{at:.6f},{line.partition(',')[2]}" for at, line in zip(t, old, strict=True))
-        self._info, self._failed = replace(self._info, rate_hz=rate_hz, clock=clock), failed
+        self._info = replace(self._info, rate_hz=rate_hz, clock=clock)
+        write_text(self.folder / "demo.toml", self._toml())
+
+    def mark_failed(self) -> None:
+        """Note in demo.toml that the recording can't be replayed."""
+        self._failed = True
         write_text(self.folder / "demo.toml", self._toml())
 
     def close(self) -> None:

@@ -49,7 +49,7 @@ def record(
     - two stops or more: the old one is removed, unless something of a person would be lost (`why_kept`);
     - discarded: the old one gets its name back;
     - no rest in it: the same, and the new one is kept as NAME.new;
-    - fewer than two stops, a crash or an error: the old one stays in NAME.before.
+    - fewer than two stops, one that can't be tracked, a crash or an error: the old one stays in NAME.before.
 
     Args:
         open_port: opens the sensor's port; called again to reconnect.

@@ -38,10 +38,10 @@ class Backup:
         return remove_folder(self.aside) or f"the old {self.folder} is replaced"
 
     def keep(self) -> str:
-        """Leave it where it is, because the new one is too short to replay; return a message for the person."""
+        """Leave it where it is, because the new one can't be replayed; return a message for the person."""
         return (
-            f"fewer than two stops in the new one, so the old one is kept in {self.aside}; to have it back, "
-            f"remove {self.folder} and rename {self.aside} to {self.folder}"
+            f"the new one can't be replayed, so the old one is kept in {self.aside}; to have it back, remove "
+            f"{self.folder} and rename {self.aside} to {self.folder}"
         )
 
     def put_back(self) -> str:

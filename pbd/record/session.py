@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections import deque
 from contextlib import suppress
 from math import hypot
+from pathlib import Path
 
 import numpy as np
 
 from pbd.data import GripEvent, RecordingInfo
 from pbd.data.imu_columns import compass_angles
-from pbd.errors import PbdError, RecordingError
+from pbd.errors import PbdError, RecordingError, collected_warnings
+from pbd.files.demo import read_demo
 from pbd.files.recording_writer import RecordingWriter
 from pbd.record.diagnostics import Diagnostics
 from pbd.record.person_messages import Feedback
 from pbd.record.replaced_demo import Backup, set_aside
-from pbd.record.session_types import FEWEST_STOPS, MISSING, Outcome, RecordOptions, Status
+from pbd.record.session_types import FEWEST_STOPS, MISSING, TOO_FEW_STOPS, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.timestamps import SampleClock
 from pbd.tracking.taps import TapDetector
@@ -49,7 +51,7 @@ class Session:
         self.discarded = False
         self.first_bytes = b""
         self.backup: Backup | None = None
-        self._folder, self._backup_note = options.folder, ""
+        self._folder, self._backup_note, self._why_failed = options.folder, "", ""
         self._diagnostics = Diagnostics()
         self._taps = TapDetector() if options.taps else None
         self._presses = 0
@@ -129,7 +131,7 @@ class Session:
             self._backup_note = self.backup.put_back()
         elif self.feedback.tracker.waiting:
             self._folder, self._backup_note = self.backup.swap_back()
-        elif self.feedback.stops < FEWEST_STOPS:
+        elif self._why_failed:
             self._backup_note = self.backup.keep()
         else:
             self._backup_note = self.backup.replace()
@@ -187,7 +189,21 @@ class Session:
         duration = self.t if times is None else float(times[-1])
         rows = demo.rows + self._clock.lost
         rate_hz = float(f"{(rows - 1) / duration:.5g}") if duration > 0.0 else None
-        demo.finish(rate_hz, self._clock_name, times, failed=self.feedback.stops < FEWEST_STOPS)
+        demo.finish(rate_hz, self._clock_name, times)
+        self._why_failed = self._find_failure(demo.folder)
+        if self._why_failed:
+            demo.mark_failed()
+
+    def _find_failure(self, folder: Path) -> str:
+        """Track the recording as commands will; return why nothing can be replayed, or ""."""
+        from pbd.pipeline import track
+
+        try:
+            with collected_warnings():  # the person was told while it was recorded
+                stops = min(self.feedback.stops, len(track(read_demo(folder)).stops))
+        except PbdError as error:
+            return error.message
+        return "" if stops >= FEWEST_STOPS else TOO_FEW_STOPS
 
     def status(self) -> Status:
         """Return the status, with the messages since the last one."""
@@ -229,6 +245,7 @@ class Session:
             ended_by=ended_by,
             before=self._backup_note,
             why_bad=self.decoder.tally.why,
+            why_failed=self._why_failed,
         )
 
     @property

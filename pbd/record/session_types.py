@@ -20,6 +20,8 @@ MISSING = (np.nan, np.nan, np.nan)
 FEWEST_STOPS = 2
 """Smallest number of stops that can be replayed: the first rest and one more."""
 
+TOO_FEW_STOPS = "fewer than two stops: nothing to replay; hold still for two seconds, then move, stop, move, stop"
+
 
 def recording_from_samples(t: Array, samples: Sequence[Sample], **more: Any) -> Recording:
     """Make a recording of samples at t (n,) s, all with an acceleration. Other missing readings become NaN.
@@ -131,6 +133,7 @@ class Outcome:
         ended_by: who or what ended it.
         before: what became of the demonstration that it replaced, in words, or "".
         why_bad: what was wrong with the last bad packet, as in `Tally`, or "".
+        why_failed: why nothing can be replayed, or "".
     """
 
     folder: Path | None
@@ -142,3 +145,4 @@ class Outcome:
     ended_by: str
     before: str = ""
     why_bad: str = ""
+    why_failed: str = ""

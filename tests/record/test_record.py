@@ -8,6 +8,7 @@ import threading
 import time
 import tty
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -110,15 +111,25 @@ def test_a_forced_recording_without_a_rest_does_not_take_the_old_ones_place(tmp_
     assert len(read_demo(outcome.folder).recording) == outcome.samples
 
 
-@pytest.mark.parametrize(("duration_s", "kept"), [(1.2, True), (2.8, False)])
-def test_a_forced_recording_without_a_second_stop_does_not_cost_the_old_one(
-    tmp_path: Path, hurried: Recording, duration_s: float, kept: bool
+@pytest.mark.parametrize(
+    ("duration_s", "freezes", "why"),
+    [(1.2, False, "fewer than two stops"), (2.8, False, ""), (4.4, True, "ms of data are frozen")],
+)
+def test_a_forced_recording_that_cannot_be_replayed_does_not_cost_the_old_one(
+    tmp_path: Path, hurried: Recording, duration_s: float, freezes: bool, why: str
 ) -> None:
-    """It ends before the hand has moved, or after it has stopped somewhere."""
-    tea = tmp_path / "tea"
+    """It ends before the hand has moved; after it has stopped somewhere; or after its samples froze there."""
+    tea, kept = tmp_path / "tea", bool(why)
     write_demo(simulate("pour"), tea)
+    if freezes:
+        row = int(np.searchsorted(hurried.t, 2.8))
+        held = {name: getattr(hurried, name).copy() for name in ("acc", "gyr", "mag")}
+        for values in held.values():
+            values[row:] = values[row]
+        hurried = replace(hurried, **held)
     outcome = recorded(hurried, Watched(), options(tea, duration_s=duration_s, force=True))
-    assert (outcome.stops < 2) is kept
+    assert (outcome.stops < 2) is (kept and not freezes)
+    assert why in outcome.why_failed
     assert outcome.folder == tea
     assert len(read_demo(tea).recording) == outcome.samples
     assert (f"the old one is kept in {tea}.before" in outcome.before) is kept

@@ -65,7 +65,7 @@ def test_one_that_is_kept_says_how_to_get_it_back(tea: Path) -> None:
     assert before is not None
     told = before.keep()
     assert told == (
-        f"fewer than two stops in the new one, so the old one is kept in {tea}.before; to have it back, "
+        f"the new one can't be replayed, so the old one is kept in {tea}.before; to have it back, "
         f"remove {tea} and rename {tea}.before to {tea}"
     )
     assert beside(tea) == {"tea.before": "the old one"}
