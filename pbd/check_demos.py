@@ -75,6 +75,7 @@ def check_all(
     robot: str | None = None,
     jobs: int | None = None,
     done: Callable[[int], None] | None = None,
+    accept_gap: bool = False,
 ) -> tuple[DemoCheck, ...]:
     """Check each demonstration alone, then compare it with its siblings.
 
@@ -86,6 +87,7 @@ def check_all(
         robot: name or file of a robot; each demonstration is also planned for it, on its own dock.
         jobs: number of processes; None: one, or what `joblib.parallel_config` says.
         done: called after each demonstration, with the number of those done.
+        accept_gap: as `pbd.track` takes it.
 
     Returns:
         The results in the order of `demos`. An unusable demonstration is a result, not an exception.
@@ -110,7 +112,8 @@ def check_all(
     jobs = None if jobs is None else min(jobs, len(names) or 1)  # joblib starts as many processes as it is told
     found: list[DemoCheck] = []
     try:
-        for check in Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(name, arm) for name in names):
+        tasks = (delayed(check_one)(name, arm, accept_gap) for name in names)
+        for check in Parallel(n_jobs=jobs, return_as="generator")(tasks):
             found.append(check)
             if done is not None:
                 done(len(found))
@@ -119,14 +122,14 @@ def check_all(
     return compare_siblings(found)
 
 
-def check_one(name: str, arm: tuple[Robot, Calibration] | None = None) -> DemoCheck:
+def check_one(name: str, arm: tuple[Robot, Calibration] | None = None, accept_gap: bool = False) -> DemoCheck:
     """Load and track one demonstration, and plan for the `arm`, a robot with its calibration, if there is one."""
     check = DemoCheck(name)
     with collected_warnings() as remarks:
         try:
             demo = load_demo(name)
             check = replace(check, duration_s=float(demo.recording.t[-1]))
-            path = track(demo)
+            path = track(demo, accept_gap=accept_gap)
             warn_tracked_upside_down(path, demo.recording)
             plot = demo_values(path, remarks)
         except PbdError as error:

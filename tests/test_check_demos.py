@@ -84,7 +84,7 @@ def test_no_process_is_started_without_a_demonstration(takes: list[str], monkeyp
 
 
 def test_a_killed_process_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    monkeypatch.setattr("pbd.check_demos.check_one", lambda name, arm: os.kill(os.getpid(), signal.SIGKILL))
+    monkeypatch.setattr("pbd.check_demos.check_one", lambda name, arm, accept_gap: os.kill(os.getpid(), signal.SIGKILL))
     line = refused(capsys, 1, "check", "pouring", "paper-test1", "--jobs", "2")
     assert line == "pbd: a process was killed, most often for want of memory; give fewer --jobs"
 
@@ -101,6 +101,19 @@ def test_a_sensor_that_lies_upside_down_is_told(takes: list[str]) -> None:
 
 def test_a_name_that_is_misspelled_is_corrected() -> None:
     assert check_one("pourin").why.endswith("nor a file or folder of that path; did you mean pouring?")
+
+
+def test_a_gap_in_a_rest_can_be_accepted(takes: list[str], capsys: Capture) -> None:
+    """By the commands that track many demonstrations or plan for many arms, too."""
+    demo = load_demo("pouring")
+    kept = np.delete(np.arange(len(demo.recording)), slice(60, 120))
+    held = {name: getattr(demo.recording, name)[kept] for name in ("t", "acc", "gyr", "mag")}
+    write_demo(replace(demo, recording=replace(demo.recording, device_rpy=None, **held)), Path("demos/gap"))
+    assert "give --accept-gap to each command" in check_one("gap").why
+    assert main(["check", "gap", "--accept-gap"]) == 0
+    assert main(["robots", "panda", "--for", "gap", "--accept-gap", "--json"]) == 0
+    capsys.readouterr()
+    assert refused(capsys, 1, "robots", "--for", "gap", "--calibration", "nix").startswith("pbd: no calibration named")
 
 
 def test_what_stops_the_robot_is_told(takes: list[str]) -> None:

@@ -40,7 +40,7 @@ from pbd.data import (
     Truth,
 )
 from pbd.data.covariance import PoseCovariance
-from pbd.errors import UsageError
+from pbd.errors import UsageError, WrongTypeError
 from pbd.pose import Array, Pose
 
 N, K = 5, 2
@@ -127,7 +127,7 @@ def test_another_shape_is_refused(name: str, field: str) -> None:
 
 
 def test_a_refusal_names_the_field_and_both_shapes() -> None:
-    with pytest.raises(ValueError, match=r"^Recording\.acc must have shape \(5, 3\), got \(5, 2\)$"):
+    with pytest.raises(WrongTypeError, match=r"^Recording\.acc must have shape \(5, 3\), got \(5, 2\)$"):
         Recording(t=np.zeros(5), acc=np.zeros((5, 2)))
 
 

@@ -29,7 +29,10 @@ def run(args: argparse.Namespace) -> None:
     columns = ("checking", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Screen(sys.stderr), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("", total=len(demos))
-        checks = check_all(demos, args.robot, args.jobs, lambda number: bar.update(task, completed=number))
+        checks = check_all(
+            *(demos, args.robot, args.jobs, lambda number: bar.update(task, completed=number)),
+            accept_gap=args.accept_gap,
+        )
     checks = tuple(sorted(checks, key=_worst_first))
     print_result(args, {"demos": [_row(check) for check in checks]}, _table(checks, args.robot, args.units))
     if unusable := [check.name for check in checks if not check.usable]:

@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> None:
     more = {"columns": columns, "unread": dict(source.unread)} if columns else {}
     store_demonstration(args, replace(demo, failed=bool(failure)), "imported", more)
     if failure:
-        warn(f"{failure}; so it is never the default demonstration, and another import needs --force")
+        warn(f"stored, but not as a default demonstration: {failure}")
     _print_columns(args, source)
 
 

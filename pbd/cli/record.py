@@ -25,6 +25,7 @@ from pbd.io.toml import utc_now
 from pbd.record import Outcome, RecordOptions, record
 from pbd.record.loop import SCREEN_EVERY_S, Poll
 from pbd.record.session_types import TOO_FEW_STOPS
+from pbd.tracking.repair.clock import FASTEST_HZ, RATE_TOLERANCE
 from pbd.view.terminal import discard_rest
 
 SIMULATED = "sim"
@@ -129,6 +130,7 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
     if outcome.before:
         with suppress(OSError):  # the terminal is closed
             print(outcome.before, file=sys.stderr)
+    _warn_of_rate(args.rate, outcome)
     folder = None if outcome.folder is None else str(outcome.folder)
     if args.json:
         figures = ("samples", "duration_s", "lost", "bad_packets", "stops", "ended_by")
@@ -149,6 +151,16 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
             warn(f"{outcome.folder / 'imu.csv'}: {outcome.why_failed}")
         else:
             print(f"next: {_next_command(args, outcome.folder)}")
+
+
+def _warn_of_rate(asked_hz: float | None, outcome: Outcome) -> None:
+    """Warn if the sensor does not send at the rate that it was set to."""
+    sent_hz = (outcome.samples + outcome.lost) / max(outcome.duration_s, 1.0 / FASTEST_HZ)
+    if asked_hz is not None and abs(sent_hz / asked_hz - 1.0) > RATE_TOLERANCE:
+        warn(
+            f"the sensor sends {sent_hz:.3g} samples a second, not the {asked_hz:g} of --rate: it does not take that "
+            "command, or its baud rate is too low for them"
+        )
 
 
 def how_to_hold(take: int) -> str:

@@ -15,7 +15,7 @@ from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.collision.shape_coverage import doubtful_shapes
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.reach import reach
-from pbd.cli.common import load_demonstration, print_result, track_demonstration
+from pbd.cli.common import load_demonstration, named_calibration, print_result, track_demonstration
 from pbd.cli.console import print_json, say, working
 from pbd.data import HandPath, Robot
 from pbd.errors import PbdError, RobotError, UsageError, collected_warnings, warn
@@ -109,6 +109,7 @@ def _collision(arm: ArmModel) -> dict[str, Any]:
 def _rank_robots(args: argparse.Namespace) -> None:
     """Plan the demonstration for each robot, and print them: first those that hold its poses, the fastest first."""
     demo = load_demonstration(args.demo)
+    named_calibration(args)  # refuses an unknown one, before all arms do
     path, _ = track_demonstration(args, demo, None)
     arms = [args.robot] if args.robot else names("robots")
     rows = []

@@ -19,12 +19,12 @@ def numeric(name: str, value: ArrayLike) -> Array:
 
 
 def freeze_arrays(owner: object, **shapes: tuple[int, ...]) -> None:
-    """Replace array fields by read-only copies, and check their shapes. A field that is None stays so."""
+    """Replace array fields by read-only copies, and check their shapes (WrongTypeError). None stays None."""
     for name, shape in shapes.items():
         value = getattr(owner, name)
         if value is None:
             continue
         array = numeric(f"{type(owner).__name__}.{name}", value)
         if array.shape != shape:
-            raise ValueError(f"{type(owner).__name__}.{name} must have shape {shape}, got {array.shape}")
+            raise WrongTypeError(f"{type(owner).__name__}.{name} must have shape {shape}, got {array.shape}")
         object.__setattr__(owner, name, array)

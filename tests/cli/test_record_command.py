@@ -418,6 +418,7 @@ def test_a_device_is_recognised_set_and_recorded(elsewhere: Path, capsys: Captur
     assert code == 0, error
     assert heard == [b"\x1bR40 "]
     assert f"listening to {device.device} ..." in error
+    assert re.search(r"warning: the sensor sends \d+ samples a second, not the 40 of --rate", error)  # it sends 200
     told = json.loads(out)
     assert told["ended_by"] == "1 s recorded"
     got = read_demo(elsewhere / "demos" / "tea").recording

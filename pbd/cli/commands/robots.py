@@ -5,7 +5,18 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from pbd.cli.options import add_demo, add_json, add_planning, add_table, add_tracking, flag, option, positive, within
+from pbd.cli.options import (
+    add_accept_gap,
+    add_demo,
+    add_json,
+    add_planning,
+    add_table,
+    add_tracking,
+    flag,
+    option,
+    positive,
+    within,
+)
 from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ, SUFFIXES
 
 
@@ -96,5 +107,6 @@ def robots(parser: ArgumentParser) -> None:
     option(parser, "--calibration", "C", "with --for: name or file; default: each robot's own dock")
     missing = "find a home and a dock for a robot's TOML that lacks them, with which it replays --for (pouring)"
     option(parser, "--suggest", "FILE", missing, type=Path)
+    add_accept_gap(parser)
     add_table(parser, units="m")
-    parser.set_defaults(method="default", accept_gap=False)
+    parser.set_defaults(method="default")

@@ -146,4 +146,5 @@ def check(parser: ArgumentParser) -> None:
     option(parser, "--robot", "R", "also plan for this robot, on its own dock")
     jobs = integer(f"1 to {MOST_JOBS}, or -1", (-1, *range(1, MOST_JOBS + 1)))
     option(parser, "--jobs", "N", "number of processes (1); -1: one per core", type=jobs, default=1)
+    add_accept_gap(parser)
     add_table(parser, units="mm,s")

@@ -115,7 +115,7 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
     )
     if longest.missing_s > HIDDEN_MOVE_S + 1e-6 and not accept:
         raise TrackingError(
-            f"{said}; record again, or give --accept-gap if the hand stood still there",
+            f"{said}; record again, or give --accept-gap to each command if the hand stood still there",
             row=longest.before,
             t=float(t[longest.before]),
             value=longest.missing_s,

@@ -34,7 +34,7 @@ EXACT = Linear(np.zeros(3), np.eye(3), np.zeros(3))
     ],
 )
 def test_a_hole_in_a_rest_that_may_hide_a_move_is_refused(start_s: float, stop_s: float, where: str) -> None:
-    said = f"^{where}.*: a move may be hidden in it; record again, or give --accept-gap if the hand stood still there$"
+    said = f"^{where}.*: a move may be hidden in it; record again, or give --accept-gap to each command if the hand"
     with pytest.raises(TrackingError, match=said):
         track(with_hole(pour().recording, start_s, stop_s))
 
