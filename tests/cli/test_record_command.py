@@ -262,7 +262,7 @@ def test_the_next_command_that_it_prints_works(
     monkeypatch.chdir(here)
     folder = demo_folder(name)
     write_demo(simulate("pick-and-place-direct"), folder)
-    _report(argparse.Namespace(json=False, take=None), Outcome(folder, 100, 1.0, 0, 0, stops=2, ended_by="you"))
+    _report(argparse.Namespace(json=False, take=None, rate=None), Outcome(folder, 100, 1.0, 0, 0, stops=2, ended_by="you"))
     program, *words = shlex.split(capsys.readouterr().out.splitlines()[-1].removeprefix("next: "))
     assert program == "pbd"
     assert main([*words, "--json"]) == 0
@@ -272,7 +272,7 @@ def test_the_next_command_that_it_prints_works(
 def test_a_recording_that_cannot_be_tracked_says_so_at_its_end(capsys: pytest.CaptureFixture[str]) -> None:
     outcome = Outcome(Path("demos/stuck"), 100, 1.0, 0, 0, stops=2, ended_by="you", why_failed="it is frozen")
     with pytest.warns(UserWarning, match=r"^demos/stuck/imu.csv: it is frozen$"):
-        _report(argparse.Namespace(json=False, take=None), outcome)
+        _report(argparse.Namespace(json=False, take=None, rate=None), outcome)
     assert "next:" not in capsys.readouterr().out
 
 
