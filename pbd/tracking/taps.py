@@ -85,11 +85,11 @@ class TapDetector:
             sx, sy, sz = sx - ox, sy - oy, sz - oz
         n = len(self._before)
         if self._held_long and n:
-            size = hypot(x - sx / n, y - sy / n, z - sz / n)
-            if size > STILL:
-                self._mean = (sx / n, sy / n, sz / n)
-                self._shocks = [_Shock(t, t, size, z - sz / n)]
-                return None
+            mx, my, mz = self._mean = (sx / n, sy / n, sz / n)
+            off = (x - mx, y - my, z - mz)
+            if hypot(*off) > STILL:
+                self._shocks = [_Shock(t, t, 0.0, 0.0)]
+                return self._follow(t, off)
         self._before.append((t, x, y, z))
         self._sum = (sx + x, sy + y, sz + z)
         return None

@@ -76,6 +76,15 @@ def test_a_knock_from_the_side_is_none() -> None:
     assert grip_by_taps(tapped(held(200.0), [(2.0, 40.0), (2.25, 40.0)], lean=1.5)) == ()
 
 
+@pytest.mark.parametrize(("axis", "found"), [(2, 1), (0, 0)])
+def test_a_knock_from_the_side_makes_no_pair_with_a_tap_though_one_sample_shows_it(axis: int, found: int) -> None:
+    t, acc = np.arange(600) / 200.0, np.tile((0.0, 0.0, GRAVITY), (600, 1))
+    acc[200, axis] += 40.0
+    acc[250, 2] += 40.0
+    detector = TapDetector()
+    assert sum(detector.feed(*row) is not None for row in zip(t.tolist(), acc.tolist(), strict=True)) == found
+
+
 @pytest.mark.parametrize("task", TASKS)
 def test_none_is_found_in_simulated_demonstrations(task: str) -> None:
     for model, rate_hz in (("phone", 100.0), ("phone", 400.0), ("wt901", 200.0)):
