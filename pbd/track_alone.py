@@ -44,7 +44,7 @@ def track_alone(
     else:
         unseen = [(gap.before, gap.after) for gap in gaps]
         found = estimate(recording, rest, noise_of(recording, rest, errors), lost, unseen)
-    refuse_gaps(gaps, recording, found.stops, accept_gap)
+    refuse_gaps(gaps, recording, found.stops, accept=accept_gap)
     refuse_freezes(recording, found.path.v)
     _warn_at_rest(recording, rest, errors)
     _warn_of_open_ends(recording.t, found.stops)

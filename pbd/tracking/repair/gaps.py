@@ -79,7 +79,7 @@ def warn_of_gaps(gaps: list[Gap], t: Array, interval: float) -> None:
     )
 
 
-def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, ...], accept: bool = False) -> None:
+def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, ...], *, accept: bool) -> None:
     """Refuse a gap in a move, and a long gap in a rest. Warn of a short gap in a rest, which can hide little.
 
     The sensor's attitude after the gap proves nothing: the hand may be elsewhere, and as level as before.

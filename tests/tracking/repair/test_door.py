@@ -91,7 +91,7 @@ def test_a_hand_rests_beside_a_hole_where_a_tenth_of_a_second_on_either_hand_say
         shown = acc.copy()
         shown[list(tilted), 0] += 10.2 * STILL_ACC
         try:
-            refuse_gaps((hole,), Recording(t=np.arange(100) / 100.0, acc=shown), (stop,))
+            refuse_gaps((hole,), Recording(t=np.arange(100) / 100.0, acc=shown), (stop,), accept=False)
         except TrackingError:
             return True
         return False
