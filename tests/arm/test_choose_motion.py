@@ -265,6 +265,19 @@ def test_a_known_detour_is_bent_to_joints_nearby_without_getting_longer(around: 
     assert bend_detour(tight, GraspState(), start, goal, [way]) is None
 
 
+def test_a_known_detour_that_is_wider_than_it_need_be_is_brought_nearer_to_the_straight_move(
+    around: tuple[Motion, list[object]],
+) -> None:
+    way = np.vstack((around[0].q[0], around[0].segments[1].q))
+    scene, straight = CollisionScene(ARM, None, PLATE), np.linspace(way[0], way[-1], len(way))
+    wide = straight + 1.5 * (way - straight)
+    found = bend_detour(scene, GraspState(), way[0], way[-1], [wide])
+    assert found is not None
+    share = np.linalg.norm(found - straight) / np.linalg.norm(wide - straight)
+    assert share < 1.0
+    assert found == pytest.approx(straight + share * (wide - straight))
+
+
 def test_a_known_path_to_the_goal_needs_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_Search, "connect", pytest.fail)
     known = np.stack((HOME, HOME + 0.3, HOME - 0.1))

@@ -253,6 +253,14 @@ def test_moves_with_an_additional_cost_are_checked_only_on_the_shortest_path() -
     assert asked == [0.2]
 
 
+def test_a_copy_leaves_the_original_as_it_was() -> None:
+    """A state that is added to the last layer of the window changes the moves to the layer after it too."""
+    ladder = Ladder(random_layers(np.random.default_rng(0), [2, 2, 2]))
+    ladder.end = 3
+    ladder.copy().add(2, np.zeros((1, 2)), np.zeros(1))
+    assert [layer.length.shape for layer in ladder.layers[1:]] == [(1, 2), (2, 2), (2, 2)]
+
+
 def test_a_state_that_is_final_gets_no_others() -> None:
     ladder = Ladder(random_layers(np.random.default_rng(0), [2, 2, 2]), SCALE)
     path = ladder.shortest()

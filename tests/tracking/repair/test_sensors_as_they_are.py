@@ -196,6 +196,11 @@ def test_a_sensor_without_noise_is_not_dead() -> None:
         assert errors.max() < 0.01
 
 
+def test_an_axis_across_a_smooth_motion_of_a_sensor_without_noise_is_not_stuck() -> None:
+    t = np.arange(300) / 100.0
+    refuse_dead(Recording(t, np.column_stack((np.sin(2.0 * t), np.zeros(300), np.full(300, GRAVITY)))))
+
+
 @uncalibrated
 def test_a_gyro_that_says_zero_at_rest_is_not_stuck() -> None:
     """Some sensors subtract their own bias whenever they detect rest."""

@@ -17,7 +17,7 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.repair import splices
-from pbd.tracking.repair.splices import _extrapolate, in_order, refuse_doubled, without_wild
+from pbd.tracking.repair.splices import _extrapolate, _unmet, in_order, refuse_doubled, without_wild
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import pour, simulate, with_rows
 from tests.tracking.repair.test_sensors_as_they_are import real_recordings
@@ -44,6 +44,16 @@ def test_on_a_straight_line_both_sides_of_an_edge_say_the_same_half_way(rows: in
     x = np.arange(20.0)[:, None] * (1.0, -2.0)
     for lines in _extrapolate(x, np.array([4, 10]), rows):
         np.testing.assert_allclose(lines, (np.array([4, 10]) + 0.5 * (rows - 1))[:, None] * (1.0, -2.0))
+
+
+@pytest.mark.parametrize("bent_at", [8.1, 8.5, 8.9])
+@pytest.mark.parametrize("step", [0.0, 0.7])
+def test_the_lines_on_both_sides_of_a_bend_meet_between_the_rows_unless_the_values_jump(
+    bent_at: float, step: float
+) -> None:
+    row = np.arange(20.0)
+    x = np.column_stack((0.5 * row, 3.0 * np.maximum(row - bent_at, 0.0), step * (row > bent_at)))
+    assert _unmet(x, np.array([9])) == pytest.approx(step)
 
 
 def test_nothing_is_put_in_another_order_in_sound_recordings(data_folder: Path) -> None:
