@@ -172,7 +172,7 @@ class ErrorStateFilter:
         S, v = self.P[VEL, VEL] + sigma**2 * np.eye(3), self.v - self.E @ shaking
         return float(v @ np.linalg.inv(S) @ v), float(np.sqrt(v @ v))
 
-    def update_zero_velocity(self, sigma: float, shaking: Array, robust: bool = True) -> None:
+    def update_zero_velocity(self, sigma: float, shaking: Array, *, robust: bool) -> None:
         """The velocity without `shaking` is zero within `sigma` m/s per axis; robust by Geman-McClure's weight."""
         self._update(IDENTITY[VEL], self.E @ shaking - self.v, sigma**2, robust)
 

@@ -166,7 +166,7 @@ class LiveHand:
             angle = np.array(self._angles) - self._angles[0]
             sway = angle - np.linspace(0.0, 1.0, len(angle))[:, None] * angle[-1]
             kalman.update_no_motion(float(np.hypot(self._noise.still_turn, 2.0 * np.abs(sway).max())))
-        kalman.update_zero_velocity(self._sigma, self._shaking, robust)
+        kalman.update_zero_velocity(self._sigma, self._shaking, robust=robust)
         if not self._past_stops:
             kalman.set_origin()
         kalman.clone_pose()

@@ -112,6 +112,16 @@ def test_each_sensors_end_is_named() -> None:
         find_clips(clipped)
 
 
+def test_the_end_of_the_range_is_read_from_the_axis_that_clips_first() -> None:
+    t = np.arange(400) / 100.0
+    turn = np.zeros((400, 3))
+    for axis, at in ((2, 1.0), (0, 2.5)):
+        turn[:, axis] = 3.0 * np.exp(-(((t - at) / 0.3) ** 2))
+    recording = Recording(t, np.tile((0.0, 0.0, GRAVITY), (400, 1)), gyr=np.minimum(turn, 1.0))
+    with pytest.warns(PbdWarning, match=r"gyro's x, z axis are at the end of the range \(57 deg/s\)"):
+        find_clips(recording)
+
+
 @pytest.mark.parametrize("rate_hz", [25.0, 250.0])
 @pytest.mark.parametrize("sensor", ["os5000-nogyro", "wt901", "modern", "ideal"])
 def test_nothing_is_found_where_nothing_clips(sensor: str, rate_hz: float) -> None:
