@@ -61,6 +61,11 @@ def test_the_papers_method_finds_the_translations_of_test_1() -> None:
     assert np.abs(np.array([s.start for s in moves]) - [87, 115, 141, 186]).max() <= 2
 
 
+def test_without_a_gyro_the_yaw_filter_has_no_bias_to_find() -> None:
+    t = np.arange(400) / 40.0
+    assert not filter_yaw(t, np.zeros(400), 0.3 * t, with_gyro=False)[1].any()
+
+
 def test_without_a_gyro_it_follows_the_compass() -> None:
     assert len(track(simulate("pick-and-place-stops", "os5000-nogyro", 0).recording, "paper").stops) >= 4
 
