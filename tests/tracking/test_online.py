@@ -662,6 +662,7 @@ def test_it_learns_from_a_far_quieter_second() -> None:
     acc[:120] += 0.3 * np.random.default_rng(0).standard_normal((120, 3))
     tracker, events = fed(replace(recording, acc=acc))
     (found,) = (event for event in events if isinstance(event, RestFound))
+    assert recording.t[found.rest.stop - 1] == found.t
     assert tracker.rest is not None
     assert tracker.rest.acc_var < 0.01 * found.rest.acc_var
     assert len(tracker.stops) == 4
