@@ -14,12 +14,12 @@ from pbd.arm import ladder_checks
 from pbd.arm.choose_motion import choose_motion
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.scene import CollisionScene, GraspState, Hit
-from pbd.arm.detour import _Search, bend_detour, find_detour
+from pbd.arm.detour import _Search, _subdivided, bend_detour, find_detour
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ladder_building import build_ladder
 from pbd.arm.ladder_checks import APPROACH_M, DetourSearch
-from pbd.arm.ladder_graph import Barred, Ladder
+from pbd.arm.ladder_graph import Barred, Ladder, joint_travel
 from pbd.arm.ladder_links import MoveState
 from pbd.arm.model import load_model
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest
@@ -276,6 +276,13 @@ def test_a_known_detour_that_is_wider_than_it_need_be_is_brought_nearer_to_the_s
     share = np.linalg.norm(found - straight) / np.linalg.norm(wide - straight)
     assert share < 1.0
     assert found == pytest.approx(straight + share * (wide - straight))
+
+
+def test_between_two_points_of_a_divided_polyline_no_joint_moves_farther_than_asked() -> None:
+    corners = np.array([[0.0, 0.0], [0.3, -0.1], [0.31, 1.0]])
+    divided = _subdivided(corners, 0.05)
+    assert np.abs(np.diff(divided, axis=0)).max() == pytest.approx(0.05)
+    assert joint_travel(divided) == pytest.approx(joint_travel(corners))
 
 
 def test_a_known_path_to_the_goal_needs_no_search(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,8 +33,8 @@ from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import FACTORY, Noise, densities, noise_of
-from pbd.tracking.online.filter import IDENTITY, KNOT_ROT, NORTH_ROW, SENSOR_ERRORS, STATES, UP, ErrorStateFilter
-from pbd.tracking.online.samples import Sample, SampleRepair
+from pbd.tracking.online.filter import IDENTITY, KNOT_POS, KNOT_ROT, NORTH_ROW, SENSOR_ERRORS, STATES, UP, ErrorStateFilter
+from pbd.tracking.online.samples import SampleRepair, Sample
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 from pbd.tracking.smoother.factors import compass_heading
@@ -719,6 +719,15 @@ def test_a_bias_that_rounding_hid_has_tilted_the_vertical_too() -> None:
     up = kalman.E.T @ UP * kalman.gravity
     kalman.propagate(Leg(T, T * up, 0.5 * T**2 * up, J, np.zeros((9, 9)), kalman.C, np.zeros(3)))
     assert np.abs(kalman.P[VEL, VEL]).max() < 1e-12
+
+
+def test_where_the_last_knot_is_as_unsure_the_way_from_there_is_surer_than_the_place() -> None:
+    rest = find_rest(poured_at_first())
+    kalman = OnlineFilter(noise_of(poured_at_first(), rest), rest, np.eye(3), None, no_gyro=False)
+    kalman.P = np.zeros((STATES, STATES))
+    kalman.P[POS, POS] = 0.05**2 * np.eye(3)
+    kalman.P[POS, KNOT_POS] = kalman.P[KNOT_POS, POS] = kalman.P[KNOT_POS, KNOT_POS] = 0.04**2 * np.eye(3)
+    assert kalman.sigma_if_stopped(0.001) == pytest.approx((0.05, 0.03))
 
 
 def test_it_does_without_a_magnetometer_and_without_a_gyro() -> None:
