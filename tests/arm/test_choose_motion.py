@@ -315,6 +315,25 @@ def test_no_detours_are_searched_for_beside_known_ones_where_too_many_pairs_were
     assert isinstance(search.ladder.search(search.is_free, search.cost), Barred)
 
 
+@pytest.mark.parametrize(("mended_by", "tried"), [("drop", [3]), ("none", [3, 2, 1])])
+def test_once_a_remedy_changed_the_number_of_layers_the_others_wait_for_the_next_search(
+    monkeypatch: pytest.MonkeyPatch, mended_by: str, tried: list[int]
+) -> None:
+    ladder = build_ladder(ARM, (LEFT, RIGHT, LEFT, RIGHT), HOME, None, 12)
+    assert isinstance(ladder, Ladder)
+    search = motion_module._Search(ARM, MotionRequest((LEFT, RIGHT, LEFT, RIGHT), HOME), None, ladder)
+    asked = []
+
+    def mend(place: int, has_free_state: bool) -> None:
+        asked.append(place)
+        if mended_by == "drop":
+            search.ladder.drop(place, place + 1)
+
+    monkeypatch.setattr(search, "_mend", mend)
+    search._mend_all(Barred((1, 2, 3), (True, True, True)))
+    assert asked == tried
+
+
 def test_a_refusal_gives_the_number_of_checks_of_detours(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ladder_checks, "CHECKS", 50)
     monkeypatch.setattr(ladder_checks, "CHECKS_EACH", 0)
