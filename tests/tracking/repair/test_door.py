@@ -104,6 +104,16 @@ def test_a_hand_rests_beside_a_hole_where_a_tenth_of_a_second_on_either_hand_say
 
 
 @quietly
+def test_of_a_slow_sensor_two_samples_on_either_hand_of_a_hole_show_a_rest() -> None:
+    recording = Recording(np.arange(100) / 10.0, np.tile((0.0, 0.0, 9.81), (100, 1)))
+    hole, enough = Gap(39, 40, 0.09), Stop(38, 42, 0.3)
+    refuse_gaps((hole,), recording, (enough,), accept=False)
+    for short in (replace(enough, start=39), replace(enough, stop=41)):
+        with pytest.raises(TrackingError, match="while the hand moves"):
+            refuse_gaps((hole,), recording, (short,), accept=False)
+
+
+@quietly
 @pytest.mark.parametrize("channel", ["acc", "gyr"])
 def test_a_column_that_ends_is_refused(channel: str) -> None:
     """Filled with its last value it would be at rest to the end."""
