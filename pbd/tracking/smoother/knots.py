@@ -91,11 +91,11 @@ def build_problem(
     calm: Spans,
     still_sigma: Array,
     density: tuple[Array, Array],
-    extra_rows: Sequence[int] = (),
-    lost_motion: Sequence[LostMotion] = (),
-    gaps: Sequence[tuple[int, int]] = (),
+    extra_rows: Sequence[int],
+    lost_motion: Sequence[LostMotion],
+    gaps: Sequence[tuple[int, int]],
     *,
-    no_gyro: bool = False,
+    no_gyro: bool,
 ) -> Problem:
     """Place knots and integrate between them.
 
