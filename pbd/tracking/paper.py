@@ -89,7 +89,7 @@ def paper_attitude(recording: Recording) -> Array:
     return quat_from_rpy(np.column_stack((roll, pitch, yaw)))
 
 
-def filter_yaw(t: Array, rate: Array, compass: Array, with_gyro: bool = True) -> tuple[Array, Array]:
+def filter_yaw(t: Array, rate: Array, compass: Array, *, with_gyro: bool) -> tuple[Array, Array]:
     """Kalman filter of yaw and gyro bias: the gyro is the input, the compass the measurement (wrapped innovations).
 
     Args:

@@ -247,9 +247,7 @@ def test_moves_with_an_additional_cost_are_checked_only_on_the_shortest_path() -
         asked.append(float(after[0]))
         return 0.0
 
-    heavy = Ladder(layers, SCALE).search(
-        lambda *_: True, free, lambda places, before, after: 5.0 * (after[:, 0] == 0.1)
-    )
+    heavy = Ladder(layers).search(lambda *_: True, free, lambda places, before, after: 0.5 * (after[:, 0] == 0.1))
     assert heavy == [0, 1]
     assert asked == [0.2]
 

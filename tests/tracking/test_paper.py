@@ -47,7 +47,7 @@ def test_yaw_filter_finds_the_gyros_bias_across_the_wrap() -> None:
     rng = np.random.default_rng(1)
     true = 3.0 + 0.02 * t  # crosses pi
     compass = np.arctan2(np.sin(true), np.cos(true)) + np.radians(1.0) * rng.normal(size=len(t))
-    yaw, bias = filter_yaw(t, np.full(len(t), 0.02 + 0.01), compass)
+    yaw, bias = filter_yaw(t, np.full(len(t), 0.02 + 0.01), compass, with_gyro=True)
     off = np.arctan2(np.sin(yaw - true), np.cos(yaw - true))
     assert np.abs(off[1000:]).max() < np.radians(1.0)
     assert bias[-1] == pytest.approx(0.01, abs=2e-3)
