@@ -527,14 +527,15 @@ def test_a_path_is_split_if_no_pair_of_configurations_at_its_ends_works(monkeypa
     np.testing.assert_allclose(np.ptp(places(motion.segments[1].q)[:, [0, 2]], axis=0), 0.0, atol=1e-6)
 
 
-def test_a_line_that_no_configuration_follows_is_named_with_what_it_would_touch() -> None:
+@pytest.mark.parametrize("kind", [LINE, DEMO])
+def test_a_path_that_no_configuration_follows_is_named_with_what_it_would_touch(kind: str) -> None:
     """If every way along it was barred before the whole was checked, the arm follows it as if nothing stood there."""
-    request = MotionRequest((LEFT, RIGHT), HOME, kind=LINE)
+    request = MotionRequest((LEFT, RIGHT), HOME, kind=kind, hand=lambda: [LOWER])
     for obstacles, touched in ((PLATE, "the plate"), ([], None)):
         ladder = build_ladder(ARM, request.T_base_tool, HOME, None, 12, 0.0)
         assert isinstance(ladder, Ladder)
         search = motion_module._Search(ARM, request, CollisionScene(ARM, None, obstacles), ladder)
-        assert search.moves[1].kind == LINE
+        assert search.moves[1].kind == kind
         hit = search._hit_on_path(1)
         assert (hit and hit.second) == touched
         assert search._refuse(1).why == (COLLISION if touched else CANNOT_FOLLOW)

@@ -8,7 +8,7 @@ import pytest
 
 from pbd.arm.ik.branches import AT_LIMIT, SINGULAR, configuration_cost, turn_toward
 from pbd.arm.ik.solver import ik_result
-from pbd.arm.ladder_building import solve_path
+from pbd.arm.ladder_building import solve_path, turn_variants
 from pbd.arm.model import ArmModel, load_model, to_se3
 from pbd.data import Robot
 from pbd.errors import PlanError
@@ -216,3 +216,15 @@ def test_the_surroundings_of_the_dock_are_within_reach(arm: ArmModel, roll_deg: 
     path = solve_path(arm, poses, arm.robot.home)
     assert all(ik_result(arm, to_se3(pose), q).reached for pose, q in zip(poses, path, strict=True))
     assert dock.table_height == 0.0
+
+
+def test_a_configuration_turned_by_whole_turns_holds_the_tool_where_it_was_and_the_nearest_comes_first() -> None:
+    arm = arm_of("ur5")
+    q, before = np.array([0.5, -1.0, 1.2, -0.4, 0.9, 3.0]), np.array([0.4, -1.1, 1.0, -0.4, 1.0, -3.0])
+    variants = turn_variants(arm, q[None], before[None], 5)
+    assert len(np.unique(variants.round(6), axis=0)) == 5
+    for each in variants:
+        assert max(arm.forward(each).distance(arm.forward(q))) < 1e-9
+    far = np.linalg.norm(variants - before, axis=1)
+    assert far.tolist() == sorted(far)
+    np.testing.assert_allclose(variants[0], q - [0.0, 0.0, 0.0, 0.0, 0.0, 2.0 * np.pi], rtol=0.0, atol=1e-12)
