@@ -173,8 +173,8 @@ def test_nodes_are_dense_enough(arm: ArmModel, seed: int) -> None:
 
 def test_nodes_are_dense_enough_in_a_piece_that_is_faster_than_the_one_before(arm: ArmModel) -> None:
     trajectory, _ = spline(arm, 0)
-    powers, speeds = np.zeros((2, 4, 7)), np.array([[0.01], [1.0]])
-    powers[:, 0], powers[:, 1] = arm.robot.home + [[0.0], [0.005]], speeds
+    powers = np.zeros((2, 4, 7))
+    powers[:, 0], powers[:, 1] = arm.robot.home + np.array([[0.0], [0.005]]), np.array([[0.01], [1.0]])
     trajectory = replace(trajectory, knots=np.array([0.0, 0.5, 0.7]), coefficients=powers)
     bound = links_only(arm).rates
     assert (bound @ np.abs(np.diff(sample_trajectory(trajectory, bound).x.T))).max() <= STEP_M * (1.0 + 1e-9)

@@ -153,6 +153,7 @@ def test_steps_that_keep_the_jerk_are_as_long_as_the_curve_allows(
     """By hand: an average over three steps of h and the spline leave the curve by 13/24 h^2 times the acceleration."""
     monkeypatch.setattr(jerk_module, "jerk_limited_profile", lambda s, x_max, *_: SpeedProfile(s, x_max))
     limits, waypoints = limits_of(2.0, 8.0, 0.02), random_waypoints(2, spread=spread)
+    limits = replace(limits, acceleration=np.array([4.0, 8.0, 2.0]))
     curve = Curve.through(waypoints, limits)
     assert curve is not None
     h = np.sqrt(1e-3 / (13.0 / 24.0 * 8.0 * factor))
