@@ -137,8 +137,8 @@ def test_heading_is_that_of_the_field() -> None:
 
 
 @uncalibrated
-@pytest.mark.parametrize("reads", [0.0, 30.0])
-def test_a_magnetometer_that_always_reads_the_same_is_left_out(reads: float) -> None:
+@pytest.mark.parametrize("reads", [0.0, 30.0, (20.0, -5.0, 40.0)])
+def test_a_magnetometer_that_always_reads_the_same_is_left_out(reads: float | tuple[float, ...]) -> None:
     demo = pour("wt901", 1)
     assert demo.truth is not None
     dead = replace(demo.recording, mag=np.full_like(demo.recording.acc, reads))
