@@ -255,10 +255,12 @@ def test_a_table_is_touched_at_its_height(into_m: float, touches: bool) -> None:
     assert (find_touch(PALM, trajectory, [Pair(half_space("the table", top), BALL)]) is not None) == touches
 
 
-def test_an_object_inside_a_link_touches_it() -> None:
-    """A pea on the axis of panda's first joint: the link's mesh turns around it and never meets its surface."""
+@pytest.mark.parametrize("joint", [0, 5])
+def test_an_object_inside_a_link_touches_it(joint: int) -> None:
+    """A pea on the axis of panda's first joint: the link's mesh turns around it, or is still, and never meets its
+    surface."""
     q = np.tile(PANDA.home, (2, 1))
-    q[:, 0] = -0.3, 0.3
+    q[:, joint] += -0.3, 0.3
     trajectory = time_keyframes(arm_of("panda"), q, [0.0] * 2, [None] * 2, PANDA.home)
     pea = Obstacle("the pea", "sphere", (0.01,), Pose(np.array([0.0, 0.0, 0.25]), LEVEL))
     found = touched(PANDA, trajectory, calibration(pea))

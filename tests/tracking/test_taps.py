@@ -76,6 +76,11 @@ def test_a_knock_from_the_side_is_none() -> None:
     assert grip_by_taps(tapped(held(200.0), [(2.0, 40.0), (2.25, 40.0)], lean=1.5)) == ()
 
 
+def test_a_lone_tap_does_not_hide_the_pair_after_it() -> None:
+    (grip,) = grip_by_taps(tapped(held(200.0), [(2.0, 40.0), (4.0, 40.0), (4.25, 40.0)]))
+    assert grip.t == pytest.approx(4.0, abs=0.02)
+
+
 @pytest.mark.parametrize(("axis", "found"), [(2, 1), (0, 0)])
 def test_a_knock_from_the_side_makes_no_pair_with_a_tap_though_one_sample_shows_it(axis: int, found: int) -> None:
     t, acc = np.arange(600) / 200.0, np.tile((0.0, 0.0, GRAVITY), (600, 1))
