@@ -14,7 +14,7 @@ from pbd.pipeline import track
 from pbd.simulation.simulate import EARTH
 from pbd.tracking.first_rest import STILL_ACC
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.repair.gaps import Gap, refuse_gaps
+from pbd.tracking.repair.gaps import Gap, find_gaps, refuse_gaps
 from tests.scenarios import pour, truth_at, with_hole, with_rows
 from tests.tracking.faults import quietly
 
@@ -101,6 +101,13 @@ def test_a_hand_rests_beside_a_hole_where_a_tenth_of_a_second_on_either_hand_say
     assert refused(replace(enough, start=31))
     assert refused(replace(enough, stop=54))
     assert [row for row in range(100) if refused(enough, row)] == [*range(30, 40), *range(45, 55)]
+
+
+@pytest.mark.parametrize(("row", "before", "after"), [(0, 0, 1), (5, 4, 6), (9, 8, 9)])
+def test_one_sample_without_data_is_a_gap_at_an_end_too(row: int, before: int, after: int) -> None:
+    (gap,) = find_gaps(np.arange(10) / 10.0, np.arange(10) == row, 0.1)
+    assert (gap.before, gap.after) == (before, after)
+    assert gap.missing_s == pytest.approx(0.1)
 
 
 @quietly
