@@ -237,6 +237,19 @@ def test_a_wobble_turns_it_as_it_turns_the_batch() -> None:
     np.testing.assert_allclose(strapdown.C, quat_to_matrix(frame.wxyz[-1]), rtol=0.0, atol=1e-5)
 
 
+def test_a_force_that_grows_evenly_is_integrated_exactly() -> None:
+    growth, none = np.array([0.0, 3.0, -2.0]), np.zeros(3)
+    samples = [Sample(k, 0.1 * k, GRAVITY * UP + 0.1 * k * growth, none) for k in range(10)]
+    strapdown = Strapdown(samples[0], 0.1, WHITE, none, no_gyro=False)
+    for sample in samples[1:4]:  # before the first samples the force did not grow
+        strapdown.push(sample)
+    u, U, P, T = strapdown.u, strapdown.U, strapdown.P, 0.6
+    for sample in samples[4:]:
+        strapdown.push(sample)
+    assert_near(strapdown.U, U + T * u + T**2 / 2.0 * growth, 1e-12)
+    assert_near(strapdown.P, P + T * U + T**2 / 2.0 * u + T**3 / 6.0 * growth, 1e-12)
+
+
 def test_each_error_of_the_sensor_adds_as_much_as_in_the_batch() -> None:
     _, legs, frame = from_rest_to_rest(wobble=3.0, up_to=61)
     rows, density = np.array([0, 56, 60]), np.ones((3, len(frame.t)))
