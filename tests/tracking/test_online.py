@@ -718,6 +718,22 @@ def test_a_prior_of_the_lag_that_is_widened_late_gives_what_a_wide_one_gives() -
     np.testing.assert_allclose(np.concatenate((late.x, late.v)), np.concatenate((wide.x, wide.v)), rtol=0.0, atol=1e-7)
 
 
+def test_the_pose_within_a_leg_is_the_one_that_the_filter_has_once_the_leg_ends() -> None:
+    rest = find_rest(poured_at_first())
+    kalman = OnlineFilter(noise_of(poured_at_first(), rest), rest, np.eye(3), None, no_gyro=False)
+    kalman.v, kalman.x = np.array([0.3, -0.2, 0.1]), np.zeros(ERRORS)
+    force, rate = GRAVITY * UP + np.array([2.0, 1.0, -3.0]), np.array([0.5, -1.0, 2.0])
+    samples = [Sample(k, 0.01 * k, force, rate) for k in range(6)]
+    strapdown = Strapdown(samples[0], 0.01, WHITE, np.zeros(3), no_gyro=False)
+    for sample in samples[1:]:
+        strapdown.push(sample)
+    wxyz, p, v = kalman.predict(strapdown)
+    kalman.propagate(strapdown.leg(GRAVITY * UP))
+    assert_near(p, kalman.p, 1e-12)
+    assert_near(v, kalman.v, 1e-12)
+    assert_near(quat_to_matrix(wxyz), kalman.E @ kalman.C, 1e-12)
+
+
 def test_a_bias_that_rounding_hid_has_tilted_the_vertical_too() -> None:
     """So at the same attitude a rest goes on to fit, however large that bias may be."""
     rest = find_rest(poured_at_first())
