@@ -296,6 +296,26 @@ def test_the_unit_of_the_gyro_is_named(per_rad: float, advice: str) -> None:
     assert found.message.endswith(f"; import the file with --unit gyr={advice}")
 
 
+@pytest.mark.parametrize(("turned", "told"), [(2, False), (3, True)])
+def test_of_two_turns_no_unit_is_told(turned: int, told: bool) -> None:
+    up, turns = np.tile((0.0, 0.0, 1.0), (turned, 1)), np.array([[0.5, 0.0, 0.0], [0.0, 0.7, 0.0], [-0.6, 0.4, 0.0]])
+    turns = turns[:turned]
+    witness = Witness("a", up, quat_rotate(quat_exp(turns), up))
+    found = find_axis_error([witness], lambda factor: quat_to_matrix(quat_exp(factor * np.degrees(turns))))
+    assert (found is not None) == told
+
+
+def test_the_first_pair_of_moments_that_shows_what_is_wrong_is_named() -> None:
+    rng = np.random.default_rng(0)
+    up = rng.normal(size=(7, 3))
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    turns = np.vstack((np.zeros((2, 3)), rng.uniform(-1.0, 1.0, (5, 3))))
+    witness, gyro = Witness("a", up, quat_rotate(quat_exp(turns), up)), turns * (-1.0, 1.0, 1.0)
+    found = find_axis_error([witness], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
+    assert found is not None
+    assert found.pair == 2
+
+
 def test_five_turns_tell_of_one_wrong_sign() -> None:
     rng = np.random.default_rng(0)
     up = rng.normal(size=(5, 3))
