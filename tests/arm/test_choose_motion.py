@@ -282,7 +282,8 @@ def test_between_two_points_of_a_divided_polyline_no_joint_moves_farther_than_as
     corners = np.array([[0.0, 0.0], [0.3, -0.1], [0.31, 1.0]])
     divided = _subdivided(corners, 0.05)
     assert np.abs(np.diff(divided, axis=0)).max() == pytest.approx(0.05)
-    assert joint_travel(divided) == pytest.approx(joint_travel(corners))
+    scale = np.ones(2)
+    assert joint_travel(divided, scale) == pytest.approx(joint_travel(corners, scale))
 
 
 def test_a_known_path_to_the_goal_needs_no_search(monkeypatch: pytest.MonkeyPatch) -> None:

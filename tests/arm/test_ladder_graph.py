@@ -247,14 +247,16 @@ def test_moves_with_an_additional_cost_are_checked_only_on_the_shortest_path() -
         asked.append(float(after[0]))
         return 0.0
 
-    heavy = Ladder(layers).search(lambda *_: True, free, lambda places, before, after: 0.5 * (after[:, 0] == 0.1))
+    heavy = Ladder(layers, SCALE).search(
+        lambda *_: True, free, lambda places, before, after: 0.5 * (after[:, 0] == 0.1)
+    )
     assert heavy == [0, 1]
     assert asked == [0.2]
 
 
 def test_a_move_that_was_barred_is_open_again_once_it_is_made_in_another_way() -> None:
     near_and_far = Layer(np.array([[0.1, 0.0], [0.2, 0.0]]), np.zeros(2), MANY)
-    ladder = Ladder([Layer(np.zeros((1, 2)), np.zeros(1), MANY), near_and_far])
+    ladder = Ladder([Layer(np.zeros((1, 2)), np.zeros(1), MANY), near_and_far], SCALE)
     assert ladder.search(lambda *_: True, lambda place, q, q_next: np.inf if q_next[0] == 0.1 else 0.0) == [0, 1]
     assert ladder.shortest() == [0, 1]
     ladder.reset_moves(1, MANY, costly=False)
@@ -263,7 +265,7 @@ def test_a_move_that_was_barred_is_open_again_once_it_is_made_in_another_way() -
 
 def test_a_copy_leaves_the_original_as_it_was() -> None:
     """A state that is added to the last layer of the window changes the moves to the layer after it too."""
-    ladder = Ladder(random_layers(np.random.default_rng(0), [2, 2, 2]))
+    ladder = Ladder(random_layers(np.random.default_rng(0), [2, 2, 2]), SCALE)
     ladder.end = 3
     ladder.copy().add(2, np.zeros((1, 2)), np.zeros(1))
     assert [layer.length.shape for layer in ladder.layers[1:]] == [(1, 2), (2, 2), (2, 2)]

@@ -262,7 +262,9 @@ def test_the_next_command_that_it_prints_works(
     monkeypatch.chdir(here)
     folder = demo_folder(name)
     write_demo(simulate("pick-and-place-direct"), folder)
-    _report(argparse.Namespace(json=False, take=None, rate=None), Outcome(folder, 100, 1.0, 0, 0, stops=2, ended_by="you"))
+    _report(
+        argparse.Namespace(json=False, take=None, rate=None), Outcome(folder, 100, 1.0, 0, 0, stops=2, ended_by="you")
+    )
     program, *words = shlex.split(capsys.readouterr().out.splitlines()[-1].removeprefix("next: "))
     assert program == "pbd"
     assert main([*words, "--json"]) == 0

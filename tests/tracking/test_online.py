@@ -33,8 +33,17 @@ from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import FACTORY, Noise, densities, noise_of
-from pbd.tracking.online.filter import IDENTITY, KNOT_POS, KNOT_ROT, NORTH_ROW, SENSOR_ERRORS, STATES, UP, ErrorStateFilter
-from pbd.tracking.online.samples import SampleRepair, Sample
+from pbd.tracking.online.filter import (
+    IDENTITY,
+    KNOT_POS,
+    KNOT_ROT,
+    NORTH_ROW,
+    SENSOR_ERRORS,
+    STATES,
+    UP,
+    ErrorStateFilter,
+)
+from pbd.tracking.online.samples import Sample, SampleRepair
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 from pbd.tracking.smoother.factors import compass_heading
@@ -720,7 +729,7 @@ def test_a_prior_of_the_lag_that_is_widened_late_gives_what_a_wide_one_gives() -
 
 def test_the_pose_within_a_leg_is_the_one_that_the_filter_has_once_the_leg_ends() -> None:
     rest = find_rest(poured_at_first())
-    kalman = OnlineFilter(noise_of(poured_at_first(), rest), rest, np.eye(3), None, no_gyro=False)
+    kalman = ErrorStateFilter(noise_of(poured_at_first(), rest), rest, np.eye(3), None, no_gyro=False)
     kalman.v, kalman.x = np.array([0.3, -0.2, 0.1]), np.zeros(ERRORS)
     force, rate = GRAVITY * UP + np.array([2.0, 1.0, -3.0]), np.array([0.5, -1.0, 2.0])
     samples = [Sample(k, 0.01 * k, force, rate) for k in range(6)]
@@ -752,7 +761,7 @@ def test_a_bias_that_rounding_hid_has_tilted_the_vertical_too() -> None:
 
 def test_where_the_last_knot_is_as_unsure_the_way_from_there_is_surer_than_the_place() -> None:
     rest = find_rest(poured_at_first())
-    kalman = OnlineFilter(noise_of(poured_at_first(), rest), rest, np.eye(3), None, no_gyro=False)
+    kalman = ErrorStateFilter(noise_of(poured_at_first(), rest), rest, np.eye(3), None, no_gyro=False)
     kalman.P = np.zeros((STATES, STATES))
     kalman.P[POS, POS] = 0.05**2 * np.eye(3)
     kalman.P[POS, KNOT_POS] = kalman.P[KNOT_POS, POS] = kalman.P[KNOT_POS, KNOT_POS] = 0.04**2 * np.eye(3)
