@@ -28,7 +28,7 @@ from pbd.data import (
     JointLimits,
     JointTrajectory,
     Keyframe,
-    Linear,
+    LinearErrors,
     Recording,
     RecordingInfo,
     Robot,
@@ -265,8 +265,8 @@ def test_a_person_sees_how_much_there_is() -> None:
     )
     keyframe = Keyframe(3.2, 0.84, Pose(np.array((0.1, -0.2, -1e-9)), np.eye(4)[0]), 1.6e-5 * np.eye(6), grip=True)
     assert repr(keyframe) == ("<Keyframe: at 3.20 s for 0.84 s, (0.100, -0.200, -0.000) m, sigma 4.0 mm, grip closes>")
-    triad = Linear(np.array((0.01, -2.0, 3e-7)), np.eye(3), np.zeros(3))
-    assert repr(triad) == "<Linear: bias (0.01, -2, 3e-07)>"
+    triad = LinearErrors(np.array((0.01, -2.0, 3e-7)), np.eye(3), np.zeros(3))
+    assert repr(triad) == "<LinearErrors: bias (0.01, -2, 3e-07)>"
     assert repr(SensorErrors("witmotion", gyr=triad, mag=triad)) == "<SensorErrors 'witmotion': gyr, mag>"
     calibration = Calibration("bench", T_base_dock=Pose.identity(), table_height=0.0)
     assert repr(calibration) == "<Calibration 'bench': dock, table>"

@@ -63,7 +63,7 @@ class ArmModel:
             strokes = (gripper.open - gripper.closed).tolist()
             fingers = zip(gripper.joints, strokes, gripper.closed.tolist(), strict=True)
             columns += [(name, (len(columns), stroke, closed)) for name, stroke, closed in fingers]
-        for each in robot.followers:
+        for each in robot.mimic_joints:
             columns.append((each.joint, (robot.joints.index(each.leader), each.multiplier, each.offset)))
         for name, _ in columns:
             if not full.existJointName(name):

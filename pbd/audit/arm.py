@@ -41,7 +41,7 @@ class AuditArm:
         if gripper := robot.gripper:
             for name, opened, closed in zip(gripper.joints, gripper.open, gripper.closed, strict=True):
                 self._drives[self.model.getJointId(name)] = (len(robot.joints), float(opened - closed), float(closed))
-        for each in robot.followers:
+        for each in robot.mimic_joints:
             leader = robot.joints.index(each.leader)
             self._drives[self.model.getJointId(each.joint)] = (leader, each.multiplier, each.offset)
         self._column, self._slope, self._offset = map(np.array, zip(*self._drives.values(), strict=True))

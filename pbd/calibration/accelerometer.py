@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.calibration.rests import Rests, count_orientations, rms
-from pbd.data import GRAVITY, Linear
+from pbd.data import GRAVITY, LinearErrors
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
@@ -49,7 +49,7 @@ class AccelerometerFit:
         suspects: the rests of which one alone may have made the misfit; opposite sides make the same.
     """
 
-    linear: Linear
+    linear: LinearErrors
     sigma: Array
     determined: tuple[str, ...]
     orientations: int
@@ -113,7 +113,7 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     bias, matrix = _unpack(result.x * prior)
     sigma = relative * prior * np.sqrt(max(1.0, chi2))
     return AccelerometerFit(
-        linear=Linear(bias, matrix, sigma[:3], float(sigma[3:].max())),
+        linear=LinearErrors(bias, matrix, sigma[:3], float(sigma[3:].max())),
         sigma=sigma,
         determined=tuple(name for name, ratio in zip(NAMES, relative, strict=True) if ratio < DETERMINED),
         orientations=different,
@@ -124,7 +124,7 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     )
 
 
-def up_sigma(acc: Linear | None) -> float:
+def up_sigma(acc: LinearErrors | None) -> float:
     """One sigma of the vertical's direction, rad, in the worst attitude, by an accelerometer with these errors."""
     found = np.nan if acc is None else float(np.hypot(acc.bias_sigma.max() / GRAVITY, acc.matrix_sigma))
     return UNKNOWN_UP if np.isnan(found) else found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pbd.calibration.rests import Rests
-from pbd.data import Linear, Recording
+from pbd.data import LinearErrors, Recording
 from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_cumulative, quat_exp, quat_to_matrix, skew
 
@@ -31,7 +31,7 @@ BIAS_SIGMA = np.radians(0.003)
 """Smallest sigma of the bias, rad/s, because it wanders in a rest too."""
 
 
-def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None, up_sigma: float = 0.0) -> Linear:
+def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None, up_sigma: float = 0.0) -> LinearErrors:
     """Estimate the bias from the rests and, if the vertical is known there, scale and axes from the moves between them.
 
     With u_1, u_2 the vertical in sensor axes at two rests and R the rotation between them by the gyro, u_2 = R^-1 u_1.
@@ -57,7 +57,7 @@ def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None,
     matrix, matrix_sigma = np.eye(3), np.nan
     if up_sensor is not None and len(rests) > 1:
         matrix, matrix_sigma = _matrix(recording, rests, up_sensor, float(np.hypot(VERTICAL_SIGMA, up_sigma)), bias)
-    return Linear(bias, matrix, sigma, matrix_sigma)
+    return LinearErrors(bias, matrix, sigma, matrix_sigma)
 
 
 def _matrix(recording: Recording, rests: Rests, up_sensor: Array, sigma: float, bias: Array) -> tuple[Array, float]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.calibration.rests import Rests, rms
-from pbd.data import Linear
+from pbd.data import LinearErrors
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
@@ -46,7 +46,7 @@ class MagnetometerFit:
         before: relative rms variation of the strength without the correction.
     """
 
-    linear: Linear
+    linear: LinearErrors
     field: float
     dip: float
     uneven: float
@@ -152,7 +152,7 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     as_read = np.linalg.norm(used, axis=1)
     unit = float(np.cbrt(np.linalg.det(matrix)))
     return MagnetometerFit(
-        linear=Linear(bias, matrix / unit, sigma),
+        linear=LinearErrors(bias, matrix / unit, sigma),
         field=field / unit,
         dip=dip,
         uneven=rms(strength - 1.0),

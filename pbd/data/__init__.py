@@ -6,11 +6,11 @@ All units are SI and radians. Names contain frames: `sensor`, `nav`, `base`, `to
 
 from __future__ import annotations
 
-from pbd.data.calibration import TOOL_DOWN, Calibration, Linear, SensorErrors
+from pbd.data.calibration import TOOL_DOWN, Calibration, LinearErrors, SensorErrors
 from pbd.data.constraints import ClaimFit, Contact, Known, Place
 from pbd.data.fusion import FusedTake, Fusion, MovedThing
 from pbd.data.keyframe import Keyframe, TouchUp
-from pbd.data.robot import Follower, Gripper, JointLimits, JointTrajectory, Robot, Samples, Servos
+from pbd.data.robot import Gripper, JointLimits, JointTrajectory, MimicJoint, Robot, Samples, ServoUnits
 from pbd.data.sensor_estimate import ErrorEstimate, SensorEstimate
 from pbd.data.tracking import (
     Demonstration,
@@ -34,7 +34,6 @@ __all__ = [
     "Contact",
     "Demonstration",
     "ErrorEstimate",
-    "Follower",
     "FusedTake",
     "Fusion",
     "GraspedObject",
@@ -45,8 +44,9 @@ __all__ = [
     "JointTrajectory",
     "Keyframe",
     "Known",
-    "Linear",
+    "LinearErrors",
     "Load",
+    "MimicJoint",
     "MovedThing",
     "Obstacle",
     "Place",
@@ -57,7 +57,7 @@ __all__ = [
     "Segment",
     "SensorErrors",
     "SensorEstimate",
-    "Servos",
+    "ServoUnits",
     "Stop",
     "TouchUp",
     "Tracking",

@@ -23,7 +23,7 @@ DOCK_SIGMA_M, DOCK_SIGMA_RAD = 0.003, np.radians(1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
+class LinearErrors:
     """Linear errors of three axes: the true vector is matrix @ (reading - bias).
 
     Attributes:
@@ -66,9 +66,9 @@ class SensorErrors:
     """
 
     sensor: str
-    gyr: Linear | None = None
-    acc: Linear | None = None
-    mag: Linear | None = None
+    gyr: LinearErrors | None = None
+    acc: LinearErrors | None = None
+    mag: LinearErrors | None = None
     gravity: float = GRAVITY
     field: float | None = None
     dip: float | None = None

@@ -72,7 +72,7 @@ class JointLimits:
 
 
 @dataclass(frozen=True, eq=False)
-class Servos:
+class ServoUnits:
     """Converts between the model's joints and LeRobot's readings: degrees, and 0 to 100 for the gripper.
 
     LeRobot's 0 degrees is the middle of the range that its calibration found for a joint.
@@ -110,7 +110,7 @@ class Servos:
 
 
 @dataclass(frozen=True)
-class Follower:
+class MimicJoint:
     """A joint beside the arm that mimics one of its joints, as in a parallel linkage.
 
     Its position is that of `leader` times `multiplier`, plus `offset`; rad, or m for a prismatic joint.
@@ -140,7 +140,7 @@ class Robot:
         license: license and owner of the URDF and its meshes; empty: unknown.
         servos: conversion to LeRobot's joints; None if LeRobot does not support this arm.
         may_touch: pairs of links that touch by design, so they are not checked against each other.
-        followers: joints beside the arm that move with its joints.
+        mimic_joints: joints beside the arm that move with its joints.
     """
 
     name: str
@@ -158,9 +158,9 @@ class Robot:
     dock: Calibration | None = None
     notes: tuple[str, ...] = ()
     license: str = ""
-    servos: Servos | None = None
+    servos: ServoUnits | None = None
     may_touch: tuple[tuple[str, str], ...] = ()
-    followers: tuple[Follower, ...] = ()
+    mimic_joints: tuple[MimicJoint, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_arrays(self, home=(len(self.joints),))

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import Calibration, Follower, Gripper, JointLimits, Robot, Servos
+from pbd.data import Calibration, Gripper, JointLimits, MimicJoint, Robot, ServoUnits
 from pbd.errors import MOST_LISTED, RobotError, listed, printable, warn
 from pbd.files.calibration import read_pose
 from pbd.files.find_by_name import find
@@ -78,8 +78,8 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     joints = [urdf.with_followers(joint.name) for joint in joints]
     limits = _limits(top.section("limits"), urdf, joints)
     poses = {} if srdf is None else read_poses(srdf)
-    followers = urdf.followers([joint.name for joint in joints])
-    moved = {*followers, *(joint.name for joint in joints), *(gripper.joints if gripper else ())}
+    mimic_joints = urdf.followers([joint.name for joint in joints])
+    moved = {*mimic_joints, *(joint.name for joint in joints), *(gripper.joints if gripper else ())}
     if not draft:
         _warn_of_unmoved(urdf, moved)
     robot = Robot(
@@ -100,8 +100,8 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
         license=license_,
         servos=None if servos is None else _servos(servos, len(joints), gripper),
         may_touch=() if arm is None else _may_touch(arm, urdf),
-        followers=tuple(
-            Follower(name, mimic.joint, mimic.multiplier, mimic.offset) for name, mimic in followers.items()
+        mimic_joints=tuple(
+            MimicJoint(name, mimic.joint, mimic.multiplier, mimic.offset) for name, mimic in mimic_joints.items()
         ),
     )
     if not draft:
@@ -204,7 +204,7 @@ def _warn_of_unmoved(urdf: Urdf, moved: Collection[str]) -> None:
         warn(f"{what} {listed(wrong)}; make each a fixed joint where it stands, or name what moves it")
 
 
-def _servos(section: Section, k: int, gripper: Gripper | None) -> Servos:
+def _servos(section: Section, k: int, gripper: Gripper | None) -> ServoUnits:
     if gripper is None or len(gripper.joints) != 1:
         section.fail("gripper", "needs a [gripper] with one joint", "add it, or remove [servos]")
     closed, opened = section.numbers("gripper", 2)
@@ -213,7 +213,7 @@ def _servos(section: Section, k: int, gripper: Gripper | None) -> Servos:
     sign = section.numbers("sign", k)
     if any(each not in (1.0, -1.0) for each in sign):
         section.fail("sign", f"must be 1 or -1 for each joint, got {', '.join(f'{each:g}' for each in sign)}")
-    return Servos(
+    return ServoUnits(
         robot_type=section.text("robot_type"),
         zero=np.array(section.numbers("zero", k)),
         sign=np.array(sign),

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pbd.data import HandPath, Linear, SensorErrors
+from pbd.data import HandPath, LinearErrors, SensorErrors
 from pbd.data.units import MG
 from pbd.errors import CalibrationError
 from pbd.pose import Array
@@ -24,11 +24,11 @@ def device_errors(path: HandPath) -> tuple[SensorErrors, dict[str, float]]:
     if found is None or tracking is None or path.fusion is None:
         raise CalibrationError("the sensor's errors were not estimated: it has no gyro; leave out --save-calibration")
     gyr_sigma, acc_sigma = float(found.gyr_matrix.sigma.max()), float(np.tril(found.acc_matrix.sigma).max())
-    gyr = Linear(found.gyr_bias.value, np.eye(3) - found.gyr_matrix.value, found.gyr_bias.sigma, gyr_sigma)
+    gyr = LinearErrors(found.gyr_bias.value, np.eye(3) - found.gyr_matrix.value, found.gyr_bias.sigma, gyr_sigma)
     matrix = np.eye(3) - found.acc_matrix.value
     # The smoother subtracts the accelerometer's bias after the matrix, a calibration before it.
     bias: Array = np.asarray(np.linalg.solve(matrix, found.acc_bias.value), dtype=np.float64)
-    acc = Linear(bias, matrix, found.acc_bias.sigma, acc_sigma)
+    acc = LinearErrors(bias, matrix, found.acc_bias.sigma, acc_sigma)
     gravity = float(np.linalg.norm(acc.correct(tracking.recording.acc[slice(*tracking.rest)].mean(axis=0))))
     sensor = tracking.recording.info.sensor
     earlier = (tracking.calibration and tracking.calibration.sensor) or SensorErrors(sensor)
@@ -42,7 +42,7 @@ def device_errors(path: HandPath) -> tuple[SensorErrors, dict[str, float]]:
     return errors, figures
 
 
-def _composed(first: Linear | None, second: Linear) -> Linear:
+def _composed(first: LinearErrors | None, second: LinearErrors) -> LinearErrors:
     """Return the correction second.true(first.true(reading))."""
     if first is None:
         return second

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from pbd.calibration.sensor_changed import disagreements
-from pbd.data import Keyframe, Linear, SensorErrors
+from pbd.data import Keyframe, LinearErrors, SensorErrors
 from pbd.errors import PbdError
 from pbd.pose import Array
 from pbd.record.session_types import Say
@@ -68,7 +68,7 @@ class Feedback:
             values = [value for _, each in block if (value := getattr(each, name)) is not None]
             if not values:
                 return None
-            linear: Linear | None = getattr(self._errors, name, None)
+            linear: LinearErrors | None = getattr(self._errors, name, None)
             read = np.mean(values, axis=0)
             return read if linear is None else linear.correct(read)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbd.data import Linear, Recording, SensorErrors
+from pbd.data import LinearErrors, Recording, SensorErrors
 from pbd.data.units import DEG, MG
 from pbd.pose import Array, lengths
 from pbd.tracking.first_rest import Rest
@@ -221,7 +221,7 @@ def _rounding(step: float, rms: float) -> tuple[float, float]:
     return max(rms, rounding), rounding * float(np.exp(-2.0 * (np.pi * rms / step) ** 2))
 
 
-def _calibrated(own: SensorClass, acc: Linear, gyr: Linear | None) -> SensorClass:
+def _calibrated(own: SensorClass, acc: LinearErrors, gyr: LinearErrors | None) -> SensorClass:
     """What a calibration leaves, at best CALIBRATED: its sigmas; the class' sigmas of what it did not determine."""
     names = "acc_bias", "acc_scale", "gyr_scale"
     found = acc.bias_sigma.max(), acc.matrix_sigma, np.nan if gyr is None else gyr.matrix_sigma

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from pbd.data import Calibration, Linear
+from pbd.data import Calibration, LinearErrors
 from pbd.data.covariance import one_sigma
 from pbd.data.units import DEG, MG
 from pbd.pose import Array, Pose, quat_to_rpy
@@ -97,7 +97,7 @@ def _sigma_text(sigma: Array, decimals: int, unit: str) -> str:
     return f"{', '.join('–' if np.isnan(x) else f'{x:.{decimals}f}' for x in sigma)}{unit}"
 
 
-def _linear(what: str, linear: Linear | None, factor: float, unit: str) -> list[tuple[str, str, str, str]]:
+def _linear(what: str, linear: LinearErrors | None, factor: float, unit: str) -> list[tuple[str, str, str, str]]:
     if linear is None:
         return []
     bias, sigma = (", ".join(f"{factor * x:.3f}" for x in each) for each in (linear.bias, linear.bias_sigma))

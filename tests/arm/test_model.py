@@ -15,7 +15,7 @@ import pytest
 from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel, load_model, to_se3
 from pbd.audit.arm import AuditArm
-from pbd.data import Follower, Gripper, JointLimits, Robot
+from pbd.data import Gripper, JointLimits, MimicJoint, Robot
 from pbd.errors import RobotError
 from pbd.pose import Array, Pose, quat_to_matrix
 from tests.arm.conftest import random_joints
@@ -61,7 +61,7 @@ def test_a_base_that_is_not_the_root(odd_arm: ArmModel) -> None:
 
 def test_a_follower_moves_with_its_leader_in_the_planner_and_in_the_audit(odd_robot: Robot) -> None:
     """The whole URDF's forward kinematics, with the flagpole's angle worked out by hand, is the oracle."""
-    robot = replace(odd_robot, followers=(Follower("flagpole", "swing", -0.5, 0.1),))
+    robot = replace(odd_robot, mimic_joints=(MimicJoint("flagpole", "swing", -0.5, 0.1),))
     planner, audit, x = load_model(robot), AuditArm(robot), np.array([0.4, 0.1, -0.3, 1.2, 1.0])
     model = pin.buildModelFromUrdf(str(robot.urdf))
     q = pin.neutral(model)

@@ -12,7 +12,7 @@ import pytest
 from pbd.audit.arm import AuditArm
 from pbd.audit.torque import _inertia, find_torque, torques
 from pbd.cli import main
-from pbd.data import Follower, GraspedObject, JointLimits, JointTrajectory, Load, Robot
+from pbd.data import GraspedObject, JointLimits, JointTrajectory, Load, MimicJoint, Robot
 from pbd.data.world import gripped_spans
 from pbd.errors import PbdWarning, PlanError
 from pbd.planning import Plan, PlanOptions, plan_keyframes
@@ -80,7 +80,7 @@ def test_a_joint_bears_what_follows_it(tmp_path: Path) -> None:
             <child link="other"/><axis xyz="0 1 0"/></joint></robot>""",
         )
     )
-    both = AuditArm(replace(arm.robot, followers=(Follower("second", "hinge", 2.0, 0.0),)))
+    both = AuditArm(replace(arm.robot, mimic_joints=(MimicJoint("second", "hinge", 2.0, 0.0),)))
     inertia, qdd = 0.05 + 2.0 * 0.16, -3.0
     by_hand = 2.0 * (inertia * 2.0 * qdd + 9.81 * 2.0 * 0.4 * np.sin(2.0 * q))
     assert torques(both, swing(), t, Load())[0, 0] - alone == pytest.approx(by_hand, abs=1e-12)

@@ -15,7 +15,7 @@ from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import tool_poses
 from pbd.cli import main
 from pbd.cli.record import _errors
-from pbd.data import Demonstration, Linear, RecordingInfo, SensorErrors
+from pbd.data import Demonstration, LinearErrors, RecordingInfo, SensorErrors
 from pbd.errors import PbdWarning
 from pbd.files.calibration import read_calibration
 from pbd.files.demo import load_demo, write_demo
@@ -213,7 +213,7 @@ def said_at_rest(errors: SensorErrors | None, shaken_s: float = 0.0) -> list[str
 
 
 def test_a_rest_that_disagrees_is_told_while_it_is_recorded() -> None:
-    right = Linear(np.zeros(3), np.eye(3), np.full(3, 0.01))
+    right = LinearErrors(np.zeros(3), np.eye(3), np.full(3, 0.01))
     good = SensorErrors("s", right, right, right, gravity=9.81, field=48.127, dip=np.arctan2(44.0, 19.5))
     assert said_at_rest(None) == said_at_rest(good) == ["the rest at the start is found: you may move"]
     assert said_at_rest(good, shaken_s=3.0)[-1:] == ["the rest at the start is found: you may move"]

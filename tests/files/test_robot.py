@@ -324,7 +324,7 @@ def test_a_joint_that_mimics_an_arms_joint_through_another_follows_it(folder: Pa
     rods = rod.format("outer", "inner", -2, 0.5) + rod.format("inner", "elbow", 3, 0.1)
     loop = rod.format("head", "tail", 1, 0) + rod.format("tail", "head", 1, 0)
     change(folder / "mine.urdf", "</robot>", f"{rods}{loop}</robot>")
-    outer, inner = read_robot(folder / "mine.toml").followers
+    outer, inner = read_robot(folder / "mine.toml").mimic_joints
     assert (inner.joint, inner.leader, inner.multiplier, inner.offset) == ("inner", "elbow", 3.0, 0.1)
     assert (outer.joint, outer.leader, outer.multiplier, outer.offset) == ("outer", "elbow", -6.0, 0.5 - 0.2)
 

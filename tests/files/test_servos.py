@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pbd.data import Robot, Servos
+from pbd.data import Robot, ServoUnits
 from pbd.errors import RobotError
 from pbd.files.robot import load_robot, read_robot
 from pbd.pose import Array
@@ -16,7 +16,7 @@ from pbd.pose import Array
 MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 
 
-def servos_of(robot: Robot) -> Servos:
+def servos_of(robot: Robot) -> ServoUnits:
     assert robot.servos is not None
     return robot.servos
 

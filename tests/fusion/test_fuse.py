@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pbd
-from pbd.data import Calibration, Contact, Demonstration, GripEvent, HandPath, Linear, Place
+from pbd.data import Calibration, Contact, Demonstration, GripEvent, HandPath, LinearErrors, Place
 from pbd.errors import CalibrationError, RecordingError, TrackingError, collected_warnings
 from pbd.fusion.fused_calibration import _composed, device_errors
 from pbd.fusion.grips import differing_grips
@@ -145,7 +145,8 @@ def test_the_devices_errors_are_found(path: HandPath) -> None:
 def test_errors_that_are_found_add_to_those_of_an_earlier_calibration() -> None:
     rng = np.random.default_rng(0)
     first, second = (
-        Linear(rng.normal(size=3), np.eye(3) + 0.1 * rng.normal(size=(3, 3)), rng.uniform(size=3)) for _ in range(2)
+        LinearErrors(rng.normal(size=3), np.eye(3) + 0.1 * rng.normal(size=(3, 3)), rng.uniform(size=3))
+        for _ in range(2)
     )
     read = rng.normal(size=(5, 3))
     both = _composed(first, second)

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pbd.data import Calibration, Linear, SensorErrors, Truth
+from pbd.data import Calibration, LinearErrors, SensorErrors, Truth
 from pbd.pipeline import track
 from pbd.plots.demo_values import DemoValues, TruthValues, demo_values
 from pbd.pose import quat_about_z, quat_multiply, quat_rotate
@@ -40,7 +40,7 @@ def against(plot: DemoValues, truth: Truth) -> TruthValues | None:
 def test_drawn_values_are_calibrated(pouring: DemoValues) -> None:
     demo = pour()
     light = replace(demo, recording=replace(demo.recording, acc=0.96 * demo.recording.acc))
-    acc = Linear(np.zeros(3), np.eye(3) / 0.96, np.zeros(3))
+    acc = LinearErrors(np.zeros(3), np.eye(3) / 0.96, np.zeros(3))
     path = track(light, calibration=Calibration("bench", sensor=SensorErrors("unknown", acc=acc)))
     tracking = demo_values(path).tracking
     assert_near(tracking.recording.acc, pouring.tracking.recording.acc, 1e-9)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pbd.calibration.sensor_changed import disagreements
-from pbd.data import Calibration, Linear, Recording, SensorErrors, Stop
+from pbd.data import Calibration, LinearErrors, Recording, SensorErrors, Stop
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pipeline import track
 from pbd.simulation.simulate import EARTH
@@ -20,7 +20,7 @@ from tests.tracking.faults import quietly
 
 pytestmark = pytest.mark.usefixtures("remembered")
 
-EXACT = Linear(np.zeros(3), np.eye(3), np.zeros(3))
+EXACT = LinearErrors(np.zeros(3), np.eye(3), np.zeros(3))
 
 
 @quietly
