@@ -88,14 +88,6 @@ def track_demonstration(
     return path, keyframes
 
 
-def count_stops(demo: Demonstration) -> int:
-    """Track a demonstration, and count its stops."""
-    from pbd.pipeline import track
-
-    with working("tracking it"):
-        return len(track(demo).stops)
-
-
 def named_calibration(args: argparse.Namespace) -> Calibration | None:
     """Load the calibration of --calibration, or None: a command without a robot tracks with no other."""
     return load_calibration(args.calibration) if args.calibration else None

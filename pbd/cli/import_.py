@@ -6,7 +6,7 @@ import argparse
 from contextlib import suppress
 from dataclasses import replace
 
-from pbd.cli.common import count_stops, decoder_maker, refuse_columns, store_demonstration
+from pbd.cli.common import decoder_maker, refuse_columns, store_demonstration
 from pbd.cli.console import say, working
 from pbd.data import Demonstration
 from pbd.data.source_columns import SourceColumns
@@ -15,6 +15,7 @@ from pbd.files.demo import demo_folder
 from pbd.files.importers import import_file
 from pbd.files.importers.columns import UNUSED
 from pbd.io.atomic import is_file, is_folder
+from pbd.pipeline import track
 from pbd.record.redecode import decode_raw
 from pbd.record.session_types import FEWEST_STOPS
 from pbd.tracking.first_rest import find_rest
@@ -70,7 +71,8 @@ def run(args: argparse.Namespace) -> None:
         recording = replace(recording, info=replace(recording.info, sensor=args.sensor))
     demo = replace(demo, recording=recording, closed=demo.closed or args.closed)
     try:
-        few = count_stops(demo) < FEWEST_STOPS
+        with working("tracking it"):
+            few = len(track(demo).stops) < FEWEST_STOPS
         failure = "it has fewer than two stops, and a motion needs two" if few else ""
     except PbdError as error:
         failure = error.message
