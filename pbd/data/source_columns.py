@@ -124,10 +124,11 @@ class SourceColumns:
         return f"--unit acc={'-' if acc[0].sign > 0 else ''}{acc[0].unit}"
 
     def must_be_seconds(self) -> str:
-        """Return what to do about times that can't be in seconds."""
+        """Return what to do about times that can't be in seconds, or in the unit that the file gives."""
         if self.at_a_rate:
             return "correct the rate (--rate, or an npz's rate_hz)"
-        return f"the column '{self._found['t'].name if self.columns else 't'}' must be seconds"
+        name, unit = (self._found["t"].name, self._found["t"].unit) if self.columns else ("t", "s")
+        return f"the column '{name}' must be {'seconds' if unit == 's' else unit}"
 
     def time_unit(self, unit: str) -> str:
         """Return the unit of the file's times, if the recording's are in `unit` in place of s: both factors count."""

@@ -355,3 +355,27 @@ def test_acceleration_that_includes_gravity_is_read_rather_than_that_without(tmp
     names = [f"{name}.{axis}" for name in ("acceleration", "accelerationIncludingGravity") for axis in "xyz"]
     (tmp_path / "run.csv").write_text(f"t,{','.join(names)}\n0,0,0,0,0,0,9.8\n1,0,0,0,0,0,9.8\n")
     assert_allclose(import_file(tmp_path / "run.csv").recording.acc[0], (0.0, 0.0, 9.8))
+
+
+@pytest.mark.parametrize("start", [0, 100010, 999000])
+def test_points_between_thousands_are_no_decimal_marks(tmp_path: Path, start: int) -> None:
+    """German spreadsheets write 1.000 ms."""
+    times = [start + 10 * k for k in range(200)]
+    rows = table("Datum;time_ms;ax;ay;az;gx;gy;gz", [f"29.11.2026;{t:,}".replace(",", ".") for t in times], ";")
+    text = rows.replace("0.5;0.25;9.75;1.5;0.0;-2.0", "0,5;0,25;9,75;1,5;0,0;-2,0")
+    assert "0,25" in text
+    assert_read(read(tmp_path, text), end=1.99)
+
+
+@pytest.mark.parametrize("name", ["time_s", "Time", "time_ms"])
+def test_points_beside_decimal_commas_may_be_decimal_marks(tmp_path: Path, name: str) -> None:
+    start = 0.0 if name == "time_ms" else 100.0  # 0.000 has no thousands
+    times = [f"{start + 10.0 ** (3 * (name == 'time_ms')) * 0.01 * k:.3f}" for k in range(2)]
+    text = table(";".join((name, *AXES)), times, ";").replace("9.75", "9,75")
+    assert_read(read(tmp_path, text))
+
+
+def test_times_that_are_too_close_are_named_in_their_own_unit(tmp_path: Path) -> None:
+    text = table(";".join(("time_ms", *AXES)), [f"{100 + 0.01 * k:.3f}" for k in range(200)], ";")
+    with pytest.raises(RecordingError, match=r"closer than any sensor's; the column 'time_ms' must be ms$"):
+        with_clock(read(tmp_path, text))

@@ -11,13 +11,10 @@ from pathlib import Path
 from pbd.data.source_columns import CHANNEL_OF, CHANNELS, NO_UNIT, QUANTITIES, RPY, Column, SourceColumns
 from pbd.data.units import UNITS, spelled, unit_factor
 from pbd.errors import RecordingError, UsageError, listed, printable
-from pbd.files.importers.header_names import TIME_UNITS, looks_inertial, our_name, plain, split_unit, why_never_read
+from pbd.files.importers.header_names import looks_inertial, our_name, plain, split_unit, time_unit, why_never_read
 from pbd.files.table import Sheet
 
 UNUSED = "a file that isn't used"
-
-_NOT_A_UNIT = r"txt|local|.*\b(?:utc|gmt|iso\W*8601)\b.*|(?:[ydmo]{2,4}\W+){2}.*|h{1,2}:mm\b.*"
-"""Notes, in lower case, of a column of dates or times of day: their format, such as `hh:mm:ss.ms`, or the zone."""
 
 
 @dataclass(frozen=True)
@@ -128,14 +125,7 @@ def _unit(
     standard = next(iter(UNITS[channel]))
     given, by = units.get(channel) or "", "--unit"
     if not given:
-        given, by = split_unit(name)[1], "its name"
-        if channel == "t":
-            given = re.sub(r"^(?:epoch|unix)\W+|\W*\b(?:epoch|unix|since)\b.*", "", given, flags=re.IGNORECASE)
-            given = "" if re.fullmatch(_NOT_A_UNIT, given.lower()) else given
-    if not given and channel == "t" and not re.fullmatch(_NOT_A_UNIT, name.lower()):
-        suffix = re.search(TIME_UNITS, word := plain(name))
-        word = suffix[1] if suffix else word.removesuffix("_elapsed")
-        given = "" if unit_factor("t", word) is None else word
+        given, by = time_unit(name) if channel == "t" else split_unit(name)[1], "its name"
     if not given and channel != "t":
         given, by = beside.get(CHANNEL_OF[ours], ""), "another axis's name"
     if not given and program is not None and channel in program.units:

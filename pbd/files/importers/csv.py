@@ -21,10 +21,11 @@ from pbd.data.source_columns import CHANNELS, DATES, Column, SourceColumns
 from pbd.data.streams import Stream, joined
 from pbd.errors import RecordingError, listed, warn
 from pbd.files.importers import XIO_FILE, check_rate
-from pbd.files.importers.clock_columns import best_clock, dated_column, refuse_backwards, unwrapped, with_nanoseconds
+from pbd.files.importers.clock_columns import best_clock, dated_column, refuse_backwards, unwrapped, without_thousands
 from pbd.files.importers.columns import PROGRAMS, UNUSED, understand
-from pbd.files.importers.header_names import is_time, is_time_step, nanoseconds_of, our_name, own_times_of, plain
+from pbd.files.importers.header_names import is_time, is_time_step, our_name, own_times_of, plain
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
+from pbd.files.importers.split_seconds import with_parts, with_unread_part
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
 from pbd.io.numbers import is_stamp
 from pbd.pose import Array
@@ -66,6 +67,7 @@ def read_csv(
     if rate_hz is not None:
         check_rate(path, rate_hz, "the rate is")
         units = {"t": "s", **units}  # of times that are not read
+    sheet = without_thousands(sheet, units)
     if (top := sheet.body[:TOP].rpartition("\n")[0]) and '"' not in top:
         replace(sheet, body=top).read(())  # refuses rows that are wider than the header before names are asked for
     _refuse_several_devices(sheet)
@@ -101,15 +103,13 @@ def read_csv(
     clocks = [column.name for column in found.of("t")]
     if timed and "t" not in columns:
         clocks = [name for name in sheet.header if is_time(name)]
-    parts = {name: part for name in clocks if (part := nanoseconds_of(name, sheet.header))}
-    clocks = [name for name in clocks if name not in parts.values()]
     own = {channel: name for channel in ("gyr", "mag") for name in sheet.header if own_times_of(name) == channel[0]}
     own = {channel: name for channel, name in own.items() if timed and found.of(channel)}
     stamped = [*clocks, *own.values()]
-    table = sheet.read([*(column.name for column in found.columns), *stamped, *parts.values()], times=stamped)
-    table = with_nanoseconds(table, parts)
+    table = sheet.read([*(column.name for column in found.columns), *stamped], times=stamped)
     if timed:
-        best = best_clock(path, table, clocks)
+        table, parts = with_parts(sheet, table, () if in_steps else clocks, units)
+        best = best_clock(path, table, [name for name in clocks if name not in parts.values()])
         if best != found.of("t")[0].name:
             found = understand(sheet, {**columns, "t": best}, units)
             found = found.with_column(best, named_by="the best of several times")
@@ -118,6 +118,8 @@ def read_csv(
                 what = f"the column '{best}' has dates or times of day, whose unit is known; leave --unit t out"
                 raise RecordingError.at(path, what)
             found = found.with_column(best, unit="s", unit_by=DATES)  # whatever its name says
+        if not in_steps and best not in parts:
+            table, parts = with_unread_part(sheet, table, best, found.unread, units)
         if best in parts:
             found = found.with_unread({parts[best]: f"read with {best}"})
         if own_times_of(best) != "a":

@@ -9,7 +9,6 @@ published readers, examples and files that were used. German names are plain tra
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 
 from pbd.data.imu_columns import ATTITUDE
 from pbd.data.units import unit_factor
@@ -40,8 +39,8 @@ _AXES = (
 """Patterns of an axis: `acc_x`; `acc_x_1`, `acc_x_l` (a device, a side, one of two joined tables); `x_acc`."""
 
 _TIME = (
-    r"t|ts|seconds|secs?|ms|us|时间|zeit|zeitstempel|(?:seconds_|time_)?elapsed|elapsed_?time|"
-    r"millis|micros|date_?time|time_?since_?start|time_?start_?up|time(?:_?stamp)?_(?:\d|[a-dlrxy])|"
+    r"t|ts|时间|(?:uhr)?zeit|zeitstempel|(?:seconds_|time_)?elapsed|elapsed_?time|"
+    r"date_?time|time_?since_?start|time_?start_?up|time(?:_?stamp)?_(?:\d|[a-dlrxy])|"
     r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|gpst|(?:gps_)?tow|"
     r"(?:(?:system|unix|unit|logging|server|host|pc|mac|phone|device|sensor|imu|received|arrival|local)_?)?time(?:_?stamp)?"
 )
@@ -50,8 +49,12 @@ _DEVICE_TIME = (
     r"(?:device|sensor|imu|mcu|board|arduino|esp\d*)_(?:time(?:_?stamp)?_)?(?:ms|us)"
 )
 _TIME_STEP = r"d_?t|delta_?t(?:ime)?|time_?(?:delta|diff(?:erence)?|step)|(?:sample_|sampling_)(?:interval|period|time)"
-TIME_UNITS = r"_((?:n|u|m|nano|micro|milli)?s(?:ecs?|econds?)?|min)$"
+_SECONDS = r"(?:n|u|m|nano|micro|milli)?s(?:ecs?|econds?)?"
+_TIME_UNITS = rf"_({_SECONDS}|min)$"
 """A unit of time at the end of a name, as in `timestamp_us`."""
+
+_NOT_A_UNIT = r"txt|local|.*\b(?:utc|gmt|iso\W*8601)\b.*|(?:[ydmo]{2,4}\W+){2}.*|h{1,2}:mm\b.*"
+"""Notes, in lower case, of a column of dates or times of day: their format, such as `hh:mm:ss.ms`, or the zone."""
 
 _TEMPERATURES = r"[°º℃℉]\s?[cfk]?|deg\w*[\s_]?[cfk]?|[cfk]|celsius|kelvin"
 """Units of temperatures, in lower case."""
@@ -73,11 +76,12 @@ _NEVER_READ = (
         "an attitude that isn't used",
     ),
     (r"d[qv]|i[qv]", "increments between samples"),
+    (r"(?:.*_)?dat(?:e|um)(?:_.*)?", "the date"),
 )
-"""Patterns of axis columns that aren't read, and why."""
+"""Patterns of columns that aren't read, and why."""
 
 _DERIVED = (
-    r"(?:.*_)?(?:time|time_?stamp|date|temp|temperature|norm|abs\w*|magnitude|total|resultant|bias|range|scale|fs|sens\w*|"
+    r"(?:.*_)?(?:time|time_?stamp|temp|temperature|norm|abs\w*|magnitude|total|resultant|bias|range|scale|fs|sens\w*|"
     r"offset|status|state|valid|ok|error|clip\w*|accuracy|count\w*|samples|num\w*|seq|id|name|unit|version|calibration|"
     r"std\w*|var\w*|cov\w*|rms|mean|avg|max|min|heading|declination|inclination|dip)(?:_?\d+|_.*)?"
 )
@@ -122,19 +126,29 @@ def is_time(name: str) -> bool:
     if re.fullmatch(_TEMPERATURES, split_unit(name)[1].lower()):
         return False
     word = plain(name)
-    words = (word, re.sub(TIME_UNITS, "", word))
-    return any(re.fullmatch(f"{_TIME}|{_DEVICE_TIME}", each) for each in words) or own_times_of(name) == "a"
+    words = (word, re.sub(_TIME_UNITS, "", word))
+    return any(re.fullmatch(f"{_TIME}|{_DEVICE_TIME}|{_SECONDS}", each) for each in words) or own_times_of(name) == "a"
+
+
+def time_unit(name: str) -> str:
+    """Return the unit that the name of a column of times tells, as `time_ms`, `Time (ms)` and `millis` do; "": none."""
+    given = re.sub(r"^(?:epoch|unix)\W+|\W*\b(?:epoch|unix|since)\b.*", "", split_unit(name)[1], flags=re.IGNORECASE)
+    if given and not re.fullmatch(_NOT_A_UNIT, given.lower()):
+        return given
+    suffix = re.search(_TIME_UNITS, word := plain(name))
+    word = suffix[1] if suffix else word.removesuffix("_elapsed")
+    return "" if re.fullmatch(_NOT_A_UNIT, name.lower()) or unit_factor("t", word) is None else word
 
 
 def is_time_step(name: str) -> bool:
     """Whether a column contains the time since the row before."""
     word = plain(name)
-    return re.fullmatch(_TIME_STEP, re.sub(TIME_UNITS, "", word)) is not None
+    return re.fullmatch(_TIME_STEP, re.sub(_TIME_UNITS, "", word)) is not None
 
 
 def own_times_of(name: str) -> str:
     """Return g, a or m if a column contains that sensor's own times, as `Gyro_TimeStamp` or `time_acc`, else ""."""
-    word = re.sub(TIME_UNITS, "", plain(name))
+    word = re.sub(_TIME_UNITS, "", plain(name))
     for sensor, time in (word.partition("_")[::2], word.rpartition("_")[::-2]):
         if re.fullmatch(_TIME, time):
             return looks_inertial(sensor)
@@ -144,13 +158,6 @@ def own_times_of(name: str) -> str:
 def is_device_time(name: str) -> bool:
     """Whether a column contains times of the device's own clock."""
     return re.fullmatch(_DEVICE_TIME, plain(name)) is not None
-
-
-def nanoseconds_of(seconds: str, header: Sequence[str]) -> str:
-    """Return the column that holds the nanoseconds beside those of whole seconds, as ROS writes stamps; "": none."""
-    whole = re.fullmatch(r"(.*?)(?:sec(?:ond)?s?|s)", plain(seconds))
-    part = rf"{re.escape(whole[1])}n(?:ano)?s(?:ec(?:ond)?s?)?" if whole else ""
-    return next((name for name in header if whole and re.fullmatch(part, plain(name))), "")
 
 
 def our_name(name: str) -> tuple[str, str, str] | None:
