@@ -86,8 +86,20 @@ def with_delimiters(text: str) -> str:
     return re.sub(r" *\| *" if "|" in rows else " +", "\t", re.sub(r"(?m)^ +| +$|(?<=#) +", "", text))
 
 
+def without_thousands(body: str, delimiter: str) -> str:
+    """Remove points between thousands, as in `1.250`, from rows with decimal commas.
+
+    If any point can only be a decimal mark, as in `0.010`, all are.
+    """
+    begin, end = rf"(?<![^{delimiter}\n\"]) *[-+]?", rf" *(?![^{delimiter}\n\"])"
+    decimal_point = rf"{begin}(?![1-9]\d?\d?\.\d{{3}}{end})\d*\.\d*(?:[eE][-+]?\d+)?{end}"
+    if delimiter == "," or re.search(decimal_point, body) or not re.search(rf"{begin}\d*,\d+{end}", body):
+        return body
+    return re.sub(rf"{begin}[1-9]\d?\d?(?:\.\d{{3}})+(?:,\d+)?{end}", lambda cell: cell[0].replace(".", ""), body)
+
+
 def without_cut_row(path: Path, body: str, cells: int, delimiter: str) -> str:
-    """Leave out a last row that was not written to its end, as by a logger that lost its power. Warns of it."""
+    """Leave out a last row without a line end and with fewer cells, as a lost power leaves it. Warns of it."""
     body = body.rstrip("\0")
     rows, _, last = body.rpartition("\n")
     if (
@@ -98,7 +110,7 @@ def without_cut_row(path: Path, body: str, cells: int, delimiter: str) -> str:
         or last[0] not in "0123456789-+."
     ):
         return body
-    warn(f"{path}: the last row is cut off, and left out")
+    warn(f"{path}: the last row is cut off, and left out: it has no line end")
     return rows
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from pbd.data.frozen_arrays import freeze_arrays
 from pbd.data.world import REACH_M
 from pbd.errors import CalibrationError, listed, printable
+from pbd.files.header_line import without_thousands
 from pbd.files.table import open_sheet
 from pbd.pose import Array
 
@@ -29,24 +31,28 @@ class Points:
 
 
 def read_points(path: Path, unit: str | None = None) -> Points:
-    """Read a CSV file with the columns x_m, y_m, z_m (or _cm, _mm), or x, y, z in a `unit`, and optionally name.
+    """Read a table with the columns x_m, y_m, z_m (or `x (mm)` and its like), or x, y, z in a `unit`.
+
+    The points' names are in the column `name`, or in the first if it is no coordinate.
 
     Raises:
         CalibrationError: the file can't be read, a column or a unit is missing, or a cell is not a number.
     """
-    sheet = open_sheet(path, error=CalibrationError)
-    sheet = replace(sheet, header=tuple(name.lower() for name in sheet.header), complete=True)
-    named = next((u for u in UNITS if all(f"{axis}_{u}" in sheet.header for axis in "xyz")), None)
-    plain = all(axis in sheet.header for axis in "xyz")
+    sheet = open_sheet(path, foreign=True, error=CalibrationError)
+    sheet = replace(sheet, body=without_thousands(sheet.body, sheet.delimiter), complete=True)
+    column = {re.sub(r"\W+(?:in\W+)?", "_", name.lower()).strip("_"): name for name in sheet.header}
+    named = next((u for u in UNITS if all(f"{axis}_{u}" in column for axis in "xyz")), None)
+    plain = all(axis in column for axis in "xyz")
     if named is None and plain and unit is None:
         wanted = "name the columns x_m,y_m,z_m (or _cm, _mm), or give --unit"
         raise CalibrationError.at(path, f"the unit of x, y, z is not known; {wanted}")
     if named is None and not plain:
         wanted = "they must be x_m, y_m and z_m (or _cm, _mm), and perhaps name"
         raise CalibrationError.at(path, f"the columns are {listed(sheet.header)}; {wanted}")
-    columns = [f"{axis}_{named}" if named else axis for axis in "xyz"]
+    columns = [column[f"{axis}_{named}" if named else axis] for axis in "xyz"]
     p_base = sheet.read(columns).values * UNITS[named or unit or "m"]
-    names = sheet.words("name") if "name" in sheet.header else [f"{k}" for k in range(1, len(p_base) + 1)]
+    of_names = column.get("name", sheet.header[0])
+    names = [f"{k}" for k in range(1, len(p_base) + 1)] if of_names in columns else sheet.words(of_names)
     for name, point in zip(names, p_base, strict=True):
         if not (far := np.abs(point).max()) <= REACH_M:
             what = f"is {far:.0f} m from the robot's base; is the unit right? name the columns x_mm,y_mm,z_mm"

@@ -263,12 +263,13 @@ def open_sheet(
     header = cells_of(first, delimiter)
     for line in lines[above + 1 : above + 1 + skipped]:
         header = with_line_below(header, cells_of(line, delimiter))
-    if foreign and (what := without_names(path, header, in_file, above)):
+    recording = error is RecordingError
+    if foreign and recording and (what := without_names(path, header, in_file, above)):
         raise error.at(path, what, above + 1)
     if not header[-1]:
         header.pop()
-    if foreign:
-        body = without_cut_row(path, body, len(header), delimiter)
+    if recording:  # each line of our own has an end
+        body = without_cut_row(path, body, len(header) + (not foreign), delimiter)
     first_row, preamble = above + 2 + skipped, "\n".join(lines[:above])
     return Sheet(path, tuple(header), body, delimiter, first_row, foreign, error, preamble=preamble)
 

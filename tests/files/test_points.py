@@ -27,12 +27,24 @@ def write(folder: Path, text: str) -> Path:
         ("z_mm;y_mm;x_mm;name\n# the corner\n0;-200;300;A\n\n20;100;500;B\n", None),
         ("\ufeffname\tX_cm\tY_cm\tZ_cm\nA\t30\t-20\t0\nB\t50\t10\t2\n", None),
         ("name,x,y,z\nA,300,-200,0\nB,500,100,20\n", "mm"),
+        ("Punkt;x (mm);y (mm);z (mm)\nA;300,0;-200,0;0\nB;500;100;20,0\n", None),
+        ("Ecke;X [cm];Y [cm];Z [cm];Bemerkung\nA;30,0;-20;0;links\nB;50;10;2;\n", None),
+        ("Teil 7, gemessen am 3.11.\n\nNr.\tx/mm\ty/mm\tz/mm\nA\t300,0\t-200\t0\nB\t500\t100\t20\n", None),
+        ("Punkt;x in m;y in m;z in m\nA;0,3;-0,2;0\nB;0,5;0,1;0,02\n", None),
+        ("P;x;y;z\n;(mm);(mm);(mm)\nA;300,0;-200,0;0\nB;500;100;20,0\n", None),
     ],
 )
 def test_units_become_metres(tmp_path: Path, text: str, unit: str | None) -> None:
     points = read_points(write(tmp_path, text), unit)
     assert points.names == ("A", "B")
     assert_allclose(points.p_base, [[0.3, -0.2, 0.0], [0.5, 0.1, 0.02]])
+
+
+def test_points_between_thousands_are_no_decimal_marks(tmp_path: Path) -> None:
+    points = read_points(write(tmp_path, "Punkt;x (mm);y (mm);z (mm)\nA;1.250;-200,5;0\nB;1.000,5;100;20\n"))
+    assert_allclose(points.p_base, [[1.25, -0.2005, 0.0], [1.0005, 0.1, 0.02]])
+    points = read_points(write(tmp_path, "Punkt;x (mm);y (mm);z (mm)\nA;1.250;-200.5;0\nB;1000.5;100;20\n"))
+    assert_allclose(points.p_base, [[0.00125, -0.2005, 0.0], [1.0005, 0.1, 0.02]])
 
 
 def test_points_without_names_are_numbered(tmp_path: Path) -> None:
@@ -47,6 +59,10 @@ def test_points_without_names_are_numbered(tmp_path: Path) -> None:
         ("x,y,z\n0,0,0\n", ": the unit of x, y, z is not known; name the columns x_m,y_m,z_m"),
         ("x_in,y_in,z_in\n0,0,0\n", ": the columns are x_in, y_in, z_in; they must be x_m, y_m and z_m"),
         ("x_m,y_m,z_mm\n0,0,0\n", ": the columns are x_m, y_m, z_mm; they must be"),
+        ("0.1,0.2,0.3\n0,0,0\n", ": the columns are 0.1, 0.2, 0.3; they must be x_m, y_m and z_m"),
+        ("Punkt;x (mm);y (cm);z (mm)\nA;0,5;0;0\n", ": the columns are Punkt, x (mm), y (cm), z (mm); they must be"),
+        ("Punkt;x (mm);y (mm);z (mm)\nA;0,5;0;0\nB;1;1", ":3: 3 cells where the header has 4; correct or remove"),
+        ("x_mm,y_mm,z_mm\n0,0,0\n1,1", ":3: 2 cells where the header has 3; correct or remove the line"),
         ("x_m,y_m,z_m\n0,0\n", ":2: 2 cells where the header has 3; correct or remove the line"),
         ("x_m,y_m,z_m\n0,left,0\n", ":2: 'left' in column 'y_m' is not a number; correct the cell"),
         ("x_m,y_m,z_m\n0,0,0\n0,,0\n", ":3: '' in column 'y_m' is not a number; correct the cell"),

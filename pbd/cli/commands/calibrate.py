@@ -63,7 +63,7 @@ def points(parser: ArgumentParser) -> None:
     """Where the hand's frame (nav) lies in the robot's base, from known points that the hand touched.
 
     Find how a demonstration lies in the robot's base from three or more known points that its stops touched.
-    FILE is a CSV with the header name,x_m,y_m,z_m (or _cm, _mm) and one row per point.
+    FILE is a CSV with the header name,x_m,y_m,z_m (or _cm, _mm; Excel's `x (mm)` too) and one row per point.
 
       pbd calibrate points bench touches --points corners.csv
       pbd calibrate points bench touches --points corners.csv --any-order

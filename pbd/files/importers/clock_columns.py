@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from pbd.data.source_columns import SourceColumns
-from pbd.data.units import unit_factor
 from pbd.errors import RecordingError, listed
-from pbd.files.importers.header_names import is_device_time, plain, split_unit, time_unit
+from pbd.files.importers.header_names import is_device_time, plain, split_unit
 from pbd.files.table import Sheet, Table
 from pbd.io.numbers import DAY_S, HOUR_S, date_order, is_stamp, seconds
 from pbd.pose import Array
@@ -31,22 +27,6 @@ def dated_column(sheet: Sheet) -> str:
             if len(cells) == 2 and all(map(is_stamp, cells)) and seconds(cells[0], order) < seconds(cells[1], order):
                 return name
     return ""
-
-
-def without_thousands(sheet: Sheet, units: Mapping[str, str]) -> Sheet:
-    """Remove points between thousands, as in `100.010` ms, if a time is in ms, us or ns and decimal marks are commas.
-
-    If any point can only be a decimal mark, as in `0.010`, all are.
-    """
-    given = (units.get("t") or time_unit(name) for name in sheet.header)
-    if sheet.delimiter == "," or not any((unit_factor("t", unit) or 1.0) < 1.0 for unit in given):
-        return sheet
-    begin, end = rf"(?<![^{sheet.delimiter}\n\"]) *[-+]?", rf" *(?![^{sheet.delimiter}\n\"])"
-    decimal_point = rf"{begin}(?![1-9]\d?\d?\.\d{{3}}{end})\d*\.\d*(?:[eE][-+]?\d+)?{end}"
-    if re.search(decimal_point, sheet.body) or not re.search(rf"{begin}\d*,\d+{end}", sheet.body):
-        return sheet
-    thousands = rf"{begin}[1-9]\d?\d?(?:\.\d{{3}})+(?:,\d+)?{end}"
-    return replace(sheet, body=re.sub(thousands, lambda cell: cell[0].replace(".", ""), sheet.body))
 
 
 def best_clock(path: Path, table: Table, clocks: list[str]) -> str:

@@ -19,11 +19,13 @@ from pbd.data.imu_columns import ACC, device_rpy
 from pbd.data.one_line_repr import counted
 from pbd.data.source_columns import CHANNELS, DATES, Column, SourceColumns
 from pbd.data.streams import Stream, joined
+from pbd.data.units import unit_factor
 from pbd.errors import RecordingError, listed, warn
+from pbd.files.header_line import without_thousands
 from pbd.files.importers import XIO_FILE, check_rate
-from pbd.files.importers.clock_columns import best_clock, dated_column, refuse_backwards, unwrapped, without_thousands
+from pbd.files.importers.clock_columns import best_clock, dated_column, refuse_backwards, unwrapped
 from pbd.files.importers.columns import PROGRAMS, UNUSED, understand
-from pbd.files.importers.header_names import is_time, is_time_step, our_name, own_times_of, plain
+from pbd.files.importers.header_names import is_time, is_time_step, our_name, own_times_of, plain, time_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.importers.split_seconds import with_parts, with_unread_part
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
@@ -67,7 +69,8 @@ def read_csv(
     if rate_hz is not None:
         check_rate(path, rate_hz, "the rate is")
         units = {"t": "s", **units}  # of times that are not read
-    sheet = without_thousands(sheet, units)
+    if any((unit_factor("t", units.get("t") or time_unit(name)) or 1.0) < 1.0 for name in sheet.header):
+        sheet = replace(sheet, body=without_thousands(sheet.body, sheet.delimiter))  # `100.010` may be ms, not s
     if (top := sheet.body[:TOP].rpartition("\n")[0]) and '"' not in top:
         replace(sheet, body=top).read(())  # refuses rows that are wider than the header before names are asked for
     _refuse_several_devices(sheet)
