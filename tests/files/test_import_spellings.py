@@ -15,7 +15,7 @@ from pbd.data import Recording
 from pbd.data.units import unit_factor
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files.importers import import_file
-from pbd.files.importers.header_names import is_time, our_name, why_never_read
+from pbd.files.importers.header_names import is_time, our_name, split_unit, why_never_read
 from pbd.tracking.repair.clock import with_clock
 
 DEG = np.pi / 180.0
@@ -114,6 +114,8 @@ def test_merged_cells_name_the_axes_below_them(tmp_path: Path, header: str) -> N
         "Time,M.xacc,M.yacc,M.zacc,M.xgyro,M.ygyro,M.zgyro",  # QGroundControl
         "Time,accelerometer_m_s2[0],accelerometer_m_s2[1],accelerometer_m_s2[2],gyro_rad[0],gyro_rad[1],gyro_rad[2]",
         "Time / s,AccX / m/s²,AccY / m/s²,AccZ / m/s²,GyrX / rad/s,GyrY / rad/s,GyrZ / rad/s",
+        "t/s,a_x/m/s²,a_y/m/s²,a_z/m/s²,w_x/rad/s,w_y/rad/s,w_z/rad/s",  # DIN 1313
+        "Zeit/s,Acc X/m·s⁻²,Acc Y/m·s⁻²,Acc Z/m·s⁻²,ω_x/rad·s⁻¹,ω_y/rad·s⁻¹,ω_z/rad·s⁻¹",
         "Time in s,Acc X in m/s²,Acc Y in m/s²,Acc Z in m/s²,Gyro X in rad/s,Gyro Y in rad/s,Gyro Z in rad/s",
         "Timestamp,Accel_X_m_s2,Accel_Y_m_s2,Accel_Z_m_s2,Gyro_X_rad_per_s,Gyro_Y_rad_per_s,Gyro_Z_rad_per_s",  # eSense
         "unit__timestamp[s],bmi160_a_x[m/s2],bmi160_a_y[m/s2],bmi160_a_z[m/s2],bmi160_g_x,bmi160_g_y,bmi160_g_z",
@@ -121,6 +123,16 @@ def test_merged_cells_name_the_axes_below_them(tmp_path: Path, header: str) -> N
 )
 def test_names_of_axes(tmp_path: Path, header: str) -> None:
     assert_read(read(tmp_path, table(header)))
+
+
+def test_a_unit_after_a_slash_is_known(tmp_path: Path) -> None:
+    got = read(tmp_path, table("t/µs,a_x/g,a_y/g,a_z/g,w_x/dps,w_y/°/s,w_z/deg/s", (0, 10000)))
+    assert got.gyr is not None
+    assert_allclose((got.t[-1], *got.acc[0]), (0.01, *(9.80665 * np.array(ACC))))
+    assert_allclose(got.gyr[0], DEG * np.array(GYR))
+    for name in ("imu/acc_x", "imu/ms", "sensor/x", "a/b", "T/°C", "km/h"):
+        assert split_unit(name) == (name, "")
+    assert split_unit("gx_deg/s") == ("gx", "deg/s")
 
 
 def test_of_several_devices_the_first_with_both_sensors_is_read(tmp_path: Path) -> None:

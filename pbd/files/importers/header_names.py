@@ -107,8 +107,8 @@ def plain(name: str) -> str:
 def split_unit(name: str) -> tuple[str, str]:
     """Split off the unit, "" if there is none: `Gyroscope X (deg/s)` -> `Gyroscope X`, `deg/s`.
 
-    It may follow ` / `, ` in `, a comma or an axis too (`accel_x_mps2`). An index is an axis: `gyro_rad[0]` ->
-    `gyro_rad_x`.
+    It may follow ` / `, ` in `, a comma or an axis too (`accel_x_mps2`), and a slash if it is known (`a_x/g`). An index
+    is an axis: `gyro_rad[0]` -> `gyro_rad_x`.
     """
     name = re.sub(r"\[([012])\]$", lambda index: "_" + "xyz"[int(index[1])], name.strip())
     if separated := re.fullmatch(r"(.*\w)(?: (?:/|in) |, ?)(?![xyzXYZ]$)(\S*)", name):
@@ -116,8 +116,12 @@ def split_unit(name: str) -> tuple[str, str]:
     opening = max(name.rfind(" ("), name.rfind("[")) if name.endswith("))") else max(name.rfind("("), name.rfind("["))
     if opening < 0 or not name.endswith((")", "]")):
         suffix = re.fullmatch(r"(.+[xyzXYZ])_([a-zA-Z].*)", name)
-        known = suffix and any(unit_factor(quantity, suffix[2]) for quantity in ("acc", "gyr", "mag", "angle"))
-        return (suffix[1], suffix[2]) if suffix and known else (name, "")
+        slashed = re.fullmatch(r"([^/]+)/(.+)", name)
+        of_time = ("t",) if slashed and re.fullmatch(_TIME, slashed[1].lower()) else ()
+        for match in filter(None, (suffix, slashed)):
+            if any(unit_factor(quantity, match[2]) for quantity in ("acc", "gyr", "mag", "angle", *of_time)):
+                return match[1], match[2]
+        return name, ""
     return name[:opening].rstrip(), name[opening:].strip()[1:-1].strip()
 
 
