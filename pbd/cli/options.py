@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 from collections.abc import Callable, Container, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from inspect import cleandoc
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
-from pbd.errors import listed, nearest
-from pbd.files.find_by_name import names
 from pbd.io import numbers
 
 if TYPE_CHECKING:
-    from _typeshed import SupportsWrite
-
     from pbd.view.units import Units
 
 DRIVEN = ("so100", "so101")
@@ -26,31 +21,6 @@ DRIVEN = ("so100", "so101")
 _LENGTHS, _ANGLES, _TIMES = "m, cm or mm", "deg or rad", "s or ms"
 CHOICES = {"m": _LENGTHS, "cm": _LENGTHS, "mm": _LENGTHS, "deg": _ANGLES, "rad": _ANGLES, "s": _TIMES, "ms": _TIMES}
 """Default unit -> the units to choose from, as the help lists them."""
-
-
-class Parser(argparse.ArgumentParser):
-    """An argparse parser whose errors are one line that says where the help is."""
-
-    def error(self, message: str) -> NoReturn:
-        """Leave with exit code 2. If --robot is missing, the message names the robots."""
-        if "required: " in message and "--robot" in message:
-            robots = DRIVEN if self.prog == "pbd run" else names("robots")
-            message = f"{message} (one of {listed(robots)}, or a file)"
-        self.exit(2, f"{self.prog}: {message}{'' if message.endswith('?') else ';'} see {self.prog} --help\n")
-
-    def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
-        """Print help and version; an output that can't be written is an error here, and is ignored by argparse."""
-        if file is not None and file is sys.stdout:
-            file.write(message)
-        else:
-            super()._print_message(message, file)
-
-    def _check_value(self, action: argparse.Action, value: Any) -> None:
-        if action.choices is not None and value not in action.choices:
-            known = [str(choice) for choice in action.choices]
-            raise argparse.ArgumentError(
-                action, f"unknown value '{value}'; choose one of {', '.join(known)}{nearest(str(value), known)}"
-            )
 
 
 class HelpFormatter(argparse.RawDescriptionHelpFormatter):

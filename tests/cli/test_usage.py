@@ -145,3 +145,25 @@ def test_warnings_of_other_packages_are_not_ours() -> None:
 
 def test_the_packages_names_are_listed_before_they_are_loaded() -> None:
     assert set(pbd.__all__) <= set(dir(pbd))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("import -run.csv tea", "pbd import: -run.csv begins like an option; if it is a file, write ./-run.csv; see"),
+        ("keyframes -run.csv", "pbd keyframes: -run.csv begins like an option; if it is a file, write ./-run.csv; see"),
+        ("calibrate points b tea --points -p.csv", "pbd calibrate points: -p.csv begins like an option; if it is a"),
+        ("-run.csv", "pbd: -run.csv begins like an option; if it is a file, write ./-run.csv; see pbd --help"),
+        ("import run.csv -tea", "pbd import: unknown option -tea; see pbd import --help"),
+        ("import --unt run.csv", "pbd import: unknown option --unt; did you mean --unit? see pbd import --help"),
+        ("fuse a b -oc -z", "pbd fuse: unknown option -z; see pbd fuse --help"),
+        ("replay -- -run.csv", "pbd replay: the following arguments are required: --robot (one of"),
+        ("replya pouring --robot panda", "pbd: argument COMMAND: unknown value 'replya'; choose one of"),
+        ("touch pouring 3 --by -0.1 a 0", "pbd touch: argument --by: must be a number, got 'a'; see"),
+        ("segments a b", "pbd segments: unexpected argument 'b'; see pbd segments --help"),
+    ],
+)
+def test_an_unknown_option_is_named_before_what_it_seems_to_lack(capsys: Capture, words: str, said: str) -> None:
+    code, err = told(capsys, *words.split())
+    assert code == 2
+    assert err.startswith(said)

@@ -10,8 +10,8 @@ from pbd import __version__
 from pbd.cli.commands import demonstrations, robots, tracking
 from pbd.cli.commands.calibrate import calibrate
 from pbd.cli.commands.completion import SHELLS, PrintCompletion
-from pbd.cli.options import HelpFormatter, Parser, add_commands
-from pbd.errors import nearest
+from pbd.cli.commands.one_line_errors import Parser
+from pbd.cli.options import HelpFormatter, add_commands
 
 EPILOG = """\
 a first look:
@@ -54,9 +54,5 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     args, unknown = top.parse_known_args(argv)
     if unknown:
         command: argparse.ArgumentParser = getattr(args, "parser", top)
-        word = unknown[0].partition("=")[0]
-        if not word.startswith("-"):
-            command.error(f"unexpected argument '{word}'")
-        options = [option for action in command._actions for option in action.option_strings]
-        command.error(f"unknown option {word}{nearest(word, options)}")
+        command.error(f"unexpected argument '{unknown[0]}'")
     return args
