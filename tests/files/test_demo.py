@@ -137,6 +137,19 @@ def still(n: int = 3, **info: Any) -> Demonstration:
     return Demonstration(recording)
 
 
+def test_a_lost_power_costs_the_last_line_alone(tmp_path: Path) -> None:
+    write_demo(simulate("pick-and-place-stops"), tmp_path / "tea")
+    whole, imu = read_demo(tmp_path / "tea").recording, tmp_path / "tea" / "imu.csv"
+    for lost in (1, 3, 40):
+        imu.write_bytes(imu.read_bytes()[:-lost] if lost > 1 else imu.read_bytes().rstrip())
+        with pytest.warns(PbdWarning, match=r"imu\.csv: the last row is cut off, and left out"):
+            kept = read_demo(tmp_path / "tea").recording
+        assert_allclose(kept.acc, whole.acc[:-1])
+    imu.write_text(imu.read_text().rpartition("\n")[0] + "\n0.1,2\n")
+    with pytest.raises(RecordingError, match="2 cells where the header has"):
+        read_demo(tmp_path / "tea")
+
+
 def test_the_folder_names_the_demonstration_and_the_rate_is_measured(tmp_path: Path) -> None:
     write_demo(still(name="run7"), tmp_path / "tea")
     info = read_demo(tmp_path / "tea").recording.info

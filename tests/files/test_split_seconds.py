@@ -81,7 +81,13 @@ def test_milliseconds_since_the_start_are_a_clock_of_their_own(tmp_path: Path, n
 
 @pytest.mark.parametrize(
     ("name", "cell"),
-    [("latency_ms", lambda ms: ms * 7919 % 997), ("note_ms", lambda _: "ok"), ("ms", lambda _: 10), ("n", lambda _: 7)],
+    [
+        ("latency_ms", lambda ms: ms * 7919 % 997),
+        ("load", lambda ms: "inf" if ms % 3 else 1),
+        ("note_ms", lambda _: "ok"),
+        ("ms", lambda _: 10),
+        ("n", lambda _: 7),
+    ],
 )
 def test_a_column_that_is_no_part_is_not_added(tmp_path: Path, name: str, cell: Callable[[int], object]) -> None:
     t, _ = read(tmp_path, f"Time,{name}", lambda ms: f"{of_day(ms)},{cell(ms)}")
@@ -94,20 +100,26 @@ def test_a_time_with_a_fraction_needs_no_part(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "cell", "said"),
+    ("name", "cell", "line", "said"),
     [
-        ("ms", lambda ms: (ms + 100) % 1000, "does not start anew where the seconds step; correct or remove it; if it"),
-        ("ms", lambda ms: 9 + ms // 10 % 3, "is the time since the row before, import it with --column dt=ms"),
-        ("part", lambda ms: ms % 1000, "its unit is not known; if it is ms, call it 'part_ms'"),
-        ("part", lambda ms: ms % 1000 * 1000, "its unit is not known; if it is us, call it 'part_us'"),
-        ("part", lambda ms: ms % 1000 / 1000, "its unit is not known; if it is s, call it 'part_s'"),
+        (
+            "ms",
+            lambda ms: (ms + 100) % 1000,
+            49,
+            "falls to 7 within one; correct or remove it; if it is the time since",
+        ),
+        ("ms", lambda ms: 9 + ms // 10 % 3, 4, "if it is the time since the row before, import it with --column dt=ms"),
+        ("part", lambda ms: ms % 1000, None, "its unit is not known; if it is ms, call it 'part_ms'"),
+        ("part", lambda ms: ms % 1000 * 1000, None, "its unit is not known; if it is us, call it 'part_us'"),
+        ("part", lambda ms: ms % 1000 / 1000, None, "its unit is not known; if it is s, call it 'part_s'"),
     ],
 )
 def test_what_may_be_a_part_is_not_left_out_silently(
-    tmp_path: Path, name: str, cell: Callable[[int], float], said: str
+    tmp_path: Path, name: str, cell: Callable[[int], float], line: int | None, said: str
 ) -> None:
     looks = f"the times in column 'Time' are whole seconds; the column '{name}' looks like the part of a second, but "
     with pytest.raises(RecordingError) as refused:
         read(tmp_path, f"Time,{name}", lambda ms: f"{of_day(ms)},{cell(ms)}")
     assert looks in refused.value.message
     assert said in refused.value.message
+    assert refused.value.fields.get("line") == line

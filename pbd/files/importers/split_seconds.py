@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Collection, Mapping
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -21,71 +20,72 @@ from pbd.io.numbers import is_stamp
 from pbd.pose import Array
 
 
+@np.errstate(invalid="ignore")
 def with_parts(
     sheet: Sheet, table: Table, clocks: Collection[str], units: Mapping[str, str]
 ) -> tuple[Table, dict[str, str]]:
     """Add to each clock of whole seconds the clock that has the part of a second; return clock -> part too."""
     parts = {}
     for name in clocks:
-        if _has_whole_seconds(sheet, table, name, units):
-            for other in clocks:
-                if _is_part(part := _part(table, other)) and _starts_anew(part, table.columns(name)[:, 0]):
-                    table, parts[name] = _added(table, name, part), other
-                    break
+        whole = table.columns(name)[:, 0]
+        for other in clocks if _in_whole_seconds(sheet, name, whole, units) else ():
+            part = _seconds(other, table.columns(other)[:, 0])
+            if _is_part(part) and _starts_anew(part, whole):
+                table, parts[name] = _added(table, name, part), other
     return table, parts
 
 
+@np.errstate(invalid="ignore")
 def with_unread_part(
     sheet: Sheet, table: Table, clock: str, unread: Collection[str], units: Mapping[str, str]
 ) -> tuple[Table, dict[str, str]]:
     """Do the same for the clock that is used, with all columns that are not read.
 
     Raises:
-        RecordingError: a column looks like the part of a second, but its unit is not known, or no second fits it.
+        RecordingError: a column looks like the part of a second, but its unit is not known, or it falls within one.
     """
-    if not _has_whole_seconds(sheet, table, clock, units):
-        return table, {}
-    doubt, whole = "", table.columns(clock)[:, 0]
-    for name in dict.fromkeys(unread):
-        with suppress(RecordingError):  # a column of text
+    whole, doubts = table.columns(clock)[:, 0], []
+    for name in dict.fromkeys(unread) if _in_whole_seconds(sheet, clock, whole, units) else ():
+        try:
             values = (table if name in table.header else sheet.read([name])).columns(name)[:, 0]
-            part, steps, anew = _factor(name) * values, np.diff(values), _starts_anew(values, whole)
-            if _is_part(part) and anew:
-                return _added(table, clock, part), {clock: name}
-            looks = f"the column '{printable(name)}' looks like the part of a second, but"
-            if anew and 2 * (steps > 0.0).sum() > len(steps):
-                unit = next((unit for unit in ("s", "ms", "us") if values.max() * UNITS["t"][unit] < 1.0), "ns")
-                doubt = doubt or f"{looks} its unit is not known; if it is {unit}, call it '{printable(name)}_{unit}'"
-            elif _is_part(part) and is_time(name) and (steps < 0.0).any():
-                option = f"--column {shlex.quote(f'dt={printable(name)}')}"
-                next_step = f"correct or remove it; if it is the time since the row before, import it with {option}"
-                doubt = doubt or f"{looks} does not start anew where the seconds step; {next_step}"
-    if doubt:
-        raise RecordingError.at(sheet.path, f"the times in column '{printable(clock)}' are whole seconds; {doubt}")
+        except RecordingError:  # a column of text
+            continue
+        part = _seconds(name, values)
+        if _is_part(part) and _starts_anew(part, whole):
+            return _added(table, clock, part), {clock: name}
+        doubts += _doubt(sheet, name, values, whole)
+    if doubts:
+        what, line = doubts[0]
+        raise RecordingError.at(sheet.path, f"the times in column '{printable(clock)}' are whole seconds; {what}", line)
     return table, {}
 
 
-def _has_whole_seconds(sheet: Sheet, table: Table, name: str, units: Mapping[str, str]) -> bool:
+def _doubt(sheet: Sheet, name: str, values: Array, whole: Array) -> list[tuple[str, int | None]]:
+    """Say what is wrong with a column (n,) that looks like the part of whole seconds (n,), and in which line."""
+    steps, looks = np.diff(values), f"the column '{printable(name)}' looks like the part of a second"
+    if _starts_anew(values, whole) and 2 * (steps > 0.0).sum() > len(steps):
+        unit = next((unit for unit in ("s", "ms", "us") if np.nanmax(values) * UNITS["t"][unit] < 1.0), "ns")
+        return [(f"{looks}, but its unit is not known; if it is {unit}, call it '{printable(name)}_{unit}'", None)]
+    falls = np.flatnonzero((steps < 0.0) & (np.diff(whole) == 0.0))
+    if not (len(falls) and is_time(name) and _is_part(_seconds(name, values))):
+        return []
+    line, cell = sheet.cell(name, int(falls[0]) + 1)
+    option = f"--column {shlex.quote(f'dt={printable(name)}')}"
+    next_step = f"correct or remove it; if it is the time since the row before, import it with {option}"
+    return [(f"{looks}, but falls to {cell} within one; {next_step}", line)]
+
+
+def _in_whole_seconds(sheet: Sheet, name: str, values: Array, units: Mapping[str, str]) -> bool:
     unit = "s" if is_stamp(sheet.cell(name, 0)[1]) else units.get("t") or time_unit(name) or "s"
-    values = table.columns(name)[:, 0]
     values = values[np.isfinite(values)]
     steps = np.diff(values)
-    steps_up = steps[steps > 0.0]
-    return (
-        unit_factor("t", unit) == 1.0
-        and (values % 1.0 == 0.0).all()
-        and bool(len(steps_up))
-        and np.median(steps_up) == 1.0
-    )
+    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    return unit_factor("t", unit) == usual == 1.0 and not (values % 1.0).any()
 
 
-def _part(table: Table, name: str) -> Array:
-    return _factor(name) * table.columns(name)[:, 0]
-
-
-def _factor(name: str) -> float:
-    """Return the factor to s of the unit that a column's name tells; NaN: none."""
-    return unit_factor("t", time_unit(name) or "?") or float("nan")
+def _seconds(name: str, values: Array) -> Array:
+    """Values in s, by the unit that the column's name tells; NaN: it tells none."""
+    return values * (unit_factor("t", time_unit(name) or "?") or np.nan)
 
 
 def _is_part(values: Array) -> bool:
@@ -94,9 +94,9 @@ def _is_part(values: Array) -> bool:
 
 
 def _starts_anew(part: Array, whole: Array) -> bool:
-    """Whether parts (n,) rise within each of the whole seconds (n,), and drop where most of these step."""
-    steps, drops = np.diff(whole) != 0.0, np.diff(part) < 0.0
-    return not drops[~steps].any() and 2 * drops[steps].sum() > steps.sum()
+    """Whether parts (n,) never fall within a whole second (n,), and fall where most of these step."""
+    falls, steps = np.diff(part) < 0.0, np.diff(whole) != 0.0
+    return not falls[~steps].any() and 2 * int(falls[steps].sum()) > int(steps.sum())
 
 
 def _added(table: Table, name: str, part: Array) -> Table:
