@@ -109,9 +109,9 @@ def test_a_time_with_a_fraction_needs_no_part(tmp_path: Path) -> None:
             "falls to 7 within one; correct or remove it; if it is the time since",
         ),
         ("ms", lambda ms: 9 + ms // 10 % 3, 4, "if it is the time since the row before, import it with --column dt=ms"),
-        ("part", lambda ms: ms % 1000, None, "its unit is not known; if it is ms, call it 'part_ms'"),
-        ("part", lambda ms: ms % 1000 * 1000, None, "its unit is not known; if it is us, call it 'part_us'"),
-        ("part", lambda ms: ms % 1000 / 1000, None, "its unit is not known; if it is s, call it 'part_s'"),
+        ("part", lambda ms: ms % 1000, None, "its name has no unit that fits; name it with its unit, as 'part (ms)'"),
+        ("part (ms)", lambda ms: ms % 1000 * 10, None, "name it with its unit, as 'part (ms)', or remove it"),
+        ("ms", lambda ms: ms % 1000 * 10, None, "name it with its unit, as 'ms (ms)', or remove it"),
     ],
 )
 def test_what_may_be_a_part_is_not_left_out_silently(

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from pbd.data.units import UNITS, unit_factor
+from pbd.data.units import unit_factor
 from pbd.errors import RecordingError, printable
-from pbd.files.importers.header_names import is_time, time_unit
+from pbd.files.importers.header_names import is_time, split_unit, time_unit
 from pbd.files.table import Sheet, Table
 from pbd.io.numbers import is_stamp
 from pbd.pose import Array
@@ -64,8 +64,8 @@ def _doubt(sheet: Sheet, name: str, values: Array, whole: Array) -> list[tuple[s
     """Say what is wrong with a column (n,) that looks like the part of whole seconds (n,), and in which line."""
     steps, looks = np.diff(values), f"the column '{printable(name)}' looks like the part of a second"
     if _starts_anew(values, whole) and 2 * (steps > 0.0).sum() > len(steps):
-        unit = next((unit for unit in ("s", "ms", "us") if np.nanmax(values) * UNITS["t"][unit] < 1.0), "ns")
-        return [(f"{looks}, but its unit is not known; if it is {unit}, call it '{printable(name)}_{unit}'", None)]
+        next_step = f"name it with its unit, as '{printable(split_unit(name)[0])} (ms)', or remove it"
+        return [(f"{looks}, but its name has no unit that fits; {next_step}", None)]
     falls = np.flatnonzero((steps < 0.0) & (np.diff(whole) == 0.0))
     if not (len(falls) and is_time(name) and _is_part(_seconds(name, values))):
         return []
