@@ -268,8 +268,8 @@ def open_sheet(
         raise error.at(path, what, above + 1)
     if not header[-1]:
         header.pop()
-    if recording:  # each line of our own has an end
-        body = without_cut_row(path, body, len(header) + (not foreign), delimiter)
+    if recording:
+        body = without_cut_row(path, body, len(header), delimiter)
     first_row, preamble = above + 2 + skipped, "\n".join(lines[:above])
     return Sheet(path, tuple(header), body, delimiter, first_row, foreign, error, preamble=preamble)
 

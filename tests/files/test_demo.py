@@ -140,11 +140,10 @@ def still(n: int = 3, **info: Any) -> Demonstration:
 def test_a_lost_power_costs_the_last_line_alone(tmp_path: Path) -> None:
     write_demo(simulate("pick-and-place-stops"), tmp_path / "tea")
     whole, imu = read_demo(tmp_path / "tea").recording, tmp_path / "tea" / "imu.csv"
-    for lost in (1, 3, 40):
-        imu.write_bytes(imu.read_bytes()[:-lost] if lost > 1 else imu.read_bytes().rstrip())
-        with pytest.warns(PbdWarning, match=r"imu\.csv: the last row is cut off, and left out"):
-            kept = read_demo(tmp_path / "tea").recording
-        assert_allclose(kept.acc, whole.acc[:-1])
+    imu.write_bytes(imu.read_bytes()[:-40])
+    with pytest.warns(PbdWarning, match=r"imu\.csv: the last row is cut off, and left out"):
+        kept = read_demo(tmp_path / "tea").recording
+    assert_allclose(kept.acc, whole.acc[:-1])
     imu.write_text(imu.read_text().rpartition("\n")[0] + "\n0.1,2\n")
     with pytest.raises(RecordingError, match="2 cells where the header has"):
         read_demo(tmp_path / "tea")

@@ -87,6 +87,7 @@ def test_milliseconds_since_the_start_are_a_clock_of_their_own(tmp_path: Path, n
         ("note_ms", lambda _: "ok"),
         ("ms", lambda _: 10),
         ("n", lambda _: 7),
+        ("sample", lambda ms: ms % 1000 // 10),
     ],
 )
 def test_a_column_that_is_no_part_is_not_added(tmp_path: Path, name: str, cell: Callable[[int], object]) -> None:

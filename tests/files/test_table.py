@@ -21,6 +21,7 @@ def table_file(folder: Path, content: str | bytes) -> Path:
     "content",
     [
         "t,ax\n0,1.5\n0.1,-2e-3\n",
+        "t,ax\n0,1.5\n0.1,-2e-3",  # no line end at the end
         "t,ax\r\n0,1.5\r\n0.1,-2e-3\r\n",
         "\ufefft,ax\n0,1.5\n0.1,-2e-3\n",  # a byte order mark, as spreadsheets write it
         "t;ax\n0;1.5\n0.1;-2e-3\n",
@@ -36,7 +37,7 @@ def test_delimiters_line_ends_and_quotes(tmp_path: Path, content: str) -> None:
     assert_array_equal(table.columns("ax", "t"), [[1.5, 0.0], [-2e-3, 0.1]])
 
 
-@pytest.mark.parametrize("cut", ["0.2", "0.2,", "0.2,-0.0", "0", "-", "0.2,-0.002\0\0\0"])
+@pytest.mark.parametrize("cut", ["0.2", "0", "-", "0.\0\0\0"])
 def test_a_last_row_that_a_lost_power_cut_off_is_left_out(tmp_path: Path, cut: str) -> None:
     with pytest.warns(PbdWarning, match=r"table.csv: the last row is cut off, and left out: it has no line end"):
         table = read_table(table_file(tmp_path, f"t,ax\n0,1.5\n0.1,-2e-3\n{cut}"))

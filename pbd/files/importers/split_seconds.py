@@ -63,7 +63,8 @@ def with_unread_part(
 def _doubt(sheet: Sheet, name: str, values: Array, whole: Array) -> list[tuple[str, int | None]]:
     """Say what is wrong with a column (n,) that looks like the part of whole seconds (n,), and in which line."""
     steps, looks = np.diff(values), f"the column '{printable(name)}' looks like the part of a second"
-    if _starts_anew(values, whole) and 2 * (steps > 0.0).sum() > len(steps):
+    counts = np.median(steps) == 1.0  # the samples of each second
+    if _starts_anew(values, whole) and 2 * (steps > 0.0).sum() > len(steps) and not counts:
         next_step = f"name it with its unit, as '{printable(split_unit(name)[0])} (ms)', or remove it"
         return [(f"{looks}, but its name has no unit that fits; {next_step}", None)]
     falls = np.flatnonzero((steps < 0.0) & (np.diff(whole) == 0.0))
