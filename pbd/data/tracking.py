@@ -24,6 +24,9 @@ from pbd.pose import Array
 DOUBTED_WEIGHT = 0.8
 """Weight below which a stop is reported as doubtful. A stop with a weight of at most 1 - this is left out."""
 
+UNSURE_M = 0.05
+"""Standard deviation of a keyframe's position above which a warning is given, m."""
+
 
 @dataclass(frozen=True)
 class GripEvent:

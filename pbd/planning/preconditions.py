@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.data import HandPath, Keyframe
+from pbd.data.tracking import UNSURE_M
 from pbd.errors import TrackingError, warn
 from pbd.planning.options import hand_durations
 from pbd.pose import Pose
@@ -16,9 +17,6 @@ if TYPE_CHECKING:
     from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.model import ArmModel
     from pbd.arm.motion_request import Motion
-
-UNSURE_M = 0.05
-"""Standard deviation of a keyframe's position above which a warning is given, m."""
 
 NEAR_M, NEAR_RAD = 1e-3, np.radians(1.0)
 """Keyframes that are all within this distance and rotation of the first make no motion."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Keyframe, LinearErrors, SensorErrors
+from pbd.data.tracking import UNSURE_M
 from pbd.errors import PbdError
 from pbd.pose import Array
 from pbd.record.session_types import Say
@@ -121,8 +122,10 @@ class Feedback:
             self._gaps = {index: gap for index, gap in self._gaps.items() if index <= event.index}
             if event.index:
                 text = f"stop {event.index} at {describe_stop(event.keyframe)}"
+                lost = sigma_of(event.keyframe) > UNSURE_M
+                advice = "very uncertain: pause in long moves, or begin again" if lost else "you may move on"
                 # A known index is the same stop with a better position, so it rings no second bell.
-                self.say(event.announced_t, text if known else f"{text}: you may move on", bell=not known)
+                self.say(event.announced_t, text if known else f"{text}: {advice}", bell=not known)
         elif isinstance(event, StopEnded):
             self._left_s = event.t
         else:
@@ -132,8 +135,12 @@ class Feedback:
 def describe_stop(keyframe: Keyframe) -> str:
     """Write a stop's position in nav, and one sigma along its least certain axis, in cm."""
     x, y, z = 100.0 * keyframe.T_nav_sensor.p
-    sigma = float(np.sqrt(np.diagonal(keyframe.cov)[:3].max()))
-    return f"({x:.1f}, {y:.1f}, {z:.1f}) cm, sigma {100.0 * sigma:.1f} cm"
+    return f"({x:.1f}, {y:.1f}, {z:.1f}) cm, sigma {100.0 * sigma_of(keyframe):.1f} cm"
+
+
+def sigma_of(keyframe: Keyframe) -> float:
+    """Return one sigma of a keyframe's position along its least certain axis, m."""
+    return float(np.sqrt(np.diagonal(keyframe.cov)[:3].max()))
 
 
 def in_cm(length: float) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,16 @@ def said(scripted: tuple[Feedback, Scripted], t: float, *events: LiveEvent, **st
         setattr(tracker, name, value)
     feedback.feed(t, LEVEL)
     return feedback.take_messages()
+
+
+@pytest.mark.parametrize(("sigma_m", "advice"), [(0.045, "you may move on"), (0.055, "very uncertain: pause in long")])
+def test_a_stop_that_is_very_uncertain_is_no_reason_to_move_on(
+    scripted: tuple[Feedback, Scripted], sigma_m: float, advice: str
+) -> None:
+    stop = begun(1, 0.1)
+    cov = np.diag((1e-6, sigma_m**2, 1e-6, 1e-6, 1e-6, 1e-6))
+    (told,) = said(scripted, 0.1, replace(stop, keyframe=replace(stop.keyframe, cov=cov)))
+    assert told.text.partition(" cm: ")[2].startswith(advice)
 
 
 def test_a_stop_that_is_told_again_rings_no_second_bell(scripted: tuple[Feedback, Scripted]) -> None:
