@@ -24,6 +24,8 @@ STARTS, STARTS_WIDE, STARTS_NULL_SPACE = 12, 81, 1000
 """Descents for each keyframe: at first; after moves next to it were barred; after no configuration was free."""
 CONTINUOUS_RAD, MEND_AFTER_STEPS = 0.5, 60
 """Largest joint motion between two layers along a path, rad; number of barred moves after which the link is mended."""
+VARIANTS = 3
+"""Number of variants of a configuration, by whole turns of joints, that are kept at each keyframe."""
 SWEEPS = 3
 """Passes over the path; in each, every configuration moves along its null space toward the mean of its neighbours."""
 
@@ -95,12 +97,29 @@ def states_at(arm: ArmModel, pose: Pose, before: States, starts: int) -> States:
         return States(found, np.empty(0), np.empty(0))
     nearest = turn_toward(arm, found, before.q[:, None])
     total = before.travel[:, None] + np.linalg.norm((nearest - before.q[:, None]) * arm.travel_scale, axis=2)
-    via, each = total.argmin(axis=0), np.arange(len(found))
-    q = nearest[via, each]
+    kept = _nearest_variants(found, nearest, total)
+    q, total = nearest[kept], total[kept]
     cost = configuration_cost(arm, q)
-    travel = total[via, each] + cost
+    travel = total + cost
     order = np.argsort(travel)
     return States(q[order], cost[order], travel[order])
+
+
+def _nearest_variants(found: Array, nearest: Array, total: Array) -> tuple[Array, Array]:
+    """Return the rows and columns, in nearest (b, m, k), of the different variants of found (m, k).
+
+    Of each configuration up to VARIANTS are kept, those with the least `total` travel (b, m).
+    """
+    shift = (nearest - found).reshape(total.size, -1)
+    order = np.argsort(total.ravel(), kind="stable")
+    which = order % len(found)
+    # Variants of a configuration differ by whole turns, so that a weighted sum of the shifts tells them apart.
+    turns = np.round(shift[order] / (2.0 * np.pi)) @ 100.0 ** np.arange(shift.shape[1])
+    _, first = np.unique(which + 1j * turns, return_index=True)
+    different = np.sort(first)  # the least travel first
+    different = different[np.argsort(which[different], kind="stable")]
+    rank = np.arange(len(different)) - np.searchsorted(which[different], which[different])
+    return np.divmod(order[different[rank < VARIANTS]], len(found))
 
 
 def layers_along(arm: ArmModel, ladder: Ladder, place: int, T_base_tool: Sequence[Pose]) -> list[Layer] | None:
