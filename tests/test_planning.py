@@ -266,6 +266,22 @@ def test_a_start_that_can_not_be(start: tuple[float, ...], message: str) -> None
     assert caught.value.exit_code == 3
 
 
+@pytest.mark.parametrize("path", ["keyframes", "line"])
+def test_an_arm_turns_over_on_its_way_from_home_and_not_with_the_object(path: str) -> None:
+    """At home the wrist is in a configuration in which the arm would touch the object that it pours from."""
+    turned_over = replace(pbd.load_robot("ur5"), home=np.array((-1.6125, -0.832, 0.6291, 1.7729, 1.5704, -0.0417)))
+    dock = Pose(np.array((0.085, -0.58, 0.19)), np.array((1.0, 0.0, 0.0, 0.0)))
+    side = Calibration("side", T_base_dock=dock, table_height=-0.06)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        made = plan_keyframes(
+            *(keyframes_of("pouring"), side, turned_over, PlanOptions(path=path)), grasped=load_demo("pouring").grasped
+        )
+    assert not [str(each.message) for each in caught if "out of its way" in str(each.message)]
+    wrist = made.trajectory.at(made.trajectory.keyframe_t).q[:, 4]
+    assert (wrist < 0.0).all()
+
+
 def test_a_home_in_collision() -> None:
     high = replace(dock(), obstacles=(Obstacle("the lamp", "sphere", (0.2,), arm_of(PANDA).forward(PANDA.home)),))
     with pytest.raises(

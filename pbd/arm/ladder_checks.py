@@ -26,7 +26,7 @@ ENOUGH_DETOURS, OTHER_DETOUR_COST = 1, 100.0
 CHECKS, CHECKS_EACH, CHECKS_CLOSE = 6000, 1000, 0.5
 """Collision checks for all detours of a motion: CHECKS, plus CHECKS_EACH per keyframe; with the smaller margin CLOSE_M,
 CHECKS_CLOSE times that sum."""
-WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
+WIDE_COST, MOST_WIDE = 2.0 * np.pi, 400
 """Cost of a wide move, rad of joint travel; number of wide moves between two keyframes after which none is measured."""
 APPROACH_M = 0.08, 0.16
 """Distances of a via point before keyframe 0, m, along the tool's approach axis.

@@ -1,7 +1,8 @@
 """Check time stamps, and space them evenly where they are coarse or come in batches.
 
 A small error of a stamp does little harm: the velocity errs by the error times the change of acceleration. But coarse
-stamps suggest a wrong rate and lost samples. So they are replaced by evenly spaced times.
+stamps suggest a wrong rate and lost samples. So they are replaced by evenly spaced times, unless the samples themselves
+were taken at uneven times.
 """
 
 from __future__ import annotations
@@ -129,7 +130,7 @@ def steady_clock(recording: Recording) -> Array:
     if len(stamps) > 4 * LATE_SAMPLES and stamps[-1] > stamps[0]:
         interval, reach, complete = _sampling_interval(stamps, nominal_hz)
         fault = _stamp_fault(stamps, interval)
-        if fault:
+        if fault and not _is_uneven(stamps, interval, reach):
             stamps = _evenly_spaced(stamps, interval, reach, complete)
             step = float(np.median(np.diff(stamps)))
             if step > 0.0:  # otherwise there are too few different times
@@ -196,11 +197,30 @@ def _stamp_fault(t: Array, interval: float) -> str:
     steps = np.diff(t)
     if (steps < WITHIN_BATCH * interval).mean() > OFF_BEAT:
         return "the time stamps come in batches"
-    tick = 1e-6 * float(np.gcd.reduce(np.rint(1e6 * steps).astype(np.int64)))
+    tick = _tick(t)
     away = np.abs(steps - interval * np.maximum(np.rint(steps / interval), 1.0))
     if tick >= COARSE_TICK * interval and (away > OFF_BEAT * interval).mean() > OFF_BEAT:
         return f"the time stamps come in steps of {1e3 * tick:.4g} ms"
     return ""
+
+
+def _is_uneven(t: Array, interval: float, reach: int) -> bool:
+    """Whether the samples were taken at uneven times, as by a program that polls a sensor between other work.
+
+    After a late stamp, or a batch, even samples catch up within `reach` samples: spans of so many steps vary no more
+    than a single step does, or than rounding explains. Spans of uneven, independent steps vary `reach` times as much.
+    """
+    tick, steps = _tick(t), np.diff(t)
+    if tick < 0.5 * interval:
+        steps -= interval * np.maximum(np.rint(steps / interval) - 1.0, 0.0)
+    elapsed = np.cumsum(np.append(0.0, steps))
+    single, span = (float(np.var(elapsed[n:] - elapsed[:-n])) for n in (1, reach))
+    return span > max(0.5 * reach * single, tick**2)
+
+
+def _tick(t: Array) -> float:
+    """The resolution, s, of stamps (n,) s, in whole us."""
+    return 1e-6 * float(np.gcd.reduce(np.rint(1e6 * np.diff(t)).astype(np.int64)))
 
 
 def _evenly_spaced(t: Array, interval: float, reach: int, complete: bool) -> Array:

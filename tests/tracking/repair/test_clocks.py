@@ -114,9 +114,19 @@ def off_beat(rate_hz: float, step_s: float, kept: Array, nominal: bool) -> tuple
 def test_a_clock_of_two_rates_has_an_interval() -> None:
     """The median of its spans is between two of them, far from both."""
     t = np.cumsum([0.0, *20 * (0.1,), *21 * (10.0,)])
-    with pytest.warns(PbdWarning, match="the time stamps come in batches"):
-        steady = steady_clock(Recording(t, np.random.default_rng(0).normal(size=(len(t), 3))))
-    assert (np.diff(steady) > 0.0).all()
+    recording = Recording(t, np.random.default_rng(0).normal(size=(len(t), 3)))
+    assert steady_clock(recording) is recording.t
+
+
+@pytest.mark.parametrize(("shortest_ms", "longest_ms"), [(9, 11), (8, 12), (4, 16), (5, 25), (2, 30), (18, 22)])
+@pytest.mark.parametrize("lost", [0.0, 0.02])
+def test_true_stamps_of_uneven_samples_are_kept(shortest_ms: int, longest_ms: int, lost: float) -> None:
+    """A program polls the sensor between other work, and stamps the samples in whole ms."""
+    rng = np.random.default_rng(0)
+    t: Array = np.cumsum(rng.integers(shortest_ms, longest_ms + 1, 2000)) / 1000.0
+    t = t[rng.random(2000) >= lost]
+    recording = Recording(t, rng.normal(size=(len(t), 3)))
+    assert steady_clock(recording) is recording.t
 
 
 @settings(max_examples=40, deadline=None)
