@@ -30,7 +30,7 @@ AJAR = 0.1
 """Opening at which the jaws' direction is measured, 0 closed to 1 open: far enough for rounding errors not to count."""
 
 STILL_M = 1e-6
-"""Motion, m, of the tool's origin with a finger below which the finger does not open there."""
+"""Motion, m, of the tool's origin with a finger, or of a finger away from it, below which the finger does not open."""
 
 _AHEAD, _FLIPPED = Body("ahead", 0, Pose.identity(), "floor"), Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
 _POINT = Body("point", 0, Pose.identity(), "sphere", (0.0,))
@@ -52,6 +52,21 @@ def opening_direction(arm: ArmModel) -> Array | None:
     most = max(moved, key=lambda p: float(np.linalg.norm(p)), default=np.zeros(3))
     length = float(np.linalg.norm(most))
     return most / length if length > STILL_M else None
+
+
+def jaw_gap(arm: ArmModel, opening: float) -> float:
+    """Return the distance, m, of the fingers from the tool's origin, which lies between them; 0 without fingers."""
+    data = arm.full.createData()
+    pin.forwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, opening)))
+    T_tool_base = (from_se3(data.oMi[arm.tool_joint]) @ arm.T_joint_tool).inverse()
+    joints = () if arm.robot.gripper is None else arm.robot.gripper.joints
+    fingers = {arm.full.getJointId(joint) for joint in joints}
+    gaps = (
+        body_distance(body, T_tool_base @ from_se3(data.oMi[body.joint]) @ body.T_joint_body, _POINT, Pose.identity())
+        for body in link_bodies(arm)
+        if not fingers.isdisjoint(arm.full.supports[body.joint])
+    )
+    return max(0.0, min((distance for distance, _, _ in gaps), default=0.0))
 
 
 def gripper_links(arm: ArmModel, bodies: Iterable[Body]) -> frozenset[str]:

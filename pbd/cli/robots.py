@@ -21,7 +21,7 @@ from pbd.data import HandPath, Robot
 from pbd.errors import PbdError, RobotError, UsageError, collected_warnings, warn
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot, read_robot
-from pbd.planning.preconditions import warn_of_jaws
+from pbd.planning.preconditions import warn_of_frames
 from pbd.pose import quat_to_rpy
 from pbd.view.terminal_tables import make_table, print_table, robots_table, words_table
 from pbd.view.units import Units
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> None:
         robots, reach_m = [arm.robot for arm in arms], [reach(arm) for arm in arms]
         collision = [_collision(arm) for arm in arms] if args.robot else []
     if args.robot:
-        warn_of_jaws(arms[0])
+        warn_of_frames(arms[0])
     rows = [_row(robot, reach) for robot, reach in zip(robots, reach_m, strict=True)]
     for row, checked in zip(rows, collision, strict=False):
         row["collision"] = checked
@@ -168,7 +168,7 @@ def _suggest_home_and_dock(args: argparse.Namespace) -> None:
     name = args.demo or EASY_DEMO
     demo = load_demonstration(name)
     _, keyframes = track_demonstration(args, demo, None)
-    warn_of_jaws(load_model(robot))
+    warn_of_frames(load_model(robot))
     with working(f"searching a home and a dock for {robot.name}"):
         found = suggest(robot, keyframes, demo.grasped, say)
     sections, reasons = _sections(found), _reasons(found, name)

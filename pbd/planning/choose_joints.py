@@ -13,7 +13,7 @@ from pbd.planning.preconditions import (
     check_certainty,
     check_count,
     spread_error,
-    warn_of_jaws,
+    warn_of_frames,
     warn_of_shapes,
     warn_of_table,
 )
@@ -46,7 +46,7 @@ def choose_joints(task: Task) -> Motion | PlanRefusal:
         demo = replace(options, path="demo", tolerance_m=None)
         return PlanRefusal(error, (("follow the hand with --path demo", demo),))
     warn_of_shapes(task.arm)
-    warn_of_jaws(task.arm)
+    warn_of_frames(task.arm)
     warn_of_table(task.scene)
     chosen = _choose(task, task.scene)
     return _choose(task, None) if isinstance(chosen, PlanRefusal) and options.allow_collision else chosen

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pbd.calibration.dock import TILT_WARNING_DEG
 from pbd.data import HandPath, Keyframe
 from pbd.data.tracking import UNSURE_M
 from pbd.errors import TrackingError, warn
@@ -91,15 +92,28 @@ def warn_of_shapes(arm: ArmModel) -> None:
         warn(f"contacts may be missed: {shapes}; correct the shapes in {arm.robot.urdf}")
 
 
-def warn_of_jaws(arm: ArmModel) -> None:
-    """Warn if the jaws don't open along the tool's x: T_body_tool is wrong then."""
-    from pbd.arm.gripper import opening_direction
+def warn_of_frames(arm: ArmModel) -> None:
+    """Warn if base's z isn't up; if the jaws don't open along the tool's x: T_body_tool is wrong then; or if they close.
 
+    Up is the z of the URDF's root link.
+    """
+    from pbd.arm.gripper import STILL_M, jaw_gap, opening_direction
+
+    name, root = arm.robot.name, arm.full.frames[0].placement  # in base
+    if root.rotation[2, 2] < np.cos(np.radians(TILT_WARNING_DEG)):
+        off_deg = np.degrees(np.arccos(max(root.rotation[2, 2], -1.0)))
+        warn(
+            f"z of {name}'s base {arm.robot.base!r} is {off_deg:.0f} degrees off that of the URDF's root link "
+            f"{arm.links[0]}, but table, dock and torques need it to point up: name {arm.links[0]}, or another upright "
+            "link, as base in [model]"
+        )
+    if jaw_gap(arm, 0.0) > jaw_gap(arm, 1.0) + STILL_M:
+        warn(f"the jaws of {name} are farther apart when closed than when open: exchange open and closed in [gripper]")
     along = opening_direction(arm)
     if along is not None and abs(along[0]) < OFF_X:
         axis = "xyz"[int(np.abs(along).argmax())]
         warn(
-            f"the jaws of {arm.robot.name} open along the tool's {axis}, not its x: correct T_body_tool, so that its z "
+            f"the jaws of {name} open along the tool's {axis}, not its x: correct T_body_tool, so that its z "
             "is the way the tool approaches, and its x the way the jaws open"
         )
 

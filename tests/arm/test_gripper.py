@@ -17,7 +17,7 @@ from pbd.arm.model import ArmModel, load_model
 from pbd.data import GraspedObject, Obstacle
 from pbd.data.world import TABLE, THE_TOOL, ObjectPhase
 from pbd.errors import PbdWarning
-from pbd.planning.preconditions import warn_of_jaws
+from pbd.planning.preconditions import warn_of_frames
 from pbd.pose import Array, Pose, quat_from_rpy
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.collision_oracles import coordinates, placements
@@ -100,11 +100,20 @@ def test_jaws_that_open_along_another_axis_are_warned_of(name: str) -> None:
     assert abs(along[0]) > np.cos(np.radians(13.0))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warn_of_jaws(arm)
+        warn_of_frames(arm)
     for rpy, axis in (((0.0, 0.0, np.pi / 2), "y"), ((0.0, np.pi / 2, 0.0), "z")):
         turned = arm.robot.T_body_tool @ Pose(np.zeros(3), quat_from_rpy(rpy))
         with pytest.warns(PbdWarning, match=f"the jaws of {name} open along the tool's {axis}, not its x: correct T_b"):
-            warn_of_jaws(load_model(replace(arm.robot, T_body_tool=turned)))
+            warn_of_frames(load_model(replace(arm.robot, T_body_tool=turned)))
+
+
+@pytest.mark.parametrize("name", ["panda", "z1", "so100", "so101"])
+def test_jaws_that_part_when_they_close_are_warned_of(name: str) -> None:
+    robot = arm_of(name).robot
+    assert robot.gripper is not None
+    swapped = replace(robot.gripper, open=robot.gripper.closed, closed=robot.gripper.open)
+    with pytest.warns(PbdWarning, match=f"the jaws of {name} are farther apart when closed than when open: exchange"):
+        warn_of_frames(load_model(replace(robot, gripper=swapped)))
 
 
 def test_an_arm_without_jaws_opens_none() -> None:

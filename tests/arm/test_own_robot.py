@@ -14,9 +14,10 @@ from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.model import load_model
 from pbd.arm.reach import reach
 from pbd.data import Robot
-from pbd.errors import PbdWarning
+from pbd.errors import PbdWarning, collected_warnings
 from pbd.files.robot import load_robot, read_robot
 from pbd.planning import plan_keyframes
+from pbd.planning.preconditions import warn_of_frames
 from pbd.pose import quat_from_rpy, quat_to_matrix
 from tests.arm.bundled import keyframes_of
 
@@ -93,6 +94,22 @@ def test_its_tool_is_where_the_guide_says(mine: Robot) -> None:
 
 def test_its_reach_is_the_sum_of_its_lengths(mine: Robot) -> None:
     assert reach(load_model(mine)) == pytest.approx(sum(LENGTHS[2:]) + TIP, abs=1e-3)
+
+
+@pytest.mark.parametrize(("roll_deg", "warned"), [(0, False), (4, False), (6, True), (90, True), (180, True)])
+def test_a_base_that_hangs_is_warned_of(mine: Robot, tmp_path: Path, roll_deg: int, warned: bool) -> None:
+    """A robot that names the link on which the arm is mounted has its z up again."""
+    mount = (
+        '<robot name="mine"><link name="room"/><joint name="mount" type="fixed"><parent link="room"/>'
+        f'<child link="base_link"/><origin xyz="0 0 2" rpy="{np.radians(roll_deg)} 0 0"/></joint>'
+    )
+    urdf = own_urdf().replace('<robot name="mine">', mount)
+    (tmp_path / "robots" / "mine.urdf").write_text(urdf, encoding="utf-8")
+    with collected_warnings() as said:
+        warn_of_frames(load_model(replace(mine, base="room")))
+        assert said == []
+        warn_of_frames(load_model(mine))
+    assert [f"{roll_deg} degrees off that of the URDF's root link room" in each for each in said] == [True] * warned
 
 
 def test_an_arm_that_is_singular_everywhere_has_no_cost_for_it(mine: Robot, tmp_path: Path) -> None:
