@@ -93,10 +93,7 @@ def warn_of_shapes(arm: ArmModel) -> None:
 
 
 def warn_of_frames(arm: ArmModel) -> None:
-    """Warn if base's z isn't up; if the jaws don't open along the tool's x: T_body_tool is wrong then; or if they close.
-
-    Up is the z of the URDF's root link.
-    """
+    """Warn if base's z is not that of the URDF's root link; if the jaws close, or don't open along the tool's x."""
     from pbd.arm.gripper import STILL_M, jaw_gap, opening_direction
 
     name, root = arm.robot.name, arm.full.frames[0].placement  # in base

@@ -53,7 +53,9 @@ def _between_joints(arm: ArmModel, joint: int, own: list[Body]) -> str | None:
     following = [i for i in range(1, model.njoints) if model.parents[i] == joint]
     length = max((float(np.linalg.norm(model.jointPlacements[i].translation)) for i in following), default=0.0)
     if not own:
-        needed = joint == 0 or length > LEAST_LINK_M or not following
+        needed = length > LEAST_LINK_M or not following
+        if joint == 0:  # the root of a rail, a lift or a gantry is often no more than a frame
+            needed = not all(arm.axes[i][1] for i in following)
         return "has no collision shape" if needed else None
     size = _size(own)
     if joint == 0 or size >= SMALL * length:

@@ -65,6 +65,15 @@ def test_a_shape_far_smaller_than_the_distance_between_the_joints(tmp_path: Path
     assert found.get("arm") == (None if why is None else f"has a collision shape {why}")
 
 
+@pytest.mark.parametrize(("joint", "why"), [("prismatic", None), ("revolute", "has no collision shape")])
+def test_an_empty_root_on_which_the_arm_slides_is_only_a_frame(tmp_path: Path, joint: str, why: str | None) -> None:
+    robot = simple(tmp_path, BOX.format("collision"))
+    robot.urdf.write_text(robot.urdf.read_text().replace('"pan" type="revolute"', f'"pan" type="{joint}"'))
+    found = doubtful_shapes(load_model(robot))
+    assert found.get("foot") == why
+    assert found["arm"] == "has no collision shape"
+
+
 def test_a_link_without_a_shape_is_reported_by_robots_and_before_a_motion(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
