@@ -24,6 +24,7 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
         p, wxyz = request.source.hand.p_nav_sensor, request.source.hand.wxyz_nav_sensor
     else:
         p, wxyz = request.source.tool(points.q)
-    rows = np.column_stack((points.t, p, quat_to_xyzw(wxyz))) + 0.0  # no -0.0
+    same_way = np.append(1.0, np.where((wxyz[1:] * wxyz[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))  # or the sign jumps
+    rows = np.column_stack((points.t, p, np.cumprod(same_way)[:, None] * quat_to_xyzw(wxyz))) + 0.0  # no -0.0
     with path.open("w", encoding="utf-8") as file:
         file.writelines(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
