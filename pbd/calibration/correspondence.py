@@ -73,20 +73,21 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
         return tuple(range(m))
     sigma = np.hypot(sigma, STOP_SIGMA_M)
     given = p_nav_tip, sigma, points, in_order
-    best = _best_matches(*given)
-    if not best or best[0].cost > OUTLIER_COST * max(1.0, m - 2.0):
-        raise CalibrationError(
-            "no stops of the demonstration have the same distances as the points; check the points' unit, signs "
-            + ("and coordinates, their order (--any-order finds it)" if in_order else "and coordinates")
-            + ", and that the hand stopped on each"
-        )
+    best, bound = _best_matches(*given), OUTLIER_COST * max(1.0, m - 2.0)
+    cost = best[0].cost if best else np.inf
     alike = []
     for check, mirror in MIRRORED.items():
         for other in _best_matches(p_nav_tip, sigma, points * mirror, in_order)[:1]:
-            if other.cost < best[0].cost - AMBIGUOUS_COST:
+            if other.cost < min(cost - AMBIGUOUS_COST, bound):
                 raise mirrored(check)
-            if other.stops != best[0].stops and other.cost < best[0].cost + AMBIGUOUS_COST:
+            if best and other.stops != best[0].stops and other.cost < cost + AMBIGUOUS_COST:
                 alike.append(check)
+    if cost > bound:
+        raise CalibrationError(
+            "no stops of the demonstration have the same distances and heights as the points; check the points' unit, "
+            + ("signs and coordinates, their order (--any-order finds it)" if in_order else "signs and coordinates")
+            + ", and that the hand stopped on each"
+        )
     for other in best[1:]:
         metres, rad = other.T_base_nav.distance(best[0].T_base_nav)
         if other.cost - best[0].cost < AMBIGUOUS_COST and (metres > SAME_M or rad > SAME_RAD):

@@ -90,6 +90,19 @@ def test_many_mirrored_points_are_not_called_symmetric(in_order: bool) -> None:
 
 
 @pytest.mark.parametrize("in_order", [True, False])
+@pytest.mark.parametrize(
+    ("mistake", "check"),
+    [(np.diag((1.0, -1.0, 1.0)), "x or y"), (np.eye(3)[[1, 0, 2]], "x or y"), (np.diag((1.0, 1.0, -1.0)), "z$")],
+)
+def test_mirrored_points_that_fit_no_stops_are_not_said_to_have_other_distances(
+    mistake: Array, check: str, in_order: bool
+) -> None:
+    p, sigma = stops_at(np.vstack(((0.1, -0.3, 0.2), POINTS)))
+    with pytest.raises(CalibrationError, match=f"fit the demonstration as in a mirror; check the sign of {check}"):
+        match_points(p, sigma, POINTS @ mistake, in_order)
+
+
+@pytest.mark.parametrize("in_order", [True, False])
 def test_stops_that_can_not_match_are_refused(in_order: bool) -> None:
     p, sigma = stops_at(POINTS[:3])
     with pytest.raises(CalibrationError, match="has 3 stops, but there are 5 points; hold still"):
@@ -98,7 +111,7 @@ def test_stops_that_can_not_match_are_refused(in_order: bool) -> None:
         assert match_points(p, sigma, 10.0 * POINTS[:3], in_order) == (0, 1, 2)
     p, sigma = stops_at(np.vstack((POINTS, [[0.0, 0.0, 0.0]])))
     with pytest.raises(
-        CalibrationError, match=r"no stops .* have the same distances as the points; check the points' unit"
+        CalibrationError, match=r"no stops .* have the same distances and heights as the points; check the points' unit"
     ):
         match_points(p, sigma, 10.0 * POINTS, in_order)
 
