@@ -5,10 +5,10 @@ By hand: python -m tests.driving.emulator so101 prints a port and a calibration 
 
 from __future__ import annotations
 
+import argparse
 import math
 import os
 import select
-import sys
 import tempfile
 import threading
 import time
@@ -229,7 +229,9 @@ def resting(robot_name: str, q: tuple[float, ...] | None = None) -> dict[str, fl
 
 def main() -> None:
     """Serve until Ctrl-C."""
-    robot = sys.argv[1] if len(sys.argv) > 1 else "so101"
+    parser = argparse.ArgumentParser(prog="python -m tests.driving.emulator", description=__doc__)
+    parser.add_argument("robot", nargs="?", default="so101")
+    robot = parser.parse_args().robot
     calibration = calibration_of(robot)
     with tempfile.TemporaryDirectory() as folder, Emulator(calibration, resting(robot), Clock()) as emulator:
         file = Path(folder) / "servos.json"

@@ -11,8 +11,9 @@ from numpy.testing import assert_allclose
 
 from pbd.errors import PbdError, PlanError, UsageError
 from pbd.files.exporters import check_format, export
-from pbd.files.exporters.urscript import SETTLE_S
+from pbd.files.exporters.urscript import SETTLE_S, check
 from pbd.planning import Plan
+from tests.arm.bundled import arm_of
 from tests.files.test_formats import planned
 from tests.files.urscript import Controller, HaltedError
 
@@ -89,6 +90,9 @@ def test_what_it_refuses(tmp_path: Path) -> None:
         program(place, "ur5", "line")
     with pytest.raises(PlanError, match="which panda is not"):
         program(place, "panda")
+    on_rail = replace(arm_of("panda").robot, joints=("rail", *robot.joints), mimic_joints=())
+    with pytest.raises(PlanError, match=r"six joints of the arm, but not rail: leave that out of \[arm\] joints"):
+        check(on_rail)
     with pytest.raises(UsageError, match=r"must be 125 \(CB3\) or 500"):  # before anything is planned
         check_format("urscript", 100.0, dense=True)
     with pytest.raises(PbdError, match="leave --rate out"):

@@ -71,10 +71,15 @@ class _Phase(NamedTuple):
 
 
 def check(robot: Robot) -> None:
-    """Refuse (PlanError) an arm whose joints don't have Universal Robots' names."""
-    if len(robot.joints) != 6 or not all(map(str.endswith, robot.joints, JOINTS)):
+    """Refuse (PlanError) an arm whose joints don't have Universal Robots' names, or that has others too (a rail)."""
+    own = [name for name in robot.joints if name.endswith(JOINTS)]
+    others = [name for name in robot.joints if name not in own]
+    if len(own) != 6 or not all(map(str.endswith, own, JOINTS)):
         what = f"urscript is for arms of Universal Robots, which {robot.name} is not; take csv, npz or ros2-json"
         raise PlanError(what, robot=robot.name)
+    if others:
+        what = f"urscript moves the six joints of the arm, but not {', '.join(others)}: leave that out of [arm] joints"
+        raise PlanError(f"{what}, where it stays at 0, or take csv, npz or ros2-json", robot=robot.name)
 
 
 def samples(request: ExportRequest) -> Samples:
