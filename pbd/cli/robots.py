@@ -209,6 +209,7 @@ def _reasons(found: Suggestion, demo: str) -> list[str]:
     alone_s = np.abs(np.diff(found.plan.trajectory.keyframe_q, axis=0)).sum(axis=0) / robot.limits.velocity
     slowest = robot.joints[int(alone_s.argmax())]
     slow = f"{slowest} alone takes {alone_s.max():.1f} s of that at top speed; left out of [arm] joints it stays at 0"
+    near = "home is near a singularity, where a small turn of the tool may turn joints far"
     return [
         *touching,
         f"{found.within_reach} of {found.ranked} docks have all of {demo} within reach at {dock.scale:g} of its size; "
@@ -217,6 +218,7 @@ def _reasons(found: Suggestion, demo: str) -> list[str]:
         f"{table}; nothing that is checked touches it or the arm itself",
         f"home is over the dock: {joint} is {room:.2f} from its limit (rad; m where it slides), manipulability is "
         f"{found.manipulability:.1f} times the lower quartile of all configurations",
+        *([near] if found.manipulability < 1.0 else ()),
     ]
 
 

@@ -101,7 +101,7 @@ def warn_of_frames(arm: ArmModel) -> None:
         off_deg = np.degrees(np.arccos(max(root.rotation[2, 2], -1.0)))
         warn(
             f"z of {name}'s base {arm.robot.base!r} is {off_deg:.0f} degrees off that of the URDF's root link "
-            f"{arm.links[0]}, but table, dock and torques need it to point up: name {arm.links[0]}, or another upright "
+            f"{arm.links[0]}, but table, dock and torques need it to point up; name {arm.links[0]}, or another upright "
             "link, as base in [model]"
         )
     if jaw_gap(arm, 0.0) > jaw_gap(arm, 1.0) + STILL_M:

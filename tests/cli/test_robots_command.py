@@ -80,6 +80,19 @@ def test_what_is_suggested_replays_as_it_says(capsys: Capture, guide: str, monke
     assert set(warned) == set(replayed["warnings"])
 
 
+@pytest.mark.parametrize(("manipulability", "near"), [(0.04, True), (1.2, False)])
+def test_a_home_near_a_singularity_is_said_to_be(
+    capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch, manipulability: float, near: bool
+) -> None:
+    TOML.write_text(guide, encoding="utf-8")
+    monkeypatch.setattr("pbd.planning.suggest_dock.DOCKS", 3)
+    monkeypatch.setattr("pbd.arm.ik.starts.relative_manipulability", lambda arm, q: np.array([manipulability]))
+    code, lines, _ = run(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")
+    assert code == 0
+    assert f"manipulability is {manipulability:.1f} times the lower quartile of all configurations" in lines
+    assert ("home is near a singularity" in lines) == near
+
+
 def test_tables_are_tried_at_zero_first_where_the_arm_reaches_it_and_then_anywhere() -> None:
     at_zero, anywhere = (0.0, 0.0), (-np.inf, 0.3)
     reaches, hangs = (list(_search_order(anywhere, np.linspace(low, low + 0.6, 9), 0.0)) for low in (-0.1, -0.9))
