@@ -70,6 +70,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "layers along a path": ((ladder_mending.Mending, "_split", nothing(False)),),
     "paths before it, too": ((ladder_mending, "LOOK_BACK", 0),),
     "a line where a straight move is wide": ((choice._Search, "_make_lines", lines_for_tolerance),),
+    "variants by whole turns": ((ladder_building, "VARIANTS", 1),),
     "unwinding": ((choice._Search, "_unwind", nothing(False)),),
     "wide moves cost more": ((ladder_checks, "WIDE_COST", 0.0),),
     "motion along the null space": ((ladder_building, "_move_along_null_space", nothing(None)),),
