@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -109,7 +110,7 @@ class CollisionScene:
         around = self._pairs_between(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
         around = self._without_mount(around)
         self.always = QuickClearance(arm, self._bodies, np.concatenate((pairs, around)))
-        self._with_object: dict[ObjectPhase, QuickClearance] = {}
+        self._with_object = WeakKeyDictionary[ObjectPhase, QuickClearance]()
 
     @property
     def sunk(self) -> tuple[str, ...]:
@@ -119,7 +120,7 @@ class CollisionScene:
     def closer(self) -> CollisionScene:
         """Return the same scene with the margin CLOSE_M."""
         scene = copy(self)
-        scene.margin_m, scene._with_object = CLOSE_M, {}
+        scene.margin_m, scene._with_object = CLOSE_M, WeakKeyDictionary()
         scene.always = QuickClearance(self.arm, self._bodies, self.always.pairs, CLOSE_M)
         return scene
 
@@ -219,14 +220,14 @@ class CollisionScene:
         pairs = self._pairs_between(bodies, others, (this,))
         around = self._pairs_between(bodies, (this,), range(len(self._links), this))
 
-        def near(places: Sequence[Array], T_base_tool: Pose) -> bool:
-            p = (T_base_tool @ phase.pose).p
+        def near(places: Sequence[Array], T_tool_object: Pose, T_base_tool: Pose) -> bool:
+            p = (T_base_tool @ T_tool_object).p
             return any(np.linalg.norm(p - place) <= NEAR_SUPPORT_M for place in places)
 
         allowed = {}
         for pair, (_, second) in enumerate(around, start=len(pairs)):
             if places := [rest.p for rest in phase.rests if self._stands_on(bodies[this], rest, bodies[second])]:
-                allowed[pair] = partial(near, places)
+                allowed[pair] = partial(near, places, phase.pose)
         return QuickClearance(self.arm, bodies, np.concatenate((pairs, around)), self.margin_m, allowed)
 
     def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -66,3 +67,13 @@ def test_the_first_hit_is_that_of_a_refusal(arm: ArmModel) -> None:
 
 def test_a_free_motion_has_none(arm: ArmModel) -> None:
     assert all_hits(CollisionScene(arm, 0.0, [board(0.0, 0.15)], BOTTLE), through(arm, PLACES, GRIPS)) == ()
+
+
+def test_an_objects_clearance_goes_with_its_motion(arm: ArmModel) -> None:
+    """A scene is cached, and each motion has phases of its own."""
+    scene, trajectory = CollisionScene(arm, 0.12, [board(0.0, 0.45)], BOTTLE), through(arm, PLACES, GRIPS)
+    phases = motion_phases(scene, trajectory)
+    kept = [ref(scene.object_clearance(phase)) for phase in phases]
+    assert [each() for each in kept] == [scene.object_clearance(phase) for phase in phases]
+    del phases
+    assert [each() for each in kept] == [None] * len(kept)
