@@ -137,6 +137,15 @@ def test_a_demonstration_can_be_copied_and_sent_to_another_process() -> None:
         assert np.array_equal(copy.recording.acc, demo.recording.acc)
 
 
+def test_so_can_a_robot_and_its_dock() -> None:
+    panda = pbd.load_robot("panda")
+    for copy in (deepcopy(panda), pickle.loads(pickle.dumps(panda))):
+        assert copy.limits.sources == panda.limits.sources
+        assert copy.dock is not None
+        with pytest.raises(TypeError):
+            copy.dock.residuals["position_m"] = 9.0  # type: ignore[index]
+
+
 def test_what_a_device_lacks_is_none() -> None:
     recording = Recording(t=np.zeros(3), acc=np.zeros((3, 3)))
     assert (recording.gyr, recording.mag, recording.device_rpy) == (None, None, None)

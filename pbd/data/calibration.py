@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 
-from pbd.data.frozen_arrays import freeze_arrays
+from pbd.data.frozen_arrays import freeze_arrays, frozen_mapping
 from pbd.data.one_line_repr import brief, counted
 from pbd.data.units import GRAVITY
 from pbd.data.world import Obstacle
@@ -119,7 +118,7 @@ class Calibration:
         if self.T_base_dock is not None and self.T_base_nav is not None:
             raise ValueError("a calibration takes at most one of T_base_dock and T_base_nav")
         freeze_arrays(self, cov_base=(6, 6), cov_sensor_tool=(6, 6))
-        object.__setattr__(self, "residuals", MappingProxyType(dict(self.residuals)))
+        object.__setattr__(self, "residuals", frozen_mapping(self.residuals))
 
     @property
     def knows_start(self) -> bool:

@@ -1,8 +1,12 @@
-"""Read-only arrays in frozen dataclasses: freezing a dataclass does not freeze its arrays."""
+"""Read-only arrays and mappings in frozen dataclasses: freezing a dataclass does not freeze its fields."""
 
 from __future__ import annotations
 
+import copyreg
+from collections.abc import Mapping
 from contextlib import suppress
+from types import MappingProxyType
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -28,3 +32,11 @@ def freeze_arrays(owner: object, **shapes: tuple[int, ...]) -> None:
         if array.shape != shape:
             raise WrongTypeError(f"{type(owner).__name__}.{name} must have shape {shape}, got {array.shape}")
         object.__setattr__(owner, name, array)
+
+
+def frozen_mapping(values: Mapping[str, Any]) -> MappingProxyType[str, Any]:
+    """Return a read-only copy. It can be pickled and deep-copied, which Python's own mappingproxy can't."""
+    return MappingProxyType(dict(values))
+
+
+copyreg.pickle(MappingProxyType, lambda mapping: (frozen_mapping, (dict(mapping),)))

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.data.calibration import Calibration
-from pbd.data.frozen_arrays import freeze_arrays, numeric
+from pbd.data.frozen_arrays import freeze_arrays, frozen_mapping, numeric
 from pbd.data.one_line_repr import brief, counted, span
 from pbd.errors import UsageError
 from pbd.pose import Array, Pose
@@ -60,7 +59,7 @@ class JointLimits:
     def __post_init__(self) -> None:
         k = len(self.lower)
         freeze_arrays(self, lower=(k,), upper=(k,), velocity=(k,), acceleration=(k,), jerk=(k,), effort=(k,))
-        object.__setattr__(self, "sources", MappingProxyType(dict(self.sources)))
+        object.__setattr__(self, "sources", frozen_mapping(self.sources))
 
     def __repr__(self) -> str:
         return brief(self, counted(len(self.lower), "joint"), self.source)
