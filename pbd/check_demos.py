@@ -19,7 +19,6 @@ from pbd.pipeline import track
 from pbd.plots.demo_values import demo_values
 from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import Array, Pose, level_onto, quat_about_z, quat_rotate
-from pbd.tracking.repair.gyro_consistency import warn_tracked_upside_down
 
 FEWEST_SIBLINGS = 4
 """Smallest number of demonstrations of one task that are compared. Among three, a wrong one shifts the median."""
@@ -130,7 +129,6 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None, accept_ga
             demo = load_demo(name)
             check = replace(check, duration_s=float(demo.recording.t[-1]))
             path = track(demo, accept_gap=accept_gap)
-            warn_tracked_upside_down(path, demo.recording)
             plot = demo_values(path, remarks)
         except PbdError as error:
             return replace(check, why=re.sub("; known are [^;]*", "", error.message))  # "did you mean" stays

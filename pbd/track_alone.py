@@ -14,6 +14,7 @@ from pbd.tracking.noise import noise_of
 from pbd.tracking.paper import track_as_paper
 from pbd.tracking.repair.channel_faults import refuse_freezes
 from pbd.tracking.repair.gaps import refuse_gaps
+from pbd.tracking.repair.gyro_consistency import warn_upside_down
 from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.repair.saturation import find_clips, restore
 from pbd.tracking.smoother.preintegration import LostMotion
@@ -39,6 +40,8 @@ def track_alone(
     errors = None if calibration is None else calibration.sensor
     recording = corrected(recording, errors)  # after `restore`: clipping is at the range of the raw values
     rest = find_rest(recording)
+    if calibration is None:  # planning compares the tilt with the calibration's dock
+        warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)
     if method == "paper":
         found = track_as_paper(recording, rest)
     else:

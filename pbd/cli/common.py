@@ -75,12 +75,9 @@ def track_demonstration(
 ) -> tuple[HandPath, tuple[Keyframe, ...]]:
     """Track a demonstration to use it; return the hand's path and its keyframes, the edited ones if there are any."""
     from pbd.tracking.keyframes import keyframes_of
-    from pbd.tracking.repair.gyro_consistency import warn_tracked_upside_down
 
     path = track_with(args, demo, calibration)
     keyframes = keyframes_of(path)
-    if calibration is None:  # with a calibration, the tilt of the dock is reported instead
-        warn_tracked_upside_down(path, demo.recording)
     if demo.keyframes is not None:
         say(f"keyframes as edited in {demo.folder}/keyframes.toml; dwell is how long the arm stays there")
         if path.claims:

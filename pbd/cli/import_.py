@@ -19,7 +19,6 @@ from pbd.pipeline import track
 from pbd.record.redecode import decode_raw
 from pbd.record.session_types import FEWEST_STOPS
 from pbd.tracking.first_rest import find_rest
-from pbd.tracking.repair.gyro_consistency import warn_upside_down
 from pbd.tracking.repair.repair_recording import repair_recording
 
 NO_GYRO = (
@@ -55,8 +54,7 @@ def run(args: argparse.Namespace) -> None:
             repaired, _ = repair_recording(recording)
             if recording.info.rate_hz is None:  # of evenly spaced times, where the file's come in batches
                 recording = replace(recording, info=replace(recording.info, rate_hz=repaired.rate_hz))
-            rest = find_rest(repaired)
-            warn_upside_down(repaired, rest.up_sensor, rest.start, rest.stop)
+            find_rest(repaired)
     except RecordingError:
         _print_columns(args, source)  # how they were read may be the cause
         raise

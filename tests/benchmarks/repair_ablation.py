@@ -29,7 +29,6 @@ from pbd.tracking.smoother import factors, smooth
 from tests.benchmarks.ablation import LARGE, TINY, Change, changed
 from tests.benchmarks.faults import NICE
 from tests.benchmarks.report import arguments, print_machine
-from tests.tracking import fault_matrix
 from tests.tracking.fault_matrix import SILENT_WRONG, Case, cases, outcome
 
 
@@ -67,7 +66,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "rest that is no stop": ((track_alone, "refuse_doubted_rest", nothing),),
     "a large lag": ((smooth, "REMOVED_LAG", LARGE),),
     "a common scale": ((smooth, "WIDE_SCALE_SIGMA", TINY),),
-    "upside down": ((fault_matrix, "warn_upside_down", nothing),),
+    "upside down": ((track_alone, "warn_upside_down", nothing),),
     "open ends": ((track_alone, "_warn_of_open_ends", nothing),),
     "alarm: sensor": ((alarm, "_sensor_alarms", no_line),),
     "alarm: moves": ((alarm, "_move_alarms", no_line),),

@@ -30,7 +30,6 @@ from pbd.simulation.simulate import SENSOR_MODELS, random_task
 from pbd.simulation.simulate import TASKS as SIMULATED
 from pbd.simulation.tasks import Task
 from pbd.tracking.noise import Noise
-from pbd.tracking.repair.gyro_consistency import up_in_sensor, warn_upside_down
 from pbd.tracking.smoother.attitude import mean_quaternion
 from tests.scenarios import simulate
 from tests.simulation.sway import with_sway
@@ -324,7 +323,7 @@ class Score:
 
 
 def outcome(case: Case, method: str = "default") -> Outcome:
-    """Track a case with the warnings that every command gives.
+    """Track a case with its warnings.
 
     Raises:
         RuntimeError: anything but a PbdError came of it; it is chained.
@@ -334,9 +333,6 @@ def outcome(case: Case, method: str = "default") -> Outcome:
         warnings.simplefilter("always")
         try:
             path = track(demo.recording, method)
-            dock = path.stops[0]
-            up = up_in_sensor(mean_quaternion(path.wxyz_nav_sensor[dock.start : dock.stop]))
-            warn_upside_down(demo.recording, up, dock.start, dock.stop)
         except PbdError as refusal:
             return Outcome(REFUSED, said=refusal.message)
         except Exception as bug:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.data import GRAVITY, HandPath, Recording
+from pbd.data import GRAVITY, Recording
 from pbd.errors import RecordingError, warn
 from pbd.pose import (
     Array,
@@ -134,12 +134,6 @@ def refuse_flipped_signs(recording: Recording) -> None:
 def up_in_sensor(wxyz_nav_sensor: Array) -> Array:
     """The vertical in sensor axes (..., 3), given attitudes (..., 4)."""
     return quat_rotate(quat_inverse(wxyz_nav_sensor), (0.0, 0.0, 1.0))
-
-
-def warn_tracked_upside_down(path: HandPath, recording: Recording) -> None:
-    """Warn if the sensor is upside down at the path's first stop."""
-    rest = path.stops[0]
-    warn_upside_down(recording, up_in_sensor(path.wxyz_nav_sensor[rest.start]), rest.start, rest.stop)
 
 
 def warn_upside_down(recording: Recording, up_sensor: Array, start: int, stop: int) -> None:

@@ -18,6 +18,7 @@ from pbd.data import GRAVITY, Demonstration, Recording
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files.demo import write_demo
 from pbd.files.importers import import_file
+from pbd.pipeline import track
 from pbd.pose import quat_exp, quat_from_rpy, quat_rotate, quat_to_matrix, quat_to_rpy
 from pbd.simulation.calibration_tasks import sides
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task
@@ -201,9 +202,13 @@ def test_what_it_says_of_the_gyro_mends_it(order: tuple[int, ...], seed: int, tm
 
 
 def test_of_three_the_gyro_says_nothing() -> None:
-    """It rotates the vertical and its opposite alike."""
+    """It rotates the vertical and its opposite alike; so tracking warns, once."""
     recording = replace(simulate("pour", "modern", 0).recording, device_rpy=None)
-    refuse_disagreement(turned(recording, -1.0, -1.0, -1.0))
+    flipped = turned(recording, -1.0, -1.0, -1.0)
+    refuse_disagreement(flipped)
+    with pytest.warns(PbdWarning) as caught:
+        track(flipped)
+    assert ["lies upside down" in str(warning.message) for warning in caught].count(True) == 1
 
 
 @given(st.floats(-np.pi, np.pi), st.floats(-1.5, 1.5), st.floats(-np.pi, np.pi))
