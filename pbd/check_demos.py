@@ -17,7 +17,7 @@ from pbd.files.demo import load_demo
 from pbd.fusion.matching import MATCH_M
 from pbd.pipeline import track
 from pbd.plots.demo_values import demo_values
-from pbd.plots.findings import OFF_SIGMAS
+from pbd.plots.findings import OFF_SIGMAS, ranges
 from pbd.pose import Array, Pose, level_onto, quat_about_z, quat_rotate
 
 FEWEST_SIBLINGS = 4
@@ -42,6 +42,7 @@ class DemoCheck:
         sigma_m: the largest sigma of a keyframe along an axis, m.
         grips: (keyframe, closes) for each keyframe at which the grip closes (True) or opens (False).
         findings: what a person should look at, in words.
+        warnings: those of the findings of which tracking warned.
         motion_s: duration of the robot's motion, s; nan without a robot, or if the robot can't do it.
         refused: why the robot can't do it; "" if it can, or if no robot was named.
         differs: where it is farther from its siblings than chance explains, in words.
@@ -54,6 +55,7 @@ class DemoCheck:
     sigma_m: float = np.nan
     grips: tuple[tuple[int, bool], ...] = ()
     findings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     motion_s: float = np.nan
     refused: str = ""
     differs: tuple[str, ...] = ()
@@ -65,8 +67,9 @@ class DemoCheck:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Everything that a person should look at, the worst first."""
-        return tuple(filter(None, (self.why, self.refused, *self.differs, *self.findings)))
+        """Everything that a person should look at: what makes it unusable, likely causes, then their symptoms."""
+        remarks = (self.why, self.refused, *self.warnings, *self.differs, *self.findings)
+        return tuple(dict.fromkeys(filter(None, remarks)))
 
 
 def check_all(
@@ -123,6 +126,9 @@ def check_all(
 
 def check_one(name: str, arm: tuple[Robot, Calibration] | None = None, accept_gap: bool = False) -> DemoCheck:
     """Load and track one demonstration, and plan for the `arm`, a robot with its calibration, if there is one."""
+    from pbd.planning import plan
+    from pbd.planning.preconditions import check_count
+
     check = DemoCheck(name)
     with collected_warnings() as remarks:
         try:
@@ -130,6 +136,7 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None, accept_ga
             check = replace(check, duration_s=float(demo.recording.t[-1]))
             path = track(demo, accept_gap=accept_gap)
             plot = demo_values(path, remarks)
+            check_count(plot.keyframes)
         except PbdError as error:
             return replace(check, why=re.sub("; known are [^;]*", "", error.message))  # "did you mean" stays
         keyframes = plot.keyframes
@@ -141,11 +148,10 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None, accept_ga
             sigma_m=max(float(np.sqrt(np.diagonal(keyframe.cov)[:3].max())) for keyframe in keyframes),
             grips=tuple((k, each.grip) for k, each in enumerate(keyframes) if each.grip is not None),
             findings=tuple(finding.words for finding in plot.findings),
+            warnings=tuple(remarks),
         )
         if arm is None:
             return check
-        from pbd.planning import plan
-
         of_tracking = len(remarks)  # which are findings already
         try:
             motion_s = plan(path, arm[1], arm[0]).duration
@@ -174,10 +180,10 @@ def compare_siblings(found: Iterable[DemoCheck]) -> tuple[DemoCheck, ...]:
         bound = OFF_SIGMAS * np.hypot(np.median(distance, axis=0) / CHI3_MEDIAN, own)
         likes = f"the {len(group) - 1} like it"
         for i, yaw, far, most in zip(group, yaws.tolist(), distance, bound, strict=True):
-            words = [
-                f"keyframe {k} is {100.0 * far[k]:.0f} cm from where {likes} have theirs"
-                for k in np.flatnonzero(far > most)
-            ]
+            words, off = [], np.flatnonzero(far > most).tolist()
+            if off:
+                which = f"keyframe {off[0]} is" if len(off) == 1 else f"keyframes {ranges(off)} are up to"
+                words.append(f"{which} {100.0 * far[off].max():.0f} cm from where {likes} have theirs")
             if abs(yaw) > TURNED_RAD:
                 words.insert(0, f"the sensor is turned by {np.degrees(yaw):.0f}° about the vertical against {likes}")
             checks[i] = replace(checks[i], differs=tuple(words))

@@ -18,7 +18,9 @@ from pbd.cli import main
 from pbd.data import Demonstration
 from pbd.files.demo import load_demo, write_demo
 from pbd.pose import quat_about_z, quat_rotate
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
+from pbd.simulation.tasks import Task
 from tests.cli.running import Capture, refused, run, run_json
 
 
@@ -105,6 +107,13 @@ def test_a_name_that_is_misspelled_is_corrected() -> None:
     assert check_one("pourin").why.endswith("nor a file or folder of that path; did you mean pouring?")
 
 
+def test_one_that_stops_once_cannot_be_used(takes: list[str], capsys: Capture) -> None:
+    write_demo(simulate(Task("once", (Waypoint(rest_s=3.0),)), "modern"), Path("demos/once"))
+    assert check_one("once").why.startswith("the demonstration has 1 stop, but a motion needs two; ")
+    code, _, err = run(capsys, "check", "once")
+    assert (code, err) == (1, "pbd: 1 of 1 can't be used: once; leave them out, or record them again\n")
+
+
 def test_a_gap_in_a_rest_can_be_accepted(takes: list[str], capsys: Capture) -> None:
     """By the commands that track many demonstrations or plan for many arms, too."""
     demo = load_demo("pouring")
@@ -152,6 +161,12 @@ def test_one_that_differs_from_its_siblings_is_named() -> None:
     assert [bool(check.differs) for check in checks] == [False, False, False, False, True]
     assert checks[-1].differs == ("keyframe 1 is 5 cm from where the 4 like it have theirs",)
     assert not any(check.differs for check in compare_siblings([sibling(str(off), off) for off in offs[2:]]))
+    p = [np.array(check.p_dock_sensor)[[0, 1, 1, 0, 1]] for check in checks]
+    more = compare_siblings([replace(check, p_dock_sensor=there) for check, there in zip(checks, p, strict=True)])
+    told = "keyframes 1, 2, 4 are up to 5 cm from where the 4 like it have theirs"
+    assert more[-1].differs == (told,)
+    warned = replace(more[-1], warnings=("the gyro is wrong",), findings=("the gyro is wrong", "too short"))
+    assert warned.remarks == ("the gyro is wrong", told, "too short")
     other = replace(sibling("grips", 0.05), grips=((1, True),))
     assert not compare_siblings([*(sibling(str(off), off) for off in offs[:4]), other])[-1].differs
 

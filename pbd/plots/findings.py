@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,9 @@ OFF_SIGMAS = 4.0
 
 MAX_LISTED, MAX_HIGHLIGHTED = 3, 10
 """Largest number of findings of one kind that are listed one by one, and of highlighted ones in a summed-up list."""
+
+MAX_RANGES = 3
+"""Largest number of keyframe numbers, or ranges of them, in a label or a finding."""
 
 Span = tuple[float, float]
 """Start and end, s."""
@@ -113,6 +116,13 @@ def length_text(metres: float) -> str:
     if metres < 0.01:
         return f"{1e3 * metres:.1f} mm"
     return f"{100.0 * metres:.1f} cm" if metres < 1.0 else f"{metres:.2f} m"
+
+
+def ranges(numbers: Sequence[int]) -> str:
+    """Write increasing numbers as ranges: 0, 4–6, 9."""
+    runs = [[each for _, each in run] for _, run in groupby(enumerate(numbers), lambda pair: pair[1] - pair[0])]
+    words = [str(run[0]) if len(run) == 1 else f"{run[0]}{', ' if len(run) == 2 else '–'}{run[-1]}" for run in runs]
+    return ", ".join(words if len(words) <= MAX_RANGES else [*words[: MAX_RANGES - 1], "…"])
 
 
 def _grouped(found: Iterable[Weighed], summary: str) -> list[Finding]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import groupby
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,6 +13,7 @@ from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from pbd.plots.demo_values import DemoValues
+from pbd.plots.findings import ranges
 from pbd.plots.style import AXES_RGB, GREY, INK, KNOWN, PALE, SIGMA, SKY, lay_out, length_unit
 from pbd.pose import Array, quat_to_matrix
 
@@ -173,8 +173,6 @@ _ANGLES = np.tile(np.radians([45, 135, 315, 225, 90, 0, 180, 270]), 4)
 DIRECTIONS = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
 RADII = np.repeat((8.0, 14.0, 22.0, 32.0), 8)[:, None]
 """Candidate positions of a label's box, relative to its keyframe; radii in points."""
-MAX_RANGES = 3
-"""Largest number of keyframe numbers, or ranges of them, in one label."""
 
 
 def label_keyframes_3d(ax: Axes3D, at: Array, lines: Array) -> None:
@@ -201,7 +199,7 @@ def label_keyframes(ax: Axes, at: Array, lines: Array) -> None:
     taken = np.empty((0, 4))
     every = _step(len(spots))
     for members in _groups(spots[::every]):
-        words, place = _ranges([every * k for k in members]), every * members[0]
+        words, place = ranges([every * k for k in members]), every * members[0]
         half = 0.5 * size * np.array([0.64 * len(words), 1.25])
         centres = spots[place] + DIRECTIONS * (RADII + half * np.abs(DIRECTIONS))
         low, high = centres - half, centres + half
@@ -228,13 +226,6 @@ def _groups(spots: Array) -> list[list[int]]:
         else:
             near.append(k)
     return groups
-
-
-def _ranges(numbers: Sequence[int]) -> str:
-    """Write increasing numbers as ranges: 0, 4–6, 9."""
-    runs = [[each for _, each in run] for _, run in groupby(enumerate(numbers), lambda pair: pair[1] - pair[0])]
-    words = [str(run[0]) if len(run) == 1 else f"{run[0]}{', ' if len(run) == 2 else '–'}{run[-1]}" for run in runs]
-    return ", ".join(words if len(words) <= MAX_RANGES else [*words[: MAX_RANGES - 1], "…"])
 
 
 def _inside(places: Array, low: Array, high: Array) -> Array:
