@@ -25,12 +25,13 @@ class PoseCovariance:
     Attributes:
         count: n.
         multiply: multiplies the covariance by columns: (n, 6, c) -> (n, 6, c).
-        diagonal: computes `of_each`; None: by `multiply`, whose time grows with the square of n.
+        diagonal, moves: compute `of_each` and `of_moves`; None: by `multiply`, whose time grows with the square of n.
     """
 
     count: int
     multiply: Callable[[Array], Array]
     diagonal: Callable[[], Array] | None = None
+    moves: Callable[[], Array] | None = None
 
     def __repr__(self) -> str:
         return brief(self, counted(self.count, "pose"))
@@ -63,6 +64,8 @@ class PoseCovariance:
     @cached_property
     def of_moves(self) -> Array:
         """Covariance (n - 1, 3, 3) of the displacement from each pose to the next, m2."""
+        if self.moves is not None:
+            return self.moves()
         moves = (np.diff(np.diff(joint[:, :3, :, :3], axis=0), axis=2) for joint in self._batches(overlap=1))
         return np.concatenate([np.empty((0, 3, 3)), *(np.einsum("iaib->iab", move) for move in moves)])
 

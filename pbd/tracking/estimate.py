@@ -88,7 +88,8 @@ def estimate(
     solution = with_own_noise(solution)
     p_stop = solution.state.p[knots] - solution.state.p[knots[0]]
     of_knots = solution.solved, knots, p_stop
-    covariance = PoseCovariance(len(knots), partial(_covariance_times, *of_knots), partial(_each_covariance, *of_knots))
+    functions = _covariance_times, _each_covariance, _move_covariance
+    covariance = PoseCovariance(len(knots), *(partial(function, *of_knots) for function in functions))
     v = integral_of_means(t, solution.path.a)
     return Estimate(
         _with_still_stops(solution, stops, joined, solution.state.p[knots]),
@@ -210,18 +211,35 @@ def _covariance_times(solved: Solved, knots: Sequence[int], p: Array, columns: A
 
 def _each_covariance(solved: Solved, knots: Sequence[int], p: Array) -> Array:
     """The diagonal blocks (k, 6, 6) of the matrix that `_covariance_times` multiplies by."""
-    own = solved.covariance_of_knots(slice(ROT.start, POS.stop))[knots]
+    order = np.r_[POS, ROT]
+    own = solved.covariance_of_knots(slice(ROT.start, POS.stop))[knots][:, order[:, None], order]
+    turn, with_first = _by_first(p), _covariance_with_first(solved, knots)
+    covariance = _made_relative(own, turn, with_first, with_first[0])
+    rest = np.eye(6) + turn[0]  # of the first pose only the tilt remains: no rounding there
+    covariance[0] = rest @ with_first[0] @ rest.T
+    return covariance
+
+
+def _move_covariance(solved: Solved, knots: Sequence[int], p: Array) -> Array:
+    """Covariance (k - 1, 3, 3) of the displacements between the poses whose covariance `_covariance_times` multiplies
+    by."""
+    with_first = _covariance_with_first(solved, knots)
+    turn, moved_with_first = (np.diff(each[:, :3], axis=0) for each in (_by_first(p), with_first))
+    return _made_relative(solved.covariance_of_moves(knots, POS), turn, moved_with_first, with_first[0])
+
+
+def _covariance_with_first(solved: Solved, knots: Sequence[int]) -> Array:
+    """Covariance (k, 6, 6) of the pose at each knot with the pose at the first one."""
     first = np.zeros((len(solved.scale), STATE, 6))
     first[knots[0], POS, :3] = first[knots[0], ROT, 3:] = np.eye(3)
-    with_first = solved.covariance_times(first)[knots]
-    order = np.r_[POS, ROT]
-    turn, of_first = _by_first(p), with_first[0, order]
-    crossed = with_first[:, order] @ turn.transpose(0, 2, 1)
-    covariance: Array = own[:, order[:, None], order] + crossed + crossed.transpose(0, 2, 1)
-    covariance += turn @ of_first @ turn.transpose(0, 2, 1)
-    rest = np.eye(6) + turn[0]  # of the first pose only the tilt remains: no rounding there
-    covariance[0] = rest @ of_first @ rest.T
-    return covariance
+    return solved.covariance_times(first)[knots][:, np.r_[POS, ROT]]
+
+
+def _made_relative(own: Array, turn: Array, with_first: Array, of_first: Array) -> Array:
+    """Covariance (k, c, c) of errors to which `turn` (k, c, 6) times that of the first pose is added."""
+    crossed = with_first @ turn.transpose(0, 2, 1)
+    relative: Array = own + crossed + crossed.transpose(0, 2, 1) + turn @ of_first @ turn.transpose(0, 2, 1)
+    return relative
 
 
 def _by_first(p: Array) -> Array:

@@ -102,3 +102,6 @@ def test_each_poses_covariance_is_its_block_of_the_joint_one() -> None:
     sigma = np.sqrt(np.einsum("kii->ki", slowly))
     assert covariance.of_each == pytest.approx(slowly, abs=1e-9 * float(sigma[1:].min()) ** 2, rel=1e-6)
     assert not covariance.of_each[0, :3].any()  # nav's origin, exactly
+    assert covariance.moves is not None
+    slowly = replace(covariance, moves=None).of_moves
+    assert covariance.of_moves == pytest.approx(slowly, abs=1e-9 * float(np.einsum("kii->ki", slowly).min()), rel=1e-6)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -241,6 +242,19 @@ class Solved:
         own, lower = self.selected
         by, cross = np.diff(self.by_shared[:, block], axis=0), lower[:, block, block]
         covariance: Array = own[1:, block, block] + own[:-1, block, block] - cross - cross.transpose(0, 2, 1)
+        return covariance + by @ self.shared @ by.transpose(0, 2, 1)
+
+    def covariance_of_moves(self, knots: Sequence[int], block: slice) -> Array:
+        """Covariance (k - 1, b, b) of the change of a block of unknowns from each of k knots to the next of these."""
+        by, own = np.diff(self.by_shared[knots, block], axis=0), self.selected[0]
+        gain, at, after = self._factor[1], knots[:-1], knots[1:]
+        self.__dict__.pop("_factor")  # of a long recording it is large
+        cross = own[after, block] / self.scale[after, None]
+        for here, (begin, end) in zip(cross, pairwise(knots), strict=True):
+            for G in gain[begin:end][::-1]:
+                here[:] = -np.dot(here, G)
+        cross = (cross * self.scale[at, None])[:, :, block]
+        covariance: Array = own[after, block, block] + own[at, block, block] - cross - cross.transpose(0, 2, 1)
         return covariance + by @ self.shared @ by.transpose(0, 2, 1)
 
     def covariance_of_legs(self, jacobian: Array, at: int = 0) -> Array:
