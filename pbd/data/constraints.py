@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+
+from pbd.errors import UsageError, is_number, require_kind
 
 
 @dataclass(frozen=True)
@@ -15,7 +21,8 @@ class Place:
         sigma_m: one sigma along each axis of how well the hand met it, m; None: as pbd.tracking.stop_constraints.
 
     Raises:
-        ValueError: fewer than two instants and no position, an instant named twice, or a sigma not above zero.
+        UsageError: fewer than two instants and no position, an instant named twice, a sigma not above zero, or a value
+            that is no number.
     """
 
     t: tuple[float, ...]
@@ -23,11 +30,15 @@ class Place:
     sigma_m: float | None = None
 
     def __post_init__(self) -> None:
+        require_kind("Place.t", self.t, "a tuple of instants, s", _are_finite(self.t))
+        if self.p_base_tool is not None:
+            three = _are_finite(self.p_base_tool) and len(self.p_base_tool) == 3
+            require_kind("Place.p_base_tool", self.p_base_tool, "three numbers, m", three)
         if len(self.t) < (2 if self.p_base_tool is None else 1):
-            raise ValueError("must name at least two stops, or one and a position_m")
+            raise UsageError("Place must name at least two stops, or one and a p_base_tool")
         if len(set(self.t)) < len(self.t):
-            raise ValueError("must name each stop once")
-        _refuse_sigma(self.sigma_m)
+            raise UsageError("Place must name each stop once")
+        _refuse_sigma(self)
 
 
 @dataclass(frozen=True)
@@ -41,7 +52,7 @@ class Contact:
         sigma_m: one sigma of the height, m; None: the default of pbd.tracking.stop_constraints.
 
     Raises:
-        ValueError: both are given, `as_at` equals `t`, or a sigma not above zero.
+        UsageError: both are given, `as_at` equals `t`, a sigma not above zero, or a value that is no number.
     """
 
     t: float
@@ -50,16 +61,25 @@ class Contact:
     sigma_m: float | None = None
 
     def __post_init__(self) -> None:
+        require_kind("Contact.t", self.t, "an instant, s", _are_finite([self.t]))
+        require_kind("Contact.as_at", self.as_at, "an instant, s", self.as_at is None or _are_finite([self.as_at]))
+        require_kind("Contact.height", self.height, "a height, m", self.height is None or _are_finite([self.height]))
         if self.as_at is not None and self.height is not None:
-            raise ValueError("takes as_at_s or height_m, not both")
+            raise UsageError("Contact takes as_at or height, not both")
         if self.as_at == self.t:
-            raise ValueError("and as_at_s must be two stops")
-        _refuse_sigma(self.sigma_m)
+            raise UsageError("Contact.t and as_at must be two stops")
+        _refuse_sigma(self)
 
 
-def _refuse_sigma(sigma_m: float | None) -> None:
-    if sigma_m is not None and not sigma_m > 0.0:
-        raise ValueError(f"must have a sigma_m above zero, got {sigma_m}")
+def _are_finite(values: object) -> bool:
+    if not isinstance(values, Sequence | np.ndarray):
+        return False
+    return all(is_number(value) and isfinite(value) for value in values)
+
+
+def _refuse_sigma(claim: Place | Contact) -> None:
+    if claim.sigma_m is not None and not (is_number(claim.sigma_m) and claim.sigma_m > 0.0):
+        raise UsageError(f"{type(claim).__name__} must have a sigma_m above zero, got {claim.sigma_m!r}")
 
 
 @dataclass(frozen=True)

@@ -5,18 +5,18 @@ from __future__ import annotations
 import fcntl
 import os
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Place, Recording, RecordingInfo, Truth
 from pbd.data.imu_columns import ACC, IMU_COLUMNS, compass_angles, device_rpy
-from pbd.errors import RecordingError
+from pbd.errors import RecordingError, UsageError
 from pbd.files.calibration import read_shape
 from pbd.files.find_by_name import find
 from pbd.files.keyframes import KEYFRAMES_FILE, read_keyframes, read_touch_ups
@@ -33,6 +33,8 @@ RATES_HZ = (1e-6, 1e6)
 """Lowest and highest rate of a recording, Hz: one sample in eleven days; faster than any sensor."""
 
 TRUTH = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
+
+Claim = TypeVar("Claim", Place, Contact)
 
 
 def load_demo(name: str | Path) -> Demonstration:
@@ -280,18 +282,19 @@ def _imu_columns(recording: Recording) -> tuple[tuple[str, ...], Array, tuple[in
 
 
 def _read_place(section: Section) -> Place:
-    t, position = section.numbers("t_s", None), section.lengths("position_m", 3, None)
-    sigma_m = section.number("sigma_m", None, positive=True)
-    try:
-        return Place(t, None if position is None else (position[0], position[1], position[2]), sigma_m)
-    except ValueError as reason:
-        section.fail("t_s", str(reason))
+    return _claim(section, Place, section.numbers("t_s", None), section.lengths("position_m", 3, None))
 
 
 def _read_contact(section: Section) -> Contact:
     t, as_at, height = section.number("t_s"), section.number("as_at_s", None), section.length("height_m")
+    return _claim(section, Contact, t, as_at, height)
+
+
+def _claim(section: Section, kind: Callable[..., Claim], *values: Any) -> Claim:
+    """Make a Place or a Contact; what it refuses is said with the file's keys."""
     sigma_m = section.number("sigma_m", None, positive=True)
     try:
-        return Contact(t, as_at, height, sigma_m)
-    except ValueError as reason:
-        section.fail("t_s", str(reason))
+        return kind(*values, sigma_m)
+    except UsageError as reason:
+        words = reason.message.partition(" ")[2].replace("p_base_tool", "position_m")
+        section.fail("t_s", words.replace("as_at", "as_at_s").replace("height", "height_m"))
