@@ -93,6 +93,7 @@ def test_a_mirrored_hand_goes_the_mirrored_way(method: str, sensor: SensorModel)
     assert np.ptp(path.p_nav_sensor[:, polar < 0.0]) > 0.05
 
 
+@pytest.mark.filterwarnings("ignore:at the first rest the sensor lies upside down")  # it does, in one of the mountings
 @every_method
 @with_and_without_north
 @pytest.mark.parametrize("rpy", [(0.4, -0.3, 2.0), (np.pi, 0.0, 0.0)])
