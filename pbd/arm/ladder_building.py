@@ -114,7 +114,7 @@ def _nearest_variants(found: Array, nearest: Array, total: Array) -> tuple[Array
     order = np.argsort(total.ravel(), kind="stable")
     which = order % len(found)
     # Variants of a configuration differ by whole turns, so that a weighted sum of the shifts tells them apart.
-    turns = np.round(shift[order] / (2.0 * np.pi)) @ 100.0 ** np.arange(shift.shape[1])
+    turns = np.round(shift[order] / (2.0 * np.pi)) @ 64.0 ** np.arange(shift.shape[1])
     _, first = np.unique(which + 1j * turns, return_index=True)
     different = np.sort(first)  # the least travel first
     different = different[np.argsort(which[different], kind="stable")]
