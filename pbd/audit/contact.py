@@ -4,7 +4,7 @@ Two solids can't touch before they have moved by their distance relative to each
 again only then. The relative motion is bounded by how far the joints turn, times how far the solids reach. Where
 bounding spheres are too far apart for a contact, the distance is not measured at all.
 
-Sources: B. Mirtich, LostMotion-based dynamic simulation of rigid body systems, 1996; M. Tang, Y. J. Kim and D. Manocha,
+Sources: B. Mirtich, Impulse-based dynamic simulation of rigid body systems, 1996; M. Tang, Y. J. Kim and D. Manocha,
 C2A: controlled conservative advancement, ICRA 2009.
 """
 
