@@ -55,6 +55,33 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
     return level_onto(Pose(np.zeros(3), wxyz_nav_sensor), dock)
 
 
+def refuse_other_heading(calibration: Calibration, path: HandPath) -> None:
+    """Refuse a [nav] that was registered with a magnetometer for a path without one, and the other way round.
+
+    The two navs differ by an unknown heading.
+
+    Raises:
+        CalibrationError: nav of the calibration and nav of the path count their heading from different directions.
+    """
+    tracking, registered = path.tracking, calibration.nav_points_north
+    if (
+        tracking is None
+        or registered is None
+        or (tracking.method == "paper" and tracking.recording.device_rpy is not None)
+    ):
+        return  # unknown; the paper's method takes the device's own heading
+    tracked = tracking.recording.mag is not None
+    if registered == tracked:
+        return
+    has, lacks = "was registered with a magnetometer", "has none, or none that can be used"
+    if tracked:
+        has, lacks = "was registered without a magnetometer", "has one"
+    raise CalibrationError(
+        f"the [nav] of '{calibration.name}' {has}, and this demonstration {lacks}, so its heading counts from another "
+        "direction; name a calibration with a dock, or touch the points again with this sensor (pbd calibrate points)"
+    )
+
+
 def in_base(
     keyframes: Sequence[Keyframe],
     calibration: Calibration,
@@ -65,8 +92,11 @@ def in_base(
     """Place keyframes in base, by the attitude at the first of them.
 
     Raises:
-        CalibrationError: as `nav_in_base`; or the tool, whose orientation is to be fixed, points up at the first.
+        CalibrationError: as `nav_in_base`; or as `refuse_other_heading`, if the path is given; or the tool, whose
+            orientation is to be fixed, points up at the first.
     """
+    if path is not None:
+        refuse_other_heading(calibration, path)
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     if orientation == "fixed":
         wxyz = (T_base_nav @ keyframes[0].T_nav_sensor @ calibration.T_sensor_tool).wxyz
@@ -105,19 +135,22 @@ def dock_tilt(T_base_dock: Pose, wxyz_nav_sensor: Array) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(declared, measured)), declared @ measured))
 
 
-def dock_at(keyframes: Sequence[Keyframe], index: int, calibration: Calibration) -> tuple[Pose, Array]:
+def dock_at(
+    keyframes: Sequence[Keyframe], index: int, calibration: Calibration, path: HandPath | None = None
+) -> tuple[Pose, Array]:
     """Return T_base_sensor at a keyframe, and its covariance (6, 6), m and rad.
 
     The covariance has no tilt, because only position and heading of a dock are used.
 
     Args:
         keyframes: a demonstration's; it started at the first.
+        path: theirs, if known.
 
     Raises:
         CalibrationError: as `in_base`, or the base is tilted.
     """
     no_tool = replace(calibration, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
-    placed = replace(in_base(keyframes, no_tool), keyframes=[keyframes[index]])
+    placed = replace(in_base(keyframes, no_tool, path=path), keyframes=[keyframes[index]])
     refuse_tilted(placed.T_base_nav)
     cov = sum(tool_covariances(placed).values(), np.zeros((1, 6, 6)))[0]
     cov[3:5] = cov[:, 3:5] = 0.0

@@ -126,6 +126,13 @@ class Calibration:
         return self.T_base_dock is not None or self.T_base_nav is not None
 
     @property
+    def nav_points_north(self) -> bool | None:
+        """Whether a magnetometer gave the heading of T_base_nav; None: no points were fitted, so it is unknown."""
+        if self.T_base_nav is None or "nav.chi2" not in self.residuals:
+            return None
+        return "nav.heading_deg" in self.residuals
+
+    @property
     def cov_start(self) -> Array:
         """(6, 6) m and rad, covariance of the dock's or nav's pose in base; assumed if `cov_base` is None."""
         if self.cov_base is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -282,6 +283,36 @@ def test_the_dock_and_nav_say_the_same_of_their_demonstration(capsys: Capture, t
     metres, rad = nav.distance(dock)
     assert metres < 1e-4
     assert rad < 1e-4
+
+
+def test_a_magnetic_nav_is_not_for_a_demonstration_without_a_magnetometer(capsys: Capture, touched: Touching) -> None:
+    """Their navs differ by the heading of the sensor at the dock: the arm would go elsewhere by any angle."""
+    blind = replace(touched.demo, recording=replace(touched.demo.recording, mag=None))
+    dead = replace(blind.recording, mag=np.full((len(blind.recording), 3), 20.0))
+    write_demo(blind, Path("demos/blind"))
+    write_demo(replace(blind, recording=dead), Path("demos/dead"))
+    run(capsys, *POINTS)
+    blind_points = ("calibrate", "points", "other", "blind", *POINTS[4:], "--as", "nav")
+    run(capsys, *blind_points)
+    wrong = "registered with a magnetometer, and this demonstration has none", "registered without a magnetometer"
+    for name, calibration, message in (
+        ("blind", "bench", wrong[0]),
+        ("dead", "bench", wrong[0]),
+        ("touches", "other", wrong[1]),
+    ):
+        by = ("--calibration", calibration)
+        assert message in refused(capsys, 1, "keyframes", name, *by)
+        assert message in refused(capsys, 1, "calibrate", "show", calibration, name)
+        assert message in refused(capsys, 1, "calibrate", "dock", "next", "--from-keyframe", name, "2", *by)
+        assert message in refused(capsys, 1, "export", name, "--robot", "panda", "-o", "no.json", *by)
+        assert message in refused(capsys, 1, "touch", name, "2", "--robot", "panda", "--by", "0", "0", "0.001", *by)
+        with (Path("demos") / name / "demo.toml").open("a") as file:
+            file.write("[[contact]]\nt_s = 1.0\n")
+        assert message in refused(capsys, 1, "segments", name, *by)  # a place in base would be used
+    run(capsys, "calibrate", "dock", "plain", *DOCK[3:])
+    for name, calibration in (("touches", "bench"), ("blind", "other"), ("blind", "plain"), ("touches", "plain")):
+        assert run(capsys, "keyframes", name, "--calibration", calibration)[0] == 0
+    assert run(capsys, *blind_points, "--force")[0] == 0  # can be registered anew
 
 
 def test_points_are_fitted_with_the_scale_that_a_replay_uses(capsys: Capture, touched: Touching) -> None:

@@ -141,12 +141,13 @@ def _pose_at_keyframe(args: argparse.Namespace, calibration: Calibration) -> tup
     if not (args.calibration or calibration.knows_start):
         what = f"the calibration '{args.name}' does not say where the hand starts, so it is unknown where {name} did"
         raise CalibrationError(f"{what}; name another one with --calibration")
-    keyframes = keyframes_of(track_with(args, load_demo(name), through))
+    path = track_with(args, load_demo(name), through)
+    keyframes = keyframes_of(path)
     if not (index.isdigit() and int(index) < len(keyframes)):
         last = len(keyframes) - 1
         what = f"{name} has the keyframes 0 to {last}, not '{index}'; `pbd keyframes {shlex.quote(name)}` lists them"
         raise CalibrationError(what, value=index, bound=last)
-    return dock_at(keyframes, int(index), through)
+    return dock_at(keyframes, int(index), through, path)
 
 
 def _refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:

@@ -62,8 +62,8 @@ def _placed(args: argparse.Namespace, calibration: Calibration) -> tuple[str, Ke
         return None
     try:
         demo = load_demonstration(args.demo)
-        keyframes = keyframes_of(track_with(args, demo, calibration))
-        return demo.recording.info.name, in_base(keyframes, calibration)
+        path = track_with(args, demo, calibration)
+        return demo.recording.info.name, in_base(keyframes_of(path), calibration, path=path)
     except PbdError as reason:
         if args.demo is not None:
             raise
