@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -663,6 +663,33 @@ def test_a_lost_line_moves_no_later_sample(tmp_path: Path) -> None:
     assert_allclose(read.acc[:, 0], GRAVITY * np.arange(9))
     assert read.gyr is not None
     assert_allclose(read.gyr[:, 2], 9 * DEG)
+
+
+@pytest.mark.parametrize("counter", ["PacketCounter", "Counter", "field.header.seq", "sample_number"])
+def test_lost_samples_show_in_a_counter_though_a_rate_is_given(tmp_path: Path, counter: str) -> None:
+    """MT Manager writes a PacketCounter, and times only if they are chosen. The counter wraps at 2^16."""
+    numbers = np.delete(np.arange(100), [40, 41, 42, 43, 44, 45, 46])
+    text = f"{counter},ax,ay,az\n"
+    read = imported(tmp_path, text + "".join(f"{(65510 + k) % 2**16},0,{k},9.8\n" for k in numbers), rate_hz=100.0)
+    assert_allclose(read.t, numbers / 100.0)
+    assert_allclose(read.acc[:, 1], numbers)
+    assert counter in read.info.source.unread
+    twos = imported(tmp_path, text + "".join(f"{2 * k},0,{k},9.8\n" for k in numbers), rate_hz=50.0)
+    assert_allclose(twos.t, numbers / 50.0)
+
+
+@pytest.mark.parametrize("count", [lambda k: k // 10, lambda k: 0, lambda k: "", lambda k: k**2])
+def test_a_column_that_counts_something_else_tells_no_times(tmp_path: Path, count: Callable[[int], object]) -> None:
+    rows = "".join(f"{count(k)},0,{k},9.8\n" for k in range(100))
+    assert_allclose(imported(tmp_path, f"count,ax,ay,az\n{rows}", rate_hz=100.0).t, np.arange(100) / 100.0)
+
+
+def test_a_counter_that_starts_anew_is_warned_of(tmp_path: Path) -> None:
+    rows = "".join(f"{k if k < 60 else k - 60},0,{k},9.8\n" for k in range(100))
+    with pytest.warns(
+        PbdWarning, match="'seq', which counts samples, leaps from 59 to 0 after row 59: how many are missing"
+    ):
+        assert len(imported(tmp_path, f"seq,ax,ay,az\n{rows}", rate_hz=100.0)) == 100
 
 
 ROS1_HEADER = 'header: \n  seq: {k}\n  stamp: \n    secs: 222\n    nsecs: {ns:>9}\n  frame_id: "imu_link"\n'

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data.source_columns import SourceColumns
-from pbd.errors import RecordingError, listed
+from pbd.errors import RecordingError, listed, warn
 from pbd.files.importers.header_names import is_device_time, plain, split_unit
 from pbd.files.table import Sheet, Table
 from pbd.io.numbers import DAY_S, HOUR_S, date_order, is_stamp, seconds
@@ -16,6 +16,9 @@ from pbd.pose import Array
 
 COUNTER_SIZES, LONGEST_COUNT = (2.0**16, 2.0**32), 3.0
 """Numbers of values of a device's counter, and its longest step, as a multiple of the usual one, when it wraps."""
+
+MOST_STEPS = 0.9
+"""Smallest share of equal steps in a column that counts samples: of ten samples at most one may be lost."""
 
 
 def dated_column(sheet: Sheet) -> str:
@@ -49,6 +52,28 @@ def best_clock(path: Path, table: Table, clocks: list[str]) -> str:
         for k, (name, ahead, count) in enumerate(zip(clocks, forward, distinct, strict=True))
     ]
     return clocks[max(range(len(clocks)), key=rank.__getitem__)]
+
+
+def numbers_of_samples(name: str, counter: Array) -> Array | None:
+    """Return the number of each sample, from 0, by the values (n,) of a counter, which leap where samples were lost.
+
+    None if most steps are not the same, so that the column counts something else; or if some are no whole ones or
+    backwards, with a warning.
+    """
+    steps = np.diff(counter)
+    steps = steps + _counter_size(counter) * (steps < 0.0)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    if not usual > 0.0 or np.mean(steps == usual) < MOST_STEPS:
+        return None
+    if (wrong := np.flatnonzero((steps < 0.0) | (steps % usual != 0.0))).size:
+        row = int(wrong[0])
+        leap = f"leaps from {counter[row]:.15g} to {counter[row + 1]:.15g} after row {row}"
+        warn(
+            f"the column '{name}', which counts samples, {leap}: how many are missing there is unknown; "
+            "cut the file there"
+        )
+        return None
+    return np.concatenate(([0.0], np.cumsum(steps / usual)))
 
 
 def unwrapped(t: Array, found: SourceColumns, sheet: Sheet) -> Array:

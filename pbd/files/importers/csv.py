@@ -23,9 +23,9 @@ from pbd.data.units import unit_factor
 from pbd.errors import RecordingError, listed, warn
 from pbd.files.header_line import without_thousands
 from pbd.files.importers import XIO_FILE, check_rate
-from pbd.files.importers.clock_columns import best_clock, dated_column, refuse_backwards, unwrapped
+from pbd.files.importers.clock_columns import best_clock, dated_column, numbers_of_samples, refuse_backwards, unwrapped
 from pbd.files.importers.columns import PROGRAMS, UNUSED, understand
-from pbd.files.importers.header_names import is_time, is_time_step, our_name, own_times_of, plain, time_unit
+from pbd.files.importers.header_names import is_counter, is_time, is_time_step, our_name, own_times_of, plain, time_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.importers.split_seconds import with_parts, with_unread_part
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
@@ -109,7 +109,8 @@ def read_csv(
     own = {channel: name for channel in ("gyr", "mag") for name in sheet.header if own_times_of(name) == channel[0]}
     own = {channel: name for channel, name in own.items() if timed and found.of(channel)}
     stamped = [*clocks, *own.values()]
-    table = sheet.read([*(column.name for column in found.columns), *stamped], times=stamped)
+    counter = [name for name in sheet.header if is_counter(name)][:1] if rate_hz is not None else []
+    table = sheet.read([*(column.name for column in found.columns), *stamped, *counter], times=stamped)
     if timed:
         table, parts = with_parts(sheet, table, () if in_steps else clocks, units)
         best = best_clock(path, table, [name for name in clocks if name not in parts.values()])
@@ -135,7 +136,15 @@ def read_csv(
         if in_steps:
             channels["t"] = np.cumsum(channels["t"], axis=0)
         clock = channels.get("t")
-        t = np.arange(len(table.values)) / (rate_hz or 1.0) if clock is None else unwrapped(clock[:, 0], found, sheet)
+        numbers = numbers_of_samples(counter[0], table.columns(*counter)[:, 0]) if counter else None
+        if numbers is not None:
+            understood = understood.with_unread(
+                {counter[0]: "--rate is used, and this shows which samples are missing"}
+            )
+        if clock is None:
+            t = (np.arange(len(table.values)) if numbers is None else numbers) / (rate_hz or 1.0)
+        else:
+            t = unwrapped(clock[:, 0], found, sheet)
         if clock is not None:
             refuse_backwards(sheet, found.of("t")[0].name, t)
             filled = ~np.isnan(table.values).all(axis=1)  # spreadsheets write rows of empty cells

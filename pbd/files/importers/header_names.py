@@ -49,6 +49,9 @@ _DEVICE_TIME = (
     r"(?:device|sensor|imu|mcu|board|arduino|esp\d*)_(?:time(?:_?stamp)?_)?(?:ms|us)"
 )
 _TIME_STEP = r"d_?t|delta_?t(?:ime)?|time_?(?:delta|diff(?:erence)?|step)|(?:sample_|sampling_)(?:interval|period|time)"
+_COUNTER = (
+    r"(?:(?:packet|sample|frame|message|msg|row)_?)?(?:counter|count|number|index)|(?:.*_)?seq(?:uence)?(?:_?number)?"
+)
 _SECONDS = r"(?:n|u|m|nano|micro|milli)?s(?:ecs?|econds?)?"
 _TIME_UNITS = rf"_({_SECONDS}|min)$"
 """A unit of time at the end of a name, as in `timestamp_us`."""
@@ -148,6 +151,11 @@ def is_time_step(name: str) -> bool:
     """Whether a column contains the time since the row before."""
     word = plain(name)
     return re.fullmatch(_TIME_STEP, re.sub(_TIME_UNITS, "", word)) is not None
+
+
+def is_counter(name: str) -> bool:
+    """Whether a column counts the samples, as Xsens' `PacketCounter` and ROS's `header.seq` do."""
+    return re.fullmatch(_COUNTER, plain(name)) is not None
 
 
 def own_times_of(name: str) -> str:
