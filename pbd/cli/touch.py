@@ -9,7 +9,7 @@ import numpy as np
 
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
-from pbd.calibration.touch_up import TouchedUp, demonstrated_places, touched_up
+from pbd.calibration.touch_up import TouchedUp, demonstrated_places, touched_poses, touched_up
 from pbd.cli.common import load_demonstration, print_result, track_demonstration
 from pbd.cli.console import say
 from pbd.cli.keyframes_file import save_keyframes
@@ -18,6 +18,7 @@ from pbd.errors import RecordingError, UsageError, warn
 from pbd.files.keyframes import KEYFRAMES_FILE, LARGEST_NUDGE_M
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
 from pbd.planning import load_robot_and_calibration
+from pbd.planning.result import place_remark
 from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import quat_inverse, quat_rotate
 from pbd.view.terminal_tables import make_table
@@ -35,13 +36,13 @@ def run(args: argparse.Namespace) -> None:
     if args.at and args.tool:
         raise UsageError("--tool is for --by: --at is a place in base; leave --tool out")
     demo = load_demonstration(args.demo)
-    _, calibration = load_robot_and_calibration(args.robot, args.calibration)
+    robot, calibration = load_robot_and_calibration(args.robot, args.calibration)
     path, keyframes = track_demonstration(args, demo, calibration)
     placed = in_base(keyframes, calibration, path=path)
     before = touched_up(placed)
     if args.undo and all(each.undone for each in demo.touch_ups):
         raise RecordingError("there is no touch-up to undo; `pbd touch DEMO KEYFRAME --by X Y Z` makes one")
-    added = None if args.undo else _touch_up(args, placed, before)
+    added = None if args.undo else _touch_up(args, placed)
     if demo.keyframes is None or demo.folder is None:
         file = save_keyframes(args, demo, keyframes, for_touch=True)
     else:
@@ -51,6 +52,8 @@ def run(args: argparse.Namespace) -> None:
     else:
         add_touch_up(file, added)
         touch_ups = (*demo.touch_ups, added)
+    if remark := place_remark(robot, calibration, args.calibration):
+        say(remark)  # base's axes are those of --by
     _report(args, placed, before, touched_up(placed, touch_ups))
     if not touch_ups:
         say(f"undone, and {file}, which nobody had edited, is removed")
@@ -59,14 +62,14 @@ def run(args: argparse.Namespace) -> None:
     say(f"{'undone' if args.undo else 'added'} in {file}, which the arm follows from now on{back}")
 
 
-def _touch_up(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp) -> TouchUp:
+def _touch_up(args: argparse.Namespace, placed: KeyframesInBase) -> TouchUp:
     """Make the touch-up that --by or --at asks for."""
     count = len(placed.keyframes)
     if not 0 <= args.keyframe < count:
         raise RecordingError(f"there is no keyframe {args.keyframe}; they are 0 to {count - 1}", value=args.keyframe)
-    pose = tool_poses(placed)[args.keyframe]
+    pose = touched_poses(placed)[args.keyframe]  # warns of touch-ups that were made with another calibration
     if args.at is not None:
-        by_base = np.array(args.at) - pose.p - before.shift[args.keyframe]
+        by_base = np.array(args.at) - pose.p
     else:
         by_base = quat_rotate(pose.wxyz, args.by) if args.tool else np.array(args.by)
     by_nav = quat_rotate(quat_inverse(placed.T_base_nav.wxyz), by_base)
@@ -81,7 +84,8 @@ def _touch_up(args: argparse.Namespace, placed: KeyframesInBase, before: Touched
 
 def _undo_command(args: argparse.Namespace) -> str:
     """Return the command that undoes this touch-up."""
-    return f"`pbd touch {shlex.quote(args.demo)} --robot {shlex.quote(args.robot)} --undo`"
+    by = f" --calibration {shlex.quote(args.calibration)}" if args.calibration else ""
+    return f"`pbd touch {shlex.quote(args.demo)} --robot {shlex.quote(args.robot)}{by} --undo`"
 
 
 def _report(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp, after: TouchedUp) -> None:

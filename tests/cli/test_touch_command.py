@@ -97,6 +97,20 @@ def test_a_touch_up_made_with_another_dock_is_told(tea: Path, capsys: Capture) -
     assert "corrected twice" not in run(capsys, "keyframes", "tea", *bench)[2]
 
 
+def test_touching_again_with_another_calibration_is_told(tea: Path, capsys: Capture) -> None:
+    """--by is along base's axes, which another dock turns: without --calibration it may be meant for yours."""
+    run(capsys, "calibrate", "dock", "bench", "--position", "0.45", "-0.1", "0.25", "--rpy", "0", "0", "90")
+    by = ("touch", "tea", "2", "--robot", "panda", "--by", "0", "-0.004", "0")
+    said = run(capsys, *by, "--calibration", "bench")[2]
+    assert "own dock" not in said
+    assert "`pbd touch tea --robot panda --calibration bench --undo` takes it back" in said
+    assert "corrected twice" not in run(capsys, *by, "--calibration", "bench")[2]
+    code, _, said = run(capsys, *by)
+    assert code == 0
+    assert said.count("warning: keyframe 2 was touched up where the tool was") == 1
+    assert "the hand starts at panda's own dock, (0.450, -0.150, 0.250) m in base; for yours give --calibration" in said
+
+
 def test_a_touch_up_is_kept_followed_and_undone(tea: Path, capsys: Capture) -> None:
     before = places(capsys)
     _, out, said = run(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "-0.004", "0", "--json")
