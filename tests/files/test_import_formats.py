@@ -295,6 +295,8 @@ def test_a_column_that_looks_inertial_is_never_ignored(tmp_path: Path) -> None:
         ("IMUGyroFwd", "looks like a gyro", "gx=IMUGyroFwd"),
         ("imu_gyro_fwd", "looks like a gyro", "gx=imu_gyro_fwd"),
         ("pitch_rate", "looks like a gyro", "gx=pitch_rate"),
+        ("Dreh_X [°/s],Dreh_Y [°/s]", "look like a gyro", r"gx='Dreh_X \[°/s\]'"),
+        ("x (dps)", "looks like a gyro", r"gx='x \(dps\)'"),
         ("mag1", "looks like inertial data", "mx=mag1"),
     ],
 )

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 
 from pbd.data.imu_columns import ATTITUDE
-from pbd.data.units import unit_factor
+from pbd.data.units import spelled, unit_factor
 
 _WORDS = {
     "g": r"(?P<before>.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|ang(?:ular)?_?(?:vel(?:ocity)?|rate))|"
@@ -200,7 +200,7 @@ def looks_inertial(name: str) -> str:
     for letter, (alone, with_axis) in _INERTIAL.items():
         if re.search(rf"(?:^|_|(?<=imu))(?:{alone}{'|' + with_axis if has_axis else ''})", word):
             return letter
-    return ""
+    return "g" if has_axis and re.search("(?:deg|rad)/s$|dps$", spelled(split_unit(name)[1])) else ""
 
 
 def why_never_read(name: str) -> str:
