@@ -25,6 +25,7 @@ from pbd.cli.common import (
 )
 from pbd.cli.console import say
 from pbd.cli.keyframes_file import assign_frames
+from pbd.cli.options import TOLERANCES_M
 from pbd.data import Keyframe, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
 from pbd.errors import UsageError
@@ -107,8 +108,8 @@ def _success(args: argparse.Namespace, placed: KeyframesInBase | None) -> Succes
     if args.tolerance is None:
         return success_of(placed) if any(each.tolerance_m is not None for each in placed.keyframes) else None
     within_m, *within_deg = args.tolerance
-    if within_m <= 0.0 or len(within_deg) > 1 or min(within_deg, default=1.0) <= 0.0:
-        raise UsageError("--tolerance takes METRES, or METRES DEGREES, above zero")
+    if not 0.0 < within_m <= TOLERANCES_M[1] or len(within_deg) > 1 or min(within_deg, default=1.0) <= 0.0:
+        raise UsageError(f"--tolerance takes METRES (up to {TOLERANCES_M[1]}), or METRES DEGREES, above zero")
     return success_of(placed, within_m, math.radians(within_deg[0]) if within_deg else math.inf)
 
 

@@ -28,7 +28,7 @@ BOUNDS = {
     "speed": (0.01, 1.0),
     "margin": (0.0, 0.5),
     "scale": (1e-3, 1e3),
-    "tolerance_m": (1e-6, 1e3),
+    "tolerance_m": (1e-6, 0.5),  # a larger one was probably meant in millimetres
     "dwell_s": (0.0, np.inf),
 }
 """Smallest and largest value of each option that is a number."""

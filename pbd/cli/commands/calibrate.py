@@ -7,7 +7,7 @@ from argparse import ArgumentParser
 from collections.abc import Callable
 from pathlib import Path
 
-from pbd.cli.options import add_accept_gap, add_commands, add_force, add_json, finite, flag, option, up_to_10_m, within
+from pbd.cli.options import add_accept_gap, add_commands, add_force, add_json, finite, flag, option, sigma_mm, within
 
 REPLACE_PART = "replace a [dock] by a [nav], or a [nav] by a [dock]"
 
@@ -52,7 +52,7 @@ def dock(parser: ArgumentParser) -> None:
     option(parser, "--rpy", ("R", "P", "Y"), rpy, nargs=3, type=finite)
     option(parser, "--calibration", "C", "calibration to track --from-keyframe with (CALIBRATION)")
     option(parser, "--robot", "R", "robot of --joints; checks that it reaches the dock")
-    option(parser, "--sigma-mm", "MM", "one sigma of the position, each axis, mm (3)", type=up_to_10_m, default=3.0)
+    option(parser, "--sigma-mm", "MM", "one sigma of the position, each axis, mm (3)", type=sigma_mm, default=3.0)
     turn = "one sigma of the rotation, each axis, degrees (1)"
     option(parser, "--sigma-deg", "DEG", turn, type=within(1e-6, 180.0), default=1.0)
     add_force(parser, REPLACE_PART)
@@ -77,7 +77,7 @@ def points(parser: ArgumentParser) -> None:
     flag(parser, "--free", "also find the tilt, where the base's z is not vertical")
     flag(parser, "--find-scale", "also find the scale of the hand's path")
     touch = "one sigma between tip and point, each axis, mm (1)"
-    option(parser, "--touch-mm", "MM", touch, type=up_to_10_m, default=1.0)
+    option(parser, "--touch-mm", "MM", touch, type=sigma_mm, default=1.0)
     nav = "nav: later demonstrations start at the same point with any heading (needs a magnetometer, and is the default"
     both = f"{nav} with one); dock: they start with the sensor in the same pose"
     option(parser, "--as", None, both, dest="part", choices=("nav", "dock"))
