@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from numpy.testing import assert_allclose
 from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files.importers import import_file
+from pbd.tracking.noise import CALIBRATED, CLASSES
 
 DEG = np.pi / 180.0
 
@@ -77,6 +79,9 @@ def test_xsens_mt_manager(tmp_path: Path) -> None:
     assert_allclose(recording.t, [0.0, 0.01])
     assert recording.gyr is not None
     assert_allclose(recording.gyr[0], [1.5, 0.0, -2.0])
+    assert CLASSES[recording.info.sensor.split()[0]] is CALIBRATED
+    untimed = imported(tmp_path, re.sub(r"\t(SampleTimeFine|5000[12]00)", "", MT_MANAGER), rate_hz=100.0)
+    assert untimed.info.source.program == "Xsens MT Manager"
 
 
 SHIMMER = """"sep=,"

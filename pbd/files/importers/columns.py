@@ -35,12 +35,12 @@ class Program:
     sensor: str = "unknown"
 
 
-_XSENS = frozenset(("packet_counter", "sample_time_fine"))
+_PACKETS = frozenset(("packet_counter",))
 _GFORCE = {"acc": "g", "gyr": "rad/s", "mag": "uT"}
 _ICM20948 = {"acc": "mg", "gyr": "deg/s", "mag": "uT"}
 PROGRAMS = (
-    Program("Xsens MT Manager", _XSENS, r"(?m)^//", {"t": "0.1ms", "gyr": "rad/s", "mag": "a.u."}),
-    Program("Movella (Xsens) DOT", _XSENS, "", {"t": "us", "gyr": "deg/s", "mag": "a.u."}),
+    Program("Xsens MT Manager", _PACKETS, r"(?m)^//", {"t": "0.1ms", "gyr": "rad/s", "mag": "a.u."}, "xsens"),
+    Program("Movella (Xsens) DOT", _PACKETS | {"sample_time_fine"}, "", {"t": "us", "gyr": "deg/s", "mag": "a.u."}),
     Program("Physics Toolbox", frozenset(("g_fx", "g_fy", "g_fz")), units=_GFORCE, sensor="phone"),
     Program("rostopic", frozenset(("field_header_stamp",)), units={"t": "ns"}),
     Program("SparkFun OpenLog Artemis", frozenset(("rtc_date", "rtc_time")), units=_ICM20948, sensor="openlog"),
