@@ -176,15 +176,16 @@ def row_changes(*sensors: Array | None) -> NDArray[np.bool_]:
 def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, int, bool]:
     """The sampling interval, s, of stamps that may be coarse; over how many samples; whether no sample is lost."""
     mean, reach = float(t[-1] - t[0]) / (len(t) - 1), min(LATE_SAMPLES, len(t) // 4)
-    if nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL_TOLERANCE:
-        return mean, reach, True
+    complete = nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL_TOLERANCE
     steps = np.diff(t)
     # The samples of a batch may be stamped one after the other. The longest steps, if they are rare, are gaps.
     begins = steps > WITHIN_BATCH * np.sort(steps)[: int((1.0 - OFF_BEAT) * len(steps))].mean()
     batches = np.diff(np.flatnonzero(begins))
     if len(batches) > 1 and batches.mean() > LATE_SAMPLES / 2:
         arrived = t[np.maximum.accumulate(np.arange(len(t)) * np.append(True, begins))]
-        return batched_interval(arrived), 2 * int(batches.max()), False
+        return mean if complete else batched_interval(arrived), 2 * int(batches.max()), complete
+    if complete:
+        return mean, reach, True
     spans = t[reach:] - t[:-reach]
     usual = float(np.sort(spans)[len(spans) // 2])  # not the mean of two, which may be far from both
     if usual <= 0.0:

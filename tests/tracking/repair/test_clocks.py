@@ -163,6 +163,20 @@ def test_samples_stamped_in_batches_are_spread(batch: int) -> None:
         assert worst(demo, batched) < worst(demo, demo.recording) + 0.01
 
 
+@pytest.mark.filterwarnings("ignore:the time stamps come in batches")
+@pytest.mark.parametrize("batch_s", [0.064, 0.128])
+def test_a_batched_recordings_own_rate_changes_nothing(batch_s: float) -> None:
+    """`pbd import` stores the rate: 0.128 s at once could then not be read again, and less came at uneven times."""
+    recording = unnamed(simulate("pour", "modern", 1).recording)
+    late = np.random.default_rng(1).exponential(0.002, len(recording))
+    arrived = np.maximum.accumulate(batch_s * np.ceil(recording.t / batch_s) + late)
+    batched = replace(recording, t=arrived - arrived[0])
+    even = with_clock(batched)
+    stored = replace(batched, info=replace(batched.info, rate_hz=even.rate_hz))
+    np.testing.assert_allclose(with_clock(stored).t, even.t, atol=1e-3)
+    assert np.ptp(np.diff(with_clock(stored).t)) < 1e-9
+
+
 @pytest.mark.parametrize(("rate_hz", "tick"), [(100.0, 0.1), (100.0, 1.0), (104.3, 1.0)])
 @pytest.mark.filterwarnings("ignore:the time stamps come in batches")
 def test_stamps_of_many_rows_have_the_rate_of_rows_per_time(rate_hz: float, tick: float) -> None:
