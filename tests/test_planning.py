@@ -17,7 +17,17 @@ from pbd.arm.tool_deviation import off_line
 from pbd.audit import audit
 from pbd.audit.arm import AuditArm
 from pbd.audit.contact import Pair, Touch, find_touch
-from pbd.data import Calibration, Demonstration, HandPath, JointTrajectory, Keyframe, Obstacle, Robot, Stop
+from pbd.data import (
+    Calibration,
+    Demonstration,
+    GraspedObject,
+    HandPath,
+    JointTrajectory,
+    Keyframe,
+    Obstacle,
+    Robot,
+    Stop,
+)
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError, UsageError
 from pbd.files.demo import load_demo
@@ -465,6 +475,18 @@ def test_options_have_bounds(name: str) -> None:
     for value in (-1.0, float("nan"), *((1e-9, 0.0, 1e6) if name in ("speed", "scale", "tolerance_m") else ())):
         with pytest.raises(PbdError, match=f"{name} must be from [^;]*, got "):
             PlanOptions(**{name: value})
+
+
+def test_an_object_that_nothing_grips_is_told_and_carried_by_nobody() -> None:
+    """A logger of samples alone knows no grip; the summary said that the arm carries the object."""
+    box, way = GraspedObject("box", (0.04, 0.04, 0.08), 0.4), [keyframe(0.0), keyframe(2.0, x=0.1), keyframe(4.0)]
+    with pytest.warns(
+        PbdWarning, match=r"the box is left out, because the grip never closes: .*\[\[grip\]\] in demo.toml"
+    ):
+        plan = plan_keyframes(way, dock(), PANDA, grasped=box)
+    assert plan.grasped is None
+    gripped = plan_keyframes([way[0], replace(way[1], grip=True), way[2]], dock(), PANDA, grasped=box)
+    assert gripped.grasped is box
 
 
 def test_a_motion_of_hours_is_refused() -> None:

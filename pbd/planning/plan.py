@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from pbd.calibration.tool_poses import with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Load, Robot
-from pbd.errors import PbdError, require_kind, require_type
+from pbd.errors import PbdError, require_kind, require_type, warn
 from pbd.pipeline import track
 from pbd.planning.choose_joints import PlanRefusal, choose_joints
 from pbd.planning.object_frames import ThingPlace, keyframes_of_things, nearest_working_place
@@ -123,6 +123,12 @@ def plan_keyframes(
     _require_types(calibration, robot, options)
     require_type("plan_keyframes", hand_path, "pbd.track", HandPath, optional=True)
     require_type("plan_keyframes", grasped, "pbd.data.GraspedObject", GraspedObject, optional=True)
+    if grasped is not None and not any(each.grip for each in keyframes):
+        warn(
+            f"the {grasped.shape} is left out, because the grip never closes: say where it does, by [[grip]] in "
+            "demo.toml or grip in keyframes.toml"
+        )
+        grasped = None
     task = Task(tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped, options or PlanOptions())
     found = plan_task(task)
     if isinstance(found, Plan):
