@@ -32,7 +32,7 @@ LARGEST_M = 5.0
 """Largest distance of a keyframe from the dock along an axis, m: twice the reach of a large arm."""
 
 LARGEST_NUDGE_M = 0.5
-"""Largest nudge along an axis, m. A larger one was probably meant in millimetres."""
+"""Largest nudge or tolerance along an axis, m. A larger one was probably meant in millimetres."""
 
 LONG_DWELL_S = 60.0
 """Longest dwell without a warning, s. A longer one was probably meant in milliseconds."""
@@ -85,7 +85,7 @@ def keyframes_toml(
             f"sigma_deg = {_numbers(np.degrees(sigma[3:]), 2)}",
         ]
         if keyframe.tolerance_m is not None:
-            lines.append(f"tolerance_m = {_numbers(np.maximum(keyframe.tolerance_m, LEAST_M), 4)}")
+            lines.append(f"tolerance_m = {_numbers(np.clip(keyframe.tolerance_m, LEAST_M, LARGEST_NUDGE_M), 4)}")
         if keyframe.tolerance_rad is not None:
             lines.append(f"tolerance_deg = {max(float(np.degrees(keyframe.tolerance_rad)), LEAST_DEG):.2f}")
         if keyframe.grip is not None:
@@ -211,7 +211,7 @@ def _read_keyframe(section: Section) -> Keyframe:
     for key, values in sigma.items():
         if (values < 0.0).any():
             section.fail(key, "must not be below zero")
-    tolerance = section.numbers("tolerance_m", 3, None, positive=True, within=LARGEST_M)
+    tolerance = section.numbers("tolerance_m", 3, None, positive=True, within=LARGEST_NUDGE_M)
     tolerance_deg = section.number("tolerance_deg", None, positive=True, within=FULL_TURN_DEG)
     return Keyframe(
         t=section.number("t_s"),

@@ -53,10 +53,10 @@ def assert_same(read: tuple[Keyframe, ...], written: tuple[Keyframe, ...]) -> No
         np.testing.assert_allclose(np.sqrt(np.diagonal(ours.cov)), np.sqrt(np.diagonal(theirs.cov)), atol=1e-4)
 
 
-def test_a_tiny_tolerance_is_not_rounded_to_zero(tmp_path: Path) -> None:
-    learned = replace(FOUND[0], tolerance_m=np.array([1e-6, 0.002, 2e-5]), tolerance_rad=1e-6)
+def test_a_learned_tolerance_is_written_so_that_it_can_be_read(tmp_path: Path) -> None:
+    learned = replace(FOUND[0], tolerance_m=np.array([1e-6, 0.7, 2e-5]), tolerance_rad=1e-6)
     (read, *_) = read_keyframes(write_keyframes(tmp_path, [learned, *FOUND[1:]], magnetic=True))
-    assert read.tolerance_m == pytest.approx(np.array([1e-4, 0.002, 1e-4]))
+    assert read.tolerance_m == pytest.approx(np.array([1e-4, 0.5, 1e-4]))
     assert read.tolerance_rad == pytest.approx(np.radians(0.01))
 
 
@@ -196,6 +196,12 @@ def test_a_person_may_drop_insert_nudge_and_rename(tmp_path: Path) -> None:
         ("rpy_deg = [", "rpy_deg = [1, ", "rpy_deg = [1, ", "must have 3 numbers"),
         ("sigma_m = [0.00", "sigma_m = [-1.00", "sigma_m = [-1.00", "must not be below zero"),
         ("rpy_deg = [", 'frames = ["cup", "cup"]\nrpy_deg = [', "frames = ", "'cup' can't carry itself"),
+        (
+            "sigma_m = [",
+            "tolerance_m = [5, 5, 5]\nsigma_m = [",
+            "tolerance_m",
+            "must hold only numbers from -0.5 to 0.5",
+        ),
         ("rpy_deg = [", "rpy_deg = [400.0, 0.0, 0.0] # [", "rpy_deg = [400", "must hold only numbers from -360 to 360"),
     ],
 )
