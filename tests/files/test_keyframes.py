@@ -200,7 +200,7 @@ def test_a_person_may_drop_insert_nudge_and_rename(tmp_path: Path) -> None:
             "sigma_m = [",
             "tolerance_m = [5, 5, 5]\nsigma_m = [",
             "tolerance_m",
-            "must hold only numbers from -0.5 to 0.5",
+            "must hold only numbers from 1e-09 to 0.5",
         ),
         ("rpy_deg = [", "rpy_deg = [400.0, 0.0, 0.0] # [", "rpy_deg = [400", "must hold only numbers from -360 to 360"),
     ],
