@@ -672,7 +672,7 @@ def test_a_lost_line_moves_no_later_sample(tmp_path: Path) -> None:
     assert_allclose(read.gyr[:, 2], 9 * DEG)
 
 
-@pytest.mark.parametrize("counter", ["PacketCounter", "Counter", "field.header.seq", "sample_number"])
+@pytest.mark.parametrize("counter", ["PacketCounter", "Counter", "field.header.seq", "sample_number", "sample"])
 def test_lost_samples_show_in_a_counter_though_a_rate_is_given(tmp_path: Path, counter: str) -> None:
     """MT Manager writes a PacketCounter, and times only if they are chosen. The counter wraps at 2^16."""
     numbers = np.delete(np.arange(100), [40, 41, 42, 43, 44, 45, 46])

@@ -50,7 +50,8 @@ _DEVICE_TIME = (
 )
 _TIME_STEP = r"d_?t|delta_?t(?:ime)?|time_?(?:delta|diff(?:erence)?|step)|(?:sample_|sampling_)(?:interval|period|time)"
 _COUNTER = (
-    r"(?:(?:packet|sample|frame|message|msg|row)_?)?(?:counter|count|number|index)|(?:.*_)?seq(?:uence)?(?:_?number)?"
+    r"(?:(?:packet|sample|frame|message|msg|row)_?)?(?:counter|count|number|num|nr|no|index|idx|zähler)|sample|packet|"
+    r"(?:.*_)?seq(?:uence)?(?:_?number)?"
 )
 _SECONDS = r"(?:n|u|m|nano|micro|milli)?s(?:ecs?|econds?)?"
 _TIME_UNITS = rf"_({_SECONDS}|min)$"
