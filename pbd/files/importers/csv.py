@@ -6,7 +6,6 @@ rest is not gravity.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -25,27 +24,19 @@ from pbd.files.header_line import without_thousands
 from pbd.files.importers import XIO_FILE, check_rate
 from pbd.files.importers.clock_columns import best_clock, dated_column, numbers_of_samples, refuse_backwards, unwrapped
 from pbd.files.importers.columns import PROGRAMS, UNUSED, understand
-from pbd.files.importers.header_names import is_counter, is_time, is_time_step, our_name, own_times_of, plain, time_unit
+from pbd.files.importers.header_names import is_counter, is_time, is_time_step, own_times_of, plain, time_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
+from pbd.files.importers.several_devices import refuse_alternating_devices, refuse_several_devices
 from pbd.files.importers.split_seconds import with_parts, with_unread_part
-from pbd.files.table import Sheet, Table, foreign_text, open_sheet
+from pbd.files.table import Table, foreign_text, open_sheet
 from pbd.io.numbers import is_stamp
 from pbd.pose import Array
-
-DEVICE_NAMES = re.compile(
-    r"(?:device|sensor|imu|node|board|tracker)(?:_?(?:id|name|tag|mac|address|serial|nr|no|number))?"
-    r"|id|mac|(?:\w+_|mac)?addr(?:ess)?|(?:\w+_)?frame_id|设备名称|i|instance(?:_?id)?"
-)
-"""Names of columns that tell devices apart, as `mpu_address`. `I` is ArduPilot's number of an IMU."""
 
 OTHERS_ROWS = 0.05
 """Smallest share of rows without accelerometer and gyro that are taken for another sensor's rows, not for losses."""
 
 TOP = 5000
 """Number of characters of the first rows, whose number of cells is compared with the header's."""
-
-MOST_DEVICES = 20
-"""Largest number of devices in a file. A column with more names counts something else."""
 
 
 def read_csv(
@@ -73,7 +64,7 @@ def read_csv(
         sheet = replace(sheet, body=without_thousands(sheet.body, sheet.delimiter))  # `100.010` may be ms, not s
     if (top := sheet.body[:TOP].rpartition("\n")[0]) and '"' not in top:
         replace(sheet, body=top).read(())  # refuses rows that are wider than the header before names are asked for
-    _refuse_several_devices(sheet)
+    refuse_several_devices(sheet)
     in_steps = "dt" in columns
     columns = {"t" if ours == "dt" else ours: name for ours, name in columns.items()}
     found = understand(sheet, columns, units)
@@ -109,6 +100,7 @@ def read_csv(
     own = {channel: name for channel in ("gyr", "mag") for name in sheet.header if own_times_of(name) == channel[0]}
     own = {channel: name for channel, name in own.items() if timed and found.of(channel)}
     stamped = [*clocks, *own.values()]
+    refuse_alternating_devices(sheet, found)
     counter = [name for name in sheet.header if is_counter(name)][:1] if rate_hz is not None else []
     table = sheet.read([*(column.name for column in found.columns), *stamped, *counter], times=stamped)
     if timed:
@@ -195,18 +187,6 @@ def _without_repeats(path: Path, recording: Recording) -> Recording:
 
 def _values(table: Table, columns: list[Column]) -> Array:
     return table.columns(*(column.name for column in columns)) * [column.factor for column in columns]
-
-
-def _refuse_several_devices(sheet: Sheet) -> None:
-    names = [name for name in sheet.header if (ours := our_name(name)) and ours[0] == "ax"]
-    if len(names) > MOST_DEVICES:
-        what = f"a row has {len(names)} accelerometers or samples ({listed(names[:3])}, ...)"
-        raise RecordingError.at(sheet.path, f"{what}; write one sample of one sensor in a row", value=len(names))
-    for name in sheet.header:
-        if DEVICE_NAMES.fullmatch(plain(name)) and 1 < len(devices := set(sheet.words(name)) - {""}) <= MOST_DEVICES:
-            what = f"the rows of {len(devices)} devices ({listed(sorted(devices)[:3])}) in the column '{name}'"
-            keep = f"keep one device's, or give its sensors columns of their own (ax, gx, mx, ...) instead of '{name}'"
-            raise RecordingError.at(sheet.path, f"{what}; {keep}", value=len(devices))
 
 
 def _magnetometer_beside(
