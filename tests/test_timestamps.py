@@ -148,6 +148,49 @@ def test_stamps_are_right_to_a_sample_where_some_are_lost_and_to_a_millisecond_e
     assert np.abs(off).max() < 1.05 / rate_hz + 0.001
 
 
+SLOWS_DOWN = {
+    "a battery that sags": lambda x, by: 1.0 - by * x,
+    "a program that prints more from then on": lambda x, by: 1.0 - by * (x > 0.45),
+    "the other way round": lambda x, by: 1.0 + by * x,
+}
+
+
+@pytest.mark.parametrize("kind", SLOWS_DOWN)
+@pytest.mark.parametrize("by", [0.02, 0.05, 0.1])
+@pytest.mark.parametrize("frame_s", [0.0, 0.001])
+def test_stamps_follow_a_rate_that_changes(kind: str, by: float, frame_s: float) -> None:
+    """A straight line is off by 37 to 400 ms there, and the keyframes by centimetres."""
+    rate, n, rng = 100.0, 2000, np.random.default_rng(3)
+    true = np.cumsum(1.0 / (rate * np.array([SLOWS_DOWN[kind](k / n, by) for k in range(n)])))
+    arrival = true + rng.uniform(0.0, 0.002, n)
+    if frame_s:
+        arrival = np.ceil(arrival / frame_s) * frame_s
+    t, lost = straighten(arrival)
+    assert lost == 0
+    assert np.abs(t - t[0] - (true - true[0])).max() < 0.25 * by * 0.5 + 0.002  # s: half a block of 0.5 s at a corner
+    assert (np.diff(t) > 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "frame_s", "late_s"), [(62.505, 0.016, 0.0), (100.0, 0.016, 0.0), (100.0, 0.0, 0.1)]
+)
+def test_neither_a_beat_with_the_adapters_frames_nor_bursts_are_a_change_of_the_rate(
+    rate_hz: float, frame_s: float, late_s: float
+) -> None:
+    rng = np.random.default_rng(4)
+    arrival = np.arange(3000) / rate_hz + rng.uniform(0.0, 0.001, 3000)
+    if frame_s:
+        arrival = np.ceil(arrival / frame_s) * frame_s
+    if late_s:  # a radio link that holds samples back for up to this time, now and then
+        held = np.flatnonzero(rng.random(3000) < 0.01)
+        for row in held:
+            until = arrival[row] + rng.uniform(0.0, late_s)
+            arrival[row:][arrival[row:] < until] = until
+    t, lost = straighten(np.maximum.accumulate(arrival))
+    assert lost == 0
+    assert np.diff(t) == pytest.approx(1.0 / rate_hz, rel=1e-3)
+
+
 def test_few_samples_are_taken_as_they_came() -> None:
     assert straighten(np.array([]))[1] == 0
     t, lost = straighten(np.array([5.0, 5.1]))

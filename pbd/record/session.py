@@ -28,7 +28,7 @@ CHANNELS_AFTER_S = 0.2
 FIRST_BYTES = 4096
 """Number of first bytes that are kept to identify the sensor if they can't be decoded."""
 
-DEVICE_CLOCK, HOST_CLOCK = "device", "host: arrival times, straightened by a line"
+DEVICE_CLOCK, HOST_CLOCK = "device", "host: arrival times, straightened"
 
 
 class Session:
