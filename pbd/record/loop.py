@@ -60,6 +60,8 @@ def record(
         SensorError: no port, no bytes, or no packets among them; no folder is made.
         RecordingError: the folder exists or can't be written, or the disk is full.
     """
+    import scipy.ndimage  # noqa: F401  # the count of losses needs it; a slow disk takes seconds to load it
+
     session = Session(decoder, options)
     try:
         with closing(session), closing(Reader(open_port)) as reader:

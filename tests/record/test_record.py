@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
+import sys
 import threading
 import time
 import tty
@@ -50,6 +52,38 @@ class Watched:
 
 def options(folder: Path, **given: object) -> RecordOptions:
     return RecordOptions(folder, "ximu3", "2026-01-02T03:04:05Z", **given)  # type: ignore[arg-type]
+
+
+WHILE_IT_RECORDS = """
+import sys, time
+from pathlib import Path
+from pbd.record import RecordOptions, record
+from pbd.sensors.protocols import protocol
+from tests.sensors.encoders.witmotion import packet
+
+class Source:
+    device, baud, patience_s, trouble, rows, loaded = "a sensor", 0, None, "", 0, set(sys.modules)
+
+    def read(self):
+        self.loaded = self.loaded if self.rows else set(sys.modules)
+        self.rows += 1
+        time.sleep(0.01)
+        return packet(0x51, (0, self.rows % 3, 2048)) + packet(0x52, (0, 0, 0)) + packet(0x53, (0, 0, 0))
+
+    def close(self):
+        print(*sorted({name.split(".")[0] for name in sys.modules.keys() - self.loaded}))
+
+options = RecordOptions(Path(sys.argv[1]), "witmotion", "2026-01-02T03:04:05Z", duration_s=2.4)
+record(Source, protocol("witmotion").decoder(), options, lambda: None, lambda status: None)
+"""
+
+
+def test_no_package_is_loaded_while_samples_come(tmp_path: Path) -> None:
+    """From a slow disk that takes seconds, and pbd took them for a suspended program."""
+    command = [sys.executable, "-c", WHILE_IT_RECORDS, str(tmp_path / "demo")]
+    loaded = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    assert not {"scipy", "matplotlib", "pinocchio", "rich"} & set(loaded)
+    assert (tmp_path / "demo/demo.toml").exists()
 
 
 def recorded(recording: Recording, person: Watched, wanted: RecordOptions) -> Outcome:
