@@ -11,7 +11,7 @@ import numpy as np
 from pbd.data import Calibration, Demonstration, FusedTake, HandPath
 from pbd.errors import RecordingError, TrackingError, warn
 from pbd.fusion.grips import differing_grips
-from pbd.fusion.joint_estimate import JointEstimate, Observations, TaskState, estimate_jointly
+from pbd.fusion.joint_estimate import LARGEST_LEVER_M, JointEstimate, Observations, TaskState, estimate_jointly
 from pbd.fusion.known_stops import condition_on_known_stops
 from pbd.fusion.marginals import estimate_with_device, marginal_of
 from pbd.fusion.matching import MATCH_M, Alignment, align
@@ -41,6 +41,7 @@ def fused_path(demo: Demonstration, method: str, calibration: Calibration | None
     path = hand_path(demo, fused, calibration, accept_gap)
     assert path.fusion is not None
     lines = _exclusions(path.fusion.takes) + differing_grips(fused.kept, fused.takes)
+    lines.append(_shifted_sensors(path.fusion.takes))
     lines.append(disagreement(fused.observations, fused.joint, [takes[k].name for k in fused.used]))
     if path.fusion.overall[0] > MATCH_M:
         mm = f"{1e3 * path.fusion.overall[0]:.0f} mm"
@@ -118,6 +119,22 @@ def _without_outliers(
     joint = estimate_jointly(observations, x, common_scatter(len(x.m)))
     joint, observations, outliers = remove_outliers(observations, joint)
     return used, observations, joint, outliers
+
+
+def _shifted_sensors(takes: Sequence[FusedTake]) -> str:
+    """Say in which takes the sensor seems to sit elsewhere in the hand than in the first one; "" if in none.
+
+    Where keyframes that moved with an object are turned alike, a lever explains them as well as their own frame would.
+    """
+    levers = {take.name: float(np.linalg.norm(take.T_hand.p)) for take in takes if take.T_hand is not None}
+    first, far = next(iter(levers)), [name for name, lever in levers.items() if lever > LARGEST_LEVER_M]
+    if not far:
+        return ""
+    return (
+        f"in {' and '.join(far)} the sensor seems to sit {100.0 * max(levers.values()):.0f} cm from its place in the "
+        f"hand in {first}; if nobody moved it, something stood elsewhere, and the keyframes are where {first} had "
+        "them: record the takes that are wrong again"
+    )
 
 
 def _exclusions(takes: Sequence[FusedTake]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from contextlib import nullcontext
 from dataclasses import replace
@@ -320,6 +321,25 @@ def test_two_tasks_that_match_by_chance_are_warned_of(takes: list[Demonstration]
         pbd.fuse([takes[0], renamed(other, "other")])
     assert path.fusion is not None
     assert path.fusion.overall[0] < 0.01
+
+
+@pytest.mark.parametrize(("shift", "warned"), [(0.05, True), (0.003, False)])
+def test_keyframes_that_a_long_lever_explains_are_warned_of(shift: float, warned: bool) -> None:
+    """Something stood elsewhere in the first take, and just there the hand was turned about the vertical."""
+    task = takes_of(Scenario("wt901", 1), SEED)[1]
+    p = 0.01 * np.array(((0, 0, 0), (0, 0, 10), (18, 5, 10), (18, 5, 2), (18, 5, 12), (5, 15, 10), (0, 0, 0)))
+    A = np.tile(hand_poses(task)[1][0], (7, 1))
+    A[2:5] = quat_multiply(quat_exp((0.0, 0.0, np.radians(20.0))), A[0])
+    first, model, several = p.copy(), one_device(SENSOR_MODELS["wt901"], SEED), []
+    first[2:5, 1] += shift
+    for k, at in enumerate((first, p, p), 1):
+        several.append(renamed(simulate(_through(task, at, A, np.ones(7)), model, k), f"tea{k}"))
+    with collected_warnings() as lines:
+        fused = pbd.fuse(several)
+    found = fused.p_nav_sensor[[stop.start for stop in fused.stops]]
+    assert np.linalg.norm(shape_errors(found, first), axis=1).max() < 0.01
+    what = r"in tea2 and tea3 the sensor seems to sit 1\d cm from its place in the hand in tea1; if nobody moved it, "
+    assert any(re.match(what, line) for line in lines) == warned
 
 
 def test_a_single_stop_is_reported_in_the_singular(takes: list[Demonstration]) -> None:
