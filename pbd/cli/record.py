@@ -18,9 +18,9 @@ from pbd.cli.recording.keys import Keys, Person
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
 from pbd.cli.recording.simulated import Show, SimulatedHand, simulated_hand
 from pbd.data import SensorErrors
-from pbd.errors import UsageError, warn
+from pbd.errors import RecordingError, UsageError, warn
 from pbd.files.calibration import load_calibration
-from pbd.files.demo import demo_folder, refuse_demo_folder, shell_word
+from pbd.files.demo import demo_folder, read_demo_toml, refuse_demo_folder, shell_word
 from pbd.io.toml import utc_now
 from pbd.record import Outcome, RecordOptions, record
 from pbd.record.loop import SCREEN_EVERY_S, Poll
@@ -177,8 +177,13 @@ def _next_command(args: argparse.Namespace, folder: Path) -> str:
     kept += [("unit", f"{kind}={unit}") for kind, unit in args.unit]
     again = "".join(f" --{name} {shlex.quote(str(value))}" for name, value in kept if value)
     more = f"pbd record {shlex.quote(args.name)} --take {args.take + 1}{again}"
-    if args.take < 2:
-        return more
-    takes = (folder.with_name(f"{Path(args.name).name}{take}") for take in range(1, args.take + 1))
-    words = " ".join(map(shell_word, takes))
-    return f"{more}; or pbd fuse {words} -o {shlex.quote(args.name)}"
+    folders = (folder.with_name(f"{Path(args.name).name}{take}") for take in range(1, args.take + 1))
+    takes = [shell_word(take) for take in folders if _can_be_fused(take)]
+    return more if len(takes) < 2 else f"{more}; or pbd fuse {' '.join(takes)} -o {shlex.quote(args.name)}"
+
+
+def _can_be_fused(folder: Path) -> bool:
+    """Say whether there is a recording that did not fail."""
+    with suppress(RecordingError):
+        return not read_demo_toml(folder)[2]["failed"]
+    return False

@@ -15,6 +15,7 @@ import sys
 import threading
 import time
 import tty
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -251,6 +252,20 @@ def test_a_take_leads_to_the_next_one_and_to_what_is_made_of_them(
         args.take += 1
         assert {name: getattr(more, name) for name in vars(args)} == vars(args)
         assert fuse == ("" if take == 1 else "pbd fuse 'my tea1' 'my tea2' -o 'my tea'")
+
+
+@pytest.mark.parametrize(("usable", "fuse"), [((1, 3), "pbd fuse tea1 tea3 -o tea"), ((3,), "")])
+def test_a_take_that_failed_or_is_missing_is_not_fused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture, usable: tuple[int, ...], fuse: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    demo = simulate("pick-and-place-direct")
+    for take in (2, *usable):
+        write_demo(replace(demo, failed=take not in usable), demo_folder(f"tea{take}"))
+    _report(
+        parse(["record", "tea", "--take", "3"]), Outcome(demo_folder("tea3"), 100, 1.0, 0, 0, stops=2, ended_by="you")
+    )
+    assert capsys.readouterr().out.splitlines()[-1].partition("; or ")[2] == fuse
 
 
 @pytest.mark.parametrize("name", ["tea 9/x", "../oops", "./-x", "./~it's"])
