@@ -363,3 +363,13 @@ def test_strides(data_folder: Path) -> None:
 def test_a_clock_that_runs_backwards_is_named_in_the_file_s_words(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r":4: time runs backwards from 105 to 104\.5 in column 't'; sort the"):
         import_text(tmp_path, "t,ax,ay,az\n\n105,0,0,9.81\n104.5,0,0,9.81\n", units={"t": "ms"})
+
+
+@pytest.mark.parametrize(
+    ("after", "do"), [((0, 10, 20), "the device restarted, so cut"), ((115, 130, 140), "sort the")]
+)
+def test_a_clock_that_began_anew_is_no_reason_to_sort(tmp_path: Path, after: tuple[int, ...], do: str) -> None:
+    """Sorted by time, the rows before and after a restart would be mixed."""
+    rows = "".join(f"{t},0,0,9.81\n" for t in (100, 110, 120, *after))
+    with pytest.raises(RecordingError, match=rf":5: time runs backwards from 120 to {after[0]} in column 't'; {do}"):
+        import_text(tmp_path, f"t,ax,ay,az\n{rows}", units={"t": "ms"})

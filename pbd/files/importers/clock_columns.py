@@ -103,7 +103,9 @@ def refuse_backwards(sheet: Sheet, name: str, t: Array) -> None:
     if (backwards := np.flatnonzero(np.diff(t) < 0.0)).size:
         row = int(backwards[0])
         (_, before), (line, after) = sheet.cell(name, row), sheet.cell(name, row + 1)
-        what = f"time runs backwards from {before} to {after} in column '{name}'; sort the file, or cut it there"
+        restarted = len(backwards) == 1 and (t[row + 1 : row + 3] < t[row]).sum() == 2  # sorting would mix both parts
+        do = "the device restarted, so cut the file there" if restarted else "sort the file, or cut it there"
+        what = f"time runs backwards from {before} to {after} in column '{name}'; {do}"
         if (t > 0.0).all():
             what += f"; if it holds the time since the row before, import it with --column dt={name}"
         raise RecordingError.at(sheet.path, what, line, row=row + 1, value=after, bound=before)
