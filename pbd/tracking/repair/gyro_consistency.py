@@ -9,7 +9,8 @@ others. Data without a contradiction are accepted.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,6 +167,7 @@ def refuse_disagreement(recording: Recording) -> None:
         RecordingError: with the options of `pbd import` that correct it.
     """
     refuse_flipped_signs(recording)
+    recording = _evenly_spaced(recording)
     if recording.gyr is None:
         return
     source, every = recording.info.source, max(1, round(recording.rate_hz / CHECK_HZ))
@@ -218,6 +220,15 @@ def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], ND
     first, second = np.unique(pairs, axis=0).T
     near = rows[second] - rows[first] <= PAIR_LONGEST_S * rate_hz
     return first[near], second[near]
+
+
+def _evenly_spaced(recording: Recording) -> Recording:
+    """The next sample at each of evenly spaced times: where the rate is lower, or some are lost, each lasts longer."""
+    interval = 1.0 / recording.rate_hz
+    even = np.arange(recording.t[0], recording.t[-1] + 0.5 * interval, interval)
+    rows = np.minimum(np.searchsorted(recording.t, even - 0.5 * interval), len(recording) - 1)
+    channels: dict[str, Any] = {name: np.asfortranarray(values[rows]) for name, values in recording.channels.items()}
+    return replace(recording, t=even, **channels)
 
 
 def _block_means(values: Array, every: int) -> Array:

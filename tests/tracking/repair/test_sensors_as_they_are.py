@@ -285,6 +285,18 @@ def test_a_good_gyro_is_never_refused(sensor: str, task: str, rate_hz: float | N
     refuse_disagreement(simulate(what, sensor, seed, rate_hz=rate_hz).recording)
 
 
+@pytest.mark.parametrize("every", [3, 4])
+def test_a_phone_that_saves_power_by_a_lower_rate_is_no_wrong_gyro(every: int) -> None:
+    """Its times are right, but a gyro whose readings are added up seems to turn too little."""
+    whole = simulate("pour", "modern", 1, rate_hz=200.0).recording
+    saving = with_rows(whole, np.flatnonzero((whole.t < 8.0) | (np.arange(len(whole)) % every == 0)))
+    assert saving.rate_hz == pytest.approx(200.0)
+    refuse_disagreement(saving)
+    assert saving.gyr is not None
+    with pytest.raises(RecordingError, match="--unit gyr=deg/s"):
+        refuse_disagreement(replace(saving, gyr=np.degrees(saving.gyr)))
+
+
 @pytest.mark.parametrize("seed", [2, 9, 19])
 def test_a_turn_about_the_vertical_is_not_taken_for_rest(seed: int) -> None:
     """In it the accelerometer is as quiet as at rest, but the gyro's mean is no bias."""
