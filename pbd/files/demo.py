@@ -127,9 +127,7 @@ def _read_takes(sections: Sequence[Section], folder: Path) -> tuple[Demonstratio
     for section in sections:
         take = folder / section.text("demo")
         if not (take / "demo.toml").is_file():
-            section.fail(
-                "demo", f"names {take}, where there is no demonstration", "copy that take too, or correct this"
-            )
+            section.fail("demo", f"names {take}, where there is no demonstration", "copy it there, or correct this")
         if "take" in read_toml(take / "demo.toml", RecordingError):
             section.fail("demo", f"names {take}, which is made of takes itself", "list its takes here instead")
         takes.append(read_demo(take))

@@ -91,7 +91,7 @@ def test_a_take_is_added_by_a_line_in_demo_toml(capsys: Capture) -> None:
     [
         (
             "tea1 tea9",
-            "demos/odd/demo.toml:7: [take] demo names demos/odd/../tea9, where there is no demonstration; copy",
+            "demos/odd/demo.toml:7: [take] demo names demos/odd/../tea9, where there is no demonstration; copy it",
         ),
         (
             "tea1 odd",
