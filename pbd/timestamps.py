@@ -34,10 +34,11 @@ BLOCK_SAMPLES = 64
 FIRST_SPAN_SAMPLES = 128
 """Largest distance, in samples, of the pairs that give the first estimate of the interval: few of them span a loss."""
 
-LEAST_DRIFT_S, DRIFT_BLOCKS, DRIFT_RATIO, DRIFT_ROUNDS = 0.02, 6, 0.5, 6
+LEAST_DRIFT_S, DRIFT_JITTERS, DRIFT_BLOCKS, DRIFT_RATIO, DRIFT_ROUNDS = 0.02, 4.0, 6, 0.5, 6
 """The rate changes if the least delays of blocks of LONGEST_BURST_S range over this, s, more than a beat with a USB
-adapter's frames of 16 ms; in this number of blocks; and if their mean square successive difference is below this share
-of their variance (2 at random; J. von Neumann, 1941). Rounds of counting losses anew with it: five suffice at 10 %."""
+adapter's frames of 16 ms, and this many times the usual delay; in this number of blocks; and if their mean square
+successive difference is below this share of their variance (2 at random; J. von Neumann, 1941). Rounds of counting
+losses anew with it: five suffice at 10 %."""
 
 MEAN_SAMPLES = 2000
 """Number of samples over which the interval of live stamps is averaged."""
@@ -49,11 +50,8 @@ exceed LONGEST_BURST_S, over which the delay is measured: otherwise the stamps o
 SHORTEST_STEP_S = 1e-5
 """Smallest step between live stamps, s."""
 
-BELIEVED_STEP_S = 0.1
-"""Largest accepted step of a device's time, s, until its usual step is known."""
-
-BELIEVED_STEPS = 3.0
-"""Largest accepted step of a device's time, as a multiple of the usual step."""
+BELIEVED_STEP_S, BELIEVED_STEPS = 0.1, 3.0
+"""Largest accepted step of a device's time: s, until its usual step is known; then a multiple of the usual step."""
 
 HOST_TOLERANCE_S, HOST_TOLERANCE = 0.02, 0.1
 """A larger step is accepted if the host's clock agrees: within this time (s) plus this share of the step."""
@@ -255,10 +253,12 @@ def straighten(arrival: Array) -> tuple[Array, int]:
 def _drift(delay: Array, interval: float) -> Array:
     """Return how the least delayed of the delays (n,) s rise and fall, (n,) s; zeros if they don't do so slowly."""
     block = max(round(LONGEST_BURST_S / interval), 1)
-    rows = np.array([at + int(np.argmin(delay[at : at + block])) for at in range(0, len(delay), 2 * block)])
+    starts = range(0, len(delay), 2 * block)
+    rows = np.array([at + int(np.argmin(delay[at : at + block])) for at in starts])
     least = delay[rows]
-    steps = np.diff(least)
-    if len(rows) < DRIFT_BLOCKS or np.ptp(least) < LEAST_DRIFT_S or (steps**2).mean() > DRIFT_RATIO * least.var():
+    usual = np.median(np.array([np.median(delay[at : at + block]) for at in starts]) - least)
+    steps, far = np.diff(least), np.ptp(least) >= max(LEAST_DRIFT_S, DRIFT_JITTERS * usual)
+    if len(rows) < DRIFT_BLOCKS or not far or (steps**2).mean() > DRIFT_RATIO * least.var():
         return np.zeros(len(delay))
     slopes = steps / np.diff(rows)
     last = len(delay) - 1

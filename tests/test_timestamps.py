@@ -191,6 +191,16 @@ def test_neither_a_beat_with_the_adapters_frames_nor_bursts_are_a_change_of_the_
     assert np.diff(t) == pytest.approx(1.0 / rate_hz, rel=1e-3)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_jitter_is_no_change_of_the_rate(seed: int) -> None:
+    """Samples that seem lost in it leave delays that rise and fall slowly, but not far beyond the jitter."""
+    arrival = np.arange(2000) / 100.0 + np.random.default_rng(seed).exponential(0.02, 2000)
+    t, _ = straighten(np.maximum.accumulate(arrival))
+    steps = np.diff(t)
+    whole = steps / steps.min()
+    assert whole == pytest.approx(np.rint(whole), abs=1e-3)
+
+
 def test_few_samples_are_taken_as_they_came() -> None:
     assert straighten(np.array([]))[1] == 0
     t, lost = straighten(np.array([5.0, 5.1]))
