@@ -188,7 +188,8 @@ class Session:
         times = self._clock.straightened if demo.rows == len(self._clock.times) else None
         duration = self.t if times is None else float(times[-1])
         rows = demo.rows + self._clock.lost
-        rate_hz = float(f"{(rows - 1) / duration:.5g}") if duration > 0.0 else None
+        interval = duration / max(rows - 1, 1) if times is None else float(np.median(np.diff(times)))  # the usual one
+        rate_hz = float(f"{1.0 / interval:.5g}") if duration > 0.0 else None
         demo.finish(rate_hz, self._clock_name, times)
         self._why_failed = self._find_failure(demo.folder)
         if self._why_failed:

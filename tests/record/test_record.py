@@ -21,6 +21,7 @@ from pbd.data import Recording
 from pbd.errors import RecordingError, SensorError
 from pbd.files.demo import read_demo, write_demo
 from pbd.record import Command, Outcome, RecordOptions, Status, loop, record
+from pbd.record.session import Session
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol
 from pbd.simulation.emulator import Emulator
@@ -28,7 +29,7 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import Task
 from tests.record.speakers import SPEAKERS, Device, random_hand
-from tests.sensors.encoders import vectornav, ximu3
+from tests.sensors.encoders import vectornav, witmotion, ximu3
 
 
 class Watched:
@@ -52,6 +53,22 @@ class Watched:
 
 def options(folder: Path, **given: object) -> RecordOptions:
     return RecordOptions(folder, "ximu3", "2026-01-02T03:04:05Z", **given)  # type: ignore[arg-type]
+
+
+def test_a_sensor_without_a_clock_that_slows_down_keeps_its_times_and_its_usual_rate(tmp_path: Path) -> None:
+    """At its mean rate `pbd` would warn that the time stamps may be wrong."""
+    steps = np.where(np.arange(1500) < 600, 0.01, 0.0125)
+    true, rng = np.cumsum(steps), np.random.default_rng(1)
+    session = Session(protocol("witmotion").decoder(), replace(options(tmp_path / "tea"), sensor="witmotion"))
+    for at in true.tolist():
+        words = rng.integers(-3, 3, 3).tolist(), rng.integers(-1, 2, 3).tolist()
+        data = witmotion.packet(0x51, (*words[0][:2], 2048)) + witmotion.packet(0x52, words[1])
+        session.take(data + witmotion.packet(0x53, (0, 0, 0)), at + rng.uniform(0.0, 0.002))
+        session.flush()
+    session.close()
+    recording = read_demo(tmp_path / "tea").recording
+    assert recording.info.rate_hz == pytest.approx(80.0, abs=0.5) == recording.rate_hz
+    assert recording.t == pytest.approx(true[-len(recording) :] - true[-len(recording)], abs=0.03)
 
 
 WHILE_IT_RECORDS = """
