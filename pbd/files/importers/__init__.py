@@ -58,11 +58,10 @@ def import_file(
         raise RecordingError.at(path, "only a bag has topics; leave --topic out")
     of_app = None
     if not is_bag and not is_table and (source.is_dir() or suffix in (".csv", ".zip")):
-        from pbd.files.importers.apple_watch import read_watch
         from pbd.files.importers.metawear import read_metawear
         from pbd.files.importers.phones import read_phone
 
-        of_app = read_phone(source) or read_metawear(source) or read_watch(source)
+        of_app = read_phone(source) or read_metawear(source)
     if rate_hz is not None and (of_app is not None or is_bag or suffix == ".npz"):
         known = "a bag has times" if is_bag else "an npz has a rate" if suffix == ".npz" else "an app's file has times"
         raise RecordingError.at(path, f"{known} of its own; leave --rate out")

@@ -1,9 +1,10 @@
-"""Recordings of the phone apps Sensor Logger and phyphox: a zip, a folder, or one CSV file of it.
+"""Recordings of the apps Sensor Logger (a phone's, or an Apple Watch's) and phyphox: a zip, a folder, or a CSV file.
 
 They have a file for each sensor. Specific force, +g up, comes from
 - TotalAcceleration.csv of Sensor Logger on Android. Accelerometer.csv is without gravity on both systems.
 - Accelerometer.csv + Gravity.csv of Sensor Logger on iOS, both with reversed sign; or AccelerometerUncalibrated.csv, in
   g and reversed too. With "Standardise Units & Frames" (`standardisation` in Metadata.csv) all is as on Android.
+- gravity + acceleration in WristMotion.csv of Sensor Logger on a watch, both reversed and in g, or standardised.
 - "Acceleration x (m/s^2)" of phyphox, "X (m/s^2)" in Accelerometer.csv of an iPhone's simple experiment. "Linear
   Acceleration x (m/s^2)" is without gravity.
 
@@ -59,7 +60,9 @@ PHYPHOX_UNITS = {"gyr": "rad/s", "acc": "m/s2", "mag": "uT"}
 PHYPHOX_TIME = "Time (s)"
 LOGGER = "Sensor Logger"
 WRIST = "WristMotion"
-"""Sensor Logger's file of a watch (apple_watch.py)."""
+"""Sensor Logger's file of a watch."""
+
+WRIST_AXES = tuple(f"{name}{axis}" for name in ("rotationRate", "gravity", "acceleration") for axis in "XYZ")
 
 PHYPHOX_IOS = {
     **{"Accelerometer": "acceleration", "Linear Accelerometer": "linear acceleration"},
@@ -72,7 +75,10 @@ PHYPHOX_FILES = (*PHYPHOX_IOS, "Acceleration", "Magnetic field")
 
 
 def read_phone(path: Path) -> Recording | None:
-    """Read a phone's recording from a zip, a folder, or a CSV file in such a folder; None: it is from neither app."""
+    """Read a recording from a zip, a folder, or a CSV file in such a folder; None: it is from neither app.
+
+    A watch is read where there is no phone.
+    """
     files = files_in_zip(path) if path.suffix.lower() == ".zip" else _files_in_folder(path)
     logger = {name: files[name] for name in LOGGER_FILES if name in files}
     sheets = {name: sheet_of(path, name, read) for name, read in logger.items()}
@@ -82,12 +88,15 @@ def read_phone(path: Path) -> Recording | None:
         read = {*sheets, METADATA}
     elif phyphox := _read_phyphox(path, files):
         streams, understood, read = phyphox
+    elif watch := _read_watch(path, files):
+        streams, understood = watch
+        read = {WRIST}
     else:
         return None
-    if WRIST in files:
+    if WRIST in files and WRIST not in read:
         warn(f"{path}: the phone is read, not the watch; for that import {WRIST}.csv alone")
     understood = understood.with_unread({f"{name}.csv": UNUSED for name in sorted(files.keys() - read)})
-    return joined_recording(path, streams, "phone", understood)
+    return joined_recording(path, streams, "watch" if WRIST in read else "phone", understood)
 
 
 def _files_in_folder(path: Path) -> Files:
@@ -99,7 +108,7 @@ def _files_in_folder(path: Path) -> Files:
             header = file.readline(1000).decode("utf-8", "replace")
         logger = path.stem in LOGGER_FILES and set(header.strip().split(",")) >= {*LOGGER_COLUMNS}
         cells = [cell.strip().strip('"') for cell in re.split(r"[,;\t]", header)]
-        if not logger and not _phyphox_quantities(cells, path.stem):
+        if not logger and path.stem != WRIST and not _phyphox_quantities(cells, path.stem):
             return {}
         family = (*LOGGER_FILES, METADATA) if logger else PHYPHOX_FILES
         family = (path.stem, PHYPHOX_CLOCK, *(family if path.stem in family else ()))
@@ -160,6 +169,22 @@ def _read_sensor_logger(
     for name in sorted(used):
         unread |= unread_of(f"{name}.csv", sheets[name].header, LOGGER_COLUMNS)
     return streams, SourceColumns(tuple(columns), unread, f"{LOGGER} (a phone)")
+
+
+def _read_watch(path: Path, files: Files) -> tuple[dict[str, Stream], SourceColumns] | None:
+    time, used = LOGGER_COLUMNS[0], {LOGGER_COLUMNS[0], *WRIST_AXES}
+    if WRIST not in files or not {*(sheet := sheet_of(path, WRIST, files[WRIST])).header} >= used:
+        return None
+    rows = sheet.read((time, *WRIST_AXES)).values
+    turn, gravity, linear = np.split(rows[:, 1:], 3, axis=1)
+    standard = bool(np.nanmedian(np.linalg.norm(gravity, axis=1)) > 0.5 * GRAVITY)
+    sign, unit, scale = (1.0, "m/s2", 1.0) if standard else (-1.0, "g", -GRAVITY)
+    streams = {"acc": Stream.of(rows[:, 0], scale * (gravity + linear)), "gyr": Stream.of(rows[:, 0], turn)}
+    sums = [" + ".join(both) for both in zip(WRIST_AXES[3:6], WRIST_AXES[6:], strict=True)]
+    columns = columns_of(LOGGER, (time, *sums), "acc", f"{WRIST}.csv", sign, unit)
+    columns += columns_of(LOGGER, (time, *WRIST_AXES[:3]), "gyr", f"{WRIST}.csv", 1.0, "rad/s")
+    unread = unread_of(f"{WRIST}.csv", sheet.header, used)
+    return streams, SourceColumns(tuple(dict.fromkeys(columns)), unread, f"{LOGGER} (a watch)")
 
 
 def _phyphox_quantities(header: Sequence[str], file: str) -> dict[str, list[str]]:
