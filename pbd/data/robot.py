@@ -110,7 +110,7 @@ class ServoUnits:
 
 @dataclass(frozen=True)
 class MimicJoint:
-    """A joint beside the arm that mimics one of its joints, as in a parallel linkage.
+    """A joint that mimics another one, as beside the arm in a parallel linkage.
 
     Its position is that of `leader` times `multiplier`, plus `offset`; rad, or m for a prismatic joint.
     """

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import Calibration, Gripper, JointLimits, MimicJoint, Robot, ServoUnits
+from pbd.data import Calibration, Gripper, JointLimits, Robot, ServoUnits
 from pbd.errors import MOST_LISTED, RobotError, listed, printable, warn
 from pbd.files.calibration import read_pose
 from pbd.files.find_by_name import find
@@ -100,9 +100,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
         license=license_,
         servos=None if servos is None else _servos(servos, len(joints), gripper),
         may_touch=() if arm is None else _may_touch(arm, urdf),
-        mimic_joints=tuple(
-            MimicJoint(name, mimic.joint, mimic.multiplier, mimic.offset) for name, mimic in mimic_joints.items()
-        ),
+        mimic_joints=tuple(mimic_joints.values()),
     )
     if not draft:
         top.done()
@@ -160,7 +158,7 @@ def _movable(urdf: Urdf, base: str, body: str) -> list[UrdfJoint]:
     movable = [joint for joint in urdf.chain(base, body) if joint.kind != "fixed"]
     for joint in movable:
         if joint.mimic or joint.kind not in ACTUATED:
-            what = f"mimics {joint.mimic.joint!r}" if joint.mimic else f"is {joint.kind}"
+            what = f"mimics {joint.mimic.leader!r}" if joint.mimic else f"is {joint.kind}"
             raise RobotError(
                 f"{urdf.path}: joint {joint.name!r}, between {base!r} and {body!r}, {what}, which pbd does not support "
                 "in an arm; choose another base or body, or change the joint",
@@ -196,7 +194,7 @@ def _warn_of_unmoved(urdf: Urdf, moved: Collection[str]) -> None:
     for joint in unmoved:
         mimic = mimics.get(joint.name)
         if mimic is not None and abs(mimic.offset) > MIMIC_TOLERANCE:
-            wrong.append(f"{joint.name} (mimics {mimic.joint}, which puts it at {mimic.offset:g})")
+            wrong.append(f"{joint.name} (mimics {mimic.leader}, which puts it at {mimic.offset:g})")
         elif not joint.lower <= 0.0 <= joint.upper and not joint.unlimited_mimic:
             wrong.append(f"{joint.name} ({joint.lower:g}..{joint.upper:g})")
     if wrong:

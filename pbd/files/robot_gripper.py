@@ -31,7 +31,7 @@ def read_gripper(section: Section, urdf: Urdf, chain: Sequence[UrdfJoint]) -> Gr
     _check_mimicking_fingers(section, urdf, names, positions)
     for follower, mimic in urdf.followers(names).items():
         for values in positions.values():
-            values.append(mimic.multiplier * values[names.index(mimic.joint)] + mimic.offset)
+            values.append(mimic.multiplier * values[names.index(mimic.leader)] + mimic.offset)
         names += (follower,)
     joints = [urdf.joints[name] for name in names]
     for key, values in positions.items():
@@ -53,12 +53,12 @@ def _check_mimicking_fingers(
         mimic = urdf.followers([other for other in names if other != name]).get(name)
         named = urdf.joints[name].mimic
         if mimic is None and named is not None:
-            section.fail("joints", f"names {name!r}, which mimics {named.joint!r}", f"name {named.joint!r} instead")
+            section.fail("joints", f"names {name!r}, which mimics {named.leader!r}", f"name {named.leader!r} instead")
         for key, values in positions.items():
             if mimic is not None:
-                wanted = mimic.multiplier * values[names.index(mimic.joint)] + mimic.offset
+                wanted = mimic.multiplier * values[names.index(mimic.leader)] + mimic.offset
                 if abs(values[i] - wanted) > MIMIC_TOLERANCE:
-                    what = f"puts {name} at {values[i]:g}, but it mimics {mimic.joint}, which puts it at {wanted:g}"
+                    what = f"puts {name} at {values[i]:g}, but it mimics {mimic.leader}, which puts it at {wanted:g}"
                     section.fail(key, what)
 
 
@@ -67,5 +67,5 @@ def check_range(section: Section, key: str, joints: Sequence[UrdfJoint], positio
     for joint, position in zip(joints, positions, strict=True):
         if not joint.lower <= position <= joint.upper and not joint.unlimited_mimic:
             what = f"puts {joint.name} at {position:g}, outside {joint.lower:g}..{joint.upper:g}"
-            mimics = joint.mimic and f"correct it, or the joint's <limit> or its <mimic> of {joint.mimic.joint}"
+            mimics = joint.mimic and f"correct it, or the joint's <limit> or its <mimic> of {joint.mimic.leader}"
             section.fail(key, what, mimics or "correct it")

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
+from pbd.data import MimicJoint
 from pbd.errors import RobotError, listed
 from pbd.io.numbers import finite
 from pbd.io.urdf import LONGEST_M, read_urdf_xml, read_xml
@@ -24,15 +25,6 @@ RESERVED = "universe"
 KINDS = (*ACTUATED, "fixed", "floating", "planar")
 ENDS = {"lower": -math.inf, "upper": math.inf}
 """The keys of a <limit>'s positions, and what they are for a joint without such limits."""
-
-
-@dataclass(frozen=True)
-class Mimic:
-    """A joint's position is that of another `joint` times `multiplier`, plus `offset`."""
-
-    joint: str
-    multiplier: float
-    offset: float
 
 
 @dataclass(frozen=True)
@@ -49,7 +41,7 @@ class UrdfJoint:
     lower: float
     upper: float
     velocity: float
-    mimic: Mimic | None
+    mimic: MimicJoint | None
 
     @property
     def unlimited_mimic(self) -> bool:
@@ -78,7 +70,7 @@ class Urdf:
             body = above[body].parent
         return tuple(reversed(chain))
 
-    def followers(self, leaders: Collection[str]) -> dict[str, Mimic]:
+    def followers(self, leaders: Collection[str]) -> dict[str, MimicJoint]:
         """Return each joint that mimics one of the `leaders`, also through other joints, and how."""
         found = {}
         for joint in self.joints.values():
@@ -88,9 +80,9 @@ class Urdf:
                     break
                 offset += multiplier * at.mimic.offset
                 multiplier *= at.mimic.multiplier
-                at = self.joints[at.mimic.joint]
+                at = self.joints[at.mimic.leader]
             if at.name in leaders and joint.name not in leaders:
-                found[joint.name] = Mimic(at.name, multiplier, offset)
+                found[joint.name] = MimicJoint(joint.name, at.name, multiplier, offset)
         return found
 
     def with_followers(self, leader: str) -> UrdfJoint:
@@ -160,8 +152,8 @@ def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -
             if link not in links:
                 what = f"joint {joint.name!r} joins {link!r}, which is not a link of it; correct it, or add the link"
                 raise RobotError.at(path, what, joint=joint.name)
-        if joint.mimic is not None and joint.mimic.joint not in known:
-            what = f"joint {joint.name!r} mimics {joint.mimic.joint!r}, which is not a joint of it; correct or remove"
+        if joint.mimic is not None and joint.mimic.leader not in known:
+            what = f"joint {joint.name!r} mimics {joint.mimic.leader!r}, which is not a joint of it; correct or remove"
             raise RobotError.at(path, f"{what} its <mimic>", joint=joint.name)
     try:
         TopologicalSorter({joint.child: [joint.parent] for joint in joints}).prepare()
@@ -200,7 +192,7 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     follows = None
     if mimic is not None and kind != "fixed":  # some exporters keep the <mimic> of a joint that they fixed
         gear, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
-        follows = Mimic(_attribute(path, mimic, "joint"), gear, offset)
+        follows = MimicJoint(name, _attribute(path, mimic, "joint"), gear, offset)
     return UrdfJoint(
         name=name,
         kind=kind,
