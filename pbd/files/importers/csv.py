@@ -22,12 +22,17 @@ from pbd.data.units import unit_factor
 from pbd.errors import RecordingError, listed, warn
 from pbd.files.header_line import without_thousands
 from pbd.files.importers import XIO_FILE, check_rate
-from pbd.files.importers.clock_columns import best_clock, dated_column, numbers_of_samples, refuse_backwards, unwrapped
+from pbd.files.importers.clock_columns import (
+    choose_clock,
+    dated_column,
+    numbers_of_samples,
+    refuse_backwards,
+    unwrapped,
+)
 from pbd.files.importers.columns import PROGRAMS, UNUSED, understand
 from pbd.files.importers.header_names import is_counter, is_time, is_time_step, own_times_of, plain, time_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.importers.several_devices import refuse_alternating_devices, refuse_several_devices
-from pbd.files.importers.split_seconds import with_parts, with_unread_part
 from pbd.files.table import Table, foreign_text, open_sheet
 from pbd.io.numbers import is_stamp
 from pbd.pose import Array
@@ -104,8 +109,9 @@ def read_csv(
     counter = [name for name in sheet.header if is_counter(name)][:1] if rate_hz is not None else []
     table = sheet.read([*(column.name for column in found.columns), *stamped, *counter], times=stamped)
     if timed:
-        table, parts = with_parts(sheet, table, () if in_steps else clocks, units)
-        best = best_clock(path, table, [name for name in clocks if name not in parts.values()])
+        read = {"", *(column.name for column in found.columns if column.ours != "t")}
+        unread = () if in_steps else [name for name in sheet.header if name not in read]
+        table, best, part = choose_clock(sheet, table, clocks, unread, units)
         if best != found.of("t")[0].name:
             found = understand(sheet, {**columns, "t": best}, units)
             found = found.with_column(best, named_by="the best of several times")
@@ -114,10 +120,8 @@ def read_csv(
                 what = f"the column '{best}' has dates or times of day, whose unit is known; leave --unit t out"
                 raise RecordingError.at(path, what)
             found = found.with_column(best, unit="s", unit_by=DATES)  # whatever its name says
-        if not in_steps and best not in parts:
-            table, parts = with_unread_part(sheet, table, best, found.unread, units)
-        if best in parts:
-            found = found.with_unread({parts[best]: f"read with {best}"})
+        if part:
+            found = found.with_unread({part: f"read with {best}"})
         if own_times_of(best) != "a":
             own = {}  # those of the rows may be of another clock
         found = found.with_unread(dict.fromkeys(own.values(), "its sensor's times"))
