@@ -92,7 +92,7 @@ def import_file(
             kind = "'.json' files; keyframes are edited in keyframes.toml, which `pbd keyframes DEMO --save` writes"
         raise RecordingError.at(path, f"can't import {kind}; give a .csv, .tsv, .txt, .npz, .mcap or .db3")
     if columns or units:
-        from pbd.files.importers.headerless import remapped
+        from pbd.files.importers.columns import remapped
 
         recording = remapped(path, recording, columns, units)
     info = replace(recording.info, name=utf8_name(path.stem), sensor=f"{recording.info.sensor} (imported)")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pbd.data import Recording
 from pbd.data.streams import Stream, joined
 from pbd.errors import PbdError, RecordingError, in_words, listed, require_package, warn
-from pbd.files.importers.headerless import with_source
+from pbd.files.importers.columns import with_source
 from pbd.files.importers.mcap_repair import repaired_bag, zstd_package
 from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
 

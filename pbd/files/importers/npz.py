@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pbd.data import Recording, RecordingInfo, Truth
 from pbd.errors import RecordingError, in_words, listed, printable
 from pbd.files.importers import check_rate
+from pbd.files.importers.columns import with_source
 from pbd.files.importers.header_names import looks_inertial
-from pbd.files.importers.headerless import with_source
 from pbd.io.read_file import LARGE, read_bytes
 from pbd.pose import Array
 
