@@ -227,17 +227,12 @@ def decoder_maker(args: argparse.Namespace, sensor: str, also: Iterable[str] = (
     refuse_columns(args, sensor)
     if sensor not in ("lines", "razor"):
         return protocol(sensor, also).decoder
-    if not args.columns and sensor == "lines":
+    if sensor == "razor":
+        layout = razor_layout(dict(args.unit))
+    elif not args.columns:
         raise UsageError('name the numbers of a line: --columns "t,ax,ay,az,gx,gy,gz", or a .toml file')
-    if sensor == "lines" and args.columns.endswith(".toml"):
-        text = read_text(Path(args.columns), SensorError, "give a TOML file")
-        layout = layout_from_toml(text, args.columns)
+    elif args.columns.endswith(".toml"):
+        layout = layout_from_toml(read_text(Path(args.columns), SensorError, "give a TOML file"), args.columns)
     else:
-        try:
-            if sensor == "razor":
-                layout = razor_layout(dict(args.unit))
-            else:
-                layout = layout_from_options(args.columns, dict(args.unit), args.separator, args.prefix, args.wrap)
-        except SensorError as error:
-            raise UsageError(error.message, **error.fields) from None
+        layout = layout_from_options(args.columns, dict(args.unit), args.separator, args.prefix, args.wrap)
     return lambda: LineDecoder(layout)

@@ -26,7 +26,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from pbd.data.units import UNITS, unit_factor
-from pbd.errors import SensorError
+from pbd.errors import SensorError, UsageError
 from pbd.io.toml import parse_toml
 
 QUANTITIES: Mapping[str, tuple[str, ...]] = {
@@ -65,7 +65,7 @@ class LineLayout:
         wrap: value at which t restarts from zero, in t's unit; 0: never; None: as an Arduino's clock.
 
     Raises:
-        SensorError: a name, unit, separator or wrap is unknown or contradicts the others.
+        UsageError: a name, unit, separator or wrap is unknown or contradicts the others.
     """
 
     lines: tuple[Line, ...]
@@ -77,11 +77,11 @@ class LineLayout:
         object.__setattr__(self, "lines", tuple(self.lines))
         object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
         if len(self.separator) != 1 or not self.separator.isascii() or self.separator in "+-.0123456789eE\r\n":
-            raise SensorError(
+            raise UsageError(
                 f"separator {self.separator!r} is not a single character; give one such as , ; space or tab"
             )
         if self.wrap is not None and not (isfinite(self.wrap) and self.wrap >= 0.0):
-            raise SensorError(
+            raise UsageError(
                 f"wrap {self.wrap} must be in t's unit; give a number above 0, or 0 for a clock without end"
             )
         for quantity in self.units:
@@ -95,11 +95,11 @@ class LineLayout:
     def factor(self, quantity: str) -> float:
         """Factor that converts this quantity from its unit to the SI unit (uT for the field)."""
         if quantity not in UNITS:
-            raise SensorError(f"no unit can be given for {quantity!r}; give it for {', '.join(UNITS)}", value=quantity)
+            raise UsageError(f"no unit can be given for {quantity!r}; give it for {', '.join(UNITS)}", value=quantity)
         text = self.units.get(quantity, next(iter(UNITS[quantity])))
         factor = unit_factor(quantity, text)
         if factor is None:
-            raise SensorError(
+            raise UsageError(
                 f"{text!r} is not a unit of {quantity}; give one of {', '.join(UNITS[quantity])}, with a number "
                 "before it if needed" + "; reverse signs in --columns, as -ax,-ay,-az" * text.startswith("-"),
                 value=text,
@@ -119,15 +119,15 @@ def _check_names(names: list[str]) -> None:
     known = [name for group in QUANTITIES.values() for name in group]
     for name in names:
         if name not in (*known, "_"):
-            raise SensorError(
+            raise UsageError(
                 f"column {name!r} is unknown; the names are {', '.join(known)} and _ for a column to skip", value=name
             )
         if name != "_" and names.count(name) > 1:
-            raise SensorError(f"column {name} is there twice; name the other one _", value=name)
+            raise UsageError(f"column {name} is there twice; name the other one _", value=name)
     if "heading" in names and "yaw" in names:
-        raise SensorError("heading and yaw are two words for one angle; name one of them _")
+        raise UsageError("heading and yaw are two words for one angle; name one of them _")
     if "ax" not in names:
-        raise SensorError("no acceleration among the columns; without ax, ay, az there is nothing to track")
+        raise UsageError("no acceleration among the columns; without ax, ay, az there is nothing to track")
 
 
 def _check_line(names: list[str]) -> None:
@@ -135,21 +135,21 @@ def _check_line(names: list[str]) -> None:
     for three in (QUANTITIES["acc"], QUANTITIES["gyr"], QUANTITIES["mag"], angles):
         missing = [name for name in three if name not in names]
         if 0 < len(missing) < 3:
-            raise SensorError(
+            raise UsageError(
                 f"{', '.join(missing)} is missing in a line that has others of its kind; add it, or name those _",
                 value=missing,
             )
     if not set(names) - {"t", "_"}:
-        raise SensorError("a line has no column but t or _; remove it")
+        raise UsageError("a line has no column but t or _; remove it")
 
 
 def _check_prefixes(prefixes: list[str]) -> None:
     for i, prefix in enumerate(prefixes):
         if not (prefix.isascii() and prefix.isprintable()):
-            raise SensorError(f"prefix {prefix!r} is not plain text; give the characters that each line begins with")
+            raise UsageError(f"prefix {prefix!r} is not plain text; give the characters that each line begins with")
         for other in prefixes[:i] + prefixes[i + 1 :]:
             if other.startswith(prefix):
-                raise SensorError(f"lines that begin with {prefix!r} and {other!r} are ambiguous; give longer prefixes")
+                raise UsageError(f"lines that begin with {prefix!r} and {other!r} are ambiguous; give longer prefixes")
 
 
 def layout_from_options(
@@ -178,7 +178,7 @@ def layout_from_toml(text: str, name: str = "layout") -> LineLayout:
     top.done()
     try:
         return LineLayout(lines, given, SEPARATORS.get(separator, separator), wrap)
-    except SensorError as error:
+    except UsageError as error:
         raise SensorError.at(name, error.message, **error.fields) from None
 
 

@@ -5,7 +5,7 @@ import pytest
 from pbd.cli.options import pair
 from pbd.data import GRAVITY
 from pbd.data.units import UNITS
-from pbd.errors import SensorError
+from pbd.errors import SensorError, UsageError
 from pbd.sensors.line_layout import Line, LineLayout, layout_from_options, layout_from_toml
 from pbd.sensors.razor import razor_layout
 
@@ -71,36 +71,36 @@ def test_an_arduinos_clock_wraps_unless_told_otherwise(unit: str, wrap: float | 
     ],
 )
 def test_columns_that_make_no_sense(columns: str, says: str) -> None:
-    with pytest.raises(SensorError, match=says):
+    with pytest.raises(UsageError, match=says):
         layout_from_options(columns)
 
 
 @pytest.mark.parametrize("unit", ["acc=furlong", "acc=deg/s", "force=N", "acc=0g", "acc=-1g", "acc=1.2.3g", "t=1e999s"])
 def test_units_that_make_no_sense(unit: str) -> None:
-    with pytest.raises(SensorError, match=r"acc|unit|is no unit"):
+    with pytest.raises(UsageError, match=r"acc|unit|is no unit"):
         layout_from_options("ax,ay,az", dict([pair(unit)]))
 
 
 def test_signs_belong_to_the_columns() -> None:
-    with pytest.raises(SensorError, match=r"'-g' is not a unit of acc; .*; reverse signs in --columns, as -ax,-ay,-az"):
+    with pytest.raises(UsageError, match=r"'-g' is not a unit of acc; .*; reverse signs in --columns, as -ax,-ay,-az"):
         layout_from_options("ax,ay,az", {"acc": "-g"})
 
 
 @pytest.mark.parametrize("separator", ["", ",,", "1", "-", ".", "e", "\n", "é"])
 def test_separators_that_make_no_sense(separator: str) -> None:
-    with pytest.raises(SensorError, match="separator"):
+    with pytest.raises(UsageError, match="separator"):
         layout_from_options("ax,ay,az", separator=separator)
 
 
 @pytest.mark.parametrize("wrap", [-1.0, float("nan"), float("inf")])
 def test_wraps_that_make_no_sense(wrap: float) -> None:
-    with pytest.raises(SensorError, match="wrap"):
+    with pytest.raises(UsageError, match="wrap"):
         layout_from_options("ax,ay,az", wrap=wrap)
 
 
 @pytest.mark.parametrize("prefixes", [("#A", "#A"), ("#A", "#A-C="), ("", "#A"), ("#A\n", "#B"), ("é", "#B")])
 def test_prefixes_that_make_no_sense(prefixes: tuple[str, str]) -> None:
-    with pytest.raises(SensorError, match="begin"):
+    with pytest.raises(UsageError, match="begin"):
         LineLayout((Line(("ax", "ay", "az"), prefixes[0]), Line(("gx", "gy", "gz"), prefixes[1])))
 
 
@@ -127,7 +127,7 @@ def test_files_that_make_no_sense(text: str, says: str) -> None:
     [(("gx",), "gy, gz is missing"), (("t",), "no column but t or _"), (("_", "_"), "no column but t or _")],
 )
 def test_each_line_has_whole_vectors(second: tuple[str, ...], says: str) -> None:
-    with pytest.raises(SensorError, match=says):
+    with pytest.raises(UsageError, match=says):
         LineLayout((Line(("ax", "ay", "az"), "A"), Line(second, "B")))
 
 
