@@ -34,25 +34,15 @@ class Stream:
         in_order, first = np.unique(t[known], return_index=True)
         return cls(in_order, values[known][first])
 
-    @property
-    def usual_step_s(self) -> float:
-        """Median interval, s; infinite where there are fewer than two samples."""
-        return float(np.median(np.diff(self.t))) if len(self.t) > 1 else np.inf
-
-    def at(self, t: Array, usual_step_s: float | None = None) -> Array:
-        """Interpolate at times (m,) s -> (m, 3). NaN before the first sample, after the last, and in a gap.
-
-        Args:
-            t: times on the stream's clock, s.
-            usual_step_s: the sensor's usual interval; default: the median interval of these samples.
-        """
+    def at(self, t: Array) -> Array:
+        """Interpolate at times (m,) s -> (m, 3). NaN before the first sample, after the last, and in a gap."""
         if len(self) == 0:
             return np.full((len(t), 3), np.nan)
-        usual = self.usual_step_s if usual_step_s is None else usual_step_s
+        usual_s = np.median(np.diff(self.t)) if len(self) > 1 else np.inf
         after = np.clip(np.searchsorted(self.t, t), 0, len(self) - 1)
         before = np.maximum(after - 1, 0)
         known = (self.t[0] <= t) & (t <= self.t[-1])
-        known &= (self.t[after] == t) | (self.t[after] - self.t[before] <= MAX_GAP_STEPS * usual)
+        known &= (self.t[after] == t) | (self.t[after] - self.t[before] <= MAX_GAP_STEPS * usual_s)
         read = interpolate(t, self.t, self.values)
         read[~known] = np.nan
         return read

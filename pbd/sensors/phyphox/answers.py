@@ -45,8 +45,8 @@ MAG_WAIT_S = 0.5
 MAX_STEP_S = 0.5
 """Longest step of a sensor's time that needs no confirmation, s. The slowest magnetometers give 5 samples a second."""
 
-STEPS_KEPT = 99
-"""Number of a sensor's latest intervals whose median is its usual interval."""
+ROWS_KEPT = 100
+"""Number of a sensor's latest rows that are kept: the median of their intervals is its usual interval."""
 
 _REQUEST = re.compile(rb"/get |/time ")
 LONGEST_ANSWER = 16_000_000
@@ -120,27 +120,20 @@ def _floats(axis: list[Any], n: int) -> list[float]:
 
 @dataclass
 class _SensorBuffer:
-    """One sensor's rows (n, 4) that may still be needed, its latest intervals (m,) s, and its last time, s."""
+    """One sensor's rows (n, 4) that may still be needed, and its last time, s."""
 
     rows: Array
-    steps: Array
     last: float = -inf
 
-    @property
-    def usual_step_s(self) -> float:
-        return float(np.median(self.steps)) if len(self.steps) else inf
-
     def add(self, rows: Array) -> None:
-        self.steps = np.append(self.steps, np.diff(rows[:, 0], prepend=self.last))[-STEPS_KEPT:]
-        self.steps = self.steps[np.isfinite(self.steps)]
         self.rows, self.last = np.concatenate((self.rows, rows)), float(rows[-1, 0])
 
     def stream(self) -> Stream:
         return Stream(self.rows[:, 0], self.rows[:, 1:])
 
     def drop_before(self, t: float) -> None:
-        """Keep the rows after `t`, and the last row before it, which interpolation still needs."""
-        self.rows = self.rows[max(int(np.searchsorted(self.rows[:, 0], t)) - 1, 0) :]
+        """Keep the rows after `t`, and the latest before it, which interpolation still needs."""
+        self.rows = self.rows[max(int(np.searchsorted(self.rows[:, 0], t)) - ROWS_KEPT, 0) :]
 
 
 class PhyphoxDecoder:
@@ -154,7 +147,7 @@ class PhyphoxDecoder:
         self._begin()
 
     def _begin(self) -> None:
-        self._sensors = {kind: _SensorBuffer(np.empty((0, 4)), np.empty(0)) for kind in BUFFERS}
+        self._sensors = {kind: _SensorBuffer(np.empty((0, 4))) for kind in BUFFERS}
         self._first, self._last_t = inf, -inf
 
     def feed(self, data: bytes) -> list[Sample]:
@@ -214,7 +207,7 @@ class PhyphoxDecoder:
             return []
         t = rows[:, 0]
         self._last_t = float(t[-1])
-        at_acc, at_mag = acc.stream().at(t, acc.usual_step_s), mag.stream().at(t, mag.usual_step_s)
+        at_acc, at_mag = acc.stream().at(t), mag.stream().at(t)
         elapsed = self._clock.to_elapsed(t)
         # Clock events are exact to milliseconds only, so around a pause times may step back: drop those samples.
         later = elapsed > np.maximum.accumulate(np.append(self._latest, elapsed[:-1]))
