@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -48,7 +47,6 @@ def update_calibration(
     path: Path,
     parts: Mapping[str, Values],
     *,
-    renames: Mapping[str, str] = MappingProxyType({}),
     robots: Sequence[str] = (),
     scale: float | None = None,
 ) -> None:
@@ -58,8 +56,8 @@ def update_calibration(
 
     Args:
         path: the file; its folder is made.
-        parts: table ("dock", "sensor.acc") -> key -> its value (None removes the key) and a comment for a new key.
-        renames: tables to rename first, old name -> new name.
+        parts: table ("dock", "sensor.acc") -> key -> its value (None removes the key) and a comment for a new key. A
+            "dock" takes the place of a [nav], a "nav" that of a [dock].
         robots: the `robots` of a new file.
         scale: the new scale; None keeps the old one.
 
@@ -67,7 +65,7 @@ def update_calibration(
         CalibrationError: the file can't be read, or is not valid with the new parts.
         PbdError: the path can't be written.
     """
-    document = _document(path, renames, robots)
+    document = _document(path, parts, robots)
     if scale is not None:
         document["scale"] = round(scale, 5)
     for part, values in parts.items():
@@ -115,13 +113,14 @@ def _source(path: Path) -> Path | None:
     return next((file for file in (path, bundled("calibration") / path.name) if file.is_file()), None)
 
 
-def _document(path: Path, renames: Mapping[str, str], robots: Sequence[str]) -> tomlkit.TOMLDocument:
+def _document(path: Path, parts: Collection[str], robots: Sequence[str]) -> tomlkit.TOMLDocument:
     """Parse the file, or its bundled original, or start a new one."""
     if source := _source(path):
         read_calibration(source)  # its errors tell the line
         text = read_text(source, CalibrationError, "give the path of a TOML file")
-        for old, new in renames.items():
-            text = re.sub(rf"(?m)^(\s*\[\s*){old}(\s*\])", rf"\g<1>{new}\g<2>", text)
+        for old, new in (("dock", "nav"), ("nav", "dock")):
+            if new in parts:
+                text = re.sub(rf"(?m)^(\s*\[\s*){old}(\s*\])", rf"\g<1>{new}\g<2>", text)
         return tomlkit.parse(text)
     document = tomlkit.document()
     document.add(tomlkit.comment(HEADER))

@@ -93,9 +93,7 @@ def test_every_part_is_read_again(bench: Path) -> None:
 
 
 def test_nav_replaces_the_dock_in_its_place(bench: Path) -> None:
-    update_calibration(
-        bench, {"nav": pose_values(POSE, "in base", EXACT) | {"any_attitude": (None, "")}}, renames={"dock": "nav"}
-    )
+    update_calibration(bench, {"nav": pose_values(POSE, "in base", EXACT) | {"any_attitude": (None, "")}})
     text = bench.read_text(encoding="utf-8")
     assert text.index("# measured with a ruler") < text.index("[nav]") < text.index("# about the shelf")
     calibration = read_calibration(bench)
@@ -131,8 +129,8 @@ def test_a_file_that_cannot_be_read_stays(bench: Path, text: str) -> None:
 
 
 def test_an_invalid_result_is_not_written(bench: Path) -> None:
-    with pytest.raises(CalibrationError, match="and \\[nav\\] can't both be given"):
-        update_calibration(bench, {"nav": pose_values(POSE, "in base", EXACT)})
+    with pytest.raises(CalibrationError, match="position has 99 m, beyond any arm's reach"):
+        update_calibration(bench, {"dock": {"position": ([99.0, 0.0, 0.0], "")}})
     assert bench.read_text(encoding="utf-8") == BENCH
     assert [path.name for path in bench.parent.iterdir()] == ["bench.toml"]
 

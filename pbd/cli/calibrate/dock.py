@@ -8,7 +8,7 @@ import shlex
 import numpy as np
 
 from pbd.calibration.dock import dock_at
-from pbd.cli.calibrate.replacing import replaced_part
+from pbd.cli.calibrate.replacing import keep_other_start
 from pbd.cli.common import track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Robot
@@ -34,19 +34,16 @@ ABOUT_BASE = "base is "
 def run(args: argparse.Namespace) -> None:
     """Find the dock's pose, check that the robot reaches it, and write it."""
     path, calibration = existing_calibration(args.name)
-    instead = replaced_part(path, calibration, "dock", args.force)
+    if not args.force:
+        keep_other_start(path, calibration, "dock")
     robot = load_robot(args.robot) if args.robot else None
     T_base_dock, of_pose, source = _pose(args, robot, calibration)
     tool = T_base_dock @ calibration.T_sensor_tool
     if robot is not None:
         _refuse_out_of_reach(robot, tool)
     cov = of_pose + np.diag(np.square([*[1e-3 * args.sigma_mm] * 3, 0.0, 0.0, np.radians(args.sigma_deg)]))
-    update_calibration(
-        path,
-        {"dock": pose_values(T_base_dock, "in base", cov)},
-        renames=instead,
-        robots=(robot.name,) if robot else (),
-    )
+    values = pose_values(T_base_dock, "in base", cov)
+    update_calibration(path, {"dock": values}, robots=(robot.name,) if robot else ())
     rpy_deg = np.degrees(quat_to_rpy(T_base_dock.wxyz))
     x, y, z = T_base_dock.p
     resized = ""

@@ -14,7 +14,7 @@ from pbd.calibration.field_uniformity import field_spread, heading_changes
 from pbd.calibration.points import POOR_CHI2, fit_points, refuse_shape
 from pbd.calibration.registration import PointObservations, observe_points
 from pbd.calibration.rests import rms
-from pbd.cli.calibrate.replacing import keep_good_part, replaced_part
+from pbd.cli.calibrate.replacing import keep_good_part, keep_other_start
 from pbd.cli.common import sigma_json, track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording
@@ -42,7 +42,8 @@ def run(args: argparse.Namespace) -> None:
     assert hand.tracking is not None
     recording = hand.tracking.recording
     part = args.part or ("dock" if recording.mag is None else "nav")
-    instead = replaced_part(path, calibration, part, args.force)
+    if not args.force:
+        keep_other_start(path, calibration, part)
     keyframes = find_keyframes(hand)
     with working("fitting"):
         touched = _match_stops(args, hand, keyframes, points, calibration)
@@ -83,7 +84,7 @@ def run(args: argparse.Namespace) -> None:
         again = f"touch them again, more calmly, or correct their coordinates, the tip in [mount]{scale}"
         keep_good_part(path, calibration, f"{part}.chi2", fit.chi2, what, again)
     values = pose_values(pose, "in base", cov) | {"fit": (figures, ""), "any_attitude": (None, "")}
-    update_calibration(path, {part: values}, renames=instead, scale=fit.scale if args.find_scale else None)
+    update_calibration(path, {part: values}, scale=fit.scale if args.find_scale else None)
     if fit.chi2 > POOR_CHI2:
         warn(
             f"the points fit {worse} worse than the tracker's uncertainty predicts: do not use {path} until you have "

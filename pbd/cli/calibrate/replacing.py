@@ -30,16 +30,9 @@ def keep_good_part(path: Path, calibration: Calibration, figure: str, chi2: floa
         )
 
 
-def replaced_part(path: Path, calibration: Calibration, part: str, force: bool) -> dict[str, str]:
-    """Return {old: new} if the new `part`, "dock" or "nav", replaces the other of the two; else {}.
-
-    Raises:
-        CalibrationError: it would replace the other, and `force` was not given.
-    """
+def keep_other_start(path: Path, calibration: Calibration, part: str) -> None:
+    """Refuse to replace a [dock] by the new `part` "nav", or a [nav] by a "dock"."""
     other = "nav" if part == "dock" else "dock"
-    if (calibration.T_base_nav if other == "nav" else calibration.T_base_dock) is None:
-        return {}
-    if not force:
+    if (calibration.T_base_nav if other == "nav" else calibration.T_base_dock) is not None:
         what = f"{path} has a [{other}], and a calibration can't have [{part}] too"
         raise CalibrationError(f"{what}; replace it with --force, or give another name", path=path)
-    return {other: part}
