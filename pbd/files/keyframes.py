@@ -98,17 +98,20 @@ def keyframes_toml(
         if keyframe.frames:
             lines.append(f"frames = [{', '.join(map(_quoted, keyframe.frames))}]")
         lines.append("")
-    for each in touch_ups:
-        lines += [
-            "[[touch_up]] # of `pbd touch`, which can undo it",
-            f"t_s = {each.t:.3f}",
-            f"by_nav_m = {_numbers(each.by_nav_m, 5)}",
-            *("only = true" for _ in range(each.only)),
-            *("undone = true" for _ in range(each.undone)),
-            *(f"from_base_m = {_numbers(p, 4)}" for p in (each.from_base_m,) if p is not None),
-            "",
-        ]
-    return "\n".join(lines)
+    return "\n".join((*lines, *map(touch_up_toml, touch_ups)))
+
+
+def touch_up_toml(touch_up: TouchUp) -> str:
+    """Return a [[touch_up]] of keyframes.toml."""
+    lines = [
+        "[[touch_up]] # of `pbd touch`, which can undo it",
+        f"t_s = {touch_up.t:.3f}",
+        f"by_nav_m = {_numbers(touch_up.by_nav_m, 5)}",
+    ]
+    lines += [f"{key} = true" for key in ("only", "undone") if getattr(touch_up, key)]
+    if touch_up.from_base_m is not None:
+        lines.append(f"from_base_m = {_numbers(touch_up.from_base_m, 4)}")
+    return "\n".join((*lines, ""))
 
 
 def write_keyframes(

@@ -9,7 +9,7 @@ from typing import Any
 
 from pbd.data import TouchUp
 from pbd.errors import RecordingError, collected_warnings
-from pbd.files.keyframes import parse_keyframes, read_touch_ups
+from pbd.files.keyframes import parse_keyframes, read_touch_ups, touch_up_toml
 from pbd.io.atomic import lock_folder, write_text
 from pbd.io.made_by_pbd import SEAL, sealed
 from pbd.io.read_file import read_text
@@ -20,19 +20,11 @@ def add_touch_up(path: Path, touch_up: TouchUp) -> None:
     """Append a touch-up to keyframes.toml and keep the rest as it is; raises as `read_keyframes`."""
     import tomlkit
 
-    table = tomlkit.table()
-    table.add(tomlkit.comment("of `pbd touch`: where the tool was seen to belong, from where it was"))
-    table["t_s"] = round(touch_up.t, 3)
-    table["by_nav_m"] = [round(x, 5) + 0.0 for x in touch_up.by_nav_m.tolist()]
-    if touch_up.from_base_m is not None:
-        table["from_base_m"] = [round(x, 4) + 0.0 for x in touch_up.from_base_m.tolist()]
-    if touch_up.only:
-        table["only"] = True
     with _edited(path) as document:
         if "touch_up" not in document:
             document.add(tomlkit.nl())
             document["touch_up"] = tomlkit.aot()
-        document["touch_up"].append(table)
+        document["touch_up"].append(tomlkit.parse(f"{touch_up_toml(touch_up)}\n")["touch_up"][0])
 
 
 def undo_touch_up(path: Path) -> tuple[TouchUp, ...]:
