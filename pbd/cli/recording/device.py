@@ -67,16 +67,7 @@ def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder
     from pbd.sensors.phyphox.phone import PhonePort
 
     phone = PhonePort(args.port)
-    opened = False
-
-    def open_again() -> Source:
-        nonlocal opened
-        if opened:
-            phone.connect()
-        opened = True
-        return phone
-
-    return (f"{PHONE} ({phone.model})" if phone.model else PHONE), open_again, protocol(PHONE).decoder()
+    return (f"{PHONE} ({phone.model})" if phone.model else PHONE), phone.connect, protocol(PHONE).decoder()
 
 
 def probe_port(device: str) -> ProbeResult:

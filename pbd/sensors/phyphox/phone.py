@@ -9,7 +9,7 @@ import http.client
 import time
 from contextlib import suppress
 from math import inf
-from typing import Any
+from typing import Any, Self
 from urllib.parse import urlsplit
 
 from pbd.data.paused_clock import PausedClock
@@ -67,8 +67,8 @@ class PhonePort(Source):
         self._last_events = b""
         self.connect()
 
-    def connect(self) -> None:
-        """Connect, or connect again and continue with the first sample that was not read yet."""
+    def connect(self) -> Self:
+        """Connect, or connect again and continue with the first sample that was not read yet; return the port."""
         self._silent_since = inf
         try:
             self._open()
@@ -84,6 +84,7 @@ class PhonePort(Source):
         except ValueError:
             self.close()
             raise SensorError(f"what answers at {self.device} is no phyphox: {SCAN_HINT}", path=self.device) from None
+        return self
 
     def _open(self) -> None:
         text = self._get("/get?" + "&".join(names[0] for names in BUFFERS.values()))
