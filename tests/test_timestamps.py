@@ -113,6 +113,14 @@ def test_few_samples_are_counted_too() -> None:
     assert missing(np.array([0.0])) == 0
 
 
+def test_samples_without_a_time_are_counted_by_their_arrival() -> None:
+    arrival = np.delete(np.arange(401), 200) / HZ
+    _, clock = taken([None] * 400, arrival.tolist())
+    clock.count()
+    assert clock.lost == 1
+    assert clock.straightened == pytest.approx(arrival)
+
+
 def arrivals(rate_hz: float, kind: str, seed: int, seconds: float = 40.0) -> tuple[Array, Array, int]:
     """The true times of the samples that arrived, their arrival times, and the number of lost samples."""
     rng = np.random.default_rng(seed)
