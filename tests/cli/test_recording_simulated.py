@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -140,6 +141,12 @@ def test_what_was_unplugged_does_not_play(emulator: Emulator) -> None:
     emulator.play()
     emulator.unplug()
     assert emulator.sent == 0
+
+
+def test_it_is_unplugged_where_its_block_ends() -> None:
+    with Emulator(HAND):
+        pass
+    assert "emulated sensor" not in {thread.name for thread in threading.enumerate()}
 
 
 def test_its_rest_after_the_task_can_be_tracked() -> None:

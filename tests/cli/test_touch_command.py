@@ -143,6 +143,14 @@ def test_undo_removes_the_file_that_only_touch_ups_made(tea: Path, capsys: Captu
     assert tea.read_text().startswith(saved)
 
 
+def test_undo_keeps_a_keyframe_that_a_person_added(tea: Path, capsys: Capture) -> None:
+    run(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "0", "0.01")
+    added = "[[keyframe]]\nt_s = 60.0\ndwell_s = 0.5\nposition_m = [0.1, 0.0, 0.0]\nrpy_deg = [0.0, 0.0, 0.0]\n"
+    tea.write_text(tea.read_text() + added)
+    assert run(capsys, "touch", "tea", "--robot", "panda", "--undo")[0] == 0
+    assert added in tea.read_text()
+
+
 def test_millimetres_for_metres_are_refused_and_nothing_is_written(tea: Path, capsys: Capture) -> None:
     said = refused_line(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "-4", "0")
     assert "that is 4.00 m away" in said

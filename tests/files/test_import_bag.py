@@ -323,6 +323,16 @@ def test_a_bag_whose_end_is_missing_is_read_as_far_as_it_goes(
     assert_allclose(read.acc, recording.acc[:n])
 
 
+def test_a_compressed_chunk_that_is_cut_off_is_left_out(tmp_path: Path, recording: Recording) -> None:
+    packed = storage_mcap.zstd.compress(bytes(1000))
+    chunk = struct.pack("<QQQII4sQ", 0, 0, 1000, 0, 4, b"zstd", len(packed)) + packed
+    cut = tmp_path / "cut.mcap"
+    whole = write_bag(tmp_path / "bag", recording).read_bytes()
+    cut.write_bytes(whole[:-37] + struct.pack("<BQ", 6, len(chunk)) + chunk[:-1])
+    with pytest.warns(PbdWarning, match=r"cut\.mcap: its end is missing"):
+        assert_same(import_file(cut).recording, recording)
+
+
 def test_other_files_are_refused(tmp_path: Path, recording: Recording) -> None:
     bag = write_bag(tmp_path / "bag", recording, ())
     with pytest.raises(RecordingError, match=r"no topic of type sensor_msgs/msg/Imu; it has /mag \(sensor_msgs/msg/M"):

@@ -21,7 +21,7 @@ from pbd.pipeline import track
 from pbd.plots import figures
 from pbd.plots.demo_values import DemoValues, demo_values
 from pbd.plots.findings import Finding
-from pbd.plots.space import label_keyframes
+from pbd.plots.space import label_keyframes, view
 from pbd.plots.style import AXES_RGB, RUNS_RGB, plain_text, write
 from pbd.pose import Array, quat_rotate, quat_to_rpy
 from pbd.simulation.hand_motion import Waypoint
@@ -119,6 +119,14 @@ def test_views_have_one_scale_and_are_no_mirror_image(
     right, upwards = per_unit[1] - per_unit[0], per_unit[2] - per_unit[0]
     assert right == pytest.approx((-upwards[1], 0.0))  # y to the left, as large as what is up
     assert upwards[1] > 0.0
+
+
+@pytest.mark.parametrize("size_m", [(0.1, 0.4), (0.4, 0.1)])
+def test_a_tall_and_a_wide_path_fit_into_their_view(size_m: tuple[float, float]) -> None:
+    ax = Figure().add_subplot()
+    scale = view(ax, [np.array([(0.0, 0.0, 0.0), (*size_m, 0.0)])], (0, 1))
+    shares = scale * np.array(size_m) / np.abs(np.ptp([ax.get_xlim(), ax.get_ylim()], axis=1))
+    assert shares.max() == pytest.approx(1.0 / 1.2)
 
 
 @pytest.mark.parametrize(("sigma_m", "label"), [(0.01, "2 σ"), (5.0, "2 σ, some\nbeyond the edge")])
