@@ -11,6 +11,7 @@ import pytest
 
 import pbd
 from pbd.data import Calibration, Recording
+from pbd.data.constraints import Place
 from pbd.data.covariance import PoseCovariance
 from pbd.data.frozen_arrays import numeric
 from pbd.errors import UsageError, WrongTypeError
@@ -58,6 +59,7 @@ WRONG: dict[str, Callable[[Any], object]] = {
     "the robot must be a name or a path, got None": lambda _: pbd.load_robot(cast(str, None)),
     "Recording.gyr must be an array of numbers, got 'tea'": lambda name: Recording(STILL.t, STILL.acc, name),
     "Recording.acc must be an array of numbers, got None": lambda _: Recording(STILL.t, cast(Array, None)),
+    "Place.t must be a tuple of instants, s, got 'tea'": Place,
     "speed must be a number, got 'tea'": lambda name: pbd.PlanOptions(speed=name),
     "speed must be a number, got None": lambda _: pbd.PlanOptions(speed=cast(float, None)),
     "detour must be True or False, got 'tea'": lambda name: pbd.PlanOptions(detour=name),

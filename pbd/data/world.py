@@ -97,13 +97,12 @@ def gripped_spans(t: Array, opening: Array) -> list[tuple[float, float]]:
         opening: (g,) the gripper's opening at each t.
     """
     spans: list[tuple[float, float]] = []
-    change = np.sign(np.diff(opening))
-    moves = change[change != 0.0]
-    since = t[0] if len(moves) and moves[0] > 0.0 else None
-    for i, direction in enumerate(change):
-        if direction < 0.0:
+    changes = np.diff(opening)
+    since = t[0] if changes.any() else None
+    for i, change in enumerate(changes):
+        if change < 0.0:
             since = t[i + 1]
-        elif direction > 0.0 and since is not None:
+        elif change > 0.0 and since is not None:
             spans.append((float(since), float(t[i])))
             since = None
     if since is not None:

@@ -42,6 +42,7 @@ def test_a_fused_demonstration_is_one_like_any_other(capsys: Capture) -> None:
         capsys, "fuse", "tea1", "tea2", "tea3", "-o", "tea", "--save-calibration", "mine", "--plot", "plots"
     )
     assert [take["keyframes"] for take in told["takes"]] == [list(range(7))] * 3
+    assert np.shape([take["off_m"] for take in told["takes"]]) == (3, 7, 3)
     assert sorted(path.name for path in Path("plots").iterdir()) == ["match.png", "scatter.png"]
     assert load_calibration("mine").sensor is not None
     turned = [(take["sensor_turned_deg"], take["sensor_turned_sigma_deg"]) for take in told["takes"]]

@@ -64,6 +64,13 @@ def test_android_reads_total_acceleration_from_zip_folder_and_csv(tmp_path: Path
         assert_allclose(got.t, T, atol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["missing.csv", "missing.txt"])
+def test_a_missing_file_beside_a_recording_is_not_that_recording(tmp_path: Path, name: str) -> None:
+    place = folder(tmp_path / "walk", {"TotalAcceleration": UP, "Gyroscope": TURN})
+    with pytest.raises(RecordingError, match=rf"{name}: can't be read \(No such file"):
+        import_file(place / name)
+
+
 def test_every_column_of_every_file_is_listed(tmp_path: Path) -> None:
     place = folder(tmp_path / "walk", {"TotalAcceleration": UP, "Accelerometer": UP - GRAVITY_PART, "Gyroscope": TURN})
     (place / "Barometer.csv").write_text("time,seconds_elapsed,pressure\n0,0,1013\n")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pbd.fusion.errors_in_variables import without_noise
+from pbd.fusion.marginals import marginal_of
 from pbd.pose import Array, quat_to_matrix
 from pbd.simulation.simulate import simulate
 from pbd.track_alone import track_alone
@@ -42,3 +43,14 @@ def test_an_error_of_one_leg_is_not_in_its_regressors(sensor: str, rows: slice, 
     error = OFFSET * float(T[k]) * (0.5 * float(T[k]) if rows == POS else 1.0)
     assert np.abs(legs.J[k, rows, columns] - right).max() > 0.7 * error
     np.testing.assert_allclose(J, right, atol=0.15 * error)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_noise_does_not_raise_the_scales_that_a_take_tells(seed: int) -> None:
+    """Those of a gyro with much noise, about the axes about which the hand turns it."""
+    solution = track_alone(simulate("pour", "os5000", seed), "default", None, False)[1].solution
+    assert solution is not None
+    yy, zz = np.arange(GYR_MATRIX.start, GYR_MATRIX.stop)[[4, 8]]
+    raised, found = marginal_of(solution, [0]).device, marginal_of(solution, [0], solution.state).device
+    assert raised[yy] > found[yy] + 1e-5
+    assert raised[zz] > found[zz] + 1e-5

@@ -171,6 +171,8 @@ def test_paths_are_drawn_as_they_are(tracked: list[Tracked]) -> None:
     bars, unit = spread.patches, 1e3 if "(mm)" in spread.get_ylabel() else 100.0
     heights = np.array([bar.get_height() for bar in bars]).reshape(3, -1)  # type: ignore[attr-defined]
     assert heights == pytest.approx(unit * np.array([keyframe.spread for keyframe in plot.keyframes]).T)
+    middles = np.array([bar.get_x() + 0.5 * bar.get_width() for bar in bars])  # type: ignore[attr-defined]
+    assert middles.reshape(3, -1).mean(axis=0) == pytest.approx(np.arange(len(plot.keyframes)))
 
 
 def test_the_table_and_the_rows_say_the_same(compared: Comparison) -> None:

@@ -57,7 +57,8 @@ def import_file(
     if topic is not None and not is_bag:
         raise RecordingError.at(path, "only a bag has topics; leave --topic out")
     of_app = None
-    if not is_bag and not is_table and (source.is_dir() or suffix in (".csv", ".zip")):
+    may_be_apps = source.is_dir() or suffix == ".zip" or (suffix == ".csv" and source.is_file())
+    if may_be_apps and not is_bag and not is_table:
         from pbd.files.importers.metawear import read_metawear
         from pbd.files.importers.phones import read_phone
 
