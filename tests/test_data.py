@@ -274,6 +274,7 @@ def test_a_person_sees_how_much_there_is() -> None:
     )
     keyframe = Keyframe(3.2, 0.84, Pose(np.array((0.1, -0.2, -1e-9)), np.eye(4)[0]), 1.6e-5 * np.eye(6), grip=True)
     assert repr(keyframe) == ("<Keyframe: at 3.20 s for 0.84 s, (0.100, -0.200, -0.000) m, sigma 4.0 mm, grip closes>")
+    assert repr(Demonstration(recording, keyframes=(keyframe,))).endswith(" at 100 Hz, 1 edited keyframe>")
     triad = LinearErrors(np.array((0.01, -2.0, 3e-7)), np.eye(3), np.zeros(3))
     assert repr(triad) == "<LinearErrors: bias (0.01, -2, 3e-07)>"
     assert repr(SensorErrors("witmotion", gyr=triad, mag=triad)) == "<SensorErrors 'witmotion': gyr, mag>"

@@ -77,6 +77,20 @@ def test_slow_and_fast_devices(hz: float) -> None:
     assert clock.doubted == 0
 
 
+def test_the_first_times_of_a_slow_device_may_come_together() -> None:
+    got, clock = taken([3.0 + 0.08 * k for k in range(8)], [0.5] * 8)
+    assert got == pytest.approx([0.08 * k for k in range(8)])
+    assert clock.doubted == 0
+
+
+def test_a_jump_of_a_few_usual_steps_that_the_host_does_not_confirm_is_left_out() -> None:
+    times = steady(30)
+    times[10] = 7.0 + 16.0 / HZ
+    got, clock = taken(times)
+    assert [round(t * HZ, 6) for t in got] == [*range(10), *range(11, 30)]
+    assert clock.doubted == 1
+
+
 def test_the_same_time_twice_is_one_sample() -> None:
     times = steady(30)
     got, clock = taken([at for at in times for _ in range(2)], [k / HZ / 2.0 for k in range(60)])

@@ -197,6 +197,11 @@ def test_units_and_rows_of_axes_that_sketches_print(tmp_path: Path, line: str, s
     assert_allclose(recording.t, 0.01 * np.arange(4))
 
 
+def test_a_last_line_that_is_cut_off_before_its_unit_has_that_of_the_others(tmp_path: Path) -> None:
+    recording = imported(tmp_path, 4 * "Acc: 1, 2, 3 g\n" + "Acc: 1, 2, 3", 100.0, "monitor.log")
+    assert_allclose(recording.acc, np.tile([1.0, 2.0, 3.0], (5, 1)) * GRAVITY)
+
+
 def test_biases_above_a_table_are_no_lines_of_a_sketch(tmp_path: Path) -> None:
     biases = "".join(f"{sensor} {axis}: 0.1\n" for sensor in ("Acc", "Gyro", "Mag") for axis in "XYZ")
     recording = imported(tmp_path, f"{biases}t,ax,ay,az\n0,1,2,3\n1,1,2,3\n")

@@ -17,6 +17,7 @@ from pbd.data import Calibration, Contact, Demonstration, GripEvent, HandPath, L
 from pbd.errors import CalibrationError, RecordingError, TrackingError, collected_warnings
 from pbd.fusion.fused_calibration import _composed, device_errors
 from pbd.fusion.grips import differing_grips
+from pbd.fusion.known_stops import condition_on_known_stops
 from pbd.fusion.marginals import SHARED_PART, estimate_with_device, marginal_of
 from pbd.fusion.matching import Alignment, Registration
 from pbd.fusion.mean_path import TakePath, average_paths
@@ -379,6 +380,16 @@ def test_known_stops_of_takes_are_used(path: HandPath, takes: list[Demonstration
     with pytest.warns(match="only take 1 has stops 5 6, and they are left out"):
         fused = pbd.fuse([left_out, shortened(takes[1], 5)], Calibration("bench", T_base_dock=dock))
     assert not fused.claims
+
+
+def test_a_known_stop_that_contradicts_a_take_is_refused_only_where_it_is_asked(takes: list[Demonstration]) -> None:
+    """With the first guess of how the sensor sits in the hand, a true height may seem to contradict."""
+    stop = find_keyframes(track(takes[0].recording))[5]
+    take = tracked_take(replace(takes[0], contacts=(Contact(stop.t, height=1.0, sigma_m=5e-4),)), None, False)
+    given: Any = (take, take.marginal, np.eye(3), np.zeros(3), None)
+    condition_on_known_stops(*given, refuse=False)
+    with pytest.raises(TrackingError, match=r"take 1: demo.toml says that .* but it is .* off"):
+        condition_on_known_stops(*given, refuse=True)
 
 
 def test_keyframes_that_move_with_an_object_are_found(path: HandPath) -> None:

@@ -159,6 +159,12 @@ def test_comparisons_are_legible(compared: Comparison, name: str) -> None:
             assert ax.get_ylabel().endswith(")")
 
 
+@pytest.mark.parametrize("name", [name for name in COMPARISONS if name != "spread"])
+def test_the_legend_names_each_demonstration(tracked: list[Tracked], name: str) -> None:
+    (legend,) = draw_comparison(name, compare(tracked)).legends
+    assert {text.get_text() for text in legend.get_texts()} >= {"tea 0", "tea 1", "tea 2"}
+
+
 def test_paths_are_drawn_as_they_are(tracked: list[Tracked]) -> None:
     plot = compare(tracked)
     axes = draw_comparison("positions", plot).axes

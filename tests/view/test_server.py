@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
@@ -95,6 +96,14 @@ def test_the_page_is_served_to_this_machine_and_never_in_a_frame(viewer: LiveVie
     assert mine.headers["Content-Security-Policy"] == "frame-ancestors 'none'"
 
 
+HANDSHAKE = {
+    "Upgrade": "websocket",
+    "Connection": "Upgrade",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+}
+
+
 @pytest.mark.parametrize(
     ("origin", "host", "status"),
     [
@@ -108,10 +117,20 @@ def test_the_page_is_served_to_this_machine_and_never_in_a_frame(viewer: LiveVie
 )
 def test_other_pages_get_no_socket(viewer: LiveViewer, origin: str | None, host: str, status: int) -> None:
     port = urlsplit(viewer.url).port
-    handshake = {"Sec_WebSocket_Version": "13", "Sec_WebSocket_Key": "dGhlIHNhbXBsZSBub25jZQ=="}
     asked_by = {} if origin is None else {"Origin": origin.format(port=port)}
-    upgrade = {"Host": host.format(port=port), "Upgrade": "websocket", "Connection": "Upgrade"}
-    assert ask(viewer.url, "/", **upgrade, **handshake, **asked_by).status == status
+    assert ask(viewer.url, "/", Host=host.format(port=port), **HANDSHAKE, **asked_by).status == status
+
+
+def test_it_ends_though_a_page_was_sent_nothing_yet() -> None:
+    viewer = LiveViewer()
+    address = urlsplit(viewer.url).netloc
+    with closing(http.client.HTTPConnection(address, timeout=60)) as page:
+        page.request("GET", "/", headers=HANDSHAKE | {"Origin": f"http://{address}"})
+        assert page.getresponse().status == 101
+        ending = threading.Thread(target=viewer.close, daemon=True)
+        ending.start()
+        ending.join(60.0)
+    assert not ending.is_alive()
 
 
 def test_it_plays_in_a_browser(viewer: LiveViewer, small: Chromium) -> None:
