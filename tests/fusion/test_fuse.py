@@ -6,6 +6,7 @@ import re
 import warnings
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -386,10 +387,10 @@ def test_a_known_stop_that_contradicts_a_take_is_refused_only_where_it_is_asked(
     """With the first guess of how the sensor sits in the hand, a true height may seem to contradict."""
     stop = find_keyframes(track(takes[0].recording))[5]
     take = tracked_take(replace(takes[0], contacts=(Contact(stop.t, height=1.0, sigma_m=5e-4),)), None, False)
-    given: Any = (take, take.marginal, np.eye(3), np.zeros(3), None)
-    condition_on_known_stops(*given, refuse=False)
+    condition = partial(condition_on_known_stops, take, take.marginal, np.eye(3), np.zeros(3), None)
+    condition(refuse=False)
     with pytest.raises(TrackingError, match=r"take 1: demo.toml says that .* but it is .* off"):
-        condition_on_known_stops(*given, refuse=True)
+        condition(refuse=True)
 
 
 def test_keyframes_that_move_with_an_object_are_found(path: HandPath) -> None:
