@@ -274,6 +274,13 @@ def test_a_column_of_lines_that_runs_to_and_fro_is_no_time(capsys: pytest.Captur
     assert "so it is no time; of lines, call another column t, or none" in capsys.readouterr().err
 
 
+def test_lines_that_were_printed_twice_count_once(in_g: Path) -> None:
+    columns, *lines = in_g.read_text().replace("heading,pitch,roll", "_,_,_").splitlines(keepends=True)
+    Path("log.txt").write_text("".join(2 * line for line in lines))
+    assert main(["import", "log.txt", "tea", "--sensor", "lines", "--columns", columns.strip(), "--unit", "acc=g"]) == 0
+    assert len(read_demo(Path("demos/tea")).recording) == len(lines)
+
+
 @pytest.mark.usefixtures("in_g")
 def test_raw_bytes_need_their_sensor_and_where_it_has_no_clock_its_rate(capsys: pytest.CaptureFixture[str]) -> None:
     hand = random_hand(50, seed=1)

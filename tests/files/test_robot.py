@@ -286,6 +286,7 @@ def test_each_limit_may_have_its_own_source(folder: Path) -> None:
 def test_a_velocity_of_zero_in_the_urdf_means_unknown(folder: Path) -> None:
     change(folder / "mine.urdf", 'velocity="1.5"', 'velocity="0"')
     change(folder / "mine.toml", "acceleration = [5.0, 6.0]", "velocity = [7, 2]\nacceleration = [5.0, 6.0]")
+    change(folder / "mine.urdf", 'velocity="3"', 'velocity="0"')  # the gripper's
     np.testing.assert_array_equal(read_robot(folder / "mine.toml").limits.velocity, [7, 2])
 
 
