@@ -383,10 +383,16 @@ def test_known_stops_of_takes_are_used(path: HandPath, takes: list[Demonstration
     assert not fused.claims
 
 
-def test_a_known_stop_that_contradicts_a_take_is_refused_only_where_it_is_asked(takes: list[Demonstration]) -> None:
+@pytest.mark.parametrize("kind", ["height", "place"])
+def test_a_known_stop_that_contradicts_a_take_is_refused_only_where_it_is_asked(
+    takes: list[Demonstration], kind: str
+) -> None:
     """With the first guess of how the sensor sits in the hand, a true height may seem to contradict."""
-    stop = find_keyframes(track(takes[0].recording))[5]
-    take = tracked_take(replace(takes[0], contacts=(Contact(stop.t, height=1.0, sigma_m=5e-4),)), None, False)
+    middles = [keyframe.t for keyframe in find_keyframes(track(takes[0].recording))]
+    known: Any = {"contacts": (Contact(middles[5], height=1.0, sigma_m=5e-4),)}
+    if kind == "place":
+        known = {"places": (Place((middles[2], middles[5])),)}
+    take = tracked_take(replace(takes[0], **known), None, False)
     condition = partial(condition_on_known_stops, take, take.marginal, np.eye(3), np.zeros(3), None)
     condition(refuse=False)
     with pytest.raises(TrackingError, match=r"take 1: demo.toml says that .* but it is .* off"):
