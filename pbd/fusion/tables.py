@@ -117,9 +117,7 @@ def fusion_rows(path: HandPath) -> dict[str, Any]:
 
 def held_alike(takes: Sequence[FusedTake]) -> bool:
     """Whether all takes that are used are of one device, held alike: its own errors are then the same in each."""
-    used = [take for take in takes if not take.left_out]
-    one_device = len({take.device for take in used}) == 1
-    return one_device and all(_turned(take) < ALIKE_RAD for take in used)
+    return all(take.device == 0 and _turned(take) < ALIKE_RAD for take in takes)
 
 
 def _turned(take: FusedTake) -> float:

@@ -143,9 +143,9 @@ def test_what_was_unplugged_does_not_play(emulator: Emulator) -> None:
     assert emulator.sent == 0
 
 
-def test_it_is_unplugged_where_its_block_ends() -> None:
-    with Emulator(HAND):
-        pass
+def test_it_plays_once_and_is_unplugged_where_its_block_ends() -> None:
+    with Emulator(HAND) as sensor:
+        sensor.play()
     assert "emulated sensor" not in {thread.name for thread in threading.enumerate()}
 
 

@@ -292,7 +292,7 @@ def test_a_gyro_that_is_not_phyphox_s_is_not_dropped(tmp_path: Path) -> None:
 
 
 def test_phyphox_without_gravity_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"'Acceleration x .* is needed"):
+    with pytest.raises(RecordingError, match=r"Linear Acceleration is without gravity, and 'Acceleration x .* is"):
         read(phyphox(tmp_path / "p", linear=True))
 
 

@@ -218,6 +218,12 @@ def test_a_false_start_swallows_nothing() -> None:
         assert decoder.tally.bad_packets > 0
 
 
+def test_what_ends_with_no_line_is_no_packet() -> None:
+    decoder = VectorNavDecoder()
+    decoder.feed(b"$GPGGA," + bytes(1000))
+    assert decoder.tally == Tally(bad_packets=1)
+
+
 def test_a_packet_without_any_of_what_is_wanted_is_no_sample() -> None:
     decoder = VectorNavDecoder()
     group, bit = OTHERS[0]
