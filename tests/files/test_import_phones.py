@@ -153,7 +153,9 @@ def test_a_watch_gives_gravity_and_the_rest_of_its_acceleration(tmp_path: Path, 
         assert_allclose(found.recording.acc, UP, atol=1e-9)
         assert found.recording.gyr is not None
         assert_allclose(found.recording.gyr, TURN, atol=1e-12)
-        assert found.recording.info.source.unread["WristMotion.csv: yaw"] == "an attitude that isn't used"
+        source = found.recording.info.source
+        assert {each.sign for each in source.columns if each.ours == "ax"} == {1.0 if standard else -1.0}
+        assert source.unread["WristMotion.csv: yaw"] == "an attitude that isn't used"
     (place / "TotalAcceleration.csv").write_text(table(T, GRAVITY_PART))
     with pytest.warns(PbdWarning, match=r"the phone is read, not the watch; for that import WristMotion\.csv alone"):
         assert_allclose(read(place).acc, GRAVITY_PART)
