@@ -87,6 +87,8 @@ def test_trimesh_reads_the_arm_upright_and_each_mesh_once(tmp_path: Path) -> Non
     assert len(triads) == 5 * 3  # each has three colours
     assert len({scene.graph[name][1] for name in triads}) == 3
     assert (tmp_path / "m.glb").stat().st_size < 4e6
+    materials = [mesh.visual.material for mesh in scene.geometry.values()]
+    assert {(each.baseColorFactor[3] < 255, each.alphaMode) for each in materials} == {(False, None), (True, "BLEND")}
     for mesh in scene.geometry.values():
         lengths = np.linalg.norm(mesh.vertex_normals, axis=1)
         assert_allclose(lengths, 1.0, atol=1e-5)

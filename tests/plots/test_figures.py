@@ -115,6 +115,7 @@ def test_views_have_one_scale_and_are_no_mirror_image(
     (ax,) = flat(sheets[name][0])
     path = 100.0 * pouring.path.p_nav_sensor[pouring.path.demonstrated]
     assert lines(ax)["path"] == pytest.approx(path[:, [across, up]])
+    assert np.ptp(lines(ax)["truth"], axis=0) == pytest.approx(np.ptp(path[:, [across, up]], axis=0), abs=1.0)  # cm
     per_unit = ax.transData.transform([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
     right, upwards = per_unit[1] - per_unit[0], per_unit[2] - per_unit[0]
     assert right == pytest.approx((-upwards[1], 0.0))  # y to the left, as large as what is up
@@ -190,6 +191,12 @@ def test_figures_are_legible(sheets: dict[str, tuple[Figure, list[Drawn]]]) -> N
 @pytest.mark.parametrize("name", ["summary", "path", "view-yz"])
 def test_a_single_stop_is_legible(still: DemoValues, name: str) -> None:
     assert overlaps(figures.draw(name, still)) == []
+
+
+def test_the_summarys_legend_names_the_truth_where_there_is_one(pouring: DemoValues, still: DemoValues) -> None:
+    for demo in (pouring, still):
+        words = {drawn.words for drawn in texts(figures.draw("summary", demo))}
+        assert ({"truth", "error"} <= words) == (demo.truth is not None)
 
 
 def test_without_a_truth_nothing_is_drawn_as_true(pouring: DemoValues, sheets: dict[str, Any]) -> None:
