@@ -38,6 +38,7 @@ def alarms(solution: Solution, stops: Sequence[Stop], sensor: SensorEstimate | N
     if sensor is not None:  # the device's own attitude is too coarse for these tests
         yield from _sensor_alarms(solution, sensor)
         yield from _move_alarms(solution)
+        yield from _drift_alarms(solution)
         yield from _field_alarms(solution)
         if not solution.converged:
             yield (
@@ -104,6 +105,27 @@ def _move_alarms(solution: Solution) -> Iterator[str]:
         yield (
             f"no motion between the stops fits the data from {t[worst]:.1f} to {t[worst + 1]:.1f} s{others}: "
             "samples are lost or wrong there; look at pbd plot, and record again"
+        )
+
+
+def _drift_alarms(solution: Solution) -> Iterator[str]:
+    """Rests in which a bias drifts more than its random walk explains: chi-square test."""
+    assert solution.leg_drifts is not None
+    problem, count = solution.problem, len(solution.problem.stops)
+    in_stop, t = problem.stop_of[:-1][problem.same_stop], problem.frame.t
+    suspected = set[int]()
+    for each in solution.leg_drifts[:, :, problem.same_stop]:
+        drift, expected = (np.maximum(np.bincount(in_stop, values, count), 0.0) for values in each)
+        for k in np.flatnonzero(drift > expected + np.sqrt(2.0 * expected)).tolist():  # else chance explains it
+            from scipy.special import chdtrc
+
+            if count * chdtrc(expected[k], drift[k]) < FALSE_ALARM_CHANCE:
+                suspected.add(k)
+    for k in sorted(suspected):
+        start, end = problem.stops[k]
+        yield (
+            f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but its readings drift like those of "
+            "a hand that moves slowly: if it moved there, record again, and move faster"
         )
 
 

@@ -22,9 +22,7 @@ from pbd.tracking.moving_windows import (
     window_sums,
 )
 from pbd.tracking.noise import Noise
-
-Spans = list[tuple[int, int]]
-"""Half-open ranges of rows, in order."""
+from pbd.tracking.slow_ends import Spans, without_slow_ends
 
 ENERGY_WINDOW_S = 0.1
 """s: length of the windows over which energies are averaged. Motion is seen up to this much late."""
@@ -90,7 +88,10 @@ def find_candidates(
             quiet[start + int(np.argmin(restless[start:stop]))] = True
     # A sample is still if any window that contains it is quiet.
     still = window_maxima(np.pad(quiet, n - 1), n)
-    return _merge_close(t, runs(still), gaps)
+    spans = _merge_close(t, runs(still), gaps)
+    # Acceleration changes most where a smooth move begins and ends. Where it is not loud, only the rate shows the move.
+    sharp = window_maxima(np.pad(acc_energy > limits[0], 2 * n - 1), 3 * n)
+    return without_slow_ends(t, spans, np.sqrt(_at_rows(gyr_energy, len(t))), sharp)
 
 
 def _trembles(quiet: int, held: int, least: int) -> bool:
@@ -137,9 +138,13 @@ def zero_velocity_sigma(acc_energy: Array, gyr_energy: Array, n: int, rest: Rest
     Args:
         acc_energy, gyr_energy: (m,) (m/s2)^2 and (m,) (rad/s)^2, from `energies`.
     """
-    before = (n - len(acc_energy) + 1) // 2  # a row is in the middle of its window
-    speed = sigma_by_energies(acc_energy, gyr_energy, rest, noise)
-    return np.pad(speed, (before, n - len(acc_energy) - before), mode="edge")
+    return _at_rows(sigma_by_energies(acc_energy, gyr_energy, rest, noise), n)
+
+
+def _at_rows(of_windows: Array, n: int) -> Array:
+    """Values of windows at the n rows that are in their middle."""
+    before = (n - len(of_windows) + 1) // 2
+    return np.pad(of_windows, (before, n - len(of_windows) - before), mode="edge")
 
 
 def sigma_by_energies(acc_energy: Array, gyr_energy: Array, rest: Rest, noise: Noise) -> Array:

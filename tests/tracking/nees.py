@@ -36,6 +36,7 @@ RANDOM: dict[str, Callable[[int], Task]] = {
     "random": random_task,
     "tipping": partial(random_task, max_turn=np.radians(80.0)),
     "dawdling": partial(random_task, rest_s=(6.0, 10.0)),
+    "creeping": partial(random_task, move_s=(4.0, 8.0), rest_s=(1.0, 2.0), max_turn=np.radians(30.0)),
 }
 """Tasks that are drawn at random for each seed."""
 

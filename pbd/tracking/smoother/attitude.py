@@ -8,8 +8,8 @@ from pbd.data import Recording
 from pbd.errors import TrackingError
 from pbd.pose import Array, lengths, quat_canonical, quat_from_rpy, quat_inverse, quat_log, quat_multiply, quat_rotate
 from pbd.tracking.moving_windows import Rows
+from pbd.tracking.slow_ends import Spans
 from pbd.tracking.smoother.preintegration import GyroFrame, gyro_frame
-from pbd.tracking.zero_velocity import Spans
 
 NO_ORIENTATION = (
     "there is neither a gyro nor the device's own attitude, so the orientation is unknown; "

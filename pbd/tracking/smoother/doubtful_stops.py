@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array, lengths
 from pbd.tracking.noise import OUTLIER_SIGMAS
+from pbd.tracking.slow_ends import Spans, without_slow_ends
 from pbd.tracking.smoother.gauss_newton import UNDOUBTED_SIGMAS
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.preintegration import VEL
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, calm_part, lasts, slow_parts, trimmed
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, calm_part, lasts, slow_parts, trimmed
 
 MOVING_WEIGHT = 0.29
 """Robust weight of zero velocity below which the hand seems to move: noise of one sigma on each axis gives one knot in
@@ -60,23 +61,28 @@ def revised_stops(
         sigma = np.sqrt(np.trace(solved.covariance_of_knots(VEL), axis1=1, axis2=2))
         fast = np.maximum(fast, UNDOUBTED_SIGMAS * np.interp(t, problem.t, sigma))
     blurred = np.trace(problem.legs.parts[:, :, 3:6, 3:6].sum(axis=0), axis1=1, axis2=2) / 3.0
+    speed, parts = lengths(v), Spans()
+    for span, in_parts in zip(candidates, cut.tolist(), strict=True):
+        if in_parts:
+            slow = slow_parts(t, span, speed[slice(*span)] < fast[slice(*span)])
+            parts += without_slow_ends(t, slow, speed)
+        else:
+            parts.append(span)
     stops: Spans = []
     calm: Spans = []
-    for span, in_parts in zip(candidates, cut.tolist(), strict=True):
-        whole = slice(*span)
-        for part in slow_parts(t, span, lengths(v[whole]) < fast[whole]) if in_parts else [span]:
-            inside = slice(*part)
-            # Sigma per axis of the change of velocity from knot to knot.
-            first, last = np.searchsorted(problem.rows, part)
-            between = blurred[first : max(last - 1, first + 1)]
-            blur = float(np.sqrt(between.sum() / max(len(between), 1)))
-            creep = lengths(v[inside] - np.median(v[inside], axis=0))
-            stop = trimmed(part, creep < OUTLIER_SIGMAS * (float(np.median(still_sigma[inside])) + blur))
-            if not lasts(t, stop, 0.5 * ENERGY_WINDOW_S):
-                continue
-            stops.append(stop)
-            creep = creep[stop[0] - part[0] :]  # after the stop it is fast
-            calm.append(calm_part(t, stop, creep < SET_OUT_SPEED + 2.0 * blur))
+    for part in parts:
+        inside = slice(*part)
+        # Sigma per axis of the change of velocity from knot to knot.
+        first, last = np.searchsorted(problem.rows, part)
+        between = blurred[first : max(last - 1, first + 1)]
+        blur = float(np.sqrt(between.sum() / max(len(between), 1)))
+        creep = lengths(v[inside] - np.median(v[inside], axis=0))
+        stop = trimmed(part, creep < OUTLIER_SIGMAS * (float(np.median(still_sigma[inside])) + blur))
+        if not lasts(t, stop, 0.5 * ENERGY_WINDOW_S):
+            continue
+        stops.append(stop)
+        creep = creep[stop[0] - part[0] :]  # after the stop it is fast
+        calm.append(calm_part(t, stop, creep < SET_OUT_SPEED + 2.0 * blur))
     return stops, calm
 
 

@@ -12,8 +12,9 @@ from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import Rows, cumulative
 from pbd.tracking.noise import Noise, densities
+from pbd.tracking.slow_ends import Spans
 from pbd.tracking.smoother.preintegration import BLOCK_S, GyroFrame, Legs, LostMotion, preintegrate
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 INSET_SHARE = 0.2
 """Margin without knots at a stop's ends, as a share of its duration; at most ENERGY_WINDOW_S / 2."""

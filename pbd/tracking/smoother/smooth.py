@@ -18,6 +18,7 @@ from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, 
 from pbd.tracking.first_rest import QUIET_GYR, Rest
 from pbd.tracking.moving_windows import cumulative
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
+from pbd.tracking.slow_ends import Spans
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
 from pbd.tracking.smoother.doubtful_stops import doubted_stops, revised_stops, settled
 from pbd.tracking.smoother.factors import pivot_velocity, robust_weights, shared_prior
@@ -28,7 +29,7 @@ from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
 from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, LostMotion
 from pbd.tracking.smoother.state import SHARED, SHARED_GRAVITY, Fixed, Prior, State
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans, energies, find_candidates, zero_velocity_sigma
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, energies, find_candidates, zero_velocity_sigma
 
 ANNEALING = (20.0, 3.0)
 """Factors on a stop's velocity sigma, before the last factor of 1. From an earlier solution only the last is used."""
@@ -65,6 +66,8 @@ class Solution:
         converged: whether the iterations converged.
         leg_residuals: the legs' whitened residuals (m - 1, 9), and the covariance (m - 1, 9, 9) of their predictions by
             the estimate; None before `with_own_noise`.
+        leg_drifts: (2, 2, m - 1), of the biases of gyro and accelerometer: the legs' squared changes, whitened, and
+            what these should be.
     """
 
     problem: Problem
@@ -79,6 +82,7 @@ class Solution:
     candidates: Spans
     converged: bool
     leg_residuals: tuple[Array, Array] | None = None
+    leg_drifts: Array | None = None
 
     def stop_weights(self) -> Array:
         """Weight of each stop, 0 to 1: the largest robust weight among its knots."""

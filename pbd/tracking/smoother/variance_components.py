@@ -38,12 +38,16 @@ def with_own_noise(solution: Solution) -> Solution:
     residuals = (whiten @ jacobian[:, :, -1:])[:, :, 0]
     for iteration in range(ITERATIONS):
         top, bottom, spread = _of_legs(problem, fixed, whiten, solved, jacobian)
-        if iteration == 0:
-            solution = replace(solution, leg_residuals=(residuals, spread))
+        drifts = []
         for (block, values, walk), k in zip(walks, fixed.components[3:], strict=False):
             w = 1.0 / (k * walk**2 * T)
-            top.append(w @ squares(np.diff(values, axis=0)))
-            bottom.append((3.0 - w * np.trace(solved.covariance_of_changes(block), axis1=1, axis2=2)).sum())
+            drift = w * squares(np.diff(values, axis=0))
+            redundant = 3.0 - w * np.trace(solved.covariance_of_changes(block), axis1=1, axis2=2)
+            drifts.append((drift, redundant))
+            top.append(drift.sum())
+            bottom.append(redundant.sum())
+        if iteration == 0:
+            solution = replace(solution, leg_residuals=(residuals, spread), leg_drifts=np.array(drifts))
         w = stood / fixed.components[5]
         top.append(w @ squares(pivot_velocity(problem, x)[0]))
         bottom.append((3.0 * still - w * np.trace(solved.covariance_of_knots(VEL), axis1=1, axis2=2)).sum())
