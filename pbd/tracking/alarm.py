@@ -115,7 +115,8 @@ def _drift_alarms(solution: Solution) -> Iterator[str]:
     in_stop, t = problem.stop_of[:-1][problem.same_stop], problem.frame.t
     suspected = set[int]()
     for each in solution.leg_drifts[:, :, problem.same_stop]:
-        drift, expected = (np.maximum(np.bincount(in_stop, values, count), 0.0) for values in each)
+        drift, expected = (np.bincount(in_stop, values, count) for values in each)
+        expected = np.maximum(expected, 3.0)  # a change of three axes, which chance may give to any rest
         for k in np.flatnonzero(drift > expected + np.sqrt(2.0 * expected)).tolist():  # else chance explains it
             from scipy.special import chdtrc
 

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.simulation.hand_motion import Waypoint, minimum_jerk
 from pbd.simulation.tasks import Task
 from pbd.tracking.noise import Noise
 from pbd.tracking.slow_ends import without_slow_ends
-from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
-from tests.tracking.nees import MODELS, against
 from tests.scenarios import simulate
-from pbd.pipeline import track
 from tests.simulation.sway import with_sway
+from tests.tracking.nees import MODELS, against
 
 DT = 0.005
 
@@ -61,3 +58,38 @@ def test_the_middle_of_a_rest_between_slow_moves_is_left() -> None:
     rest = without_slow_ends(t, seen, speed, np.zeros(len(t), dtype=bool))[1]
     assert t[rest[0]] <= 12.05 + 2 * DT <= t[rest[1]] + 4 * DT
     assert rest[1] > rest[0]
+
+
+SLOW = {"a straight move": (0.2, 5.0, 0.0), "a move that turns": (0.1, 5.0, 10.0)}
+
+
+def slow_task(seed: int, metres: float, move_s: float, turn_deg: float) -> Task:
+    """Five moves in random directions, of one length."""
+    rng = np.random.default_rng(seed)
+    waypoints, p = [Waypoint(rest_s=2.0)], np.zeros(3)
+    for _ in range(5):
+        way, turn = rng.normal(size=(2, 3))
+        p = p + metres * way / np.linalg.norm(way)
+        turn *= np.radians(turn_deg) / np.linalg.norm(turn)
+        waypoints.append(Waypoint((p[0], p[1], p[2]), (turn[0], turn[1], turn[2]), move_s, 1.5))
+    return Task("slow", tuple(waypoints))
+
+
+@pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
+@pytest.mark.parametrize("name", SLOW)
+@pytest.mark.parametrize("sensor", ["wt901", "os5000", "modern"])
+def test_slow_moves_are_as_true_as_their_sigma(sensor: str, name: str) -> None:
+    """Each looks like rest for half a second and more at either end."""
+    demo = simulate(with_sway(slow_task(0, *SLOW[name]), Noise.still_speed, 0), MODELS[sensor], 0)
+    assert demo.truth is not None
+    found = against(track(demo.recording), demo.truth)
+    assert len(found.off) == 5
+    assert np.sqrt(np.mean(found.position**2)) < 1.5
+
+
+@pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
+def test_a_rest_that_hides_a_slow_move_is_told() -> None:
+    """10 cm in five seconds: the accelerometer shows less than its bias may change."""
+    demo = simulate(with_sway(slow_task(0, 0.1, 5.0, 0.0), Noise.still_speed, 0), MODELS["wt901"], 0)
+    with pytest.warns(match="its readings drift like those of a hand that moves slowly"):
+        track(demo.recording)

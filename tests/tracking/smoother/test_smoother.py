@@ -18,6 +18,7 @@ from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import FACTORY, Noise, acc_sigma_factor, noise_of
 from pbd.tracking.repair.repair_recording import repair_recording
+from pbd.tracking.slow_ends import Spans
 from pbd.tracking.smoother import normal_equations
 from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, revised_stops
 from pbd.tracking.smoother.factors import (
@@ -35,7 +36,6 @@ from pbd.tracking.smoother.normal_equations import BAND, STATE, STATE_ACC_BIAS, 
 from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, POS, ROT, VEL, GyroFrame
 from pbd.tracking.smoother.smooth import _initial_state, _large_lag_and_scale
 from pbd.tracking.smoother.state import SHARED, SHARED_PIVOT
-from pbd.tracking.zero_velocity import Spans
 from tests.benchmarks.trials import with_drift
 from tests.scenarios import simulate
 
