@@ -18,9 +18,6 @@ from pbd.pose import Array, Pose
 RECENT, CACHED = 4, 2000
 """Number of recently touching pairs that are measured first; number of coordinates whose distances are cached."""
 
-FIRST_SHARES = 0.5, 0.25, 0.75
-"""Shares of a straight move at which recently touching pairs are measured first."""
-
 
 class QuickClearance(Clearance):
     """Clearance with cached distances and a list of the pairs that touched recently."""
@@ -40,7 +37,6 @@ class QuickClearance(Clearance):
         with_tool = np.array([last in list(arm.full.supports[body.joint]) for body in self.bodies], dtype=bool)
         still = np.array([body.joint == 0 for body in self.bodies], dtype=bool)
         self._of_tool = (with_tool[self.pairs] & still[self.pairs[:, ::-1]]).any(axis=1)
-        self._even = arm.full.nq == arm.full.nv  # without continuous joints, straight moves are straight for pinocchio
         self._recent: list[int] = []  # pairs that touched recently, the last one first
         self._known: dict[bytes, Array] = {}
 
@@ -53,35 +49,6 @@ class QuickClearance(Clearance):
         for pair in np.flatnonzero(~(self._cached_distances(x) >= self.margin_m)).tolist():
             if not self.may_touch(pair, x):
                 return self._remember_touch(pair)
-        return False
-
-    def touches_on_move(self, x: Array) -> bool:
-        """Whether any pair touches on a straight move between coordinates x (2, k + 1); its ends are not checked."""
-        step, q = x[1] - x[0], self.arm.configurations(x)
-        dq = q[1] - q[0]
-
-        def place(t: float) -> None:
-            self._place(q[0] + t * dq if self._even else self.arm.configurations(x[0] + t * step))
-
-        for t in FIRST_SHARES:
-            place(t)
-            if self._recent_pair_touches(x[0] + t * step):
-                return True
-        at_start, at_end, speed = self._cached_distances(x[0]), self._cached_distances(x[1]), self.rates @ np.abs(step)
-        for pair in self._may_touch_on_way(at_start, at_end, speed):
-            v = float(speed[pair])
-            gaps = [(max(self.margin_m, at_start[pair]) / v, 1.0 - max(self.margin_m, at_end[pair]) / v)]
-            for since, until in gaps:
-                if since > until:
-                    continue
-                t = 0.5 * (since + until)
-                place(t)
-                distance = self._distance(pair)
-                if not distance >= self.margin_m:
-                    if not self.may_touch(pair, x[0] + t * step):
-                        return self._remember_touch(pair)
-                    distance = self.margin_m
-                gaps += ((since, t - distance / v), (t + distance / v, until))
         return False
 
     def touches_on_path(self, path: JointPath) -> bool:

@@ -142,9 +142,9 @@ class CollisionScene:
         """
         x = np.column_stack((q[[0, -1]], (grasp.opening, grasp.opening)))[: len(q)]
         for each in self.clearances(grasp.phase):
-            if any(each.touches(end) for end in x) or (len(q) == 2 and each.touches_on_move(x)):
+            if any(each.touches(end) for end in x):
                 return False
-            if len(q) > 2 and each.touches_on_path(sample_polyline(q, grasp.opening, each.rates, 2.0 * self.margin_m)):
+            if len(q) > 1 and each.touches_on_path(sample_polyline(q, grasp.opening, each.rates, 2.0 * self.margin_m)):
                 return False
         return True
 
