@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from itertools import pairwise
 from operator import itemgetter
 
 import numpy as np
@@ -20,7 +19,6 @@ from pbd.arm.ladder_graph import joint_travel
 from pbd.arm.timing.path_smoothing import Curve
 from pbd.pose import Array
 
-_START_EVERY = 20  # every 20th point of a known path is a start state of the search
 _SHORTCUTS = 40  # largest number of attempts to shorten a path
 _MOST_BENT = 8  # largest number of bent detours that are checked, the shortest first
 _MOST_GROWTH = 1.2  # largest growth of a bent detour's length, relative to that of the straight move
@@ -30,39 +28,22 @@ _SPACINGS_RAD = 0.05, 0.02, 0.01  # largest joint step between the points of a p
 
 
 def find_detour(
-    scene: CollisionScene,
-    grasp: GraspState,
-    starts: Array,
-    goals: Array,
-    settings: DetourSearch,
-    known: Sequence[Array] = (),
+    scene: CollisionScene, grasp: GraspState, starts: Array, goals: Array, settings: DetourSearch
 ) -> tuple[Array | None, int]:
     """Find a collision-free path from one of the starts (s, k) to one of the goals (g, k).
-
-    Args:
-        known: free paths (m, k) in the same grasp state; the detour may follow part of one, in either direction.
 
     Returns:
         Joints (m, k) on a smooth curve from a start to a goal, or only these two if the straight move is free, or None
         if nothing was found; and the number of collision checks.
     """
-    starts = np.array([q for q in starts if scene.is_free(q[None], grasp)]).reshape(-1, goals.shape[1])
-    goals = np.array([q for q in goals if scene.is_free(q[None], grasp)]).reshape(-1, goals.shape[1])
+    starts, goals = (np.array([q for q in ends if scene.is_free(q[None], grasp)]) for ends in (starts, goals))
     if not len(starts) or not len(goals) or settings.most_checks <= 0:
         return None, 0
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(settings.seed)
     search = _Search(scene, grasp, np.vstack((starts, goals)), settings.winding_rad)
-    paths = _known_paths_from(starts, known)
-    found = next((paths[q.tobytes()] for q in goals if q.tobytes() in paths), None)
-    if found is None:
-        marks = {q.tobytes() for path in known for q in (*path[::_START_EVERY], path[-1])}
-        begun = np.array([*starts, *(p[-1] for p in [*paths.values()][len(starts) :] if p[-1].tobytes() in marks)])
-        corners = search.connect(begun, goals, settings)
-        if corners is None:
-            return None, search.checker.checks
-        found = np.vstack((paths[corners[0].tobytes()], corners[1:]))
-    return search.smooth(found), search.checker.checks
+    corners = search.connect(starts, goals, settings)
+    return None if corners is None else search.smooth(corners), search.checker.checks
 
 
 def bend_detour(
@@ -95,26 +76,6 @@ def bend_detour(
             nearer = (direct + share * (bent - direct) for share in _OFFSET_SHARES)
             return next((each for each in nearer if _is_free_curve(scene, grasp, each)), bent)
     return None
-
-
-def _known_paths_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
-    """Return a path (m, k) along known paths from a start (s, k) to each configuration that these reach.
-
-    The key is the bytes of the configuration at the end of the path; the starts themselves come first.
-    """
-    neighbours: dict[bytes, list[Array]] = {}
-    for path in known:
-        for before, after in pairwise(path):
-            neighbours.setdefault(before.tobytes(), []).append(after)
-            neighbours.setdefault(after.tobytes(), []).append(before)
-    paths = {q.tobytes(): q[None] for q in starts}
-    ends = list(starts)
-    for q in ends:
-        for after in neighbours.get(q.tobytes(), ()):
-            if after.tobytes() not in paths:
-                paths[after.tobytes()] = np.vstack((paths[q.tobytes()], after))
-                ends.append(after)
-    return paths
 
 
 def _is_free_curve(scene: CollisionScene, grasp: GraspState, q: Array) -> bool:

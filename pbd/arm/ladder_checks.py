@@ -170,10 +170,7 @@ class LinkChecks:
         return link.poses is None and 0 < link.keyframe < self.n and not move.detour
 
     def connect(self, place: int) -> None:
-        """Replace all moves to a layer by one detour from any state of the layer before; bar them if none is found.
-
-        The search may use paths that are known to be free on links with the same grasp state.
-        """
+        """Replace all moves to a layer by one detour from any state of the layer before; bar them if none is found."""
         ladder, link = self.ladder, self.links[place - 1]
         before, layer, i = ladder.layers[place - 1], ladder.layers[place], link.keyframe
         if i < self.n:
@@ -195,27 +192,18 @@ class LinkChecks:
 
     def _detour_between_any(self, i: int, starts: Array, goals: Array) -> Array | None:
         """Return joints (m, k) of a detour to keyframe i, from any of the starts (s, k) to any of the goals (g, k)."""
-        grasps, count = self.grasps, starts.shape[1]
-        known = [
-            np.vstack((np.frombuffer(ends)[:count], along))
-            for link in self.links
-            if grasps[link.keyframe] == grasps[i]
-            for ends, along in link.free_moves.items()
-        ]
         for settings in FROM_ANY_TO_ANY:
             ends = goals if i == self.n else turn_variants(self.arm, goals, starts, settings.variants)
-            if (found := self._find_detour(i, starts, ends, settings, known)) is not None:
+            if (found := self._find_detour(i, starts, ends, settings)) is not None:
                 return found
         return None
 
-    def _find_detour(
-        self, i: int, starts: Array, goals: Array, settings: DetourSearch, known: Sequence[Array] = ()
-    ) -> Array | None:
+    def _find_detour(self, i: int, starts: Array, goals: Array, settings: DetourSearch) -> Array | None:
         from pbd.arm.detour import find_detour  # OMPL loads slowly
 
         assert self.scene is not None
         move, affordable = self.moves[i], settings._replace(most_checks=min(settings.most_checks, self.checks_left))
-        found, checks = find_detour(self.scene, self.grasps[i], starts, goals, affordable, known)
+        found, checks = find_detour(self.scene, self.grasps[i], starts, goals, affordable)
         move.detour_checks, self.checks_left = move.detour_checks + checks, self.checks_left - checks
         return found
 

@@ -14,11 +14,11 @@ from pbd.arm import ladder_checks
 from pbd.arm.choose_motion import choose_motion
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.scene import CollisionScene, GraspState, Hit
-from pbd.arm.detour import _Search, _subdivided, bend_detour, find_detour
+from pbd.arm.detour import _subdivided, bend_detour
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ladder_building import build_ladder
-from pbd.arm.ladder_checks import APPROACH_M, DetourSearch
+from pbd.arm.ladder_checks import APPROACH_M
 from pbd.arm.ladder_graph import Barred, Ladder, joint_travel
 from pbd.arm.ladder_links import MoveState
 from pbd.arm.model import load_model
@@ -284,15 +284,6 @@ def test_between_two_points_of_a_divided_polyline_no_joint_moves_farther_than_as
     assert np.abs(np.diff(divided, axis=0)).max() == pytest.approx(0.05)
     scale = np.ones(2)
     assert joint_travel(divided, scale) == pytest.approx(joint_travel(corners, scale))
-
-
-def test_a_known_path_to_the_goal_needs_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_Search, "connect", pytest.fail)
-    known = np.stack((HOME, HOME + 0.3, HOME - 0.1))
-    scene = CollisionScene(ARM, None)
-    found, _ = find_detour(scene, GraspState(), known[:1], known[2:], DetourSearch(100), [known])
-    assert found is not None
-    assert (found[[0, -1]] == known[[0, 2]]).all()
 
 
 def test_no_detours_are_searched_for_beside_known_ones_where_too_many_pairs_were_barred(
