@@ -6,7 +6,8 @@ measured again after a motion of d + MARGIN_M, and must then be at least MARGIN_
 between: if it comes after a motion of a from the first measurement and b before the second, then
 a + b <= d + MARGIN_M, hence a < d or b <= MARGIN_M. A step of STEP_M = 2 MARGIN_M is always allowed; most are longer.
 
-quick_clearance.py is faster, but does not say which bodies touch first.
+A search that only asks whether a path is free bisects it: two bodies at distances d and e at its ends cannot touch
+between them unless they move by d + e. The middle is measured first, since most contacts are there.
 
 Bodies are convex hulls. If a link's hull is near another body, the hulls of its slabs are measured, then its mesh.
 Hulls are checked by distance because coal's `collide` misses some deep contacts (4 in 10^5 pairs of so101). A distance
@@ -15,7 +16,7 @@ of NaN counts as a contact.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -32,6 +33,8 @@ from pbd.pose import Array, Pose
 MARGIN_M, CLOSE_M = 2.5e-3, 5e-4
 """Clearance that bodies keep, m; and the smaller one that is tried if no motion keeps that."""
 STEP_M = 2.0 * MARGIN_M
+CACHED = 2000
+"""Number of coordinates whose distances are cached."""
 
 Pairs = NDArray[np.int64]
 AllowedTouches = Mapping[int, Callable[[Pose], bool]]
@@ -83,11 +86,15 @@ class Clearance:
         allowed: pairs of the object and a support, which may touch at some places.
     """
 
-    margin_m: float = MARGIN_M
-    allowed: AllowedTouches = NONE_ALLOWED
-
-    def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs) -> None:
-        self.arm, self.bodies = arm, tuple(bodies)
+    def __init__(
+        self,
+        arm: ArmModel,
+        bodies: Sequence[Body],
+        pairs: Pairs,
+        margin_m: float = MARGIN_M,
+        allowed: AllowedTouches = NONE_ALLOWED,
+    ) -> None:
+        self.arm, self.bodies, self.margin_m, self.allowed = arm, tuple(bodies), margin_m, allowed
         self.pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         self.rates = rates(arm, bodies, self.pairs)
         self._pads = np.array([self.bodies[a].pad + self.bodies[b].pad for a, b in self.pairs])
@@ -100,10 +107,21 @@ class Clearance:
         pairs_of = [(self.bodies[a], self.bodies[b]) for a, b in self.pairs]
         self._mesh_depth = np.array([mesh_depth(*pair) for pair in pairs_of], dtype=np.float64)
         self._placed, self._data = self._geometry.createData(), arm.full.createData()
+        self._known: dict[bytes, Array] = {}
 
     def distances(self, x: Array) -> Array:
-        """Return the distance of each pair (p,) at coordinates (k + 1,), m; negative by the depth of the overlap."""
-        q = self.arm.configurations(x)
+        """Return the distance of each pair (p,) at coordinates (k + 1,), m; negative by the depth of the overlap.
+
+        It is cached, since the same joints are the ends of many moves.
+        """
+        key = x.tobytes()
+        if key not in self._known:
+            if len(self._known) == CACHED:
+                self._known.clear()
+            self._known[key] = self._measured(self.arm.configurations(x))
+        return self._known[key]
+
+    def _measured(self, q: Array) -> Array:
         if not len(self.pairs):
             return np.empty(0)
         pin.computeDistances(self.arm.full, self._data, self._geometry, self._placed, q)
@@ -184,6 +202,61 @@ class Clearance:
             distance = self._distance(pair)
         if contact is not None:
             yield contact
+
+    def touches_on(self, path: JointPath) -> bool:
+        """Whether any pair touches on a path where it may not; its ends are not checked."""
+        q, travel = self.arm.configurations(path.x), self.rates @ path.moved[:, -1]
+        at_start, at_end = self.distances(path.x[0]), self.distances(path.x[-1])
+        near = np.flatnonzero(~(at_start + at_end > travel) & (travel > 0.0)).tolist()
+        return any(self._pair_touches_on(path, q, pair, at_start[pair], at_end[pair]) for pair in near)
+
+    def _pair_touches_on(self, path: JointPath, q: Array, pair: int, at_start: float, at_end: float) -> bool:
+        """Whether a pair touches on a path where it may not; `at_start`, `at_end`: its distances at the ends, m."""
+        travel = self.rates[pair] @ path.moved
+        parts = [(0, max(self.margin_m, at_start), len(travel) - 1, max(self.margin_m, at_end))]
+        for first, before, last, after in parts:
+            if last - first < 2 or before + after > travel[last] - travel[first]:
+                continue
+            # Take the middle of the part that the distances at the two ends do not cover.
+            middle = 0.5 * (travel[first] + before + travel[last] - after)
+            node = min(max(int(travel.searchsorted(middle)), first + 1), last - 1)
+            self._place(q[node])
+            distance = self._distance(pair)
+            if not distance >= self.margin_m:
+                if not self.may_touch(pair, path.x[node]):
+                    return True
+                distance = self.margin_m
+            parts += ((first, before, node, distance), (node, distance, last, after))
+        return False
+
+    def tool_contact(self, T_base_tool: Iterable[Pose], opening: float) -> tuple[int, float, Array] | None:
+        """Check what moves with the tool against what does not move, with the tool at given poses.
+
+        Returns:
+            The first pair found that touches, its distance, m, and the point (3,) in base, m; or None.
+        """
+        self._place(self.arm.configurations(np.append(self.arm.robot.home, opening)))
+        T_joint_base, pairs = self._data.oMi[self.arm.tool_joint].inverse(), self._pairs_of_tool
+        carried = {int(i) for i in self.pairs[pairs].ravel() if self.bodies[i].joint > 0}
+        T_joint_body = {i: T_joint_base * self._placed.oMg[i] for i in carried}
+        T_tool_joint = to_se3(self.arm.T_joint_tool.inverse())
+        for pose in T_base_tool:
+            T_base_joint = to_se3(pose) * T_tool_joint
+            for i, T in T_joint_body.items():
+                self._placed.oMg[i] = T_base_joint * T
+            for pair in pairs:
+                distance = self._distance(pair)
+                if not distance >= self.margin_m and not (pair in self.allowed and self.allowed[pair](pose)):
+                    return pair, distance, self._witness(pair)
+        return None
+
+    @cached_property
+    def _pairs_of_tool(self) -> list[int]:
+        """The pairs of what moves with the tool and what does not move at all."""
+        last = self.arm.full.getJointId(self.arm.robot.joints[-1])
+        with_tool = np.array([last in list(self.arm.full.supports[body.joint]) for body in self.bodies], dtype=bool)
+        still = np.array([body.joint == 0 for body in self.bodies], dtype=bool)
+        return np.flatnonzero((with_tool[self.pairs] & still[self.pairs[:, ::-1]]).any(axis=1)).tolist()
 
     def _place(self, q: Array) -> None:
         pin.updateGeometryPlacements(self.arm.full, self._data, self._geometry, self._placed, q)

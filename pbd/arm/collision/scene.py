@@ -19,7 +19,6 @@ from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, Unchecked, link_
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Clearance, Pairs
 from pbd.arm.collision.geometry import Body, body_distance
 from pbd.arm.collision.motion_bounds import moving_pairs
-from pbd.arm.collision.quick_clearance import QuickClearance
 from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.model import ArmModel
 from pbd.arm.path_sampling import sample_polyline
@@ -109,8 +108,8 @@ class CollisionScene:
         self._bodies = (*self._links, *world)
         around = self._pairs_between(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
         around = self._without_mount(around)
-        self.always = QuickClearance(arm, self._bodies, np.concatenate((pairs, around)))
-        self._with_object = WeakKeyDictionary[ObjectPhase, QuickClearance]()
+        self.always = Clearance(arm, self._bodies, np.concatenate((pairs, around)))
+        self._with_object = WeakKeyDictionary[ObjectPhase, Clearance]()
 
     @property
     def sunk(self) -> tuple[str, ...]:
@@ -121,7 +120,7 @@ class CollisionScene:
         """Return the same scene with the margin CLOSE_M."""
         scene = copy(self)
         scene.margin_m, scene._with_object = CLOSE_M, WeakKeyDictionary()
-        scene.always = QuickClearance(self.arm, self._bodies, self.always.pairs, CLOSE_M)
+        scene.always = Clearance(self.arm, self._bodies, self.always.pairs, CLOSE_M)
         return scene
 
     def hit(self, q: Array, grasp: GraspState | None = None) -> Hit | None:
@@ -142,9 +141,9 @@ class CollisionScene:
         """
         x = np.column_stack((q[[0, -1]], (grasp.opening, grasp.opening)))[: len(q)]
         for each in self.clearances(grasp.phase):
-            if any(each.touches(end) for end in x):
+            if any(each.touching(end) for end in x):
                 return False
-            if len(q) > 1 and each.touches_on_path(sample_polyline(q, grasp.opening, each.rates, 2.0 * self.margin_m)):
+            if len(q) > 1 and each.touches_on(sample_polyline(q, grasp.opening, each.rates, 2.0 * self.margin_m)):
                 return False
         return True
 
@@ -196,11 +195,11 @@ class CollisionScene:
         """Return where the object is over time: see `pbd.data.world.object_phases`; empty if there is no object."""
         return () if self._grasped is None else object_phases(self._grasped, spans, tool, self.table_height)
 
-    def clearances(self, phase: ObjectPhase | None) -> list[QuickClearance]:
+    def clearances(self, phase: ObjectPhase | None) -> list[Clearance]:
         """Return all clearances to check while the object is where `phase` says; None: there is no object."""
         return [self.always] if phase is None else [self.always, self.object_clearance(phase)]
 
-    def object_clearance(self, phase: ObjectPhase) -> QuickClearance:
+    def object_clearance(self, phase: ObjectPhase) -> Clearance:
         """Return the clearance of the object: to the arm, and while it is held also to the world; cached."""
         if phase not in self._with_object:
             self._with_object[phase] = self._object_pairs(phase)
@@ -210,7 +209,7 @@ class CollisionScene:
         """Make the hit of a pair that touches at coordinates x (k + 1,)."""
         return Hit(*clearance.names(pair), distance, clearance.witness(x, pair), share)
 
-    def _object_pairs(self, phase: ObjectPhase) -> QuickClearance:
+    def _object_pairs(self, phase: ObjectPhase) -> Clearance:
         thing = self._grasped
         assert thing is not None  # `phases` returns none without an object
         placed = (self.arm.tool_joint, self.arm.T_joint_tool @ phase.pose) if phase.held else (0, phase.pose)
@@ -228,7 +227,7 @@ class CollisionScene:
         for pair, (_, second) in enumerate(around, start=len(pairs)):
             if places := [rest.p for rest in phase.rests if self._stands_on(bodies[this], rest, bodies[second])]:
                 allowed[pair] = partial(near, places, phase.pose)
-        return QuickClearance(self.arm, bodies, np.concatenate((pairs, around)), self.margin_m, allowed)
+        return Clearance(self.arm, bodies, np.concatenate((pairs, around)), self.margin_m, allowed)
 
     def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:
         distance, _, normal = body_distance(thing, T_base_thing, support, support.T_joint_body)
