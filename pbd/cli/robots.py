@@ -13,8 +13,8 @@ from rich.table import Table
 from pbd.arm.collision.allowed_collisions import CONFIGURATIONS, link_pairs
 from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.collision.shape_coverage import doubtful_shapes
+from pbd.arm.ik.starts import reach
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.reach import reach
 from pbd.cli.common import load_demonstration, named_calibration, print_result, track_demonstration
 from pbd.cli.console import print_json, say, working
 from pbd.data import HandPath, Robot

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from pbd.arm.ik.branches import configuration_cost
+from pbd.arm.ik.starts import reach
 from pbd.arm.model import load_model
-from pbd.arm.reach import reach
 from pbd.data import Robot
 from pbd.errors import PbdWarning, collected_warnings
 from pbd.files.robot import load_robot, read_robot

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.arm.ik.starts import sample_joints
+from pbd.arm.ik.starts import reach, sample_joints
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.reach import reach
 from pbd.data import Robot
 from tests.arm.conftest import changed, random_joints
 

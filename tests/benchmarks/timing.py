@@ -29,7 +29,7 @@ import pbd
 from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.ladder_building import solve_path
 from pbd.arm.timing.path_smoothing import Curve, curved_move
-from pbd.arm.timing.ptp import ptp_move
+from pbd.arm.timing.time_moves import ptp_move
 from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit
 from pbd.audit.collision_pairs import AuditScene

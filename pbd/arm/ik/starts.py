@@ -21,6 +21,8 @@ STILL = 1e-3
 bundled arms reach 0.08 or more; axes that are parallel but for a URDF's rounded angles (1.571) stay below 3e-4."""
 
 _MEASURED = 500  # samples from which that quantile of manipulability is computed
+_REACH_SAMPLES, _REACH_STARTS = 20_000, 4  # samples of which the farthest are the starts for maximizing the reach
+_ON_AXIS_M = 1e-9  # keeps the gradient finite for a tool on the axis
 
 
 def sample_joints(arm: ArmModel, count: int) -> Array:
@@ -105,3 +107,19 @@ def manipulability(J: Array) -> Array:
     square = J @ transposed if J.shape[2] >= 6 else transposed @ J
     measure: Array = np.sqrt(np.maximum(np.linalg.det(square), 0.0))
     return measure
+
+
+def reach(arm: ArmModel) -> float:
+    """Return the largest distance of the tool from base's z axis, m, optimized from the best samples."""
+    from scipy.optimize import Bounds, minimize  # loads slowly
+
+    def minus_distance(q: Array) -> tuple[float, Array]:
+        p, _, J = arm.tool(q)
+        distance = max(float(np.hypot(p[0], p[1])), _ON_AXIS_M)
+        return -distance, -(p[:2] / distance) @ J[:2]
+
+    q = sample_joints(arm, _REACH_SAMPLES)
+    p, _ = arm.forward_many(q)
+    best = q[np.argsort(-np.hypot(p[:, 0], p[:, 1]))[:_REACH_STARTS]]
+    bounds = Bounds(arm.limits.lower, arm.limits.upper)
+    return max(-float(minimize(minus_distance, each, jac=True, bounds=bounds, method="L-BFGS-B").fun) for each in best)

@@ -15,8 +15,8 @@ from pbd.arm.timing import jerk as jerk_module
 from pbd.arm.timing import path_smoothing
 from pbd.arm.timing.path_smoothing import Curve, curved_move
 from pbd.arm.timing.piecewise_cubic import PiecewiseCubic
-from pbd.arm.timing.ptp import ptp_move
 from pbd.arm.timing.speed_profile import SpeedProfile
+from pbd.arm.timing.time_moves import ptp_move
 from pbd.data import JointLimits
 from pbd.pose import Array
 from tests.arm.bundled import arm_of

@@ -12,8 +12,7 @@ from ruckig import InputParameter, Ruckig, Trajectory
 
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.timing.piecewise_cubic import WITHIN, PiecewiseCubic
-from pbd.arm.timing.ptp import ptp_move
-from pbd.arm.timing.time_moves import APPROACH_SPEED, Move, time_moves
+from pbd.arm.timing.time_moves import APPROACH_SPEED, Move, ptp_move, time_moves
 from pbd.data import JointTrajectory
 from pbd.errors import PbdWarning, PlanError
 from pbd.pose import Array
