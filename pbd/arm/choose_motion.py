@@ -131,8 +131,6 @@ class _Search(Mending):
             widen(self.arm, self._pose(place), self.ladder, place)
             return None
         if not has_free_state and move.pose_hit is not None and link.at_keyframe:
-            if self._search_null_space(i, place):
-                return None
             return partial(refuse_pose, i, len(self.ladder.layers[place].q), move.pose_hit)
         if not (move.remedies if has_free_state else move.keep_detours_only()):
             if i < self.n:

@@ -6,7 +6,7 @@ A redundant arm's shortest path is then moved along the null space, toward its n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -20,8 +20,8 @@ from pbd.arm.ladder_graph import Barred, Ladder, Layer, joint_travel
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
-STARTS, STARTS_WIDE, STARTS_NULL_SPACE = 12, 81, 1000
-"""Descents for each keyframe: at first; after moves next to it were barred; after no configuration was free."""
+STARTS, STARTS_WIDE = 12, 81
+"""Descents for each keyframe: at first; after moves next to it were barred."""
 CONTINUOUS_RAD, MEND_AFTER_STEPS = 0.5, 60
 """Largest joint motion between two layers along a path, rad; number of barred moves after which the link is mended."""
 VARIANTS = 3
@@ -136,23 +136,12 @@ def layers_along(arm: ArmModel, ladder: Ladder, place: int, T_base_tool: Sequenc
     return layers
 
 
-def widen(
-    arm: ArmModel,
-    pose: Pose,
-    ladder: Ladder,
-    place: int,
-    starts: int = STARTS_WIDE,
-    is_free: Callable[[Array], bool] = lambda q: True,
-) -> int:
-    """Search for more configurations of a layer, from the states of the layer before; add those that are new.
-
-    `is_free`: whether a configuration (k,) is free; others are left out. Return how many were added.
-    """
+def widen(arm: ArmModel, pose: Pose, ladder: Ladder, place: int, starts: int = STARTS_WIDE) -> None:
+    """Search for more configurations of a layer, from the states of the layer before; add those that are new."""
     before, known = ladder.layers[place - 1].q, ladder.layers[place].q
     found = states_at(arm, pose, States(before, np.zeros(len(before)), np.zeros(len(before))), starts)
-    new = np.array([np.abs(known - q).max(axis=1).min() > SAME_RAD and is_free(q) for q in found.q], dtype=bool)
+    new = np.array([np.abs(known - q).max(axis=1).min() > SAME_RAD for q in found.q], dtype=bool)
     ladder.add(place, found.q[new], found.cost[new])
-    return int(new.sum())
 
 
 def add_turns(arm: ArmModel, ladder: Ladder, place: int, joint: int) -> int:

@@ -76,7 +76,6 @@ class LinkChecks:
         moves: moves[i] leads to keyframe i, moves[n] back home.
         checks_left: collision checks that all detour searches of this motion may still use.
         detours: grasp state -> the detours (m, k) that searches between two configurations found.
-        close: the scene uses the smaller margin CLOSE_M.
     """
 
     def __init__(self, arm: ArmModel, request: MotionRequest, scene: CollisionScene | None, ladder: Ladder) -> None:
@@ -88,11 +87,9 @@ class LinkChecks:
         self.moves = [
             MoveState(STRAIGHT, remedies_of(request, i, may_detour=may_detour)) for i in range(len(self.links))
         ]
-        self.checks_left = CHECKS + self.n * CHECKS_EACH
+        close = scene is not None and scene.margin_m < MARGIN_M
+        self.checks_left = int((CHECKS_CLOSE if close else 1.0) * (CHECKS + self.n * CHECKS_EACH))
         self.detours: dict[GraspState, list[Array]] = {}
-        self.close = scene is not None and scene.margin_m < MARGIN_M
-        if self.close:
-            self.checks_left = int(CHECKS_CLOSE * self.checks_left)
 
     def at(self, place: int) -> tuple[Link, MoveState]:
         """Return the link to a layer, and the move that it is part of."""
@@ -111,17 +108,13 @@ class LinkChecks:
             return True
         if not link.at_keyframe:
             return self.scene.is_free(q[None], self.grasps[i])
-        if self.is_free_at_keyframe(i, q):
+        grasps = dict.fromkeys(self.grasps[i : i + 2])  # as it arrives and as it leaves, often equal: check once
+        if all(self.scene.is_free(q[None], grasp) for grasp in grasps):
             return True
         if move.pose_hit is None:  # keep the first one for the message
-            hits = (self.scene.hit(q, grasp) for grasp in self.grasps[i : i + 2])
+            hits = (self.scene.hit(q, grasp) for grasp in grasps)
             move.pose_hit = next((hit for hit in hits if hit), None)
         return False
-
-    def is_free_at_keyframe(self, i: int, q: Array) -> bool:
-        """Whether the arm touches nothing at keyframe i with joints (k,), as it arrives and as it leaves."""
-        grasps = dict.fromkeys(self.grasps[i : i + 2])  # often equal: check once
-        return self.scene is None or all(self.scene.is_free(q[None], grasp) for grasp in grasps)
 
     def tool_hit(self, i: int, T_base_tool: Sequence[Pose]) -> Hit | None:
         """Return a hit of the tool and its load on poses to keyframe i: it occurs in every configuration of the arm."""

@@ -26,7 +26,6 @@ class MoveState:
         detour: nothing else was free, so a detour is searched for.
         detour_checks: number of collision checks of the searches for a detour.
         widened: more configurations were added at the keyframe.
-        null_space_searched: configurations along the entire null space were added at the keyframe.
     """
 
     kind: str
@@ -40,7 +39,6 @@ class MoveState:
     detour: bool = False
     detour_checks: int = 0
     widened: bool = False
-    null_space_searched: bool = False
 
     def keep_detours_only(self) -> bool:
         """Drop all remedies except detours; return whether any is left."""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from functools import partial
 from itertools import pairwise
 
 from pbd.arm.ik.cartesian import line
-from pbd.arm.ik.partial_pose import is_redundant
-from pbd.arm.ladder_building import CONTINUOUS_RAD, MEND_AFTER_STEPS, STARTS, STARTS_NULL_SPACE, layers_along, widen
+from pbd.arm.ladder_building import CONTINUOUS_RAD, MEND_AFTER_STEPS, STARTS, layers_along, widen
 from pbd.arm.ladder_checks import LinkChecks
 from pbd.arm.ladder_links import Link
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
@@ -61,18 +59,6 @@ class Mending(LinkChecks):
             self.links[places[0] - 1].poses, self.moves[i].kind = None, STRAIGHT
         for place in places:
             self.ladder.reset_moves(place, MEND_AFTER_STRAIGHT_WIDENED, costly=len(places) > 1)
-
-    def _search_null_space(self, i: int, place: int) -> bool:
-        """Add free configurations from the entire null space at a keyframe; return whether any was found.
-
-        Only for a redundant arm, in the search with the smaller margin.
-        """
-        move = self.moves[i]
-        if not self.close or move.null_space_searched or not is_redundant(self.arm):
-            return False
-        move.null_space_searched = True
-        is_free = partial(self.is_free_at_keyframe, i)
-        return widen(self.arm, self._pose(place), self.ladder, place, STARTS_NULL_SPACE, is_free) > 0
 
     def _split(self, place: int) -> bool:
         """Insert layers along a path and the paths just before it, which decide the configuration it starts from.

@@ -344,16 +344,6 @@ def test_a_detour_may_turn_a_joint_by_the_larger_angle() -> None:
     assert motion.q[1, 0] - motion.q[0, 0] < np.pi
 
 
-@pytest.mark.filterwarnings("ignore:.*(goes around|keeps a clearance of)")
-def test_a_narrow_part_of_the_null_space_is_found_where_nothing_else_is_free() -> None:
-    """The arm is free, 1 mm from the beam, only within 7 mrad of panda's last joint."""
-    arm, obstacles, poses = made("panda", "portal", 11)
-    scene = CollisionScene(arm, None, obstacles)
-    motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, approach=False), scene)
-    assert isinstance(motion, Motion)
-    assert scene.closer().is_free(motion.q[1:], GraspState())
-
-
 @pytest.mark.parametrize("higher_m", [1e-3, 3e-3])
 def test_the_smaller_margin_is_used_with_a_warning_if_nothing_else_is_free(higher_m: float) -> None:
     """A plate just below the fingers: closer than MARGIN_M, then closer than CLOSE_M."""

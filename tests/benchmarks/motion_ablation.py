@@ -65,7 +65,6 @@ make_lines = choice._Search._make_lines
 WITHOUT: dict[str, tuple[Change, ...]] = {
     "nothing": (),
     "more configurations at both ends": ((ladder_mending.Mending, "_widen", nothing(None)),),
-    "all of the null space": ((ladder_mending.Mending, "_search_null_space", nothing(False)),),
     "via points on the tool's axis": ((ladder_checks.LinkChecks, "_via_point_on_axis", nothing(None)),),
     "layers along a path": ((ladder_mending.Mending, "_split", nothing(False)),),
     "paths before it, too": ((ladder_mending, "LOOK_BACK", 0),),
