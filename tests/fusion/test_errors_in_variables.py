@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.fusion.errors_in_variables import without_noise
-from pbd.fusion.marginals import marginal_of
+from pbd.fusion.marginals import marginal_of, without_noise
 from pbd.pose import Array, quat_to_matrix
 from pbd.simulation.simulate import simulate
 from pbd.track_alone import track_alone

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.spatial import KDTree
 
-from pbd.arm.timing import jerk as jerk_module
 from pbd.arm.timing import path_smoothing
 from pbd.arm.timing.path_smoothing import Curve, curved_move
 from pbd.arm.timing.piecewise_cubic import PiecewiseCubic
@@ -54,9 +53,12 @@ def shares(pieces: PiecewiseCubic, limits: JointLimits) -> list[float]:
 
 def test_the_times_of_the_segments_are_linearised_as_finite_differences_say() -> None:
     step, x = np.array([0.2, 0.1, 0.4, 0.3]), np.array([0.0, 1.2, 0.7, 0.9, 0.0])
-    _, (by_start, by_end) = jerk_module._times(step, x, 2.5)
+    times = path_smoothing._times
+    _, (by_start, by_end) = times(step, x, 2.5)
     for k, change in enumerate(1e-6 * np.eye(5)[1:4], 1):
-        slope = (jerk_module._times(step, x + change, 2.5)[0] - jerk_module._times(step, x - change, 2.5)[0]) / 2e-6
+        slope = (
+            path_smoothing._times(step, x + change, 2.5)[0] - path_smoothing._times(step, x - change, 2.5)[0]
+        ) / 2e-6
         expected = np.zeros(4)
         expected[k - 1], expected[k] = by_end[k - 1], by_start[k]
         np.testing.assert_allclose(slope, expected, rtol=1e-6)
@@ -151,7 +153,7 @@ def test_steps_that_keep_the_jerk_are_as_long_as_the_curve_allows(
     monkeypatch: pytest.MonkeyPatch, spread: float, factor: float, bound: int | None
 ) -> None:
     """By hand: an average over three steps of h and the spline leave the curve by 13/24 h^2 times the acceleration."""
-    monkeypatch.setattr(jerk_module, "jerk_limited_profile", lambda s, x_max, *_: SpeedProfile(s, x_max))
+    monkeypatch.setattr(path_smoothing, "jerk_limited_profile", lambda s, x_max, *_: SpeedProfile(s, x_max))
     limits, waypoints = limits_of(2.0, 8.0, 0.02), random_waypoints(2, spread=spread)
     limits = replace(limits, acceleration=np.array([4.0, 8.0, 2.0]))
     curve = Curve.through(waypoints, limits)
