@@ -56,7 +56,7 @@ def test_the_times_of_the_segments_are_linearised_as_finite_differences_say() ->
     times = path_smoothing._times
     _, (by_start, by_end) = times(step, x, 2.5)
     for k, change in enumerate(1e-6 * np.eye(5)[1:4], 1):
-        slope = (times(step, x + change, 2.5)[0] - path_smoothing._times(step, x - change, 2.5)[0]) / 2e-6
+        slope = (times(step, x + change, 2.5)[0] - times(step, x - change, 2.5)[0]) / 2e-6
         expected = np.zeros(4)
         expected[k - 1], expected[k] = by_end[k - 1], by_start[k]
         np.testing.assert_allclose(slope, expected, rtol=1e-6)
