@@ -15,7 +15,6 @@ import numpy as np
 from pbd.arm.ik.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_branches, polish, turn_toward
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import is_redundant
-from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.ladder_graph import Barred, Ladder, Layer, joint_travel
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
@@ -46,21 +45,6 @@ class Unreachable(NamedTuple):
 
     keyframe: int
     q_seed: Array
-
-
-def solve_path(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array) -> Array:
-    """Find joints (n, k) that reach n tool poses with little joint travel (sum of |dq|) from `q_start` (k,) on.
-
-    Collisions are ignored: see choose_motion.py.
-
-    Raises:
-        PlanError: a keyframe can't be reached; see `out_of_reach` for its fields.
-    """
-    ladder = build_ladder(arm, T_base_tool, q_start, None, mend_after=1)
-    if isinstance(ladder, Unreachable):
-        raise out_of_reach(arm, ladder.keyframe, T_base_tool[ladder.keyframe], ladder.q_seed)
-    path = ladder.shortest()
-    return ladder.joints([] if isinstance(path, Barred) else path)[1:]
 
 
 def build_ladder(

@@ -8,13 +8,14 @@ import pytest
 
 from pbd.arm.ik.branches import AT_LIMIT, SINGULAR, configuration_cost, turn_toward
 from pbd.arm.ik.solver import ik_result
-from pbd.arm.ladder_building import solve_path, turn_variants
+from pbd.arm.ladder_building import turn_variants
 from pbd.arm.model import ArmModel, load_model, to_se3
 from pbd.data import Robot
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
 from tests.arm.bundled import arm_of
 from tests.arm.conftest import changed, random_joints
+from tests.arm.straight import solve_path
 
 
 def travel(path: Array) -> float:

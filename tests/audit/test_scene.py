@@ -14,7 +14,6 @@ import trimesh
 from scipy.spatial import Delaunay
 
 from pbd.arm.gripper import tool_rod as planned_rod
-from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
 from pbd.audit.collision_pairs import AuditScene
@@ -26,7 +25,7 @@ from pbd.data.world import ObjectPhase
 from pbd.pose import Pose
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.conftest import random_joints
-from tests.arm.straight import time_keyframes
+from tests.arm.straight import solve_path, time_keyframes
 from tests.near import assert_near
 
 BOTTLE = GraspedObject("cylinder", (0.07, 0.2))

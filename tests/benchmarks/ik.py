@@ -30,12 +30,12 @@ import pinocchio as pin
 from pbd.arm.ik.solver import solve
 from pbd.arm.ik.starts import reach
 from pbd.arm.ik.unreachable import find_reason
-from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import ArmModel, from_se3, load_model, to_se3
 from pbd.errors import PlanError
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
 from pbd.pose import Array, Pose
+from tests.arm.straight import solve_path
 from tests.benchmarks.report import arguments, finish
 
 TOLERANCE = 1e-5

@@ -16,7 +16,6 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import pbd
-from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit
@@ -26,7 +25,7 @@ from pbd.replay import replay_scene
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.page import write_page
 from tests.arm.collision_oracles import first_hit
-from tests.arm.straight import time_keyframes
+from tests.arm.straight import solve_path, time_keyframes
 from tests.benchmarks.report import arguments, finish, median_ms
 
 

@@ -27,7 +27,6 @@ from ruckig import InputParameter, Ruckig, Trajectory
 
 import pbd
 from pbd.arm.ik.partial_pose import is_partial
-from pbd.arm.ladder_building import solve_path
 from pbd.arm.timing.path_smoothing import Curve, curved_move
 from pbd.arm.timing.time_moves import ptp_move
 from pbd.audit.arm import AuditArm
@@ -39,7 +38,7 @@ from pbd.planning import PlanOptions, arm_of, plan_keyframes, scene_of
 from pbd.pose import Array
 from pbd.tracking.keyframes import find_keyframes
 from tests.arm.collision_oracles import first_hit
-from tests.arm.straight import time_keyframes
+from tests.arm.straight import solve_path, time_keyframes
 from tests.arm.toppra_oracle import toppra_duration
 from tests.benchmarks.report import arguments, finish, median_ms
 

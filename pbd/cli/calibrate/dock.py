@@ -149,18 +149,21 @@ def _pose_at_keyframe(args: argparse.Namespace, calibration: Calibration) -> tup
 
 def _refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:
     """Raise PlanError if the robot does not reach the pose."""
-    from pbd.arm.ladder_building import solve_path
+    from pbd.arm.ik.branches import find_branches
+    from pbd.arm.ik.unreachable import out_of_reach
+    from pbd.arm.ladder_building import STARTS
     from pbd.arm.model import load_model
 
-    try:
-        with working(f"checking whether {robot.name} reaches it"):
-            solve_path(load_model(robot), [T_base_tool], robot.home)
-    except PlanError as reason:
-        x, y, z = T_base_tool.p
-        away, turned = (float(str(reason.fields[name])) for name in ("value", "rotation"))
-        raise PlanError(
-            f"the dock puts the tool at ({x:.3f}, {y:.3f}, {z:.3f}) m, out of {robot.name}'s reach: it gets no nearer "
-            f"than {100.0 * away:.1f} cm and {np.degrees(turned):.0f} degrees; choose a place nearer to the base, or "
-            "another orientation",
-            **reason.fields,
-        ) from None
+    with working(f"checking whether {robot.name} reaches it"):
+        arm = load_model(robot)
+        if len(find_branches(arm, T_base_tool, robot.home[None], STARTS)):
+            return
+        fields = out_of_reach(arm, 0, T_base_tool, robot.home).fields
+    x, y, z = T_base_tool.p
+    away, turned = (float(str(fields[name])) for name in ("value", "rotation"))
+    raise PlanError(
+        f"the dock puts the tool at ({x:.3f}, {y:.3f}, {z:.3f}) m, out of {robot.name}'s reach: it gets no nearer "
+        f"than {100.0 * away:.1f} cm and {np.degrees(turned):.0f} degrees; choose a place nearer to the base, or "
+        "another orientation",
+        **fields,
+    )

@@ -14,7 +14,6 @@ from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance
 from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.collision.motion_check import collision_error, motion_phases, refuse_home
 from pbd.arm.collision.scene import CollisionScene, GraspState
-from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import GraspedObject, JointTrajectory, Obstacle, Robot
@@ -23,7 +22,7 @@ from pbd.errors import PlanError
 from pbd.pose import Array, Pose, quat_from_rpy
 from tests.arm.collision_oracles import first_hit, placements, points_of
 from tests.arm.conftest import random_joints
-from tests.arm.straight import time_keyframes
+from tests.arm.straight import solve_path, time_keyframes
 
 BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
 DOWN = quat_from_rpy((np.pi, 0.0, 0.0))

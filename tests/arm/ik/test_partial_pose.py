@@ -21,7 +21,6 @@ from pbd.arm.ik.partial_pose import (
     solve_partial,
 )
 from pbd.arm.ik.solver import solve
-from pbd.arm.ladder_building import solve_path
 from pbd.arm.model import ArmModel, load_model, to_se3
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import tool_poses
@@ -30,6 +29,7 @@ from pbd.files.robot import read_robot
 from pbd.pose import Array, Pose, quat_to_matrix
 from tests.arm.bundled import FIVE_JOINTS, NAMES, arm_of, keyframes_of
 from tests.arm.conftest import random_joints
+from tests.arm.straight import solve_path
 from tests.arm.test_own_robot import own_toml, own_urdf
 
 
