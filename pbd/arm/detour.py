@@ -19,7 +19,6 @@ from pbd.arm.ladder_graph import joint_travel
 from pbd.arm.timing.path_smoothing import Curve
 from pbd.pose import Array
 
-_STEP_RAD = 1.0  # longest edge of a tree, as the norm over all joints
 _SHORTCUTS = 40  # largest number of attempts to shorten a path
 _MOST_BENT = 8  # largest number of bent detours that are checked, the shortest first
 _MOST_GROWTH = 1.2  # largest growth of a bent detour's length, relative to that of the straight move
@@ -41,7 +40,7 @@ def find_detour(
     if not len(starts) or not len(goals) or settings.most_checks <= 0:
         return None, 0
     util.setLogLevel(util.LogLevel.LOG_NONE)
-    util.RNG.setSeed(1)
+    util.RNG.setSeed(settings.seed)
     search = _Search(scene, grasp, np.vstack((starts, goals)), settings.winding_rad)
     corners = search.connect(starts, goals, settings)
     return None if corners is None else search.smooth(corners), search.checker.checks
@@ -114,7 +113,7 @@ class _Search:
             ends.addState(self._state(q))
         problem.setGoal(ends)
         planner = geometric.RRTConnect(self.information)
-        planner.setRange(_STEP_RAD)
+        planner.setRange(settings.step_rad)
         planner.setProblemDefinition(problem)
         planner.setup()
         planner.solve(base.PlannerTerminationCondition(lambda: self.checker.checks >= settings.most_checks))

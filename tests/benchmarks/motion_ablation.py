@@ -75,6 +75,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "motion along the null space": ((ladder_building, "_move_along_null_space", nothing(None)),),
     "a smaller margin": ((CollisionScene, "closer", lambda scene: scene),),
     "detours from any to any": ((ladder_checks, "FROM_ANY_TO_ANY", ()),),
+    "more than two such searches": ((ladder_checks, "FROM_ANY_TO_ANY", ladder_checks.FROM_ANY_TO_ANY[:2]),),
 }
 """Part taken out -> what is put in its place."""
 
