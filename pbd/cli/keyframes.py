@@ -25,12 +25,11 @@ from pbd.cli.common import (
     track_demonstration,
 )
 from pbd.cli.console import say
-from pbd.cli.options import TOLERANCES_M
 from pbd.data import Demonstration, Keyframe, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
 from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed
-from pbd.files.keyframes import KEYFRAMES_FILE, write_keyframes
+from pbd.files.keyframes import KEYFRAMES_FILE, LARGEST_NUDGE_M, write_keyframes
 from pbd.files.keyframes_edit import set_frames
 from pbd.planning import arm_of, load_robot_and_calibration, solve_keyframes
 from pbd.planning.object_frames import keyframes_of_things, refuse_unknown_things
@@ -112,8 +111,8 @@ def _success(args: argparse.Namespace, placed: KeyframesInBase | None) -> Succes
     if args.tolerance is None:
         return success_of(placed) if any(each.tolerance_m is not None for each in placed.keyframes) else None
     within_m, *within_deg = args.tolerance
-    if not 0.0 < within_m <= TOLERANCES_M[1] or len(within_deg) > 1 or min(within_deg, default=1.0) <= 0.0:
-        raise UsageError(f"--tolerance takes METRES (up to {TOLERANCES_M[1]}), or METRES DEGREES, above zero")
+    if not 0.0 < within_m <= LARGEST_NUDGE_M or len(within_deg) > 1 or min(within_deg, default=1.0) <= 0.0:
+        raise UsageError(f"--tolerance takes METRES (up to {LARGEST_NUDGE_M}), or METRES DEGREES, above zero")
     return success_of(placed, within_m, math.radians(within_deg[0]) if within_deg else math.inf)
 
 

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 DRIVEN = ("so100", "so101")
 """The robots that `pbd run` drives."""
 
-TOLERANCES_M = 1e-6, 0.5
-"""Smallest and largest tolerance of the tool's place, m. A larger one was probably meant in millimetres."""
-
 _LENGTHS, _ANGLES, _TIMES = "m, cm or mm", "deg or rad", "s or ms"
 CHOICES = {"m": _LENGTHS, "cm": _LENGTHS, "mm": _LENGTHS, "deg": _ANGLES, "rad": _ANGLES, "s": _TIMES, "ms": _TIMES}
 """Default unit -> the units to choose from, as the help lists them."""
@@ -151,7 +148,7 @@ def add_planning(
     way = "between keyframes: straight in joint space, the tool on a straight line, or as the hand went (keyframes)"
     option(group, "--path", None, way, choices=("keyframes", "line", "demo"), default="keyframes")
     tolerance = "with --path keyframes: moves that stray farther from a straight line are made straight"
-    option(group, "--path-tolerance", "METRES", tolerance, type=within(*TOLERANCES_M, " m"), dest="tolerance_m")
+    option(group, "--path-tolerance", "METRES", tolerance, type=within(1e-6, 0.5, " m"), dest="tolerance_m")
     pace = "as fast as the limits allow, or at the hand's own pace where they allow it (limits)"
     option(group, "--time", None, pace, choices=("limits", "demo"), default="limits")
     option(group, "--speed", "F", "share of the joints' limits, up to 1 (1)", type=within(0.01, 1.0), default=1.0)

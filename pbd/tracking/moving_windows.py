@@ -12,6 +12,9 @@ from pbd.pose import Array
 Rows = NDArray[np.intp]
 """Rows of a recording."""
 
+Spans = list[tuple[int, int]]
+"""Half-open ranges of rows, in order."""
+
 MEAN_S, PASSES = 0.0125, 4
 """A hand's motion is judged by moving means over MEAN_S (s), in PASSES passes. Vibration of 60 Hz and more (a motor, a
 phone that vibrates, or its alias at a slower rate) does not move the hand, and less than 1 % of it passes. A 40 Hz

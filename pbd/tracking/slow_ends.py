@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array
-
-Spans = list[tuple[int, int]]
-"""Half-open ranges of rows, in order."""
+from pbd.tracking.moving_windows import Spans
 
 EARLIEST_MIDDLE_S = 0.1
 """s: a hand's shortest moves take 0.2 s. A peak of speed before their middle is noise."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pbd.pose import Array
 from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, Rest
 from pbd.tracking.moving_windows import (
+    Spans,
     moving_mean_variance,
     rows_of_mean,
     smoothed,
@@ -22,7 +23,7 @@ from pbd.tracking.moving_windows import (
     window_sums,
 )
 from pbd.tracking.noise import Noise
-from pbd.tracking.slow_ends import Spans, without_slow_ends
+from pbd.tracking.slow_ends import without_slow_ends
 
 ENERGY_WINDOW_S = 0.1
 """s: length of the windows over which energies are averaged. Motion is seen up to this much late."""
@@ -169,15 +170,6 @@ def trimmed(span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
     """A span without fast rows at its ends, where the hand arrives or leaves; unchanged if at most one row is slow."""
     inside = np.flatnonzero(slow)
     return (span[0] + int(inside[0]), span[0] + int(inside[-1]) + 1) if len(inside) > 1 else span
-
-
-def calm_part(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
-    """A span without fast rows at its ends, cut by at most ENERGY_WINDOW_S on either side."""
-    start, stop = span
-    first, last = trimmed(span, slow)
-    within = np.searchsorted(t, (t[start] + ENERGY_WINDOW_S, t[stop - 1] - ENERGY_WINDOW_S))
-    calm = min(first, int(within[0])), max(last, int(within[1]) + 1)
-    return calm if calm[1] - calm[0] > 1 else span
 
 
 def lasts(t: Array, span: tuple[int, int], least_s: float) -> bool:

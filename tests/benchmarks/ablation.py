@@ -9,6 +9,7 @@ One part at a time is taken out: a parameter set to where it does nothing, or a 
 - Keyframes of simulated tasks by three sensors: position in mm, attitude in degrees, 95th percentiles.
 - `slow`: stops missed or too many in tasks three times as slow.
 - `air`: the same of a hand that trembles in the air.
+- `creep`: rms error of the keyframes in tasks with moves of 4 to 8 s, in the tracker's own sigmas (1 is right).
 - `faults`: of some cases of the fault matrix, how many are silent and wrong.
 
 The last row shows how much of the windows' error is the reference's own: the optics know velocity from positions only.
@@ -61,6 +62,7 @@ from tests.benchmarks.trials import (
 )
 from tests.benchmarks.windows import motion_of, window_errors
 from tests.tracking import fault_matrix
+from tests.tracking.nees import demonstration, errors_of, nees
 from tests.tracking.trembling import STRONG, USUAL, trembling
 
 SENSORS, POUR = ("modern", "os5000", "wt901"), TASKS["pour"]
@@ -124,7 +126,9 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "annealing": ((smoother, "ANNEALING", (1.0,)),),
     "robust stops": ((factors, "OUTLIER_SIGMAS", LARGE),),
     "doubted stops looked at again": ((smoother, "MAX_RECUTS", 0),),
-    "calm part of a stop": ((doubtful_stops, "calm_part", lambda t, span, slow: span),),
+    "slow ends of moves": tuple(
+        (module, "without_slow_ends", lambda t, spans, *_: spans) for module in (zero_velocity, doubtful_stops)
+    ),
     "tremor, sway at a stop": of_noise(tremor_hz=LARGE, still_lever=0.0),
     "place held in a stop": of_noise(still_shift=LARGE),
     "attitude held in a stop": of_noise(still_turn=LARGE),
@@ -191,6 +195,7 @@ def main() -> None:
                 real(args.data)
                 | simulated(range(2, 3 if args.quick else 6))
                 | {"slow": wrong_stops(slow_hands(seeds), stops), "air": wrong_stops(trembling_hands(seeds), stops)}
+                | {"creep": rms_in_sigmas("creeping", seeds)}
                 | {"faults": silent_and_wrong(4 if args.quick else 1)}
             )
         if not args.json:
@@ -306,6 +311,12 @@ def trembling_hands(seeds: range) -> Iterator[Recording]:
     """The same by hands that tremble in the air as usual, and half again as much."""
     for sensor, seed, rms in product(SENSORS, seeds, (USUAL, STRONG)):
         yield trembling(sensor, seed, rms).recording
+
+
+def rms_in_sigmas(task: str, seeds: Iterable[int]) -> float:
+    """Root mean square of the keyframes' position errors, whitened."""
+    runs = product(SENSORS, seeds)
+    return float(np.sqrt(nees(errors_of(demonstration(task, s, seed, Noise.still_speed)).position for s, seed in runs)))
 
 
 def silent_and_wrong(fewer: int = 1) -> float:

@@ -25,7 +25,7 @@ from tests.benchmarks.report import add_sway, arguments, finish
 from tests.tracking.nees import band, demonstration, errors_of, nees
 
 SENSORS = ("modern", "os5000", "wt901", "wandering")
-TASKS = ("pour", "pick-and-place-stops", "pick-and-place-direct", "random", "tipping", "dawdling")
+TASKS = ("pour", "pick-and-place-stops", "pick-and-place-direct", "random", "tipping", "dawdling", "creeping")
 
 
 def main() -> None:

@@ -50,14 +50,14 @@ def test_an_end_that_is_noticed_at_once_stays() -> None:
 
 
 def test_the_middle_of_a_rest_between_slow_moves_is_left() -> None:
+    """The moves seem to overlap, as their ends are followed back too far where only their fastest half is noticed."""
     t = np.arange(0.0, 30.0, DT)
-    speed = speeds(t, 2.0, 10.0) + speeds(t, 12.1, 10.0)
-    moving = speed > 0.5 * speed.max()
-    edges = np.flatnonzero(np.diff(moving)) + 1
-    seen = [(0, int(edges[0])), (int(edges[1]), int(edges[2])), (int(edges[3]), len(t))]
-    rest = without_slow_ends(t, seen, speed, np.zeros(len(t), dtype=bool))[1]
-    assert t[rest[0]] <= 12.05 + 2 * DT <= t[rest[1]] + 4 * DT
-    assert rest[1] > rest[0]
+    speed = speeds(t, 2.0, 10.0) + speeds(t, 12.0, 10.0)
+    edges = (np.flatnonzero(np.diff(speed > 0.5 * speed.max())) + 1).tolist()
+    seen = [(0, edges[0]), (edges[1], edges[2]), (edges[3], len(t))]
+    start, stop = without_slow_ends(t, seen, speed, np.zeros(len(t), dtype=bool))[1]
+    assert t[start] == pytest.approx(12.0, abs=0.1)
+    assert 0 < stop - start <= 0.2 / DT
 
 
 SLOW = {"a straight move": (0.2, 5.0, 0.0), "a move that turns": (0.1, 5.0, 10.0)}

@@ -7,8 +7,7 @@ import numpy as np
 from pbd.data import Recording
 from pbd.errors import TrackingError
 from pbd.pose import Array, lengths, quat_canonical, quat_from_rpy, quat_inverse, quat_log, quat_multiply, quat_rotate
-from pbd.tracking.moving_windows import Rows
-from pbd.tracking.slow_ends import Spans
+from pbd.tracking.moving_windows import Rows, Spans
 from pbd.tracking.smoother.preintegration import GyroFrame, gyro_frame
 
 NO_ORIENTATION = (

@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array, lengths
+from pbd.tracking.moving_windows import Spans
 from pbd.tracking.noise import OUTLIER_SIGMAS
-from pbd.tracking.slow_ends import Spans, without_slow_ends
+from pbd.tracking.slow_ends import without_slow_ends
 from pbd.tracking.smoother.gauss_newton import UNDOUBTED_SIGMAS
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.preintegration import VEL
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, calm_part, lasts, slow_parts, trimmed
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, lasts, slow_parts, trimmed
 
 MOVING_WEIGHT = 0.29
 """Robust weight of zero velocity below which the hand seems to move: noise of one sigma on each axis gives one knot in
@@ -27,9 +28,6 @@ SETTLED_S = 0.02
 SLOW_SPEED = 0.02
 """m/s: a doubted stop is cut where the estimated speed is larger, and larger than noise explains."""
 
-SET_OUT_SPEED = 2e-4
-"""m/s above the noise: a slower hand has not set out yet."""
-
 
 def doubted_stops(problem: Problem, still: Array, candidates: Spans) -> NDArray[np.bool_]:
     """Which candidates (c,) contain a knot that seems to move, and are long enough for both a rest and a move."""
@@ -42,11 +40,11 @@ def doubted_stops(problem: Problem, still: Array, candidates: Spans) -> NDArray[
 
 def revised_stops(
     problem: Problem, v: Array, solved: Solved, candidates: Spans, cut: NDArray[np.bool_], still_sigma: Array
-) -> tuple[Spans, Spans]:
-    """The stops according to the estimated velocity, and the calm part of each.
+) -> Spans:
+    """The stops according to the estimated velocity.
 
-    A doubted candidate is cut to its slow parts. Ends at which the hand moves are trimmed. If less than half a window
-    is left, the hand only reversed its direction there.
+    A doubted candidate is cut to its slow parts, without the slow ends of the moves between them. Ends at which the
+    hand moves are trimmed. If less than half a window is left, the hand only reversed its direction there.
 
     Args:
         problem: the last iteration's.
@@ -61,29 +59,23 @@ def revised_stops(
         sigma = np.sqrt(np.trace(solved.covariance_of_knots(VEL), axis1=1, axis2=2))
         fast = np.maximum(fast, UNDOUBTED_SIGMAS * np.interp(t, problem.t, sigma))
     blurred = np.trace(problem.legs.parts[:, :, 3:6, 3:6].sum(axis=0), axis1=1, axis2=2) / 3.0
-    speed, parts = lengths(v), Spans()
+    speed, stops = lengths(v), Spans()
     for span, in_parts in zip(candidates, cut.tolist(), strict=True):
+        parts = [span]
         if in_parts:
             slow = slow_parts(t, span, speed[slice(*span)] < fast[slice(*span)])
-            parts += without_slow_ends(t, slow, speed)
-        else:
-            parts.append(span)
-    stops: Spans = []
-    calm: Spans = []
-    for part in parts:
-        inside = slice(*part)
-        # Sigma per axis of the change of velocity from knot to knot.
-        first, last = np.searchsorted(problem.rows, part)
-        between = blurred[first : max(last - 1, first + 1)]
-        blur = float(np.sqrt(between.sum() / max(len(between), 1)))
-        creep = lengths(v[inside] - np.median(v[inside], axis=0))
-        stop = trimmed(part, creep < OUTLIER_SIGMAS * (float(np.median(still_sigma[inside])) + blur))
-        if not lasts(t, stop, 0.5 * ENERGY_WINDOW_S):
-            continue
-        stops.append(stop)
-        creep = creep[stop[0] - part[0] :]  # after the stop it is fast
-        calm.append(calm_part(t, stop, creep < SET_OUT_SPEED + 2.0 * blur))
-    return stops, calm
+            parts = without_slow_ends(t, slow, speed)
+        for part in parts:
+            inside = slice(*part)
+            # Sigma per axis of the change of velocity from knot to knot.
+            first, last = np.searchsorted(problem.rows, part)
+            between = blurred[first : max(last - 1, first + 1)]
+            blur = float(np.sqrt(between.sum() / max(len(between), 1)))
+            creep = lengths(v[inside] - np.median(v[inside], axis=0))
+            stop = trimmed(part, creep < OUTLIER_SIGMAS * (float(np.median(still_sigma[inside])) + blur))
+            if lasts(t, stop, 0.5 * ENERGY_WINDOW_S):
+                stops.append(stop)
+    return stops
 
 
 def settled(t: Array, before: Spans, after: Spans) -> bool:

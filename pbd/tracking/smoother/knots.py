@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.tracking.first_rest import Rest
-from pbd.tracking.moving_windows import Rows, cumulative
+from pbd.tracking.moving_windows import Rows, Spans, cumulative
 from pbd.tracking.noise import Noise, densities
-from pbd.tracking.slow_ends import Spans
 from pbd.tracking.smoother.preintegration import BLOCK_S, GyroFrame, Legs, LostMotion, preintegrate
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
@@ -89,7 +88,6 @@ def build_problem(
     rest: Rest,
     noise: Noise,
     stops: Spans,
-    calm: Spans,
     still_sigma: Array,
     density: tuple[Array, Array],
     extra_rows: Sequence[int],
@@ -103,14 +101,13 @@ def build_problem(
     Args:
         frame, rest, noise, no_gyro: as in `Problem`.
         mag: (n, 3) in any unit, or None.
-        calm: the part of each stop in which the hand surely stands still; its knots lie there.
         still_sigma: (n,) m/s per axis, sigma of zero velocity.
         density: from `row_noise`.
         extra_rows: further rows at which a knot is wanted.
         gaps: last row before and first row after each gap in the data.
     """
     t, dt = frame.t, frame.dt
-    rows, stop_of = _place_knots(t, calm, [*extra_rows, *(row for gap in gaps for row in gap)])
+    rows, stop_of = _place_knots(t, stops, [*extra_rows, *(row for gap in gaps for row in gap)])
     same_stop = (stop_of[1:] == stop_of[:-1]) & (stop_of[1:] >= 0)
     for first, last in gaps:
         stop_of[(rows > first) & (rows < last)] = -1
@@ -138,9 +135,9 @@ def build_problem(
     )
 
 
-def _place_knots(t: Array, calm: Spans, extra_rows: Sequence[int]) -> tuple[Rows, NDArray[np.intp]]:
+def _place_knots(t: Array, stops: Spans, extra_rows: Sequence[int]) -> tuple[Rows, NDArray[np.intp]]:
     """Rows of the knots (m,), and the index of the stop in which each lies, or -1 (m,)."""
-    inner = [_without_edges(t, *span) for span in calm]
+    inner = [_without_edges(t, *span) for span in stops]
     edges = np.array([0, *(row for span in inner for row in span), len(t) - 1])
     lasts = np.diff(t[edges])
     spacing = np.full(len(lasts), MOVE_KNOT_S)

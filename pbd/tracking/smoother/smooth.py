@@ -16,9 +16,8 @@ from pbd.data import Recording
 from pbd.data.streams import interpolate
 from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
 from pbd.tracking.first_rest import QUIET_GYR, Rest
-from pbd.tracking.moving_windows import cumulative
+from pbd.tracking.moving_windows import Spans, cumulative
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
-from pbd.tracking.slow_ends import Spans
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
 from pbd.tracking.smoother.doubtful_stops import doubted_stops, revised_stops, settled
 from pbd.tracking.smoother.factors import pivot_velocity, robust_weights, shared_prior
@@ -119,10 +118,10 @@ def smooth(
     # A knot right after lost motion: the unknown turn is too large to linearise over a longer leg.
     extra_rows = [*extra_rows, *(min(lost.row + 1, len(recording) - 1) for lost in lost_motion)]
 
-    def build(stops: Spans, calm: Spans) -> Problem:
+    def build(stops: Spans) -> Problem:
         mag = None if recording.mag is None else recording.mag - hard_iron
         return build_problem(
-            *(frame, mag, rest, noise, stops, calm, still_sigma, density, extra_rows, lost_motion, gaps),
+            *(frame, mag, rest, noise, stops, still_sigma, density, extra_rows, lost_motion, gaps),
             no_gyro=no_gyro,
         )
 
@@ -138,7 +137,7 @@ def smooth(
         density = row_noise(frame, rest, noise, gaps, no_gyro)
         if not stops:
             return None
-        problem = build(stops, stops)
+        problem = build(stops)
         if not problem.stops:
             return None
         initial, fixed = _initial_state(problem, prior, azimuth)
@@ -171,14 +170,14 @@ def smooth(
     cut = np.zeros(len(candidates), dtype=np.bool_)
     for _ in range(MAX_RECUTS):
         cut = cut | doubted_stops(problem, found.still_weight, candidates)
-        stops, calm = revised_stops(problem, path.v, found.solved, candidates, cut, still_sigma)
+        stops = revised_stops(problem, path.v, found.solved, candidates, cut, still_sigma)
         if not stops:
             break
         if settled(problem.frame.t, problem.stops, stops):
             problem = replace(problem, stops=stops)
             break
         found.solved.forget()
-        revised = build(stops, calm)
+        revised = build(stops)
         if not revised.stops:
             break
         x, fixed = _at_new_knots(problem, found.x, path, revised), replace(fixed, origin=_origin_knot(revised))
