@@ -27,7 +27,7 @@ def test_minimum_jerk_begins_and_ends_at_rest() -> None:
 @given(seeds)
 def test_derivatives_are_those_of_the_pose(seed: int) -> None:
     task = random_task(seed, moves=3)
-    motion = with_sway(task, 0.02, seed).motion
+    motion = with_sway(task, 0.02, seed, turn=0.02).motion
     t, h = np.linspace(0.0, task.duration_s, 400), 1e-4
     t = t[np.abs(t[:, None] - motion.knots).min(axis=1) > h]  # where jerk jumps
     before, now, after = motion.at(t - h), motion.at(t), motion.at(t + h)

@@ -15,11 +15,14 @@ from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.errors import PbdWarning
 from pbd.files.demo import load_demo
 from pbd.pipeline import track
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task
+from pbd.simulation.tasks import Task
 from pbd.tracking.alarm import _move_alarms, _sensor_alarms, _stop_alarms
-from pbd.tracking.noise import Noise
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from tests.scenarios import pour, simulate
 from tests.simulation.sway import with_sway
+from tests.tracking.nees import against
 
 
 def test_many_moves_that_all_fit_badly_are_told() -> None:
@@ -69,6 +72,22 @@ def test_a_clock_that_is_fast_is_not_only_blamed_on_the_gyro() -> None:
     assert all("should: the clock may be fast (check the rate), or pbd calibrate sensor" in one for one in said)
 
 
+@pytest.mark.parametrize("yaw_deg", [0.0, 20.0])
+def test_a_hand_that_sways_with_a_level_tool_does_not_scale_its_gyro(yaw_deg: float) -> None:
+    """A gyro that reads nothing would explain best why it turns at stops. Gravity tells of the scale only in tilts."""
+    places = ((0.2, 0.1, 0.05), (0.2, 0.1, -0.1), (0.2, 0.1, 0.05), (0.1, 0.2, 0.05), (0.1, 0.2, -0.1))
+    moves = (Waypoint(p, (0.0, 0.0, np.radians(yaw_deg) * (k == 3)), 1.0, 0.8) for k, p in enumerate(places))
+    task = Task("level", (Waypoint(rest_s=2.5), *moves))
+    for seed in (0, 2):
+        demo = simulate(with_sway(task, Noise.still_speed, seed, turn=np.radians(0.3)), "modern", seed)
+        assert demo.truth is not None
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            errors = against(track(demo.recording), demo.truth)
+        assert np.abs(errors.turn[:, 2]).max() < np.radians(1.0)
+        assert np.abs(errors.in_sigmas[:, 5]).max() < OUTLIER_SIGMAS
+
+
 def test_an_estimate_that_did_not_settle_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pbd.tracking.smoother.gauss_newton.MAX_ITERATIONS", 1)
     with pytest.warns(PbdWarning) as told:
@@ -77,7 +96,7 @@ def test_an_estimate_that_did_not_settle_is_told(monkeypatch: pytest.MonkeyPatch
 
 
 def test_nothing_is_said_of_a_hand_that_never_turns() -> None:
-    """A gyro's scale of zero would silence its noise; and noise moves each knot of a rest by about one sigma."""
+    """Noise moves each knot of a rest by about one sigma."""
     recording = simulate(random_task(0, moves=16, max_turn=0.0), "os5000", 0, rate_hz=50.0).recording
     with warnings.catch_warnings():
         warnings.simplefilter("error")

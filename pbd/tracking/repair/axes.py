@@ -60,19 +60,38 @@ class Witness:
     """A direction that is fixed in the world, in sensor axes: unit vectors (k, 3) at both moments of k pairs.
 
     `channel` is a (gravity), m (magnetic field), or empty for the device's attitude, whose columns are trusted.
+    `unsure_deg` (k,) is how much the angle between the two may be off, because the hand accelerates.
     """
 
     channel: str
     first: Array
     second: Array
+    unsure_deg: Array | float = 0.0
 
     def off(self, turn: Array) -> Array:
-        """Angles (k,), degrees, between the second direction and the first one rotated by `turn` (k, 3, 3)."""
-        return np.degrees(angles(self.second, self.rotated(turn)))
+        """Angles (k,), degrees, between the second direction and the first one rotated by `turn` (k, 3, 3).
+
+        Only what is sure counts.
+        """
+        return self._sure(angles(self.second, self.rotated(turn)))
+
+    def off_with_mappings(self, turn: Array, matrices: Array) -> Array:
+        """The same (k, r) with each of the mappings (r, 3, 3)."""
+        # The cosines of all mappings are sums of the same 81 products.
+        products = np.einsum("ka,kb,kij->kaibj", self.second, self.first, turn).reshape(-1, 81)
+        cosines: Array = products @ np.einsum("ria,rjb->aibjr", matrices, matrices).reshape(81, -1)
+        return self._sure(np.arccos(np.clip(cosines, -1.0, 1.0)).T).T
 
     def rotated(self, turn: Array) -> Array:
         """The first direction (k, 3), rotated by `turn` (k, 3, 3)."""
         return (turn @ self.first[:, :, None])[:, :, 0]
+
+    def turns_to(self, direction: Array) -> NDArray[np.bool_]:
+        """Whether the first direction and another (k, 3) surely are more than CONTRADICTION_DEG apart."""
+        return self._sure(angles(self.first, direction)) > CONTRADICTION_DEG
+
+    def _sure(self, angle: Array) -> Array:
+        return np.maximum(np.degrees(angle) - self.unsure_deg, 0.0)
 
 
 class Contradiction(NamedTuple):
@@ -109,8 +128,8 @@ def find_axis_error(
         None if nothing contradicts the gyro, or no mapping removes the contradictions.
     """
     by_gyro = turn(1.0)
-    moved = [_differ(each.first, each.second) for each in witnesses]
-    telling = [rows | _differ(each.first, each.rotated(by_gyro)) for each, rows in zip(witnesses, moved, strict=True)]
+    moved = [each.turns_to(each.second) for each in witnesses]
+    telling = [rows | each.turns_to(each.rotated(by_gyro)) for each, rows in zip(witnesses, moved, strict=True)]
 
     def cost(k: int, off: Array) -> Array:
         """Median of the angles (k, ...) by which witness k is off, where it turns or where it should, the larger."""
@@ -118,7 +137,7 @@ def find_axis_error(
 
     def costs(k: int, by: Array, matrices: Array) -> Array:
         """The same (r,) with each of the mappings (r, 3, 3)."""
-        return cost(k, _off_with_mappings(witnesses[k], by, matrices))
+        return cost(k, witnesses[k].off_with_mappings(by, matrices))
 
     each_witness = range(len(witnesses))
     off = np.array([cost(k, witnesses[k].off(by_gyro)) for k in each_witness])
@@ -210,19 +229,6 @@ def _find_remedy(
     sure = not simple and sum(channel == "g" for *_, channel, _ in good) < 2
     message = _message(named[:MAX_NAMED], sure, source)
     return Contradiction(witnesses[wrong[0]].channel, off, best, int(np.argmax(telling[wrong[0]])), message)
-
-
-def _differ(a: Array, b: Array) -> NDArray[np.bool_]:
-    """Whether each two directions (k, 3) are more than CONTRADICTION_DEG apart."""
-    return np.degrees(angles(a, b)) > CONTRADICTION_DEG
-
-
-def _off_with_mappings(witness: Witness, by: Array, matrices: Array) -> Array:
-    """Angles (k, r), degrees, by which a witness is off, given rotations `by` (k, 3, 3) and mappings (r, 3, 3)."""
-    # The cosines of all mappings are sums of the same 81 products.
-    products = np.einsum("ka,kb,kij->kaibj", witness.second, witness.first, by).reshape(-1, 81)
-    cosines: Array = products @ np.einsum("ria,rjb->aibjr", matrices, matrices).reshape(81, -1)
-    return np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
 
 def _median(values: Array) -> Array:

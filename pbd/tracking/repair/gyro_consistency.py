@@ -27,7 +27,7 @@ from pbd.pose import (
     quat_rotate,
     quat_to_matrix,
 )
-from pbd.tracking.first_rest import STILL_ACC, likely_unit, restlessness
+from pbd.tracking.first_rest import QUIET_ACC, STILL_ACC, likely_unit, restlessness
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from pbd.tracking.repair.axes import (
     AS_GOOD_DEG,
@@ -49,9 +49,13 @@ CHECK_HZ = 50.0
 """Samples are averaged down to about this rate, Hz, which is fast enough for a hand."""
 
 STEADY_S, STEADY_ACC = 0.3, 0.05
-"""A steady moment, in which the accelerometer shows gravity alone, lasts STEADY_S (s). The standard deviation of
-specific force, and ||mean| - g|, are below STEADY_ACC g. (A WT901's bias of 20 mg changes the norm by 4 % between
-two sides of the sensor. In a brisk move specific force is often so steady for 0.2 s, hardly ever for 0.3 s.)"""
+"""A steady moment, in which the accelerometer shows gravity, lasts STEADY_S (s). The standard deviation of specific
+force, and ||mean| - g|, are below STEADY_ACC g. (A WT901's bias of 20 mg changes the norm by 4 % between two sides of
+the sensor.)"""
+
+HIDDEN_TILT_DEG = float(np.degrees(np.arccos(1.0 / (1.0 + STEADY_ACC))))
+"""Degrees by which a level acceleration may tilt what seems to be gravity, unless the hand rests (QUIET_ACC). It hardly
+changes the norm, and is steady at its peak in a smooth move."""
 
 PAIR_AFTER_S, PAIR_LONGEST_S = (0.5, 1.0, 2.0, 4.0), 5.0
 """A steady moment is paired with the first one after each of these times, if that comes within PAIR_LONGEST_S
@@ -68,11 +72,13 @@ class Steady:
     Attributes:
         rows: (m,) middle row of each moment.
         up_sensor: (m, 3) unit, the vertical in sensor axes at each moment.
+        tilt_deg: (m,) degrees, by which it may be off because the hand accelerates.
         gyro_bias: (3,) rad/s, the gyro's mean over the quietest second.
     """
 
     rows: NDArray[np.intp]
     up_sensor: Array
+    tilt_deg: Array
     gyro_bias: Array
 
 
@@ -82,7 +88,7 @@ def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
     Without a second of rest there are none: neither g nor the gyro's bias is known.
     """
     second, half = max(2, round(rate_hz)), max(1, round(0.5 * STEADY_S * rate_hz))
-    none = Steady(np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(3))
+    none = Steady(np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(0), np.zeros(3))
     if len(acc) < max(second, 2 * half):
         return none
     variance, mean = window_moments(acc, second)
@@ -95,7 +101,9 @@ def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
     variance, mean = window_moments(acc, 2 * half)
     norm = np.linalg.norm(mean, axis=1)
     steady = np.flatnonzero((np.abs(norm - g) < STEADY_ACC * g) & (variance < (STEADY_ACC * g) ** 2) & (norm > 0.0))
-    return Steady(steady + half, mean[steady] / norm[steady, None], gyr[quietest : quietest + second].mean(axis=0))
+    tilt_deg = np.where(variance[steady] > (QUIET_ACC / GRAVITY * g) ** 2, HIDDEN_TILT_DEG, 0.0)
+    gyro_bias = gyr[quietest : quietest + second].mean(axis=0)
+    return Steady(steady + half, mean[steady] / norm[steady, None], tilt_deg, gyro_bias)
 
 
 def refuse_flipped_signs(recording: Recording) -> None:
@@ -182,7 +190,8 @@ def refuse_disagreement(recording: Recording) -> None:
         attitude = np.vstack(((1.0, 0.0, 0.0, 0.0), quat_cumulative(quat_exp(factor * gyr / rate_hz))))
         return quat_to_matrix(quat_multiply(quat_inverse(attitude[row_after]), attitude[row_before]))
 
-    up = Witness("a", steady.up_sensor[first], steady.up_sensor[second])
+    unsure_deg = steady.tilt_deg[first] + steady.tilt_deg[second]
+    up = Witness("a", steady.up_sensor[first], steady.up_sensor[second], unsure_deg)
     found = find_axis_error([up, *_other_witnesses(recording, every, row_before, row_after)], turn, source)
     if found is not None:
         at = recording.t[row_before[found.pair] * every]

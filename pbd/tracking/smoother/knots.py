@@ -12,7 +12,7 @@ from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import Rows, Spans, cumulative
 from pbd.tracking.noise import Noise, densities
-from pbd.tracking.smoother.preintegration import BLOCK_S, GyroFrame, Legs, LostMotion, preintegrate
+from pbd.tracking.smoother.preintegration import BLOCK_S, GYR_MATRIX, GyroFrame, Legs, LostMotion, preintegrate
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 INSET_SHARE = 0.2
@@ -116,6 +116,9 @@ def build_problem(
     stops = [stops[k] for k in used]
     stop_of = np.where(stop_of < 0, -1, np.searchsorted(used, stop_of))
     borders = np.concatenate((t[rows[:1]], 0.5 * (t[rows[1:]] + t[rows[:-1]]), t[rows[-1:]]))
+    legs = preintegrate(frame, rows, density, lost_motion, _knot_velocity(frame, rows, stop_of))
+    # A scale of zero would silence noise and sway, and so fit a stop best. There, only the bias turns the gyro frame.
+    legs.J[same_stop, :, GYR_MATRIX] = 0.0
     return Problem(
         frame,
         rest,
@@ -124,7 +127,7 @@ def build_problem(
         rows,
         stop_of,
         same_stop,
-        preintegrate(frame, rows, density, lost_motion, _knot_velocity(frame, rows, stop_of)),
+        legs,
         still_sigma[rows],
         quat_to_matrix(frame.wxyz[rows]),
         np.zeros((len(rows), 3)) if no_gyro else mean_around(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),

@@ -203,8 +203,6 @@ def _large_lag_and_scale(x: State, solved: Solved) -> tuple[float, float]:
     """The lag (s) and the common scale error, each if it is significant and too large for a linear model; else 0.
 
     Before it has settled, an estimate far from the truth may look significant: the last step must be below a sigma.
-    The scale multiplies the gyro's noise too, which a scale of zero silences. So where little turns, the estimate tends
-    to minus one by the noise's share of the information, which is 1 for each leg and axis.
     """
     i, step = np.arange(SHARED), solved.d_shared
     tau, sigma = float(x.shared[LAG][0]), float(np.sqrt(solved.shared[0, 0]))
@@ -213,8 +211,7 @@ def _large_lag_and_scale(x: State, solved: Solved) -> tuple[float, float]:
     diagonal = i[GYR_MATRIX][::4]
     more_scale = -float(x.shared[diagonal].mean())  # w_true = (1 - M) w
     sigma = float(np.sqrt(solved.shared[np.ix_(diagonal, diagonal)].mean()))
-    of_noise = 3.0 * (len(x.p) - 1) * sigma**2
-    large = abs(more_scale) > max(REMOVED_SCALE, SCALE_OUTLIER_SIGMAS * sigma, of_noise)
+    large = abs(more_scale) > max(REMOVED_SCALE, SCALE_OUTLIER_SIGMAS * sigma)
     return lag, more_scale if large and abs(step[diagonal].mean()) < sigma else 0.0
 
 
