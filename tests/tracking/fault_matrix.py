@@ -263,7 +263,10 @@ def task_of(name: str, seed: int) -> Task:
     draw: dict[str, Callable[[], Task]] = {
         "random": lambda: random_task(seed),
         "tipping": lambda: random_task(seed, max_turn=np.radians(80.0)),
-        "level": lambda: with_sway(random_task(seed, max_turn=0.0, rest_s=(1.0, 1.5)), Noise.still_speed, seed),
+        "level": lambda: with_sway(
+            *(random_task(seed, max_turn=0.0, rest_s=(1.0, 1.5)), Noise.still_speed, seed),
+            turn=Noise.still_speed / Noise.pivot,
+        ),
         "shuttle": lambda: _shuttle(float(np.random.default_rng(seed).uniform(0.5, 0.6))),
     }
     return draw[name]() if name in draw else SIMULATED[name]

@@ -28,7 +28,7 @@ from pbd.pose import (
 )
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.simulation.tasks import Task
-from pbd.tracking.noise import FACTORY
+from pbd.tracking.noise import FACTORY, Noise
 from pbd.tracking.smoother.attitude import mean_quaternion
 from tests.simulation.sway import with_sway
 
@@ -84,9 +84,12 @@ class Errors:
 
 
 def demonstration(task: str, sensor: str, seed: int, sway_speed: float = 0.0) -> Demonstration:
-    """A simulated demonstration; with an odd seed, without magnetometer and the device's own angles."""
+    """A simulated demonstration; with an odd seed, without magnetometer and the device's own angles.
+
+    The hand sways by `sway_speed`, m/s, and turns as about its pivot.
+    """
     drawn = RANDOM[task](seed) if task in RANDOM else TASKS[task]
-    demo = simulate(with_sway(drawn, sway_speed, seed), MODELS[sensor], seed)
+    demo = simulate(with_sway(drawn, sway_speed, seed, turn=sway_speed / Noise.pivot), MODELS[sensor], seed)
     truth = demo.truth
     assert truth is not None
     wxyz = quat_multiply(truth.wxyz_nav_sensor, quat_inverse(accelerometer_axes(sensor, seed)))
@@ -112,10 +115,14 @@ def errors_of(demo: Demonstration) -> Errors:
 
 def against(path: HandPath, truth: Truth) -> Errors:
     """Errors of a path, relative to position and heading of the first stop."""
-    rows = [(stop.start + stop.stop - 1) // 2 for stop in path.stops]
-    wxyz = np.array([mean_quaternion(path.wxyz_nav_sensor[stop.start : stop.stop]) for stop in path.stops])
-    wxyz_true = truth.wxyz_nav_sensor[rows]
-    p, p_true = path.p_nav_sensor[rows], truth.p_nav_sensor[rows]
+    rests = [slice(stop.start, stop.stop) for stop in path.stops]
+    wxyz, wxyz_true = (
+        np.array([mean_quaternion(each[rest]) for rest in rests])
+        for each in (path.wxyz_nav_sensor, truth.wxyz_nav_sensor)
+    )
+    p, p_true = (
+        np.array([each[rest].mean(axis=0) for rest in rests]) for each in (path.p_nav_sensor, truth.p_nav_sensor)
+    )
     # The truth is turned into nav, in which the covariance is.
     yaw = quat_about_z(yaw_toward(wxyz_true[0], wxyz[0]))
     off = p - p[0] - quat_rotate(yaw, p_true - p_true[0])
