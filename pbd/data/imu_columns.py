@@ -9,8 +9,8 @@ from pbd.pose import Array
 GYR, ACC, MAG = ("gx", "gy", "gz"), ("ax", "ay", "az"), ("mx", "my", "mz")
 ATTITUDE = ("heading", "pitch", "roll")
 
-IMU_COLUMNS = {"gyr": (GYR, 7), "acc": (ACC, 6), "mag": (MAG, 4), "device": (ATTITUDE, 6)}
-"""Channel -> its columns and their number of decimals, in the file's order."""
+IMU_COLUMNS = {"gyr": (GYR, 7), "acc": (ACC, 6), "mag": (MAG, 4), "device_rpy": (ATTITUDE, 6)}
+"""Channel of a recording -> its columns and their number of decimals, in the file's order."""
 
 
 def device_rpy(angles: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
@@ -156,7 +156,8 @@ def write_demo(
         for name, text in ({"demo.toml": demo_toml(demo, folder)} | dict(extra_files or {})).items():
             (new / name).write_text(text, encoding="utf-8")
         if not demo.takes:
-            write_table(new / "imu.csv", *_imu_columns(demo.recording))
+            header, decimals = imu_header(channels := demo.recording.channels)
+            write_table(new / "imu.csv", header, imu_rows(demo.recording, channels), decimals)
         if demo.truth is not None:
             values = np.column_stack((demo.truth.t, demo.truth.p_nav_sensor, demo.truth.wxyz_nav_sensor))
             write_table(new / "truth.csv", TRUTH, values, (6,) * 4 + (8,) * 4)
@@ -256,29 +257,27 @@ def _without_none(**values: Any) -> dict[str, Any]:
 
 
 def _read_recording(table: Table, grip: tuple[GripEvent, ...], info: RecordingInfo) -> Recording:
-    def channel(name: str) -> Array | None:
-        columns, _ = IMU_COLUMNS[name]
-        return table.columns(*columns) if set(columns) & {*table.header} else None
-
-    device = channel("device")
-    return Recording(
-        t=table.columns("t")[:, 0],
-        acc=table.columns(*ACC),
-        gyr=channel("gyr"),
-        mag=channel("mag"),
-        device_rpy=None if device is None else device_rpy(device),
-        grip=grip,
-        info=info,
-    )
+    t = table.columns("t")[:, 0]
+    given = {name: columns for name, (columns, _) in IMU_COLUMNS.items() if {*columns} & {*table.header}}
+    channels = {name: table.columns(*columns) for name, columns in ({"acc": ACC} | given).items()}
+    if "device_rpy" in channels:
+        channels["device_rpy"] = device_rpy(channels["device_rpy"])
+    return Recording(t, grip=grip, info=info, **channels)
 
 
-def _imu_columns(recording: Recording) -> tuple[tuple[str, ...], Array, tuple[int, ...]]:
-    device = None if recording.device_rpy is None else compass_angles(recording.device_rpy)
-    values = {"gyr": recording.gyr, "acc": recording.acc, "mag": recording.mag, "device": device}
-    present = {name: array for name, array in values.items() if array is not None}
-    header = ("t", *(column for name in present for column in IMU_COLUMNS[name][0]))
-    decimals = (6, *(IMU_COLUMNS[name][1] for name in present for _ in range(3)))
-    return header, np.hstack((recording.t[:, None], *present.values())), decimals
+def imu_header(channels: Collection[str]) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """Return the names of imu.csv's columns with these channels, and their numbers of decimals."""
+    written = [IMU_COLUMNS[name] for name in IMU_COLUMNS if name in channels]
+    header = ("t", *(column for columns, _ in written for column in columns))
+    return header, (6, *(decimals for columns, decimals in written for _ in columns))
+
+
+def imu_rows(recording: Recording, channels: Collection[str]) -> Array:
+    """Return the rows of imu.csv with these channels; NaN where the recording lacks one."""
+    values = dict.fromkeys(channels, np.full((len(recording), 3), np.nan)) | recording.channels
+    if recording.device_rpy is not None:
+        values["device_rpy"] = compass_angles(recording.device_rpy)
+    return np.hstack((recording.t[:, None], *(values[name] for name in IMU_COLUMNS if name in channels)))
 
 
 def _read_place(section: Section) -> Place:

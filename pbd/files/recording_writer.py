@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Demonstration, GripEvent, Recording, RecordingInfo
-from pbd.data.imu_columns import IMU_COLUMNS
 from pbd.errors import RecordingError
-from pbd.files.demo import demo_toml, refuse_demo_folder
+from pbd.files.demo import demo_toml, imu_header, imu_rows, refuse_demo_folder
 from pbd.io.atomic import atomic_file, atomic_folder, is_file, unwritable, write_text
 from pbd.pose import Array
 
@@ -26,7 +25,7 @@ class RecordingWriter:
     demo.toml is written before the first row, and replaced atomically when it changes.
     """
 
-    def __init__(self, folder: Path, info: RecordingInfo, channels: Sequence[str], closed: bool) -> None:
+    def __init__(self, folder: Path, info: RecordingInfo, channels: Collection[str], closed: bool) -> None:
         """Make the folder.
 
         Args:
@@ -42,34 +41,30 @@ class RecordingWriter:
         self._info, self._closed = replace(info, name=folder.name), closed
         self._failed = False
         self._grip: list[GripEvent] = []
-        written = [IMU_COLUMNS[name] for name in IMU_COLUMNS if name in channels]
-        header = ",".join(["t", *(column for columns, _ in written for column in columns)])
-        self._format = ",".join(["{:.6f}", *(f"{{:.{decimals}f}}" for _, decimals in written for _ in "xyz")])
+        self._channels = channels
+        header, decimals = imu_header(channels)
+        self._format = ",".join(f"{{:.{places}f}}" for places in decimals) + "\n"
         with atomic_folder(folder, replace=False) as new:
             (new / "demo.toml").write_text(self._toml(), encoding="utf-8")
-            (new / "imu.csv").write_text(header + "\n", encoding="ascii")
+            (new / "imu.csv").write_text(",".join(header) + "\n", encoding="ascii")
         self._raw: int | None = None
         with self._os_errors():
             self._imu = os.open(folder / "imu.csv", os.O_WRONLY | os.O_APPEND)
         with suppress(OSError):  # some network file systems have no locks
             fcntl.flock(self._imu, fcntl.LOCK_EX | fcntl.LOCK_NB)  # `refuse_demo_folder` sees the lock
 
-    def add(self, t: Sequence[float], values: Iterable[Sequence[float]]) -> None:
-        """Append rows.
-
-        Args:
-            t: (n,) s.
-            values: n rows of the channels' numbers, in the order of IMU_COLUMNS; NaN becomes an empty cell.
+    def add(self, samples: Recording) -> None:
+        """Append a row for each sample; NaN becomes an empty cell.
 
         Raises:
             RecordingError: the disk is full, and the earlier rows are intact; or the folder is gone.
         """
         if not is_file(self.folder / "imu.csv"):  # a deleted file takes rows too, and they are lost
             raise RecordingError(f"{self.folder} was renamed or deleted meanwhile; record again", path=self.folder)
-        lines = [self._format.format(at, *row).replace("nan", "") + "\n" for at, row in zip(t, values, strict=True)]
+        text = "".join(self._format.format(*row) for row in imu_rows(samples, self._channels).tolist())
         with self._os_errors():
-            _append(self._imu, "".join(lines).encode())
-        self.rows += len(lines)
+            _append(self._imu, text.replace("nan", "").encode())
+        self.rows += len(samples)
 
     def add_raw(self, data: bytes) -> None:
         """Append the sensor's bytes to raw.bin."""

@@ -9,15 +9,21 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import GripEvent, RecordingInfo
-from pbd.data.imu_columns import compass_angles
+from pbd.data import GripEvent, Recording, RecordingInfo
 from pbd.errors import PbdError, RecordingError, collected_warnings
 from pbd.files.demo import read_demo
 from pbd.files.recording_writer import RecordingWriter
 from pbd.record.diagnostics import Diagnostics
 from pbd.record.person_messages import Feedback
 from pbd.record.replaced_demo import Backup, set_aside
-from pbd.record.session_types import FEWEST_STOPS, MISSING, TOO_FEW_STOPS, Outcome, RecordOptions, Status
+from pbd.record.session_types import (
+    FEWEST_STOPS,
+    TOO_FEW_STOPS,
+    Outcome,
+    RecordOptions,
+    Status,
+    recording_from_samples,
+)
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.timestamps import SampleClock
 from pbd.tracking.taps import TapDetector
@@ -56,7 +62,6 @@ class Session:
         self._taps = TapDetector() if options.taps else None
         self._presses = 0
         self._raw = bytearray()
-        self._channels: tuple[str, ...] = ()
         self._new: list[tuple[float, Sample]] = []  # neither written nor tracked yet
         self._recent: deque[tuple[float, float]] = deque()
         self._clock: SampleClock[Sample] = SampleClock()
@@ -92,7 +97,7 @@ class Session:
             self.demo.add_raw(bytes(self._raw))
             self._raw.clear()
         if self._new:
-            self.demo.add([t for t, _ in self._new], [self._row(sample) for _, sample in self._new])
+            self.demo.add(self._new_recording())
         new, self._new = self._new, []
         for t, sample in new:
             assert sample.acc is not None
@@ -146,16 +151,13 @@ class Session:
         """Begin with the samples so far, unless it has begun, was discarded, or nothing can be decoded."""
         if self.demo is not None or self.discarded or not self.decodable:
             return
-        seen = [sample for _, sample in self._new]
-        given = {"gyr": any(s.gyr for s in seen), "acc": True, "mag": any(s.mag for s in seen)}
-        given["device"] = any(s.rpy for s in seen)
-        self._channels = tuple(name for name, present in given.items() if present)
+        channels = self._new_recording().channels
         options = self.options
         info = RecordingInfo(sensor=options.sensor, created=options.created, clock=self._clock_name)
         if options.force:
             self.backup = set_aside(options.folder)
         try:
-            self.demo = RecordingWriter(options.folder, info, self._channels, options.closed)
+            self.demo = RecordingWriter(options.folder, info, channels, options.closed)
         except PbdError:
             self._put_back()
             raise
@@ -258,8 +260,6 @@ class Session:
     def _clock_name(self) -> str:
         return DEVICE_CLOCK if self._clock.is_device else HOST_CLOCK
 
-    def _row(self, sample: Sample) -> list[float]:
-        device = None if sample.rpy is None else compass_angles(np.array([sample.rpy]))[0]
-        of = {"gyr": sample.gyr, "acc": sample.acc, "mag": sample.mag, "device": device}
-        given = (of[name] for name in self._channels)
-        return [float(x) for each in given for x in (MISSING if each is None else each)]
+    def _new_recording(self) -> Recording:
+        t, samples = zip(*self._new, strict=True)
+        return recording_from_samples(np.array(t), samples)

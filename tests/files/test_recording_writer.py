@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pbd.data import GripEvent, RecordingInfo
+from pbd.data import GripEvent, Recording, RecordingInfo
 from pbd.errors import RecordingError
 from pbd.files.demo import read_demo, refuse_demo_folder
 from pbd.files.recording_writer import RecordingWriter
@@ -20,16 +21,21 @@ def begun(folder: Path) -> RecordingWriter:
     return RecordingWriter(folder, info, ("gyr", "acc", "mag"), closed=True)
 
 
-ROW = (0.1, 0.2, 0.3, 0.0, 0.0, 9.81, 20.0, 0.0, -40.0)
+ACC, GYR, MAG = (0.0, 0.0, 9.81), (0.1, 0.2, 0.3), (20.0, 0.0, -40.0)
+
+
+def samples(*t: float) -> Recording:
+    acc, gyr, mag = (np.tile(each, (len(t), 1)) for each in (ACC, GYR, MAG))
+    return Recording(np.array(t), acc, gyr, mag)
 
 
 def test_it_is_readable_after_every_row(tmp_path: Path) -> None:
     demo = begun(tmp_path / "tea")
     for k in range(1, 5):
-        demo.add([0.01 * k], [ROW])
+        demo.add(samples(0.01 * k))
         recording = read_demo(tmp_path / "tea").recording
         assert len(recording) == k
-        assert recording.acc[-1] == pytest.approx(ROW[3:6])
+        assert recording.acc[-1] == pytest.approx(ACC)
         assert recording.info.sensor == "witmotion"
     demo.mark(GripEvent(0.02, True))
     assert read_demo(tmp_path / "tea").recording.grip == (GripEvent(0.02, True),)
@@ -42,7 +48,8 @@ def test_it_is_readable_after_every_row(tmp_path: Path) -> None:
 
 def test_a_missing_sample_is_nan(tmp_path: Path) -> None:
     demo = begun(tmp_path / "tea")
-    demo.add([0.0, 0.01], [ROW, (*ROW[:6], np.nan, np.nan, np.nan)])
+    demo.add(samples(0.0))
+    demo.add(replace(samples(0.01), mag=None))
     demo.close()
     mag = read_demo(tmp_path / "tea").recording.mag
     assert mag is not None
@@ -52,11 +59,11 @@ def test_a_missing_sample_is_nan(tmp_path: Path) -> None:
 
 def test_better_times_replace_the_first_ones(tmp_path: Path) -> None:
     demo = begun(tmp_path / "tea")
-    demo.add([0.0, 0.013, 0.018], [ROW, ROW, ROW])
+    demo.add(samples(0.0, 0.013, 0.018))
     demo.finish(100.0, "host", t=np.array([0.0, 0.01, 0.02]))
     recording = read_demo(tmp_path / "tea").recording
     assert recording.t == pytest.approx([0.0, 0.01, 0.02])
-    assert recording.acc[2] == pytest.approx(ROW[3:6])
+    assert recording.acc[2] == pytest.approx(ACC)
 
 
 def test_only_a_demonstration_is_replaced_and_only_by_force(tmp_path: Path) -> None:
@@ -79,7 +86,7 @@ def test_a_demonstration_is_not_replaced_while_it_is_recorded(tmp_path: Path) ->
 
 def test_a_full_disk_leaves_the_written_rows_intact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     demo = begun(tmp_path / "tea")
-    demo.add([0.0], [ROW])
+    demo.add(samples(0.0))
 
     room = [20]
 
@@ -91,7 +98,7 @@ def test_a_full_disk_leaves_the_written_rows_intact(tmp_path: Path, monkeypatch:
     write = os.write
     monkeypatch.setattr(os, "write", half)
     with pytest.raises(RecordingError, match=r"No space left on device\); its 1 samples so far are intact"):
-        demo.add([0.01], [ROW])
+        demo.add(samples(0.01))
     monkeypatch.undo()
     demo.close()
     assert len(read_demo(tmp_path / "tea").recording) == 1
@@ -100,15 +107,15 @@ def test_a_full_disk_leaves_the_written_rows_intact(tmp_path: Path, monkeypatch:
 def test_a_deleted_folder_ends_the_recording_at_once(tmp_path: Path) -> None:
     """Not at its end, when minutes of it are lost."""
     demo = begun(tmp_path / "tea")
-    demo.add([0.0], [ROW])
+    demo.add(samples(0.0))
     shutil.rmtree(tmp_path / "tea")
     with pytest.raises(RecordingError, match="tea was renamed or deleted meanwhile; record again"):
-        demo.add([0.01], [ROW])
+        demo.add(samples(0.01))
     demo.close()
 
 
 def test_a_discarded_demonstration_is_removed(tmp_path: Path) -> None:
     demo = begun(tmp_path / "tea")
-    demo.add([0.0], [ROW])
+    demo.add(samples(0.0))
     demo.discard()
     assert not (tmp_path / "tea").exists()
