@@ -132,27 +132,18 @@ class SensorModel:
             )
 
 
-def _triad(
-    unit: float,
-    *,
-    noise: float,
-    bias: float,
-    walk: float,
-    scale: float,
-    lean_deg: float,
-    limit: float,
-    step: float = 0.0,
-) -> Triad:
+def _triad(unit: float, *, scale: float, lean_deg: float, **in_unit: float) -> Triad:
     """Make a triad from figures in `unit` (in m/s2 or rad/s) and degrees. All figures of walk and lean are assumed."""
-    return Triad(noise * unit, bias * unit, walk * unit, scale, lean_deg * DEG, limit * unit, step * unit)
+    figures = {name: value * unit for name, value in in_unit.items()}
+    return Triad(scale=scale, misalignment=lean_deg * DEG, **figures)
 
 
 _OS5000 = SensorModel(
     "os5000",
     rate_hz=40.0,
-    acc=_triad(MG, noise=0.4, bias=5.0, walk=0.01, scale=3e-3, lean_deg=0.1, limit=4000.0, step=1.0),
+    acc=_triad(MG, noise=0.4, bias=5.0, bias_walk=0.01, scale=3e-3, lean_deg=0.1, limit=4000.0, step=1.0),
     # assumed: scale as the accelerometer's, 16 bits
-    gyr=_triad(DEG, noise=0.03, bias=0.3, walk=5e-4, scale=3e-3, lean_deg=0.1, limit=500.0, step=500.0 / 32768),
+    gyr=_triad(DEG, noise=0.03, bias=0.3, bias_walk=5e-4, scale=3e-3, lean_deg=0.1, limit=500.0, step=500.0 / 32768),
     mag=Triad(noise=0.3 / sqrt(40.0), step=0.1),  # assumed: 1 milligauss
     attitude=AttitudeOutput(time_constant_s=0.3, step=0.1 * DEG),
 )
@@ -160,9 +151,9 @@ _OS5000 = SensorModel(
 _WT901 = SensorModel(
     "wt901",
     rate_hz=100.0,
-    acc=_triad(MG, noise=0.2, bias=20.0, walk=0.01, scale=1e-2, lean_deg=0.2, limit=16000.0, step=16000.0 / 32768),
+    acc=_triad(MG, noise=0.2, bias=20.0, bias_walk=0.01, scale=1e-2, lean_deg=0.2, limit=16000.0, step=16000.0 / 32768),
     # assumed: scale as the accelerometer's
-    gyr=_triad(DEG, noise=0.02, bias=0.2, walk=5e-4, scale=1e-2, lean_deg=0.2, limit=2000.0, step=2000.0 / 32768),
+    gyr=_triad(DEG, noise=0.02, bias=0.2, bias_walk=5e-4, scale=1e-2, lean_deg=0.2, limit=2000.0, step=2000.0 / 32768),
     mag=Triad(noise=0.2 / sqrt(100.0), step=0.15),  # assumed: that of an AK8963
     attitude=AttitudeOutput(time_constant_s=0.05, noise=0.1 * DEG, step=180.0 / 32768 * DEG),  # assumed except step
 )
@@ -170,9 +161,9 @@ _WT901 = SensorModel(
 _MODERN = SensorModel(
     "modern",
     rate_hz=100.0,
-    acc=_triad(MG, noise=0.06, bias=2.0, walk=2e-3, scale=1e-3, lean_deg=0.05, limit=16000.0),
+    acc=_triad(MG, noise=0.06, bias=2.0, bias_walk=2e-3, scale=1e-3, lean_deg=0.05, limit=16000.0),
     # assumed: scale as the accelerometer's, limit
-    gyr=_triad(DEG, noise=0.005, bias=0.05, walk=1e-4, scale=1e-3, lean_deg=0.05, limit=2000.0),
+    gyr=_triad(DEG, noise=0.005, bias=0.05, bias_walk=1e-4, scale=1e-3, lean_deg=0.05, limit=2000.0),
     mag=Triad(noise=0.1 / sqrt(100.0)),
     attitude=AttitudeOutput(time_constant_s=0.02, noise=0.05 * DEG),  # assumed
 )
@@ -181,8 +172,8 @@ _PHONE = SensorModel(
     "phone",
     rate_hz=100.0,
     # assumed: range as most phones have it; scale of both between wt901 and modern; 16 bits
-    acc=_triad(MG, noise=0.18, bias=20.0, walk=0.01, scale=5e-3, lean_deg=0.2, limit=8000.0, step=8000.0 / 32768),
-    gyr=_triad(DEG, noise=0.01, bias=0.1, walk=5e-4, scale=5e-3, lean_deg=0.2, limit=2000.0, step=2000.0 / 32768),
+    acc=_triad(MG, noise=0.18, bias=20.0, bias_walk=0.01, scale=5e-3, lean_deg=0.2, limit=8000.0, step=8000.0 / 32768),
+    gyr=_triad(DEG, noise=0.01, bias=0.1, bias_walk=5e-4, scale=5e-3, lean_deg=0.2, limit=2000.0, step=2000.0 / 32768),
     mag=Triad(noise=0.3 / sqrt(100.0), step=0.15),  # assumed: that of an AK0991x
 )
 

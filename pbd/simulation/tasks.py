@@ -143,63 +143,53 @@ _FIRST_REST_S = _table_1(0, 86) - 0.5 / 40.0
 _ROLL_60 = (radians(60.0), 0.0, 0.0)
 _PAPER_END = (0.15, 0.15, 0.10)
 
+# The bottle is gripped in the first rest and never let go. The roll peaks at 640 deg/s. It saturates a gyro of
+# 500 deg/s for three samples, so a tracker has to find the five lost degrees in the rest that follows.
+_STOPS = Task(
+    "pick-and-place-stops",
+    (
+        Waypoint(rest_s=_FIRST_REST_S, grip=True),
+        Waypoint((0.00, 0.00, 0.10), move_s=_table_1(87, 94), rest_s=_table_1(95, 114)),
+        Waypoint((0.15, 0.00, 0.10), move_s=_table_1(115, 126), rest_s=_table_1(127, 140)),
+        Waypoint(_PAPER_END, move_s=_table_1(141, 155), rest_s=_table_1(156, 185)),
+        Waypoint(_PAPER_END, _ROLL_60, move_s=_table_1(186, 192), rest_s=_table_1(193, 250)),
+    ),
+    "The paper's Test 1, timed by its Table I: 0.10 m up, 0.15 m along x, 0.15 m along y, roll 60 degrees to pour",
+    grasped=BOTTLE,
+)
 
-def _pick_and_place_stops() -> Task:
-    """Make the paper's Test 1. The bottle is gripped in the first rest and never let go.
+_DIRECT = Task(
+    "pick-and-place-direct",
+    (
+        Waypoint(rest_s=_FIRST_REST_S, grip=True),
+        Waypoint(_PAPER_END, _ROLL_60, move_s=0.8, rest_s=_table_1(193, 250)),
+    ),
+    "The paper's Test 2: from the first rest straight to the pouring pose of Test 1 in one move of 0.8 s",
+    grasped=BOTTLE,
+)
 
-    The roll peaks at 640 deg/s. It saturates a gyro of 500 deg/s for three samples, so a tracker has to find the five
-    lost degrees in the rest that follows.
-    """
-    return Task(
-        "pick-and-place-stops",
-        (
-            Waypoint(rest_s=_FIRST_REST_S, grip=True),
-            Waypoint((0.00, 0.00, 0.10), move_s=_table_1(87, 94), rest_s=_table_1(95, 114)),
-            Waypoint((0.15, 0.00, 0.10), move_s=_table_1(115, 126), rest_s=_table_1(127, 140)),
-            Waypoint(_PAPER_END, move_s=_table_1(141, 155), rest_s=_table_1(156, 185)),
-            Waypoint(_PAPER_END, _ROLL_60, move_s=_table_1(186, 192), rest_s=_table_1(193, 250)),
-        ),
-        "The paper's Test 1, timed by its Table I: 0.10 m up, 0.15 m along x, 0.15 m along y, roll 60 degrees to pour",
-        grasped=BOTTLE,
-    )
+# Axes are the sensor's at the dock, x ahead and y left; the roll tips the bottle left.
+_DOCK, _ABOVE, _AT_BOTTLE = (0.0, 0.0, 0.0), (0.12, 0.05, 0.06), (0.12, 0.05, -0.10)
+_LIFTED, _AT_CUP, _TIP = (0.12, 0.05, 0.10), (0.12, 0.30, 0.10), radians(80.0)
+_POUR = Task(
+    "pour",
+    (
+        Waypoint(_DOCK, rest_s=2.5),
+        Waypoint(_ABOVE, move_s=1.0, rest_s=0.7),
+        Waypoint(_AT_BOTTLE, move_s=0.9, rest_s=1.2, grip=True),
+        Waypoint(_LIFTED, move_s=1.0, rest_s=0.7),
+        Waypoint(_AT_CUP, move_s=1.3, rest_s=0.7),
+        Waypoint(_AT_CUP, (_TIP, 0.0, 0.0), move_s=1.3, rest_s=1.2),
+        Waypoint(_AT_CUP, (-_TIP, 0.0, 0.0), move_s=1.2, rest_s=0.7),
+        Waypoint(_LIFTED, move_s=1.3, rest_s=0.7),
+        Waypoint(_AT_BOTTLE, move_s=1.1, rest_s=1.2, grip=False),
+        Waypoint(_ABOVE, move_s=0.9, rest_s=0.7),
+        Waypoint(_DOCK, move_s=1.0, rest_s=1.5),
+    ),
+    "Fetch a bottle, pour by rolling the hand, put the bottle back and return to the dock",
+    start_rpy=(0.0, 0.0, 0.0),
+    grasped=BOTTLE,
+).rotated(HEADING)
 
-
-def _pick_and_place_direct() -> Task:
-    return Task(
-        "pick-and-place-direct",
-        (
-            Waypoint(rest_s=_FIRST_REST_S, grip=True),
-            Waypoint(_PAPER_END, _ROLL_60, move_s=0.8, rest_s=_table_1(193, 250)),
-        ),
-        "The paper's Test 2: from the first rest straight to the pouring pose of Test 1 in one move of 0.8 s",
-        grasped=BOTTLE,
-    )
-
-
-def _pour() -> Task:
-    """Make the pouring task. Axes are the sensor's at the dock, x ahead and y left; the roll tips the bottle left."""
-    dock, above, at_bottle = (0.0, 0.0, 0.0), (0.12, 0.05, 0.06), (0.12, 0.05, -0.10)
-    lifted, at_cup, tip = (0.12, 0.05, 0.10), (0.12, 0.30, 0.10), radians(80.0)
-    return Task(
-        "pour",
-        (
-            Waypoint(dock, rest_s=2.5),
-            Waypoint(above, move_s=1.0, rest_s=0.7),
-            Waypoint(at_bottle, move_s=0.9, rest_s=1.2, grip=True),
-            Waypoint(lifted, move_s=1.0, rest_s=0.7),
-            Waypoint(at_cup, move_s=1.3, rest_s=0.7),
-            Waypoint(at_cup, (tip, 0.0, 0.0), move_s=1.3, rest_s=1.2),
-            Waypoint(at_cup, (-tip, 0.0, 0.0), move_s=1.2, rest_s=0.7),
-            Waypoint(lifted, move_s=1.3, rest_s=0.7),
-            Waypoint(at_bottle, move_s=1.1, rest_s=1.2, grip=False),
-            Waypoint(above, move_s=0.9, rest_s=0.7),
-            Waypoint(dock, move_s=1.0, rest_s=1.5),
-        ),
-        "Fetch a bottle, pour by rolling the hand, put the bottle back and return to the dock",
-        start_rpy=(0.0, 0.0, 0.0),
-        grasped=BOTTLE,
-    ).rotated(HEADING)
-
-
-TASKS: Mapping[str, Task] = {task.name: task for task in (_pick_and_place_stops(), _pick_and_place_direct(), _pour())}
+TASKS: Mapping[str, Task] = {task.name: task for task in (_STOPS, _DIRECT, _POUR)}
 """Name -> task."""
