@@ -17,8 +17,7 @@ import numpy as np
 
 from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.ik.cartesian import line
-from pbd.arm.ik.unreachable import out_of_reach
-from pbd.arm.ladder_building import Unreachable, add_turns, build_ladder, joints_to_unwind, widen
+from pbd.arm.ladder_building import add_turns, build_ladder, joints_to_unwind, widen
 from pbd.arm.ladder_checks import WIDE_COST
 from pbd.arm.ladder_graph import Barred, Ladder
 from pbd.arm.ladder_links import Link, MoveState, ends_key
@@ -35,6 +34,7 @@ from pbd.arm.refusal import (
     warn_of_closeness,
 )
 from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
+from pbd.errors import PlanError
 from pbd.pose import Array
 
 MEND_AFTER_STRAIGHT, MEND_AFTER_ONLY_STRAIGHT = 12, 36
@@ -49,11 +49,12 @@ def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene |
     Warns:
         PbdWarning: the retreat is left out, the arm makes a detour, or the motion only keeps the margin CLOSE_M.
     """
-    poses, wide_cost = request.T_base_tool, WIDE_COST if request.kind == STRAIGHT else 0.0
+    wide_cost = WIDE_COST if request.kind == STRAIGHT else 0.0
     mend_after = MEND_AFTER_STRAIGHT if request.detour else MEND_AFTER_ONLY_STRAIGHT
-    ladder = build_ladder(arm, poses, request.q_start, request.q_retreat, mend_after, wide_cost)
-    if isinstance(ladder, Unreachable):
-        return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
+    try:
+        ladder = build_ladder(arm, request.T_base_tool, request.q_start, request.q_retreat, mend_after, wide_cost)
+    except PlanError as error:
+        return Refusal(UNREACHABLE, error)
     search = _Search(arm, request, scene, ladder.copy())
     found = search.run()
     if scene is not None and isinstance(found, Refusal) and found.why == COLLISION:

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.collision.geometry import Body, body_distance, link_bodies
-from pbd.arm.model import ArmModel, from_se3, to_se3
+from pbd.arm.model import ArmModel, from_se3
 from pbd.data.world import THE_TOOL
 from pbd.pose import Array, Pose, quat_from_xyzw
 
@@ -41,14 +41,9 @@ def opening_direction(arm: ArmModel) -> Array | None:
 
     It is that of the finger which moves most at the tool's origin.
     """
-    closed, ajar = arm.full.createData(), arm.full.createData()
-    for data, opening in ((closed, 0.0), (ajar, AJAR)):
-        pin.forwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, opening)))
-    T_base_tool = closed.oMi[arm.tool_joint] * to_se3(arm.T_joint_tool)
+    closed, ajar = _joints_in_tool(arm, 0.0), _joints_in_tool(arm, AJAR)
     fingers = [] if arm.robot.gripper is None else map(arm.full.getJointId, arm.robot.gripper.joints)
-    moved = [
-        T_base_tool.actInv(ajar.oMi[each].act(closed.oMi[each].actInv(T_base_tool.translation))) for each in fingers
-    ]
+    moved = [(ajar[each] @ closed[each].inverse()).p for each in fingers]
     most = max(moved, key=lambda p: float(np.linalg.norm(p)), default=np.zeros(3))
     length = float(np.linalg.norm(most))
     return most / length if length > STILL_M else None
@@ -56,17 +51,22 @@ def opening_direction(arm: ArmModel) -> Array | None:
 
 def jaw_gap(arm: ArmModel, opening: float) -> float:
     """Return the distance, m, of the fingers from the tool's origin, which lies between them; 0 without fingers."""
-    data = arm.full.createData()
-    pin.forwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, opening)))
-    T_tool_base = (from_se3(data.oMi[arm.tool_joint]) @ arm.T_joint_tool).inverse()
-    joints = () if arm.robot.gripper is None else arm.robot.gripper.joints
-    fingers = {arm.full.getJointId(joint) for joint in joints}
+    joints = _joints_in_tool(arm, opening)
+    fingers = set() if arm.robot.gripper is None else {*map(arm.full.getJointId, arm.robot.gripper.joints)}
     gaps = (
-        body_distance(body, T_tool_base @ from_se3(data.oMi[body.joint]) @ body.T_joint_body, _POINT, Pose.identity())
+        body_distance(body, joints[body.joint] @ body.T_joint_body, _POINT, Pose.identity())
         for body in link_bodies(arm)
         if not fingers.isdisjoint(arm.full.supports[body.joint])
     )
     return max(0.0, min((distance for distance, _, _ in gaps), default=0.0))
+
+
+def _joints_in_tool(arm: ArmModel, opening: float) -> list[Pose]:
+    """Return the poses of all joints of `full` in the tool's frame, while the arm is at home."""
+    data = arm.full.createData()
+    pin.forwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, opening)))
+    T_tool_base = arm.T_joint_tool.inverse() @ from_se3(data.oMi[arm.tool_joint]).inverse()
+    return [T_tool_base @ from_se3(T_base_joint) for T_base_joint in data.oMi]
 
 
 def gripper_links(arm: ArmModel, bodies: Iterable[Body]) -> frozenset[str]:
@@ -83,17 +83,13 @@ def arm_bodies(arm: ArmModel) -> tuple[Body, ...]:
 
 def tool_rod(arm: ArmModel) -> Body | None:
     """Return the rod from the nearest point of the tool's links to the tool's origin; None if they reach that far."""
-    links = link_bodies(arm)
+    links, joints = link_bodies(arm), _joints_in_tool(arm, 0.0)
     gripper = gripper_links(arm, links)
-    data = arm.full.createData()
-    pin.forwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, 0.0)))
-    T_tool_joint = arm.T_joint_tool.inverse()
-    T_tool_base, start = T_tool_joint @ from_se3(data.oMi[arm.tool_joint]).inverse(), T_tool_joint.p
-    nearest = np.inf
+    nearest, start = np.inf, arm.T_joint_tool.inverse().p
     for link in links:
         if link.name not in gripper:
             continue
-        T_tool_body = T_tool_base @ from_se3(data.oMi[link.joint]) @ link.T_joint_body
+        T_tool_body = joints[link.joint] @ link.T_joint_body
         if body_distance(link, T_tool_body, _AHEAD, _FLIPPED)[0] < LEAST_GAP_M:
             return None
         distance, p_tool, _ = body_distance(link, T_tool_body, _POINT, Pose.identity())

@@ -15,6 +15,7 @@ import numpy as np
 from pbd.arm.ik.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_branches, polish, turn_toward
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import is_redundant
+from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.ladder_graph import Barred, Ladder, Layer, joint_travel
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
@@ -40,13 +41,6 @@ class States(NamedTuple):
     travel: Array
 
 
-class Unreachable(NamedTuple):
-    """The first keyframe that has no solution, and the seed (k,) of the search for one."""
-
-    keyframe: int
-    q_seed: Array
-
-
 def build_ladder(
     arm: ArmModel,
     T_base_tool: Sequence[Pose],
@@ -54,17 +48,20 @@ def build_ladder(
     q_end: Array | None,
     mend_after: int,
     wide_cost: float = 0.0,
-) -> Ladder | Unreachable:
+) -> Ladder:
     """Build the ladder of n poses: layer 0 is `q_start`, layer i + 1 pose i, the last one `q_end`; both (k,).
 
     `wide_cost`: see `Layer`; it does not apply to keyframe 0.
+
+    Raises:
+        PlanError: a pose can't be reached; see `out_of_reach`.
     """
     at = States(q_start[None], np.zeros(1), np.zeros(1))
     layers = [Layer(at.q, at.cost, mend_after)]
     for keyframe, pose in enumerate(T_base_tool):
         following = states_at(arm, pose, at, STARTS)
         if not len(following.q):
-            return Unreachable(keyframe, at.q[0])
+            raise out_of_reach(arm, keyframe, pose, at.q[0])
         at = following
         layers.append(Layer(at.q, at.cost, mend_after, wide_cost=wide_cost if keyframe > 0 else 0.0))
     if q_end is not None:

@@ -141,7 +141,7 @@ class LinkChecks:
     def cost(self, place: int, q_before: Array, q: Array) -> float:
         """Return the cost of a move to a layer beyond its straight travel, rad; infinite if it is not free."""
         link, move = self.at(place)
-        along, cost = self._free_move(link, move, q_before, q), 0.0
+        along, cost = self._free_move(place, q_before, q), 0.0
         if along is None:
             move.barred_pairs, cost = move.barred_pairs + 1, np.inf
         else:
@@ -151,10 +151,6 @@ class LinkChecks:
                 cost = joint_travel(np.vstack((q_before, along)), scale) - joint_travel(np.stack((q_before, q)), scale)
                 if len(link.free_moves) == ENOUGH_DETOURS:
                     self.ladder.set_unchecked_cost(place, OTHER_DETOUR_COST)
-        if move.tool_barred:  # no configuration of the arm can help
-            layer = self.ladder.layers[place]
-            layer.barred_moves = layer.mend_after
-            move.drop_path_remedies()
         return cost
 
     def is_straight(self, place: int) -> bool:
@@ -213,19 +209,21 @@ class LinkChecks:
                 known.append(found)
         return None if found is None else found[1:]
 
-    def _free_move(self, link: Link, move: MoveState, q_before: Array, q: Array) -> Array | None:
-        """Return the joints (m, k) along a move between two configurations, without the first; None if not free."""
+    def _free_move(self, place: int, q_before: Array, q: Array) -> Array | None:
+        """Return the joints (m, k) along a move to a layer, without the first; None if it is not free."""
+        link, move = self.at(place)
         i, scene = link.keyframe, self.scene
         if (scene is None and link.poses is None) or (i == 0 and not self.request.approach):
             return q[None]
         if scene is not None and move.detour:
             return self._detour_between(i, q_before, q)
         if link.poses is not None and not link.tool_free:
-            tool_hit = self.tool_hit(i, link.poses)
-            link.tool_free, move.tool_barred = tool_hit is None, tool_hit is not None
-            if tool_hit is not None:
+            if (tool_hit := self.tool_hit(i, link.poses)) is not None:  # no configuration of the arm can help
                 move.hits[move.kind] = tool_hit
+                move.drop_path_remedies()
+                self.ladder.layers[place].barred_moves = self.ladder.layers[place].mend_after
                 return None
+            link.tool_free = True
         along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
         if along is None or scene is None or scene.is_free(along, self.grasps[i]):
             return None if along is None else along[1:]

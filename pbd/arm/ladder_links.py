@@ -22,7 +22,6 @@ class MoveState:
         barred_pairs: number of barred pairs of configurations.
         wide_pairs: number of pairs of configurations between which the tool deviates widely.
         wide: the tool's deviation on the wide straight move that a path replaced.
-        tool_barred: the tool or its load touches something on the path, in every configuration of the arm.
         detour: nothing else was free, so a detour is searched for.
         detour_checks: number of collision checks of the searches for a detour.
         widened: more configurations were added at the keyframe.
@@ -35,7 +34,6 @@ class MoveState:
     barred_pairs: int = 0
     wide_pairs: int = 0
     wide: ToolDeviation | None = None
-    tool_barred: bool = False
     detour: bool = False
     detour_checks: int = 0
     widened: bool = False
@@ -53,7 +51,6 @@ class MoveState:
         """Drop the remedies that keep the tool on its present path, since it touches something there."""
         if "split" in self.remedies:
             self.remedies = [*self.remedies[: self.remedies.index("split")], *self._detours()]
-        self.tool_barred = False
 
     def _detours(self) -> list[str]:
         return self.remedies[self.remedies.index("detour") :] if "detour" in self.remedies else self.remedies[:0]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pbd.arm.ik.unreachable import out_of_reach
-from pbd.arm.ladder_building import Unreachable, build_ladder
+from pbd.arm.ladder_building import build_ladder
 from pbd.arm.ladder_graph import Barred
 from pbd.arm.model import ArmModel
 from pbd.arm.timing.time_moves import APPROACH_SPEED, Move, time_moves
@@ -37,7 +36,5 @@ def solve_path(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array) -> Ar
         PlanError: a keyframe can't be reached; see `out_of_reach` for its fields.
     """
     ladder = build_ladder(arm, T_base_tool, q_start, None, mend_after=1)
-    if isinstance(ladder, Unreachable):
-        raise out_of_reach(arm, ladder.keyframe, T_base_tool[ladder.keyframe], ladder.q_seed)
     path = ladder.shortest()
     return ladder.joints([] if isinstance(path, Barred) else path)[1:]
