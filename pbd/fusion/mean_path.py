@@ -67,40 +67,28 @@ def average_paths(paths: Sequence[TakePath], m: Array, A: Array, interval: float
         )
     dwell = np.nanmedian(edges[:, :, 1] - edges[:, :, 0], axis=0)
     move = np.nanmedian(edges[:, 1:, 0] - edges[:, :-1, 1], axis=0)
-    rest_rows = np.maximum(np.round(dwell / interval), 1.0).astype(int) + 1
-    move_rows = np.maximum(np.round(move / interval), 2.0).astype(int) - 1
-    count = int(rest_rows.sum() + move_rows.sum())
-    p, wxyz, t_first = np.empty((count, 3)), np.empty((count, 4)), np.full(count, np.nan)
-    v, stops, row = np.zeros((count, 3)), [], 0
+    rest_rows = (np.maximum(np.round(dwell / interval), 1.0).astype(int) + 1).tolist()
+    move_rows = (np.maximum(np.round(move / interval), 2.0).astype(int) - 1).tolist()
     weight = np.max([path.weight for path in paths], axis=0).tolist()
     keyframes = list(map(Pose, m, quat_from_matrix(A)))
-    for j, keyframe in enumerate(keyframes):
-        here = slice(row, row + int(rest_rows[j]))
-        p[here], wxyz[here] = keyframe.p, keyframe.wxyz
-        t_first[here] = np.linspace(edges[0, j, 0], edges[0, j, 1], int(rest_rows[j]))
-        stops.append(Stop(here.start, here.stop, float(rest_rows[j] - 1) * interval, weight[j]))
-        row = here.stop
+    parts, stops, row = [], list[Stop](), 0
+    for j, (keyframe, rows) in enumerate(zip(keyframes, rest_rows, strict=True)):
+        rest = np.linspace(edges[0, j, 0], edges[0, j, 1], rows)
+        parts.append((np.tile(keyframe.p, (rows, 1)), np.zeros((rows, 3)), np.tile(keyframe.wxyz, (rows, 1)), rest))
+        stops.append(Stop(row, row + rows, (rows - 1.0) * interval, weight[j]))
         if j + 1 == len(m):
             break
-        between = slice(row, row + int(move_rows[j]))
+        row += rows + move_rows[j]
         share = np.arange(move_rows[j] + 2) / (move_rows[j] + 1.0)
         having = [path for path in paths if np.isfinite(path.stops[j : j + 2]).all()]
-        mean_p, mean_wxyz = _mean_move(having, j, share, keyframe, keyframes[j + 1])
-        p[between], wxyz[between] = mean_p[1:-1], mean_wxyz[1:-1]
-        t_first[between] = (edges[0, j, 1] + share * (edges[0, j + 1, 0] - edges[0, j, 1]))[1:-1]
-        v[between] = np.gradient(mean_p, interval, axis=0)[1:-1]
-        row = between.stop
-    known = np.isfinite(t_first)
-    rows = np.arange(count)
-    return MeanPath(
-        np.asarray(interval * rows, dtype=np.float64),
-        p,
-        v,
-        np.asarray(np.gradient(v, interval, axis=0)),
-        wxyz,
-        tuple(stops),
-        np.interp(rows, rows[known], t_first[known]),
-    )
+        p, wxyz = _mean_move(having, j, share, keyframe, keyframes[j + 1])
+        t_first = edges[0, j, 1] + share * (edges[0, j + 1, 0] - edges[0, j, 1])
+        parts.append((p[1:-1], np.gradient(p, interval, axis=0)[1:-1], wxyz[1:-1], t_first[1:-1]))
+    p, v, wxyz, t_first = map(np.concatenate, zip(*parts, strict=True))
+    every, known = np.arange(float(len(p))), np.isfinite(t_first)
+    t_first = np.interp(every, every[known], t_first[known])
+    a: Array = np.asarray(np.gradient(v, interval, axis=0))
+    return MeanPath(interval * every, p, v, a, wxyz, tuple(stops), t_first)
 
 
 def _mean_move(paths: Sequence[TakePath], j: int, share: Array, start: Pose, end: Pose) -> tuple[Array, Array]:
