@@ -11,12 +11,12 @@ import numpy as np
 from pbd.data import Calibration, Demonstration, FusedTake, HandPath
 from pbd.errors import RecordingError, TrackingError, warn
 from pbd.fusion.grips import differing_grips
-from pbd.fusion.joint_estimate import LARGEST_LEVER_M, JointEstimate, Observations, TaskState, estimate_jointly
+from pbd.fusion.joint_estimate import LARGEST_LEVER_M, Observations, TaskState, estimate_jointly
 from pbd.fusion.known_stops import condition_on_known_stops
 from pbd.fusion.marginals import estimate_with_device, marginal_of
-from pbd.fusion.matching import MATCH_M, Alignment, align
-from pbd.fusion.moved_things import MovedKeyframes, another_thing, find_moved_keyframes
-from pbd.fusion.outliers import Outliers, disagreement, remove_outliers
+from pbd.fusion.matching import MATCH_M, align
+from pbd.fusion.moved_things import another_thing, find_moved_keyframes
+from pbd.fusion.outliers import disagreement, outlying_take, without_outlying_keyframes
 from pbd.fusion.result import Fused, hand_path
 from pbd.fusion.scatter import TRACKER_FREEDOM, common_scatter, keyframe_scatter
 from pbd.fusion.takes import Take, initial_estimate, matched_keyframes, refuse_other_tasks, tracked_take
@@ -70,14 +70,18 @@ def estimated(takes: Sequence[Take], calibration: Calibration | None = None) -> 
     refuse_other_tasks(takes, alignment)
     left_out = dict.fromkeys(alignment.strangers, "another task, or only a part of it")
     while True:
-        used, observations, joint, outliers = _without_outliers(takes, alignment, moved, calibration)
-        if outliers.take is None:
+        used = sorted(alignment.registered)
+        observations, x = initial_estimate(takes, used, alignment, moved)
+        observations = _with_known_stops(takes, used, observations, x, calibration)
+        joint = estimate_jointly(observations, x, common_scatter(len(x.m)))
+        if (out := outlying_take(observations, joint)) is None:
             break
-        left_out[used[outliers.take]] = "it is far from the other takes"
-        alignment = alignment.without(used[outliers.take])
+        left_out[used[out]] = "it is far from the other takes"
+        alignment = alignment.without(used[out])
         if 2 * len(alignment.registered) <= len(takes):
             names = ", ".join(takes[k].name for k in left_out)
             raise TrackingError(f"half of the takes don't agree with the others ({names}); record the task again")
+    joint, observations, outliers = without_outlying_keyframes(observations, joint)
     states, marginals = [], []
     for k, d in zip(used, observations.device, strict=True):
         states.append(estimate_with_device(takes[k].solution, joint.state.devices[d]))
@@ -90,7 +94,7 @@ def estimated(takes: Sequence[Take], calibration: Calibration | None = None) -> 
     scatter = estimate_jointly(observations, joint.state, keyframe_scatter(honest.scatter)).scatter
     joint = replace(honest, state=joint.state.in_case_axes(observations.device[0]))
     kept = alignment.kept()
-    return Fused(takes, used, left_out, kept, outliers.keyframes, observations, joint, scatter, states, moved)
+    return Fused(takes, used, left_out, kept, outliers, observations, joint, scatter, states, moved)
 
 
 def _with_known_stops(
@@ -107,18 +111,6 @@ def _with_known_stops(
         for k, marginal, Q, lever in zip(used, observations.marginals, x.Q, x.lever, strict=True)
     ]
     return replace(observations, marginals=tuple(marginals))
-
-
-def _without_outliers(
-    takes: Sequence[Take], alignment: Alignment, moved: MovedKeyframes | None, calibration: Calibration | None
-) -> tuple[list[int], Observations, JointEstimate, Outliers]:
-    """Return the takes that are used, and their observations and estimate without keyframes that don't fit."""
-    used = sorted(alignment.registered)
-    observations, x = initial_estimate(takes, used, alignment, moved)
-    observations = _with_known_stops(takes, used, observations, x, calibration)
-    joint = estimate_jointly(observations, x, common_scatter(len(x.m)))
-    joint, observations, outliers = remove_outliers(observations, joint)
-    return used, observations, joint, outliers
 
 
 def _shifted_sensors(takes: Sequence[FusedTake]) -> str:

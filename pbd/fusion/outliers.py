@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,27 +32,19 @@ FIXED_SPREAD = 1e-3
 """Prior sigma of the logarithm of a scatter that is held fixed."""
 
 
-class Outliers(NamedTuple):
-    """The take that is an outlier, or None; and keyframes that are outliers: (take, the task's keyframe)."""
-
-    take: int | None
-    keyframes: tuple[tuple[int, int], ...]
-
-
-def remove_outliers(observations: Observations, joint: JointEstimate) -> tuple[JointEstimate, Observations, Outliers]:
+def without_outlying_keyframes(
+    observations: Observations, joint: JointEstimate
+) -> tuple[JointEstimate, Observations, list[tuple[int, int]]]:
     """Remove the worst keyframe of a take and estimate again, as long as it is an outlier.
 
-    If a whole take is an outlier, only that is reported.
+    Return the last estimate, what it is from, and the outliers: (take, the task's keyframe).
     """
-    take = _outlying_take(observations, joint)
-    if take is not None:
-        return joint, observations, Outliers(take, ())
     out: list[tuple[int, int]] = []
     while (worst := _outlying_keyframe(observations, joint, LEAST_TAKES)) is not None:
         out.append(worst)
         observations = observations.subset(~_where(observations, *worst))
         joint = estimate_jointly(observations, joint.state, common_scatter(len(joint.state.m)))
-    return joint, observations, Outliers(None, tuple(out))
+    return joint, observations, out
 
 
 def disagreement(observations: Observations, joint: JointEstimate, names: Sequence[str]) -> str:
@@ -86,7 +77,7 @@ def _where(observations: Observations, take: int, keyframe: int) -> NDArray[np.b
     return np.asarray((observations.take == take) & (observations.at == keyframe))
 
 
-def _outlying_take(observations: Observations, joint: JointEstimate) -> int | None:
+def outlying_take(observations: Observations, joint: JointEstimate) -> int | None:
     """Return the take with the largest residuals if it is an outlier."""
     takes = observations.rows
     if len(takes) < LEAST_TAKES:

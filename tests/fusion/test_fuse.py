@@ -208,11 +208,7 @@ def test_takes_of_which_half_are_far_from_the_others_are_refused(
     takes: list[Demonstration], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each estimate finds another outlier."""
-
-    def with_an_outlier(_: Any, alignment: Alignment, *__: Any) -> Any:
-        return sorted(alignment.registered), None, None, SimpleNamespace(take=0)
-
-    monkeypatch.setattr("pbd.fusion.fuse._without_outliers", with_an_outlier)
+    monkeypatch.setattr("pbd.fusion.fuse.outlying_take", lambda *_: 0)
     with pytest.raises(TrackingError, match=r"half of the takes don't agree with the others \(take 1, take 2\);"):
         pbd.fuse(takes[:3])
 

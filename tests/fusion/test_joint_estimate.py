@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.special import chdtrc
 
-from pbd.fusion.joint_estimate import TaskState, _Columns, _residuals, _updated, estimate_jointly
+from pbd.fusion.joint_estimate import Observations, TaskState, _Columns, _residuals, _updated, estimate_jointly
 from pbd.fusion.marginals import DEVICE_ERRORS
-from pbd.fusion.outliers import disagreement, remove_outliers
+from pbd.fusion.outliers import disagreement, outlying_take, without_outlying_keyframes
 from pbd.fusion.scatter import common_scatter, keyframe_scatter
 from pbd.pose import Array, matrix_log
 from pbd.simulation.sensor_model import SENSOR_MODELS
 from tests.benchmarks.fuse import errors_of, one_device
-from tests.fusion.made import initial_state, observations, rotations, truth
+from tests.fusion.made import Truth, initial_state, observations, rotations, truth
 
 MM = 1e-3
 
@@ -109,6 +109,12 @@ def offsets(where: tuple[int, int], by: float, takes: int = 4) -> Array:
     return values
 
 
+def outliers(takes: Observations, true: Truth) -> tuple[int | None, tuple[tuple[int, int], ...]]:
+    """Return the take that is an outlier, and the keyframes that are."""
+    joint = estimate_jointly(takes, initial_state(true), common_scatter(6))
+    return outlying_take(takes, joint), tuple(without_outlying_keyframes(takes, joint)[2])
+
+
 @pytest.mark.parametrize(
     ("where", "by", "take", "keyframes"), [((2, 4), 0.03, None, ((2, 4),)), ((0, 0), 0.0, None, ())]
 )
@@ -117,8 +123,7 @@ def test_an_outlying_keyframe_of_a_take_is_left_out(
 ) -> None:
     true = truth(4)
     takes = observations(true, np.array(2.0 * MM), MM, off=offsets(where, by))
-    found = remove_outliers(takes, estimate_jointly(takes, initial_state(true), common_scatter(6)))[2]
-    assert (found.take, found.keyframes) == (take, keyframes)
+    assert outliers(takes, true) == (take, keyframes)
 
 
 @pytest.mark.parametrize(("by", "keyframes"), [(0.0, ()), (0.012, ()), (0.014, ((2, 4),))])
@@ -128,8 +133,7 @@ def test_the_scatter_that_three_takes_show_is_raised_before_one_is_tested(
     """With the scatter of the others as estimated, without its uncertainty, a sound keyframe would be an outlier."""
     true = truth(3, seed=3)
     takes = observations(true, np.array(2.0 * MM), 0.5 * MM, seed=3, off=offsets((2, 4), by, takes=3))
-    found = remove_outliers(takes, estimate_jointly(takes, initial_state(true), common_scatter(6)))[2]
-    assert found == (None, keyframes)
+    assert outliers(takes, true) == (None, keyframes)
 
 
 @pytest.mark.parametrize(("by", "left_out"), [(3.4, False), (3.55, True)])
@@ -139,7 +143,7 @@ def test_chance_reports_an_outlier_in_one_fusion_of_a_hundred(by: float, left_ou
     joint = estimate_jointly(takes, initial_state(truth(4)), common_scatter(6))
     chance = 24.0 * chdtrc(6, joint.chi_squares([6 * (2 * 6 + 4) + np.arange(6)])[0])
     assert 0.006 < chance < 0.016
-    assert bool(remove_outliers(takes, joint)[2].keyframes) == left_out == (chance < 0.01)
+    assert bool(outliers(takes, truth(4))[1]) == left_out == (chance < 0.01)
 
 
 @pytest.mark.parametrize("takes_shown", [3, 4])
@@ -147,7 +151,7 @@ def test_a_take_that_is_off_at_all_keyframes_is_an_outlier(takes_shown: int) -> 
     true, away = truth(takes_shown), np.random.default_rng(1).normal(scale=0.03, size=(takes_shown, 6, 3))
     away[[k for k in range(takes_shown) if k != 2]] = 0.0
     takes = observations(true, np.array(2.0 * MM), MM, off=away)
-    assert remove_outliers(takes, estimate_jointly(takes, initial_state(true), common_scatter(6)))[2].take == 2
+    assert outliers(takes, true)[0] == 2
 
 
 def test_a_take_is_an_outlier_even_if_a_lever_of_metres_would_explain_it() -> None:
@@ -155,14 +159,14 @@ def test_a_take_is_an_outlier_even_if_a_lever_of_metres_would_explain_it() -> No
     tilted = rotations(0.03 * np.random.default_rng(0).normal(size=(6, 3)))
     true = replace(true, A=tilted, lever=np.array(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 2.0))))
     takes = observations(true, np.array(2.0 * MM), MM)
-    assert remove_outliers(takes, estimate_jointly(takes, initial_state(true), common_scatter(6)))[2].take == 2
+    assert outliers(takes, true)[0] == 2
 
 
 def test_a_difference_of_two_takes_is_reported_without_leaving_one_out() -> None:
     true = truth(2)
     takes = observations(true, np.array(2.0 * MM), MM, off=offsets((1, 3), 0.05, takes=2))
-    joint, _, found = remove_outliers(takes, estimate_jointly(takes, initial_state(true), common_scatter(6)))
-    assert (found.take, found.keyframes) == (None, ())
+    assert outliers(takes, true) == (None, ())
+    joint = estimate_jointly(takes, initial_state(true), common_scatter(6))
     assert disagreement(takes, joint, ["tea1", "tea2"]).startswith("tea1 and tea2 differ at keyframe 3")
 
 
