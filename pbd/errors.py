@@ -68,6 +68,15 @@ class WrongTypeError(UsageError, TypeError):
     """An argument of a Python function has the wrong type, such as a robot's name instead of the robot."""
 
 
+@contextmanager
+def errors_about(name: str) -> Iterator[None]:
+    """Put a name, of one of several demonstrations, before the message of a PbdError that is raised inside."""
+    try:
+        yield
+    except PbdError as error:
+        raise type(error)(f"{name}: {error.message}", **error.fields) from None
+
+
 class PbdWarning(UserWarning):
     """Something was repaired or assumed. The result is valid, but the user should know."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -14,7 +15,7 @@ import numpy as np
 from pbd.cli.common import plan_demonstration, without_aside
 from pbd.cli.console import print_json, say, working
 from pbd.cli.plan_report import moves_json, plan_json, remarks
-from pbd.errors import PbdError, PlanError, UsageError, listed
+from pbd.errors import PbdError, PlanError, UsageError, errors_about, listed
 from pbd.files.exporters import FOLDERS, FORMATS, SUFFIXES, Export, check_format, check_suffix, export, export_dataset
 from pbd.files.exporters.lerobot import first_frame, refuse_dataset
 from pbd.files.robot import load_robot
@@ -56,12 +57,8 @@ def run(args: argparse.Namespace) -> None:
 
 def _plan(args: argparse.Namespace, name: str | None) -> Plan:
     args.demo = name
-    try:
+    with errors_about(name) if name and len(args.demos) > 1 else nullcontext():
         plan = plan_demonstration(args)
-    except PbdError as reason:
-        if len(args.demos) < 2:
-            raise
-        raise type(reason)(f"{name}: {reason.message}", **reason.fields) from None
     if plan.touching is not None:
         touches = plan.touching.error
         what = f"{touches.message}; no such motion is exported: --allow-collision is for pbd replay, which shows it"

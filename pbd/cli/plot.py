@@ -16,7 +16,7 @@ from pbd.cli.common import (
 )
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
-from pbd.errors import PbdError, TrackingError, UsageError, collected_warnings, warn
+from pbd.errors import TrackingError, UsageError, collected_warnings, errors_about, warn
 from pbd.io.atomic import refuse_folder
 
 LONGEST_NAME = 60
@@ -60,10 +60,8 @@ def _compare(args: argparse.Namespace) -> None:
     tracked = []
     for title, demo in zip(titles, loaded, strict=True):
         say(f"tracking '{title}'")
-        try:
+        with errors_about(title):
             tracked.append((title, *_tracked(args, demo, calibration)))
-        except PbdError as error:
-            raise type(error)(f"{title}: {error.message}", **error.fields) from None
     with working("comparing"):
         from pbd.plots.compare import compare, spread_rows, spread_table
         from pbd.plots.compare_figures import COMPARISONS

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.data import Calibration, Place, Stop
-from pbd.errors import PbdWarning, TrackingError
+from pbd.errors import PbdWarning, errors_about
 from pbd.fusion.marginals import Marginal, conditioned
 from pbd.fusion.takes import Take
 from pbd.pose import Array, Pose, quat_from_matrix, quat_multiply
@@ -39,20 +39,17 @@ def condition_on_known_stops(
     known = replace(known, places=tuple(place for place in known.places if place.p_base_tool is None))
     T_sensor_tool = Pose(mount.T_sensor_tool.p - lever, mount.T_sensor_tool.wxyz)
     wxyz = quat_multiply(take.path.wxyz_nav_sensor, quat_from_matrix(Q))
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), errors_about(take.name):
         # claims_of warns of a single contact with a table of unknown height. Here such a contact just says nothing.
         warnings.simplefilter("ignore", PbdWarning)
-        try:
-            mounted = replace(mount, T_sensor_tool=T_sensor_tool)
-            claims = claims_of(replace(take.path, wxyz_nav_sensor=wxyz), known, mounted)
-            if not claims:
-                return marginal
-            G, noise, misfit = measurement_of(claims, marginal.p, mount)
-            G = G.reshape(-1, len(misfit))
-            if refuse:
-                fits_of(take.path, claims, misfit, G.T @ marginal.cov_poses @ G + noise)
-        except TrackingError as error:
-            raise TrackingError(f"{take.name}: {error.message}", **error.fields) from None
+        mounted = replace(mount, T_sensor_tool=T_sensor_tool)
+        claims = claims_of(replace(take.path, wxyz_nav_sensor=wxyz), known, mounted)
+        if not claims:
+            return marginal
+        G, noise, misfit = measurement_of(claims, marginal.p, mount)
+        G = G.reshape(-1, len(misfit))
+        if refuse:
+            fits_of(take.path, claims, misfit, G.T @ marginal.cov_poses @ G + noise)
     return conditioned(marginal, G, noise, misfit)
 
 

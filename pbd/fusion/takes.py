@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
-from pbd.errors import PbdError, TrackingError, collected_warnings, warn
+from pbd.errors import TrackingError, collected_warnings, errors_about, warn
 from pbd.fusion.joint_estimate import Observations, TaskState
 from pbd.fusion.marginals import DEVICE_ERRORS, Marginal, marginal_of
 from pbd.fusion.matching import Alignment, Keyframes
@@ -50,11 +50,8 @@ class Take:
 def tracked_take(demo: Demonstration, calibration: Calibration | None, accept_gap: bool) -> Take:
     """Track a take alone; its name is put before warnings and errors."""
     name = demo.recording.info.name
-    with collected_warnings() as warnings:
-        try:
-            path, found = track_alone(demo, "default", calibration, accept_gap)
-        except PbdError as error:
-            raise type(error)(f"{name}: {error.message}", **error.fields) from None
+    with collected_warnings() as warnings, errors_about(name):
+        path, found = track_alone(demo, "default", calibration, accept_gap)
         keyframes = find_keyframes(path)
     for line in warnings:
         warn(f"{name}: {line}")
