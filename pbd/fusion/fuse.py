@@ -93,7 +93,7 @@ def estimated(takes: Sequence[Take], calibration: Calibration | None = None) -> 
     honest = estimate_jointly(observations, joint.state, replace(joint.scatter, tracker_freedom=TRACKER_FREEDOM))
     scatter = estimate_jointly(observations, joint.state, keyframe_scatter(honest.scatter)).scatter
     joint = replace(honest, state=joint.state.in_case_axes(observations.device[0]))
-    kept = alignment.kept()
+    _, kept = alignment.kept()
     return Fused(takes, used, left_out, kept, outliers, observations, joint, scatter, states, moved)
 
 

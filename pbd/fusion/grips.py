@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from itertools import accumulate
 
 from pbd.errors import listed
-from pbd.fusion.matching import Candidate
+from pbd.fusion.matching import Own
 from pbd.fusion.takes import Take
 
 DOES = {True: "closes", False: "opens", None: "does not move"}
 
 
-def fused_grips(keyframes: Sequence[Candidate], takes: Sequence[Take]) -> list[bool | None]:
+def fused_grips(keyframes: Sequence[Own], takes: Sequence[Take]) -> list[bool | None]:
     """Return what the grip does at each of the task's keyframes: True if it closes, False if it opens, else None.
 
     The takes are asked whether the grip is closed after a keyframe, not whether it moves there. So one grip, which
@@ -23,7 +23,7 @@ def fused_grips(keyframes: Sequence[Candidate], takes: Sequence[Take]) -> list[b
     before = [False] * len(takes)
     closed, does = False, list[bool | None]()
     for keyframe in keyframes:
-        after = {k: states[k][own] for k, own in keyframe.own.items()}
+        after = {k: states[k][own] for k, own in keyframe.items()}
         others = sum(state is not closed for state in after.values())
         moved = any(state is not closed and state is not before[k] for k, state in after.items())
         changes = 2 * others > len(after) or (2 * others == len(after) and moved)
@@ -39,17 +39,17 @@ def _states(take: Take) -> list[bool]:
     return [*accumulate(grips, lambda closed, grip: closed if grip is None else grip, initial=False)][1:]
 
 
-def differing_grips(keyframes: Sequence[Candidate], takes: Sequence[Take]) -> list[str]:
+def differing_grips(keyframes: Sequence[Own], takes: Sequence[Take]) -> list[str]:
     """Say at which keyframes the takes' grips differ, what the fused grip does, and whether it ends as theirs."""
     lines, does = [], fused_grips(keyframes, takes)
     for j, (keyframe, fused) in enumerate(zip(keyframes, does, strict=True)):
-        shown = {takes[k].name: takes[k].keyframes[own].grip for k, own in sorted(keyframe.own.items())}
+        shown = {takes[k].name: takes[k].keyframes[own].grip for k, own in sorted(keyframe.items())}
         if len(kinds := dict.fromkeys(shown.values())) > 1:
             each = (f"{DOES[kind]} in {listed(name for name, grip in shown.items() if grip is kind)}" for kind in kinds)
             what = f"at keyframe {j} the grip {' but '.join(each)}: fused, it {DOES[fused]}"
             lines.append(f"{what}; if that is wrong, edit it after pbd keyframes --save")
     closed = bool([False, *filter(lambda grip: grip is not None, does)][-1])
-    ends = [_states(takes[k])[-1] for k in set[int]().union(*(keyframe.own for keyframe in keyframes))]
+    ends = [_states(takes[k])[-1] for k in set[int]().union(*keyframes)]
     if 2 * ends.count(not closed) > len(ends):
         word, does_last = ("closed", "opens") if closed else ("open", "closes")
         what = f"the grip stays {word} at the end, but it {does_last} in most takes, at a stop that is left out"

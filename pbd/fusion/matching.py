@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -49,14 +49,15 @@ class Keyframes:
     grip: tuple[bool | None, ...]
     sigma: Array
 
-    @classmethod
-    def of_candidates(cls, candidates: Sequence[Candidate]) -> Keyframes:
-        """Return the task's keyframes, each as in the first take that has it."""
-        p, R, grip, sigma = zip(*((one.p, one.R, one.grip, one.sigma) for one in candidates), strict=True)
-        return cls(np.array(p), np.array(R), grip, np.array(sigma))
-
     def __len__(self) -> int:
         return len(self.p)
+
+    def __getitem__(self, index: list[int]) -> Keyframes:
+        return Keyframes(self.p[index], self.R[index], tuple(self.grip[i] for i in index), self.sigma[index])
+
+    def __add__(self, other: Keyframes) -> Keyframes:
+        p, R, sigma = (np.concatenate((getattr(self, x), getattr(other, x))) for x in ("p", "R", "sigma"))
+        return Keyframes(p, R, self.grip + other.grip, sigma)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,20 +86,8 @@ class Registration:
         return Registration(-self.yaw, -quat_to_matrix(quat_about_z(-self.yaw)) @ self.c, self.Q.T)
 
 
-@dataclass(eq=False)
-class Candidate:
-    """A keyframe that some takes have in common.
-
-    Attributes:
-        p, R, grip, sigma: as in the first take that has it, in the reference's nav.
-        own: take -> index of the keyframe in it, for each take that has it.
-    """
-
-    p: Array
-    R: Array
-    grip: bool | None
-    sigma: float
-    own: dict[int, int]
+Own = dict[int, int]
+"""Of a keyframe of a task: take -> index of the keyframe in it, for each take that has it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,25 +95,29 @@ class Alignment:
     """Takes of one task, matched.
 
     Attributes:
-        candidates: all keyframes in order, also those that few takes have.
+        keyframes: all in order, also those that few takes have, each as in the first take that has it, in the
+            reference's nav.
+        own: which keyframe of each take each of them is.
         registered: take -> map to the reference's frame.
         strangers: takes of another task.
     """
 
-    candidates: tuple[Candidate, ...]
+    keyframes: Keyframes
+    own: tuple[Own, ...]
     registered: dict[int, Registration]
     strangers: tuple[int, ...]
 
-    def kept(self) -> tuple[Candidate, ...]:
-        """Return the candidates that most takes have, and the first one, which is the dock."""
-        takes = len(self.registered)
-        return tuple(one for k, one in enumerate(self.candidates) if k == 0 or 2 * len(one.own) > takes)
+    def kept(self) -> tuple[Keyframes, tuple[Own, ...]]:
+        """Return the keyframes that most takes have, and the first one, which is the dock."""
+        kept = [k for k, own in enumerate(self.own) if k == 0 or 2 * len(own) > len(self.registered)]
+        return self.keyframes[kept], tuple(self.own[k] for k in kept)
 
     def without(self, take: int) -> Alignment:
         """Return the alignment without a take."""
         registered = {k: one for k, one in self.registered.items() if k != take}
-        left = (replace(one, own={k: i for k, i in one.own.items() if k != take}) for one in self.candidates)
-        return Alignment(tuple(one for one in left if one.own), registered, self.strangers)
+        own = [{k: i for k, i in each.items() if k != take} for each in self.own]
+        left = [k for k, each in enumerate(own) if each]
+        return Alignment(self.keyframes[left], tuple(own[k] for k in left), registered, self.strangers)
 
 
 def align(takes: Sequence[Keyframes]) -> Alignment:
@@ -142,13 +135,9 @@ def align(takes: Sequence[Keyframes]) -> Alignment:
 
 
 def _align_to(takes: Sequence[Keyframes], reference: int) -> Alignment:
-    ref = takes[reference]
+    ref = keyframes = takes[reference]
     registered = {reference: Registration(0.0, np.zeros(3), np.eye(3))}
-    candidates = [
-        Candidate(p, R, grip, sigma, {reference: i})
-        for i, (p, R, grip, sigma) in enumerate(zip(ref.p, ref.R, ref.grip, ref.sigma.tolist(), strict=True))
-    ]
-    strangers = []
+    own, strangers = [{reference: i} for i in range(len(ref))], []
     for k, take in enumerate(takes):
         if k == reference:
             continue
@@ -156,8 +145,8 @@ def _align_to(takes: Sequence[Keyframes], reference: int) -> Alignment:
             strangers.append(k)
         else:
             registered[k] = registration
-            _merge(candidates, k, registration.apply(take))
-    return Alignment(tuple(candidates), registered, tuple(strangers))
+            keyframes, own = _merged(keyframes, own, k, registration.apply(take))
+    return Alignment(keyframes, tuple(own), registered, tuple(strangers))
 
 
 def _try_register(ref: Keyframes, other: Keyframes) -> Registration | None:
@@ -174,18 +163,20 @@ def _try_register(ref: Keyframes, other: Keyframes) -> Registration | None:
     return found if len(pairs) >= least and _pose_costs(ref, found.apply(other))[0, 0] <= 2.0 * SKIP else None
 
 
-def _merge(candidates: list[Candidate], take: int, other: Keyframes) -> None:
-    """Add each keyframe of a registered take to its candidate, or insert it as a new candidate in its order."""
-    partner = {j: i for i, j in match_by_pose(Keyframes.of_candidates(candidates), other)}
-    merged, done = list[Candidate](), 0
+def _merged(keyframes: Keyframes, own: list[Own], take: int, other: Keyframes) -> tuple[Keyframes, list[Own]]:
+    """Add the keyframes of a registered take: to their partners, or as new ones in their order."""
+    partner = {j: i for i, j in match_by_pose(keyframes, other)}
+    index, merged, done = list[int](), list[Own](), 0  # index: those known first, then those of the take
     for j in range(len(other)):
         if j in partner:
-            merged += candidates[done : partner[j] + 1]
-            merged[-1].own[take] = j
+            index += range(done, partner[j] + 1)
+            merged += own[done : partner[j] + 1]
+            merged[-1] = merged[-1] | {take: j}
             done = partner[j] + 1
         else:
-            merged.append(Candidate(other.p[j], other.R[j], other.grip[j], float(other.sigma[j]), {take: j}))
-    candidates[:] = [*merged, *candidates[done:]]
+            index.append(len(keyframes) + j)
+            merged.append({take: j})
+    return (keyframes + other)[[*index, *range(done, len(own))]], [*merged, *own[done:]]
 
 
 def register(ref: Keyframes, other: Keyframes, pairs: Sequence[tuple[int, int]], in_hand: bool = True) -> Registration:

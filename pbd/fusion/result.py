@@ -27,7 +27,7 @@ from pbd.fusion.grips import fused_grips
 from pbd.fusion.joint_estimate import JointEstimate, Observations
 from pbd.fusion.known_stops import points_in_base
 from pbd.fusion.marginals import BIAS_PART
-from pbd.fusion.matching import Candidate
+from pbd.fusion.matching import Own
 from pbd.fusion.mean_path import MeanPath, TakePath, average_paths
 from pbd.fusion.moved_things import MovedKeyframes
 from pbd.fusion.scatter import Scatter
@@ -49,7 +49,7 @@ class Fused:
         takes: all takes.
         used: indices of the takes in the estimate. The first of them defines the frame.
         left_out: index of each other take -> why it is not used.
-        kept: the task's keyframes.
+        kept: the task's keyframes, as which of each take's.
         outliers: keyframes of takes that are not believed: (index in `used`, the task's keyframe).
         observations, joint: input and result of the joint estimate.
         scatter: the hand's scatter at each keyframe.
@@ -60,7 +60,7 @@ class Fused:
     takes: Sequence[Take]
     used: Sequence[int]
     left_out: Mapping[int, str]
-    kept: Sequence[Candidate]
+    kept: Sequence[Own]
     outliers: Sequence[tuple[int, int]]
     observations: Observations
     joint: JointEstimate
@@ -102,7 +102,7 @@ def _fusion(fused: Fused, mean: MeanPath) -> Fusion:
     x, observations, turn = fused.joint.state, fused.observations, quat_to_matrix(fused.T_nav_first.wxyz)
     summaries = []
     for k, take in enumerate(fused.takes):
-        own = tuple(one.own.get(k) for one in fused.kept)
+        own = tuple(own.get(k) for own in fused.kept)
         off, off_rad = np.full((len(own), 3), np.nan), np.full(len(own), np.nan)
         if k in fused.left_out:
             summaries.append(FusedTake(take.name, own, off, off_rad, left_out=fused.left_out[k]))

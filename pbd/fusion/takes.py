@@ -91,18 +91,18 @@ def initial_estimate(
     takes: Sequence[Take], used: Sequence[int], alignment: Alignment, moved: MovedKeyframes | None
 ) -> tuple[Observations, TaskState]:
     """Return the observations and the initial state, both in the nav of the first take that is used."""
-    kept = alignment.kept()
+    keyframes, kept = alignment.kept()
     device = _devices_of([takes[k].marginal for k in used], [takes[k].device for k in used])
-    observed = [(i, j, one.own[k]) for i, k in enumerate(used) for j, one in enumerate(kept) if k in one.own]
+    observed = [(i, j, own[k]) for i, k in enumerate(used) for j, own in enumerate(kept) if k in own]
     take, at, own = np.array(observed, dtype=np.intp).T
     frames, frame = [alignment.registered], np.zeros(len(kept), dtype=np.intp)
     if moved is not None:
         frames.append(alignment.registered | moved.back)
-        frame[[moved.first <= one.own.get(moved.reference, -1) <= moved.last for one in kept]] = 1
+        frame[[moved.first <= own.get(moved.reference, -1) <= moved.last for own in kept]] = 1
     observations = Observations(tuple(takes[k].marginal for k in used), take, at, own, device, frame)
     to_first = [registered[used[0]].inverse() for registered in frames]
     navs = [[one.after(registered[k]) for k in used] for one, registered in zip(to_first, frames, strict=True)]
-    task, j = [one.apply(Keyframes.of_candidates(kept)) for one in to_first], np.arange(len(kept))
+    task, j = [one.apply(keyframes) for one in to_first], np.arange(len(kept))
     return observations, TaskState(
         np.array([one.p for one in task])[frame, j],
         np.array([one.R for one in task])[frame, j],

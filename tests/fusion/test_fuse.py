@@ -20,7 +20,7 @@ from pbd.fusion.fused_calibration import _composed, device_errors
 from pbd.fusion.grips import differing_grips
 from pbd.fusion.known_stops import condition_on_known_stops
 from pbd.fusion.marginals import SHARED_PART, estimate_with_device, marginal_of
-from pbd.fusion.matching import Alignment, Registration
+from pbd.fusion.matching import Alignment, Keyframes, Registration
 from pbd.fusion.mean_path import TakePath, average_paths
 from pbd.fusion.tables import fusion_table
 from pbd.fusion.takes import _devices_of, refuse_other_tasks, tracked_take
@@ -192,9 +192,10 @@ def test_takes_that_can_not_be_fused_are_refused(takes: list[Demonstration]) -> 
 @pytest.mark.parametrize(("alike", "others", "refused"), [(1, 0, True), (2, 1, False), (2, 2, True), (3, 2, False)])
 def test_more_than_half_of_the_takes_are_of_one_task(alike: int, others: int, refused: bool) -> None:
     made: Any = [SimpleNamespace(name=f"take {k}", knots=(0,)) for k in range(alike + others + (alike < 2))]
+    none = Keyframes(np.empty((0, 3)), np.empty((0, 3, 3)), (), np.empty(0))
     same = dict.fromkeys(range(alike), Registration(0.0, np.zeros(3), np.eye(3)))
     with pytest.raises(TrackingError, match=r"take 0 .* are of different tasks") if refused else nullcontext():
-        refuse_other_tasks(made, Alignment((), same, tuple(range(alike, len(made)))))
+        refuse_other_tasks(made, Alignment(none, (), same, tuple(range(alike, len(made)))))
 
 
 def test_an_outlier_take_is_named_and_left_out(takes: list[Demonstration]) -> None:
@@ -226,10 +227,10 @@ def test_a_grip_that_moves_at_a_stop_that_is_left_out_is_said() -> None:
     """Each take lets go at a stop of its own, which no other has."""
     grips: Any = [SimpleNamespace(grip=grip) for grip in (None, True, None, False)]
     made: Any = [SimpleNamespace(name=f"take {k}", keyframes=grips) for k in range(3)]
-    kept: Any = [SimpleNamespace(own=dict.fromkeys(range(3), j)) for j in range(3)]
+    kept = [dict.fromkeys(range(3), j) for j in range(3)]
     (said,) = differing_grips(kept, made)
     assert said.startswith("the grip stays closed at the end, but it opens in most takes, at a stop that is left out;")
-    assert differing_grips([*kept, SimpleNamespace(own=dict.fromkeys(range(3), 3))], made) == []  # type: ignore[list-item]
+    assert differing_grips([*kept, dict.fromkeys(range(3), 3)], made) == []
 
 
 def test_stops_that_only_one_of_two_takes_has_are_reported(takes: list[Demonstration]) -> None:

@@ -50,14 +50,14 @@ def test_a_keyframe_of_most_takes_is_kept_even_if_the_first_lacks_it() -> None:
     task = keyframes()
     takes = [subset(task, [0, 1, 2, 4, 5, 6]), task, ELSEWHERE.apply(task), subset(task, [0, 1, 2, 3, 4, 6])]
     found = align(takes)
-    assert [sorted(one.own.items()) for one in found.kept()][3] == [(1, 3), (2, 3), (3, 3)]
-    assert len(found.kept()) == 7
+    assert [sorted(own.items()) for own in found.kept()[1]][3] == [(1, 3), (2, 3), (3, 3)]
+    assert len(found.kept()[1]) == 7
 
 
 def test_a_keyframe_of_few_takes_is_left_out() -> None:
     task = keyframes()
     found = align([task, subset(task, [0, 1, 2, 4, 5, 6]), subset(task, [0, 1, 2, 4, 5, 6])])
-    assert [one.own[0] for one in found.kept()] == [0, 1, 2, 4, 5, 6]
+    assert [own[0] for own in found.kept()[1]] == [0, 1, 2, 4, 5, 6]
 
 
 @pytest.mark.parametrize("seed", range(5))
