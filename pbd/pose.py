@@ -23,11 +23,10 @@ def readonly(values: ArrayLike) -> Array:
 
     A read-only float64 array that owns its data is returned without a copy.
     """
-    if isinstance(values, np.ndarray) and values.dtype == np.float64 and not values.flags.writeable:
-        own: Array = values
-        if own.base is None:
-            return own
-    copy = np.array(values, dtype=np.float64)
+    given = np.asarray(values)
+    if given is values and given.dtype == np.float64 and given.base is None and not given.flags.writeable:
+        return given
+    copy = np.array(given, dtype=np.float64)
     copy.setflags(write=False)
     return copy
 
@@ -35,8 +34,7 @@ def readonly(values: ArrayLike) -> Array:
 def lengths(vectors: ArrayLike) -> Array:
     """Norms of vectors, (..., k) -> (...). numpy's own norm takes several times as long for many short vectors."""
     vectors = np.asarray(vectors, dtype=np.float64)
-    norms: Array = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
-    return norms
+    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
 
 
 def skew(v: Array) -> Array:
@@ -71,8 +69,7 @@ def _complex_pair(wxyz: ArrayLike) -> tuple[NDArray[np.complex128], NDArray[np.c
 
 def quat_inverse(wxyz: ArrayLike) -> Array:
     """Inverse of unit quaternions (..., 4)."""
-    inverse: Array = np.asarray(wxyz, dtype=np.float64) * (1.0, -1.0, -1.0, -1.0)
-    return inverse
+    return np.asarray(np.asarray(wxyz, dtype=np.float64) * (1.0, -1.0, -1.0, -1.0))
 
 
 def quat_cumulative(wxyz: ArrayLike) -> Array:
@@ -119,8 +116,7 @@ def quat_log(wxyz: ArrayLike) -> Array:
     sine = lengths(q[..., 1:])[..., None]
     angle = 2.0 * np.arctan2(sine, q[..., :1])
     # angle / sine -> 2 as sine -> 0; below 1e-12 the quotient is 2 to the last bit
-    vector: Array = q[..., 1:] * np.where(sine < 1e-12, 2.0, angle / np.maximum(sine, 1e-12))
-    return vector
+    return np.asarray(q[..., 1:] * np.where(sine < 1e-12, 2.0, angle / np.maximum(sine, 1e-12)))
 
 
 def matrix_log(matrix: Array) -> Array:
@@ -130,16 +126,20 @@ def matrix_log(matrix: Array) -> Array:
         sine[..., i] = 0.5 * (matrix[..., j, k] - matrix[..., k, j])
     length = lengths(sine)
     angle = np.arctan2(length, 0.5 * (np.trace(matrix, axis1=-2, axis2=-1) - 1.0))
-    vector: Array = sine * (angle / np.maximum(length, 1e-99))[..., None]
-    return vector
+    return np.asarray(sine * (angle / np.maximum(length, 1e-99))[..., None])
 
 
 def quat_canonical(wxyz: ArrayLike) -> Array:
     """Return the same rotations with unit norm and w >= 0, as they are stored."""
     q: Array = np.asarray(wxyz, dtype=np.float64)
     sign: Array = np.where(q[..., 0] < 0.0, -1.0, 1.0)
-    canonical: Array = q * (sign / lengths(q))[..., None]
-    return canonical
+    return np.asarray(q * (sign / lengths(q))[..., None])
+
+
+def quat_continuous(q: Array) -> Array:
+    """Return the same rotations (n, 4), in either order, with the signs that bring each nearest to the one before."""
+    flips = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0
+    return np.asarray(q * np.cumprod(np.append(1.0, np.where(flips, -1.0, 1.0)))[:, None])
 
 
 def quat_slerp(start: ArrayLike, end: ArrayLike, fraction: ArrayLike) -> Array:

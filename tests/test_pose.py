@@ -16,6 +16,7 @@ from pbd.pose import (
     Pose,
     quat_about_z,
     quat_canonical,
+    quat_continuous,
     quat_exp,
     quat_from_matrix,
     quat_from_rpy,
@@ -117,6 +118,15 @@ def test_canonical(rotation: Rotation, norm: float, sign: float) -> None:
     assert quat[0] >= 0.0
     assert abs(np.linalg.norm(quat) - 1.0) < 1e-15
     assert apart(quat, rotation) < 1e-14
+
+
+@pytest.mark.parametrize("reorder", [np.asarray, quat_to_xyzw])
+def test_continuous_signs(reorder: Callable[[Array], Array]) -> None:
+    """Two turns about a slanted axis end where they began, after one change of sign."""
+    turning = np.linspace(0.0, 4.0 * np.pi, 60)[:, None] * (0.6, 0.0, 0.8)
+    stored = quat_canonical(quat_exp(turning))
+    assert (np.abs(np.diff(stored, axis=0)).max(axis=1) > 1.0).sum() == 2
+    assert_allclose(quat_continuous(reorder(stored)), reorder(quat_exp(turning)), atol=1e-14)
 
 
 @given(rotations)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.data import Calibration, HandPath, Keyframe
-from pbd.pose import Array, Pose, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
+from pbd.pose import Array, Pose, quat_continuous, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -94,7 +94,7 @@ def _smoothed_poses(
     from scipy.interpolate import make_interp_spline
 
     share = (t - t[0]) / (t[-1] - t[0])
-    wxyz = _continuous(wxyz)
+    wxyz = quat_continuous(wxyz)
     p = smoothed(share, p, within_m)(share)
     wxyz = smoothed(share, wxyz, 0.5 * within_rad)(share)  # a unit quaternion changes by half the angle
     wxyz /= np.linalg.norm(wxyz, axis=1, keepdims=True)
@@ -105,7 +105,7 @@ def _smoothed_poses(
     count = max(FEWEST_POSES, int(np.ceil(steps[-1])) + 1)
     at = np.interp(np.linspace(0.0, steps[-1], count), steps, share)
     order = min(3, len(share) - 1)
-    p, wxyz = (make_interp_spline(share, values, k=order)(at) for values in (p, _continuous(wxyz)))
+    p, wxyz = (make_interp_spline(share, values, k=order)(at) for values in (p, quat_continuous(wxyz)))
     return t[0] + at * (t[-1] - t[0]), p, wxyz
 
 
@@ -145,9 +145,3 @@ def smoothed(x: Array, values: Array, within: float) -> BSpline:
         else:
             high = middle
     return best
-
-
-def _continuous(wxyz: Array) -> Array:
-    """Return quaternions (n, 4) of the same rotations, with signs such that neighbours are close."""
-    sides = np.sign(np.einsum("ij,ij->i", wxyz[1:], wxyz[:-1]))
-    return np.asarray(wxyz * np.append(1.0, np.cumprod(np.where(sides == 0.0, 1.0, sides)))[:, None])

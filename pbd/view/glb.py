@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.pose import Array, quat_to_xyzw
+from pbd.pose import Array, quat_continuous, quat_to_xyzw
 from pbd.view.compact_mesh import Mesh
 from pbd.view.meshcat_encoding import PoseTrack, ScenePath, SetTracks, Visualizer, is_still, linear_light
 from pbd.view.replay_scene import ReplayScene
@@ -103,10 +103,9 @@ class _Window:
     def _animate(self, track: PoseTrack) -> None:
         """Give a node its first pose, and animate its position and rotation if they change."""
         i = self._node(track.path.entries)
-        turns = quat_to_xyzw(track.wxyz)
-        flips = np.cumprod(np.append(1.0, np.where((turns[1:] * turns[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)))
+        turns = quat_to_xyzw(quat_continuous(track.wxyz))
         self.nodes[i].pop("matrix", None)  # the standard allows a matrix or these two, and animates only these
-        for name, values in (("translation", track.p), ("rotation", flips[:, None] * turns)):
+        for name, values in (("translation", track.p), ("rotation", turns)):
             self.nodes[i][name] = values[0].tolist()
             if is_still(values):
                 continue

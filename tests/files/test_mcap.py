@@ -125,6 +125,13 @@ def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, dem
     hand_p = np.array([(m.pose.position.x, m.pose.position.y, m.pose.position.z) for _, m in topics["/hand/pose"]])
     assert_allclose(hand_p, hand.p_nav_sensor)
 
+    poses = {topic: [m.pose.orientation for _, m in topics[topic]] for topic in ("/hand/pose", "/keyframes")}
+    for each in (each for _, message in topics["/tf"] for each in message.transforms):
+        poses.setdefault(each.child_frame_id, []).append(each.transform.rotation)
+    for topic, turns in poses.items():
+        xyzw = np.array([(q.x, q.y, q.z, q.w) for q in turns])
+        assert ((xyzw[1:] * xyzw[:-1]).sum(axis=1) >= 0.0).all(), topic  # a plot of them doesn't jump
+
 
 def test_the_bag_begins_when_the_recording_does(tmp_path: Path) -> None:
     ns = 1777629600_750000000  # CREATED

@@ -19,7 +19,7 @@ from pbd.errors import require_package
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.files.exporters.ros2_json import DERIVATIVES, finger_message, goal_message, samples
 from pbd.io.toml import instant_of
-from pbd.pose import Array, Pose, quat_to_xyzw
+from pbd.pose import Array, Pose, quat_continuous, quat_to_xyzw
 
 __all__ = ["check", "read", "samples", "write"]
 
@@ -84,6 +84,7 @@ class _Bag:
         self.request, self.source, self.writer = request, request.source, writer
         self.store = _types()
         self.topics: dict[str, Any] = {}
+        self.turns: dict[str, Array] = {}
         demo = None if (tracking := self.source.hand.tracking) is None else tracking.demo
         self.start_ns = _start_ns(None if demo is None else demo.recording.info.created)
         # A fused path has the mean pace of its takes, at which no sensor recorded.
@@ -151,24 +152,26 @@ class _Bag:
             field = {"header": self.header(SENSOR, at), "magnetic_field": tesla, "magnetic_field_covariance": known}
             self.put("/magnetic_field", at, "sensor_msgs/msg/MagneticField", field)
 
-    def put_path(self, topic: str, frame: str, *poses: Array, each: str = "") -> None:
+    def put_path(self, topic: str, frame: str, t: Array, p: Array, wxyz: Array, each: str = "") -> None:
         """Write times (n,), positions (n, 3) and wxyz (n, 4) as one Path, and each pose to the topic `each`."""
         stamped = [
-            {"header": self.header(frame, float(at)), "pose": {"position": _xyz(p), "orientation": _xyzw(wxyz)}}
-            for at, p, wxyz in zip(*poses, strict=True)
+            {"header": self.header(frame, float(at)), "pose": {"position": _xyz(place), "orientation": _xyzw(turn)}}
+            for at, place, turn in zip(t, p, quat_continuous(wxyz), strict=True)
         ]
         self.put(topic, 0.0, "nav_msgs/msg/Path", {"header": self.header(frame, 0.0), "poses": stamped})
         if each:
-            for at, pose in zip(poses[0], stamped, strict=True):
+            for at, pose in zip(t, stamped, strict=True):
                 self.put(each, float(at), "geometry_msgs/msg/PoseStamped", pose)
 
     def put_transforms(self, topic: str, at: float, poses: Sequence[tuple[str, str, Pose]]) -> None:
-        """Write poses: parent, child, the child's pose in the parent."""
+        """Write poses: parent, child, the child's pose in the parent. Each child turns on from its last rotation."""
+        for _, child, pose in poses:
+            self.turns[child] = quat_continuous(np.array((self.turns.get(child, pose.wxyz), pose.wxyz)))[1]
         transforms = [
             {
                 "header": self.header(parent, at),
                 "child_frame_id": child,
-                "transform": {"translation": _xyz(pose.p), "rotation": _xyzw(pose.wxyz)},
+                "transform": {"translation": _xyz(pose.p), "rotation": _xyzw(self.turns[child])},
             }
             for parent, child, pose in poses
         ]

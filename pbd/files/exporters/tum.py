@@ -8,7 +8,7 @@ import numpy as np
 
 from pbd.data import Samples
 from pbd.files.exporters.export_request import ExportRequest
-from pbd.pose import quat_to_xyzw
+from pbd.pose import quat_continuous, quat_to_xyzw
 
 
 def samples(request: ExportRequest) -> Samples:
@@ -24,7 +24,6 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
         p, wxyz = request.source.hand.p_nav_sensor, request.source.hand.wxyz_nav_sensor
     else:
         p, wxyz = request.source.tool(points.q)
-    same_way = np.append(1.0, np.where((wxyz[1:] * wxyz[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))  # or the sign jumps
-    rows = np.column_stack((points.t, p, np.cumprod(same_way)[:, None] * quat_to_xyzw(wxyz))) + 0.0  # no -0.0
+    rows = np.column_stack((points.t, p, quat_to_xyzw(quat_continuous(wxyz)))) + 0.0  # no -0.0
     with path.open("w", encoding="utf-8") as file:
         file.writelines(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
