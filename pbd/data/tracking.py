@@ -98,9 +98,12 @@ class Recording:
 def batched_interval(t: Array) -> float:
     """Mean interval, s, of times (n,) of which several are equal, without gaps; 0: there are fewer than three times."""
     first = np.flatnonzero(np.diff(t) > 0.0) + 1  # of each batch; the very first batch may be cut off
-    rows, steps = np.diff(first), np.diff(t[first])
-    usual = steps < 1.5 * np.median(steps) if len(steps) else steps > 0.0
-    return float(steps[usual].sum() / rows[usual].sum()) if usual.any() else 0.0
+    if len(first) < 2:
+        return 0.0
+    rows, steps = np.diff(first, append=len(t)), np.diff(t[first])
+    largest = np.maximum(rows[:-1], rows[1:])  # of both batches: a time is that of a batch's first or of its last row
+    usual = steps < 1.5 * np.median(steps) * np.maximum(largest / np.median(rows), 1.0)
+    return float(steps[usual].sum() / rows[:-1][usual].sum()) if usual.any() else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -63,8 +64,12 @@ def _sample_times(
         what = f"the device's time runs backwards at {backwards} of {len(samples)} samples, so it is no time"
         raise RecordingError.at(path, f"{what}; of lines, call another column t, or none (then add --rate HZ)")
     if has_clock := bool((steps > 0.0).any()):
-        clock = SampleClock[Sample](float(np.median(steps[steps > 0.0])))
-        timed = [taken for sample in samples for taken in clock.take(sample, sample.t_device, 0.0)]
+        # Samples of one time, as of a batch, are believed or left out together. A packet that came twice counts once.
+        once = [sample for sample, before in zip(samples, [None, *samples], strict=False) if sample != before]
+        clock = SampleClock[list[Sample]](float(np.median(steps[steps > 0.0])))
+        batches = [(t, list(batch)) for t, batch in groupby(once, lambda sample: sample.t_device)]
+        taken = [each for t_device, batch in batches for each in clock.take(batch, t_device, 0.0)]
+        timed = [(t, sample) for t, batch in taken for sample in batch]
         samples = [sample for _, sample in timed]
     if stored is not None and len(stored) == len(samples):
         return samples, stored.t, stored.info.clock

@@ -19,6 +19,7 @@ from pbd.data.tracking import batched_interval
 from pbd.errors import RecordingError, warn
 from pbd.io.numbers import DAY_S
 from pbd.pose import Array
+from pbd.timestamps import straighten
 
 SLOWEST_HZ, FASTEST_HZ = 4.0, 4000.0
 """Lowest and highest rate of inertial sensors, Hz; another rate means a wrong unit of time. Their ratio is 1000, so
@@ -61,9 +62,9 @@ def with_clock(recording: Recording) -> Recording:
             f"the recording has {counted(len(recording), 'sample') or '0 samples'}; record at least a second of rest, "
             "then move"
         )
-    source, steps = recording.info.source, np.diff(recording.t[np.isfinite(recording.t)])
-    if 2 * (steps > 0.0).sum() > len(steps):  # another unit, before its steps are taken for jumps
-        _refuse_slow(float(np.median(steps[steps > 0.0])), source)
+    source, known = recording.info.source, recording.t[np.isfinite(recording.t)]
+    if len(known) > 1:  # another unit, before its steps are taken for jumps
+        _refuse_slow(float(np.median(np.diff(known))) or batched_interval(known), source)
     _refuse_disorder(recording.t)
     t = steady_clock(recording)
     recording = recording if t is recording.t else replace(recording, t=t)
@@ -228,7 +229,8 @@ def _evenly_spaced(t: Array, interval: float, reach: int, complete: bool) -> Arr
     from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
     place = np.arange(len(t), dtype=np.float64)
-    if not complete:
+    # Few samples tell the interval of coarse stamps badly, and then the minimum below rises where nothing is lost.
+    if not (complete or (reach == LATE_SAMPLES and straighten(t)[1] == 0)):
         # A stamp is late or rounded down, but never early. So the moving minimum of stamp minus even time follows the
         # most punctual stamps. It rises permanently where samples are lost.
         punctual = minimum_filter1d(t - interval * place, reach + 1, mode="nearest", origin=-(reach // 2))

@@ -152,6 +152,32 @@ def test_lost_samples_stay_lost_where_stamps_are_coarse(step_s: float, rate_hz: 
     assert (np.abs(off) > 0.6).mean() < 0.02
 
 
+@pytest.mark.parametrize(("rate_hz", "tick"), [(100.0, 0.016), (150.0, 0.01), (120.0, 0.016), (400.0, 0.01)])
+def test_stamps_rounded_to_the_nearest_tick_lose_nothing(rate_hz: float, tick: float) -> None:
+    """The interval was off by up to 25 %, and one to a thousand samples seemed to be lost."""
+    t = np.arange(int(20.0 * rate_hz)) / rate_hz
+    with pytest.warns(PbdWarning, match="evenly spaced times"):
+        even = steady_clock(Recording(tick * np.rint(t / tick), np.random.default_rng(0).normal(size=(len(t), 3))))
+    np.testing.assert_allclose(even, t, atol=0.6 * tick)
+
+
+def test_batches_of_very_different_sizes_lose_nothing() -> None:
+    """Each has the time of its last sample. The rate was 5 % too high, and a hundred samples seemed to be lost."""
+    rng = np.random.default_rng(0)
+    last = np.cumsum(rng.integers(10, 31, 100)) - 1
+    t = 0.01 * np.arange(last[-1] + 1)
+    batched = Recording(t[last[np.searchsorted(last, np.arange(len(t)))]], rng.normal(size=(len(t), 3)))
+    with pytest.warns(PbdWarning, match="come in batches"):
+        assert np.diff(steady_clock(batched)) == pytest.approx(0.01, rel=0.005)
+
+
+def test_batches_in_ms_are_told_by_their_unit() -> None:
+    """They were refused as jumps of the clock."""
+    t = 10.0 * (np.arange(500) // 25 * 25)
+    with pytest.raises(RecordingError, match="the time is likely in ms: import the file with --unit t=ms"):
+        with_clock(Recording(t, np.random.default_rng(0).normal(size=(500, 3))))
+
+
 @pytest.mark.parametrize("batch", [2, 6, 7, 10, 15, 20])
 def test_samples_stamped_in_batches_are_spread(batch: int) -> None:
     demo = simulate("pour", "modern", 1)
