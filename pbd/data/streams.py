@@ -64,3 +64,14 @@ def joined(streams: Mapping[str, Stream]) -> tuple[Array, dict[str, Array]]:
     clock = streams.get("gyr", streams["acc"])
     t = clock.t[np.isfinite(streams["acc"].at(clock.t)[:, 0])]
     return t, {name: stream.at(t) for name, stream in streams.items()}
+
+
+def batched_interval(t: Array) -> float:
+    """Mean interval, s, of times (n,) of which several are equal, without gaps; 0: there are fewer than three times."""
+    first = np.flatnonzero(np.diff(t) > 0.0) + 1  # of each batch; the very first batch may be cut off
+    if len(first) < 2:
+        return 0.0
+    rows, steps = np.diff(first, append=len(t)), np.diff(t[first])
+    largest = np.maximum(rows[:-1], rows[1:])  # of both batches: a time is that of a batch's first or of its last row
+    usual = steps < 1.5 * np.median(steps) * np.maximum(largest / np.median(rows), 1.0)
+    return float(steps[usual].sum() / rows[:-1][usual].sum()) if usual.any() else 0.0

@@ -17,6 +17,7 @@ from pbd.data.keyframe import Keyframe, TouchUp
 from pbd.data.one_line_repr import brief, counted, span
 from pbd.data.sensor_estimate import SensorEstimate
 from pbd.data.source_columns import IMU_CSV, SourceColumns
+from pbd.data.streams import batched_interval
 from pbd.data.world import GraspedObject
 from pbd.errors import require_kind
 from pbd.pose import Array
@@ -93,17 +94,6 @@ class Recording:
         """The measured rate, Hz: the inverse of the median step; if most times are equal, rows per time. 0: unknown."""
         step = float(np.median(np.diff(self.t))) or batched_interval(self.t)
         return 1.0 / step if step else 0.0
-
-
-def batched_interval(t: Array) -> float:
-    """Mean interval, s, of times (n,) of which several are equal, without gaps; 0: there are fewer than three times."""
-    first = np.flatnonzero(np.diff(t) > 0.0) + 1  # of each batch; the very first batch may be cut off
-    if len(first) < 2:
-        return 0.0
-    rows, steps = np.diff(first, append=len(t)), np.diff(t[first])
-    largest = np.maximum(rows[:-1], rows[1:])  # of both batches: a time is that of a batch's first or of its last row
-    usual = steps < 1.5 * np.median(steps) * np.maximum(largest / np.median(rows), 1.0)
-    return float(steps[usual].sum() / rows[:-1][usual].sum()) if usual.any() else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,6 +33,17 @@ def in_g(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "g" / "imu.csv"
 
 
+def test_printed_lines_that_share_a_time_are_all_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line of each batch was kept, without a word."""
+    monkeypatch.chdir(tmp_path)
+    recording = simulate("pour", "modern", 1).recording
+    assert recording.gyr is not None
+    rows = np.column_stack((0.25 * (np.arange(1000) // 25), recording.acc[:1000], recording.gyr[:1000]))
+    np.savetxt("log.txt", rows, "%.5f", ",")
+    assert main(["import", "log.txt", "tea", "--sensor", "lines", "--columns", "t,ax,ay,az,gx,gy,gz"]) == 0
+    assert len(read_demo(Path("demos/tea")).recording) == 1000
+
+
 def test_acceleration_in_g_is_told_at_once(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["import", str(in_g), "tea"]) == 1
     assert "the values are likely in g: import the file with --unit acc=g" in capsys.readouterr().err

@@ -82,6 +82,8 @@ def test_xsens_mt_manager(tmp_path: Path) -> None:
     assert CLASSES[recording.info.sensor.split()[0]] is CALIBRATED
     untimed = imported(tmp_path, re.sub(r"\t(SampleTimeFine|5000[12]00)", "", MT_MANAGER), rate_hz=100.0)
     assert untimed.info.source.program == "Xsens MT Manager"
+    by_remarks = imported(tmp_path, re.sub(r"\t(SampleTimeFine|5000[12]00)", "", MT_MANAGER))
+    np.testing.assert_array_equal(by_remarks.t, untimed.t)  # the remarks have the rate
 
 
 SHIMMER = """"sep=,"

@@ -349,3 +349,13 @@ def test_flipped_bytes_in_a_zip_never_give_other_numbers(tmp_path: Path) -> None
         except RecordingError:
             continue
         assert_allclose(got.acc, right.acc)  # the damaged byte is not read: a date, or another name
+
+
+def test_a_zip_of_a_demonstration_is_told(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "tea.zip", "w") as archive:
+        for name in ("imu.csv", "demo.toml"):
+            archive.writestr(f"tea/{name}", "")
+    with pytest.raises(
+        RecordingError, match=r"it is a demonstration already; unzip it into \./demos, and use it as it is"
+    ):
+        import_file(tmp_path / "tea.zip")

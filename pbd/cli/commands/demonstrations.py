@@ -92,8 +92,10 @@ def import_(parser: ArgumentParser) -> None:
     """
     option(parser, "file", "FILE", "the recording", type=Path)
     option(parser, "name", "NAME", "the new demonstration's name (in ./demos) or folder")
-    column = "t, gx, gy, gz, ax, ay, az, mx, my, mz, heading, pitch, roll or dt (time since the row before), and the "
-    column += "file's name for it; -NAME flips its sign"
+    column = (
+        "t, gx, gy, gz, ax, ay, az, mx, my, mz, heading, pitch, roll, dt (time since the row before) or grip (1 is "
+    )
+    column += "closed), and the file's name for it; -NAME flips its sign, or means that 1 is open"
     option(parser, "--column", "OURS=THEIRS", column, type=pair, action=AppendOnce, default=[])
     unit = "unit of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT flips the signs"
     option(parser, "--unit", "WHAT=UNIT", unit, type=pair, action=AppendOnce, default=[])

@@ -38,6 +38,8 @@ def files_in_zip(path: Path) -> Files:
     files: Files = {}
     for member in archive.infolist():
         place = PurePosixPath(member.filename)
+        if place.name == "demo.toml":
+            raise RecordingError.at(path, "it is a demonstration already; unzip it into ./demos, and use it as it is")
         if place.suffix.lower() != ".csv" or "__MACOSX" in place.parts:
             continue
         name = PHYPHOX_CLOCK if place.parts[-2:] == ("meta", "time.csv") else place.stem

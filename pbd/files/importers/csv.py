@@ -6,6 +6,7 @@ rest is not gravity.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +31,7 @@ from pbd.files.importers.clock_columns import (
     unwrapped,
 )
 from pbd.files.importers.columns import PROGRAMS, UNUSED, understand
+from pbd.files.importers.grip_column import read_grip
 from pbd.files.importers.header_names import is_counter, is_time, is_time_step, own_times_of, plain, time_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.importers.several_devices import refuse_alternating_devices, refuse_several_devices
@@ -62,6 +64,9 @@ def read_csv(
     text = foreign_text(path)
     sheet = printed_sheet(path, text) if is_printed(text) else open_sheet(path, foreign=True, text=text)
     del text  # as large as the file
+    of_remarks = re.search(r"(?im)^\W*update rate\s*:\s*([\d.]+)\s*hz", sheet.preamble)  # MT Manager's
+    if rate_hz is None and of_remarks and not any(map(is_time, sheet.header)) and not {"t", "dt"} & {*columns}:
+        rate_hz = float(of_remarks[1])
     if rate_hz is not None:
         check_rate(path, rate_hz, "the rate is")
         units = {"t": "s", **units}  # of times that are not read
@@ -71,7 +76,8 @@ def read_csv(
         replace(sheet, body=top).read(())  # refuses rows that are wider than the header before names are asked for
     refuse_several_devices(sheet)
     in_steps = "dt" in columns
-    columns = {"t" if ours == "dt" else ours: name for ours, name in columns.items()}
+    given = columns
+    columns = {"t" if ours == "dt" else ours: name for ours, name in columns.items() if ours != "grip"}
     found = understand(sheet, columns, units)
     if not found.of("t") and rate_hz is None and (dates := dated_column(sheet)):
         # A column of dates is recognised by its contents: it may have any name.
@@ -135,12 +141,16 @@ def read_csv(
         numbers = numbers_of_samples(counter[0], table.columns(*counter)[:, 0]) if counter else None
         if numbers is not None:
             understood = understood.with_unread(
-                {counter[0]: "--rate is used, and this shows which samples are missing"}
+                {counter[0]: "the rate is used, and this shows which samples are missing"}
             )
         if clock is None:
             t = (np.arange(len(table.values)) if numbers is None else numbers) / (rate_hz or 1.0)
         else:
             t = unwrapped(clock[:, 0], found, sheet)
+        grip_name, grip = read_grip(sheet, given, t - t[np.isfinite(t)][0])
+        if grip_name:
+            does = (f"{'closes' if event.closed else 'opens'} at {event.t:.1f} s" for event in grip)
+            understood = understood.with_unread({grip_name: f"read as the grip: {listed(does) or 'always open'}"})
         if clock is not None:
             refuse_backwards(sheet, found.of("t")[0].name, t)
             filled = ~np.isnan(table.values).all(axis=1)  # spreadsheets write rows of empty cells
@@ -158,6 +168,7 @@ def read_csv(
             gyr=channels.get("gyr"),
             mag=beside.at(t) if mag is None and beside is not None else mag,
             device_rpy=channels.get("rpy") if compass is None else device_rpy(compass),
+            grip=grip,
             info=RecordingInfo(sensor=sensor, rate_hz=rate_hz, source=understood),
         )
     return _without_repeats(path, recording) if timed else recording

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pbd.data import Recording
 from pbd.data.one_line_repr import counted
 from pbd.data.source_columns import DATES, NO_UNIT, SourceColumns
-from pbd.data.tracking import batched_interval
+from pbd.data.streams import batched_interval
 from pbd.errors import RecordingError, warn
 from pbd.io.numbers import DAY_S
 from pbd.pose import Array

@@ -155,7 +155,7 @@ def test_lost_samples_stay_lost_where_stamps_are_coarse(step_s: float, rate_hz: 
 @pytest.mark.parametrize(("rate_hz", "tick"), [(100.0, 0.016), (150.0, 0.01), (120.0, 0.016), (400.0, 0.01)])
 def test_stamps_rounded_to_the_nearest_tick_lose_nothing(rate_hz: float, tick: float) -> None:
     """The interval was off by up to 25 %, and one to a thousand samples seemed to be lost."""
-    t = np.arange(int(20.0 * rate_hz)) / rate_hz
+    t: Array = np.arange(int(20.0 * rate_hz)) / rate_hz
     with pytest.warns(PbdWarning, match="evenly spaced times"):
         even = steady_clock(Recording(tick * np.rint(t / tick), np.random.default_rng(0).normal(size=(len(t), 3))))
     np.testing.assert_allclose(even, t, atol=0.6 * tick)
@@ -173,7 +173,7 @@ def test_batches_of_very_different_sizes_lose_nothing() -> None:
 
 def test_batches_in_ms_are_told_by_their_unit() -> None:
     """They were refused as jumps of the clock."""
-    t = 10.0 * (np.arange(500) // 25 * 25)
+    t: Array = 10.0 * (np.arange(500) // 25 * 25)
     with pytest.raises(RecordingError, match="the time is likely in ms: import the file with --unit t=ms"):
         with_clock(Recording(t, np.random.default_rng(0).normal(size=(500, 3))))
 

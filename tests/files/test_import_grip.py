@@ -1,0 +1,64 @@
+"""The column of a table that says whether the grip is closed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.cli import main
+from pbd.errors import PbdWarning, RecordingError
+from pbd.files.demo import read_demo
+from pbd.files.importers import import_file
+from pbd.simulation.simulate import simulate
+
+EVENTS = [(2.0, True), (5.0, False)]
+
+
+def table(folder: Path, name: str, closed: str, opened: str) -> Path:
+    """Write ten seconds of a hand whose grip is closed from 2 to 5 s, with an empty cell in between."""
+    recording = simulate("pour", "modern", 1).recording
+    assert recording.gyr is not None
+    rows = [f"t,ax,ay,az,gx,gy,gz,{name}"]
+    for k in range(1000):
+        word = "" if k == 300 else closed if 200 <= k < 500 else opened
+        values = np.concatenate((recording.acc[k], recording.gyr[k]))
+        rows.append(",".join((f"{7.0 + 0.01 * k:.2f}", *map("{:.5f}".format, values), word)))
+    (folder / "run.csv").write_text("\n".join(rows) + "\n")
+    return folder / "run.csv"
+
+
+@pytest.mark.parametrize(
+    ("name", "closed", "opened", "given"),
+    [
+        ("gripper_closed", "1", "0", ""),
+        ("grip_open", "False", "True", ""),
+        ("Gripper", "closed", "open", ""),
+        ("button", "1.0", "0.0", "button"),
+        ("gripper", "0", "1", "-gripper"),
+    ],
+)
+def test_a_column_of_the_grip_becomes_its_events(
+    tmp_path: Path, name: str, closed: str, opened: str, given: str
+) -> None:
+    file = table(tmp_path, name, closed, opened)
+    recording = import_file(file, {"grip": given} if given else {}).recording
+    assert [(round(event.t, 6), event.closed) for event in recording.grip] == EVENTS
+    assert recording.info.source.unread[name] == "read as the grip: closes at 2.0 s, opens at 5.0 s"
+
+
+def test_a_gripper_of_which_1_may_be_open_or_closed_is_told(tmp_path: Path) -> None:
+    with pytest.warns(PbdWarning, match=r"import it with --column grip=gripper if 1 is closed, or with grip=- "):
+        assert import_file(table(tmp_path, "gripper", "1", "0")).recording.grip == ()
+
+
+def test_a_word_that_is_no_state_of_a_grip_is_refused_with_its_line(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"run\.csv:202: 'held' in column 'mark' is no state of a grip; give one"):
+        import_file(table(tmp_path, "mark", "held", "open"), {"grip": "mark"})
+
+
+def test_the_command_stores_the_grip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["import", str(table(tmp_path, "button", "true", "false")), "tea", "--column", "grip=button"]) == 0
+    assert [(event.t, event.closed) for event in read_demo(Path("demos/tea")).recording.grip] == EVENTS
