@@ -173,7 +173,7 @@ def test_batches_of_very_different_sizes_lose_nothing() -> None:
 
 def test_batches_in_ms_are_told_by_their_unit() -> None:
     """They were refused as jumps of the clock."""
-    t: Array = 10.0 * (np.arange(500) // 25 * 25)
+    t = np.asarray(10.0 * (np.arange(500) // 25 * 25), dtype=np.float64)
     with pytest.raises(RecordingError, match="the time is likely in ms: import the file with --unit t=ms"):
         with_clock(Recording(t, np.random.default_rng(0).normal(size=(500, 3))))
 
