@@ -108,6 +108,21 @@ def collected_warnings(tell: Callable[[str], object] = str) -> Iterator[list[str
         yield collected
 
 
+@contextmanager
+def noting(note: str) -> Iterator[None]:
+    """Add a note to each exception that passes, Ctrl-C too; the command line prints it after the message."""
+    try:
+        yield
+    except BaseException as error:
+        error.add_note(note)
+        raise
+
+
+def with_notes(message: str, error: BaseException) -> str:
+    """Return the message of an exception with its notes."""
+    return "; ".join([message, *getattr(error, "__notes__", ())])
+
+
 LONGEST_MESSAGE = 1000
 """Longest message, characters. A message may quote a file, whose words may be of any length."""
 

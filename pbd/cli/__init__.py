@@ -13,7 +13,7 @@ from importlib import import_module
 
 from pbd.cli.commands import parse, parser
 from pbd.cli.console import say
-from pbd.errors import PbdError, collected_warnings, in_words
+from pbd.errors import PbdError, collected_warnings, in_words, with_notes
 from pbd.io.atomic import DELETED, in_deleted_folder
 from pbd.view.terminal import discard_rest, standard_streams
 
@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 141
         except KeyboardInterrupt as stop:
             number = signal.Signals((stop.args or [signal.SIGINT])[0])
-            say(f"stopped by {'Ctrl-C' if number == signal.SIGINT else number.name}")
+            say(with_notes(f"stopped by {'Ctrl-C' if number == signal.SIGINT else number.name}", stop))
             return 128 + number
         except OSError as reason:
             message = _os_error_message(reason)
@@ -74,7 +74,7 @@ def _run(argv: Sequence[str] | None) -> int:
         with collected_warnings(said) as args.warnings:
             return int(import_module(args.module).run(args) or 0)
     except PbdError as error:
-        say(str(error))
+        say(with_notes(str(error), error))
         return error.exit_code
     except ImportError as error:
         package = (error.name or "pbd").partition(".")[0]

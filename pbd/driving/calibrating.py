@@ -24,7 +24,7 @@ from pbd.driving.servo_arm import (
     release,
     write_verified,
 )
-from pbd.errors import SensorError
+from pbd.errors import SensorError, noting
 from pbd.files.servo_calibration import COUNTS, LARGEST_OFFSET, ServoCalibration
 from pbd.pose import Array
 
@@ -87,24 +87,26 @@ class Calibrating:
 def calibrating(bus: Bus, ids: Mapping[str, int]) -> Iterator[Calibrating]:
     """Switch torque off and unlock the servos' permanent memory; lock it at the end.
 
-    An error inside restores the old ranges and homing offsets.
+    An error inside restores the old ranges and homing offsets. Notes on it say so, and that the arm is loose.
 
     Raises:
         SensorError: the servos do not answer, or are of another model; or their old values could not be restored.
     """
     before, locked = identify(bus, ids), dict.fromkeys(ids.values(), b"\x01")
     release(bus, tuple(ids.values()))
-    write_verified(bus, LOCK, dict.fromkeys(ids.values(), b"\x00"))
-    try:
-        yield Calibrating(bus, ids)
-    except BaseException:
+    with noting("the arm is loose"):
+        write_verified(bus, LOCK, dict.fromkeys(ids.values(), b"\x00"))
         try:
-            for address, length in ((RANGE, 4), (OFFSET, 2)):
-                old = (data[address - IDENTITY :][:length] for data in before)
-                write_verified(bus, address, dict(zip(ids.values(), old, strict=True)))
-            write_verified(bus, LOCK, locked)
-        except SensorError as error:
-            what = f"{error.message}; the servos did not all get their old calibration back: calibrate anew"
-            raise SensorError(what, **error.fields) from error
-        raise
-    write_verified(bus, LOCK, locked)
+            yield Calibrating(bus, ids)
+        except BaseException as stop:
+            try:
+                for address, length in ((RANGE, 4), (OFFSET, 2)):
+                    old = (data[address - IDENTITY :][:length] for data in before)
+                    write_verified(bus, address, dict(zip(ids.values(), old, strict=True)))
+                write_verified(bus, LOCK, locked)
+            except SensorError as error:
+                what = f"{error.message}; the servos did not all get their old calibration back: calibrate anew"
+                raise SensorError(what, **error.fields) from error
+            stop.add_note("the servos have their old calibration again")
+            raise
+        write_verified(bus, LOCK, locked)

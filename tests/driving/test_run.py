@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -170,8 +171,23 @@ def test_a_termination_is_no_answer(words: list[str]) -> None:
         terminal = Terminal("run", "--release", *words, "--port", real.device, cwd=Path.cwd())
         terminal.until("any other key cancels.")
         os.kill(terminal.process, signal.SIGTERM)
+        terminal.until("stopped by SIGTERM; the servos are as they were: stiff ones still hold")
         assert terminal.exit_code() == 143
         assert real.servos[1].registers[40]
+
+
+@pytest.mark.parametrize(("key", "says"), [("\x03", "stopped by Ctrl-C"), ("x", "cancelled: run it again when you are")])
+def test_a_calibration_that_a_person_stops_says_how_it_leaves_the_arm(words: list[str], key: str, says: str) -> None:
+    with Emulator(calibration_of("so101"), resting("so101"), Clock()) as real:
+        real.servos[1].registers[40] = 1
+        terminal = Terminal("run", "--calibrate", *words, "--port", real.device, cwd=Path.cwd())
+        terminal.until("any other key cancels.")
+        terminal.type("\n")
+        terminal.until("Enter when it stands there.")
+        terminal.type(key)
+        terminal.until(says)
+        assert "; the servos have their old calibration again; the arm is loose" in terminal.rest().replace("\r\n", "")
+        assert not real.servos[1].registers[40]
 
 
 def test_nobody_to_ask(words: list[str], capsys: Capture) -> None:
@@ -317,7 +333,8 @@ def test_a_person_calibrates(words: list[str]) -> None:
 @pytest.mark.parametrize(("key", "told"), [("\n", nullcontext()), ("x", pytest.raises(PbdError, match="cancelled: "))])
 def test_joints_are_followed_until_a_key_where_nothing_is_shown(key: str, told: Any) -> None:
     pressed, followed = iter(("", "", key)), list[int]()
-    keys: Any = SimpleNamespace(next=lambda: next(pressed), raise_signal=lambda: None, ENTER=Keys.ENTER)
+    keys: Any = SimpleNamespace(next=lambda: next(pressed), signal=0, ENTER=Keys.ENTER)
+    keys.require_enter = partial(Keys.require_enter, keys)
 
     def follow() -> tuple[Array, Array]:
         followed.append(1)

@@ -74,14 +74,14 @@ class Keys:
         print(question, file=sys.stderr, flush=True)
         while not (key := self.next()):
             time.sleep(POLL_S)
-        self.raise_signal()
-        if key not in self.ENTER:
-            raise PbdError("cancelled: nothing was changed, run it again when you are ready")
+        self.require_enter(key)
 
-    def raise_signal(self) -> None:
-        """Raise KeyboardInterrupt with the signal's number if a signal came."""
+    def require_enter(self, key: str) -> None:
+        """Raise PbdError for any key but Enter, KeyboardInterrupt with the signal's number if a signal came."""
         if self.signal:
             raise KeyboardInterrupt(self.signal)
+        if key not in self.ENTER:
+            raise PbdError("cancelled: run it again when you are ready")
 
     def _signal(self, number: int, _: object) -> None:
         self.signal = number

@@ -15,13 +15,13 @@ from pbd.cli.console import print_json, say
 from pbd.cli.options import DRIVEN
 from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import POLL_S, Keys
-from pbd.cli.run.drive import drive_arm
+from pbd.cli.run.drive import UNCHANGED, drive_arm
 from pbd.data import Robot
 from pbd.driving.bus import Bus
 from pbd.driving.calibrating import FULL_TURN_JOINT, Calibrating, calibrating
 from pbd.driving.encoders import Encoders, servo_names
 from pbd.driving.servo_arm import identify, release
-from pbd.errors import PbdError, SensorError, UsageError, listed
+from pbd.errors import SensorError, UsageError, listed, noting
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import COUNTS, own_servo_calibration, write_servo_calibration
 from pbd.io.atomic import is_folder, refuse_folder, refuse_output
@@ -70,7 +70,8 @@ def _calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
     device, ids = args.port or only_port("arm", ""), _ids(robot)
     with Keys() as keys, Bus.open(device) as bus:
         identify(bus, ids)
-        keys.ask(SINKS)
+        with noting(UNCHANGED):
+            keys.ask(SINKS)
         with calibrating(bus, ids) as session:
             keys.ask("Move every joint to the middle of its range, the gripper half open. Enter when it stands there.")
             session.set_middles()
@@ -100,7 +101,8 @@ def _release_servos(args: argparse.Namespace, robot: Robot) -> None:
             silent, ids = error, {name: id_ for name, id_ in ids.items() if id_ not in dumb}
             identify(bus, ids)
         if not args.yes:
-            keys.ask(SINKS)
+            with noting(UNCHANGED):
+                keys.ask(SINKS)
         release(bus, tuple(ids.values()))
     if silent:
         raise SensorError(f"{silent.message}; {listed(ids)} have let go")
@@ -130,9 +132,7 @@ def _show_ranges(keys: Keys, session: Calibrating, ids: dict[str, int]) -> None:
                 ends = list(zip(lowest.tolist(), highest.tolist(), strict=True))
                 shown.update(_ranges(ids, ends), refresh=True)
             time.sleep(POLL_S)
-    keys.raise_signal()
-    if key not in keys.ENTER:
-        raise PbdError("cancelled: the servos have their old calibration again, run it again when you are ready")
+    keys.require_enter(key)
 
 
 def _ranges(ids: dict[str, int], ends: list[tuple[int, int]]) -> Table:

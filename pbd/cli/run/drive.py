@@ -24,7 +24,7 @@ from pbd.driving.encoders import Encoders, servo_names
 from pbd.driving.motion_monitor import MotionMonitor, check_health
 from pbd.driving.servo_arm import ServoArm, State
 from pbd.driving.stream import Clock, StreamResult, planned_start, sample_goals, stream
-from pbd.errors import SensorError
+from pbd.errors import SensorError, noting
 from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration
 from pbd.pose import Array
 from pbd.view.terminal_tables import make_table, print_table
@@ -34,6 +34,11 @@ MOVED_DEG = 2.0
 
 TIMED_ANSWERS = 10
 """Number of answers that are timed before the arm moves."""
+
+START = "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels."
+
+UNCHANGED = "the servos are as they were: stiff ones still hold"
+"""The servos after a question that Enter did not answer."""
 
 STOPPED_BY_HAND = 130
 """Exit code after a key stopped the arm: the same as after Ctrl-C."""
@@ -63,9 +68,8 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
                 say("dry run: the servos are read, and given no goals")
             else:
                 if not args.yes:
-                    keys.ask(
-                        "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels."
-                    )
+                    with noting(UNCHANGED):
+                        keys.ask(START)
                 now = arm.state()
                 by = np.degrees(np.abs(encoders.to_joints(now.counts) - encoders.to_joints(before.counts)).max())
                 if by > MOVED_DEG:
