@@ -89,6 +89,8 @@ def _row(robot: Robot, reach_m: float) -> dict[str, Any]:
         "limits_source": robot.limits.source,
         "limits_sources": dict(robot.limits.sources),
         "assumed": list(robot.limits.assumed),
+        "payload_kg": robot.payload_kg,
+        "payload_source": robot.payload_source,
         "notes": list(robot.notes),
         "license": robot.license,
     }

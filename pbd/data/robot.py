@@ -140,6 +140,7 @@ class Robot:
         servos: conversion to LeRobot's joints; None if LeRobot does not support this arm.
         may_touch: pairs of links that touch by design, so they are not checked against each other.
         mimic_joints: joints beside the arm that move with its joints.
+        payload_kg: the rated payload, kg, or None. `payload_source` says who rates it.
     """
 
     name: str
@@ -160,6 +161,8 @@ class Robot:
     servos: ServoUnits | None = None
     may_touch: tuple[tuple[str, str], ...] = ()
     mimic_joints: tuple[MimicJoint, ...] = ()
+    payload_kg: float | None = None
+    payload_source: str = ""
 
     def __post_init__(self) -> None:
         freeze_arrays(self, home=(len(self.joints),))

@@ -60,6 +60,11 @@ class Load:
             named.append(f"a {thing.shape} of {thing.mass:g} kg")
         return " and ".join(named)
 
+    @property
+    def heaviest(self) -> float:
+        """Largest mass that the tool carries at one time, kg."""
+        return self.mass + (self.grasped.mass or 0.0 if self.grasped else 0.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:

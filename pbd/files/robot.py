@@ -76,7 +76,8 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     gripper = None if fingers is None else read_gripper(fingers, urdf, chain)
     joints = chain if arm is None else _arm_joints(arm, chain)
     joints = [urdf.with_followers(joint.name) for joint in joints]
-    limits = _limits(top.section("limits"), urdf, joints)
+    limited = top.section("limits")
+    limits = _limits(limited, urdf, joints)
     poses = {} if srdf is None else read_poses(srdf)
     mimic_joints = urdf.followers([joint.name for joint in joints])
     moved = {*mimic_joints, *(joint.name for joint in joints), *(gripper.joints if gripper else ())}
@@ -101,6 +102,8 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
         servos=None if servos is None else _servos(servos, len(joints), gripper),
         may_touch=() if arm is None else _may_touch(arm, urdf),
         mimic_joints=tuple(mimic_joints.values()),
+        payload_kg=limited.number("payload_kg", None, positive=True),
+        payload_source=limited.text("payload_source") if "payload_kg" in limited else "",
     )
     if not draft:
         top.done()

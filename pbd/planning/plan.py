@@ -18,7 +18,7 @@ from pbd.planning.options import PlanOptions, dwells, hand_durations
 from pbd.planning.preconditions import warn_of_wide_moves
 from pbd.planning.result import Plan, find_stretched, find_touching
 from pbd.planning.task import Task
-from pbd.planning.torque import check_torque
+from pbd.planning.torque import check_payload, check_torque
 from pbd.planning.undo_advice import undo_advice
 from pbd.pose import Array
 from pbd.tracking.keyframes import keyframes_of
@@ -207,6 +207,7 @@ def plan_task(task: Task) -> Plan | PlanRefusal:
                 raise
     if (heavy := check_torque(report.torque, robot.limits, load, options, share_at)) is not None:
         return heavy
+    check_payload(robot, load)
     return Plan(
         task.keyframes,
         task.calibration,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from pbd.data import JointLimits, Load
+from pbd.data import JointLimits, Load, Robot
 from pbd.errors import PlanError, listed, warn
 from pbd.planning.choose_joints import PlanRefusal
 from pbd.planning.options import PlanOptions
@@ -53,6 +53,13 @@ def check_torque(
     if torque.share > HIGH_SHARE:
         warn(f"{needs}: {100.0 * torque.share:.0f} % of {bound}")
     return None
+
+
+def check_payload(robot: Robot, load: Load) -> None:
+    """Warn of a load above the robot's rated payload."""
+    if robot.payload_kg is not None and load.heaviest > robot.payload_kg:
+        rated = f"the rated payload of {robot.name} is {robot.payload_kg:g} kg"
+        warn(f"{rated}, and it would carry {load}: carry less, or ask its maker whether it may")
 
 
 def _fitting_speed(speed: float, share_at: Callable[[float], float]) -> float | None:

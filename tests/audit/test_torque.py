@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -196,7 +197,10 @@ def test_above_a_makers_limit_is_refused_with_the_speed_that_fits() -> None:
     assert fields["joint"] == "panda_joint2"
     assert isinstance(fields["t"], float)
     speed = float(caught.value.message.rpartition(" ")[2])
-    with pytest.warns(PbdWarning, match="100 % of its torque limit"):
+    with (
+        pytest.warns(PbdWarning, match="100 % of its torque limit"),
+        pytest.warns(PbdWarning, match="the rated payload of panda is 3 kg, and it would carry 3.5 kg"),
+    ):
         planned("panda", payload=3.5, speed=speed)
     with pytest.raises(PlanError):
         planned("panda", payload=3.5, speed=speed + 0.02)
@@ -207,6 +211,20 @@ def test_a_load_too_heavy_at_any_speed_is_refused() -> None:
         PlanError, match=r"shoulder_lift .* 19\d\.\d % of its torque limit .*; a lower speed does not help: carry less$"
     ):
         planned("so101", POUR, payload=1.0)
+
+
+def test_a_load_above_the_rated_payload_is_warned_of_though_the_torques_are_low() -> None:
+    rated = "the rated payload of ur5 is 5 kg, and it would carry {} kg: carry less, or ask its maker whether it may"
+    with pytest.warns(PbdWarning, match=f"^{rated.format(8)}$"):
+        report = planned("ur5", payload=8.0).report
+    assert report.torque is not None
+    assert report.torque.share < 0.5
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", PbdWarning)
+        planned("ur5", payload=5.0)
+    thing = GraspedObject("box", (0.1, 0.1, 0.1), 3.0)
+    assert Load(2.5, grasped=thing).heaviest == 5.5
+    assert Load(2.5, grasped=replace(thing, mass=None)).heaviest == 2.5
 
 
 def test_without_torque_limits_a_payload_gives_a_warning() -> None:

@@ -175,7 +175,7 @@ def test_the_docks_options(folder: Path) -> None:
         ("jerk", "jrek", ": [limits] jerk is missing (there is 'jrek'); add it"),
         ("jerk = [100, 200]", "jerk = [100, 200]\njrek = 1",
          ":24: [limits] jrek is unknown; the keys here are source, velocity, acceleration, acceleration_source, jerk,"
-         " jerk_source, effort; remove or rename it"),
+         " jerk_source, effort, payload_kg; remove or rename it"),
         ("acceleration = [5.0, 6.0]", "velocity = [1.5, 2.6]\nacceleration = [5.0, 6.0]",
          ":22: [limits] velocity gives elbow 2.6, above the URDF's own 2.5; lower it, or correct the URDF"),
         ("acceleration = [5.0, 6.0]", "velocity = [1.5, 0]\nacceleration = [5.0, 6.0]",
@@ -185,7 +185,7 @@ def test_the_docks_options(folder: Path) -> None:
         ('source = "measured"', 'jerk_source = "measured"', ": [limits] source is missing; add it"),
         ('source = "measured"', 'source = "measured"\nvelocity_source = "x"',
          ":22: [limits] velocity_source is unknown; the keys here are source, velocity, acceleration,"
-         " acceleration_source, jerk, jerk_source, effort; remove or rename it"),
+         " acceleration_source, jerk, jerk_source, effort, payload_kg; remove or rename it"),
 
         ("jerk = [100, 200]", "jerk = [100, 0]",
          ":23: [limits] jerk must hold only numbers above zero, got [100, 0]; correct it"),
