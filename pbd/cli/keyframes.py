@@ -29,8 +29,9 @@ from pbd.data import Demonstration, Keyframe, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
 from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed
-from pbd.files.keyframes import KEYFRAMES_FILE, LARGEST_NUDGE_M, write_keyframes
+from pbd.files.keyframes import KEYFRAMES_FILE, write_keyframes
 from pbd.files.keyframes_edit import set_frames
+from pbd.io.numbers import LARGEST_NUDGE_M
 from pbd.planning import arm_of, load_robot_and_calibration, solve_keyframes
 from pbd.planning.object_frames import keyframes_of_things, refuse_unknown_things
 from pbd.planning.options import PlanOptions, dwells

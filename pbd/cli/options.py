@@ -148,7 +148,8 @@ def add_planning(
     way = "between keyframes: straight in joint space, the tool on a straight line, or as the hand went (keyframes)"
     option(group, "--path", None, way, choices=("keyframes", "line", "demo"), default="keyframes")
     tolerance = "with --path keyframes: moves that stray farther from a straight line are made straight"
-    option(group, "--path-tolerance", "METRES", tolerance, type=within(1e-6, 0.5, " m"), dest="tolerance_m")
+    metres = within(1e-6, numbers.LARGEST_NUDGE_M, " m")
+    option(group, "--path-tolerance", "METRES", tolerance, type=metres, dest="tolerance_m")
     pace = "as fast as the limits allow, or at the hand's own pace where they allow it (limits)"
     option(group, "--time", None, pace, choices=("limits", "demo"), default="limits")
     option(group, "--speed", "F", "share of the joints' limits, up to 1 (1)", type=within(0.01, 1.0), default=1.0)

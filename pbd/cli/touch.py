@@ -15,8 +15,9 @@ from pbd.cli.console import say
 from pbd.cli.keyframes import save_keyframes
 from pbd.data import TouchUp
 from pbd.errors import RecordingError, UsageError, warn
-from pbd.files.keyframes import KEYFRAMES_FILE, LARGEST_NUDGE_M
+from pbd.files.keyframes import KEYFRAMES_FILE
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
+from pbd.io.numbers import LARGEST_NUDGE_M
 from pbd.planning import load_robot_and_calibration
 from pbd.planning.result import place_remark
 from pbd.plots.findings import OFF_SIGMAS

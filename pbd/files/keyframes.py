@@ -16,6 +16,7 @@ from pbd.errors import RecordingError, warn
 from pbd.files.calibration import FULL_TURN_DEG, read_pose
 from pbd.io.atomic import write_text
 from pbd.io.made_by_pbd import sealed
+from pbd.io.numbers import LARGEST_NUDGE_M
 from pbd.io.toml import Section, read_toml
 from pbd.pose import quat_to_rpy
 
@@ -30,9 +31,6 @@ LEAST_M, LEAST_DEG = 1e-4, 0.01
 
 LARGEST_M = 5.0
 """Largest distance of a keyframe from the dock along an axis, m: twice the reach of a large arm."""
-
-LARGEST_NUDGE_M = 0.5
-"""Largest nudge or tolerance along an axis, m. A larger one was probably meant in millimetres."""
 
 LONG_DWELL_S = 60.0
 """Longest dwell without a warning, s. A longer one was probably meant in milliseconds."""

@@ -22,6 +22,8 @@ NO_NUMBER = frozenset(
 )
 """Cells without a number, in lower case: pandas.read_csv's, dashes, German spreadsheets' #NV, Windows' NaN."""
 DATE_ORDERS = ("ymd", "dmy", "mdy", "ydm")
+LARGEST_NUDGE_M = 0.5
+"""Largest nudge or tolerance along an axis, m. A larger one was probably meant in millimetres."""
 YEAR_2000 = date(2000, 1, 1).toordinal()
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from pbd.data import HandPath, Keyframe
 from pbd.data.world import IN_METRES, beyond_reach
 from pbd.errors import UsageError, is_number, nearest, require_kind
+from pbd.io.numbers import LARGEST_NUDGE_M
 from pbd.planning.object_frames import ThingPlace
 
 PATHS = ("keyframes", "line", "demo")
@@ -28,7 +29,7 @@ BOUNDS = {
     "speed": (0.01, 1.0),
     "margin": (0.0, 0.5),
     "scale": (1e-3, 1e3),
-    "tolerance_m": (1e-6, 0.5),  # a larger one was probably meant in millimetres
+    "tolerance_m": (1e-6, LARGEST_NUDGE_M),
     "dwell_s": (0.0, np.inf),
 }
 """Smallest and largest value of each option that is a number."""
