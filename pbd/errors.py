@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from math import pi
 from numbers import Integral, Real
 from typing import Any, ClassVar, Self
 
@@ -201,6 +202,17 @@ def listed(names: Iterable[str]) -> str:
     given = [printable(name) for name in names]
     more = f" and {len(given) - MOST_LISTED} more" if len(given) > MOST_LISTED else ""
     return ", ".join(given[:MOST_LISTED]) + more or "(none)"
+
+
+def amount(number: float, unit: str, form: str = "") -> str:
+    """Write a number with its unit for a message: `1 degree`, `2 degrees`, `1.0 degrees`. `form` formats the number."""
+    shown = f"{number:{form}}"
+    return f"{shown} {unit}{'' if shown in ('1', '-1') else 's'}"
+
+
+def in_degrees(rad: float) -> str:
+    """Write an angle for a message, in whole degrees."""
+    return amount(180.0 / pi * rad, "degree", ".0f")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -77,7 +77,7 @@ def test_a_straight_line_is_tried_before_it_is_recommended(
         monkeypatch.setattr("pbd.arm.ladder_checks.follow", lambda *args: None)
     code, _, err = run(capsys, "export", "paper-test1", "--robot", "panda", "-o", f"{tmp_path}/x.csv")
     assert code == 0
-    said = "--path-tolerance 0.01 keeps it straight" if can else "panda can't keep it straight"
+    said = "--path-tolerance 0.01 keeps it straight" if can else "panda can't keep it straight from this dock"
     assert f" from a straight line; {said}\n" in err
 
 

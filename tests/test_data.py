@@ -40,7 +40,7 @@ from pbd.data import (
     Truth,
 )
 from pbd.data.covariance import PoseCovariance
-from pbd.errors import UsageError, WrongTypeError
+from pbd.errors import UsageError, WrongTypeError, amount, in_degrees
 from pbd.pose import Array, Pose
 
 N, K = 5, 2
@@ -124,6 +124,17 @@ def test_another_shape_is_refused(name: str, field: str) -> None:
     for wrong in (right[..., None], np.concatenate((right, right[:1])), right[..., 0]):
         with pytest.raises((ValueError, TypeError)):
             make(**arrays | {field: wrong})
+
+
+def test_one_of_a_unit_is_singular_as_it_is_shown() -> None:
+    assert [amount(n, "sample") for n in (0, 1, 2)] == ["0 samples", "1 sample", "2 samples"]
+    assert [in_degrees(np.radians(deg)) for deg in (0.4, 0.6, -1.4, 1.6)] == [
+        "0 degrees",
+        "1 degree",
+        "-1 degree",
+        "2 degrees",
+    ]
+    assert [amount(1.0, "degree", form) for form in (".1f", ".3g")] == ["1.0 degrees", "1 degree"]
 
 
 def test_a_refusal_names_the_field_and_both_shapes() -> None:

@@ -9,7 +9,7 @@ from pbd.arm.collision.scene import Hit
 from pbd.arm.ladder_links import MoveState
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion
 from pbd.data.world import TABLE
-from pbd.errors import PlanError, warn
+from pbd.errors import PlanError, amount, warn
 
 UNREACHABLE, COLLISION, CANNOT_FOLLOW = "unreachable", "collision", "cannot follow"
 """Reasons of a refusal: a keyframe is out of reach; something is in the way; the arm can't follow the path asked
@@ -54,7 +54,7 @@ def refuse_move(i: int, move: MoveState, infeasible_kind: str | None) -> Refusal
         attempts.append(f"{_KIND_NAMES[infeasible_kind]}: the arm can't follow it")
     where = f"from keyframe {i - 1} to keyframe {i}" if i > 0 else "to keyframe 0"
     pairs = f"{move.barred_pairs} pairs of arm poses" if move.barred_pairs > 1 else "1 pair of arm poses"
-    search = f", and no detour found in {move.detour_checks} checks" if move.detour_checks else ""
+    search = f", and no detour found in {amount(move.detour_checks, 'check')}" if move.detour_checks else ""
     return _collision(i, f"motion {where} among {pairs}{search}. {'. '.join(attempts)}", closest, hits[closest])
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from pbd.calibration.points import MAY_BE_MIRRORED, MIRRORED, mirrored
 from pbd.calibration.registration import align
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, warn
+from pbd.errors import CalibrationError, in_degrees, warn
 from pbd.pose import Array, Pose
 
 STOP_SIGMA_M = 0.005
@@ -92,7 +92,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
         metres, rad = other.T_base_nav.distance(best[0].T_base_nav)
         if other.cost - best[0].cost < AMBIGUOUS_COST and (metres > SAME_M or rad > SAME_RAD):
             raise CalibrationError(
-                f"the stops fit the points in more than one way (another is turned by {np.degrees(rad):.0f} degrees), "
+                f"the stops fit the points in more than one way (another is turned by {in_degrees(rad)}), "
                 "because the points are symmetric; name the stops with --stops, touch the points in order, or add one "
                 "that breaks the symmetry",
                 stops=best[0].stops,

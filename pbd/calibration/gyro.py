@@ -6,7 +6,7 @@ import numpy as np
 
 from pbd.calibration.rests import Rests
 from pbd.data import LinearErrors, Recording
-from pbd.errors import CalibrationError
+from pbd.errors import CalibrationError, in_degrees
 from pbd.pose import Array, quat_cumulative, quat_exp, quat_to_matrix, skew
 
 PRIOR_SIGMA = 0.02
@@ -100,7 +100,7 @@ def _matrix(recording: Recording, rests: Rests, up_sensor: Array, sigma: float, 
     off = float(np.sqrt(np.mean((sigma * result.fun[:-9]) ** 2) * 3.0))
     if off > LARGEST_MISFIT or np.abs(result.x).max() > LARGEST_ERROR:
         raise CalibrationError(
-            f"between the rests the gyro does not turn as gravity does (by {np.degrees(off):.0f} degrees, rms); is its "
+            f"between the rests the gyro does not turn as gravity does (by {in_degrees(off)}, rms); is its "
             "unit rad/s, and are its axes the accelerometer's? import the recording with --unit gyr=deg/s, or name its "
             "columns",
             value=off,

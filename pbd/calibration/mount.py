@@ -13,7 +13,7 @@ from pbd.calibration.registration import observe_points, widened
 from pbd.data import Keyframe
 from pbd.data.covariance import PoseCovariance
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError
+from pbd.errors import CalibrationError, amount, in_degrees
 from pbd.pose import Array, quat_from_xyzw, quat_inverse, quat_log, quat_multiply, quat_rotate, quat_to_matrix
 
 SLIPPED_CHI2 = 10.0
@@ -128,12 +128,12 @@ def _undetermined_lever(R: Array, sigma_m: float = np.inf) -> CalibrationError:
     """Return the error that says along which axis the lever is not determined, because all turns were about it."""
     change = (R - R[0]).reshape(-1, 3)
     _, size, axes = np.linalg.svd(change)
-    turned = float(np.degrees(size[1] / np.sqrt(len(R))))
+    turned = float(size[1] / np.sqrt(len(R)))
     x, y, z = np.round(axes[2] * np.sign(axes[2][np.argmax(np.abs(axes[2]))]), 1) + 0.0
     known = "is unknown" if sigma_m == np.inf else f"is uncertain by {100.0 * sigma_m:.1f} cm (one sigma)"
     return CalibrationError(
         f"the tool's lever along ({x:g}, {y:g}, {z:g}) in the sensor's axes {known}: the hand turned too little about "
-        f"the other axes (about {turned:.0f} degrees); tilt the tool by 30 degrees and more to all sides, and turn it, "
+        f"the other axes (about {in_degrees(turned)}); tilt the tool by 30 degrees and more to all sides, and turn it, "
         "with its tip on the point",
         value=sigma_m,
         bound=LARGEST_SIGMA_M,
@@ -163,8 +163,9 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
     moves = tuple(int(k) for k in np.flatnonzero(angles > LEAST_TURN))
     if len(moves) != len(named):
         found = ", ".join(f"{np.degrees(angles[k]):.0f}" for k in moves) or "none"
+        turn = "turns" if len(moves) == 1 else "turn"
         raise CalibrationError(
-            f"--turns names {counted(len(named), 'turn')}, but {len(moves)} moves turn by 20 degrees or more "
+            f"--turns names {counted(len(named), 'turn')}, but {amount(len(moves), 'move')} {turn} by 20 degrees or more "
             f"({found}); name each in order, such as --turns x,-x,y",
             value=len(moves),
             bound=len(named),

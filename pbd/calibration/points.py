@@ -16,7 +16,7 @@ from pbd.calibration.registration import (
     variance_factor,
     widened,
 )
-from pbd.errors import CalibrationError, warn
+from pbd.errors import CalibrationError, amount, warn
 from pbd.pose import Array, Pose
 
 TIP_SIGMA_M = 0.001
@@ -200,8 +200,9 @@ def refuse_shape(points: Array, free: bool) -> None:
         CalibrationError: they are too few, two are the same place, or they lie in a line or above each other.
     """
     if len(points) < FEWEST:
+        are = "is" if len(points) == 1 else "are"
         raise CalibrationError(
-            f"{len(points)} points are too few; touch {FEWEST} or more, best 4 to 6 spread all around",
+            f"{amount(len(points), 'point')} {are} too few; touch {FEWEST} or more, best 4 to 6 spread all around",
             value=len(points),
             bound=FEWEST,
         )

@@ -15,7 +15,7 @@ from pbd.calibration.rests import Rests, find_rests
 from pbd.data import GRAVITY, Recording, SensorErrors
 from pbd.data.one_line_repr import counted
 from pbd.data.units import MG
-from pbd.errors import CalibrationError
+from pbd.errors import CalibrationError, amount
 from pbd.pose import Array
 
 KINDS = ("gyr", "acc", "mag")
@@ -93,8 +93,8 @@ def calibrate_sensor(
             )
         if acc.undetermined:
             remarks.append(
-                f"{acc.orientations} orientations do not determine {', '.join(acc.undetermined)}: they are kept "
-                "near zero; to measure all of them, put each of the six sides and six edges up"
+                f"{amount(acc.orientations, 'orientation')} can't determine {', '.join(acc.undetermined)}: they are "
+                "kept near zero; to measure all of them, put each of the six sides and six edges up"
             )
     force = rests.acc if errors.acc is None else errors.acc.correct(rests.acc)
     up: Array = force / np.linalg.norm(force, axis=1, keepdims=True)  # best available vertical

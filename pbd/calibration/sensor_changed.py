@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pbd.data import GRAVITY, SensorErrors
+from pbd.errors import in_degrees
 from pbd.pose import Array
 
 ACC_DRIFT, GYR_DRIFT = 0.015, np.radians(0.5)
@@ -44,7 +45,7 @@ def disagreements(
             said.append(f"the magnetic field is {strength:.0f} uT, but was {errors.field:.0f} uT at the calibration")
         elif abs(dip - errors.dip) > DIP_DRIFT:
             said.append(
-                f"the magnetic field dips by {np.degrees(dip):.0f} degrees, but by {np.degrees(errors.dip):.0f} "
+                f"the magnetic field dips by {in_degrees(dip)}, but by {np.degrees(errors.dip):.0f} "
                 "degrees at the calibration"
             )
     return tuple(f"{line}: calibrate this sensor" for line in said)

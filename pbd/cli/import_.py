@@ -10,7 +10,7 @@ from pbd.cli.common import decoder_maker, refuse_columns, store_demonstration
 from pbd.cli.console import say, working
 from pbd.data import Demonstration
 from pbd.data.source_columns import SourceColumns
-from pbd.errors import PbdError, RecordingError, SensorError, TrackingError, UsageError, listed, warn
+from pbd.errors import PbdError, RecordingError, SensorError, TrackingError, UsageError, amount, listed, warn
 from pbd.files.demo import demo_folder
 from pbd.files.importers import import_file
 from pbd.files.importers.columns import UNUSED
@@ -63,7 +63,8 @@ def run(args: argparse.Namespace) -> None:
 
         taps = grip_by_taps(recording)
         none = "the grip stays open; `pbd keyframes --save` writes a file in which to say where it closes"
-        say(f"{len(taps)} pairs of taps found: {listed(f'{event.t:.1f} s' for event in taps) if taps else none}")
+        at = listed(f"{event.t:.1f} s" for event in taps) if taps else none
+        say(f"{amount(len(taps), 'pair')} of taps found: {at}")
         recording = replace(recording, grip=taps)
     if args.sensor:
         recording = replace(recording, info=replace(recording.info, sensor=args.sensor))

@@ -33,7 +33,11 @@ def remarks(plan: Plan, calibration: str | None) -> list[str]:
         return found  # planning reports a wide move
     with working("trying a straight line"):
         straight = can_plan(plan, replace(plan.options, tolerance_m=STRAY_M))
-    how = f"--path-tolerance {STRAY_M} keeps it straight" if straight else f"{plan.robot.name} can't keep it straight"
+    how = (
+        f"--path-tolerance {STRAY_M} keeps it straight"
+        if straight
+        else f"{plan.robot.name} can't keep it straight from this dock"
+    )
     strays = f"the tool strays {100.0 * off_m:.1f} cm from a straight line"
     return [*found, f"between keyframes {worst - 1} and {worst} {strays}; {how}"]
 

@@ -18,7 +18,7 @@ from pbd.cli.recording.keys import Keys, Person
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
 from pbd.cli.recording.simulated import Show, SimulatedHand, simulated_hand
 from pbd.data import SensorErrors
-from pbd.errors import RecordingError, UsageError, warn
+from pbd.errors import RecordingError, UsageError, amount, warn
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, read_demo_toml, refuse_demo_folder, shell_word
 from pbd.io.toml import utc_now
@@ -142,7 +142,7 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
         bad = f", {outcome.bad_packets} bad packets" if outcome.bad_packets else ""
         bad += f" (the last: {outcome.why_bad.partition(';')[0]})" if outcome.why_bad else ""
         print(
-            f"{folder}: {outcome.duration_s:.1f} s, {outcome.samples} samples, {outcome.lost} lost{bad}, "
+            f"{folder}: {outcome.duration_s:.1f} s, {amount(outcome.samples, 'sample')}, {outcome.lost} lost{bad}, "
             f"stops after the first rest: {max(outcome.stops - 1, 0)}; ended: {outcome.ended_by}"
         )
         if outcome.why_failed == TOO_FEW_STOPS:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pbd.errors import amount
 from pbd.pose import Array
 
 
@@ -13,7 +14,7 @@ def brief(value: object, *said: str, name: str = "") -> str:
 
 def counted(n: int, what: str) -> str:
     """Write `1 stop`, `2 stops`, and nothing for none."""
-    return f"{n} {what}{'' if n == 1 else 's'}" if n else ""
+    return amount(n, what) if n else ""
 
 
 def span(t: Array) -> str:

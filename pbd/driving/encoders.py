@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pbd.data import Robot
-from pbd.errors import CalibrationError, PlanError, RobotError
+from pbd.errors import CalibrationError, PlanError, RobotError, amount
 from pbd.files.servo_calibration import COUNTS, ServoCalibration
 from pbd.pose import Array
 
@@ -49,7 +49,8 @@ class Encoders:
                 raise CalibrationError(f"{what}; calibrate anew with `pbd run --calibrate`", joint=name)
             found = 360.0 * counts / COUNTS
             if not SHORTEST_SHARE * full <= found <= LONGEST_SHARE * full:
-                what = f"the calibration found a range of {found:.0f} degrees for {name}; the model has {full:.0f}"
+                degrees = amount(found, "degree", ".0f")
+                what = f"the calibration found a range of {degrees} for {name}; the model has {full:.0f}"
                 advice = "begin in its middle, and move it from stop to stop"
                 raise CalibrationError(f"{what}: calibrate anew, {advice}", joint=name)
 

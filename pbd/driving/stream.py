@@ -15,7 +15,7 @@ from pbd.data import JointLimits, JointTrajectory
 from pbd.driving.encoders import Encoders
 from pbd.driving.motion_monitor import MotionMonitor
 from pbd.driving.servo_arm import LostTorqueError, ServoArm, State
-from pbd.errors import PlanError, SensorError
+from pbd.errors import PlanError, SensorError, amount
 from pbd.pose import Array
 
 SLACK_DEG = 5.0
@@ -74,7 +74,7 @@ def planned_start(encoders: Encoders, state: State, limits: JointLimits) -> tupl
     if np.degrees(abs(q - inside)[worst]) > SLACK_DEG:
         low, high, at = np.degrees([limits.lower[worst], limits.upper[worst], q[worst]])
         name = encoders.names[worst]
-        what = f"{name} stands at {at:.0f} degrees, outside the model's {low:.0f} to {high:.0f}"
+        what = f"{name} stands at {amount(at, 'degree', '.0f')}, outside the model's {low:.0f} to {high:.0f}"
         raise PlanError(f"{what}: let go of it with --release, and move it by hand to where it has room", joint=name)
     return tuple(inside.tolist())
 

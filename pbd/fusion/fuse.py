@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from pbd.data import Calibration, Demonstration, FusedTake, HandPath
-from pbd.errors import RecordingError, TrackingError, warn
+from pbd.errors import RecordingError, TrackingError, in_degrees, warn
 from pbd.fusion.grips import differing_grips
 from pbd.fusion.joint_estimate import LARGEST_LEVER_M, Observations, TaskState, estimate_jointly
 from pbd.fusion.known_stops import condition_on_known_stops
@@ -143,7 +143,7 @@ def _exclusions(takes: Sequence[FusedTake]) -> list[str]:
             )
     return lines + [
         f"{take.name} is not believed at keyframe {j}: it is {1e3 * np.linalg.norm(take.off[j]):.0f} mm and "
-        f"{np.degrees(take.off_rad[j]):.0f} degrees from the other takes"
+        f"{in_degrees(take.off_rad[j])} from the other takes"
         for take in takes
         for j in take.outliers
     ]

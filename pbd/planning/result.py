@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from pbd.data import Calibration, Demonstration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
 from pbd.data.one_line_repr import brief
-from pbd.errors import PlanError, warn
+from pbd.errors import PlanError, amount, warn
 from pbd.planning.options import PlanOptions
 from pbd.pose import Array, Pose
 
@@ -148,8 +148,9 @@ def find_stretched(took_s: Array, durations_s: Sequence[float]) -> tuple[Stretch
             for each in sorted(found, key=lambda each: each.demonstrated_s / each.planned_s)[:3]
         ]
         rest = f", and {len(found) - 3} more" if len(found) > 3 else ""
+        are = "is" if len(found) == 1 else "are"
         warn(
-            f"{len(found)} of {len(durations_s)} moves are slower than the hand's, to keep the joint limits: "
-            f"{', '.join(moves)}{rest}"
+            f"{len(found)} of {amount(len(durations_s), 'move')} {are} slower than the hand's, to keep the "
+            f"joint limits: {', '.join(moves)}{rest}"
         )
     return tuple(found)

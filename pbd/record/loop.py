@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import closing, suppress
 
-from pbd.errors import PbdError, SensorError
+from pbd.errors import PbdError, SensorError, amount
 from pbd.record.session import Session
 from pbd.record.session_types import ENDED_BY, Command, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder
@@ -189,7 +189,7 @@ def _no_samples_error(session: Session, reader: Reader) -> SensorError:
     else:
         count = f"{tally.packets or 'no'} whole packet{'s' if tally.packets > 1 else ''}"
         message = (
-            f"{reader.bytes_seen} bytes came from {port.device}{at}, but {count} of {sensor}: "
+            f"{amount(reader.bytes_seen, 'byte')} came from {port.device}{at}, but {count} of {sensor}: "
             f"{describe_bytes(session.first_bytes, port.baud, sensor, tally.why)}"
         )
     return SensorError(message, path=port.device, baud=port.baud)

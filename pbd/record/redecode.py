@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Demonstration, Recording, RecordingInfo
-from pbd.errors import RecordingError
+from pbd.errors import RecordingError, amount
 from pbd.files.demo import read_demo
 from pbd.io.read_file import read_bytes
 from pbd.pose import Array
@@ -45,7 +45,7 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
         first, correct = data[:FIRST_BYTES], "name the sensor that it came from"
         if identify_protocol(first) or printed_line(first):
             correct = describe_bytes(first, None, sensor, decoder.tally.why)
-        raise RecordingError.at(path, f"no samples of {sensor} in its {len(data)} bytes; {correct}")
+        raise RecordingError.at(path, f"no samples of {sensor} in its {amount(len(data), 'byte')}; {correct}")
     stored = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
     samples, t, clock = _sample_times(path, samples, None if stored is None else stored.recording, rate_hz)
     created = None if stored is None else stored.recording.info.created

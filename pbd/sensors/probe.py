@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Collection
 from typing import NamedTuple
 
-from pbd.errors import SensorError
+from pbd.errors import SensorError, amount
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.lines import CORRECT
 from pbd.sensors.port import Port
@@ -108,7 +108,7 @@ def printed_line(data: bytes) -> str | None:
 def quote_line(line: str) -> str:
     """Quote a printed line for a message, with how many numbers it has: that many names belong into --columns."""
     shown = line if len(line) <= LONGEST_SHOWN else f"{line[: LONGEST_SHOWN - 3]}..."
-    return f"{shown!r} ({len(NUMBER.findall(line))} numbers)"
+    return f"{shown!r} ({amount(len(NUMBER.findall(line)), 'number')})"
 
 
 def describe_bytes(data: bytes, baud: int | None, sensor: str | None = None, why: str = "") -> str:
@@ -148,7 +148,7 @@ def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
     decoder = make()
     decoder.feed(identified)
     raise SensorError(
-        f"{count} bytes came from {port.device}, but no whole packet of {sensor} (tried {tried} baud): "
+        f"{amount(count, 'byte')} came from {port.device}, but no whole packet of {sensor} (tried {tried} baud): "
         f"{describe_bytes(identified, None, sensor, decoder.tally.why)}",
         path=port.device,
     )

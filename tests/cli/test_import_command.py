@@ -319,7 +319,7 @@ def test_raw_bytes_need_their_sensor_and_where_it_has_no_clock_its_rate(capsys: 
 def test_taps_in_a_recording_become_grips(capsys: pytest.CaptureFixture[str]) -> None:
     hand = simulate("pour", "modern", 1).recording
     for recording, told in (
-        (tapped(hand, ((0.8, 60.0), (1.05, 60.0))), "1 pairs of taps found: 0.8 s"),
+        (tapped(hand, ((0.8, 60.0), (1.05, 60.0))), "1 pair of taps found: 0.8 s"),
         (hand, "0 pairs of taps found: the grip"),
     ):
         write_demo(Demonstration(recording), Path("tapped"), force=True)

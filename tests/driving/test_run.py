@@ -176,7 +176,9 @@ def test_a_termination_is_no_answer(words: list[str]) -> None:
         assert real.servos[1].registers[40]
 
 
-@pytest.mark.parametrize(("key", "says"), [("\x03", "stopped by Ctrl-C"), ("x", "cancelled: run it again when you are")])
+@pytest.mark.parametrize(
+    ("key", "says"), [("\x03", "stopped by Ctrl-C"), ("x", "cancelled: run it again when you are")]
+)
 def test_a_calibration_that_a_person_stops_says_how_it_leaves_the_arm(words: list[str], key: str, says: str) -> None:
     with Emulator(calibration_of("so101"), resting("so101"), Clock()) as real:
         real.servos[1].registers[40] = 1

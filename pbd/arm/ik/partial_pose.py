@@ -23,7 +23,7 @@ import pinocchio as pin
 from pbd.arm.ik.levenberg_marquardt import descend
 from pbd.arm.ik.starts import distinct, starts_of
 from pbd.arm.model import ArmModel, to_se3
-from pbd.errors import warn
+from pbd.errors import in_degrees, warn
 from pbd.pose import Array, Pose
 
 FULL_POSE = 6
@@ -145,14 +145,14 @@ def held_poses(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tu
     held = tuple(Pose(pose.p, arm.forward(joints).wxyz) for pose, joints in zip(T_base_tool, q, strict=True))
     off = np.array([(each.approach_rad, each.about_rad) for each in found]).reshape(-1, 2)
     if len(off) and off.max() > WARN_RAD:
-        approach, about = np.rad2deg(off.max(axis=0))
+        approach, about = off.max(axis=0)
         half_turn = off[:, 1].min() > 0.5 * np.pi  # everywhere: the tool's frame is meant the other way round
         turn = "turn T_body_tool by half a turn about its own z, if the jaws are alike, " if half_turn else ""
         worst = int(np.argmax(np.hypot(off[:, 0], ABOUT_AXIS_WEIGHT * off[:, 1])))
         warn(
             f"{arm.robot.name} moves its tool in {starts_of(arm).directions} of 6 directions and can't match the "
-            f"hand's orientation: its approach axis is up to {approach:.0f} degrees off, the rotation about it up to "
-            f"{about:.0f} degrees, worst at keyframe {worst}; {turn}use an arm that moves it in all 6, as most of six "
+            f"hand's orientation: its approach axis is up to {in_degrees(approach)} off, the rotation about it up to "
+            f"{in_degrees(about)}, worst at keyframe {worst}; {turn}use an arm that moves it in all 6, as most of six "
             "joints do, move the dock, or give a smaller --scale"
         )
     return held, off

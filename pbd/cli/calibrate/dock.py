@@ -13,7 +13,7 @@ from pbd.cli.common import track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Robot
 from pbd.data.world import IN_METRES, REACH_M, beyond_reach
-from pbd.errors import CalibrationError, PlanError, UsageError, warn
+from pbd.errors import CalibrationError, PlanError, UsageError, amount, in_degrees, warn
 from pbd.files.calibration import load_calibration
 from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
 from pbd.files.demo import load_demo
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
     before = calibration.cov_base
     if calibration.T_base_dock is not None and before is not None and not np.allclose(before, cov, rtol=1e-3, atol=0.0):
         sigma = np.sqrt(np.diagonal(cov))
-        resized = f", sigma now {1e3 * sigma[:3].max():.3g} mm and {np.degrees(sigma[5]):.3g} degrees"
+        resized = f", sigma now {1e3 * sigma[:3].max():.3g} mm and {amount(np.degrees(sigma[5]), 'degree', '.3g')}"
     say(
         f"{path}: the sensor's dock is at ({x:.3f}, {y:.3f}, {z:.3f}) m, roll, pitch, yaw "
         f"({', '.join(f'{angle + 0.0:.1f}' for angle in np.round(rpy_deg, 1))}) degrees, {source}{resized}; "
@@ -128,7 +128,8 @@ def _doubt_degrees(what: str, option: str, angles: Array) -> None:
     """Warn if angles (n,), degrees, may be rad."""
     largest = np.abs(angles).max()
     if 0.0 < largest <= MAYBE_RAD:
-        warn(f"no {what} is beyond {largest:.3g} degrees; {option} takes degrees, so if they are rad, convert them")
+        found = f"no {what} is beyond {amount(largest, 'degree', '.3g')}"
+        warn(f"{found}; {option} takes degrees, so if they are rad, convert them")
 
 
 def _pose_at_keyframe(args: argparse.Namespace, calibration: Calibration) -> tuple[Pose, Array]:
@@ -163,7 +164,7 @@ def _refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:
     away, turned = (float(str(fields[name])) for name in ("value", "rotation"))
     raise PlanError(
         f"the dock puts the tool at ({x:.3f}, {y:.3f}, {z:.3f}) m, out of {robot.name}'s reach: it gets no nearer "
-        f"than {100.0 * away:.1f} cm and {np.degrees(turned):.0f} degrees; choose a place nearer to the base, or "
+        f"than {100.0 * away:.1f} cm and {in_degrees(turned)}; choose a place nearer to the base, or "
         "another orientation",
         **fields,
     )

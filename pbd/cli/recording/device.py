@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from pbd.cli.common import decoder_maker, refuse_columns
 from pbd.cli.console import listening
-from pbd.errors import SensorError, UsageError
+from pbd.errors import SensorError, UsageError, amount
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import open_port
@@ -87,7 +87,7 @@ def _detect(device: str) -> tuple[str, int]:
         lines = f"it prints lines such as {quote_line(found.line)}"
         why = f'{lines}; give --sensor lines --columns "..." --baud {found.baud}'
     else:
-        why = f"{found.bytes_seen} bytes came in no known protocol; give --sensor and --baud"
+        why = f"{amount(found.bytes_seen, 'byte')} came in no known protocol; give --sensor and --baud"
     raise SensorError(f"the protocol of {device} is not recognised: {why}", path=device)
 
 

@@ -6,6 +6,7 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING, Self
 
+from pbd.errors import amount
 from pbd.record.person_messages import describe_stop, in_cm
 from pbd.record.session_types import Say, Status
 
@@ -130,7 +131,7 @@ def state(status: Status) -> str:
 def health(status: Status) -> str:
     """Say how well the samples arrive."""
     bad = f", {status.bad_packets} bad packets" if status.bad_packets else ""
-    return f"{status.t:.1f} s, {status.rate_hz:.0f} Hz, {status.samples} samples, {status.lost} lost{bad}"
+    return f"{status.t:.1f} s, {status.rate_hz:.0f} Hz, {amount(status.samples, 'sample')}, {status.lost} lost{bad}"
 
 
 def bar(share: float) -> str:

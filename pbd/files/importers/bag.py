@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.data.streams import Stream, joined
-from pbd.errors import PbdError, RecordingError, in_words, listed, require_package, warn
+from pbd.errors import PbdError, RecordingError, amount, in_words, listed, require_package, warn
 from pbd.files.importers.columns import with_source
 from pbd.files.importers.mcap_repair import repaired_bag, zstd_package
 from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
@@ -150,7 +150,7 @@ class _Decoder:
         for length, same in groupby(waiting, len):
             padded = length - 16 - sum(8 * (size + 9) for size in self._vectors)
             if padded < 0:
-                what = f"a message of {length} bytes is too short for its type; record it again"
+                what = f"a message of {amount(length, 'byte')} is too short for its type; record it again"
                 raise RecordingError.at(self._path, what)
             data = b"".join(same)
             order = "<" if data[1] & 1 else ">"
@@ -179,7 +179,7 @@ def _decompressed(path: Path, packed: bytes) -> bytes:
     unpacker = zstd_package().ZstdDecompressor()
     data: bytes = unpacker.decompress(packed, max_length=LONGEST_MESSAGE)
     if not unpacker.eof:
-        what = f"a message of {len(packed)} bytes is cut off, or decompresses to more than {LONGEST_MESSAGE}"
+        what = f"a message of {amount(len(packed), 'byte')} is cut off, or decompresses to more than {LONGEST_MESSAGE}"
         raise RecordingError.at(path, f"{what}, which is refused; record it again")
     return data
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import GRAVITY, Recording
-from pbd.errors import RecordingError, warn
+from pbd.errors import RecordingError, in_degrees, warn
 from pbd.pose import (
     Array,
     quat_cumulative,
@@ -197,8 +197,9 @@ def refuse_disagreement(recording: Recording) -> None:
         at = recording.t[row_before[found.pair] * every]
         unit = likely_unit(float(np.median(np.linalg.norm(acc, axis=1))), source.acc_factor)
         raise RecordingError(
-            f"the gyro does not turn as {SHOWN_BY[found.witness]} shows (by {found.off_deg:.0f} degrees, first at "
-            f"t = {at:.1f} s): {found.message}" + (f"; with --unit acc={unit} too" if unit else ""),
+            f"the gyro does not turn as {SHOWN_BY[found.witness]} shows "
+            f"(by {in_degrees(np.radians(found.off_deg))}, first at t = {at:.1f} s): {found.message}"
+            + (f"; with --unit acc={unit} too" if unit else ""),
             value=np.radians(found.off_deg),
         )
 

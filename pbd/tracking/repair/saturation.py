@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import GRAVITY, Recording
-from pbd.errors import warn
+from pbd.errors import amount, warn
 from pbd.pose import Array
 from pbd.tracking.repair.channel_faults import REPEATED_ROWS, SENSOR_NAMES
 from pbd.tracking.repair.clock import row_changes
@@ -85,9 +85,11 @@ def find_clips(recording: Recording) -> tuple[Clip, ...]:
         axes.append(f"the {SENSOR_NAMES[sensor]}'s {', '.join(sorted({'xyz'[clip.axis] for clip in own}))} axis")
         ends.append(own[0].limit_text(recording))
     rows = len({row for clip in clips for row in range(clip.start, clip.stop)})
+    are = "is" if rows == 1 else "are"
     warn(
-        f"{rows} samples of {' and '.join(axes)} are at the end of the range ({' and '.join(ends)}), the first at "
-        f"t = {recording.t[clips[0].start]:.2f} s: values above it are guessed; move slower, or set a larger range"
+        f"{amount(rows, 'sample')} of {' and '.join(axes)} {are} at the end of the range ({' and '.join(ends)}), the "
+        f"first at t = {recording.t[clips[0].start]:.2f} s: values above it are guessed; move slower, or "
+        "set a larger range"
     )
     return clips
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pbd.data import Recording
 from pbd.data.one_line_repr import counted
 from pbd.data.units import UNITS
-from pbd.errors import RecordingError, warn
+from pbd.errors import RecordingError, amount, warn
 from pbd.pose import Array, lengths
 from pbd.tracking.moving_windows import Rows, squares
 from pbd.tracking.noise import OUTLIER_SIGMAS
@@ -83,8 +83,8 @@ def in_order(recording: Recording) -> Recording:
     first, size = swapped
     rows = np.arange(len(recording))
     warn(
-        f"rows {first} to {first + size - 1} (from t = {recording.t[first]:.2f} s) came before the {size} rows they "
-        "follow, and are put behind them: packets are sent out of order"
+        f"rows {first} to {first + size - 1} (from t = {recording.t[first]:.2f} s) came before the "
+        f"{amount(size, 'row')} they follow, and are put behind them: packets are sent out of order"
     )
     rows[first : first + 2 * size] = np.roll(rows[first : first + 2 * size], size)
     changes: dict[str, Any] = {name: values[rows] for name, values in recording.channels.items()}
