@@ -165,8 +165,8 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
         found = ", ".join(f"{np.degrees(angles[k]):.0f}" for k in moves) or "none"
         turn = "turns" if len(moves) == 1 else "turn"
         raise CalibrationError(
-            f"--turns names {counted(len(named), 'turn')}, but {amount(len(moves), 'move')} {turn} by 20 degrees or more "
-            f"({found}); name each in order, such as --turns x,-x,y",
+            f"--turns names {counted(len(named), 'turn')}, but {amount(len(moves), 'move')} {turn} by 20 degrees or "
+            f"more ({found}); name each in order, such as --turns x,-x,y",
             value=len(moves),
             bound=len(named),
         )

@@ -144,13 +144,14 @@ def find_stretched(took_s: Array, durations_s: Sequence[float]) -> tuple[Stretch
     ]
     if found:
         moves = [
-            f"to keyframe {each.keyframe} {each.planned_s:.2f} s instead of {each.demonstrated_s:.2f} s"
+            f"{each.planned_s:.2f} s instead of {each.demonstrated_s:.2f} s to keyframe {each.keyframe}"
             for each in sorted(found, key=lambda each: each.demonstrated_s / each.planned_s)[:3]
         ]
         rest = f", and {len(found) - 3} more" if len(found) > 3 else ""
         are = "is" if len(found) == 1 else "are"
         warn(
             f"{len(found)} of {amount(len(durations_s), 'move')} {are} slower than the hand's, to keep the "
-            f"joint limits: {', '.join(moves)}{rest}"
+            f"joint limits: {', '.join(moves)}{rest}; for the hand's own time "
+            "demonstrate it slower, or give a smaller --scale"
         )
     return tuple(found)

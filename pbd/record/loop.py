@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import closing, suppress
+from dataclasses import replace
 
 from pbd.errors import PbdError, SensorError, amount
 from pbd.record.session import Session
@@ -68,6 +69,8 @@ def record(
             try:
                 ended_by = _run(session, reader, poll, show, every_s)
                 session.begin()
+                if session.demo is not None and not session.discarded:
+                    show(replace(session.status(), ended=True))
             except PbdError:
                 raise
             except BaseException:  # even a bug must not lose samples

@@ -103,6 +103,7 @@ class Status:
         sigma_of_move_m: the part of it that the present move adds; 0 in a stop.
         tremble: standard deviation of the norm of the specific force over the last half second, m/s2.
         said: the messages since the last status.
+        ended: the samples are on disk, and the whole recording is being tracked: of an hour it takes some seconds.
     """
 
     t: float
@@ -122,6 +123,7 @@ class Status:
     tremble: float
     closed: bool
     said: tuple[Say, ...]
+    ended: bool = False
 
 
 @dataclass(frozen=True)

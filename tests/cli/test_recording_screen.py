@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from pbd.cli.recording.live import LiveScreen
-from pbd.cli.recording.screen import KEYS, PanelScreen, PlainScreen, bar
+from pbd.cli.recording.screen import KEYS, TRACKED, PanelScreen, PlainScreen, bar
 from pbd.data import Keyframe
 from pbd.errors import PbdError
 from pbd.pose import Pose
@@ -105,6 +105,12 @@ def test_a_question_takes_the_place_of_the_keys() -> None:
     assert KEYS not in screen.text(STILL)
     screen.ask("")
     assert KEYS in screen.text(STILL)
+
+
+def test_the_final_tracking_takes_the_place_of_the_keys() -> None:
+    text = Drawn(80).text(replace(STILL, ended=True))
+    assert TRACKED in text
+    assert KEYS not in text
 
 
 def test_a_bar_is_full_at_the_tolerance() -> None:

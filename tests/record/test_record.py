@@ -142,6 +142,7 @@ def test_every_sample_arrives_as_it_was_sent(tmp_path: Path, hurried: Recording)
         assert person.shown[shown - 1].t - 0.05 <= event.t <= person.shown[shown].t + 0.05
     assert got.info.clock == "device"
     assert person.said[0] == "the rest at the start is found: you may move"
+    assert [status.ended for status in person.shown[-3:]] == [False, True, False]  # before the final tracking
     # a long move is told once, before it is over
     told = [text.partition(":")[0][:9] for text in person.said if text.startswith(("pause now: ", "stop 1 at ("))]
     assert told[:2] == ["pause now", "stop 1 at"]

@@ -17,6 +17,7 @@ LINES_KEPT, OTHER_LINES = 6, 11
 """Largest number of messages in the panel; number of its lines that are no messages."""
 
 KEYS = "Enter ends · space grips or lets go · q discards"
+TRACKED = "on disk; now the whole recording is tracked ..."
 PLAIN_EVERY_S = 2.0
 BAR_WIDTH, PANEL_WIDTH = 20, 78
 
@@ -112,7 +113,8 @@ class PanelScreen:
         table.add_row("grip", "closed" if status.closed else "open")
         kept = self._lines[-max(1, min(LINES_KEPT, self._console.height - OTHER_LINES)) :]
         lines = [Text(f"{say.t:6.1f} s  {say.text}", style="bold" if say.bell else "") for say in kept]
-        keys = Text(self._question or KEYS, style="bold" if self._question else "dim")
+        question = TRACKED if status.ended else self._question
+        keys = Text(question or KEYS, style="bold" if question else "dim")
         return Panel(
             Group(table, Text(), *lines, Text(), keys),
             title=Text(self._title),
