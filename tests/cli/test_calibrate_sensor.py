@@ -132,7 +132,7 @@ def test_six_sides_are_told_from_twelve(capsys: Capture) -> None:
     code, out, err = run(capsys, "calibrate", "sensor", "bench", "six")
     assert code == 0
     assert err.startswith(
-        "pbd: warning: 6 orientations do not determine misalignment yz, misalignment xz, misalignment xy: they are"
+        "pbd: warning: 6 orientations can't determine misalignment yz, misalignment xz, misalignment xy: they are"
     )
     assert out.count("unknown") == 3
     assert "assumed gravity is 9.80665 m/s2" in err
