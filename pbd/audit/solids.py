@@ -162,8 +162,6 @@ def one_encloses_other(first: Solid, T_first: Any, second: Solid, T_second: Any)
 
 
 def _is_inside(inner: Solid, T_inner: Any, outer: Solid, T_outer: Any) -> bool:
-    if outer.mesh is None or inner.reach == np.inf:
-        return False
     point = inner.triangles[0, 0] if inner.mesh else np.zeros(3)
     a, b, c = np.moveaxis(outer.triangles - (T_outer.inverse() * T_inner).transform(point), 1, 0)
     # Winding number of the surface about the point: the sum of the triangles' solid angles (Van Oosterom and Strackee,

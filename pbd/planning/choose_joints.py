@@ -86,7 +86,7 @@ def _alternatives(refusal: Refusal, options: PlanOptions) -> tuple[tuple[str, Pl
     if refusal.why == CANNOT_FOLLOW:
         what = "leave out --path-tolerance" if options.path == "keyframes" else "use --path keyframes"
         return ((what, replace(options, path="keyframes", tolerance_m=None)),)
-    if refusal.why == COLLISION and not options.allow_collision:
+    if refusal.why == COLLISION:
         return (("view the motion with --allow-collision", replace(options, allow_collision=True)),)
     return ()
 

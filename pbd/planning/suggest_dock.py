@@ -92,12 +92,10 @@ def suggest(
     Raises:
         RobotError: none was found; the message says why the best one failed.
     """
-    from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.ik.partial_pose import is_partial
     from pbd.arm.ik.starts import relative_manipulability
 
     arm = arm_of(robot)
-    CollisionScene(arm)  # a mesh that can't be read is refused before the search
     p, R = _sampled_tool_poses(arm)
     table = None if robot.dock is None else robot.dock.table_height
     tables = (-np.inf, _highest_table(arm, p[:, 2])) if table is None else (table, table)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +25,14 @@ from pbd.planning.suggest_dock import (
     TABLE_STEP_M,
     _highest_table,
     _plan_at_dock,
+    _possible_docks,
+    _sampled_tool_poses,
     _search_order,
     _solve_all,
+    _tool_poses_at,
 )
 from pbd.planning.task import Task
-from pbd.pose import Pose, quat_exp, quat_multiply
+from pbd.pose import Pose, quat_exp, quat_multiply, quat_rotate
 from pbd.view.units import Units
 from tests.arm.bundled import keyframes_of
 from tests.arm.test_own_robot import own_toml, own_urdf
@@ -120,6 +124,20 @@ def test_an_arm_of_five_joints_is_given_no_pose_that_it_cannot_approach() -> Non
     assert _solve_all(arm, [aside]) is None
 
 
+def test_at_each_dock_an_arm_of_five_joints_can_tilt_its_tool_the_way_the_demonstration_does() -> None:
+    """Its tool tilts in the plane of the arm alone, so each sampled pose gives the dock's yaw, to a degree."""
+    arm, keyframes = arm_of(read_robot(ROOT / "robots" / "so101.toml")), keyframes_of("pouring")
+    p, R = _sampled_tool_poses(arm)
+    for dock in islice(_possible_docks(arm, (p, R), keyframes, (-np.inf, np.inf), 0.3), 20):
+        place, way = max(
+            ((pose.p, quat_rotate(pose.wxyz, (0.0, 0.0, 1.0))) for pose in _tool_poses_at(dock, keyframes)),
+            key=lambda tool: float(tool[1][2]),
+        )
+        near = np.linalg.norm(p - place, axis=1) < 0.02
+        off = np.arctan2(R[near, 1, 2], R[near, 0, 2]) - np.arctan2(way[1], way[0])
+        assert np.abs((off + np.pi) % (2.0 * np.pi) - np.pi).min() < np.radians(0.51)
+
+
 def test_the_users_own_table_is_kept(capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pbd.planning.suggest_dock.DOCKS", 3)
     TOML.write_text(guide.replace("table_height = 0.0", "table_height = 0.1").replace("0.97", "97.0"), encoding="utf-8")
@@ -200,7 +218,10 @@ def test_each_dock_is_planned_once_and_no_other_options_are(
     assert len(set(docks)) == len(docks)
 
 
-def test_a_mesh_that_cannot_be_read_is_refused_before_the_search(capsys: Capture, guide: str) -> None:
+def test_a_mesh_that_cannot_be_read_is_refused_before_the_search(
+    capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr("pbd.planning.suggest_dock._sampled_tool_poses")
     solid = "<collision><geometry><mesh filename='a.stl'/></geometry></collision>"
     urdf = own_urdf().replace("<link name='flange'/>", f"<link name='flange'>{solid}</link>")
     TOML.with_name("mine.urdf").write_text(urdf, encoding="utf-8")
