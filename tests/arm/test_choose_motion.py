@@ -265,6 +265,13 @@ def test_a_known_detour_is_bent_to_joints_nearby_without_getting_longer(around: 
     assert bend_detour(tight, GraspState(), start, goal, [way]) is None
 
 
+def test_no_known_detour_is_bent_where_the_straight_move_is_free(around: tuple[Motion, list[object]]) -> None:
+    way = np.vstack((around[0].q[0], around[0].segments[1].q))
+    found = bend_detour(CollisionScene(ARM), GraspState(), way[0], way[-1], [way])
+    assert found is not None
+    assert found.tolist() == way[[0, -1]].tolist()
+
+
 def test_a_known_detour_that_is_wider_than_it_need_be_is_brought_nearer_to_the_straight_move(
     around: tuple[Motion, list[object]],
 ) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from pbd.arm.ik.branches import AT_LIMIT, SINGULAR, configuration_cost, turn_toward
 from pbd.arm.ik.solver import ik_result
-from pbd.arm.ladder_building import turn_variants
+from pbd.arm.ladder_building import joints_to_unwind, turn_variants
 from pbd.arm.model import ArmModel, load_model, to_se3
 from pbd.data import Robot
 from pbd.errors import PlanError
@@ -132,6 +132,13 @@ def test_whole_turns_lead_to_the_nearest(odd_arm: ArmModel) -> None:
             within = there_too[(there_too >= limits.lower[joint]) & (there_too <= limits.upper[joint])]
             least = np.abs(within - there[joint]).min()
             assert abs(turned[joint] - there[joint]) == pytest.approx(least, abs=1e-9)
+
+
+def test_no_joint_is_unwound_for_a_short_move_within_the_limits() -> None:
+    arm = arm_of("ur5")
+    q = arm.robot.home + 0.01
+    assert arm.turns.any()
+    assert joints_to_unwind(arm, arm.forward(q), arm.robot.home, q) == set()
 
 
 def test_whole_turns_stay_within_the_limits(odd_robot: Robot) -> None:

@@ -17,7 +17,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, link_pairs, sample_coordinates
 from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance, JointPath
 from pbd.arm.collision.geometry import Body, link_bodies
-from pbd.arm.collision.motion_bounds import lever_arms, rates
+from pbd.arm.collision.motion_bounds import lever_arms, outline, rates
 from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.path_sampling import sample_polyline, sample_trajectory
@@ -234,6 +234,27 @@ def test_a_contact_is_found_with_its_beginning_end_and_depth(depth: float) -> No
     assert abs(path.t[met.last] - path.t[inside[-1]]) * 1.2 * 0.9 < 2 * STEP_M
     assert met.distance == pytest.approx(-depth, abs=0.2 * STEP_M)
     assert clearance.distances(path.x[met.deepest])[0] == met.distance
+
+
+def test_a_contact_that_leaves_a_part_of_the_margin_is_found() -> None:
+    """A small ball on a lever of 1 m, the bound of whose motion is tight, ends half a margin before another."""
+    arm, turn = arm_of("panda"), 0.01
+    pose = placements(arm, np.append(arm.robot.home, 1.0))[1]
+    ahead = turn * 1.0 + 0.5 * MARGIN_M + 0.001
+    balls = [
+        Body("ball", 1, Pose.from_rpy((1.0, 0.0, 0.0), (0, 0, 0)), "sphere", (0.001,)),
+        Body("other", 0, pose @ Pose.from_rpy((1.0, ahead, 0.0), (0, 0, 0)), "sphere", (0.001,)),
+    ]
+    clearance, path = Clearance(arm, balls, np.array([[0, 1]])), swing(arm, turn)
+    assert 0.0 < clearance.distances(path.x[-1])[0] < MARGIN_M
+    assert clearance.first_contact(path) is not None
+
+
+@pytest.mark.parametrize("shape", ["cylinder", "capsule"])
+def test_the_outline_of_a_round_rod_is_its_axis_and_its_radius(shape: str) -> None:
+    points, radius = outline(Body("rod", 0, Pose.identity(), shape, (0.1, 0.4)))
+    assert points.tolist() == [[0.0, 0.0, -0.2], [0.0, 0.0, 0.2]]
+    assert radius == pytest.approx(0.05)
 
 
 def test_an_allowed_contact_is_ignored() -> None:

@@ -200,6 +200,16 @@ def test_a_mesh_of_two_parts_far_apart_has_no_slab_between_them() -> None:
     assert_allclose([corners[:, 0].min() for corners in slabs.values()], (0.0, 10.0))
 
 
+def test_slabs_meet_where_the_mesh_is_cut() -> None:
+    """The mesh is longest along x, and has no corner between its ends."""
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.1, 0.0], [1.0, 0.0, 0.1]])
+    slabs = list(_slabs(corners[[[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]]).values())
+    ends = np.array([(part[:, 0].min(), part[:, 0].max()) for part in slabs])
+    assert len(slabs) > 2
+    assert_allclose(ends[1:, 0], ends[:-1, 1], atol=1e-9)
+    assert_allclose(ends[[0, -1], [0, 1]], (0.0, 1.0), atol=1e-9)
+
+
 def test_a_flat_mesh_becomes_a_thin_box(tmp_path: Path, cache: Path) -> None:
     (tmp_path / "t.obj").write_text(FLAT, encoding="utf-8")
     mesh = '<collision><geometry><mesh filename="t.obj"/></geometry></collision>'

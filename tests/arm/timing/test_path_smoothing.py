@@ -209,7 +209,9 @@ def test_position_limits_are_kept_between_waypoints_at_a_limit(jerk: float) -> N
 
 def test_coincident_waypoints_take_no_time() -> None:
     limits = limits_of(2.0, 8.0, 400.0)
-    assert curved_move(np.ones((5, 3)), limits, 1.0).duration == 0.0
+    none = curved_move(np.ones((5, 3)), limits, 1.0)
+    assert none.duration == 0.0
+    assert none.coefficients.shape == (0, 4, 3)
     twice = np.repeat(random_waypoints(0), 2, axis=0)
     assert curved_move(twice, limits, 1.0).duration == pytest.approx(
         curved_move(random_waypoints(0), limits, 1.0).duration, rel=1e-9
