@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -33,6 +34,7 @@ from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError, UsageErro
 from pbd.files.demo import load_demo
 from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes, source_of
 from pbd.planning.object_frames import ThingPlace
+from pbd.planning.plan import _tracked_with
 from pbd.planning.preconditions import check_certainty
 from pbd.pose import Array, Pose, quat_exp
 from pbd.tracking.keyframes import find_keyframes
@@ -516,3 +518,10 @@ def test_the_cause_of_an_uncertain_keyframe_is_named() -> None:
         TrackingError, match=r"by 10 cm \(one sigma\), more than the whole path \(6 cm\): not usable; from"
     ):
         check_certainty(near, 1.0)
+
+
+def test_a_path_is_not_tracked_again_where_nothing_is_known_of_its_stops(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(sys.modules[_tracked_with.__module__], "track")
+    path = path_of("pouring")
+    assert path.tracking is not None
+    assert _tracked_with(path, Calibration("bench", Pose.identity()), PANDA) is path

@@ -17,7 +17,7 @@ from pbd.arm.collision.scene import CollisionScene
 from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit
 from pbd.audit.collision_pairs import AuditScene
-from pbd.audit.contact import Pair, coordinates, find_touch
+from pbd.audit.contact import Pair, SampledMotion, coordinates, find_touch
 from pbd.audit.solids import MESH_DISTANCES_M, Solid, half_space, link_solids, simple_solid
 from pbd.data import Calibration, JointTrajectory, Obstacle, Robot
 from pbd.data.world import THE_TOOL
@@ -225,6 +225,13 @@ def test_a_contact_of_two_milliseconds_is_found_at_its_time() -> None:
             assert found.pair is pairs[0]
             assert found.t == pytest.approx(touching[0], abs=1e-4)
         assert find_touch(PALM, trajectory, [Pair(BALL, missed)]) is None
+
+
+def test_the_last_interval_ends_where_the_trajectory_does() -> None:
+    q = np.stack((PANDA.home, PANDA.home + 0.1))
+    trajectory = time_keyframes(arm_of("panda"), q, [0.0] * 2, [None] * 2, q[0], approach=False)
+    motion = SampledMotion(PALM, trajectory)
+    assert motion.time(len(motion.t) - 2, 1.0) == pytest.approx(trajectory.duration)
 
 
 def test_a_contact_is_found_after_a_part_in_which_it_is_allowed() -> None:

@@ -59,8 +59,11 @@ def test_two_points_above_each_other_say_nothing_of_the_heading() -> None:
 def test_a_square_is_ambiguous() -> None:
     p, sigma = stops_at(SQUARE)
     assert match_points(p, sigma, SQUARE, in_order=True) == (0, 1, 2, 3)
-    with pytest.raises(CalibrationError, match=r"more than one way .*turned by (90|180) degrees.* --stops, touch the"):
+    with pytest.raises(
+        CalibrationError, match=r"more than one way .*turned by (90|180) degrees.* --stops, touch the"
+    ) as caught:
         match_points(p, sigma, SQUARE, in_order=False)
+    assert caught.value.fields["stops"] != caught.value.fields["others"]
 
 
 def test_a_point_above_a_corner_breaks_the_symmetry() -> None:

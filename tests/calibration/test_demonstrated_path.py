@@ -7,7 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.calibration.demonstrated_path import SMOOTH_M, SPACING_M, SPACING_RAD, demonstrated_moves, smoothed
+from pbd.calibration.demonstrated_path import (
+    SMOOTH_M,
+    SPACING_M,
+    SPACING_RAD,
+    demonstrated_moves,
+    led_between,
+    smoothed,
+)
 from pbd.calibration.dock import nav_in_base
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.data import Calibration, HandPath, Keyframe, Stop
@@ -72,6 +79,17 @@ def test_the_path_starts_and_ends_at_the_keyframes_even_if_they_were_moved() -> 
             np.testing.assert_allclose(pose.distance(wanted), 0.0, atol=1e-7)
     steps = np.linalg.norm(np.diff([pose.p for pose in move.T_base_tool], axis=0), axis=1)
     assert steps.max() < 1.1 * SPACING_M  # no jump at the end
+
+
+def test_a_shift_of_both_ends_alike_shifts_the_whole_path() -> None:
+    share = np.linspace(0.0, 1.0, 9)
+    p, wxyz, shift = (
+        np.outer(share, (0.1, 0.2, 0.0)),
+        np.tile((1.0, 0.0, 0.0, 0.0), (9, 1)),
+        np.array([0.0, 0.01, 0.02]),
+    )
+    ends = [Pose(p[i] + shift, wxyz[i]) for i in (0, -1)]
+    np.testing.assert_allclose(led_between(share, p, wxyz, *ends)[0], p + shift, atol=1e-15)
 
 
 @pytest.mark.parametrize("sigma_m", [0.001, 0.004, 0.1])

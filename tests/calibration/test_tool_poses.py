@@ -190,6 +190,8 @@ def test_a_tool_that_points_up_has_no_heading_to_keep() -> None:
     with pytest.raises(CalibrationError, match="the tool points up at the first keyframe, so with z straight down"):
         in_base(up, no_mount, orientation="fixed")
     in_base(up, replace(no_mount, T_sensor_tool=TOOL_DOWN), orientation="fixed")
+    level = Pose(np.zeros(3), quat_exp((0.5 * np.pi, 0.0, 0.0)))
+    in_base(up, replace(no_mount, T_sensor_tool=level), orientation="fixed")
 
 
 @pytest.mark.parametrize("any_attitude", [False, True])

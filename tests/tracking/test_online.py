@@ -566,6 +566,19 @@ def test_a_long_rest_says_nothing_of_the_scales() -> None:
     assert np.abs(hand._filter.x[ACC_MATRIX]).max() < 0.005
 
 
+@pytest.mark.parametrize(("after_s", "bounded"), [(0.9, False), (1.1, True)])
+def test_the_reach_bounds_the_position_only_in_a_long_move(
+    after_s: float, bounded: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nearer than half a stride (1 s) to a stop, the stop bounds the motion, as in the smoother."""
+    hand = fed(simulate(Task("rest", (Waypoint(rest_s=3.0),)), "modern", 3).recording)[0]._hand
+    assert hand is not None
+    asked: list[float] = []
+    monkeypatch.setattr(ErrorStateFilter, "update_reach", lambda _, lasted: asked.append(lasted))
+    hand._update_between_knots(replace(hand._window[-1][0], t=hand._t_knot + after_s))
+    assert bool(asked) == bounded
+
+
 def test_a_gyro_that_warms_up_loses_no_stop() -> None:
     """By 0.08 deg/s each second: after 20 s more than the rate at which a hand counts as turning."""
     waypoints = (

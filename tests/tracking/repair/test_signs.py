@@ -25,6 +25,7 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.repair.axes import Witness, find_axis_error
+from pbd.tracking.repair.axis_mappings import AxisMapping
 from pbd.tracking.repair.gyro_consistency import (
     refuse_disagreement,
     refuse_flipped_signs,
@@ -34,6 +35,23 @@ from pbd.tracking.repair.gyro_consistency import (
 from tests.scenarios import simulate
 
 WITH_ATTITUDE = ("os5000", "os5000-nogyro", "wt901", "modern")
+
+
+@pytest.mark.parametrize(
+    ("order", "signs", "causes"),
+    [
+        ((0, 1, 2), (1, 1, 1), 0),
+        ((0, 1, 2), (1, -1, 1), 1),
+        ((0, 1, 2), (-1, -1, -1), 1),
+        ((1, 0, 2), (1, 1, 1), 1),
+        ((1, 2, 0), (1, 1, 1), 2),
+        ((1, 0, 2), (1, -1, -1), 3),
+    ],
+)
+def test_the_mistakes_that_explain_a_mapping_are_counted(
+    order: tuple[int, ...], signs: tuple[int, ...], causes: int
+) -> None:
+    assert AxisMapping(order, signs).causes == causes
 
 
 def turned(recording: Recording, *signs: float) -> Recording:
