@@ -18,6 +18,7 @@ from pbd.cli.recording.keys import Keys, Person
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
 from pbd.cli.recording.simulated import Show, SimulatedHand, simulated_hand
 from pbd.data import SensorErrors
+from pbd.data.streams import RATE_TOLERANCE
 from pbd.errors import RecordingError, UsageError, amount, warn
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, read_demo_toml, refuse_demo_folder, shell_word
@@ -25,7 +26,7 @@ from pbd.io.toml import utc_now
 from pbd.record import Outcome, RecordOptions, record
 from pbd.record.loop import SCREEN_EVERY_S, Poll
 from pbd.record.session_types import TOO_FEW_STOPS
-from pbd.tracking.repair.clock import FASTEST_HZ, RATE_TOLERANCE
+from pbd.tracking.repair.clock import FASTEST_HZ
 from pbd.view.terminal import discard_rest
 
 SIMULATED = "sim"

@@ -10,6 +10,9 @@ import numpy as np
 from pbd.data.frozen_arrays import freeze_arrays
 from pbd.pose import Array
 
+RATE_TOLERANCE = 0.05
+"""There is a warning if the measured rate differs from the nominal one by more than this share."""
+
 MAX_GAP_STEPS = 2.5
 """Longest interpolated gap in usual steps: one lost sample is bridged, two are a gap."""
 

@@ -268,6 +268,16 @@ def test_a_rate_wins_over_the_times_of_a_table(tmp_path: Path) -> None:
         import_file(tmp_path / "run.npz", rate_hz=100.0)
 
 
+@pytest.mark.parametrize(("rate_hz", "told"), [(100.0, False), (104.0, False), (115.0, True), (50.0, True)])
+def test_a_rate_that_times_in_a_known_unit_contradict_is_told(tmp_path: Path, rate_hz: float, told: bool) -> None:
+    rows = "\n".join(f"{10 * k},0,0,9.8" for k in range(20))
+    (tmp_path / "run.csv").write_text(f"millis,ax,ay,az\n{rows}\n")
+    with pytest.warns(PbdWarning, match="is used instead of the times") as caught:
+        import_file(tmp_path / "run.csv", rate_hz=rate_hz)
+    said = f", by which the samples come at 100 Hz: if they are right, every distance comes out {1e4 / rate_hz**2:.2f} "
+    assert any(said in str(each.message) for each in caught) == told
+
+
 def test_repeated_rows_are_left_out_if_most_are(tmp_path: Path) -> None:
     """A program that reads faster than the sensor writes each sample twice; a cell may be empty."""
     with pytest.warns(PbdWarning, match="3 rows that repeat the row before are left out"):

@@ -18,7 +18,7 @@ from pbd.data import Recording, RecordingInfo
 from pbd.data.imu_columns import ACC, device_rpy
 from pbd.data.one_line_repr import counted
 from pbd.data.source_columns import CHANNELS, DATES, Column, SourceColumns
-from pbd.data.streams import Stream, joined
+from pbd.data.streams import RATE_TOLERANCE, Stream, joined
 from pbd.data.units import unit_factor
 from pbd.errors import RecordingError, listed, warn
 from pbd.files.header_line import without_thousands
@@ -35,7 +35,7 @@ from pbd.files.importers.grip_column import read_grip
 from pbd.files.importers.header_names import is_counter, is_time, is_time_step, own_times_of, plain, time_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.importers.several_devices import refuse_alternating_devices, refuse_several_devices
-from pbd.files.table import Table, foreign_text, open_sheet
+from pbd.files.table import Sheet, Table, foreign_text, open_sheet
 from pbd.io.numbers import is_stamp
 from pbd.pose import Array
 
@@ -87,9 +87,11 @@ def read_csv(
         in_steps, columns = True, {**columns, "t": steps}
         found = understand(sheet, columns, units).with_column(steps, named_by="its name: steps of time")
     if rate_hz is not None and (wrong := found.of("t")):
-        warn(f"{path}: --rate {rate_hz:g} is used instead of the times in the column '{wrong[0].name}'")
+        name = wrong[0].name
+        other = _other_rate(sheet, name, rate_hz)
+        warn(f"{path}: --rate {rate_hz:g} is used instead of the times in the column '{name}'{other}")
         others = tuple(column for column in found.columns if column not in wrong)
-        found = replace(found, columns=others).with_unread({wrong[0].name: "--rate is used instead"})
+        found = replace(found, columns=others).with_unread({name: "--rate is used instead"})
     timed = bool(found.of("t"))
     known = f"the columns are {listed(sheet.header)}"
     say = "import it with --column for each, for example --column ax=NAME"
@@ -202,6 +204,23 @@ def _without_repeats(path: Path, recording: Recording) -> Recording:
 
 def _values(table: Table, columns: list[Column]) -> Array:
     return table.columns(*(column.name for column in columns)) * [column.factor for column in columns]
+
+
+def _other_rate(sheet: Sheet, name: str, rate_hz: float) -> str:
+    """What the times of a column say against the given rate; "" if they agree, or their unit is unknown."""
+    try:
+        t = (unit_factor("t", time_unit(name)) or np.nan) * sheet.read([name]).columns(name)[:, 0]
+    except RecordingError:  # dates, or no numbers
+        return ""
+    lasts = float(t[-1] - t[0])
+    own_hz = (len(t) - 1) / lasts if lasts > 0.0 else rate_hz
+    if abs(own_hz / rate_hz - 1.0) <= RATE_TOLERANCE:
+        return ""
+    longer = (own_hz / rate_hz) ** 2
+    return (
+        f", by which the samples come at {own_hz:.4g} Hz: if they are right, every distance comes out {longer:.2f} "
+        "times its true value"
+    )
 
 
 def _magnetometer_beside(

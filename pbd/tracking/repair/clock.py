@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pbd.data import Recording
 from pbd.data.one_line_repr import counted
 from pbd.data.source_columns import DATES, NO_UNIT, SourceColumns
-from pbd.data.streams import batched_interval
+from pbd.data.streams import RATE_TOLERANCE, batched_interval
 from pbd.errors import RecordingError, warn
 from pbd.io.numbers import DAY_S
 from pbd.pose import Array
@@ -46,9 +46,6 @@ NOMINAL_TOLERANCE = 0.01
 
 DRIFT_S = 1.0
 """s: averaging time of the clock's slow drift, which evenly spaced times keep."""
-
-RATE_TOLERANCE = 0.05
-"""There is a warning if the measured rate differs from the nominal one by more than this share."""
 
 
 def with_clock(recording: Recording) -> Recording:
