@@ -32,7 +32,7 @@ pushes it too: the accelerometer jumps by this times the gyro's jump in a sampli
 OUTLIER_RATIO = 25.0
 """Smallest ratio that shows a splice: of a wild row's distance to noise, motion around it and the jump that remains
 without it; of the squared jumps before and after an exchange of blocks; of these jumps to those around. Sound
-recordings (hands and feet, 40 to 286 Hz) reach 8, 12 and 7."""
+recordings (hands and feet, 40 to 286 Hz) reach 8, 12 and 7. After an exchange the jumps are no such outliers."""
 
 MOTION_AROUND_S = 0.3
 """s: the motion around a row is measured within this time before and after it."""
@@ -234,8 +234,8 @@ def _swapped_blocks(recording: Recording) -> tuple[int, int] | None:
     a, b, c = a[fits], b[fits], c[fits]
     if len(a) == 0:
         return None
-    three = np.array([jumps[a], jumps[b], jumps[c]])
-    gain = three.sum(axis=0) / (left_over(a, b) + left_over(c, a) + left_over(b, c) + 1.0)
+    three, left = np.array([jumps[a], jumps[b], jumps[c]]), left_over(a, b) + left_over(c, a) + left_over(b, c)
+    gain = three.sum(axis=0) / (left + 1.0)
     best = int(np.argmax(gain))
     if gain[best] < OUTLIER_RATIO:
         return None
@@ -244,6 +244,7 @@ def _swapped_blocks(recording: Recording) -> tuple[int, int] | None:
     beside = jumps[(away > 2) & (away <= max(8, round(MOTION_AROUND_S * recording.rate_hz)))]
     around = float(beside.sum()) / max(len(beside), 1)
     apart = sum((_unmet(x, at + 2) / noise) ** 2 for x, noise in sensors)
-    if three[:, best].mean() < OUTLIER_RATIO * around or np.max(apart) < OUTLIER_RATIO * max(around, 1.0):
+    usual = OUTLIER_RATIO * max(around, 1.0)
+    if three[:, best].mean() < OUTLIER_RATIO * around or np.max(apart) < usual or left[best] > 3.0 * usual:
         return None
     return int(a[best]) + 2, int(b[best] - a[best])

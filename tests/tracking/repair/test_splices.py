@@ -74,6 +74,19 @@ def test_a_rest_as_long_as_the_quick_move_after_it_is_not_exchanged_with_it(rest
         assert in_order(recording) is recording
 
 
+@pytest.mark.parametrize("harder", [1.05, 1.15])
+def test_rests_between_two_impacts_that_are_nearly_alike_are_not_exchanged(harder: float) -> None:
+    """A put-down jerks the sensor for a sample. Exchanged, one impact would nearly take the other's place."""
+    recording = simulate(Task("still", (Waypoint(rest_s=6.0),)), "modern", 1).recording
+    acc = recording.acc.copy()
+    acc[200, 2] += 14.0
+    acc[300, 2] += 14.0 * harder
+    knocked = replace(recording, acc=acc)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert in_order(knocked) is knocked
+
+
 @pytest.mark.parametrize("rows", [1, 2, 3])
 def test_wild_gyro_rows_are_left_out_however_small(rows: int) -> None:
     """1 rad/s over three samples is a turn of two degrees."""
