@@ -54,7 +54,8 @@ def decoded(
         else:
             text = text.removeprefix("\ufeff")
             return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
-    raise error.at(path, f"can't be read as text ({reason}); {next_step}")
+    names = " or ".join(encoding.removesuffix("-sig") for encoding in encodings)
+    raise error.at(path, f"can't be read as text (byte {reason.start} is none in {names}); {next_step}")
 
 
 def _size_of(status: os.stat_result, most: int) -> int:

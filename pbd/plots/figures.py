@@ -200,9 +200,7 @@ FIGURES: Mapping[str, Callable[[DemoValues], Figure]] = {
     "velocity": _over_time(
         "Velocity, and its residual at each stop (closure)", (2.7, panels.velocity), (1.7, panels.closure)
     ),
-    "sigma": _over_time(
-        "Sigma along the path, and the error where the truth is known", *SIGMAS, (1.25, panels.sigma_turn)
-    ),
+    "sigma": _over_time("Sigma along the path", *SIGMAS, (1.25, panels.sigma_turn)),
     "field": _over_time(
         "Magnetic field, against the first rest", (2.0, panels.field_strength), (2.0, panels.field_dip)
     ),
