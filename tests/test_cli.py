@@ -162,7 +162,8 @@ def test_tables_have_no_colour_in_a_pipe(capsys: Capture) -> None:
 
 def test_an_unsure_keyframe_is_told(capsys: Capture, data_folder: Path) -> None:
     (file,) = (data_folder / "broad").glob("10*.npz")
-    said = refused(capsys, 1, "replay", str(file), "--robot", "panda", "--scale", "0.2", "--orientation", "fixed")
+    asked = ("replay", str(file), "--robot", "panda", "--scale", "0.2", "--orientation", "fixed", "--html", "page.html")
+    said = refused(capsys, 1, *asked)
     assert re.search(r"is uncertain by \d+ cm .*, more than the whole path .* s move to keyframe ", said)
 
 

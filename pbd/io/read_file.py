@@ -54,8 +54,8 @@ def decoded(
         else:
             text = text.removeprefix("\ufeff")
             return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
-    names = " or ".join(encoding.removesuffix("-sig") for encoding in encodings)
-    raise error.at(path, f"can't be read as text (byte {reason.start} is none in {names}); {next_step}")
+    tried = ", ".join(encoding.removesuffix("-sig") for encoding in encodings)
+    raise error.at(path, f"can't be read as text (tried {tried}; byte {reason.start} does not fit); {next_step}")
 
 
 def _size_of(status: os.stat_result, most: int) -> int:

@@ -100,7 +100,7 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
             {"line": 3},
         ),
         (bytes(1000), ": can't be read as text (NUL bytes, as a crash may leave); give a CSV file", {}),
-        (b"t,ax\n0,\xff\n", ": can't be read as text (byte 7 is none in utf-8)", {}),
+        (b"t,ax\n0,\xff\n", ": can't be read as text (tried utf-8; byte 7 does not fit)", {}),
     ],
 )
 def test_a_fault_is_named_with_its_line_and_column(

@@ -216,10 +216,9 @@ def _other_rate(sheet: Sheet, name: str, rate_hz: float) -> str:
     own_hz = (len(t) - 1) / lasts if lasts > 0.0 else rate_hz
     if abs(own_hz / rate_hz - 1.0) <= RATE_TOLERANCE:
         return ""
-    longer = (own_hz / rate_hz) ** 2
     return (
-        f", by which the samples come at {own_hz:.4g} Hz: if they are right, every distance comes out {longer:.2f} "
-        "times its true value"
+        f", by which the samples come at {own_hz:.4g} Hz: if they are right, every distance comes out "
+        f"{(own_hz / rate_hz) ** 2:.2f} times its true value"
     )
 
 

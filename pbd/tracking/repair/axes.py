@@ -23,8 +23,8 @@ from pbd.pose import Array
 from pbd.tracking.repair.axis_mappings import AXIS_MAPPINGS, AxisMapping
 
 CONTRADICTION_DEG = 12.0
-"""A direction contradicts the gyro if the median angle between it and the gyro's prediction is larger (degrees). A hand
-that never quite stops is up to 14 degrees off (BROAD's trial 14), which no other mapping of the axes mends."""
+"""A direction contradicts the gyro if the median angle between it and the gyro's prediction is larger (degrees), beyond
+what the hand's acceleration may explain (`Witness.unsure_deg`)."""
 
 SCALE_DEG = 20.0
 """A scale of the gyro is looked for, which takes as long as tracking, if gravity is off by more than this, degrees."""

@@ -305,7 +305,7 @@ def test_without_a_compass_nothing_tells_the_heading() -> None:
 
 def test_lag_and_scale_are_read_once_they_have_settled() -> None:
     """An iteration whose robust weights go on changing may know both long before it ends."""
-    x: Any = SimpleNamespace(shared=np.zeros(SHARED), p=np.zeros((50, 3)))
+    x: Any = SimpleNamespace(shared=np.zeros(SHARED))
     x.shared[LAG], x.shared[GYR_MATRIX][::4] = 0.02, 0.15
 
     def after(*steps: float) -> tuple[float, float]:
