@@ -1,8 +1,8 @@
 """All physical parameters of the estimator: the sensor's errors and the motion of the hand.
 
-White noise is measured in the recording's first rest. The sensor's other errors are those of its class, from data
-sheets. The hand's parameters are from physiology. `gyr_turn`, `acc_motion`, `acc_bend` and the random walks were tuned
-on the benchmark's recordings.
+White noise is measured in the recording's first rest, where a hand that sways and trembles shakes least. The sensor's
+other errors are those of its class, from data sheets. The hand's parameters are from physiology. `gyr_turn`,
+`acc_motion`, `acc_bend` and the random walks were tuned on the benchmark's recordings.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from pbd.data.units import DEG, MG
 from pbd.pose import Array, lengths
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import moving_means, rows_of_mean, squares, white_noise_variance
+from pbd.tracking.white_noise import steps_of, white_noise
 
 OUTLIER_SIGMAS = 3.0
 """An error of more sigmas along an axis is an outlier (by chance in 0.27 % of cases): a robust factor fades, a claim is
@@ -155,13 +156,6 @@ class Noise:
     """rad/s: mean rate of such a hand, which turns about an elbow half a metre away."""
 
 
-FINEST_STEP = 1e-12
-"""m/s2 or rad/s: a smaller difference between readings is floating-point rounding."""
-
-STEP_ROWS = 4096
-"""Number of rows, spread over a recording, from which the step (resolution) of its readings is found."""
-
-
 def noise_of(
     recording: Recording, rest: Rest, errors: SensorErrors | None = None, steps: tuple[float, float] | None = None
 ) -> Noise:
@@ -176,49 +170,19 @@ def noise_of(
     gravity = Noise.gravity
     if errors is not None and errors.acc is not None:
         sensor, gravity = _calibrated(sensor, errors.acc, errors.gyr), errors.gravity
-    white = 3.0 * white_noise_variance(rows_of_mean(recording.rate_hz))
     gyr_step, acc_step = steps_of(recording) if steps is None else steps
-    gyr, gyr_held = _rounding(gyr_step, np.sqrt(rest.gyr_var / white))
-    acc, acc_held = _rounding(acc_step, np.sqrt(rest.acc_var / white))
+    still, rate_hz = slice(rest.start, rest.stop), recording.rate_hz
+    rates = np.zeros_like(recording.acc) if recording.gyr is None else recording.gyr
+    gyr, gyr_held = white_noise(rates[still], rest.gyr_var, gyr_step, rate_hz)
+    acc, acc_held = white_noise(recording.acc[still], rest.acc_var, acc_step, rate_hz)
     sensor = replace(
         sensor,
         acc_bias=float(np.hypot(sensor.acc_bias, acc_held)),
         gyr_walk=float(np.hypot(sensor.gyr_walk, gyr_held)),
         acc_walk=float(np.hypot(sensor.acc_walk, acc_held)),
     )
-    root = recording.rate_hz**-0.5
+    root = rate_hz**-0.5
     return Noise(gyr * root, acc * root, sensor, gravity=gravity)
-
-
-def steps_of(recording: Recording) -> tuple[float, float]:
-    """The step of the gyro's readings, rad/s, and of the accelerometer's, m/s2; infinity: no reading differs."""
-    gyr, acc = (np.inf if values is None else _step(values) for values in (recording.gyr, recording.acc))
-    return gyr, acc
-
-
-def _step(values: Array) -> float:
-    """The smallest difference between two readings (n, 3) of an axis."""
-    some = values[:: max(1, len(values) // STEP_ROWS)]
-    return min(float(np.diff(np.unique(axis)).min(initial=np.inf)) for axis in some.T)
-
-
-def _rounding(step: float, rms: float) -> tuple[float, float]:
-    """White noise per sample and axis, and the rounding error that stays constant while the reading does.
-
-    Noise larger than the step makes the rounding error white (dither). Of smaller noise, a share
-    exp(-2 pi^2 rms^2 / step^2) of the error is constant in a rest and differs between rests. It adds to the bias, and
-    to its random walk per sqrt(s).
-
-    Args:
-        step: of one sensor's readings.
-        rms: per axis, at rest.
-
-    Source: B. Widrow, I. Kollar, Quantization noise, Cambridge 2008, 9.
-    """
-    if not FINEST_STEP < step < np.inf:
-        return rms, 0.0
-    rounding = step / np.sqrt(12.0)
-    return max(rms, rounding), rounding * float(np.exp(-2.0 * (np.pi * rms / step) ** 2))
 
 
 def _calibrated(own: SensorClass, acc: LinearErrors, gyr: LinearErrors | None) -> SensorClass:

@@ -24,6 +24,7 @@ from pbd.tracking.moving_windows import (
 )
 from pbd.tracking.noise import Noise
 from pbd.tracking.slow_ends import without_slow_ends
+from pbd.tracking.white_noise import white_energy
 
 ENERGY_WINDOW_S = 0.1
 """s: length of the windows over which energies are averaged. Motion is seen up to this much late."""
@@ -130,7 +131,7 @@ def _move_energy(energy: Array, n: int, dt: float) -> Array:
     return window_maxima(least, 2 * reach + 2 - lasting)
 
 
-def zero_velocity_sigma(acc_energy: Array, gyr_energy: Array, n: int, rest: Rest, noise: Noise) -> Array:
+def zero_velocity_sigma(acc_energy: Array, gyr_energy: Array, n: int, dt: float, noise: Noise) -> Array:
     """Sigma of zero velocity, m/s per axis, at each of n rows.
 
     A hand at rest creeps, trembles (acceleration above the sensor's noise) and turns about a point beside the sensor
@@ -139,7 +140,7 @@ def zero_velocity_sigma(acc_energy: Array, gyr_energy: Array, n: int, rest: Rest
     Args:
         acc_energy, gyr_energy: (m,) (m/s2)^2 and (m,) (rad/s)^2, from `energies`.
     """
-    return _at_rows(sigma_by_energies(acc_energy, gyr_energy, rest, noise), n)
+    return _at_rows(sigma_by_energies(acc_energy, gyr_energy, dt, noise), n)
 
 
 def _at_rows(of_windows: Array, n: int) -> Array:
@@ -148,10 +149,11 @@ def _at_rows(of_windows: Array, n: int) -> Array:
     return np.pad(of_windows, (before, n - len(of_windows) - before), mode="edge")
 
 
-def sigma_by_energies(acc_energy: Array, gyr_energy: Array, rest: Rest, noise: Noise) -> Array:
-    """Sigma of zero velocity (k,), m/s per axis, of windows with known `energies`."""
-    shaken = np.maximum(acc_energy - rest.acc_var, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
-    turned = noise.still_lever**2 * np.maximum(gyr_energy - rest.gyr_var, 0.0)
+def sigma_by_energies(acc_energy: Array, gyr_energy: Array, dt: float, noise: Noise) -> Array:
+    """Sigma of zero velocity (k,), m/s per axis, of windows with known `energies`; `dt` is the sampling interval, s."""
+    of_acc, of_gyr = (white_energy(density / dt**0.5, 1.0 / dt) for density in (noise.acc_density, noise.gyr_density))
+    shaken = np.maximum(acc_energy - of_acc, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
+    turned = noise.still_lever**2 * np.maximum(gyr_energy - of_gyr, 0.0)
     return np.sqrt(noise.still_speed**2 + shaken + turned)
 
 

@@ -32,9 +32,10 @@ from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import STILL_ACC, STILL_GYR, find_rest, restlessness
 from pbd.tracking.keyframes import find_keyframes, find_segments
 from pbd.tracking.moving_windows import rows_of_mean, white_noise_variance
-from pbd.tracking.noise import FACTORY, Noise, _bends, _rounding, _step, noise_of
+from pbd.tracking.noise import FACTORY, Noise, _bends, noise_of
 from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.smoother.preintegration import integral_of_means, integral_of_values, turns_between_middles
+from pbd.tracking.white_noise import _rounding, _step
 from pbd.tracking.zero_velocity import energies, find_candidates, lasts
 from tests.scenarios import pour
 from tests.tracking.hands import largest_angle

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from pbd.pipeline import track
+from pbd.simulation.simulate import random_task, simulate
+from pbd.tracking.first_rest import find_rest
 from pbd.tracking.keyframes import find_keyframes
+from pbd.tracking.noise import noise_of
 from tests.scenarios import truth_at
 from tests.tracking.test_online import began, fed
-from tests.tracking.trembling import STRONG, USUAL, trembling
+from tests.tracking.trembling import STRONG, USUAL, trembling, with_tremor
 
 STOPS = 11
 
@@ -31,3 +34,22 @@ def test_the_stops_are_found_where_they_are(sensor: str, rms: tuple[float, float
 def test_live_one_may_be_lost_or_divided(sensor: str, seed: int) -> None:
     _, events = fed(trembling(sensor, seed, USUAL).recording)
     assert abs(len({event.index for event in began(events)}) - STOPS) <= 1
+
+
+@pytest.mark.parametrize("seed", [2, 5, 6])
+def test_slow_moves_of_a_hand_that_trembles_from_the_start_are_no_rests(seed: int) -> None:
+    """Their acceleration is as large as the tremor's. If that were the sensor's noise, nothing would show them."""
+    task = random_task(seed, moves=4, move_s=(2.5, 4.0), rest_s=(1.0, 2.0), max_turn=0.0)
+    path = track(with_tremor(simulate(task, "wt901", seed), seed, STRONG).recording)
+    assert len(path.stops) == 5
+
+
+@pytest.mark.parametrize("sensor", ["os5000", "wt901", "modern"])
+def test_tremor_is_not_taken_for_the_sensors_noise(sensor: str) -> None:
+    demo = simulate("pour", sensor, 1)
+    shakes = with_tremor(demo, 1, STRONG).recording
+    held, own = (noise_of(each, find_rest(each)) for each in (shakes, demo.recording))
+    for name, energy in (("acc_density", "acc_var"), ("gyr_density", "gyr_var")):
+        more = getattr(find_rest(shakes), energy) / getattr(find_rest(demo.recording), energy)
+        assert more > 8.0
+        assert 0.5 < getattr(held, name) / getattr(own, name) < 0.5 * np.sqrt(more)

@@ -1,4 +1,4 @@
-"""The everyday task by a hand that trembles in the air."""
+"""Tasks by a hand that trembles in the air."""
 
 from __future__ import annotations
 
@@ -16,11 +16,15 @@ USUAL, STRONG = (0.1, 0.02), (0.15, 0.03)
 
 
 def trembling(sensor: str, seed: int, rms: tuple[float, float]) -> Demonstration:
-    """The everyday task by a hand that trembles at 6 to 12 Hz once it has left the table, where it rested for 1.8 s."""
-    demo = simulate("pour", sensor, seed)
+    """The everyday task by a hand that trembles once it has left the table, where it rested for 1.8 s."""
+    return with_tremor(simulate("pour", sensor, seed), seed, rms, since_s=1.8)
+
+
+def with_tremor(demo: Demonstration, seed: int, rms: tuple[float, float], since_s: float = -1.0) -> Demonstration:
+    """The same by a hand that trembles at 6 to 12 Hz from a time on."""
     recording, rng = demo.recording, np.random.default_rng(seed)
     band = butter(2, (6.0, 12.0), btype="band", fs=recording.rate_hz, output="sos")
-    begun = np.clip((recording.t - 1.8) / 0.2, 0.0, 1.0)[:, None]
+    begun = np.clip((recording.t - since_s) / 0.2, 0.0, 1.0)[:, None]
 
     def tremor(size: float) -> Array:
         noise = sosfiltfilt(band, rng.normal(size=(len(recording), 3)), axis=0)

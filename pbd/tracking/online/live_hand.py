@@ -78,7 +78,7 @@ class LiveHand:
         self._no_gyro = not has_gyro
         bias = rest.gyro_bias if has_gyro else np.zeros(3)
         self._strapdown = Strapdown(samples[0], interval, noise, bias, self._no_gyro)
-        self._n = max(2, round(ENERGY_WINDOW_S / interval))
+        self._interval, self._n = interval, max(2, round(ENERGY_WINDOW_S / interval))
         self._beside = PASSES * (rows_of_mean(1.0 / interval) - 1) // 2  # rows beside a window, for the moving means
         self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=self._n + 2 * self._beside)
         self._past_stops: list[LiveStop] = []
@@ -138,7 +138,7 @@ class LiveHand:
         force, rate = (np.array(seen) for seen in zip(*((u, rate) for _, u, rate in self._window), strict=True))
         rate = rate - self._filter.x[GYR_BIAS]  # it drifts while the gyro warms up
         acc_energy, gyr_energy = (each[len(each) // 2] for each in energies(force, rate, min(self._n, len(force))))
-        self._sigma = float(sigma_by_energies(acc_energy, gyr_energy, self.rest, self._noise))
+        self._sigma = float(sigma_by_energies(acc_energy, gyr_energy, self._interval, self._noise))
         if not self._no_gyro:
             # The tremor's velocity is the residual of a straight line through the velocity in the window.
             t = np.array([sample.t for sample, _, _ in self._window])[-self._n :]

@@ -13,12 +13,13 @@ from pbd.data.frozen_arrays import numeric
 from pbd.errors import PbdError, TrackingError, WrongTypeError
 from pbd.pose import Array, readonly
 from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, QUIET_RATIO, REST_S, STILL_ACC, Rest, find_rest
-from pbd.tracking.noise import Noise, noise_of, steps_of
+from pbd.tracking.noise import Noise, noise_of
 from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan, StopEnded
 from pbd.tracking.online.live_hand import LiveHand
 from pbd.tracking.online.samples import Sample, SampleRepair
 from pbd.tracking.repair.clock import SLOWEST_HZ
 from pbd.tracking.smoother.attitude import NO_ORIENTATION
+from pbd.tracking.white_noise import steps_of
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 __all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "StopEnded"]

@@ -133,7 +133,7 @@ def smooth(
         energy = energies(force, rate - drift, window)
         if stops is None:
             stops = find_candidates(frame.t, frame.dt, *energy, rest, gaps)
-        still_sigma = zero_velocity_sigma(*energy, len(frame.t), rest, noise)
+        still_sigma = zero_velocity_sigma(*energy, len(frame.t), frame.dt, noise)
         density = row_noise(frame, rest, noise, gaps, no_gyro)
         if not stops:
             return None

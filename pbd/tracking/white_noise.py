@@ -1,0 +1,86 @@
+"""Measure a sensor's white noise at rest, although the hand that holds it sways and trembles."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pbd.data import Recording
+from pbd.pose import Array
+from pbd.tracking.first_rest import REST_S
+from pbd.tracking.moving_windows import rows_of_mean, white_noise_variance
+
+FINEST_STEP = 1e-12
+"""m/s2 or rad/s: a smaller difference between readings is floating-point rounding."""
+
+BETWEEN_HZ = np.arange(2.5, 4.6, 0.5)
+"""Hz: a hand sways below these frequencies and trembles above them (`tremor_hz`); what is between is sensor noise."""
+
+WHITE_FACTOR = 1.5
+"""The most that white noise may be, in units of what is found in a second between sway and tremor. One sigma of that is
+a quarter (five frequencies, of which neighbours are alike, on three axes)."""
+
+STEP_ROWS = 4096
+"""Number of rows, spread over a recording, from which the step (resolution) of its readings is found."""
+
+
+def steps_of(recording: Recording) -> tuple[float, float]:
+    """The step of the gyro's readings, rad/s, and of the accelerometer's, m/s2; infinity: no reading differs."""
+    gyr, acc = (np.inf if values is None else _step(values) for values in (recording.gyr, recording.acc))
+    return gyr, acc
+
+
+def _step(values: Array) -> float:
+    """The smallest difference between two readings (n, 3) of an axis."""
+    some = values[:: max(1, len(values) // STEP_ROWS)]
+    return min(float(np.diff(np.unique(axis)).min(initial=np.inf)) for axis in some.T)
+
+
+def white_noise(values: Array, energy: float, step: float, rate_hz: float) -> tuple[float, float]:
+    """White noise per sample and axis, and the rounding error that stays constant while the reading does.
+
+    Args:
+        values: (n, 3), one sensor's at rest.
+        energy: variance of their moving means, summed over the axes.
+        step: of the readings.
+    """
+    rms = np.sqrt(energy / white_energy(1.0, rate_hz))
+    white, held = _rounding(step, rms)
+    return max(white, min(rms, _most_beside_tremor(values, rate_hz))), held
+
+
+def _most_beside_tremor(values: Array, rate_hz: float) -> float:
+    """The most white noise, per sample and axis, in a rest (n, 3); infinity if it is too short or sampled too slowly.
+
+    White noise is in all frequencies, a hand's sway and tremor are not. A Hann window keeps them out of those between.
+    """
+    n = len(values)
+    if rate_hz < 2.0 * BETWEEN_HZ[-1] or n < round(REST_S * rate_hz):
+        return np.inf
+    window = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
+    waves = window * np.exp(-2.0j * np.pi * np.outer(BETWEEN_HZ, np.arange(n) / rate_hz))
+    power = np.abs(waves @ (values - values.mean(axis=0))) ** 2
+    return WHITE_FACTOR * float(np.sqrt(power.mean() / (window @ window)))
+
+
+def white_energy(rms: float, rate_hz: float) -> float:
+    """Variance of the `moving_means` of white noise with `rms` per sample and axis, summed over three axes."""
+    return 3.0 * rms**2 * white_noise_variance(rows_of_mean(rate_hz))
+
+
+def _rounding(step: float, rms: float) -> tuple[float, float]:
+    """White part of a rounding error, rms per axis, and the part that stays constant while the reading does.
+
+    Noise larger than the step makes the rounding error white (dither). Of smaller noise, a share
+    exp(-2 pi^2 rms^2 / step^2) of the error is constant in a rest and differs between rests. It adds to the bias, and
+    to its random walk per sqrt(s).
+
+    Args:
+        step: of one sensor's readings.
+        rms: per axis, at rest.
+
+    Source: B. Widrow, I. Kollar, Quantization noise, Cambridge 2008, 9.
+    """
+    if not FINEST_STEP < step < np.inf:
+        return 0.0, 0.0
+    rounding = step / np.sqrt(12.0)
+    return rounding, rounding * float(np.exp(-2.0 * (np.pi * rms / step) ** 2))
