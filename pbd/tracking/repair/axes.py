@@ -170,16 +170,21 @@ def find_axis_error(
     for factor, what in UNITS:
         fit = fit_of(factor)
         if fit < min(off_deg / IMPROVEMENT, found.fit_deg if found else np.inf):
-            return Contradiction("a", off_deg, fit, pair, or_order + what)
+            found = Contradiction("a", off_deg, fit, pair, or_order + what)
+            break
     if found is None and not np.ptp(by_gyro, axis=0).any():
         dead = f"it reads the same all the time, so it is dead; check the columns {source.names('gyr')}"
         return Contradiction("a", off_deg, off_deg, pair, dead)
-    if found is None and 0 in counted and off_deg > SCALE_DEG:
-        return _find_scale(fit_of, off_deg, pair)
+    # A rate that a person gave is as likely wrong as axes or units are: what fits best is told.
+    if 0 in counted and (source.at_a_rate or (found is None and off_deg > SCALE_DEG)):
+        scale = _find_scale(fit_of, off_deg, pair, source)
+        return min(filter(None, (scale, found)), key=lambda each: each.fit_deg, default=None)
     return found
 
 
-def _find_scale(fit_of: Callable[[float], float], off_deg: float, pair: int) -> Contradiction | None:
+def _find_scale(
+    fit_of: Callable[[float], float], off_deg: float, pair: int, source: SourceColumns
+) -> Contradiction | None:
     """Find the factor nearest to 1 that makes the gyro agree with gravity."""
     fits = np.array([fit_of(float(factor)) for factor in FACTORS])
     good = np.flatnonzero(fits <= min(fits.min() + AS_GOOD_DEG, off_deg / IMPROVEMENT))
@@ -190,10 +195,12 @@ def _find_scale(fit_of: Callable[[float], float], off_deg: float, pair: int) -> 
     best = int(beside[np.argmin(fits[beside])])
     if 1.0 / CLEAR_FACTOR < FACTORS[best] < CLEAR_FACTOR:
         return None
-    what = (
-        f"it turns about {1.0 / FACTORS[best]:.2g} times as far: its unit or its full scale is wrong (--unit gyr=...), "
-        "or the times are, and with them every distance (--unit t=..., --rate)"
-    )
+    far = f"about {1.0 / FACTORS[best]:.2g} times"
+    why = "its unit or its full scale is wrong (--unit gyr=...)"
+    what = f"it turns {far} as far: {why}, or the times are, and with them every distance (--unit t=..., --rate)"
+    if source.at_a_rate:
+        rate = f"the rate is likely wrong, and the true one {far} as high: {source.must_be_seconds()}"
+        what = f"it turns {far} as far: {rate}; else {why}"
     return Contradiction("a", off_deg, float(fits[best]), pair, what)
 
 

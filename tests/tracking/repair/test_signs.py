@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.data import GRAVITY, Demonstration, Recording
+from pbd.data.source_columns import Column, SourceColumns
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files.demo import write_demo
 from pbd.files.importers import import_file
@@ -131,6 +132,21 @@ def test_a_hand_that_turns_tells_which_axes_are_wrong(sensor: str, channel: str,
     with pytest.raises(RecordingError) as caught:
         refuse_disagreement(spoilt(replace(recording, device_rpy=None), channel, mended_by))
     assert caught.value.message.endswith(f": import the file with {mended_by}")
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_wrong_rate_of_a_file_without_times_is_told_where_it_explains_the_turns_best(seed: int) -> None:
+    """At half its rate all turns come out twice as large. A unit that fits by chance was named."""
+    columns = tuple(Column(name, name, 1.0, "rad/s", "its name", "its name") for name in ("gx", "gy", "gz"))
+    right = replace(simulate("pick-and-place-direct", "modern", seed).recording, mag=None, device_rpy=None)
+    right = replace(right, info=replace(right.info, source=SourceColumns(columns)))
+    with pytest.raises(
+        RecordingError, match=r"the rate is likely wrong, and the true one about (1\.9|2) times as high"
+    ):
+        refuse_disagreement(replace(right, t=2.0 * right.t))
+    refuse_disagreement(right)
+    with pytest.raises(RecordingError, match="import the file with --column gx=gy --column gy=gx"):
+        refuse_disagreement(spoilt(right, "gyr", "--column gx=gy --column gy=gx"))
 
 
 def test_a_gyros_bias_hides_no_wrong_axis() -> None:
