@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -110,9 +109,7 @@ class Sheet:
         """
         wanted = self.header if names is None else tuple(dict.fromkeys(names))
         refuse_missing(self.path, self.header, wanted, self.error)
-        count = Counter(self.header)
-        if twice := next((name for name in wanted if count[name] > 1), None):
-            raise self._fault(None, f"the column '{printable(twice)}' is there twice", "rename one", value=twice)
+        self.refuse_twice(wanted)
         columns = [self.header.index(name) for name in wanted]
         dated = {self.header.index(name): date_order(self.first_and_last(name)) for name in wanted if name in times}
         parts, line = [], self.line
@@ -121,6 +118,11 @@ class Sheet:
             parts.append(self._read_cells(block, line, columns, dated) if rows is None else rows[:, columns])
             line += block.count("\n") + 1
         return Table(self.path, wanted, np.concatenate(parts))
+
+    def refuse_twice(self, names: Sequence[str]) -> None:
+        """Refuse columns of which the header has two: it is unknown which one is meant."""
+        if twice := next((name for name in names if self.header.count(name) > 1), None):
+            raise self._fault(None, f"the column '{printable(twice)}' is there twice", "rename one", value=twice)
 
     def _read_numbers(self, block: str) -> Array | None:
         """Read rows of plain numbers and empty cells as JSON, four times as fast; None if there is anything else."""

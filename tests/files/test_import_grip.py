@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -37,13 +38,20 @@ def table(folder: Path, name: str, closed: str, opened: str) -> Path:
         ("Gripper", "closed", "open", ""),
         ("button", "1.0", "0.0", "button"),
         ("gripper", "0", "1", "-gripper"),
+        ("gripper", "0.9", "0.1", "gripper"),
+        ("gripper", "0.25", "1", "-gripper"),
     ],
 )
 def test_a_column_of_the_grip_becomes_its_events(
     tmp_path: Path, name: str, closed: str, opened: str, given: str
 ) -> None:
     file = table(tmp_path, name, closed, opened)
-    recording = import_file(file, {"grip": given} if given else {}).recording
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        recording = import_file(file, {"grip": given} if given else {}).recording
+    fractions = {"0.9": "closed", "0.25": "open"}.get(closed)
+    said = [f"the column '{name}' has fractions: the grip is {fractions} above 0.5"] if fractions else []
+    assert [str(each.message) for each in told] == said
     assert [(round(event.t, 6), event.closed) for event in recording.grip] == EVENTS
     assert recording.info.source.unread[name] == "read as the grip: closes at 2.0 s, opens at 5.0 s"
 
@@ -51,6 +59,25 @@ def test_a_column_of_the_grip_becomes_its_events(
 def test_a_gripper_of_which_1_may_be_open_or_closed_is_told(tmp_path: Path) -> None:
     with pytest.warns(PbdWarning, match=r"import it with --column grip=gripper if 1 is closed, or with grip=- "):
         assert import_file(table(tmp_path, "gripper", "1", "0")).recording.grip == ()
+
+
+def test_a_gripper_of_fractions_is_told(tmp_path: Path) -> None:
+    with pytest.warns(
+        PbdWarning, match=r"import it with --column grip=gripper if above 0\.5 is closed, or with grip=- "
+    ):
+        assert import_file(table(tmp_path, "gripper", "0.9", "0.1")).recording.grip == ()
+
+
+def test_a_gripper_in_another_unit_is_no_grip_that_never_closes(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"'gripper' goes from 0 to 0\.08, never past 0\.5; scale it"):
+        import_file(table(tmp_path, "gripper", "0.08", "0"), {"grip": "gripper"})
+
+
+def test_of_two_columns_of_the_grip_none_is_taken(tmp_path: Path) -> None:
+    file = table(tmp_path, "hand_closed", "1", "0")
+    file.write_text("".join(f"{line},{line.rpartition(',')[2]}\n" for line in file.read_text().splitlines()))
+    with pytest.raises(RecordingError, match="the column 'hand_closed' is there twice; rename one"):
+        import_file(file)
 
 
 def test_a_word_that_is_no_state_of_a_grip_is_refused_with_its_line(tmp_path: Path) -> None:

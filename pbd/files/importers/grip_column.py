@@ -1,19 +1,23 @@
-"""The column of a table that says whether the hand's grip is closed: 0 and 1, true and false, or open and closed."""
+"""The column of a table that says whether the hand's grip is closed: numbers from 0 to 1, or words."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 
 from pbd.data import GripEvent
 from pbd.errors import RecordingError, listed, printable, warn
 from pbd.files.importers.header_names import plain
 from pbd.files.table import Sheet, refuse_missing
-from pbd.io.numbers import NO_NUMBER
+from pbd.io.numbers import NO_NUMBER, number
 from pbd.pose import Array
 
-CLOSED, OPEN = ("1", "true", "closed", "close"), ("0", "false", "open", "opened")
-"""Words of a closed and of an open grip, in lower case."""
+WORDS = {"closed": 1.0, "close": 1.0, "open": 0.0, "opened": 0.0}
+"""Words, in lower case, that say how far the grip is closed, from 0 to 1, whatever the column is called."""
+
+HALF_CLOSED = 0.5
+"""A grip is closed if it is closed further than this, from 0 to 1: halfway."""
 
 _SAYS = r"(?:is_)?(?:grip|gripper|hand)(?:_is)?_(?P<state>closed?|open(?:ed)?)"
 """Names that say what 1 means. A bare `gripper` doesn't: it may go from 0, closed, to 1, open."""
@@ -44,27 +48,45 @@ def read_grip(sheet: Sheet, columns: Mapping[str, str], t: Array) -> tuple[str, 
             break
         if re.fullmatch(_MAY_SAY, plain(each)):
             words = {word.strip('"').lower() for word in sheet.words(each)} - NO_NUMBER
-            if words <= {*CLOSED[2:], *OPEN[2:]}:
+            if words <= WORDS.keys():
                 name = each
                 break
-            if words <= {"0", "1", "true", "false"}:
+            levels = set(map(_level, words))
+            if None not in levels:
                 option = f"--column grip={printable(each)}"
                 what = f"the column '{printable(each)}' seems to be the gripper's, and is not read"
-                warn(f"{what}: import it with {option} if {max(words)} is closed, or with grip=- and its name if open")
+                high = max(words) if levels <= {0.0, 1.0} else f"above {HALF_CLOSED:g}"
+                warn(f"{what}: import it with {option} if {high} is closed, or with grip=- and its name if open")
     if not name:
         return "", ()
-    events, closed = [], False
+    sheet.refuse_twice((name,))
+    events, closed, levels = [], False, set()
     for row, word in enumerate(map(str.lower, sheet.words(name))):
-        state = word.strip('"').removesuffix(".0")
+        state = word.strip('"')
         if state in NO_NUMBER:
             continue
-        if state not in (*CLOSED, *OPEN):
+        level = _level(state)
+        if level is None:
             what = f"'{printable(word)}' in column '{printable(name)}' is no state of a grip"
-            raise RecordingError.at(
-                sheet.path, f"{what}; give one of {listed((*CLOSED, *OPEN))}", sheet.cell(name, row)[0]
-            )
-        now = (state in CLOSED) is not (reverse and state in ("0", "1", "true", "false"))
+            known = f"give one of {listed(('true', 'false', *WORDS))}, or a number from 0 to 1"
+            raise RecordingError.at(sheet.path, f"{what}; {known}", sheet.cell(name, row)[0])
+        levels.add(level)
+        now = (level > HALF_CLOSED) is not (reverse and state not in WORDS)
         if now is not closed:
             events.append(GripEvent(float(t[row]), now))
         closed = now
+    if not levels <= {0.0, 1.0}:
+        column = f"the column '{printable(name)}'"
+        if not min(levels) <= HALF_CLOSED < max(levels):
+            what = f"{column} goes from {min(levels):g} to {max(levels):g}, never past {HALF_CLOSED:g}"
+            raise RecordingError.at(sheet.path, f"{what}; scale it, so that it goes from 0 to 1")
+        warn(f"{column} has fractions: the grip is {'open' if reverse else 'closed'} above {HALF_CLOSED:g}")
     return name, tuple(events)
+
+
+def _level(word: str) -> float | None:
+    """Return how far a word or a number, in lower case, says that the grip is closed; None if it doesn't."""
+    level = {"true": 1.0, "false": 0.0, **WORDS}.get(word)
+    with suppress(ValueError):
+        level = number(word) if level is None else level
+    return level if level is not None and 0.0 <= level <= 1.0 else None
