@@ -51,16 +51,16 @@ def read_grip(sheet: Sheet, columns: Mapping[str, str], t: Array) -> tuple[str, 
             if words <= WORDS.keys():
                 name = each
                 break
-            levels = set(map(_level, words))
-            if None not in levels:
+            if None not in (likely := set(map(_level, words))):
                 option = f"--column grip={printable(each)}"
                 what = f"the column '{printable(each)}' seems to be the gripper's, and is not read"
-                high = max(words) if levels <= {0.0, 1.0} else f"above {HALF_CLOSED:g}"
+                high = max(words) if likely <= {0.0, 1.0} else f"above {HALF_CLOSED:g}"
                 warn(f"{what}: import it with {option} if {high} is closed, or with grip=- and its name if open")
     if not name:
         return "", ()
     sheet.refuse_twice((name,))
-    events, closed, levels = [], False, set()
+    events, closed = [], False
+    levels: set[float] = set()
     for row, word in enumerate(map(str.lower, sheet.words(name))):
         state = word.strip('"')
         if state in NO_NUMBER:

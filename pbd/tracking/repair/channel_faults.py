@@ -52,6 +52,9 @@ COARSE_FROZEN_S = 0.2
 MOVING_SPEED = 0.05
 """m/s: a hand that is faster moves, and its sensor can't be constant."""
 
+WITHOUT_FIELD = "and is left out: heading starts at the sensor's own x axis"
+"""What is done about a magnetometer that tells nothing."""
+
 
 def refuse_dead(recording: Recording) -> None:
     """Refuse a recording that never changes, a gyro that never changes, a constant norm of the force, or a stuck axis.
@@ -112,10 +115,7 @@ def magnetometer_is_dead(recording: Recording) -> bool:
         return False
     if recording.mag.any() and not has_noise(recording.acc):
         return False
-    warn(
-        f"the magnetometer always reads {np.linalg.norm(recording.mag[0]):.4g} and is left out: heading starts at the "
-        "sensor's own x axis"
-    )
+    warn(f"the magnetometer always reads {np.linalg.norm(recording.mag[0]):.4g} {WITHOUT_FIELD}")
     return True
 
 

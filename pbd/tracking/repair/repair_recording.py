@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording
-from pbd.errors import RecordingError
+from pbd.errors import RecordingError, warn
 from pbd.pose import Array
-from pbd.tracking.repair.channel_faults import frozen_rows, magnetometer_is_dead, refuse_dead
+from pbd.tracking.repair.channel_faults import WITHOUT_FIELD, frozen_rows, magnetometer_is_dead, refuse_dead
 from pbd.tracking.repair.clock import with_clock
 from pbd.tracking.repair.gaps import BRIDGED_S, FROZEN, Gap, bridged, find_gaps, warn_of_gaps
 from pbd.tracking.repair.gyro_consistency import refuse_disagreement
@@ -110,6 +110,10 @@ def _fill_missing(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
         if name == "mag":
             _refuse_field_unit(values)
         good = np.asarray((np.abs(values) < LARGEST_READING).all(axis=1))  # False for NaN
+        if not good.any() and name == "mag":
+            warn(f"the magnetometer has no number in any row {WITHOUT_FIELD}")
+            filled[name] = None
+            continue
         if not good.any():
             raise RecordingError(f"'{name}' has no number in any row; leave the column out or record again")
         if name == "device_rpy":

@@ -152,17 +152,23 @@ def test_ten_samples_are_refused_wherever_they_are_from(method: str, row: int) -
         track(with_rows(pour().recording, slice(row, row + 10)), method)
 
 
-def test_a_magnetometer_of_zeros_is_left_out() -> None:
+@pytest.mark.parametrize(
+    ("value", "reads"),
+    [(0.0, "always reads 0"), (np.nan, "has no number in any row"), (1e300, "has no number in any row")],
+)
+def test_a_magnetometer_that_tells_nothing_is_left_out(value: float, reads: str) -> None:
     recording = pour().recording
-    with pytest.warns(PbdWarning, match="the magnetometer always reads 0 and is left out"):
-        path = track(replace(recording, mag=np.zeros_like(recording.acc)))
+    with pytest.warns(
+        PbdWarning, match=f"the magnetometer {reads} and is left out: heading starts at the sensor's own x"
+    ):
+        path = track(replace(recording, mag=np.full_like(recording.acc, value)))
     without = track(replace(recording, mag=None))
     assert np.array_equal(path.p_nav_sensor, without.p_nav_sensor)
     assert np.array_equal(path.wxyz_nav_sensor, without.wxyz_nav_sensor)
 
 
 @every_method
-@every_channel
+@pytest.mark.parametrize("channel", ["acc", "gyr", "device_rpy"])
 @pytest.mark.parametrize(("value", "column"), [(np.nan, slice(None)), (-1e300, 0)])
 def test_a_channel_without_a_number_is_named(method: str, channel: str, value: float, column: int | slice) -> None:
     recording = pour().recording
