@@ -16,7 +16,7 @@ from pbd.record.session import DEVICE_CLOCK, FIRST_BYTES
 from pbd.record.session_types import recording_from_samples
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.sensors.probe import describe_bytes, identify_protocol, printed_line
-from pbd.timestamps import SampleClock
+from pbd.timestamps.sample_clock import SampleClock
 
 MOST_BACKWARDS = 0.05
 """Largest share of steps at which a device's time may run backwards: a reset is rare, and few digits are corrupted."""

@@ -25,7 +25,7 @@ from pbd.record.session_types import (
     recording_from_samples,
 )
 from pbd.sensors.decoding import Decoder, Sample
-from pbd.timestamps import SampleClock
+from pbd.timestamps.sample_clock import SampleClock
 from pbd.tracking.taps import TapDetector
 
 CHANNELS_AFTER_S = 0.2

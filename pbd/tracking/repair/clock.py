@@ -19,7 +19,7 @@ from pbd.data.streams import RATE_TOLERANCE, batched_interval
 from pbd.errors import RecordingError, warn
 from pbd.io.numbers import DAY_S
 from pbd.pose import Array
-from pbd.timestamps import straighten
+from pbd.timestamps.straighten import LONGEST_BURST_S, WITHIN_BATCH, straighten
 
 SLOWEST_HZ, FASTEST_HZ = 4.0, 4000.0
 """Lowest and highest rate of inertial sensors, Hz; another rate means a wrong unit of time. Their ratio is 1000, so
@@ -34,18 +34,18 @@ CLOCK_JUMP_S = 60.0
 COARSE_TICK = 0.05
 """Time stamps are coarse if their resolution is at least this share of the sampling interval."""
 
-OFF_BEAT, WITHIN_BATCH = 0.02, 0.25
+OFF_BEAT = 0.02
 """Coarse stamps are replaced if more than this share of their steps differ by more than this share of the interval from
 a whole number of intervals. Stamps come in batches if more than this share of steps is below WITHIN_BATCH intervals."""
+
+FEWEST_STEPS = 3
+"""Fewest steps of coarse times, or between batches, that tell the rate: the first and the last may be cut off."""
 
 LATE_SAMPLES = 8
 """Within this many samples the stamps catch up after a late one. After a lost sample they never do."""
 
 NOMINAL_TOLERANCE = 0.01
 """No sample is lost if the mean rate differs from the nominal one by less than this share."""
-
-DRIFT_S = 1.0
-"""s: averaging time of the clock's slow drift, which evenly spaced times keep."""
 
 
 def with_clock(recording: Recording) -> Recording:
@@ -67,9 +67,11 @@ def with_clock(recording: Recording) -> Recording:
     recording = recording if t is recording.t else replace(recording, t=t)
     step = float(np.median(np.diff(t)))
     if step <= 0.0:
-        raise RecordingError(
-            f"most rows carry the same time; {source.must_be_seconds()} that increase, or import it with --rate HZ"
-        )
+        what = f"most rows carry the same time; {source.must_be_seconds()} that increase, or import it with --rate HZ"
+        if (times := len(np.unique(t))) > 1:
+            what = f"its {len(t)} rows have only {times} different times, too coarse to tell the rate; import it with "
+            what += "--rate HZ, or with finer times"
+        raise RecordingError(what)
     if step < 1.0 / FASTEST_HZ:
         days = SLOWEST_HZ < 1.0 / (step * DAY_S) <= FASTEST_HZ
         advice = "the time is likely in days: import the file with --unit t=day" if days else source.must_be_seconds()
@@ -125,15 +127,18 @@ def steady_clock(recording: Recording) -> Array:
     t, nominal_hz = recording.t, recording.info.rate_hz
     new = np.concatenate(([True], (np.diff(t) > 0.0) | row_changes(recording.acc, recording.gyr)))
     stamps = t[new]
-    if len(stamps) > 4 * LATE_SAMPLES and stamps[-1] > stamps[0]:
+    steps = np.diff(stamps)
+    if len(stamps) > 4 * LATE_SAMPLES and (steps > WITHIN_BATCH * steps.mean()).sum() >= FEWEST_STEPS:
         interval, reach, complete = _sampling_interval(stamps, nominal_hz)
         fault = _stamp_fault(stamps, interval)
         if fault and not _is_uneven(stamps, interval, reach):
-            stamps = _evenly_spaced(stamps, interval, reach, complete)
-            step = float(np.median(np.diff(stamps)))
-            if step > 0.0:  # otherwise there are too few different times
-                t = stamps[np.cumsum(new) - 1]
-                warn(f"{fault}; evenly spaced times at {1.0 / step:.4g} Hz are used instead")
+            coarse = reach == LATE_SAMPLES
+            even, _ = straighten(stamps, LATE_SAMPLES * interval if coarse else LONGEST_BURST_S, complete)
+            # The mean of coarse stamps is the truest. Batches are of unequal sizes, which would bias it.
+            slope, begin = np.polyfit(even, stamps, 1) if coarse else (1.0, np.median(stamps - even))
+            even = begin + slope * even
+            t = even[np.cumsum(new) - 1]
+            warn(f"{fault}; evenly spaced times at {1.0 / np.median(np.diff(even)):.4g} Hz are used instead")
     return t
 
 
@@ -220,24 +225,3 @@ def _is_uneven(t: Array, interval: float, reach: int) -> bool:
 def _tick(t: Array) -> float:
     """The resolution, s, of stamps (n,) s, in whole us."""
     return 1e-6 * float(np.gcd.reduce(np.rint(1e6 * np.diff(t)).astype(np.int64)))
-
-
-def _evenly_spaced(t: Array, interval: float, reach: int, complete: bool) -> Array:
-    from scipy.ndimage import minimum_filter1d, uniform_filter1d
-
-    place = np.arange(len(t), dtype=np.float64)
-    # Few samples tell the interval of coarse stamps badly, and then the minimum below rises where nothing is lost.
-    if not (complete or (reach == LATE_SAMPLES and straighten(t)[1] == 0)):
-        # A stamp is late or rounded down, but never early. So the moving minimum of stamp minus even time follows the
-        # most punctual stamps. It rises permanently where samples are lost.
-        punctual = minimum_filter1d(t - interval * place, reach + 1, mode="nearest", origin=-(reach // 2))
-        rises = np.diff(punctual) / interval
-        if reach > LATE_SAMPLES:  # batches: their sizes differ by a sample, and the last one may be cut off
-            rises[rises < 1.5], rises[-reach // 2 :] = 0.0, 0.0
-        place[1:] += np.cumsum(np.maximum(np.rint(rises), 0.0))
-    interval, begin = np.polyfit(place, t, 1)
-    beat: Array = begin + interval * place
-    if reach > LATE_SAMPLES:  # the average of batches would wobble
-        return beat
-    smooth: Array = uniform_filter1d(t - beat, max(1, round(DRIFT_S / interval)), mode="nearest")
-    return beat + smooth

@@ -189,6 +189,31 @@ def test_samples_stamped_in_batches_are_spread(batch: int) -> None:
         assert worst(demo, batched) < worst(demo, demo.recording) + 0.01
 
 
+@pytest.mark.parametrize(("rate_hz", "batch"), [(100.0, 10), (100.0, 75), (50.0, 150), (200.0, 20)])
+@pytest.mark.parametrize("seed", range(3))
+def test_late_and_large_batches_lose_nothing(rate_hz: float, batch: int, seed: int) -> None:
+    """As a phone's app flushes them. They were up to 0.8 s off at the end, and up to 57 samples seemed to be lost."""
+    t = np.arange(int(25.0 * rate_hz)) / rate_hz
+    last = np.minimum(np.arange(len(t)) // batch * batch + batch - 1, len(t) - 1)
+    rng = np.random.default_rng(seed)
+    stamps = t[last] + rng.uniform(0.0, 0.02, len(t))[last]
+    with pytest.warns(PbdWarning, match="come in batches"):
+        even = steady_clock(Recording(stamps - stamps[0], rng.normal(size=(len(t), 3))))
+    off = even - t
+    assert np.abs(off - np.median(off)).max() < 0.02
+
+
+@pytest.mark.parametrize(("seconds", "told"), [(2.9, True), (3.9, False)])
+@pytest.mark.filterwarnings("ignore:the time stamps come in batches")
+def test_few_times_in_whole_seconds_tell_no_rate(seconds: float, told: bool) -> None:
+    """They told one of 5e14 Hz."""
+    rows = np.arange(int(100.0 * seconds))
+    recording = Recording(np.floor(rows / 100.0), np.random.default_rng(0).normal(size=(len(rows), 3)))
+    message = "its 290 rows have only 3 different times, too coarse to tell the rate; import it with --rate HZ"
+    with pytest.raises(RecordingError, match=message) if told else nullcontext():
+        assert with_clock(recording).rate_hz == pytest.approx(100.0, rel=1e-6)
+
+
 @pytest.mark.filterwarnings("ignore:the time stamps come in batches")
 @pytest.mark.parametrize("batch_s", [0.064, 0.128])
 def test_a_batched_recordings_own_rate_changes_nothing(batch_s: float) -> None:

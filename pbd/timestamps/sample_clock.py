@@ -4,9 +4,7 @@ A device's time is accepted while its steps are regular. After a jump the next s
 new time, the device restarted. If it does not, the jump was a corrupted digit (some protocols have no checksum), and
 that sample is left out.
 
-Arrival times are straightened. USB delivers in bursts and a busy host reads late, but no sample arrives before it was
-taken. So the true times lie on a line below the arrivals, one interval per sample. After a lost sample all arrivals
-stay above that line by one interval more. If the least delayed leave it slowly, the rate changed: times follow them.
+A sample without a device's time has its time of arrival, which `straighten` corrects.
 """
 
 from __future__ import annotations
@@ -18,27 +16,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from pbd.pose import Array
-
-LOST_SHARE = 0.6
-"""Smallest delay of a sample, as a share of the interval, that counts as a lost sample before it."""
-
-LONGEST_BURST_S = 0.5
-"""Longest burst of arrivals, s. A delay that lasts longer means a lost sample."""
-
-LOSS_RISE_S = 0.1
-"""Time, s, in which the least delay rises to its full value after a loss."""
-
-BLOCK_SAMPLES = 64
-"""Samples per block. The line below the arrivals is fitted to the least delayed sample of each block."""
-
-FIRST_SPAN_SAMPLES = 128
-"""Largest distance, in samples, of the pairs that give the first estimate of the interval: few of them span a loss."""
-
-LEAST_DRIFT_S, DRIFT_JITTERS, DRIFT_BLOCKS, DRIFT_RATIO, DRIFT_ROUNDS = 0.02, 4.0, 6, 0.5, 6
-"""The rate changes if the least delays of blocks of LONGEST_BURST_S range over this, s, more than a beat with a USB
-adapter's frames of 16 ms, and this many times the usual delay; in this number of blocks; and if their mean square
-successive difference is below this share of their variance (2 at random; J. von Neumann, 1941). Rounds of counting
-losses anew with it: five suffice at 10 %."""
+from pbd.timestamps.straighten import LONGEST_BURST_S, LOST_SHARE, straighten
 
 MEAN_SAMPLES = 2000
 """Number of samples over which the interval of live stamps is averaged."""
@@ -229,72 +207,3 @@ def missing(t: Array) -> int:
         return 0
     interval = steps[steps <= LONGEST_USUAL_STEP * np.median(steps)].mean()
     return max(int((np.floor(steps / interval + 1.0 - LOST_SHARE) - 1.0).sum()), 0)
-
-
-def straighten(arrival: Array) -> tuple[Array, int]:
-    """Convert arrival times (n,) s to times (n,) s from 0, as even as the sensor's rate, with gaps at the losses."""
-    n = len(arrival)
-    if n < 3:
-        return arrival - arrival[:1], 0
-    k = np.arange(n, dtype=np.float64)
-    interval = _slope(k, arrival, min(n // 2, FIRST_SPAN_SAMPLES))
-    lost, drift = np.zeros(n), np.zeros(n)
-    for _ in range(DRIFT_ROUNDS):
-        for _ in range(3):  # a better interval gives a better count of losses, and the reverse
-            lost = _lost_before(arrival - drift - k * interval, interval)
-            interval = _slope_below(k + lost, arrival - drift)
-        drift = _drift(arrival - interval * (k + lost), interval)
-        if not drift.any():
-            break
-    t = interval * (k + lost) + drift
-    return t - t[0], int(lost[-1])
-
-
-def _drift(delay: Array, interval: float) -> Array:
-    """Return how the least delayed of the delays (n,) s rise and fall, (n,) s; zeros if they don't do so slowly."""
-    block = max(round(LONGEST_BURST_S / interval), 1)
-    starts = range(0, len(delay), 2 * block)
-    rows = np.array([at + int(np.argmin(delay[at : at + block])) for at in starts])
-    least = delay[rows]
-    usual = np.median(np.array([np.median(delay[at : at + block]) for at in starts]) - least)
-    steps, far = np.diff(least), np.ptp(least) >= max(LEAST_DRIFT_S, DRIFT_JITTERS * usual)
-    if len(rows) < DRIFT_BLOCKS or not far or (steps**2).mean() > DRIFT_RATIO * least.var():
-        return np.zeros(len(delay))
-    slopes = steps / np.diff(rows)
-    last = len(delay) - 1
-    ends = least[0] - slopes[0] * rows[0], least[-1] + slopes[-1] * (last - rows[-1])
-    return np.asarray(np.interp(np.arange(last + 1), (0, *rows, last), (ends[0], *least, ends[1])))
-
-
-def _lost_before(delay: Array, interval: float) -> Array:
-    """Count the samples lost before each sample, (n,), from rises of the delays (n,) s that do not fall again."""
-    from scipy.ndimage import find_objects, label, minimum_filter1d
-
-    # The least delay within a burst ahead. Too few samples follow the last ones, so these repeat the value before.
-    ahead, rise = max(2, round(LONGEST_BURST_S / interval)), max(2, round(LOSS_RISE_S / interval))
-    least: Array = minimum_filter1d(delay, ahead, origin=-(ahead // 2), mode="nearest")
-    least[-ahead:] = least[-ahead - 1] if len(least) > ahead else least[0]
-    rises = np.diff(least, prepend=least[0])
-    risen = np.cumsum(rises)
-    risen[rise:] -= risen[:-rise].copy()
-    lost = np.zeros(len(delay))
-    for (rows,) in find_objects(label(risen > LOST_SHARE * interval)[0]):
-        first = max(rows.start - rise, 0)
-        row = first + int(np.argmax(rises[first : rows.stop]))
-        lost[row] = np.floor(risen[rows].max() / interval + 1.0 - LOST_SHARE)
-    return np.asarray(np.cumsum(lost))
-
-
-def _slope_below(k: Array, arrival: Array) -> float:
-    """Return the slope of the line below the arrivals: a robust fit to the least delayed sample of each block."""
-    slope = _slope(k, arrival, len(k) // 2)
-    delay = arrival - slope * k
-    rows = [
-        start + int(np.argmin(delay[start : start + BLOCK_SAMPLES])) for start in range(0, len(delay), BLOCK_SAMPLES)
-    ]
-    return _slope(k[rows], arrival[rows], len(rows) // 2) if len(rows) >= 8 else slope
-
-
-def _slope(k: Array, arrival: Array, span: int) -> float:
-    """Return the median slope of the pairs that are `span` rows apart, as in Theil and Sen's estimator."""
-    return float(np.median((arrival[span:] - arrival[:-span]) / (k[span:] - k[:-span])))

@@ -1,0 +1,133 @@
+"""Straighten arrival times, and coarse time stamps: even times, with gaps where samples were lost.
+
+USB delivers in bursts, phones in batches, and a busy host reads late, but no sample arrives before it was taken. So the
+true times lie on a line below the arrivals, one interval per sample. After a lost sample all arrivals stay above that
+line by one interval more. If the least delayed leave it slowly, the rate changed: times follow them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.pose import Array
+
+LOST_SHARE = 0.6
+"""Smallest delay of a sample, as a share of the interval, that counts as a lost sample before it."""
+
+LONGEST_BURST_S, BURST_BATCHES = 0.5, 4
+"""Longest burst of arrivals, s, and in batches if that is longer. A delay that lasts longer means a lost sample."""
+
+WITHIN_BATCH = 0.25
+"""Samples that follow each other within this share of the interval arrived in one batch."""
+
+LOSS_SCATTERS = 5.0
+"""The least delay rises at a loss by more than this many times its usual distance from the second least. That is its
+standard deviation where delays are exponential: of two bursts one in 150 differs by more."""
+
+LOSS_RISE_S = 0.1
+"""Time, s, in which the least delay rises to its full value after a loss."""
+
+BLOCK_SAMPLES = 64
+"""Samples per block. The line below the arrivals is fitted to the least delayed sample of each block."""
+
+FIRST_SPAN_SAMPLES = 128
+"""Largest distance, in samples, of the pairs that give the first estimate of the interval: few of them span a loss."""
+
+LEAST_DRIFT_S, DRIFT_JITTERS, DRIFT_BLOCKS, DRIFT_RATIO, DRIFT_ROUNDS = 0.02, 4.0, 6, 0.5, 6
+"""The rate changes if the least delays of blocks of LONGEST_BURST_S range over this, s, more than a beat with a USB
+adapter's frames of 16 ms, and this many times the usual delay; in this number of blocks; and if their mean square
+successive difference is below this share of their variance (2 at random; J. von Neumann, 1941). Rounds of counting
+losses anew with it: five suffice at 10 %."""
+
+
+def straighten(arrival: Array, burst_s: float = LONGEST_BURST_S, complete: bool = False) -> tuple[Array, int]:
+    """Convert arrival times (n,) s to times (n,) s from 0, as even as the sensor's rate, with gaps at the losses.
+
+    Args:
+        burst_s: longest burst, s; within some batches the least delay is looked for anyway.
+        complete: no sample is lost.
+
+    Returns:
+        The times, and how many samples were lost.
+    """
+    n, steps = len(arrival), np.diff(arrival)
+    # The last sample of each batch; the last batch may be cut off.
+    ends = np.flatnonzero(steps > WITHIN_BATCH * steps.sum() / max(n - 1, 1))
+    if len(ends) < 2:
+        return arrival - arrival[:1], 0
+    k = np.arange(n, dtype=np.float64)
+    sizes = np.sort(np.diff(ends, prepend=-1))
+    batch = int(sizes[np.searchsorted(np.cumsum(sizes), 0.5 * sizes.sum())])  # that of the median sample
+    interval = _slope(k[ends], arrival[ends], min(len(ends) // 2, max(FIRST_SPAN_SAMPLES // batch, 1)))
+    lost, drift = np.zeros(n), np.zeros(n)
+    for _ in range(DRIFT_ROUNDS):
+        burst = max(round(burst_s / interval), BURST_BATCHES * batch, 2)
+        for _ in range(3):  # a better interval gives a better count of losses, and the reverse
+            lost = lost if complete else _lost_before(arrival - drift - k * interval, interval, burst, ends)
+            interval = _slope_below((k + lost)[ends], (arrival - drift)[ends], max(BLOCK_SAMPLES // batch, 1))
+        drift = _drift(arrival - interval * (k + lost), max(round(LONGEST_BURST_S / interval), burst))
+        if not drift.any():
+            break
+    t = interval * (k + lost) + drift
+    return t - t[0], int(lost[-1])
+
+
+def _drift(delay: Array, block: int) -> Array:
+    """Return how the least delayed of the delays (n,) s rise and fall, (n,) s; zeros if they don't do so slowly."""
+    starts = range(0, len(delay), 2 * block)
+    rows = np.array([at + int(np.argmin(delay[at : at + block])) for at in starts])
+    least = delay[rows]
+    usual = np.median(np.array([np.median(delay[at : at + block]) for at in starts]) - least)
+    if len(rows) < DRIFT_BLOCKS:
+        return np.zeros(len(delay))
+    steps, bend = np.diff(least), least - np.polyval(np.polyfit(rows, least, 1), rows)
+    far = np.ptp(bend) >= max(LEAST_DRIFT_S, DRIFT_JITTERS * usual)
+    if not far or (steps**2).mean() > DRIFT_RATIO * least.var():
+        return np.zeros(len(delay))
+    slopes = steps / np.diff(rows)
+    last = len(delay) - 1
+    ends = least[0] - slopes[0] * rows[0], least[-1] + slopes[-1] * (last - rows[-1])
+    return np.asarray(np.interp(np.arange(last + 1), (0, *rows, last), (ends[0], *least, ends[1])))
+
+
+def _lost_before(delay: Array, interval: float, ahead: int, ends: NDArray[np.intp]) -> Array:
+    """Count the samples lost before each sample, (n,), from rises of the delays (n,) s that do not fall again.
+
+    The least delay within `ahead` samples is compared. It must rise by more than it scatters without a loss.
+    """
+    from scipy.ndimage import find_objects, label, minimum_filter1d
+
+    # Too few samples follow the last ones, so these repeat the value before.
+    rise = min(max(2, round(LOSS_RISE_S / interval)), ahead)
+    least: Array = minimum_filter1d(delay, ahead, origin=-(ahead // 2), mode="nearest")
+    least[-ahead:] = least[-ahead - 1] if len(least) > ahead else least[0]
+    rises = np.diff(least, prepend=least[0])
+    risen = np.cumsum(rises)
+    risen[rise:] -= risen[:-rise].copy()
+    lost = np.zeros(len(delay))
+    batches = max(ahead * len(ends) // len(delay), 2)
+    whole = delay[ends[: len(ends) // batches * batches]].reshape(-1, batches)
+    scatter = float(np.median(np.diff(np.partition(whole, 1, axis=1)[:, :2]))) if len(whole) else 0.0
+    for (rows,) in find_objects(label(risen > max(LOST_SHARE * interval, LOSS_SCATTERS * scatter))[0]):
+        first = max(rows.start - rise, 0)
+        each = np.floor(np.maximum(rises[first : rows.stop], 0.0) / interval + 1.0 - LOST_SHARE)
+        together = np.floor(risen[rows].max() / interval + 1.0 - LOST_SHARE)
+        if each.sum() > together:  # several losses, one soon after the other
+            lost[first : rows.stop] = each
+        else:
+            lost[first + int(np.argmax(rises[first : rows.stop]))] = together
+    return np.asarray(np.cumsum(lost))
+
+
+def _slope_below(k: Array, arrival: Array, block: int) -> float:
+    """Return the slope of the line below the arrivals: a robust fit to the least delayed sample of each block."""
+    slope = _slope(k, arrival, len(k) // 2)
+    delay = arrival - slope * k
+    rows = [start + int(np.argmin(delay[start : start + block])) for start in range(0, len(delay), block)]
+    return _slope(k[rows], arrival[rows], len(rows) // 2) if len(rows) >= 8 else slope
+
+
+def _slope(k: Array, arrival: Array, span: int) -> float:
+    """Return the median slope of the pairs that are `span` rows apart, as in Theil and Sen's estimator."""
+    return float(np.median((arrival[span:] - arrival[:-span]) / (k[span:] - k[:-span])))
