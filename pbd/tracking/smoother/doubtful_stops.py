@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,7 +41,13 @@ def doubted_stops(problem: Problem, still: Array, candidates: Spans) -> NDArray[
 
 
 def revised_stops(
-    problem: Problem, v: Array, solved: Solved, candidates: Spans, cut: NDArray[np.bool_], still_sigma: Array
+    problem: Problem,
+    v: Array,
+    solved: Solved,
+    candidates: Spans,
+    cut: NDArray[np.bool_],
+    still_sigma: Array,
+    gaps: Sequence[tuple[int, int]] = (),
 ) -> Spans:
     """The stops according to the estimated velocity.
 
@@ -53,17 +61,22 @@ def revised_stops(
         candidates: spans that look still.
         cut: (c,) which of them were doubted.
         still_sigma: (n,) m/s per axis, sigma of zero velocity.
+        gaps: last row before and first row after each gap in the data.
     """
     t, fast = problem.frame.t, np.maximum(SLOW_SPEED, OUTLIER_SIGMAS * still_sigma)
     if cut.any():
         sigma = np.sqrt(np.trace(solved.covariance_of_knots(VEL), axis1=1, axis2=2))
         fast = np.maximum(fast, UNDOUBTED_SIGMAS * np.interp(t, problem.t, sigma))
+    steps = np.diff(t, prepend=t[0])
+    for first, after in gaps:  # the row beside one may seem to move, because what is in it is unknown
+        steps[first + 1 : after + 1] = 0.0
+    seen = np.cumsum(steps)
     blurred = np.trace(problem.legs.parts[:, :, 3:6, 3:6].sum(axis=0), axis1=1, axis2=2) / 3.0
     speed, stops = lengths(v), Spans()
     for span, in_parts in zip(candidates, cut.tolist(), strict=True):
         parts = [span]
         if in_parts:
-            slow = slow_parts(t, span, speed[slice(*span)] < fast[slice(*span)])
+            slow = slow_parts(seen, span, speed[slice(*span)] < fast[slice(*span)])
             parts = without_slow_ends(t, slow, speed)
         for part in parts:
             inside = slice(*part)

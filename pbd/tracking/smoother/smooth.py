@@ -170,7 +170,7 @@ def smooth(
     cut = np.zeros(len(candidates), dtype=np.bool_)
     for _ in range(MAX_RECUTS):
         cut = cut | doubted_stops(problem, found.still_weight, candidates)
-        stops = revised_stops(problem, path.v, found.solved, candidates, cut, still_sigma)
+        stops = revised_stops(problem, path.v, found.solved, candidates, cut, still_sigma, gaps)
         if not stops:
             break
         if settled(problem.frame.t, problem.stops, stops):

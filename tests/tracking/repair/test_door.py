@@ -11,11 +11,12 @@ from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Calibration, LinearErrors, Recording, SensorErrors, Stop
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pipeline import track
-from pbd.simulation.simulate import EARTH
+from pbd.simulation.simulate import EARTH, TASKS
 from pbd.tracking.first_rest import STILL_ACC
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.gaps import Gap, find_gaps, refuse_gaps
-from tests.scenarios import pour, truth_at, with_hole, with_rows
+from tests.scenarios import pour, simulate, truth_at, with_hole, with_rows
+from tests.simulation.sway import with_sway
 from tests.tracking.faults import quietly
 
 pytestmark = pytest.mark.usefixtures("remembered")
@@ -55,6 +56,21 @@ def test_a_hole_in_a_rest_that_a_person_vouches_for_is_a_warning() -> None:
         path = track(with_hole(pour().recording, 0.8, 1.8), accept_gap=True)
     assert len(path.stops) == 11
     assert np.sqrt(path.cov[1, 2, 2] - whole.cov[1, 2, 2]) == pytest.approx(0.1, abs=0.01)  # m: 0.1 m/s for a second
+
+
+@quietly
+@pytest.mark.parametrize("start_s", [9.53, 17.83])
+def test_a_person_vouches_for_a_hole_beside_which_the_hand_sways(start_s: float) -> None:
+    """The row before the hole seemed to move, so the rest ended there: "while the hand moves", whatever was said."""
+    rests = tuple(replace(each, rest_s=3.0) for each in TASKS["pour"].waypoints)
+    task = with_sway(replace(TASKS["pour"], waypoints=rests), 0.006, 1, turn=np.radians(1.0))
+    recording = with_hole(simulate(task, "os5000", 1).recording, start_s, start_s + 1.0)
+    with pytest.raises(
+        TrackingError, match=r"in a rest, .*: a move may be hidden in it; .* --accept-gap"
+    ):
+        track(recording)
+    path = track(recording, accept_gap=True)
+    assert path.stop_at(start_s - 0.3) == path.stop_at(start_s + 1.3) is not None
 
 
 @quietly
