@@ -50,7 +50,8 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
     if tilt_deg > TILT_WARNING_DEG and not calibration.any_attitude:
         warn(
             f"at its first rest the sensor is tilted by {tilt_deg:.0f} degrees from the dock of "
-            f"'{calibration.name}'; put it down as the dock says, or set any_attitude = true there"
+            f"'{calibration.name}'; put it down as the dock says; or, if it is held otherwise in the hand, correct "
+            "rpy_deg in [dock] and in [mount]; or set any_attitude = true in [dock]"
         )
     return level_onto(Pose(np.zeros(3), wxyz_nav_sensor), dock)
 

@@ -47,7 +47,7 @@ def find(kind: str, name: str | Path, error: type[PbdError]) -> Path:
         return Path(kind) / name  # not a demonstration: reading it tells what is missing
     valid = names(kind)
     hint = nearest(name, valid)
-    if hint and kind == "robots":  # it may be another model, such as ur5e for ur5
+    if hint and kind == "robots" and name.lower() not in map(str.lower, valid):  # such as ur5 for UR5e
         hint += " `pbd robots NAME` says which arm that is"
     known = f"known are {listed(valid)}{hint}" if valid else f"none is known; put one into ./{kind}"
     if is_folder(given):

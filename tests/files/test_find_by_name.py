@@ -122,3 +122,13 @@ def test_without_any_names_the_error_tells_the_folder() -> None:
 def test_a_name_that_cannot_be_a_path_is_unknown(name: str) -> None:
     with pytest.raises(RecordingError, match="no demonstration named"):
         find("demos", name, RecordingError)
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"), [("UR5E", "ur5e?"), ("UR55", "ur5? `pbd robots NAME` says which arm that is")]
+)
+def test_a_name_in_another_case_is_suggested_alone_and_another_arm_is_doubted(name: str, hint: str) -> None:
+    add(Path("robots/ur5e.toml"))
+    with pytest.raises(RobotError) as caught:
+        find("robots", name, RobotError)
+    assert caught.value.message.endswith(f"; did you mean {hint}")

@@ -65,9 +65,7 @@ def test_a_person_vouches_for_a_hole_beside_which_the_hand_sways(start_s: float)
     rests = tuple(replace(each, rest_s=3.0) for each in TASKS["pour"].waypoints)
     task = with_sway(replace(TASKS["pour"], waypoints=rests), 0.006, 1, turn=np.radians(1.0))
     recording = with_hole(simulate(task, "os5000", 1).recording, start_s, start_s + 1.0)
-    with pytest.raises(
-        TrackingError, match=r"in a rest, .*: a move may be hidden in it; .* --accept-gap"
-    ):
+    with pytest.raises(TrackingError, match=r"in a rest, .*: a move may be hidden in it; .* --accept-gap"):
         track(recording)
     path = track(recording, accept_gap=True)
     assert path.stop_at(start_s - 0.3) == path.stop_at(start_s + 1.3) is not None
