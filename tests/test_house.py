@@ -74,6 +74,19 @@ def test_imports_go_down() -> None:
     assert not wrong
 
 
+def test_no_command_imports_another() -> None:
+    """What commands share is in a file of its own. `pbd.cli.commands` names them, and runs one."""
+    commands = {name_of(path) for path in MODULES if "\ndef run(args" in path.read_text(encoding="utf-8")}
+    assert len(commands) > 10
+    wrong = [
+        f"{here} imports {there}"
+        for here, found in all_imports().items()
+        for there, _ in found
+        if there in commands - {here} and not here.startswith(f"{there}.")
+    ]
+    assert not wrong
+
+
 def test_no_circles() -> None:
     graph = {
         here: {there for there, at_top in found if at_top and there in all_imports()}

@@ -15,10 +15,11 @@ import numpy as np
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
 from pbd.data.one_line_repr import counted
-from pbd.errors import SensorError, UsageError, listed
+from pbd.errors import RecordingError, SensorError, UsageError, listed
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, write_demo
 from pbd.files.find_by_name import bundled, bundled_names
+from pbd.files.keyframes import KEYFRAMES_FILE, write_keyframes
 from pbd.files.set_aside import is_aside
 from pbd.io.atomic import atomic_file, is_file, refuse_file
 from pbd.io.made_by_pbd import refuse_others_file
@@ -236,3 +237,35 @@ def decoder_maker(args: argparse.Namespace, sensor: str, also: Iterable[str] = (
     else:
         layout = layout_from_options(args.columns, dict(args.unit), args.separator, args.prefix, args.wrap)
     return lambda: LineDecoder(layout)
+
+
+def save_keyframes(
+    args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...], for_touch: bool = False
+) -> Path:
+    """Write keyframes.toml for a person to edit, or `for_touch` (see `write_keyframes`), and return its path.
+
+    Raises:
+        RecordingError: the demonstration is bundled or no folder, or another command wrote the file meanwhile.
+    """
+    from pbd.planning.options import PlanOptions, dwells
+
+    source = demo.folder or args.demo
+    if demo.bundled:
+        what = (
+            f"{source} is bundled, so nothing is saved there; copy it, and remove 'bundled = true' from its demo.toml"
+        )
+        raise RecordingError(what, path=source)
+    if demo.folder is None:
+        what = f"{source} is no demonstration folder, so nothing is saved there; `pbd import` it first"
+        raise RecordingError(what, path=source)
+    file = demo.folder / KEYFRAMES_FILE
+    if demo.keyframes is None and not args.force and file.exists():
+        what = f"another command wrote {file} meanwhile, so nothing is saved; run this one again"
+        raise RecordingError(what, path=file)
+    # `dwells` gives the first and the last keyframe no stay. A person may insert others beyond them, so both get one.
+    padded = (keyframes[0], *keyframes, keyframes[-1])
+    stays = dwells(padded, PlanOptions(time=args.time, dwell_s=args.dwell_s))[1:-1]
+    magnetic = demo.recording.mag is not None
+    path = write_keyframes(demo.folder, keyframes, magnetic, args.force, stays, demo.touch_ups, for_touch)
+    say(f"wrote {path}: edit it; from now on the arm follows this file")
+    return path

@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
-from pbd.cli.calibrate.sensor import sensor_parts
 from pbd.cli.common import named_calibration, print_result, say_hidden, without_aside, write_figures
 from pbd.cli.console import say, working
 from pbd.data.one_line_repr import counted
 from pbd.errors import UsageError, listed
-from pbd.files.calibration_edit import calibration_file, update_calibration
+from pbd.files.calibration_edit import calibration_file, sensor_parts, update_calibration
 from pbd.files.demo import (
     demo_folder,
     load_demo,

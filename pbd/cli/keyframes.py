@@ -6,7 +6,6 @@ import argparse
 import math
 from dataclasses import replace
 from os.path import commonprefix
-from pathlib import Path
 from typing import Any
 
 from rich.table import Table
@@ -21,6 +20,7 @@ from pbd.cli.common import (
     named_calibration,
     plan_options,
     print_result,
+    save_keyframes,
     sigma_json,
     track_demonstration,
 )
@@ -29,12 +29,11 @@ from pbd.data import Demonstration, Keyframe, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
 from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed
-from pbd.files.keyframes import KEYFRAMES_FILE, write_keyframes
+from pbd.files.keyframes import KEYFRAMES_FILE
 from pbd.files.keyframes_edit import set_frames
 from pbd.io.numbers import LARGEST_NUDGE_M
 from pbd.planning import arm_of, load_robot_and_calibration, solve_keyframes
 from pbd.planning.object_frames import keyframes_of_things, refuse_unknown_things
-from pbd.planning.options import PlanOptions, dwells
 from pbd.planning.result import place_remark, size_remark
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
@@ -181,33 +180,3 @@ def _assign_frames(
             for before in set(keyframes[number].frames) - set(names):
                 say(f"keyframe {number} belonged to {before} and no longer does")
     return marked
-
-
-def save_keyframes(
-    args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...], for_touch: bool = False
-) -> Path:
-    """Write keyframes.toml for a person to edit, or `for_touch` (see `write_keyframes`), and return its path.
-
-    Raises:
-        RecordingError: the demonstration is bundled or no folder, or another command wrote the file meanwhile.
-    """
-    source = demo.folder or args.demo
-    if demo.bundled:
-        what = (
-            f"{source} is bundled, so nothing is saved there; copy it, and remove 'bundled = true' from its demo.toml"
-        )
-        raise RecordingError(what, path=source)
-    if demo.folder is None:
-        what = f"{source} is no demonstration folder, so nothing is saved there; `pbd import` it first"
-        raise RecordingError(what, path=source)
-    file = demo.folder / KEYFRAMES_FILE
-    if demo.keyframes is None and not args.force and file.exists():
-        what = f"another command wrote {file} meanwhile, so nothing is saved; run this one again"
-        raise RecordingError(what, path=file)
-    # `dwells` gives the first and the last keyframe no stay. A person may insert others beyond them, so both get one.
-    padded = (keyframes[0], *keyframes, keyframes[-1])
-    stays = dwells(padded, PlanOptions(time=args.time, dwell_s=args.dwell_s))[1:-1]
-    magnetic = demo.recording.mag is not None
-    path = write_keyframes(demo.folder, keyframes, magnetic, args.force, stays, demo.touch_ups, for_touch)
-    say(f"wrote {path}: edit it; from now on the arm follows this file")
-    return path

@@ -10,9 +10,8 @@ import numpy as np
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.touch_up import TouchedUp, demonstrated_places, touched_poses, touched_up
-from pbd.cli.common import load_demonstration, print_result, track_demonstration
+from pbd.cli.common import load_demonstration, print_result, save_keyframes, track_demonstration
 from pbd.cli.console import say
-from pbd.cli.keyframes import save_keyframes
 from pbd.data import TouchUp
 from pbd.errors import RecordingError, UsageError, warn
 from pbd.files.keyframes import KEYFRAMES_FILE

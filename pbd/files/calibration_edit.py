@@ -12,7 +12,7 @@ import numpy as np
 import tomlkit
 from tomlkit.items import Comment, Table, Whitespace
 
-from pbd.data import Calibration
+from pbd.data import Calibration, SensorErrors
 from pbd.errors import CalibrationError
 from pbd.files.calibration import FORMAT, parse_calibration, read_calibration
 from pbd.files.find_by_name import bundled
@@ -182,3 +182,27 @@ def _item(value: Value) -> Any:
 
 def _rounded(values: Array, decimals: int) -> list[float]:
     return [round(float(x), decimals) + 0.0 for x in values]  # + 0.0: no -0.0
+
+
+def sensor_parts(errors: SensorErrors, figures: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+    """Return a sensor's errors as tables of the calibration's TOML; `figures`: the fit's figures."""
+    parts: dict[str, dict[str, Any]] = {
+        "sensor": {
+            "name": (errors.sensor, "whose errors these are; another's recordings are refused"),
+            "gravity": (round(errors.gravity, 5), "m/s2, where it was calibrated"),
+            "temperature_c": (errors.temperature_c, ""),
+            "field": (None if errors.field is None else round(errors.field, 3), "uT"),
+            "dip_deg": (None if errors.dip is None else round(float(np.degrees(errors.dip)), 3), "below the horizon"),
+            "fit": (figures or None, ""),
+        }
+    }
+    for kind, linear, unit in (("gyr", errors.gyr, "rad/s"), ("acc", errors.acc, "m/s2"), ("mag", errors.mag, "uT")):
+        if linear is not None:
+            known = not np.isnan(linear.bias_sigma).any()
+            parts[f"sensor.{kind}"] = {
+                "bias": ([float(f"{x:.7g}") for x in linear.bias], f"{unit}; what is true is matrix (read - bias)"),
+                "bias_sigma": ([float(f"{x:.3g}") for x in linear.bias_sigma] if known else None, ""),
+                "matrix": ([round(float(x), 7) for x in linear.matrix.ravel()], ""),
+                "matrix_sigma": (float(f"{linear.matrix_sigma:.3g}") if linear.matrix_sigma > 0.0 else None, ""),
+            }
+    return parts

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,11 +11,11 @@ from pbd.calibration.accelerometer import NAMES
 from pbd.calibration.sensor import KINDS, SensorFit, calibrate_sensor
 from pbd.calibration.sensor_changed import gravity_at
 from pbd.cli.console import print_json, say, working
-from pbd.data import GRAVITY, SensorErrors
+from pbd.data import GRAVITY
 from pbd.data.one_line_repr import counted
 from pbd.data.units import MG
 from pbd.errors import CalibrationError, warn
-from pbd.files.calibration_edit import earlier_fit, existing_calibration, update_calibration
+from pbd.files.calibration_edit import earlier_fit, existing_calibration, sensor_parts, update_calibration
 from pbd.files.demo import load_demo
 from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.view.terminal_tables import print_table, words_table
@@ -65,30 +64,6 @@ def _figures(fit: SensorFit) -> dict[str, float]:
     if mag := fit.mag:
         figures |= {"mag_before_pct": round(100.0 * mag.before, 2), "mag_after_pct": round(100.0 * mag.uneven, 2)}
     return figures
-
-
-def sensor_parts(errors: SensorErrors, figures: Mapping[str, float]) -> dict[str, dict[str, Any]]:
-    """Return a sensor's errors as tables of the calibration's TOML; `figures`: the fit's figures."""
-    parts: dict[str, dict[str, Any]] = {
-        "sensor": {
-            "name": (errors.sensor, "whose errors these are; another's recordings are refused"),
-            "gravity": (round(errors.gravity, 5), "m/s2, where it was calibrated"),
-            "temperature_c": (errors.temperature_c, ""),
-            "field": (None if errors.field is None else round(errors.field, 3), "uT"),
-            "dip_deg": (None if errors.dip is None else round(float(np.degrees(errors.dip)), 3), "below the horizon"),
-            "fit": (figures or None, ""),
-        }
-    }
-    for kind, linear, unit in (("gyr", errors.gyr, "rad/s"), ("acc", errors.acc, "m/s2"), ("mag", errors.mag, "uT")):
-        if linear is not None:
-            known = not np.isnan(linear.bias_sigma).any()
-            parts[f"sensor.{kind}"] = {
-                "bias": ([float(f"{x:.7g}") for x in linear.bias], f"{unit}; what is true is matrix (read - bias)"),
-                "bias_sigma": ([float(f"{x:.3g}") for x in linear.bias_sigma] if known else None, ""),
-                "matrix": ([round(float(x), 7) for x in linear.matrix.ravel()], ""),
-                "matrix_sigma": (float(f"{linear.matrix_sigma:.3g}") if linear.matrix_sigma > 0.0 else None, ""),
-            }
-    return parts
 
 
 def _json(fit: SensorFit) -> dict[str, Any]:
