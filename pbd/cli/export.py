@@ -5,21 +5,30 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from pbd.cli.common import plan_demonstration, without_aside
+from pbd.cli.common import (
+    load_demonstration,
+    named_calibration,
+    plan_demonstration,
+    track_demonstration,
+    without_aside,
+)
 from pbd.cli.console import print_json, say, working
 from pbd.cli.plan_report import moves_json, plan_json, remarks
 from pbd.errors import PbdError, PlanError, UsageError, errors_about, listed
 from pbd.files.exporters import FOLDERS, FORMATS, SUFFIXES, Export, check_format, check_suffix, export, export_dataset
 from pbd.files.exporters.lerobot import first_frame, refuse_dataset
+from pbd.files.exporters.tum import write_poses
+from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
-from pbd.io.atomic import refuse_output
+from pbd.io.atomic import atomic_file, refuse_output
 from pbd.planning import Plan, source_of
 from pbd.view.terminal import is_closed
 
@@ -30,6 +39,8 @@ def run(args: argparse.Namespace) -> None:
     """Plan each demonstration, audit the motion and write it."""
     args.demos = without_aside(args.demos)
     format_name = _format(args)
+    if args.robot is None:
+        return _write_hand(args, format_name)
     robot = load_robot(args.robot) if FORMATS[format_name].checks_robot else None
     check_format(format_name, args.rate, args.dense, robot)
     if robot is not None and format_name in FOLDERS:
@@ -53,6 +64,26 @@ def run(args: argparse.Namespace) -> None:
     if args.json:
         results = [_json(args, format_name, *each) for each in zip(plans, done, strict=True)]
         print_json({"episodes": results} if format_name in FOLDERS else results[0])
+    return None
+
+
+def _write_hand(args: argparse.Namespace, format_name: str) -> None:
+    """Write the hand's path, as tracked: it is the same for every robot."""
+    if format_name != "tum-hand":
+        known = f"one of {listed(names('robots'))}, or a file"
+        raise UsageError(f"name the robot: --robot ({known}); the hand's path, --format tum-hand, alone needs none")
+    check_format(format_name, args.rate, args.dense)
+    if args.output != STDOUT:
+        refuse_output(args.output, (*args.demos, args.calibration))
+    demo = load_demonstration(args.demos[0] if args.demos else None)
+    path, _ = track_demonstration(args, demo, named_calibration(args))
+    with _output(args) as file, atomic_file(file) as unfinished:
+        write_poses(path.t, path.p_nav_sensor, path.wxyz_nav_sensor, unfinished)
+    name = "to standard output" if args.output == STDOUT else args.output
+    say(f"wrote {name}: {len(path.t)} poses, {np.ptp(path.t):.1f} s")
+    if args.json:
+        result = {"demo": demo.recording.info.name, "format": format_name, "output": str(args.output)}
+        print_json(result | {"samples": len(path.t), "warnings": args.warnings})
 
 
 def _plan(args: argparse.Namespace, name: str | None) -> Plan:
@@ -72,8 +103,8 @@ def _say_remarks(plans: list[Plan], calibration: str | None) -> None:
     for plan in plans:
         for remark in remarks(plan, calibration):
             named.setdefault(remark, []).append(plan.name)
-    for remark, names in named.items():
-        say(remark if len(names) == len(plans) else f"{listed(names)}: {remark}")
+    for remark, whose in named.items():
+        say(remark if len(whose) == len(plans) else f"{listed(whose)}: {remark}")
 
 
 def _json(args: argparse.Namespace, format_name: str, plan: Plan, done: Export) -> dict[str, Any]:
@@ -116,16 +147,22 @@ def _format(args: argparse.Namespace) -> str:
 
 
 def _write(args: argparse.Namespace, plans: list[Plan], format_name: str) -> list[Export]:
-    """Write the file or the folder; for standard output, write a temporary file and copy it."""
+    """Write the file or the folder."""
     pairs = [(plan.trajectory, source_of(plan)) for plan in plans]
     (trajectory, source), robot = pairs[0], plans[0].robot
+    with _output(args) as file, working("writing the motion"):
+        if format_name in FOLDERS:
+            return export_dataset(pairs, robot, file, args.task)
+        return [export(trajectory, robot, format_name, file, args.rate, dense=args.dense, source=source)]
+
+
+@contextmanager
+def _output(args: argparse.Namespace) -> Iterator[Path]:
+    """Yield the file to write; for standard output a temporary one, which is then copied."""
+    if args.output != STDOUT:
+        yield args.output
+        return
     with TemporaryDirectory() as folder:
-        file = Path(folder) / "motion" if args.output == STDOUT else args.output
-        with working("writing the motion"):
-            if format_name in FOLDERS:
-                return export_dataset(pairs, robot, file, args.task)
-            done = export(trajectory, robot, format_name, file, args.rate, dense=args.dense, source=source)
-        if args.output == STDOUT:
-            with file.open("rb") as written:
-                shutil.copyfileobj(written, sys.stdout.buffer)
-    return [done]
+        yield Path(folder) / "motion"
+        with (Path(folder) / "motion").open("rb") as written:
+            shutil.copyfileobj(written, sys.stdout.buffer)

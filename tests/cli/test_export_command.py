@@ -35,6 +35,16 @@ def test_every_suffix_says_a_format() -> None:
     assert {*SUFFIXES.values(), *also} == set(FORMATS)
 
 
+def test_the_hands_path_needs_no_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", "paper-test1", "--robot", "ur5", "--format", "tum-hand", "-o", "planned.tum"]) == 0
+    assert main(["export", "paper-test1", "--format", "tum-hand", "-o", "hand.tum"]) == 0
+    assert Path("hand.tum").read_text() == Path("planned.tum").read_text()
+    capsys.readouterr()
+    assert main(["export", "paper-test1", "-o", "motion.csv"]) == 2
+    assert "name the robot: --robot (one of kinova, " in capsys.readouterr().err
+
+
 def test_the_hands_path_is_told_in_the_hands_own_time(capsys: pytest.CaptureFixture[str]) -> None:
     """The arm's motion has another duration."""
     assert main(["export", "paper-test1", "--robot", "ur5", "--format", "tum-hand", "-o", "hand.tum"]) == 0

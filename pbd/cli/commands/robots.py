@@ -43,6 +43,7 @@ def export(parser: ArgumentParser) -> None:
 
       pbd export pouring --robot panda -o pouring.json
       pbd export pouring --robot panda --format csv -o - | head -3
+      pbd export pouring --format tum-hand -o hand.tum      the hand's path alone
       pbd export tea1 tea2 --robot so101 --format lerobot --task 'pour the tea' -o tea
     """
     demos = "names (in ./demos, or bundled), folders, or recordings; default: the newest in ./demos, else 'pouring'; "
@@ -58,7 +59,7 @@ def export(parser: ArgumentParser) -> None:
     flag(parser, "--dense", f"{dense}, not a movej for each keyframe")
     option(parser, "--task", "WORDS", "lerobot: what the arm does, in words; default: DEMO's name", default="")
     add_tracking(parser)
-    add_planning(parser)
+    add_planning(parser, robot_required=False)
 
 
 def run(parser: ArgumentParser) -> None:
