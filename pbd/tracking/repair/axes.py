@@ -178,9 +178,9 @@ def find_axis_error(
     # A rate that a person gave is as likely wrong as axes or units are: what fits best is told, or both.
     if 0 in counted and (source.at_a_rate or (found is None and off_deg > SCALE_DEG)):
         scale = _find_scale(fit_of, off_deg, pair, source)
-        fits = sorted(filter(None, (scale, found)), key=lambda each: each.fit_deg)
-        message = "; or ".join(each.message for each in fits if each.fit_deg <= fits[0].fit_deg + AS_GOOD_DEG)
-        return fits[0]._replace(message=message) if fits else None
+        told = sorted(filter(None, (scale, found)), key=lambda each: each.fit_deg)
+        message = "; or ".join(each.message for each in told if each.fit_deg <= told[0].fit_deg + AS_GOOD_DEG)
+        return told[0]._replace(message=message) if told else None
     return found
 
 
