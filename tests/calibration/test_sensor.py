@@ -335,6 +335,20 @@ def test_a_magnet_beside_three_of_twelve_rests_is_said(recording: Recording, res
     assert [line for line in fit.remarks if "headings will be wrong" in line]
 
 
+def test_a_magnet_that_the_sensor_is_turned_beside_leaves_the_magnetometer_out(
+    recording: Recording, rests: Rests
+) -> None:
+    """Where the field differs by most of itself, a matrix near zero, or a mirror, fits: it is no calibration."""
+    assert recording.mag is not None
+    mag, rng = recording.mag.copy(), np.random.default_rng(1)
+    for start, stop in zip(rests.start, rests.stop, strict=True):
+        mag[start - 50 : stop + 50] += 25.0 * rng.normal(size=3)
+    fit = calibrate_sensor(replace(recording, mag=mag), gravity=EARTH.gravity)
+    assert fit.errors.mag is None
+    left_out = "the magnetometer is left out: the field differs too much from rest to rest; move away from iron and"
+    assert [remark[: len(left_out)] for remark in fit.remarks] == [left_out]
+
+
 # --- all together -----------------------------------------------------------------------------------------------------
 
 
