@@ -156,6 +156,11 @@ def test_the_packages_names_are_listed_before_they_are_loaded() -> None:
         ("-run.csv", "pbd: -run.csv begins like an option; if it is a file, write ./-run.csv; see pbd --help"),
         ("import run.csv -tea", "pbd import: unknown option -tea; see pbd import --help"),
         ("import --unt run.csv", "pbd import: unknown option --unt; did you mean --unit? see pbd import --help"),
+        (
+            "calibrate mount bench turns --turns -x,y",
+            "pbd calibrate mount: -x,y begins like an option; if it is the value of --turns, write --turns=-x,y; "
+            "see pbd calibrate mount --help",
+        ),
         ("fuse a b -oc -z", "pbd fuse: unknown option -z; see pbd fuse --help"),
         ("replay -- -run.csv", "pbd replay: the following arguments are required: --robot (one of"),
         ("replya pouring --robot panda", "pbd: argument COMMAND: unknown value 'replya'; choose one of"),

@@ -32,7 +32,10 @@ class Parser(argparse.ArgumentParser):
         If --robot is missing, the message names the robots.
         """
         known = [option for action in self._actions for option in action.option_strings]
-        if "." in (unknown := self._unknown_option(known)):
+        unknown, before = self._unknown_option(known)
+        if before:
+            message = f"{unknown} begins like an option; if it is the value of {before}, write {before}={unknown}"
+        elif "." in unknown:
             message = f"{unknown} begins like an option; if it is a file, write ./{unknown}"
         elif unknown:
             message = f"unknown option {unknown}{nearest(unknown, known)}"
@@ -41,15 +44,18 @@ class Parser(argparse.ArgumentParser):
             message = f"{message} (one of {listed(robots)}, or a file)"
         self.exit(2, f"{self.prog}: {message}{'' if message.endswith('?') else ';'} see {self.prog} --help\n")
 
-    def _unknown_option(self, known: Sequence[str]) -> str:
+    def _unknown_option(self, known: Sequence[str]) -> tuple[str, str]:
+        """Return the first unknown option, and the option before it where it may be its value; "" if there is none."""
+        before = ""
         for word in self._words:
             if word == "--" or (self._subparsers is not None and not word.startswith("-")):
                 break  # files follow, or a command's own options
             name = word.partition("=")[0]
             is_known = name[:2] in known or any(option.startswith(name) for option in known)  # -oFILE, --rob
             if re.fullmatch(r"--?[A-Za-z]\S*", name) and not is_known:
-                return name
-        return ""
+                return name, before if "," in name else ""
+            before = word if word in known else ""
+        return "", ""
 
     def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
         """Print help and version; an output that can't be written is an error here, and is ignored by argparse."""
