@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pbd.calibration.dock import nav_in_base, refuse_other_heading
+from pbd.calibration.dock import nav_in_base, with_heading_of
 from pbd.data import Calibration, Demonstration, HandPath, Known, Recording
 from pbd.errors import PbdWarning, RecordingError, TrackingError, listed, require_kind, require_type, warn
 from pbd.fusion.fuse import fused_path
@@ -162,6 +162,6 @@ def _condition_on_known(path: HandPath, known: Known, calibration: Calibration |
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PbdWarning)  # planning warns of the dock's tilt
             if known.places or known.contacts:
-                refuse_other_heading(calibration, path)
+                calibration = with_heading_of(path, calibration)
             T_base_nav = nav_in_base(calibration, mean_quaternion(path.wxyz_nav_sensor[first]))
     return apply_constraints(path, known, calibration, T_base_nav)

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from pbd.calibration.field_uniformity import DISTURBED_HEADING, field_at_start
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Calibration, HandPath, Keyframe
-from pbd.errors import CalibrationError, warn
+from pbd.errors import CalibrationError, in_degrees, warn
 from pbd.pose import Array, Pose, level_onto, quat_inverse, quat_rotate
 
 TILT_WARNING_DEG, UPSIDE_DOWN_DEG = 5.0, 150.0
@@ -56,13 +57,14 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
     return level_onto(Pose(np.zeros(3), wxyz_nav_sensor), dock)
 
 
-def refuse_other_heading(calibration: Calibration, path: HandPath) -> None:
-    """Refuse a [nav] that was registered with a magnetometer for a path without one, and the other way round.
+def with_heading_of(path: HandPath, calibration: Calibration) -> Calibration:
+    """Return the calibration with the sigma of the heading that its [nav] has for this path.
 
-    The two navs differ by an unknown heading.
+    If a magnetometer gave it, a field at the first rest that differs from the one when [nav] was registered turns it.
 
     Raises:
-        CalibrationError: nav of the calibration and nav of the path count their heading from different directions.
+        CalibrationError: nav of the calibration and nav of the path count their heading from different directions: one
+            with a magnetometer, one without, or the field differs too much.
     """
     tracking, registered = path.tracking, calibration.nav_points_north
     if (
@@ -70,17 +72,35 @@ def refuse_other_heading(calibration: Calibration, path: HandPath) -> None:
         or registered is None
         or (tracking.method == "paper" and tracking.recording.device_rpy is not None)
     ):
-        return  # unknown; the paper's method takes the device's own heading
-    tracked = tracking.recording.mag is not None
-    if registered == tracked:
-        return
-    has, lacks = "was registered with a magnetometer", "has none, or none that can be used"
-    if tracked:
-        has, lacks = "was registered without a magnetometer", "has one"
-    raise CalibrationError(
-        f"the [nav] of '{calibration.name}' {has}, and this demonstration {lacks}, so its heading counts from another "
-        "direction; name a calibration with a dock, or touch the points again with this sensor (pbd calibrate points)"
-    )
+        return calibration  # unknown; the paper's method takes the device's own heading
+    mag, fit = tracking.recording.mag, calibration.residuals
+    if registered != (mag is not None):
+        has, lacks = "was registered with a magnetometer", "has none, or none that can be used"
+        if mag is not None:
+            has, lacks = "was registered without a magnetometer", "has one"
+        raise CalibrationError(
+            f"the [nav] of '{calibration.name}' {has}, and this demonstration {lacks}, so its heading counts from "
+            "another direction; name a calibration with a dock, or touch the points again with this sensor (pbd "
+            "calibrate points)"
+        )
+    if mag is None or "nav.field_level" not in fit:
+        return calibration
+    level, up = field_at_start(path, mag)
+    change = np.hypot(level - fit["nav.field_level"], up - fit["nav.field_up"])
+    # Of the change two parts of three are seen: the third, as large, turns the heading.
+    sigma = min(float(change / np.sqrt(2.0) / fit["nav.field_level"]), np.pi)
+    if sigma > DISTURBED_HEADING:
+        share = 100.0 * change / np.hypot(fit["nav.field_level"], fit["nav.field_up"])
+        raise CalibrationError(
+            f"at the first rest the magnetic field differs by {share:.0f} % from that in which the [nav] of "
+            f"'{calibration.name}' was registered, so the whole motion may be turned by {in_degrees(sigma)}; keep "
+            "magnets and iron away and record again, or name a calibration with a dock",
+            value=sigma,
+            bound=DISTURBED_HEADING,
+        )
+    cov = calibration.cov_start.copy()
+    cov[5, 5] += sigma**2
+    return replace(calibration, cov_base=cov)
 
 
 def in_base(
@@ -93,11 +113,11 @@ def in_base(
     """Place keyframes in base, by the attitude at the first of them.
 
     Raises:
-        CalibrationError: as `nav_in_base`; or as `refuse_other_heading`, if the path is given; or the tool, whose
+        CalibrationError: as `nav_in_base`; or as `with_heading_of`, if the path is given; or the tool, whose
             orientation is to be fixed, points up at the first.
     """
     if path is not None:
-        refuse_other_heading(calibration, path)
+        calibration = with_heading_of(path, calibration)
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     if orientation == "fixed":
         wxyz = (T_base_nav @ keyframes[0].T_nav_sensor @ calibration.T_sensor_tool).wxyz

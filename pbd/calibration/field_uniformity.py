@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pbd.data import HandPath
 from pbd.pose import Array, quat_rotate, yaw_toward
 
 DISTURBED_HEADING, DISTURBED_STRENGTH = np.radians(3.0), 0.10
@@ -51,6 +52,13 @@ def field_spread(mag: Array, wxyz_nav_sensor: Array) -> FieldSpread:
     turned = np.arctan2(field[:, 1] * east - field[:, 0] * north, field[:, 0] * east + field[:, 1] * north)
     tan_dip = abs(float(field[:, 2].mean())) / float(level.mean())
     return FieldSpread(float(np.sqrt(np.mean(turned**2))), float(strength.std() / strength.mean()), tan_dip)
+
+
+def field_at_start(path: HandPath, mag: Array) -> tuple[float, float]:
+    """Return the level and the upward part of the magnetic field (n, 3) at the path's first stop, in its unit."""
+    rows = slice(path.stops[0].start, path.stops[0].stop)
+    x, y, z = quat_rotate(path.wxyz_nav_sensor[rows], mag[rows]).mean(axis=0)
+    return float(np.hypot(x, y)), float(z)
 
 
 def heading_changes(wxyz_first: Array, wxyz_again: Sequence[Array]) -> Array:

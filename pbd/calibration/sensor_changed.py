@@ -17,6 +17,8 @@ UNCALIBRATED_ACC = 0.03
 FIELD_DRIFT, DIP_DRIFT = 0.10, np.radians(6.0)
 """Largest variation of the magnetic field within a room: of its strength (a share) and its dip (rad)."""
 
+NO_IRON = "; if no magnet or iron is near"
+
 
 def disagreements(
     errors: SensorErrors | None, acc: Array, gyr: Array | None = None, mag: Array | None = None
@@ -42,11 +44,13 @@ def disagreements(
         strength = float(np.linalg.norm(mag))
         dip = float(np.arcsin(np.clip(-(mag @ acc) / max(strength * norm, 1e-9), -1.0, 1.0)))
         if abs(strength / errors.field - 1.0) > FIELD_DRIFT:
-            said.append(f"the magnetic field is {strength:.0f} uT, but was {errors.field:.0f} uT at the calibration")
+            said.append(
+                f"the magnetic field is {strength:.0f} uT, but was {errors.field:.0f} uT at the calibration{NO_IRON}"
+            )
         elif abs(dip - errors.dip) > DIP_DRIFT:
             said.append(
                 f"the magnetic field dips by {in_degrees(dip)}, but by {np.degrees(errors.dip):.0f} "
-                "degrees at the calibration"
+                f"degrees at the calibration{NO_IRON}"
             )
     return tuple(f"{line}: calibrate this sensor" for line in said)
 

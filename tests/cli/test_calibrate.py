@@ -11,6 +11,7 @@ import pytest
 
 from pbd.arm.model import load_model
 from pbd.calibration.points import POOR_CHI2
+from pbd.data.calibration import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.errors import PlanError
 from pbd.files.calibration import read_calibration
 from pbd.files.demo import write_demo
@@ -201,7 +202,7 @@ def test_points_put_the_demonstration_into_base(capsys: Capture, touched: Touchi
     assert metres < 4.0 * np.linalg.norm(result["nav"]["sigma_m"])
     assert rad < np.radians(1.0)
     rows = run_json(capsys, "calibrate", "show", "bench", "touches")["keyframes"]
-    assert rows[0]["base_sigma_m"] == pytest.approx(result["nav"]["sigma_m"], rel=1e-3)
+    assert rows[0]["base_sigma_m"] == pytest.approx(np.hypot(result["nav"]["sigma_m"], DOCK_SIGMA_M), rel=1e-3)
     assumed = "has no lever in [mount]: assuming that the sensor itself touched the points"
     assert assumed in run(capsys, *POINTS)[2]
     with Path("calibration/bench.toml").open("a", encoding="utf-8") as file:
@@ -233,6 +234,7 @@ def test_a_wrong_point_is_told_by_its_name(capsys: Capture, touched: Touching) -
     code, out, err = run(capsys, *POINTS)
     assert code == 0
     assert err.startswith("pbd: warning: the point 'C' (stop 3) is wrong: it lies ")
+    assert "; check its coordinates and the order (--any-order finds it), or touch it again" in err
     assert [line.split()[0] for line in out.splitlines() if "wrong, left out" in line] == ["C"]
     T_base_nav = read_calibration(Path("calibration/bench.toml")).T_base_nav
     assert T_base_nav is not None
@@ -313,6 +315,38 @@ def test_a_magnetic_nav_is_not_for_a_demonstration_without_a_magnetometer(capsys
     for name, calibration in (("touches", "bench"), ("blind", "other"), ("blind", "plain"), ("touches", "plain")):
         assert run(capsys, "keyframes", name, "--calibration", calibration)[0] == 0
     assert run(capsys, *blind_points, "--force")[0] == 0  # can be registered anew
+
+
+def test_a_magnetic_nav_is_not_for_another_field(capsys: Capture, touched: Touching) -> None:
+    """A field at the first rest that is not the registered one may turn all keyframes in base, by an unknown angle."""
+    run(capsys, *POINTS)
+    sigma = {}
+    for name, uT in (("same", 0.0), ("weak", 0.5), ("magnet", 5.0)):
+        mag = touched.demo.recording.mag
+        assert mag is not None
+        other = replace(touched.demo.recording, mag=mag + uT * np.array([0.6, 0.0, 0.8]))
+        write_demo(replace(touched.demo, recording=other), Path("demos") / name)
+        by = ("--calibration", "bench")
+        if name != "magnet":
+            sigma[name] = run_json(capsys, "keyframes", name, *by)["keyframes"][0]["base_sigma_deg"][2]
+            continue
+        for command in (("keyframes", name), ("export", name, "--robot", "panda", "-o", "no.json")):
+            line = refused(capsys, 1, *command, *by)
+            assert "the magnetic field differs by" in line
+            assert "from that in which the [nav] of 'bench' was registered, so the whole motion may be turned" in line
+    assert np.hypot(sigma["same"], 0.5) < sigma["weak"] < np.hypot(sigma["same"], 2.0)  # 0.5 uT of 19.5 are 1.5 degrees
+
+
+def test_how_precisely_the_sensor_is_put_down_again_is_in_the_sigma(capsys: Capture, touched: Touching) -> None:
+    """Also after points: a dock in the file says where a later demonstration starts, as one that was measured does."""
+    for part, turned in (("nav", 0.0), ("dock", 1.0)):
+        cov = []
+        for k, sigmas in enumerate((("--sigma-mm", "0.01", "--sigma-deg", "0.001"), ())):
+            name = f"{part}{k}"
+            run(capsys, "calibrate", "points", name, *POINTS[3:], "--as", part, *sigmas)
+            cov.append(read_calibration(Path(f"calibration/{name}.toml")).cov_start)
+        added = np.square([*[DOCK_SIGMA_M] * 3, 0.0, 0.0, turned * DOCK_SIGMA_RAD])
+        assert cov[1] - cov[0] == pytest.approx(np.diag(added), rel=1e-4, abs=1e-9)
 
 
 def test_points_are_fitted_with_the_scale_that_a_replay_uses(capsys: Capture, touched: Touching) -> None:

@@ -125,8 +125,8 @@ def test_the_heading_of_a_start_with_another_heading_is_less_certain_until_the_s
         assert main(["simulate", task, task, "--sensor-model", "wt901", "--seed", "7"]) == 0
     points = ["calibrate", "points", "bench", "touch", "--points", "demos/touch/points.csv"]
     for known in (
-        r"at that point; with another heading there, nav's is known to [12]\.\d degrees only",
-        "at that point$",
+        r"at that point \(to 3 mm: --sigma-mm\); with another heading there, nav's is known to [12]\.\d degrees only",
+        r"at that point \(to 3 mm: --sigma-mm\)$",
     ):
         assert main(points) == 0
         assert re.search(known, capsys.readouterr().err.rstrip())

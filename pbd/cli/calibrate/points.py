@@ -10,10 +10,11 @@ import numpy as np
 
 from pbd.calibration.correspondence import match_points
 from pbd.calibration.dock import refuse_tilted
-from pbd.calibration.field_uniformity import field_spread, heading_changes
+from pbd.calibration.field_uniformity import field_at_start, field_spread, heading_changes
 from pbd.calibration.points import POOR_CHI2, fit_points, refuse_shape
 from pbd.calibration.registration import PointObservations, observe_points
 from pbd.calibration.rests import rms
+from pbd.cli.calibrate.dock import placing
 from pbd.cli.calibrate.replacing import keep_good_part, keep_other_start
 from pbd.cli.common import sigma_json, track_with
 from pbd.cli.console import print_json, say, working
@@ -57,11 +58,12 @@ def run(args: argparse.Namespace) -> None:
         )
     if part == "dock":
         refuse_tilted(fit.T_base_nav)
+    order = " and the order (--any-order finds it)" if args.stops is None and not args.any_order else ""
     for name, stop, off, good in zip(points.names, touched.stops, fit.left_out, fit.used, strict=True):
         if not good:
             warn(
                 f"the point '{name}' (stop {stop}) is wrong: it lies {100.0 * np.linalg.norm(off):.1f} cm from where "
-                "the other points put it, so it is left out; check its coordinates, or touch it again"
+                f"the other points put it, so it is left out; check its coordinates{order}, or touch it again"
             )
     heading, tan_dip = _report_heading(args, recording, keyframes, calibration, part)
 
@@ -71,7 +73,10 @@ def run(args: argparse.Namespace) -> None:
     off_mm, left_out_mm = (1e3 * np.linalg.norm(each[list(fit.used)], axis=1) for each in (fit.residuals, fit.left_out))
     figures: dict[str, float] = {"points": len(off_mm), "rms_mm": round(rms(off_mm), 2)}
     figures |= {"left_out_rms_mm": round(rms(left_out_mm), 2), "chi2": round(fit.chi2, 3)}
-    figures |= {} if heading is None else {"heading_deg": round(float(np.degrees(heading)), 2)}
+    if heading is not None and recording.mag is not None:
+        level, up = field_at_start(hand, recording.mag)
+        figures |= {"heading_deg": round(float(np.degrees(heading)), 2), "field_level": round(level, 3)}
+        figures["field_up"] = round(up, 3)
     cov = fit.cov.copy()
     if part == "nav" and heading is not None:
         cov[5, 5] += heading**2  # the heading differs between demonstrations by this sigma
@@ -83,7 +88,8 @@ def run(args: argparse.Namespace) -> None:
         what = f"the points fit {worse} worse than the tracker's uncertainty predicts"
         again = f"touch them again, more calmly, or correct their coordinates, the tip in [mount]{scale}"
         keep_good_part(path, calibration, f"{part}.chi2", fit.chi2, what, again)
-    values = pose_values(pose, "in base", cov) | {"fit": (figures, ""), "any_attitude": (None, "")}
+    later = placing(args, turned=part == "dock" or heading is None)
+    values = pose_values(pose, "in base", cov + later) | {"fit": (figures, ""), "any_attitude": (None, "")}
     update_calibration(path, {part: values}, scale=fit.scale if args.find_scale else None)
     if fit.chi2 > POOR_CHI2:
         warn(
@@ -109,7 +115,8 @@ def run(args: argparse.Namespace) -> None:
     )
     if fit.chi2 <= POOR_CHI2:
         say(f"the points fit as expected ({worse} the tracker's uncertainty)")
-    turned = "" if part == "nav" else " and with the same rotation"
+    there = f"at that point (to {args.sigma_mm:g} mm: --sigma-mm)"
+    turned = "" if part == "nav" else f" and with the same rotation (to {args.sigma_deg:g} degrees: --sigma-deg)"
     # The accelerometer's bias tilts nav in another direction where the sensor starts with another heading.
     of_tilt_deg = tan_dip * np.degrees(np.sqrt(np.trace(keyframes[0].cov[3:5, 3:5])))
     if part == "nav" and of_tilt_deg > REPORTED_DEG:
@@ -118,7 +125,7 @@ def run(args: argparse.Namespace) -> None:
             f"; with another heading there, nav's is known to {known_deg:.1f} degrees only: `pbd calibrate sensor` "
             "betters that"
         )
-    say(f"this holds for later demonstrations that start with the sensor's first rest at that point{turned}")
+    say(f"this holds for later demonstrations that start with the sensor's first rest {there}{turned}")
     return None
 
 

@@ -32,6 +32,15 @@ def _add_name(parser: ArgumentParser, demo: str = "") -> None:
         option(parser, "demo", "DEMO", demo)
 
 
+def _add_placing(parser: ArgumentParser) -> None:
+    place, turn = (
+        "one sigma of where you put the sensor down, each axis, mm (3)",
+        "and of how it is turned, degrees (1)",
+    )
+    option(parser, "--sigma-mm", "MM", place, type=sigma_mm, default=3.0)
+    option(parser, "--sigma-deg", "DEG", turn, type=within(1e-6, 180.0), default=1.0)
+
+
 def dock(parser: ArgumentParser) -> None:
     """Where in the robot's base a demonstration starts.
 
@@ -52,9 +61,7 @@ def dock(parser: ArgumentParser) -> None:
     option(parser, "--rpy", ("R", "P", "Y"), rpy, nargs=3, type=finite)
     option(parser, "--calibration", "C", "calibration to track --from-keyframe with (CALIBRATION)")
     option(parser, "--robot", "R", "robot of --joints; checks that it reaches the dock")
-    option(parser, "--sigma-mm", "MM", "one sigma of the position, each axis, mm (3)", type=sigma_mm, default=3.0)
-    turn = "one sigma of the rotation, each axis, degrees (1)"
-    option(parser, "--sigma-deg", "DEG", turn, type=within(1e-6, 180.0), default=1.0)
+    _add_placing(parser)
     add_force(parser, REPLACE_PART)
     add_accept_gap(parser)
 
@@ -83,6 +90,7 @@ def points(parser: ArgumentParser) -> None:
     option(parser, "--as", None, both, dest="part", choices=("nav", "dock"))
     again = "check how well the heading repeats, in demonstrations that began with the sensor put down the same way"
     option(parser, "--again", "DEMO", again, nargs="+", default=())
+    _add_placing(parser)
     add_force(parser, f"{REPLACE_PART}, or a good fit by a poor one")
     add_accept_gap(parser)
 
@@ -100,7 +108,7 @@ def mount(parser: ArgumentParser) -> None:
     """
     _add_name(parser, "the recording")
     flag(parser, "--pivot", "the tip stayed on one point at every stop")
-    turns = "the tool axis of each turn of 20 degrees or more: x, -x, y ..."
+    turns = "the tool axis of each turn of 20 degrees or more: x,-x,y,...; --turns=-x,... where the first is negative"
     option(parser, "--turns", "A,A", turns, type=_some_of("x", "y", "z", "-x", "-y", "-z"))
     add_force(parser, "replace a lever that was measured by a poor fit")
     add_accept_gap(parser)
