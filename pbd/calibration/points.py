@@ -243,8 +243,8 @@ def _contradiction(problem: Problem, fit: Fit, suspects: Sequence[int]) -> Calib
     scale = f"and the calibration's scale of {problem.scale:g} (--find-scale finds it), " if known else ""
     return CalibrationError(
         f"the points contradict the demonstration by up to {100.0 * off.max():.1f} cm, and it is unclear which one is "
-        f"wrong (point {names}); check their coordinates and their order, {scale}touch more points, or move more "
-        "calmly",
+        f"wrong (row {names} of the points); check their coordinates and their order, {scale}touch more points, or "
+        "move more calmly",
         points=tuple(suspects),
         value=float(off.max()),
     )

@@ -162,7 +162,8 @@ def test_three_points_that_contradict_each_other_are_refused() -> None:
     wrong = POINTS[:3].copy()
     wrong[1] += (0.0, 0.0, 0.2)
     with pytest.raises(
-        CalibrationError, match=r"contradict the demonstration by up to .* unclear which one is wrong \(point .*check"
+        CalibrationError,
+        match=r"contradict the demonstration by up to .* unclear which one is wrong \(row .* of the points\); check",
     ):
         fit_points(base, wrong)
 
