@@ -69,13 +69,16 @@ class Curve:
     @staticmethod
     def through(waypoints: Array, limits: JointLimits, t: Array | None = None) -> Curve | None:
         """Fit a spline through waypoints (n, k) rad; None if they all coincide."""
-        apart = (np.abs(np.diff(waypoints, axis=0)) / limits.velocity).max(axis=1) > _SAME
-        kept = np.flatnonzero(np.append(True, apart))
-        if len(kept) < 2:
-            return None
-        waypoints = np.vstack((waypoints[kept[:-1]], waypoints[-1]))  # the end is met exactly
-        s = np.append(0.0, np.cumsum((np.abs(np.diff(waypoints, axis=0)) / limits.velocity).max(axis=1)))
-        return Curve(s, CubicSpline(s, waypoints), None if t is None else np.append(t[kept[:-1]], t[-1]))
+        kept = np.arange(len(waypoints))
+        while len(kept) > 1:
+            steps = (np.abs(np.diff(waypoints[kept], axis=0)) / limits.velocity).max(axis=1)
+            same = np.flatnonzero(steps <= _SAME) + 1
+            if not len(same):
+                s = np.append(0.0, np.cumsum(steps))
+                return Curve(s, CubicSpline(s, waypoints[kept]), None if t is None else t[kept])
+            same[same == len(kept) - 1] -= 1  # the end is met exactly
+            kept = np.delete(kept, same)
+        return None
 
     def grid(self) -> Array:
         """Return grid points (n,) of s that include the waypoints."""

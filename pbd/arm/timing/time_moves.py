@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,10 @@ APPROACH_SPEED = 0.5
 LEAST_S = 1e-3
 """Shortest duration of a move, s: one period of a fast controller. A move of 1e-9 rad would otherwise take
 microseconds, and in a receiver's interpolation the rounding errors of positions would become jerk."""
+
+LEAST_CURVE_RAD = 3e-6
+"""Curves on which no joint goes farther than this, rad, are made straight: rounding errors of their positions would
+become jumps of the acceleration. It moves the tool of a large arm by 3 um."""
 
 LONGEST_S = 3600.0
 """Longest motion that is planned, s: at 1 kHz it needs about 1 GB."""
@@ -54,17 +59,17 @@ class Move:
 
     def pieces(self, q_start: Array, limits: JointLimits, speed: float, deviation_share: float) -> PiecewiseCubic:
         """Time the move from joints (k,); `speed` multiplies its share of the limits; see `curved_move`."""
-        if self.curved:
+        waypoints, factor = np.vstack((q_start, self.q)), speed * self.share
+        if self.curved and np.abs(waypoints - q_start).max() > LEAST_CURVE_RAD:
             from pbd.arm.timing.path_smoothing import curved_move  # scipy loads slowly
 
-            waypoints = np.vstack((q_start, self.q))
-            curve = curved_move(waypoints, limits, speed * self.share, self.t, deviation_share)
-            return curve.lasting(self.least_s)
-        parts, before = [], q_start
-        for q in self.q:
-            parts.append(ptp_move(before, q, limits, speed * self.share))
-            before = q
-        return PiecewiseCubic.join(parts).lasting(self.least_s)
+            timed = curved_move(waypoints, limits, factor, self.t, deviation_share)
+        else:
+            stops = waypoints[[0, -1]] if self.curved else waypoints
+            timed = PiecewiseCubic.join([ptp_move(*ends, limits, factor) for ends in pairwise(stops)])
+        if not timed.duration:  # the arm already stands there
+            return PiecewiseCubic.hold(q_start, self.least_s)
+        return timed.lasting(self.least_s)
 
 
 def time_moves(

@@ -172,6 +172,8 @@ def test_waypoints_within_a_nanosecond_are_one() -> None:
     limits = limits_of(2.0, 8.0, 400.0, 1)
     assert curved_move(np.array([[0.0], [1e-9]]), limits, 1.0).duration == 0.0
     assert curved_move(np.array([[0.0], [1e-8]]), limits, 1.0).duration > 0.0
+    out_and_back = np.array([[0.0], [3e-9], [1.5e-9], [0.0]])
+    assert curved_move(out_and_back, limits, 1.0).duration > 0.0  # the second and the third are one, not the ends
 
 
 def test_a_demonstrations_own_pace_is_kept_where_the_limits_allow_it() -> None:

@@ -13,6 +13,7 @@ from ruckig import InputParameter, Ruckig, Trajectory
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.timing.piecewise_cubic import WITHIN, PiecewiseCubic
 from pbd.arm.timing.time_moves import APPROACH_SPEED, Move, ptp_move, time_moves
+from pbd.audit.limits import check_limits, check_smoothness
 from pbd.data import JointTrajectory
 from pbd.errors import PbdWarning, PlanError
 from pbd.pose import Array
@@ -189,6 +190,30 @@ def test_a_move_takes_at_least_its_least_duration(arm: ArmModel, curved: bool) -
     assert same.duration == fast.duration
     shares = np.linspace(0.0, 1.0, 50)
     np.testing.assert_allclose(slow.at(3.0 * shares).q, fast.at(fast.duration * shares).q, atol=1e-9)
+
+
+@pytest.mark.parametrize("curved", [False, True])
+def test_a_move_to_where_the_arm_stands_takes_its_least_duration_too(arm: ArmModel, curved: bool) -> None:
+    home = arm.robot.home
+    moves = [Move(home[None], curved=curved, least_s=1.5), Move(home[None] + 0.1, least_s=2.0)]
+    trajectory, took = time_moves(arm, home, moves, [0.2, 0.0], [None, None])
+    np.testing.assert_allclose(took, [1.5, 2.0], rtol=1e-9)
+    np.testing.assert_array_equal(trajectory.at(np.linspace(0.0, 1.7, 20)).q, np.tile(home, (20, 1)))
+
+
+@pytest.mark.parametrize("size", 10.0 ** np.arange(-12.0, -3.0))
+def test_the_shortest_curves_are_as_smooth_as_others(arm: ArmModel, size: float) -> None:
+    """Out and back, or to the side; the smallest curves are within rounding errors of the joints."""
+    home, share = arm.robot.home, np.linspace(0.0, 1.0, 9)[:, None]
+    for seed, (end, bulge) in enumerate([(1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]):
+        along, aside = size * np.random.default_rng(seed).standard_normal((2, len(home)))
+        curve = home + end * share * along + bulge * np.sin(np.pi * share) ** 2 * aside
+        curve[-1] = home + end * along
+        for speed in (0.0095, 0.95):
+            moves = [Move(curve[1:], curved=True), Move(home[None] + 0.1)]
+            trajectory, _ = time_moves(arm, home, moves, [0.2, 0.0], [None, None], speed=speed)
+            check_smoothness(trajectory, arm.limits)
+            check_limits(trajectory, arm.limits)
 
 
 def test_the_retreat_comes_after_the_last_dwell_and_stroke(arm: ArmModel) -> None:
