@@ -215,6 +215,11 @@ def in_degrees(rad: float) -> str:
     return amount(180.0 / pi * rad, "degree", ".0f")
 
 
+def in_mm_or_cm(metres: float) -> str:
+    """Write a length for a message: in mm below 1 cm, so that a small one does not read 0.0 cm."""
+    return f"{1e3 * metres:.2g} mm" if metres < 0.01 else f"{1e2 * metres:.1f} cm"
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return "; did you mean ...?" with the known names that are most similar to this one; "" if none is similar."""
     from difflib import SequenceMatcher

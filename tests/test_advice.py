@@ -39,6 +39,30 @@ def test_options_that_do_not_work_either_are_not_named() -> None:
         plan_keyframes(*low(), PANDA, PlanOptions(path="line"))
 
 
+def test_a_path_that_touches_something_may_be_left_where_that_helps() -> None:
+    """A ball in the middle of the line, too thick to pass between the fingers; the arm can go around it."""
+    ends, middle = [keyframe(0.0), keyframe(1.0, y=0.3)], Pose(np.array([0.45, 0.0, 0.25]), TURN)
+    blocked = replace(dock(), obstacles=(Obstacle("the ball", "sphere", (0.1,), middle),))
+    for options, advice in (
+        (PlanOptions(path="line"), "use --path keyframes"),
+        (PlanOptions(tolerance_m=0.001), "leave out --path-tolerance"),
+    ):
+        with pytest.raises(
+            PlanError, match=f"would touch the ball, .*; move the dock or the obstacle, or {advice}, or "
+        ):
+            plan_keyframes(ends, blocked, PANDA, options)
+
+
+def test_a_move_that_cannot_be_followed_is_blamed_not_the_next_one() -> None:
+    """The first line passes the arm's base; each of the others can be followed alone."""
+    own = UR5.dock or dock()
+    places = ((-0.3, -0.2), (-0.3, 0.6), (-0.6, -0.2), (-0.3, -0.2), (-0.1, -0.2))
+    keyframes = [keyframe(float(i), x=x, y=y, z=0.2) for i, (x, y) in enumerate(places)]
+    options = PlanOptions(path="line", approach=False, retreat=False)
+    with pytest.raises(PlanError, match="straight line from keyframe 0 to keyframe 1:"):
+        plan_keyframes(keyframes, own, UR5, options)
+
+
 def test_home_is_skipped_where_that_helps() -> None:
     """The lamp touches the hand at home only."""
     behind = arm_of(PANDA).forward(PANDA.home) @ Pose(np.array([-0.12, 0.0, -0.12]), TURN)

@@ -132,7 +132,7 @@ class _Search(Mending):
             widen(self.arm, self._pose(place), self.ladder, place)
             return None
         if not has_free_state and move.pose_hit is not None and link.at_keyframe:
-            return partial(refuse_pose, i, len(self.ladder.layers[place].q), move.pose_hit)
+            return partial(refuse_pose, i, len(self.ladder.layers[place].q), move.pose_hit, self.obstacles)
         if not (move.remedies if has_free_state else move.keep_detours_only()):
             if i < self.n:
                 return partial(self._refuse, i)
@@ -149,8 +149,8 @@ class _Search(Mending):
             self._detour(i)
         elif remedy == "connect":
             self.connect(place)
-        elif not self._split(place):
-            return None if move.keep_detours_only() else partial(self._refuse, i)
+        elif (stuck := self._split(place)) is not None:
+            return None if move.keep_detours_only() else partial(self._refuse, stuck)
         return None
 
     def _make_lines(self, path: Sequence[int]) -> bool:
@@ -228,7 +228,7 @@ class _Search(Mending):
                 move.hits[move.kind] = hit
             else:
                 infeasible_kind = move.kind
-        return refuse_move(i, move, infeasible_kind)
+        return refuse_move(i, move, infeasible_kind, self.obstacles)
 
     def _hit_on_path(self, i: int) -> Hit | None:
         """Return what the arm touches on the tool's path to keyframe i; None if it cannot follow that path at all."""

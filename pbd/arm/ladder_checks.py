@@ -80,6 +80,7 @@ class LinkChecks:
 
     def __init__(self, arm: ArmModel, request: MotionRequest, scene: CollisionScene | None, ladder: Ladder) -> None:
         self.arm, self.request, self.scene, self.ladder = arm, request, scene, ladder
+        self.obstacles = frozenset() if scene is None else scene.obstacles
         self.grasps = () if scene is None else scene.grasp_states(request.T_base_tool, request.grips)
         self.n = len(request.T_base_tool)
         self.links = [Link(place) for place in range(len(ladder.layers) - 1)]

@@ -60,10 +60,10 @@ class Mending(LinkChecks):
         for place in places:
             self.ladder.reset_moves(place, MEND_AFTER_STRAIGHT_WIDENED, costly=len(places) > 1)
 
-    def _split(self, place: int) -> bool:
+    def _split(self, place: int) -> int | None:
         """Insert layers along a path and the paths just before it, which decide the configuration it starts from.
 
-        Return False if a pose on the way has no solution.
+        Return the keyframe to which a path leads on which a pose has no solution; None: there is no such path.
         """
         if self.links[place - 1].poses is None:  # widening made it straight
             self._follow_path(place)
@@ -72,12 +72,13 @@ class Mending(LinkChecks):
             first -= 1
         end = place
         while first <= end:
-            self.at(first)[1].drop_remedy("split")
+            link, move = self.at(first)
+            move.drop_remedy("split")
             added = self._split_one(first)
             if added is None:
-                return False
+                return link.keyframe
             first, end = first + added + 1, end + added
-        return True
+        return None
 
     def _is_unsplit(self, place: int) -> bool:
         """Whether the link to a layer is an unsplit path of the tool from keyframe to keyframe."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
@@ -26,12 +27,12 @@ class Refusal:
     error: PlanError
 
 
-def refuse_pose(i: int, tried: int, hit: Hit) -> Refusal:
+def refuse_pose(i: int, tried: int, hit: Hit, obstacles: Collection[str]) -> Refusal:
     """Refuse keyframe i, where the arm touches something in each of the `tried` configurations."""
-    return _collision(i, f"arm pose at keyframe {i} among {tried} tried: {hit}", STRAIGHT, hit)
+    return _collision(i, f"arm pose at keyframe {i} among {tried} tried: {hit}", STRAIGHT, hit, obstacles)
 
 
-def refuse_move(i: int, move: MoveState, infeasible_kind: str | None) -> Refusal:
+def refuse_move(i: int, move: MoveState, infeasible_kind: str | None, obstacles: Collection[str]) -> Refusal:
     """Refuse the move to keyframe i; the message names the shallowest hit.
 
     `infeasible_kind`: LINE or DEMO, if the arm can't follow that path even without obstacles; else None.
@@ -55,7 +56,8 @@ def refuse_move(i: int, move: MoveState, infeasible_kind: str | None) -> Refusal
     where = f"from keyframe {i - 1} to keyframe {i}" if i > 0 else "to keyframe 0"
     pairs = f"{move.barred_pairs} pairs of arm poses" if move.barred_pairs > 1 else "1 pair of arm poses"
     search = f", and no detour found in {amount(move.detour_checks, 'check')}" if move.detour_checks else ""
-    return _collision(i, f"motion {where} among {pairs}{search}. {'. '.join(attempts)}", closest, hits[closest])
+    what = f"motion {where} among {pairs}{search}. {'. '.join(attempts)}"
+    return _collision(i, what, closest, hits[closest], obstacles)
 
 
 def warn_about_motion(motion: Motion, retreat_hit: Hit | None) -> None:
@@ -81,8 +83,11 @@ def warn_of_closeness(error: PlanError) -> None:
     )
 
 
-def _collision(i: int, what: str, kind: str, hit: Hit) -> Refusal:
-    advice = "raise the keyframe or the dock" if hit.second == TABLE else "move the dock or the obstacle"
+def _collision(i: int, what: str, kind: str, hit: Hit, obstacles: Collection[str]) -> Refusal:
+    advice = "raise the keyframe or the dock"
+    if hit.second != TABLE:
+        other = "the obstacle" if hit.second in obstacles else "hold the sensor at another angle"
+        advice = f"move the dock or {other}"
     error = PlanError(
         f"no collision-free {what}; {advice}",
         keyframe=i,

@@ -81,14 +81,18 @@ def _without_home(options: PlanOptions) -> tuple[str, PlanOptions]:
 
 
 def _alternatives(refusal: Refusal, options: PlanOptions) -> tuple[tuple[str, PlanOptions], ...]:
+    from pbd.arm.motion_request import STRAIGHT
     from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION
 
-    if refusal.why == CANNOT_FOLLOW:
-        what = "leave out --path-tolerance" if options.path == "keyframes" else "use --path keyframes"
-        return ((what, replace(options, path="keyframes", tolerance_m=None)),)
+    others: tuple[tuple[str, PlanOptions], ...] = ()
+    if refusal.why == CANNOT_FOLLOW or refusal.error.fields.get("closest", STRAIGHT) != STRAIGHT:
+        straight = replace(options, path="keyframes", tolerance_m=None)
+        if straight != options:
+            what = "leave out --path-tolerance" if options.path == "keyframes" else "use --path keyframes"
+            others += ((what, straight),)
     if refusal.why == COLLISION:
-        return (("view the motion with --allow-collision", replace(options, allow_collision=True)),)
-    return ()
+        others += (("view the motion with --allow-collision", replace(options, allow_collision=True)),)
+    return others
 
 
 def solve_keyframes(

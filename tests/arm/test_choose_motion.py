@@ -406,7 +406,7 @@ def test_a_requested_path_is_not_replaced(kind: str) -> None:
 
 def test_a_path_that_cannot_be_followed_is_said_beside_what_was_hit() -> None:
     hit = Hit("the arm", "the plate", -0.01, np.zeros(3))
-    refusal = refuse_move(1, MoveState(LINE, [], {STRAIGHT: hit}, barred_pairs=2), LINE)
+    refusal = refuse_move(1, MoveState(LINE, [], {STRAIGHT: hit}, barred_pairs=2), LINE, {"the plate"})
     assert refusal.error.message.startswith(
         "no collision-free motion from keyframe 0 to keyframe 1 among 2 pairs of arm"
     )

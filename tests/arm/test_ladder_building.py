@@ -174,6 +174,15 @@ def test_the_first_keyframe_out_of_reach_is_named(arm: ArmModel) -> None:
     assert error.fields["joints"] == ()
 
 
+def test_a_short_way_out_of_reach_is_told_in_millimetres() -> None:
+    """Upper arm and forearm are stretched out along x, and the pose is 0.2 mm farther away."""
+    arm = arm_of("ur5")
+    stretched = arm.forward(np.array([0.0, 0.0, 0.0, 0.0, -1.5, 0.0]))
+    p = stretched.p + np.array([2e-4, 0.0, 0.0])
+    with pytest.raises(PlanError, match=r"the tool stays 0\.\d+ mm and 0\.0 degrees from its pose at"):
+        solve_path(arm, [Pose(p, stretched.wxyz)], arm.robot.home)
+
+
 def test_five_joints_fail_only_at_the_position() -> None:
     arm = arm_of("so101")
     with pytest.raises(PlanError) as caught:

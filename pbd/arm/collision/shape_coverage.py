@@ -15,6 +15,7 @@ import pinocchio as pin
 from pbd.arm.collision.geometry import Body, bodies_of, link_bodies
 from pbd.arm.collision.motion_bounds import outline
 from pbd.arm.model import ArmModel
+from pbd.errors import in_mm_or_cm
 from pbd.io.urdf import Shape, read_shapes
 
 SMALL = 0.5
@@ -43,7 +44,7 @@ def doubtful_shapes(arm: ArmModel) -> dict[str, str]:
         if drawn and hit and [_solid(shape) for shape in drawn] != [_solid(shape) for shape in hit]:
             size, seen = _size(body for body in bodies if body.name == link), _size(bodies_of(arm, drawn))
             if size < SMALL * seen:
-                found[link] = f"has a collision shape of {_length(size)}, but is drawn {_length(seen)} large"
+                found[link] = f"has a collision shape of {in_mm_or_cm(size)}, but is drawn {in_mm_or_cm(seen)} large"
     return {link: found[link] for link in arm.links if link in found}
 
 
@@ -60,7 +61,7 @@ def _between_joints(arm: ArmModel, joint: int, own: list[Body]) -> str | None:
     size = _size(own)
     if joint == 0 or size >= SMALL * length:
         return None  # a base may be small and stand far from joint 1
-    return f"has a collision shape of {_length(size)}, but its joints are {_length(length)} apart"
+    return f"has a collision shape of {in_mm_or_cm(size)}, but its joints are {in_mm_or_cm(length)} apart"
 
 
 def _solid(shape: Shape) -> tuple[object, ...]:
@@ -82,7 +83,3 @@ def _size(bodies: Iterable[Body]) -> float:
         points, radius = outline(replace(body, pad=0.0))
         ends += [body.T_joint_body.act(points) - radius, body.T_joint_body.act(points) + radius]
     return float(np.linalg.norm(np.ptp(np.concatenate(ends), axis=0)))
-
-
-def _length(metres: float) -> str:
-    return f"{1e3 * metres:.2g} mm" if metres < 0.01 else f"{1e2 * metres:.1f} cm"

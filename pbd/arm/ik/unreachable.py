@@ -11,7 +11,7 @@ from pbd.arm.ik.partial_pose import nearest_position
 from pbd.arm.ik.solver import TOLERANCE_M, IkResult, solve
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel, to_se3
-from pbd.errors import PlanError
+from pbd.errors import PlanError, in_mm_or_cm
 from pbd.pose import Array, Pose
 
 _STARTS = 2  # sampled seeds for the position alone
@@ -40,7 +40,7 @@ class Unreached:
         if self.beyond_m == 0.0:
             return f"reachable, but not with the tool at this angle{f' ({at})' if at else ''}"
         off = "beyond the arm's reach" if self.outside else "from the nearest place that the tool reaches"
-        where = f"{100.0 * self.beyond_m:.1f} cm {off}"
+        where = f"{in_mm_or_cm(self.beyond_m)} {off}"
         return f"{where}, with {at}" if at else where
 
 
@@ -78,7 +78,7 @@ def out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> Pla
     steep = abs(rise) > max(_RISE_M, _STEEP * nearest.position_error_m)
     height = "" if not steep else " higher" if rise > 0.0 else " lower"
     return PlanError(
-        f"keyframe {keyframe} is out of reach: the tool stays {100 * nearest.position_error_m:.1f} cm and "
+        f"keyframe {keyframe} is out of reach: the tool stays {in_mm_or_cm(nearest.position_error_m)} and "
         f"{np.rad2deg(nearest.rotation_error_rad):.1f} degrees from its pose at ({x:.3f}, {y:.3f}, {z:.3f}) m, which is"
         f" {reason}; move the dock{height}, or make the path smaller with --scale",
         keyframe=keyframe,
