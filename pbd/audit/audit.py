@@ -97,8 +97,9 @@ def audit_received(path: JointTrajectory, robot: Robot, world: tuple[Calibration
     for keyframe, (at, q) in enumerate(zip(x, path.keyframe_q, strict=True)):
         off_m, off_rad = arm.tool_pose(at).distance(arm.tool_pose(np.append(q, at[-1])))
         if off_m > RECEIVED_M or off_rad > RECEIVED_RAD:
-            what = f"between the exported points keyframe {keyframe} would be missed by {1e3 * off_m:.1f} mm"
-            raise PlanError(what, keyframe=keyframe, value=off_m, bound=RECEIVED_M)
+            off = f"{1e3 * off_m:.1f} mm and {np.degrees(off_rad):.2f} degrees"
+            what = f"between the exported points keyframe {keyframe} would be missed by {off}"
+            raise PlanError(what, keyframe=keyframe, value=off_m, bound=RECEIVED_M, rotation=off_rad)
     scene = _scene(robot, *world)
     if (touch := find_touch(scene.arm, path, scene.pairs(path))) is not None:
         first, second = touch.bodies

@@ -96,7 +96,7 @@ def unfinished(_: ExportRequest, points: Samples) -> Samples:
     ("change", "said"),
     [
         (jolted, r"takes each sample at its time would reach 1\.\d+ times panda_joint3's velocity limit"),
-        (turned, r"keyframe 0 would be missed by \d+\.\d mm; give a lower --speed$"),
+        (turned, r"keyframe 0 would be missed by \d+\.\d mm and \d\.\d\d degrees; give a lower --speed$"),
         (unfinished, "the csv file can't be read back"),
     ],
 )
@@ -114,7 +114,7 @@ def test_the_proposed_rate_and_margin_work(tmp_path: Path) -> None:
     plan, robot, source = planned("panda")
     tight = replace(robot, limits=replace(robot.limits, jerk=plan.report.jerk * robot.limits.jerk))
     for format_name, arm, rate_hz, said in (
-        ("csv", robot, 11.0, r"keyframe 4 would be missed by \d\.\d mm; give --rate 20$"),
+        ("csv", robot, 11.0, r"keyframe 4 would be missed by \d\.\d mm and \d\.\d\d degrees; give --rate 20$"),
         (
             "ros2-json",
             tight,
