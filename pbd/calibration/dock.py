@@ -21,6 +21,11 @@ LEVEL_DEG = 0.25
 """Largest tilt of the base, degrees, that a dock may leave out: it moves a tool 0.7 m away by a dock's own 3 mm."""
 
 
+def placing_covariance(sigma_mm: float, sigma_deg: float) -> Array:
+    """Covariance (6, 6), m and rad, of how a person puts the sensor down: its place, and its turn about the vertical."""
+    return np.diag(np.square([*[1e-3 * sigma_mm] * 3, 0.0, 0.0, np.radians(sigma_deg)]))
+
+
 def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
     """Return T_base_nav, from the sensor's attitude (4,) in nav at its first rest.
 

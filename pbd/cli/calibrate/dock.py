@@ -7,7 +7,7 @@ import shlex
 
 import numpy as np
 
-from pbd.calibration.dock import dock_at
+from pbd.calibration.dock import dock_at, placing_covariance
 from pbd.cli.calibrate.replacing import keep_other_start
 from pbd.cli.common import track_with
 from pbd.cli.console import print_json, say, working
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> None:
     tool = T_base_dock @ calibration.T_sensor_tool
     if robot is not None:
         _refuse_out_of_reach(robot, tool)
-    cov = of_pose + placing(args)
+    cov = of_pose + placing_covariance(args.sigma_mm, args.sigma_deg)
     values = pose_values(T_base_dock, "in base", cov)
     update_calibration(path, {"dock": values}, robots=(robot.name,) if robot else ())
     rpy_deg = np.degrees(quat_to_rpy(T_base_dock.wxyz))
@@ -72,11 +72,6 @@ def run(args: argparse.Namespace) -> None:
                 "reached": robot is not None,
             }
         )
-
-
-def placing(args: argparse.Namespace, turned: bool = True) -> Array:
-    """Return the covariance (6, 6), m and rad, of how a person puts the sensor down; `turned`: its heading counts."""
-    return np.diag(np.square([*[1e-3 * args.sigma_mm] * 3, 0.0, 0.0, turned * np.radians(args.sigma_deg)]))
 
 
 def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibration) -> tuple[Pose, Array, str]:

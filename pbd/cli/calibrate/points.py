@@ -9,12 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from pbd.calibration.correspondence import match_points
-from pbd.calibration.dock import refuse_tilted
+from pbd.calibration.dock import placing_covariance, refuse_tilted
 from pbd.calibration.field_uniformity import field_at_start, field_spread, heading_changes
 from pbd.calibration.points import POOR_CHI2, fit_points, refuse_shape
 from pbd.calibration.registration import PointObservations, observe_points
 from pbd.calibration.rests import rms
-from pbd.cli.calibrate.dock import placing
 from pbd.cli.calibrate.replacing import keep_good_part, keep_other_start
 from pbd.cli.common import sigma_json, track_with
 from pbd.cli.console import print_json, say, working
@@ -88,7 +87,7 @@ def run(args: argparse.Namespace) -> None:
         what = f"the points fit {worse} worse than the tracker's uncertainty predicts"
         again = f"touch them again, more calmly, or correct their coordinates, the tip in [mount]{scale}"
         keep_good_part(path, calibration, f"{part}.chi2", fit.chi2, what, again)
-    later = placing(args, turned=part == "dock" or heading is None)
+    later = placing_covariance(args.sigma_mm, args.sigma_deg if part == "dock" or heading is None else 0.0)
     values = pose_values(pose, "in base", cov + later) | {"fit": (figures, ""), "any_attitude": (None, "")}
     update_calibration(path, {part: values}, scale=fit.scale if args.find_scale else None)
     if fit.chi2 > POOR_CHI2:
