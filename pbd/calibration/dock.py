@@ -22,7 +22,7 @@ LEVEL_DEG = 0.25
 
 
 def placing_covariance(sigma_mm: float, sigma_deg: float) -> Array:
-    """Covariance (6, 6), m and rad, of how a person puts the sensor down: its place, and its turn about the vertical."""
+    """Covariance (6, 6), m and rad, of how a person puts the sensor down: its place, and its turn about z."""
     return np.diag(np.square([*[1e-3 * sigma_mm] * 3, 0.0, 0.0, np.radians(sigma_deg)]))
 
 

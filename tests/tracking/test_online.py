@@ -44,6 +44,7 @@ from pbd.tracking.online.filter import (
     ErrorStateFilter,
 )
 from pbd.tracking.online.samples import Sample, SampleRepair
+from pbd.tracking.online.still_hand import sway_of
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 from pbd.tracking.smoother.factors import compass_heading
@@ -64,6 +65,7 @@ from pbd.tracking.smoother.preintegration import (
 from tests.benchmarks.trials import read_broad, with_drift
 from tests.near import assert_near
 from tests.scenarios import pour, simulate, truth_at, uncalibrated, with_hole, with_rows
+from tests.simulation.sway import with_sway
 
 SENSORS = ("modern", "os5000", "wt901")
 SEEDS = (2, 3)
@@ -211,6 +213,36 @@ def test_the_truth_lies_within_its_sigma(sensor: str) -> None:
     for part in (z[:, :3], z[:, 3:]):
         assert 0.85 <= (part < 2.0).mean() <= 1.0
         assert np.sqrt((part**2).mean()) > 0.2  # nor is it five times too wide
+
+
+@uncalibrated
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_the_heading_of_a_hand_that_sways_in_its_first_rest_lies_within_its_sigma(sensor: str) -> None:
+    """Such a hand turns as steadily as the gyro's bias would: the heading was off by three sigma."""
+    scaled = []
+    for seed in (0, 1):
+        task = replace(TASKS["pour"], waypoints=TASKS["pour"].waypoints[:7])
+        swaying = with_sway(task, Noise.still_speed, seed, turn=Noise.still_speed / Noise.pivot)
+        demo = simulate(swaying, sensor, seed)
+        assert demo.truth is not None
+        truth, keyframes = demo.truth, fed(replace(demo.recording, mag=None))[0].keyframes
+        true = [truth.wxyz_nav_sensor[int(np.searchsorted(truth.t, keyframe.t))] for keyframe in keyframes]
+        headings = [
+            yaw_toward(each, keyframe.T_nav_sensor.wxyz) for each, keyframe in zip(true, keyframes, strict=True)
+        ]
+        sigmas = [np.sqrt(keyframe.cov[5, 5]) for keyframe in keyframes[1:]]
+        scaled.append((np.array(headings[1:]) - headings[0]) / sigmas)
+        assert len(keyframes) == 7
+    assert 0.2 < np.sqrt(np.mean(np.square(scaled))) < 1.5
+
+
+def test_a_steady_turn_is_no_sway_however_long_it_is_seen() -> None:
+    t = np.linspace(3.0, 4.0, 101)
+    swing = 0.002 * np.sin(2.0 * np.pi * (t - 3.0))[:, None] * (0.0, 1.0, 0.0)
+    assert sway_of(t, t[:, None] * np.array((0.5, 0.0, -0.3))) == pytest.approx(0.0, abs=1e-12)
+    assert sway_of(t, swing + t[:, None]) == pytest.approx(2.0 * 0.002, rel=1e-3)
+    assert sway_of(4.0 * t, swing) == pytest.approx(0.002, rel=1e-3)
+    assert sway_of(t[:1], swing[:1]) == 0.0
 
 
 def distance_in_sigmas(off: Array, cov: Array) -> float:

@@ -11,12 +11,13 @@ import numpy as np
 from pbd.data import Keyframe, Stop
 from pbd.pose import Array, Pose
 from pbd.tracking.estimate import BOUNCE_M, BOUNCE_RAD, BOUNCE_S, is_where_it_was
-from pbd.tracking.first_rest import STILL_ACC, Rest
+from pbd.tracking.first_rest import REST_S, STILL_ACC, Rest
 from pbd.tracking.moving_windows import PASSES, rows_of_mean
 from pbd.tracking.noise import Noise
 from pbd.tracking.online.events import LiveEvent, StopBegan, StopEnded
 from pbd.tracking.online.filter import ErrorStateFilter
 from pbd.tracking.online.samples import Sample
+from pbd.tracking.online.still_hand import deviation_from_line, sway_of
 from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
@@ -83,7 +84,9 @@ class LiveHand:
         self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=self._n + 2 * self._beside)
         self._past_stops: list[LiveStop] = []
         self._shaking: Array = np.zeros(3)
-        self._angles = [np.zeros(3)]
+        self._angles = [(samples[0].t, np.zeros(3))]  # of the present stop's last second
+        t, gyr = np.array([sample.t for sample in samples]), np.array([sample.gyr for sample in samples])
+        self._sway = sway_of(t, integral_of_means(t, gyr))
         self._trial: StopTrial | None = None
         self._trial_filter: ErrorStateFilter | None = None
         self._peak = 0.0  # m/s2, largest acceleration of a block since the hand stood still
@@ -122,7 +125,7 @@ class LiveHand:
         up = self._filter.E[2] * self._filter.gravity
         leg = strapdown.leg(up, quiet)
         self._peak = max(self._peak, float(np.linalg.norm(leg.dU / leg.T - up)))
-        self._angles.append(self._angles[-1] + leg.angle)
+        self._angles.append((sample.t, self._angles[-1][1] + leg.angle))
         for each in self._filters():
             each.propagate(leg)
         events = (
@@ -163,14 +166,16 @@ class LiveHand:
     def _add_knot(self, kalman: ErrorStateFilter, t: float, same: bool, robust: bool = True) -> None:
         """Add a knot of zero velocity; `same`: it is in the last knot's stop, so nothing moved since then."""
         if same:
-            angle = np.array(self._angles) - self._angles[0]
-            sway = angle - np.linspace(0.0, 1.0, len(angle))[:, None] * angle[-1]
-            kalman.update_no_motion(float(np.hypot(self._noise.still_turn, 2.0 * np.abs(sway).max())))
+            at, angle = (np.array(values) for values in zip(*self._angles, strict=True))
+            seen = sway_of(at, angle)
+            self._sway = seen if t - at[0] > REST_S - 1e-6 else max(self._sway, seen)  # a short stop hides slow sway
+            kalman.update_no_motion(float(np.hypot(self._noise.still_turn, self._sway * np.sqrt(t - self._t_knot))))
         kalman.update_zero_velocity(self._sigma, self._shaking, robust=robust)
         if not self._past_stops:
             kalman.set_origin()
         kalman.clone_pose()
-        self._t_knot, self._angles = t, [np.zeros(3)]
+        self._t_knot = t
+        self._angles = [each for each in self._angles if same and t - each[0] < REST_S] or self._angles[-1:]
 
     def _knot_is_due(self, sample: Sample) -> bool:
         return sample.t - self._t_knot >= STOP_KNOT_S - 1e-6
@@ -283,12 +288,3 @@ class LiveHand:
         """One sigma, m, of the position if the hand stops now; and the part that the present move adds, 0 in a stop."""
         position, shift = self._filter.sigma_if_stopped(self._noise.still_speed)
         return position, 0.0 if self.still else shift
-
-
-def deviation_from_line(t: Array, values: Array) -> Array:
-    """Residual (3,) of the last of values (n, 3) from the line fitted to all of them over t (n,)."""
-    about = t - t.mean()
-    mean = values.mean(axis=0)
-    slope = about @ values / max(float(about @ about), np.finfo(float).tiny)
-    off: Array = values[-1] - mean - about[-1] * slope
-    return off

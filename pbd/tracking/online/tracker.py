@@ -43,8 +43,9 @@ class LiveTracker:
     newer keyframe replaces it.
 
     Model and noise are those of `pbd.track`. Only `pbd.track` uses later stops, the quietest second of the whole
-    recording, known places and short pauses too restless for a stop (of a foot), and corrects clipped axes. A large lag
-    of the gyro is estimated once a stop shows it.
+    recording, known places and short pauses too restless for a stop (of a foot), and corrects clipped axes. Only it
+    finds the slow ends of moves: here they may count as rest, and then a move of three seconds or more is off by tens
+    of centimetres, several times its sigma. A large lag of the gyro is estimated once a stop shows it.
     """
 
     def __init__(self, sensor: str = "") -> None:

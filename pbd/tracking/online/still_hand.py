@@ -1,0 +1,30 @@
+"""How a hand moves that means to stand still: its tremor and its sway."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pbd.pose import Array
+
+
+def deviation_from_line(t: Array, values: Array) -> Array:
+    """Residual (3,) of the last of values (n, 3) from the line fitted to all of them over t (n,)."""
+    about = t - t.mean()
+    mean = values.mean(axis=0)
+    slope = about @ values / max(float(about @ about), np.finfo(float).tiny)
+    off: Array = values[-1] - mean - about[-1] * slope
+    return off
+
+
+def sway_of(t: Array, angle: Array) -> float:
+    """How a swaying hand turns, as a random walk of its angle, rad/sqrt(s).
+
+    In the smoother, twice the largest excursion from a steady turn is the sigma of zero turn between two knots
+    (`knots`). A slow sway looks like a steady turn there, as the gyro's bias does, but less so the longer it is seen.
+
+    Args:
+        angle: (n, 3) rad at t (n,) s, the integral of the gyro's rate.
+    """
+    lasts, turned = max(float(t[-1] - t[0]), np.finfo(float).tiny), angle - angle[0]
+    steady = ((t - t[0]) / lasts)[:, None] * turned[-1]
+    return 2.0 * float(np.abs(turned - steady).max() / np.sqrt(lasts))
