@@ -49,6 +49,8 @@ class MagnetometerFit:
         dip: rad, angle of the field below the horizon.
         uneven: relative rms variation of the corrected strength over the recording.
         dip_uneven: rad, rms variation of the dip over the rests.
+        heading: rad, rms turn of a heading by the variation of strength or dip over the rests. Only the field's level
+            part shows the heading; a disturbance has no preferred direction, and the fit takes a part of it.
         before: relative rms variation of the strength without the correction.
     """
 
@@ -57,6 +59,7 @@ class MagnetometerFit:
     dip: float
     uneven: float
     dip_uneven: float
+    heading: float
     before: float
 
 
@@ -157,6 +160,10 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     dip = float(np.arcsin(np.clip(vertical / field, -1.0, 1.0)))
     strength = np.linalg.norm((used - bias) @ matrix.T, axis=1) / field
     each_dip = np.arcsin(np.clip(-vertical_part(bias, matrix) / field, -1.0, 1.0))
+    dip_uneven = rms(each_dip - dip)
+    freedom = max(len(each_dip) - 4, 1)  # the dips alone determine the vertical part and the rotation of the axes
+    of_dip = dip_uneven * np.sqrt(len(each_dip) / freedom)
+    strength_at_rest = np.linalg.norm((at_rest - bias) @ matrix.T, axis=1) / field
     as_read = np.linalg.norm(used, axis=1)
     unit = float(np.cbrt(np.linalg.det(matrix)))
     return MagnetometerFit(
@@ -164,6 +171,7 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
         field=field / unit,
         dip=dip,
         uneven=rms(strength - 1.0),
-        dip_uneven=rms(each_dip - dip),
+        dip_uneven=dip_uneven,
+        heading=float(max(of_dip, rms(strength_at_rest - 1.0)) / np.cos(dip)),
         before=float(as_read.std() / as_read.mean()),
     )

@@ -28,8 +28,8 @@ CONTRADICTING = 1.5
 which exceed it once in twelve even if the sensor is that good."""
 
 UNEVEN_FIELD = 0.05
-"""Rms variation over a recording of the field's strength (a share) above which the fit is not to be trusted. That of
-the dip may turn a heading by DISTURBED_HEADING: only the field's level part, cos(dip) of it, shows the heading."""
+"""Rms variation over a recording of the field's strength (a share) above which the fit is not to be trusted. From rest
+to rest the field may differ by as much as turns a heading by DISTURBED_HEADING."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ def calibrate_sensor(
             remarks.append(f"the magnetometer is left out: {reason}")
         else:
             errors = replace(errors, mag=mag.linear, field=mag.field, dip=mag.dip)
-            if mag.uneven > UNEVEN_FIELD or mag.dip_uneven > DISTURBED_HEADING * np.cos(mag.dip):
+            if mag.uneven > UNEVEN_FIELD or mag.heading > DISTURBED_HEADING:
                 remarks.append(
                     f"the corrected magnetic field varies by {100.0 * mag.uneven:.0f} % in strength and by "
                     f"{np.degrees(mag.dip_uneven):.1f} degrees in dip, so headings will be wrong: check the axes and "

@@ -335,6 +335,25 @@ def test_a_magnet_beside_three_of_twelve_rests_is_said(recording: Recording, res
     assert [line for line in fit.remarks if "headings will be wrong" in line]
 
 
+@pytest.mark.parametrize(("seed", "any_ut", "north_ut"), [(0, 1.2, 0.0), (4, 0.0, 4.0)], ids=["dip", "strength"])
+def test_a_field_that_differs_from_rest_to_rest_is_said(
+    recording: Recording, rests: Rests, calibrated: SensorFit, seed: int, any_ut: float, north_ut: float
+) -> None:
+    """The fit takes a part of twelve dips, and a stronger north hardly shows in them."""
+    assert recording.mag is not None
+    assert rests.mag is not None
+    assert calibrated.errors.mag is not None
+    assert calibrated.errors.acc is not None
+    mag, rng = recording.mag.copy(), np.random.default_rng(seed)
+    north, up = calibrated.errors.mag.correct(rests.mag), calibrated.errors.acc.correct(rests.acc)
+    north -= (north * up).sum(axis=1, keepdims=True) / (up**2).sum(axis=1, keepdims=True) * up
+    for start, stop, towards in zip(rests.start, rests.stop, north, strict=True):
+        along_north = towards / np.linalg.norm(towards)
+        mag[start - 50 : stop + 50] += any_ut * rng.normal(size=3) if any_ut else north_ut * rng.normal() * along_north
+    fit = calibrate_sensor(replace(recording, mag=mag), gravity=EARTH.gravity)
+    assert [line for line in fit.remarks if "headings will be wrong" in line]
+
+
 def test_a_magnet_that_the_sensor_is_turned_beside_leaves_the_magnetometer_out(
     recording: Recording, rests: Rests
 ) -> None:
