@@ -8,11 +8,11 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from pbd.calibration.points import MAY_BE_MIRRORED, MIRRORED, mirrored
+from pbd.calibration.points import FEWEST, MAY_BE_MIRRORED, MIRRORED, mirrored
 from pbd.calibration.registration import align
 from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, in_degrees, warn
-from pbd.pose import Array, Pose
+from pbd.pose import Array, Pose, lengths
 
 STOP_SIGMA_M = 0.005
 """Smallest sigma of a stop, m, so that a hypothesis from two stops is not too strict."""
@@ -21,7 +21,7 @@ OUTLIER_COST = 16.0
 """Largest cost of one stop (four sigmas, squared), so that one wrong point does not outweigh the others."""
 
 HEADING_BASE_M = 0.03
-"""Smallest horizontal distance, m, between two stops or points that give a heading."""
+"""Smallest distance, m, horizontal unless the tilt is free, between two stops or points that give a heading."""
 
 AMBIGUOUS_COST = 12.0
 """Difference in cost below which two matches count as equally likely. A correct point costs about 3."""
@@ -42,18 +42,20 @@ class _Match:
     T_base_nav: Pose
 
 
-def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) -> tuple[int, ...]:
+def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, free: bool = False) -> tuple[int, ...]:
     """Find which stop touched each point.
 
     Two stops and two points at the same distance give a hypothesis of nav in base: yaw and position, because both
-    frames have z up. The hypothesis of lowest cost wins. Points in order are assigned by dynamic programming, others by
-    the Hungarian method.
+    frames have z up. With a free tilt it takes three. The hypothesis of lowest cost wins. Points in order are assigned
+    by dynamic programming, others by the Hungarian method.
 
     Args:
         p_nav_tip: (n, 3) m, the tip at each stop.
         sigma: (n,) m per axis, sigma of the tip.
         points: (m, 3) m in base.
-        in_order: the points were touched in their order, possibly with other stops in between.
+        in_order: the points were touched in their order, possibly with other stops in between. Two of them are
+            exchanged if four or more fit clearly better so.
+        free: nav's tilt in base is unknown.
 
     Returns:
         (m,) indices of stops.
@@ -69,19 +71,29 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
             value=n,
             bound=m,
         )
-    if in_order and n == m:
-        return tuple(range(m))
     sigma = np.hypot(sigma, STOP_SIGMA_M)
-    given = p_nav_tip, sigma, points, in_order
-    best, bound = _best_matches(*given), OUTLIER_COST * max(1.0, m - 2.0)
+    best, bound = _best_matches(p_nav_tip, sigma, points, in_order, free), OUTLIER_COST * max(1.0, m - 2.0)
     cost = best[0].cost if best else np.inf
+    exchanged = list[int]()  # two points
+    if in_order and m > FEWEST and cost > OUTLIER_COST:
+        found = _best_matches(p_nav_tip, sigma, points, False, free)
+        stops = found[0].stops if found else ()
+        rivals = [cost, *(other.cost for other in found if other.stops != stops)]
+        if found and found[0].cost < min(rivals) - AMBIGUOUS_COST:
+            exchanged = [k for k, stop in enumerate(sorted(stops)) if stop != stops[k]]
+    if in_order and n == m and len(exchanged) != 2:
+        return tuple(range(m))
     alike = []
     for check, mirror in MIRRORED.items():
-        for other in _best_matches(p_nav_tip, sigma, points * mirror, in_order)[:1]:
+        for other in _best_matches(p_nav_tip, sigma, points * mirror, in_order, free)[:1]:
             if other.cost < min(cost - AMBIGUOUS_COST, bound):
                 raise mirrored(check)
             if best and other.stops != best[0].stops and other.cost < cost + AMBIGUOUS_COST:
                 alike.append(check)
+    if len(exchanged) == 2:
+        rows = " and ".join(f"{k + 1}" for k in exchanged)
+        warn(f"rows {rows} of the points fit only if they were touched in each other's place, and are taken so")
+        return stops
     if cost > bound:
         raise CalibrationError(
             "no stops of the demonstration have the same distances and heights as the points; check the points' unit, "
@@ -103,26 +115,29 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
     return best[0].stops
 
 
-def _best_matches(p: Array, sigma: Array, points: Array, in_order: bool) -> list[_Match]:
+def _best_matches(p: Array, sigma: Array, points: Array, in_order: bool, free: bool) -> list[_Match]:
     """Return the refined best matches of different stops, by cost."""
     given = p, sigma, points, in_order
-    matches = sorted((_assign(pose, *given) for pose in _hypotheses(*given)), key=lambda match: -match.cost)
+    matches = sorted((_assign(pose, *given) for pose in _hypotheses(*given, free)), key=lambda match: -match.cost)
     unique = sorted({match.stops: match for match in matches}.values(), key=lambda match: match.cost)
-    return sorted((_refined(match, *given) for match in unique[:REFINED_MATCHES]), key=lambda match: match.cost)
+    return sorted((_refined(match, *given, free) for match in unique[:REFINED_MATCHES]), key=lambda match: match.cost)
 
 
-def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool) -> Iterator[Pose]:
-    """Yield T_base_nav for two stops and two points whose horizontal distance and height agree within three sigmas."""
-    for i, j in combinations(range(len(p)), 2):
-        move, tolerance = p[j] - p[i], 3.0 * np.hypot(sigma[i], sigma[j])
-        moved = np.hypot(*move[:2])
-        if moved < HEADING_BASE_M:
-            continue
-        for a, b in combinations(range(len(points)), 2) if in_order else permutations(range(len(points)), 2):
-            apart = points[b] - points[a]
-            level = np.hypot(*apart[:2])
-            if level > HEADING_BASE_M and max(abs(level - moved), abs(apart[2] - move[2])) < tolerance:
-                yield align(p[[i, j]], points[[a, b]])
+def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool, free: bool) -> Iterator[Pose]:
+    """Yield T_base_nav for two stops and points at the same horizontal distance and height, or three while it tilts."""
+    chosen = np.array(list((combinations if in_order else permutations)(range(len(points)), 2 + free)))
+
+    def sides(corners: Array) -> tuple[Array, Array]:
+        apart = corners - np.roll(corners, 1, axis=-2)
+        return lengths(apart[..., : 2 + free]), np.zeros(apart.shape[:-1]) if free else apart[..., 2]
+
+    apart, heights = sides(points[chosen])
+    for stops in combinations(range(len(p)), 2 + free):
+        i = list(stops)
+        (moved, raised), tolerance = sides(p[i]), 3.0 * np.hypot(sigma[i], np.roll(sigma[i], 1))
+        close = np.maximum(np.abs(apart - moved), np.abs(heights - raised)) < tolerance
+        for places in chosen[(close & (np.minimum(apart, moved) > HEADING_BASE_M)).all(axis=1)]:
+            yield align(p[i], points[places], free)
 
 
 def _assign(T_base_nav: Pose, p: Array, sigma: Array, points: Array, in_order: bool) -> _Match:
@@ -154,15 +169,15 @@ def _rows_in_order(cost: Array) -> tuple[int, ...]:
     return tuple(reversed(rows))
 
 
-def _refined(match: _Match, p: Array, sigma: Array, points: Array, in_order: bool) -> _Match:
+def _refined(match: _Match, p: Array, sigma: Array, points: Array, in_order: bool, free: bool) -> _Match:
     """Align a match on all of its stops that fit, assign again, and repeat while that lowers the cost."""
     while True:
         stops = list(match.stops)
         off = np.linalg.norm(match.T_base_nav.act(p[stops]) - points, axis=1) / sigma[stops]
         good = off < np.sqrt(OUTLIER_COST)
-        if good.sum() < 2:
+        if good.sum() < 2 + free:
             return match
-        again = _assign(align(p[stops][good], points[good]), p, sigma, points, in_order)
+        again = _assign(align(p[stops][good], points[good], free), p, sigma, points, in_order)
         if again.cost >= match.cost:
             return match
         match = again

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 
 from pbd.calibration.correspondence import match_points
 from pbd.errors import CalibrationError, PbdWarning
-from pbd.pose import Array, Pose, quat_about_z
+from pbd.pose import Array, Pose, quat_about_z, quat_exp
 
 POINTS = np.array([[0.3, -0.2, 0.0], [0.62, -0.15, 0.02], [0.55, 0.2, 0.0], [0.2, 0.05, 0.1], [0.4, 0.0, 0.35]])
 SQUARE = np.array([[0.3, 0.0, 0.0], [0.6, 0.0, 0.0], [0.6, 0.3, 0.0], [0.3, 0.3, 0.0]])
@@ -39,6 +41,38 @@ def test_stops_that_touch_no_point_are_ignored(seed: int, one: int, two: int) ->
     wanted = tuple(int(np.flatnonzero((places == point).all(axis=1))[0]) for point in POINTS)
     assert match_points(p, sigma, POINTS, in_order=True) == wanted
     assert match_points(p, sigma, POINTS, in_order=False) == wanted
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 10_000), st.integers(0, 5))
+def test_extra_stops_do_no_harm_while_the_tilt_is_free(seed: int, extra: int) -> None:
+    rng = np.random.default_rng(seed)
+    places = np.insert(POINTS, (0, extra), rng.uniform(-0.4, -0.1, (2, 3)), axis=0)
+    base = Pose(np.zeros(3), quat_exp(rng.normal(size=3)))
+    p, sigma = stops_at(base.act(places), seed)
+    wanted = tuple(int(np.flatnonzero((places == point).all(axis=1))[0]) for point in POINTS)
+    assert match_points(p, sigma, POINTS, in_order=True, free=True) == wanted
+    assert match_points(p, sigma, POINTS, in_order=False, free=True) == wanted
+
+
+@pytest.mark.parametrize("start", [0, 1])
+@pytest.mark.parametrize("pair", list(combinations(range(5), 2)))
+def test_two_points_that_were_touched_in_the_other_order_are_found(pair: tuple[int, int], start: int) -> None:
+    order = np.arange(5)
+    order[list(pair)] = order[list(pair[::-1])]
+    p, sigma = stops_at(np.vstack(((0.1, -0.3, 0.2), POINTS[order]))[1 - start :])
+    with pytest.warns(PbdWarning, match=f"rows {pair[0] + 1} and {pair[1] + 1} of the points fit only if they were"):
+        assert match_points(p, sigma, POINTS, in_order=True) == tuple((order + start).tolist())
+
+
+@pytest.mark.parametrize("wrong", range(5))
+def test_a_wrong_point_is_not_taken_for_another_order(wrong: int) -> None:
+    for seed in range(10):
+        points = POINTS.copy()
+        points[wrong] += 0.1 * np.random.default_rng(seed).normal(size=3)
+        p, sigma = stops_at(np.vstack(((0.1, -0.3, 0.2), POINTS)), seed)
+        stops = match_points(p, sigma, points, in_order=True)
+        assert list(stops) == sorted(stops)
 
 
 def test_a_wrong_point_does_not_hide_the_others() -> None:

@@ -20,7 +20,7 @@ from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, amount, warn
+from pbd.errors import CalibrationError, warn
 from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.files.points import Points, read_points
@@ -183,12 +183,10 @@ def _match_stops(
     cov_tip = None if cov is None else cov[:3, :3]
     every = observe_points(keyframes, hand.covariance, calibration.T_sensor_tool.p, cov_tip)
     if args.stops is None:
-        if args.free and count != len(points.names):
-            what = f"{counted(count, 'stop')} can't be matched with {amount(len(points.names), 'point')}"
-            raise CalibrationError(f"{what} while the tilt is free; name the stops with --stops")
         sigma = np.sqrt(np.diagonal(every.cov).reshape(-1, 3).mean(axis=1))
         p_tip = calibration.scale * every.p_nav_sensor + every.lever
-        return every.only(match_points(p_tip, calibration.scale * sigma, points.p_base, not args.any_order))
+        in_order = not args.any_order
+        return every.only(match_points(p_tip, calibration.scale * sigma, points.p_base, in_order, args.free))
     if len(args.stops) != len(points.names):
         what = f"--stops names {counted(len(args.stops), 'stop')} for {len(points.names)} points"
         raise CalibrationError(f"{what}; name one stop per point")
