@@ -8,11 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.calibration.field_uniformity import DISTURBED_HEADING, field_at_start
+from pbd.calibration.points import POOR_CHI2
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Calibration, HandPath, Keyframe
+from pbd.data.calibration import DOCK_SIGMA_M
 from pbd.errors import CalibrationError, in_degrees, warn
-from pbd.pose import Array, Pose, level_onto, quat_inverse, quat_rotate
+from pbd.pose import Array, Pose, lengths, level_onto, quat_inverse, quat_rotate
 
 TILT_WARNING_DEG, UPSIDE_DOWN_DEG = 5.0, 150.0
 """Angle, degrees, between the declared and the measured vertical, above which there is a warning, and an error."""
@@ -24,6 +26,25 @@ LEVEL_DEG = 0.25
 def placing_covariance(sigma_mm: float, sigma_deg: float) -> Array:
     """Covariance (6, 6), m and rad, of how a person puts the sensor down: its place, and its turn about z."""
     return np.diag(np.square([*[1e-3 * sigma_mm] * 3, 0.0, 0.0, np.radians(sigma_deg)]))
+
+
+def lever_figure(calibration: Calibration) -> dict[str, float]:
+    """Return the figure of a `fit` that says with which lever, mm, a dock or nav was found."""
+    return {"lever_mm": round(1e3 * float(lengths(calibration.T_sensor_tool.p)), 1)}
+
+
+def warn_of_doubts(calibration: Calibration, *parts: str) -> None:
+    """Warn, a line each, of those parts ("dock", "nav", "mount") that are doubtful by the calibration's own figures."""
+    fit, lever_mm = calibration.residuals, lever_figure(calibration)["lever_mm"]
+    for part in parts:
+        chi2 = fit.get("mount.pivot_chi2" if part == "mount" else f"{part}.chi2", 0.0)
+        what = f"the [{part}] of '{calibration.name}'"
+        if fit.get(f"{part}.lever_mm") == 0.0 and lever_mm > 1e3 * DOCK_SIGMA_M:
+            what += f" was found before [mount] had its lever of {lever_mm:.0f} mm; find it again, or remove lever_mm"
+            warn(f"{what} there if the sensor itself was at those places")
+        elif chi2 > POOR_CHI2:
+            what += f" fits its recording {np.sqrt(chi2):.1f} times worse than the tracker's uncertainty predicts"
+            warn(f"{what}: make it again (pbd calibrate)")
 
 
 def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
@@ -121,6 +142,7 @@ def in_base(
         CalibrationError: as `nav_in_base`; or as `with_heading_of`, if the path is given; or the tool, whose
             orientation is to be fixed, points up at the first.
     """
+    warn_of_doubts(calibration, "dock", "nav", "mount")
     if path is not None:
         calibration = with_heading_of(path, calibration)
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
@@ -175,8 +197,9 @@ def dock_at(
     Raises:
         CalibrationError: as `in_base`, or the base is tilted.
     """
-    no_tool = replace(calibration, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
-    placed = replace(in_base(keyframes, no_tool, path=path), keyframes=[keyframes[index]])
+    placed = in_base(keyframes, calibration, path=path)
+    no_tool = replace(placed.calibration, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
+    placed = replace(placed, keyframes=[keyframes[index]], calibration=no_tool)
     refuse_tilted(placed.T_base_nav)
     cov = sum(tool_covariances(placed).values(), np.zeros((1, 6, 6)))[0]
     cov[3:5] = cov[:, 3:5] = 0.0

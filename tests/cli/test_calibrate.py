@@ -137,7 +137,8 @@ def test_a_docks_angles_that_may_be_rad_are_doubted(capsys: Capture) -> None:
         "pbd: warning: no angle is beyond 1.57 degrees; --rpy takes degrees, so if they are rad, convert them\n" in err
     )
     assert "warning" not in run(capsys, *DOCK, "--rpy", "0", "0", "90")[2]
-    assert "warning" not in run(capsys, *DOCK, "--rpy", "0", "0", "0")[2]
+    for yaw in ("0", "4", "-2.5"):  # an angle in rad has more decimals
+        assert "warning" not in run(capsys, *DOCK, "--rpy", "0", "0", yaw)[2]
 
 
 def test_a_dock_out_of_reach_is_refused_with_exit_3(capsys: Capture) -> None:
@@ -251,11 +252,37 @@ def test_two_points_in_each_others_place_are_exchanged(capsys: Capture, touched:
     assert T_base_nav.distance(touched.T_base_nav)[0] < 0.01
 
 
+def test_what_a_file_says_against_itself_is_told_at_each_use(capsys: Capture, touched: Touching) -> None:
+    """It was told once, when the file was written; demonstrations were 10 cm off in silence."""
+    write_points(0.95 * touched.points)
+    run(capsys, *POINTS)
+    poor = "warning: the [nav] of 'bench' fits its recording 6.8 times worse than the tracker's uncertainty predicts"
+    for command in (("keyframes", "touches", "--calibration", "bench"), ("calibrate", "show", "bench", "touches")):
+        assert run(capsys, *command)[2].count(poor) == 1
+    write_points(touched.points)
+    run(capsys, *POINTS)
+    assert "warning" not in run(capsys, *command)[2]
+    with Path("calibration/bench.toml").open("a", encoding="utf-8") as file:
+        file.write("\n[mount]\nposition = [0, 0, 0.097]\nrpy_deg = [180, 0, 0]\nfit = { pivot_chi2 = 4.0 }\n")
+    err = run(capsys, *command)[2]
+    assert "warning: the [nav] of 'bench' was found before [mount] had its lever of 97 mm; find it again, or" in err
+    doubtful = (
+        "warning: the [mount] of 'bench' fits its recording 2.0 times worse than the tracker's uncertainty predicts"
+    )
+    assert doubtful in err
+    assert doubtful in run(capsys, *POINTS, "--force")[2]
+    assert run(capsys, *DOCK, "--force")[0] == 0
+    assert "[dock]" not in run(capsys, *command)[2]  # measured anew, so the points no longer count
+
+
 def test_a_poor_fit_is_warned_of_in_json_too(capsys: Capture, touched: Touching) -> None:
     write_points(0.95 * touched.points)
     code, _, err = run(capsys, *POINTS, "--json")
     assert code == 0
-    assert "worse than the tracker's uncertainty predicts: do not use calibration/bench.toml until" in err
+    assert (
+        "worse than the tracker's uncertainty predicts, so do not use the [nav] of calibration/bench.toml yet; touch"
+        in err
+    )
 
 
 def test_a_dock_is_not_replaced_unasked(capsys: Capture, touched: Touching) -> None:

@@ -281,6 +281,8 @@ def test_a_dock_that_was_found_with_another_lever_is_warned_of(capsys: Capture) 
         in run(capsys, "calibrate", "mount", "bench", "pivot", "--pivot")[2]
     )
     assert "stays" not in run(capsys, "calibrate", "mount", "bench", "pivot", "--pivot")[2]
+    later = run(capsys, "keyframes", "pivot", "--calibration", "bench")[2]
+    assert "warning: the [dock] of 'bench' was found before [mount] had its lever of 100 mm; find it again, or" in later
 
 
 def test_a_lever_is_found_with_the_scale_of_the_path(capsys: Capture) -> None:

@@ -7,7 +7,7 @@ import shlex
 
 import numpy as np
 
-from pbd.calibration.dock import dock_at, placing_covariance
+from pbd.calibration.dock import dock_at, lever_figure, placing_covariance
 from pbd.cli.calibrate.replacing import keep_other_start
 from pbd.cli.common import track_with
 from pbd.cli.console import print_json, say, working
@@ -25,7 +25,7 @@ LIMIT_TOLERANCE = 1e-6
 """Largest excess of a given joint over its limit, rad or m. Limits are printed in rounded degrees."""
 
 MAYBE_RAD = 2.0 * np.pi
-"""Angles in degrees whose largest is at most this are small for an arm or a dock: they may be rad."""
+"""Angles up to this may be rad, not degrees, if one has a second decimal, as a quarter turn in rad (1.57) has."""
 
 ABOUT_BASE = "base is "
 """How a robot's note begins that says in which direction its base points."""
@@ -42,7 +42,8 @@ def run(args: argparse.Namespace) -> None:
     if robot is not None:
         _refuse_out_of_reach(robot, tool)
     cov = of_pose + placing_covariance(args.sigma_mm, args.sigma_deg)
-    values = pose_values(T_base_dock, "in base", cov)
+    found_with = None if args.joints is None else lever_figure(calibration)
+    values = pose_values(T_base_dock, "in base", cov) | {"fit": (found_with, "")}
     update_calibration(path, {"dock": values}, robots=(robot.name,) if robot else ())
     rpy_deg = np.degrees(quat_to_rpy(T_base_dock.wxyz))
     x, y, z = T_base_dock.p
@@ -127,9 +128,9 @@ def _tool_at_joints(joints: list[float], robot: Robot | None) -> Pose:
 def _doubt_degrees(what: str, option: str, angles: Array) -> None:
     """Warn if angles (n,), degrees, may be rad."""
     largest = np.abs(angles).max()
-    if 0.0 < largest <= MAYBE_RAD:
-        found = f"no {what} is beyond {amount(largest, 'degree', '.3g')}"
-        warn(f"{found}; {option} takes degrees, so if they are rad, convert them")
+    if largest <= MAYBE_RAD and (np.round(angles, 1) != angles).any():
+        beyond = amount(largest, "degree", ".3g")
+        warn(f"no {what} is beyond {beyond}; {option} takes degrees, so if they are rad, convert them")
 
 
 def _pose_at_keyframe(args: argparse.Namespace, calibration: Calibration) -> tuple[Pose, Array]:

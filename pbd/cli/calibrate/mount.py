@@ -7,9 +7,8 @@ import argparse
 import numpy as np
 
 from pbd.calibration.mount import PivotFit, TurnsFit, fit_pivot, fit_turns
-from pbd.calibration.points import POOR_CHI2
 from pbd.calibration.rests import rms
-from pbd.cli.calibrate.replacing import keep_good_part
+from pbd.cli.calibrate.replacing import judge_fit
 from pbd.cli.common import sigma_json, track_with
 from pbd.cli.console import print_json, say
 from pbd.data import Calibration
@@ -40,12 +39,12 @@ def run(args: argparse.Namespace) -> None:
     mount, cov, figures = _merged(calibration, pivot, turns)
     cov_before = calibration.cov_sensor_tool
     if pivot is not None:
-        what = f"the tip moved {np.sqrt(pivot.chi2):.1f} times more than the tracker's uncertainty predicts"
+        more = f"{np.sqrt(pivot.chi2):.1f} times more than the tracker's uncertainty predicts"
+        what = f"the tip slipped, or the moves were too fast (it moved {more})"
         again = "pivot again, more slowly, on a point that holds the tip"
-        if cov_before is not None and cov_before[:3, :3].any() and not args.force:
-            keep_good_part(path, calibration, "mount.pivot_chi2", pivot.chi2, what, again)
-        if pivot.chi2 > POOR_CHI2:
-            warn(f"{what}: it slipped, or the moves were too fast; {again}")
+        measured = cov_before is not None and bool(cov_before[:3, :3].any())
+        before = calibration if measured and not args.force else None
+        judge_fit(path, before, "mount.pivot_chi2", pivot.chi2, what, again)
     metres, rad = mount.distance(calibration.T_sensor_tool)
     if calibration.knows_start and (metres > DOCK_SIGMA_M or rad > DOCK_SIGMA_RAD):
         part = "nav" if calibration.T_base_dock is None else "dock"

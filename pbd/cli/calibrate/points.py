@@ -9,12 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from pbd.calibration.correspondence import match_points
-from pbd.calibration.dock import placing_covariance, refuse_tilted
+from pbd.calibration.dock import lever_figure, placing_covariance, refuse_tilted, warn_of_doubts
 from pbd.calibration.field_uniformity import field_at_start, field_spread, heading_changes
 from pbd.calibration.points import POOR_CHI2, fit_points, refuse_shape
 from pbd.calibration.registration import PointObservations, observe_points
 from pbd.calibration.rests import rms
-from pbd.cli.calibrate.replacing import keep_good_part, keep_other_start
+from pbd.cli.calibrate.replacing import judge_fit, keep_other_start
 from pbd.cli.common import sigma_json, track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording
@@ -38,6 +38,7 @@ def run(args: argparse.Namespace) -> None:
     """Track, match stops with points, fit nav in base, write it, and report its uncertainty."""
     points = read_points(args.points, args.unit)
     path, calibration = existing_calibration(args.name)
+    warn_of_doubts(calibration, "mount")
     hand = track_with(args, load_demo(args.demo).recorded, calibration)
     assert hand.tracking is not None
     recording = hand.tracking.recording
@@ -72,6 +73,7 @@ def run(args: argparse.Namespace) -> None:
     off_mm, left_out_mm = (1e3 * np.linalg.norm(each[list(fit.used)], axis=1) for each in (fit.residuals, fit.left_out))
     figures: dict[str, float] = {"points": len(off_mm), "rms_mm": round(rms(off_mm), 2)}
     figures |= {"left_out_rms_mm": round(rms(left_out_mm), 2), "chi2": round(fit.chi2, 3)}
+    figures |= lever_figure(calibration)
     if heading is not None and recording.mag is not None:
         level, up = field_at_start(hand, recording.mag)
         figures |= {"heading_deg": round(float(np.degrees(heading)), 2), "field_level": round(level, 3)}
@@ -80,21 +82,17 @@ def run(args: argparse.Namespace) -> None:
     if part == "nav" and heading is not None:
         cov[5, 5] += heading**2  # the heading differs between demonstrations by this sigma
     worse = f"{np.sqrt(fit.chi2):.1f} times"
-    known_scale = calibration.scale != 1.0 and not args.find_scale
-    scale = f" or the scale of {calibration.scale:g} there (--find-scale finds it)" if known_scale else ""
+    what = f"the points fit {worse} worse than the tracker's uncertainty predicts"
+    again = "touch them again, more calmly, or correct their coordinates, the tip in [mount]"
+    if calibration.scale != 1.0 and not args.find_scale:
+        again += f" or the scale of {calibration.scale:g} there (--find-scale finds it)"
+    again += "" if args.free else "; a tilted base needs --free"
     known = calibration.T_base_nav if part == "nav" else calibration.T_base_dock
-    if known is not None and not args.force:
-        what = f"the points fit {worse} worse than the tracker's uncertainty predicts"
-        again = f"touch them again, more calmly, or correct their coordinates, the tip in [mount]{scale}"
-        keep_good_part(path, calibration, f"{part}.chi2", fit.chi2, what, again)
+    before = calibration if known is not None and not args.force else None
+    judge_fit(path, before, f"{part}.chi2", fit.chi2, what, again)
     later = placing_covariance(args.sigma_mm, args.sigma_deg if part == "dock" or heading is None else 0.0)
     values = pose_values(pose, "in base", cov + later) | {"fit": (figures, ""), "any_attitude": (None, "")}
     update_calibration(path, {part: values}, scale=fit.scale if args.find_scale else None)
-    if fit.chi2 > POOR_CHI2:
-        warn(
-            f"the points fit {worse} worse than the tracker's uncertainty predicts: do not use {path} until you have "
-            f"touched the points again, more calmly, or corrected their coordinates, the tip in [mount]{scale}"
-        )
     sigma = one_sigma(cov)
     if args.json:
         rpy_deg = np.degrees(quat_to_rpy(pose.wxyz))

@@ -6,28 +6,26 @@ from pathlib import Path
 
 from pbd.calibration.points import POOR_CHI2
 from pbd.data import Calibration
-from pbd.errors import CalibrationError
+from pbd.errors import CalibrationError, warn
 
 
-def keep_good_part(path: Path, calibration: Calibration, figure: str, chi2: float, what: str, again: str) -> None:
-    """Refuse to replace a part that was measured, and did not fit badly, by one that does.
+def judge_fit(path: Path, before: Calibration | None, figure: str, chi2: float, what: str, again: str) -> None:
+    """Warn of a poor fit; refuse it if it would replace a part that was measured, and did not fit badly.
 
     Args:
         path: the calibration's file.
-        calibration: its content.
-        figure: "part.figure" of the old fit's chi2 in `residuals`.
+        before: its content, if it has that part, measured.
+        figure: "part.figure" of the fit's chi2 in `residuals`.
         chi2: of the new fit.
         what: the beginning of the message: how it fits.
         again: what to do.
     """
-    if chi2 > POOR_CHI2 and calibration.residuals.get(figure, 0.0) <= POOR_CHI2:
-        part = figure.partition(".")[0]
-        raise CalibrationError(
-            f"{what}, so the [{part}] of {path} stays as it is; {again}; --force replaces it",
-            path=path,
-            value=chi2,
-            bound=POOR_CHI2,
-        )
+    part = f"the [{figure.partition('.')[0]}] of {path}"
+    if chi2 > POOR_CHI2 and before is not None and before.residuals.get(figure, 0.0) <= POOR_CHI2:
+        line = f"{what}, so {part} stays as it is; {again}; --force replaces it"
+        raise CalibrationError(line, path=path, value=chi2, bound=POOR_CHI2)
+    if chi2 > POOR_CHI2:
+        warn(f"{what}, so do not use {part} yet; {again}")
 
 
 def keep_other_start(path: Path, calibration: Calibration, part: str) -> None:
