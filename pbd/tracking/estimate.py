@@ -13,7 +13,7 @@ from pbd.data import ErrorEstimate, Recording, SensorEstimate, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.errors import TrackingError
-from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
+from pbd.pose import Array, lengths, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_sigma_factor
 from pbd.tracking.smoother.normal_equations import STATE, STATE_ACC_BIAS, STATE_GYR_BIAS, Solved
@@ -140,8 +140,8 @@ def _sensor_estimate(solution: Solution, first: int) -> SensorEstimate:
 def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[float]) -> list[list[int]]:
     """Join stops that are parts of one: groups of indices into `problem.stops`.
 
-    Two stops are joined if one of the `grips` (s) is between or just before them, or if a knock divides them and the
-    hand is where it was. Of a put-down that bounced only the longer stop is kept.
+    Two stops are joined if one of the `grips` (s) is between or just before them, if the hand stayed where it was, or
+    if a knock divides them and the hand is where it was. Of a put-down that bounced only the longer stop is kept.
     """
     problem, t, p = solution.problem, solution.problem.frame.t, solution.state.p
     wxyz = solution.path.wxyz[[(start + stop) // 2 for start, stop in problem.stops]]
@@ -152,17 +152,25 @@ def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[flo
         short_gap = arrived - left < BOUNCE_S
         gripped = has_grip(left, arrived, grips)
         p_before, p_k = (np.median(p[problem.stop_of == stop], axis=0) for stop in (before, k))
-        moved = float(np.linalg.norm(p_k - p_before))
-        turned = float(np.linalg.norm(quat_log(quat_multiply(wxyz[k], quat_inverse(wxyz[before])))))
+        between = slice(problem.stops[before][1], problem.stops[k][0])
+        moved, turned = _farthest(p_k[None], wxyz[k : k + 1], p_before, wxyz[before])
+        away = _farthest(solution.path.p[between], solution.path.wxyz[between], p_before, wxyz[before])
         knocked = short_gap and is_where_it_was(problem.noise, moved, turned)
+        stayed = knocked or is_where_it_was(problem.noise, *away)
         bounced = short_gap and min(left - begun, gone - arrived) < BOUNCE_S
-        if not (bounced or knocked or gripped) or moved > BOUNCE_M or turned > BOUNCE_RAD:
+        if not (bounced or stayed or gripped) or moved > BOUNCE_M or turned > BOUNCE_RAD:
             joined.append([k])
-        elif gripped or (knocked and not bounced):
+        elif gripped or (stayed and not bounced):
             joined[-1].append(k)
         elif gone - arrived > left - begun:
             joined[-1][-1] = k
     return joined
+
+
+def _farthest(p: Array, wxyz: Array, from_p: Array, from_wxyz: Array) -> tuple[float, float]:
+    """Largest distance (m) and angle (rad) of poses p (n, 3) and wxyz (n, 4) from one pose; zeros if there is none."""
+    turns = quat_log(quat_multiply(wxyz, quat_inverse(from_wxyz)))
+    return float(lengths(p - from_p).max(initial=0.0)), float(lengths(turns).max(initial=0.0))
 
 
 def has_grip(left: float, arrived: float, grips: Sequence[float]) -> bool:

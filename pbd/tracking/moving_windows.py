@@ -36,9 +36,9 @@ def window_moments(values: Array, n: int) -> tuple[Array, Array]:
     return np.maximum(variance, 0.0), mean + offset
 
 
-def moving_mean_variance(values: Array, n: int, k: int) -> Array:
+def moving_mean_variance(values: Array, n: int, k: int, passes: int = PASSES) -> Array:
     """`window_moments`' variance over n samples, of values `smoothed` by means over k samples."""
-    return window_moments(smoothed(values, k), n)[0]
+    return window_moments(smoothed(values, k, passes), n)[0]
 
 
 def cumulative(steps: Array) -> Array:
@@ -54,12 +54,12 @@ def window_sums(values: Array, n: int) -> Array:
     return sums[n:] - sums[:-n]
 
 
-def smoothed(values: Array, n: int) -> Array:
-    """Moving means over n samples, in PASSES passes: (l, k) -> (l, k). Beyond both ends the values stay the same."""
+def smoothed(values: Array, n: int, passes: int = PASSES) -> Array:
+    """Moving means over n samples, in an even number of passes: (l, k) -> (l, k). Beyond both ends the values stay."""
     if n == 1:
         return values
-    before, after = (np.broadcast_to(end, (PASSES * (n - 1) // 2, *end.shape)) for end in (values[0], values[-1]))
-    return moving_means(np.concatenate((before, values, after)), n, PASSES)
+    before, after = (np.broadcast_to(end, (passes * (n - 1) // 2, *end.shape)) for end in (values[0], values[-1]))
+    return moving_means(np.concatenate((before, values, after)), n, passes)
 
 
 def moving_means(values: Array, n: int, passes: int) -> Array:

@@ -7,13 +7,15 @@ smoother estimates the velocity, so it tells the two apart.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array
-from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, Rest
+from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, STILL_ACC, STILL_GYR, Rest
 from pbd.tracking.moving_windows import (
+    PASSES,
     Spans,
     moving_mean_variance,
     rows_of_mean,
@@ -38,43 +40,63 @@ LULL_SHARE, LULL_S = 0.01, 1.0
 below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after: acceleration and rate are a tenth of
 the move's. (Below 10^-2.6, stances are missed; above 10^-1.4, a fast hand that turns back seems to rest.)"""
 
-HELD_ACC, HELD_GYR = 0.2, 0.05
-"""Largest rms of a hand in the air, m/s2 and rad/s: it trembles at 7 Hz by up to 0.03 g, about a wrist 0.1 m away (Wade
-et al., Arch Neurol 39:358, 1982: 0.01 g is usual, and 0.035 g the most of 97 people)."""
+SWAY_GYR = 0.04
+"""Largest rms rate of a hand that sways in the air, rad/s: by 0.3 degrees about each axis, at 0.7 Hz. It also trembles,
+at 7 Hz by 0.01 g, and by 0.035 g at most (97 people; Wade et al., Arch Neurol 39:358, 1982)."""
 
 SHORTEST_MOVE_S = 0.1
 """s: a shorter motion between two stops is a jolt and joins them."""
 
 
-def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
-    """Variance of specific force (m,) and mean square of rate (m,) in each window, both `smoothed`.
+class Energies(NamedTuple):
+    """Variance of specific force, (m/s2)^2, and mean square of rate, (rad/s)^2, in each of m windows.
+
+    Attributes:
+        acc, gyr: (m,).
+        slow_acc, slow_gyr: (m,), of motion that is slower than tremor.
+    """
+
+    acc: Array
+    gyr: Array
+    slow_acc: Array
+    slow_gyr: Array
+
+    def latest(self, beside: int) -> Energies:
+        """Those of the last window with `beside` rows after it; of slow motion, those of the middle one."""
+        middle = len(self.acc) // 2
+        last = max(len(self.acc) - 1 - beside, middle)
+        return Energies(self.acc[last], self.gyr[last], self.slow_acc[middle], self.slow_gyr[middle])
+
+
+def energies(u: Array, gyr: Array, n: int) -> Energies:
+    """Energies in each window of n rows, which last ENERGY_WINDOW_S.
+
+    Means over such windows, in two passes, hardly show tremor: a quarter of it at 6 Hz, 0.05 at 8 Hz, none at 10 Hz.
 
     Args:
         u: (n, 3) m/s2, specific force in a frame that does not turn with the sensor.
         gyr: (n, 3) rad/s, without bias.
-        n: number of rows in ENERGY_WINDOW_S.
     """
-    k = rows_of_mean(n / ENERGY_WINDOW_S)
-    return moving_mean_variance(u, n, k), window_sums(squares(smoothed(gyr, k)), n) / n
+    found = []
+    for k, passes in ((rows_of_mean(n / ENERGY_WINDOW_S), PASSES), (n, 2)):
+        found += [moving_mean_variance(u, n, k, passes), window_sums(squares(smoothed(gyr, k, passes)), n) / n]
+    return Energies(*found)
 
 
-def find_candidates(
-    t: Array, dt: float, acc_energy: Array, gyr_energy: Array, rest: Rest, gaps: Sequence[tuple[int, int]] = ()
-) -> Spans:
+def find_candidates(t: Array, dt: float, energy: Energies, rest: Rest, gaps: Sequence[tuple[int, int]] = ()) -> Spans:
     """Find the spans in which specific force is constant and nothing turns.
 
     Args:
         t: (n,) s.
         dt: s, the sampling interval.
-        acc_energy, gyr_energy: (m,) (m/s2)^2 and (m,) (rad/s)^2, from `energies`.
+        energy: of each window.
         rest: its energies set the thresholds.
         gaps: last row before and first row after each gap. A gap between two rests is part of them.
     """
-    n = len(t) - len(acc_energy) + 1
+    n = len(t) - len(energy.acc) + 1
     limits = quiet_limits(rest)
-    quiet = (acc_energy < limits[0]) & (gyr_energy < limits[1])
-    held = (acc_energy < HELD_ACC**2) & (gyr_energy < HELD_GYR**2)
-    calm = (energy < LULL_SHARE * _move_energy(energy, n, dt) for energy in (acc_energy, gyr_energy))
+    quiet, held = _quiet(energy, limits), _held(energy)
+    calm = (each < LULL_SHARE * _move_energy(each, n, dt) for each in (energy.acc, energy.gyr))
     lull = quiet | np.logical_and(*calm)
     for before, after in gaps:  # interpolated data show no rest; `refuse_gaps` handles a gap at an end
         if before == 0 or after == len(t) - 1:
@@ -84,7 +106,7 @@ def find_candidates(
     for start, stop in runs(held):
         if _trembles(int(np.count_nonzero(quiet[start:stop])), stop - start, 2 * n):
             quiet[start:stop] = True
-    restless = acc_energy / limits[0] + gyr_energy / limits[1]
+    restless = energy.acc / limits[0] + energy.gyr / limits[1]
     for start, stop in runs(lull):
         if not quiet[max(start - 2 * n, 0) : stop + 2 * n].any():  # not the edge of a rest
             quiet[start + int(np.argmin(restless[start:stop]))] = True
@@ -92,8 +114,19 @@ def find_candidates(
     still = window_maxima(np.pad(quiet, n - 1), n)
     spans = _merge_close(t, runs(still), gaps)
     # Acceleration changes most where a smooth move begins and ends. Where it is not loud, only the rate shows the move.
-    sharp = window_maxima(np.pad(acc_energy > limits[0], 2 * n - 1), 3 * n)
-    return without_slow_ends(t, spans, np.sqrt(_at_rows(gyr_energy, len(t))), sharp)
+    sharp = window_maxima(np.pad(energy.acc > limits[0], 2 * n - 1), 3 * n)
+    return without_slow_ends(t, spans, np.sqrt(_at_rows(energy.gyr, len(t))), sharp)
+
+
+def _quiet(energy: Energies, limits: tuple[float, float]) -> Any:
+    """Whether windows are quiet, by `quiet_limits`."""
+    return (energy.acc < limits[0]) & (energy.gyr < limits[1])
+
+
+def _held(energy: Energies) -> Any:
+    """Whether windows are those of a hand in the air that sways, and trembles by less than a hand that moves."""
+    sways = (energy.slow_acc < QUIET_ACC**2) & (energy.slow_gyr < SWAY_GYR**2)
+    return sways & (energy.acc < STILL_ACC**2) & (energy.gyr < STILL_GYR**2)
 
 
 def _trembles(quiet: int, held: int, least: int) -> bool:
@@ -115,10 +148,9 @@ class QuietWindows:
         self._limits, self._least = quiet_limits(rest), least
         self._quiet = self._held = 0  # windows since the hand is held
 
-    def take(self, acc_energy: float, gyr_energy: float) -> bool:
-        """Take the next window's `energies`."""
-        quiet = acc_energy < self._limits[0] and gyr_energy < self._limits[1]
-        held = acc_energy < HELD_ACC**2 and gyr_energy < HELD_GYR**2
+    def take(self, energy: Energies) -> bool:
+        """Take the energies (1,) of the next window."""
+        quiet, held = bool(_quiet(energy, self._limits)), bool(_held(energy))
         self._quiet, self._held = held * (self._quiet + quiet), held * (self._held + 1)
         return quiet or _trembles(self._quiet, self._held, self._least)
 
@@ -131,16 +163,13 @@ def _move_energy(energy: Array, n: int, dt: float) -> Array:
     return window_maxima(least, 2 * reach + 2 - lasting)
 
 
-def zero_velocity_sigma(acc_energy: Array, gyr_energy: Array, n: int, dt: float, noise: Noise) -> Array:
+def zero_velocity_sigma(energy: Energies, n: int, dt: float, noise: Noise) -> Array:
     """Sigma of zero velocity, m/s per axis, at each of n rows.
 
     A hand at rest creeps, trembles (acceleration above the sensor's noise) and turns about a point beside the sensor
     (rate above the sensor's noise).
-
-    Args:
-        acc_energy, gyr_energy: (m,) (m/s2)^2 and (m,) (rad/s)^2, from `energies`.
     """
-    return _at_rows(sigma_by_energies(acc_energy, gyr_energy, dt, noise), n)
+    return _at_rows(sigma_by_energies(energy, dt, noise), n)
 
 
 def _at_rows(of_windows: Array, n: int) -> Array:
@@ -149,11 +178,11 @@ def _at_rows(of_windows: Array, n: int) -> Array:
     return np.pad(of_windows, (before, n - len(of_windows) - before), mode="edge")
 
 
-def sigma_by_energies(acc_energy: Array, gyr_energy: Array, dt: float, noise: Noise) -> Array:
-    """Sigma of zero velocity (k,), m/s per axis, of windows with known `energies`; `dt` is the sampling interval, s."""
+def sigma_by_energies(energy: Energies, dt: float, noise: Noise) -> Array:
+    """Sigma of zero velocity (m,), m/s per axis, in each window; `dt` is the sampling interval, s."""
     of_acc, of_gyr = (white_energy(density / dt**0.5, 1.0 / dt) for density in (noise.acc_density, noise.gyr_density))
-    shaken = np.maximum(acc_energy - of_acc, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
-    turned = noise.still_lever**2 * np.maximum(gyr_energy - of_gyr, 0.0)
+    shaken = np.maximum(energy.acc - of_acc, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
+    turned = noise.still_lever**2 * np.maximum(energy.gyr - of_gyr, 0.0)
     return np.sqrt(noise.still_speed**2 + shaken + turned)
 
 

@@ -132,7 +132,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "tremor, sway at a stop": of_noise(tremor_hz=LARGE, still_lever=0.0),
     "place held in a stop": of_noise(still_shift=LARGE),
     "attitude held in a stop": of_noise(still_turn=LARGE),
-    "tremor in the air": ((zero_velocity, "HELD_ACC", 0.0),),
+    "tremor in the air": ((zero_velocity, "SWAY_GYR", 0.0),),
     "lulls between strides": ((zero_velocity, "LULL_SHARE", 0.0),),
     "(lulls, but 10^-2.6 of a move)": ((zero_velocity, "LULL_SHARE", 10.0**-2.6),),
     "(lulls, but 10^-1.4 of a move)": ((zero_velocity, "LULL_SHARE", 10.0**-1.4),),

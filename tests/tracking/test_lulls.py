@@ -7,7 +7,7 @@ import pytest
 
 from pbd.data import GRAVITY, Recording
 from pbd.tracking.first_rest import find_rest
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, find_candidates, quiet_limits
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Energies, find_candidates, quiet_limits
 from tests.scenarios import simulate
 
 
@@ -21,7 +21,7 @@ def test_the_calmest_moments_beside_a_stride_may_be_stops_but_not_beside_a_knock
     rest = find_rest(simulate("pour", "modern").recording)
     energy = 0.05 * (1.0 + 0.1 * np.cos(2.0 * np.pi * t[: 1 - window]))  # of a hand on its way, never quiet
     energy[2 * rate : 2 * rate + round(lasts_s * rate) + window] = 1e3
-    assert len(find_candidates(t, 1.0 / rate, energy, energy, rest)) == found
+    assert len(find_candidates(t, 1.0 / rate, Energies(energy, energy, energy, energy), rest)) == found
 
 
 def test_in_a_lull_the_calmest_window_is_a_stop() -> None:
@@ -31,4 +31,6 @@ def test_in_a_lull_the_calmest_window_is_a_stop() -> None:
     limits = quiet_limits(rest)
     energy = np.full(300 - window + 1, 1e4)
     energy[140:180] = 10.0 + np.abs(np.arange(140, 180) - 173)
-    assert find_candidates(t, 0.01, limits[0] * energy, limits[1] * energy, rest) == [(173, 173 + window)]
+    assert find_candidates(t, 0.01, Energies(*2 * (limits[0] * energy, limits[1] * energy)), rest) == [
+        (173, 173 + window)
+    ]

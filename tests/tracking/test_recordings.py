@@ -54,11 +54,14 @@ def test_a_fast_hand_is_tracked_by_an_accelerometer_of_2_g(data_folder: Path) ->
 def test_a_gyro_that_warms_up_while_a_hand_moves_hides_no_rest(data_folder: Path) -> None:
     """When the hand rests again after two minutes, the gyro seems to turn by 1.4 degrees/s."""
     (file,) = (data_folder / "broad").glob("10_*.npz")
-    recording = read_broad(file)["40"].recording
+    trial = read_broad(file)["40"]
+    recording = trial.recording
     assert recording.gyr is not None
     warm = np.radians(1.0) * (1.0 - np.exp(-recording.t / 60.0))[:, None] * (1.0, -1.0, 0.5)
-    path = track(replace(recording, gyr=recording.gyr + warm))
-    assert [stop.start for stop in path.stops] == pytest.approx([stop.start for stop in track(recording).stops], abs=4)
+    first, last = track(replace(recording, gyr=recording.gyr + warm)).stops
+    moved = np.flatnonzero(trial.moving)
+    assert moved[0] - 20 < first.stop <= moved[0] + 10
+    assert moved[-1] - 50 < last.start <= moved[-1] + 10
 
 
 def test_a_real_hand_is_tracked_while_its_sensor_is_tapped(data_folder: Path) -> None:

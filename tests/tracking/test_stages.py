@@ -100,8 +100,8 @@ def test_interpolated_rows_belong_to_no_stop_of_a_hand_that_has_set_out() -> Non
     force[120:] += np.sin(0.3 * np.arange(80))[:, None]
     force[100:120] = force[99]
     rest = find_rest(Recording(t[:100], force[:100], np.zeros((100, 3))))
-    acc_energy, gyr_energy = energies(force, np.zeros((200, 3)), window)
-    assert find_candidates(t, 0.01, acc_energy, gyr_energy, rest, [(99, 120)]) == [(0, 100)]
+    energy = energies(force, np.zeros((200, 3)), window)
+    assert find_candidates(t, 0.01, energy, rest, [(99, 120)]) == [(0, 100)]
 
 
 def interval_means(signal: Callable[[Array], Array], middles: Array, dt: float) -> Array:

@@ -11,7 +11,7 @@ from pbd.data import Demonstration
 from pbd.pose import Array
 from tests.scenarios import simulate
 
-USUAL, STRONG = (0.1, 0.02), (0.15, 0.03)
+USUAL, STRONG, STRONGEST = (0.1, 0.02), (0.15, 0.03), (0.3, 0.06)
 """rms of acceleration, m/s2, and of rate, rad/s. If three axes tremble by 0.01 g at their peaks, it is 0.12 m/s2."""
 
 

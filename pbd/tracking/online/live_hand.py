@@ -22,7 +22,13 @@ from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
 from pbd.tracking.smoother.preintegration import GYR_BIAS, integral_of_means
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, QuietWindows, energies, sigma_by_energies
+from pbd.tracking.zero_velocity import (
+    ENERGY_WINDOW_S,
+    SHORTEST_MOVE_S,
+    QuietWindows,
+    energies,
+    sigma_by_energies,
+)
 
 CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_NO_GYRO_S = 0.2, 2.0, 0.6
 """s: time at rest before a stop is announced, if it is clear; doubtful (longer than half of a hand's slowest move);
@@ -81,7 +87,7 @@ class LiveHand:
         self._strapdown = Strapdown(samples[0], interval, noise, bias, self._no_gyro)
         self._interval, self._n = interval, max(2, round(ENERGY_WINDOW_S / interval))
         self._beside = PASSES * (rows_of_mean(1.0 / interval) - 1) // 2  # rows beside a window, for the moving means
-        self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=self._n + 2 * self._beside)
+        self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=3 * self._n)
         self._past_stops: list[LiveStop] = []
         self._shaking: Array = np.zeros(3)
         self._angles = [(samples[0].t, np.zeros(3))]  # of the present stop's last second
@@ -90,6 +96,7 @@ class LiveHand:
         self._trial: StopTrial | None = None
         self._trial_filter: ErrorStateFilter | None = None
         self._peak = 0.0  # m/s2, largest acceleration of a block since the hand stood still
+        self._away = np.zeros(2)  # m and rad, how far it has been from its last stop since it left
         self._t_knot, self._t_compass = samples[0].t, samples[0].t
         fields = [sample.mag for sample in samples if sample.mag is not None]
         self._field: list[Array] | None = [] if fields else None
@@ -128,6 +135,8 @@ class LiveHand:
         self._angles.append((sample.t, self._angles[-1][1] + leg.angle))
         for each in self._filters():
             each.propagate(leg)
+        if self._stop is None:
+            self._away = np.maximum(self._away, self._past_stops[-1].pose.distance(self._filter.pose()[0]))
         events = (
             self._look_for_stop(sample, quiet) if self._stop is None else self._continue_stop(self._stop, sample, quiet)
         )
@@ -140,13 +149,13 @@ class LiveHand:
         """Whether the last window is quiet. Also sets sigma and tremor of a zero-velocity update."""
         force, rate = (np.array(seen) for seen in zip(*((u, rate) for _, u, rate in self._window), strict=True))
         rate = rate - self._filter.x[GYR_BIAS]  # it drifts while the gyro warms up
-        acc_energy, gyr_energy = (each[len(each) // 2] for each in energies(force, rate, min(self._n, len(force))))
-        self._sigma = float(sigma_by_energies(acc_energy, gyr_energy, self._interval, self._noise))
+        energy = energies(force, rate, min(self._n, len(force))).latest(self._beside)
+        self._sigma = float(sigma_by_energies(energy, self._interval, self._noise))
         if not self._no_gyro:
             # The tremor's velocity is the residual of a straight line through the velocity in the window.
             t = np.array([sample.t for sample, _, _ in self._window])[-self._n :]
             self._shaking = deviation_from_line(t, integral_of_means(t, force[-self._n :]))
-        return self._quiet.take(acc_energy, gyr_energy) and len(force) == self._window.maxlen
+        return self._quiet.take(energy) and len(force) >= self._n + 2 * self._beside
 
     def _filters(self) -> list[ErrorStateFilter]:
         """The filter, and the one under test if there is one."""
@@ -213,7 +222,7 @@ class LiveHand:
         elif sample.t - stop.last.t > SHORTEST_MOVE_S + ENERGY_WINDOW_S:
             self._past_stops.append(stop)
             self._filter = self._filter if self._settled else ahead
-            self._stop = self._trial_filter = None
+            self._stop, self._trial_filter, self._away = None, None, np.zeros(2)
             return [StopEnded(len(self._past_stops) - 1, stop.last.t, stop.keyframe)]
         return []
 
@@ -222,8 +231,8 @@ class LiveHand:
         trial, last = self._trial, self._past_stops[-1].last
         if (
             not quiet
-            or (first := self._window[self._beside][0]).t <= last.t
-            or any(each.unseen for each, _, _ in self._window)
+            or (first := self._window[-self._n - self._beside][0]).t <= last.t
+            or any(self._window[-i - 1][0].unseen for i in range(self._n + 2 * self._beside))
         ):
             self._trial = self._trial_filter = None
             return []
@@ -259,8 +268,9 @@ class LiveHand:
         # As `_join_stops` does; but how long the hand will stand here is not known yet.
         short_gap = first.t - before.last.t < BOUNCE_S
         knocked = short_gap and is_where_it_was(self._noise, moved, turned)
+        stayed = knocked or is_where_it_was(self._noise, *self._away)
         bounced = short_gap and len(self._past_stops) > 1 and before.last.t - before.first.t < BOUNCE_S
-        if (trial.jolted or knocked or bounced) and moved < BOUNCE_M and turned < BOUNCE_RAD:
+        if (trial.jolted or stayed or bounced) and moved < BOUNCE_M and turned < BOUNCE_RAD:
             self._past_stops.pop()
             first = first if bounced else before.first
         if self._strapdown.clipped:

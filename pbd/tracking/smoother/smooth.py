@@ -132,8 +132,8 @@ def smooth(
         force, rate = (frame.acc, np.zeros_like(frame.acc)) if no_gyro else (frame.u, frame.gyr)
         energy = energies(force, rate - drift, window)
         if stops is None:
-            stops = find_candidates(frame.t, frame.dt, *energy, rest, gaps)
-        still_sigma = zero_velocity_sigma(*energy, len(frame.t), frame.dt, noise)
+            stops = find_candidates(frame.t, frame.dt, energy, rest, gaps)
+        still_sigma = zero_velocity_sigma(energy, len(frame.t), frame.dt, noise)
         density = row_noise(frame, rest, noise, gaps, no_gyro)
         if not stops:
             return None
@@ -146,7 +146,7 @@ def smooth(
             break
         if np.abs(found.x.gyr_bias).max() > DRIFTED_SHARE * QUIET_GYR:  # later rests seem to turn
             drift = interpolate(frame.t, problem.t, found.x.gyr_bias)
-            more = find_candidates(frame.t, frame.dt, *energies(force, rate - drift, window), rest, gaps)
+            more = find_candidates(frame.t, frame.dt, energies(force, rate - drift, window), rest, gaps)
             if sum(stop - start for start, stop in more) > sum(stop - start for start, stop in stops):
                 stops = more
                 continue
