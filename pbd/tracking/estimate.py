@@ -189,9 +189,9 @@ def _with_still_stops(
 ) -> Path:
     """The path with each stop at one place (k, 3); its creep in a stop is distributed over the moves beside it.
 
-    Between the joined parts of a stop the attitude is kept.
+    If the hand was shaken between the joined parts of a stop, the attitude is kept there.
     """
-    path, t = solution.path, solution.problem.frame.t
+    path, t, noise = solution.path, solution.problem.frame.t, solution.problem.noise
     p, places = path.p - p_stop[0], p_stop - p_stop[0]
     first, last = (places - p[rows] for rows in ([stop.start for stop in stops], [stop.stop - 1 for stop in stops]))
     shift, faster = between_stops(t, stops, first, last)
@@ -199,7 +199,9 @@ def _with_still_stops(
     for stop, parts, place in zip(stops, joined, places, strict=True):
         p[stop.start : stop.stop], v[stop.start : stop.stop] = place, 0.0
         for (_, left), (arrived, _) in pairwise(solution.problem.stops[k] for k in parts):
-            wxyz[left:arrived] = wxyz[left - 1]
+            shaken = _farthest(path.p[left:arrived], path.wxyz[left:arrived], path.p[left - 1], path.wxyz[left - 1])
+            if not is_where_it_was(noise, *shaken):
+                wxyz[left:arrived] = wxyz[left - 1]
     return Path(wxyz, v, p, path.a)
 
 

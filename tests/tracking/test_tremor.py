@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from pbd.pipeline import track
+from pbd.pose import lengths, quat_inverse, quat_log, quat_multiply
 from pbd.simulation.simulate import random_task, simulate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import noise_of
 from tests.scenarios import truth_at
+from tests.simulation.sway import with_sway
 from tests.tracking.test_online import began, fed
 from tests.tracking.trembling import STRONG, STRONGEST, USUAL, trembling, with_tremor
 
@@ -53,3 +55,17 @@ def test_tremor_is_not_taken_for_the_sensors_noise(sensor: str) -> None:
         more = getattr(find_rest(shakes), energy) / getattr(find_rest(demo.recording), energy)
         assert more > 8.0
         assert 0.5 < getattr(held, name) / getattr(own, name) < 0.5 * np.sqrt(more)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_attitude_of_a_stop_that_tremor_divides_follows_the_hands_sway(seed: int) -> None:
+    task = with_sway(random_task(seed, moves=5, rest_s=(1.5, 2.5)), 1e-3, seed, turn=np.radians(1.0))
+    demo = with_tremor(simulate(task, "modern", seed), seed, STRONG, since_s=2.0)
+    assert demo.truth is not None
+    path = track(demo.recording)
+    for stop in path.stops:
+        found, true = (
+            quat_multiply(quat_inverse(each[stop.start]), each[stop.start : stop.stop])
+            for each in (path.wxyz_nav_sensor, demo.truth.wxyz_nav_sensor)
+        )
+        assert np.degrees(lengths(quat_log(quat_multiply(quat_inverse(true), found)))).max() < 0.2
