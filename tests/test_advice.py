@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pbd.arm.collision.scene import CollisionScene
+from pbd.arm.motion_request import Motion
 from pbd.data import Obstacle
 from pbd.errors import PlanError, RobotError
-from pbd.planning import PlanOptions, arm_of, plan_keyframes
+from pbd.planning import PlanOptions, arm_of, choose_joints, plan_keyframes
 from pbd.planning.object_frames import ThingPlace, nearest_working_place
+from pbd.planning.task import Task
 from pbd.pose import Pose
 from tests.cli.running import Capture, run
 from tests.reading_meshes import read_mesh
@@ -25,6 +28,20 @@ def test_other_options_are_named_where_they_work() -> None:
     options = PlanOptions(approach=False)
     with pytest.raises(PlanError, match=r"^home of panda: .*, or do not go back home \(--no-retreat\)$"):
         plan_keyframes([keyframe(0.0, y=0.3), keyframe(1.0, y=0.3, z=0.05)], high, PANDA, options)
+
+
+def test_what_no_motion_avoids_is_not_searched_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    searched = []
+
+    def choose(task: Task, scene: CollisionScene | None) -> Motion | choose_joints.PlanRefusal:
+        searched.append(scene is not None)
+        return choose_once(task, scene)
+
+    choose_once = choose_joints._choose
+    monkeypatch.setattr(choose_joints, "_choose", choose)
+    with pytest.raises(PlanError, match="--allow-collision"):
+        plan_keyframes(*low(), PANDA)
+    assert searched == [True, False]
 
 
 def test_options_that_do_not_work_either_are_not_named() -> None:

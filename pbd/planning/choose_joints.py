@@ -48,8 +48,10 @@ def choose_joints(task: Task) -> Motion | PlanRefusal:
     warn_of_shapes(task.arm)
     warn_of_frames(task.arm)
     warn_of_table(task.scene)
-    chosen = _choose(task, task.scene)
-    return _choose(task, None) if isinstance(chosen, PlanRefusal) and options.allow_collision else chosen
+    chosen = None if task.is_barred else _choose(task, task.scene)
+    if chosen is None or (isinstance(chosen, PlanRefusal) and options.allow_collision):
+        return _choose(task, None)
+    return chosen
 
 
 def _choose(task: Task, scene: CollisionScene | None) -> Motion | PlanRefusal:

@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The arguments of `plan_keyframes`, and what follows from them, each computed when it is first needed."""
+    """The arguments of `plan_keyframes`, and what follows from them, each computed when it is first needed.
+
+    `is_barred`: no motion keeps clear of everything, so that with `allow_collision` none is searched for again.
+    """
 
     keyframes: tuple[Keyframe, ...]
     calibration: Calibration
@@ -34,6 +37,7 @@ class Task:
     hand_path: HandPath | None
     grasped: GraspedObject | None
     options: PlanOptions
+    is_barred: bool = False
 
     @property
     def arm(self) -> ArmModel:
