@@ -44,6 +44,9 @@ SWAY_GYR = 0.04
 """Largest rms rate of a hand that sways in the air, rad/s: by 0.3 degrees about each axis, at 0.7 Hz. It also trembles,
 at 7 Hz by 0.01 g, and by 0.035 g at most (97 people; Wade et al., Arch Neurol 39:358, 1982)."""
 
+AFTER_REST = 5
+"""How many times as long a hand that leaves a rest must be held to be one that trembles: a slow move ends sooner."""
+
 SHORTEST_MOVE_S = 0.1
 """s: a shorter motion between two stops is a jolt and joins them."""
 
@@ -103,19 +106,23 @@ def find_candidates(t: Array, dt: float, energy: Energies, rest: Rest, gaps: Seq
             continue
         for flags in (quiet, held, lull):
             flags[max(before + 2 - n, 0) : after] = False
-    for start, stop in runs(held):
-        if _trembles(int(np.count_nonzero(quiet[start:stop])), stop - start, 2 * n):
-            quiet[start:stop] = True
+    least, restful = 2 * n, np.zeros_like(quiet)
+    for start, stop in runs(quiet):
+        restful[start:stop] = stop - start >= least
+    for spans, shortest in ((runs(held), least), (runs(held & ~restful), AFTER_REST * least)):
+        for start, stop in spans:
+            if _trembles(int(np.count_nonzero(quiet[start:stop])), stop - start, shortest):
+                quiet[start:stop] = True
     restless = energy.acc / limits[0] + energy.gyr / limits[1]
     for start, stop in runs(lull):
         if not quiet[max(start - 2 * n, 0) : stop + 2 * n].any():  # not the edge of a rest
             quiet[start + int(np.argmin(restless[start:stop]))] = True
     # A sample is still if any window that contains it is quiet.
     still = window_maxima(np.pad(quiet, n - 1), n)
-    spans = _merge_close(t, runs(still), gaps)
+    found = _merge_close(t, runs(still), gaps)
     # Acceleration changes most where a smooth move begins and ends. Where it is not loud, only the rate shows the move.
     sharp = window_maxima(np.pad(energy.acc > limits[0], 2 * n - 1), 3 * n)
-    return without_slow_ends(t, spans, np.sqrt(_at_rows(energy.gyr, len(t))), sharp)
+    return without_slow_ends(t, found, np.sqrt(_at_rows(energy.gyr, len(t))), sharp)
 
 
 def _quiet(energy: Energies, limits: tuple[float, float]) -> Any:
@@ -146,13 +153,19 @@ class QuietWindows:
 
     def __init__(self, rest: Rest, least: int) -> None:
         self._limits, self._least = quiet_limits(rest), least
-        self._quiet = self._held = 0  # windows since the hand is held
+        self._in_row = 0  # quiet windows, one after the other
+        self._held = self._since_rest = (0, 0)  # quiet ones and all, since the hand is held, and since it rested
 
     def take(self, energy: Energies) -> bool:
         """Take the energies (1,) of the next window."""
         quiet, held = bool(_quiet(energy, self._limits)), bool(_held(energy))
-        self._quiet, self._held = held * (self._quiet + quiet), held * (self._held + 1)
-        return quiet or _trembles(self._quiet, self._held, self._least)
+        self._in_row = quiet * (self._in_row + 1)
+        self._held, self._since_rest = (
+            (held * (of[0] + quiet), held * (of[1] + 1)) for of in (self._held, self._since_rest)
+        )
+        if self._in_row >= self._least:
+            self._since_rest = (0, 0)
+        return quiet or _trembles(*self._held, self._least) or _trembles(*self._since_rest, AFTER_REST * self._least)
 
 
 def _move_energy(energy: Array, n: int, dt: float) -> Array:

@@ -195,7 +195,7 @@ def trembling(swing_m: float) -> Demonstration:
 def test_a_trembling_hand_is_found_where_there_is_no_stop() -> None:
     end = sum(w.move_s + w.rest_s for w in TASKS["pour"].waypoints[:6])
     begin = end - TASKS["pour"].waypoints[5].rest_s
-    plot = plot_of(trembling(0.004))
+    plot = plot_of(trembling(0.008))
     ((span,),) = (finding.spans for finding in plot.findings if "trembles, so no stop is found" in finding.words)
     assert begin - 0.3 < span[0] < span[1] < end + 0.3
     assert span[1] - span[0] > 0.6 * (end - begin)

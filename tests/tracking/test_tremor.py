@@ -8,6 +8,7 @@ import pytest
 from pbd.pipeline import track
 from pbd.pose import lengths, quat_inverse, quat_log, quat_multiply
 from pbd.simulation.simulate import random_task, simulate
+from pbd.simulation.tasks import Task, Waypoint
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import noise_of
@@ -44,6 +45,16 @@ def test_slow_moves_of_a_hand_that_trembles_from_the_start_are_no_rests(seed: in
     task = random_task(seed, moves=4, move_s=(2.5, 4.0), rest_s=(1.0, 2.0), max_turn=0.0)
     path = track(with_tremor(simulate(task, "wt901", seed), seed, STRONG).recording)
     assert len(path.stops) == 5
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_the_stop_after_a_long_rest_and_a_slow_move_is_found(seed: int) -> None:
+    """The move changes the mean acceleration as little as a hand that is held does."""
+    there, up = Waypoint((0.15, 0.0, 0.05), move_s=2.0, rest_s=1.0), Waypoint((0.15, 0.1, 0.15), move_s=2.0, rest_s=1.0)
+    task = Task("slow", (Waypoint(rest_s=6.0), there, up, Waypoint((0.3, 0.0, 0.1), move_s=1.0, rest_s=1.0)))
+    path = track(with_tremor(simulate(task, "modern", seed), seed, STRONG, since_s=6.0).recording)
+    found = [(path.t[stop.start], path.t[stop.stop - 1]) for stop in path.stops]
+    assert np.array(found) == pytest.approx(np.array([(0.0, 6.0), (8.0, 9.0), (11.0, 12.0), (13.0, 14.0)]), abs=0.15)
 
 
 @pytest.mark.parametrize("sensor", ["os5000", "wt901", "modern"])
