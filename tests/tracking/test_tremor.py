@@ -7,8 +7,9 @@ import pytest
 
 from pbd.pipeline import track
 from pbd.pose import lengths, quat_inverse, quat_log, quat_multiply
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
-from pbd.simulation.tasks import Task, Waypoint
+from pbd.simulation.tasks import Task
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import noise_of
