@@ -13,7 +13,7 @@ from pbd.tracking.first_rest import Rest, find_rest
 from pbd.tracking.noise import noise_of
 from pbd.tracking.paper import track_as_paper
 from pbd.tracking.repair.channel_faults import refuse_freezes
-from pbd.tracking.repair.gaps import refuse_gaps
+from pbd.tracking.repair.gaps import is_in_rest, refuse_gaps
 from pbd.tracking.repair.gyro_consistency import warn_upside_down
 from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.repair.saturation import find_clips, restore
@@ -45,8 +45,11 @@ def track_alone(
     if method == "paper":
         found = track_as_paper(recording, rest)
     else:
-        unseen = [(gap.before, gap.after) for gap in gaps]
-        found = estimate(recording, rest, noise_of(recording, rest, errors), lost, unseen)
+        noise, unseen = noise_of(recording, rest, errors), [(gap.before, gap.after) for gap in gaps]
+        found = estimate(recording, rest, noise, lost, unseen)
+        still = [(gap.before, gap.after) for gap in gaps if accept_gap and is_in_rest(recording, gap, found.stops)]
+        if still:  # before, the motion in them was unknown
+            found = estimate(recording, rest, noise, lost, [gap for gap in unseen if gap not in still], still)
     refuse_gaps(gaps, recording, found.stops, accept=accept_gap)
     refuse_freezes(recording, found.path.v)
     _warn_at_rest(recording, rest, errors)

@@ -59,13 +59,14 @@ def estimate(
     noise: Noise,
     lost_motion: Sequence[LostMotion] = (),
     gaps: Sequence[tuple[int, int]] = (),
+    still_gaps: Sequence[tuple[int, int]] = (),
 ) -> Estimate:
-    """Smooth a recording; return path, stops and covariance.
+    """Smooth a recording; return path, stops and covariance. The arguments are those of `smooth`.
 
     Raises:
         TrackingError: the hand never stands still, or not where the sensor seems to rest.
     """
-    solution = smooth(recording, rest, noise, lost_motion, gaps)
+    solution = smooth(recording, rest, noise, lost_motion, gaps, still_gaps=still_gaps)
     if solution is None:
         raise TrackingError("the hand never stands still; stop for half a second between the moves")
     t, problem = recording.t, solution.problem

@@ -92,10 +92,9 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
     Raises:
         TrackingError: with `t`, `row` and the gap's length (`value`).
     """
-    t, starts = recording.t, [stop.start for stop in stops]
+    t = recording.t
     for gap in gaps:
-        k = bisect_right(starts, gap.before) - 1
-        if k < 0 or not _rests_on_both_sides(recording, gap, stops[k]):
+        if not is_in_rest(recording, gap, stops):
             raise TrackingError(
                 f"{gap.missing_s * 1e3:.0f} ms of data are {gap.fault} after row {gap.before} "
                 f"(t = {t[gap.before]:.2f} s), while the hand moves; "
@@ -121,7 +120,8 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
             value=longest.missing_s,
             bound=HIDDEN_MOVE_S,
         )
-    warn(f"{said}; the sigma of later keyframes is wider; record again if the hand moved")
+    so = "it is taken that the hand stood still there" if accept else "the sigma of later keyframes is wider"
+    warn(f"{said}; {so}; record again if the hand moved")
 
 
 def _at_an_end(gap: Gap, recording: Recording) -> bool:
@@ -137,11 +137,15 @@ def _where(gap: Gap, t: Array) -> str:
     return f"after row {gap.before} (t = {t[gap.before]:.2f} s)"
 
 
-def _rests_on_both_sides(recording: Recording, gap: Gap, stop: Stop) -> bool:
-    """Whether a gap is in a stop, with rest in the same attitude before and after it.
+def is_in_rest(recording: Recording, gap: Gap, stops: tuple[Stop, ...]) -> bool:
+    """Whether a gap is in one of the stops, with rest in the same attitude before and after it.
 
     Interpolated data are smooth, so the stop might have been found in them alone.
     """
+    k = bisect_right([stop.start for stop in stops], gap.before) - 1
+    if k < 0:
+        return False
+    stop = stops[k]
     rows = max(2, round(ENERGY_WINDOW_S * recording.rate_hz))
     before, after = slice(gap.before + 1 - rows, gap.before + 1), slice(gap.after, gap.after + rows)
     if _at_an_end(gap, recording):

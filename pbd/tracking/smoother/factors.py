@@ -126,12 +126,12 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fi
     equations.add_shared(VEL, SHARED_PIVOT, slice(None), swing, v, still / variance)
     swing, sigma_shift = -np.diff(R, axis=0), anneal * noise.still_shift
     shift = np.diff(x.p, axis=0) + swing @ x.shared[SHARED_PIVOT]
-    stay = robust_weights(squares(shift) / sigma_shift**2) * within
+    stay = np.maximum(robust_weights(squares(shift) / sigma_shift**2), problem.stood) * within
     equations.add_pairs(POS, shift, stay / sigma_shift**2)
     equations.add_shared(POS, SHARED_PIVOT, slice(1, None), swing, shift, stay / sigma_shift**2)
     equations.border[:-1, POS, SHARED_PIVOT] -= (stay / sigma_shift**2)[:, None, None] * swing
     turned = matrix_log(R[1:] @ R[:-1].transpose(0, 2, 1))
-    same_attitude = robust_weights(squares(turned) / problem.turn_sigma**2) * within
+    same_attitude = np.maximum(robust_weights(squares(turned) / problem.turn_sigma**2), problem.stood) * within
     equations.add_pairs(ROT, turned, same_attitude / problem.turn_sigma**2)
     return still
 

@@ -35,6 +35,7 @@ class Problem:
         rows: (m,) row of each knot.
         stop_of: (m,) index of the stop in which the knot lies, or -1.
         same_stop: (m - 1,) whether a knot and the next are in one stop without a gap between them.
+        stood: (m - 1,) whether a person knows that the hand stood still between the two.
         legs: preintegrated from knot to knot.
         still_sigma: (m,) m/s per axis, sigma of zero velocity.
         C: (m, 3, 3), gyro frame <- sensor.
@@ -52,6 +53,7 @@ class Problem:
     rows: Rows
     stop_of: NDArray[np.intp]
     same_stop: NDArray[np.bool_]
+    stood: NDArray[np.bool_]
     legs: Legs
     still_sigma: Array
     C: Array
@@ -93,6 +95,7 @@ def build_problem(
     extra_rows: Sequence[int],
     lost_motion: Sequence[LostMotion],
     gaps: Sequence[tuple[int, int]],
+    still_gaps: Sequence[tuple[int, int]],
     *,
     no_gyro: bool,
 ) -> Problem:
@@ -105,13 +108,17 @@ def build_problem(
         density: from `row_noise`.
         extra_rows: further rows at which a knot is wanted.
         gaps: last row before and first row after each gap in the data.
+        still_gaps: the same of gaps in which the hand stood still.
     """
     t, dt = frame.t, frame.dt
-    rows, stop_of = _place_knots(t, stops, [*extra_rows, *(row for gap in gaps for row in gap)])
+    rows, stop_of = _place_knots(t, stops, [*extra_rows, *(row for gap in (*gaps, *still_gaps) for row in gap)])
     same_stop = (stop_of[1:] == stop_of[:-1]) & (stop_of[1:] >= 0)
     for first, last in gaps:
         stop_of[(rows > first) & (rows < last)] = -1
         same_stop[(rows[1:] > first) & (rows[:-1] < last)] = False
+    stood = np.zeros(len(same_stop), dtype=np.bool_)
+    for first, last in still_gaps:
+        stood |= same_stop & (rows[1:] > first) & (rows[:-1] < last)
     used = np.unique(stop_of[stop_of >= 0])
     stops = [stops[k] for k in used]
     stop_of = np.where(stop_of < 0, -1, np.searchsorted(used, stop_of))
@@ -127,6 +134,7 @@ def build_problem(
         rows,
         stop_of,
         same_stop,
+        stood,
         legs,
         still_sigma[rows],
         quat_to_matrix(frame.wxyz[rows]),

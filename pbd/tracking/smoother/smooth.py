@@ -98,6 +98,7 @@ def smooth(
     lost_motion: Sequence[LostMotion] = (),
     gaps: Sequence[tuple[int, int]] = (),
     extra_rows: Sequence[int] = (),
+    still_gaps: Sequence[tuple[int, int]] = (),
 ) -> Solution | None:
     """Estimate the motion of a repaired recording; None if there is no stop.
 
@@ -105,6 +106,7 @@ def smooth(
         recording: without NaN.
         gaps: last row before and first row after each gap in the data.
         extra_rows: rows at which a knot is wanted.
+        still_gaps: the same of gaps in which the hand stood still; `gaps` are the others.
 
     Raises:
         TrackingError: there is neither a gyro nor the device's attitude.
@@ -121,7 +123,7 @@ def smooth(
     def build(stops: Spans) -> Problem:
         mag = None if recording.mag is None else recording.mag - hard_iron
         return build_problem(
-            *(frame, mag, rest, noise, stops, still_sigma, density, extra_rows, lost_motion, gaps),
+            *(frame, mag, rest, noise, stops, still_sigma, density, extra_rows, lost_motion, gaps, still_gaps),
             no_gyro=no_gyro,
         )
 
@@ -134,7 +136,7 @@ def smooth(
         if stops is None:
             stops = find_candidates(frame.t, frame.dt, energy, rest, gaps)
         still_sigma = zero_velocity_sigma(energy, len(frame.t), frame.dt, noise)
-        density = row_noise(frame, rest, noise, gaps, no_gyro)
+        density = row_noise(frame, rest, noise, (*gaps, *still_gaps), no_gyro)
         if not stops:
             return None
         problem = build(stops)
@@ -170,7 +172,7 @@ def smooth(
     cut = np.zeros(len(candidates), dtype=np.bool_)
     for _ in range(MAX_RECUTS):
         cut = cut | doubted_stops(problem, found.still_weight, candidates)
-        stops = revised_stops(problem, path.v, found.solved, candidates, cut, still_sigma, gaps)
+        stops = revised_stops(problem, path.v, found.solved, candidates, cut, still_sigma, (*gaps, *still_gaps))
         if not stops:
             break
         if settled(problem.frame.t, problem.stops, stops):
