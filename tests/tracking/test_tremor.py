@@ -13,7 +13,7 @@ from pbd.simulation.tasks import Task
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import noise_of
-from tests.scenarios import truth_at
+from tests.scenarios import truth_at, with_rows
 from tests.simulation.sway import with_sway
 from tests.tracking.test_online import began, fed
 from tests.tracking.trembling import STRONG, STRONGEST, USUAL, trembling, with_tremor
@@ -67,6 +67,16 @@ def test_tremor_is_not_taken_for_the_sensors_noise(sensor: str) -> None:
         more = getattr(find_rest(shakes), energy) / getattr(find_rest(demo.recording), energy)
         assert more > 8.0
         assert 0.5 < getattr(held, name) / getattr(own, name) < 0.5 * np.sqrt(more)
+
+
+def test_live_the_noise_stays_that_of_the_rest_when_the_hand_moves() -> None:
+    """It was measured anew in the second before each stop's end, and came out three times as large."""
+    recording = with_tremor(simulate("pour", "modern", 1), 1, STRONG).recording
+    first = noise_of(recording, find_rest(recording))
+    tracker, _ = fed(with_rows(recording, slice(800)))
+    assert tracker._hand is not None and len(tracker.stops) > 3
+    assert tracker._hand._noise.acc_density == pytest.approx(first.acc_density)
+    assert tracker._hand._noise.gyr_density == pytest.approx(first.gyr_density)
 
 
 @pytest.mark.parametrize("seed", range(3))

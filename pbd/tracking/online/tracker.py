@@ -28,8 +28,8 @@ __all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "St
 class LiveTracker:
     """Tracks a hand sample by sample, once the sensor has rested for a second.
 
-    Feed it rows as they come. Results don't depend on how many rows a call gets. Only the filter's state and the list
-    of stops are kept.
+    Feed it rows as they come. Results don't depend on how many rows a call gets. Only the filter's state, a second of
+    rest and the list of stops are kept.
 
         tracker = LiveTracker()
         for t, acc, gyr in port:
@@ -58,6 +58,7 @@ class LiveTracker:
         self._waiting = f"waiting for {REST_S:g} s of rest"
         self._hand: LiveHand | None = None
         self._steps = (np.inf, np.inf)  # as `steps_of` the samples seen so far
+        self._still: tuple[Recording, Rest] | None = None  # the second that sets thresholds and noise
 
     def feed(
         self,
@@ -143,7 +144,7 @@ class LiveTracker:
         except PbdError as error:
             self._waiting = _rest_advice(error)
             return []
-        noise = self._noise_of(recording, rest)
+        still, noise = (recording, rest), self._noise_of(recording, rest, recording)
         rest = replace(rest, start=samples[0].row, stop=samples[-1].row + 1)
         if hand is None:
             interval = float(np.median(np.diff(recording.t)))
@@ -152,19 +153,21 @@ class LiveTracker:
             if len(hand.stops) > 1 or not hand.still or (hand.set_out and loud):
                 self._waiting = f"hold still for {REST_S:g} s: the hand moves"
                 return []
-            self._repair.interval, self._hand = interval, hand
+            self._repair.interval, self._hand, self._still = interval, hand, still
             return [RestFound(t, rest), self._hand.current_stop(t)]
         if rest.restless < hand.rest.restless / QUIET_RATIO:
+            self._still = still
             hand.use_rest(rest, noise)
         return []
 
     def _learn_steps(self, hand: LiveHand) -> None:
         """A coarse sensor's readings may all be the same at rest. Once the hand has set out, they show their step."""
-        if len(self._recent) > 2:
-            hand.use_rest(hand.rest, self._noise_of(self._recording_of(list(self._recent)), hand.rest))
+        if self._still is not None and len(self._recent) > 2:
+            hand.use_rest(hand.rest, self._noise_of(*self._still, self._recording_of(list(self._recent))))
 
-    def _noise_of(self, recording: Recording, rest: Rest) -> Noise:
-        gyr, acc = (min(pair) for pair in zip(self._steps, steps_of(recording), strict=True))
+    def _noise_of(self, recording: Recording, rest: Rest, latest: Recording) -> Noise:
+        """Noise by a rest in a recording; the readings' steps are the smallest so far, the latest included."""
+        gyr, acc = (min(pair) for pair in zip(self._steps, steps_of(latest), strict=True))
         self._steps = gyr, acc
         return noise_of(recording, rest, steps=self._steps)
 
