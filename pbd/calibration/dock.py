@@ -29,7 +29,7 @@ def placing_covariance(sigma_mm: float, sigma_deg: float) -> Array:
 
 
 def lever_figure(calibration: Calibration) -> dict[str, float]:
-    """Return the figure of a `fit` that says with which lever, mm, a dock or nav was found."""
+    """Return the figure of a `fit` that notes the lever, mm, with which a dock or nav was found."""
     return {"lever_mm": round(1e3 * float(lengths(calibration.T_sensor_tool.p)), 1)}
 
 
@@ -84,9 +84,9 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
 
 
 def with_heading_of(path: HandPath, calibration: Calibration) -> Calibration:
-    """Return the calibration with the sigma of the heading that its [nav] has for this path.
+    """Return the calibration with the sigma that the heading of its [nav] has for this path.
 
-    If a magnetometer gave it, a field at the first rest that differs from the one when [nav] was registered turns it.
+    A magnetic heading is turned by a field at the first rest that differs from the one in which [nav] was registered.
 
     Raises:
         CalibrationError: nav of the calibration and nav of the path count their heading from different directions: one
@@ -109,14 +109,15 @@ def with_heading_of(path: HandPath, calibration: Calibration) -> Calibration:
             "another direction; name a calibration with a dock, or touch the points again with this sensor (pbd "
             "calibrate points)"
         )
-    if mag is None or "nav.field_level" not in fit:
+    level, up = (fit.get(f"nav.{figure}", 0.0) for figure in ("field_level", "field_up"))
+    if mag is None or level <= 0.0:
         return calibration
-    level, up = field_at_start(path, mag)
-    change = np.hypot(level - fit["nav.field_level"], up - fit["nav.field_up"])
-    # Of the change two parts of three are seen: the third, as large, turns the heading.
-    sigma = min(float(change / np.sqrt(2.0) / fit["nav.field_level"]), np.pi)
+    level_now, up_now = field_at_start(path, mag)
+    change = np.hypot(level_now - level, up_now - up)
+    # Two of the change's three components are seen. The third turns the heading, and is taken to be as large as each.
+    sigma = min(float(change / np.sqrt(2.0) / level), np.pi)
     if sigma > DISTURBED_HEADING:
-        share = 100.0 * change / np.hypot(fit["nav.field_level"], fit["nav.field_up"])
+        share = 100.0 * change / np.hypot(level, up)
         raise CalibrationError(
             f"at the first rest the magnetic field differs by {share:.0f} % from that in which the [nav] of "
             f"'{calibration.name}' was registered, so the whole motion may be turned by {in_degrees(sigma)}; keep "

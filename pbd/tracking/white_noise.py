@@ -12,12 +12,12 @@ from pbd.tracking.moving_windows import rows_of_mean, white_noise_variance
 FINEST_STEP = 1e-12
 """m/s2 or rad/s: a smaller difference between readings is floating-point rounding."""
 
-BETWEEN_HZ = np.arange(2.5, 4.6, 0.5)
-"""Hz: a hand sways below these frequencies and trembles above them (`tremor_hz`); what is between is sensor noise."""
+BAND_HZ = np.arange(2.5, 4.6, 0.5)
+"""Hz: a hand sways below this band and trembles above it (`tremor_hz`). What is in the band is the sensor's noise."""
 
-WHITE_FACTOR = 1.5
-"""The most that white noise may be, in units of what is found in a second between sway and tremor. One sigma of that is
-a quarter (five frequencies, of which neighbours are alike, on three axes)."""
+BAND_FACTOR = 1.5
+"""Largest white noise, as a multiple of that found in the band: two sigma more. In a second, one sigma of what is found
+is a quarter (five frequencies on three axes, and neighbouring frequencies are correlated)."""
 
 STEP_ROWS = 4096
 """Number of rows, spread over a recording, from which the step (resolution) of its readings is found."""
@@ -39,27 +39,28 @@ def white_noise(values: Array, energy: float, step: float, rate_hz: float) -> tu
     """White noise per sample and axis, and the rounding error that stays constant while the reading does.
 
     Args:
-        values: (n, 3), one sensor's at rest.
-        energy: variance of their moving means, summed over the axes.
-        step: of the readings.
+        values: (n, 3), one sensor's readings at rest.
+        energy: variance of their `moving_means`, summed over the axes.
+        step: smallest difference between readings.
     """
     rms = np.sqrt(energy / white_energy(1.0, rate_hz))
     white, held = _rounding(step, rms)
-    return max(white, min(rms, _most_beside_tremor(values, rate_hz))), held
+    return max(white, min(rms, _white_noise_bound(values, rate_hz))), held
 
 
-def _most_beside_tremor(values: Array, rate_hz: float) -> float:
+def _white_noise_bound(values: Array, rate_hz: float) -> float:
     """The most white noise, per sample and axis, in a rest (n, 3); infinity if it is too short or sampled too slowly.
 
-    White noise is in all frequencies, a hand's sway and tremor are not. A Hann window keeps them out of those between.
+    White noise is at all frequencies; a hand's sway and tremor are not. A Hann window keeps them from leaking into the
+    band.
     """
     n = len(values)
-    if rate_hz < 2.0 * BETWEEN_HZ[-1] or n < round(REST_S * rate_hz):
+    if rate_hz < 2.0 * BAND_HZ[-1] or n < round(REST_S * rate_hz):
         return np.inf
     window = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
-    waves = window * np.exp(-2.0j * np.pi * np.outer(BETWEEN_HZ, np.arange(n) / rate_hz))
+    waves = window * np.exp(-2.0j * np.pi * np.outer(BAND_HZ, np.arange(n) / rate_hz))
     power = np.abs(waves @ (values - values.mean(axis=0))) ** 2
-    return WHITE_FACTOR * float(np.sqrt(power.mean() / (window @ window)))
+    return BAND_FACTOR * float(np.sqrt(power.mean() / (window @ window)))
 
 
 def white_energy(rms: float, rate_hz: float) -> float:

@@ -41,11 +41,11 @@ below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after
 the move's. (Below 10^-2.6, stances are missed; above 10^-1.4, a fast hand that turns back seems to rest.)"""
 
 SWAY_GYR = 0.04
-"""Largest rms rate of a hand that sways in the air, rad/s: by 0.3 degrees about each axis, at 0.7 Hz. It also trembles,
-at 7 Hz by 0.01 g, and by 0.035 g at most (97 people; Wade et al., Arch Neurol 39:358, 1982)."""
+"""Largest rms rate of a hand that sways in the air, rad/s: by 0.3 degrees rms about each axis, at 0.7 Hz."""
 
-AFTER_REST = 5
-"""How many times as long a hand that leaves a rest must be held to be one that trembles: a slow move ends sooner."""
+AFTER_REST_FACTOR = 5
+"""How many times as long a hand must be held to be one that trembles, if it comes from a rest (a second instead of two
+windows): the beginning of a slow move looks the same, but is shorter."""
 
 SHORTEST_MOVE_S = 0.1
 """s: a shorter motion between two stops is a jolt and joins them."""
@@ -65,7 +65,7 @@ class Energies(NamedTuple):
     slow_gyr: Array
 
     def latest(self, beside: int) -> Energies:
-        """Those of the last window with `beside` rows after it; of slow motion, those of the middle one."""
+        """Energies (scalars) of the last window with `beside` rows after it; of slow motion, of the middle window."""
         middle = len(self.acc) // 2
         last = max(len(self.acc) - 1 - beside, middle)
         return Energies(self.acc[last], self.gyr[last], self.slow_acc[middle], self.slow_gyr[middle])
@@ -109,7 +109,7 @@ def find_candidates(t: Array, dt: float, energy: Energies, rest: Rest, gaps: Seq
     least, restful = 2 * n, np.zeros_like(quiet)
     for start, stop in runs(quiet):
         restful[start:stop] = stop - start >= least
-    for spans, shortest in ((runs(held), least), (runs(held & ~restful), AFTER_REST * least)):
+    for spans, shortest in ((runs(held), least), (runs(held & ~restful), AFTER_REST_FACTOR * least)):
         for start, stop in spans:
             if _trembles(int(np.count_nonzero(quiet[start:stop])), stop - start, shortest):
                 quiet[start:stop] = True
@@ -131,7 +131,10 @@ def _quiet(energy: Energies, limits: tuple[float, float]) -> Any:
 
 
 def _held(energy: Energies) -> Any:
-    """Whether windows are those of a hand in the air that sways, and trembles by less than a hand that moves."""
+    """Whether windows are those of a hand in the air: it sways, and trembles by less than a hand moves.
+
+    A hand trembles at 7 Hz by 0.01 g, and by 0.035 g at most (97 people; Wade et al., Arch Neurol 39:358, 1982).
+    """
     sways = (energy.slow_acc < QUIET_ACC**2) & (energy.slow_gyr < SWAY_GYR**2)
     return sways & (energy.acc < STILL_ACC**2) & (energy.gyr < STILL_GYR**2)
 
@@ -153,19 +156,21 @@ class QuietWindows:
 
     def __init__(self, rest: Rest, least: int) -> None:
         self._limits, self._least = quiet_limits(rest), least
-        self._in_row = 0  # quiet windows, one after the other
-        self._held = self._since_rest = (0, 0)  # quiet ones and all, since the hand is held, and since it rested
+        self._in_a_row = 0  # quiet windows
+        # Quiet windows and all windows, since the hand is held; and since then or its last rest.
+        self._held = self._since_rest = (0, 0)
 
     def take(self, energy: Energies) -> bool:
-        """Take the energies (1,) of the next window."""
+        """Take the energies (scalars) of the next window; return whether it is quiet."""
         quiet, held = bool(_quiet(energy, self._limits)), bool(_held(energy))
-        self._in_row = quiet * (self._in_row + 1)
+        self._in_a_row = quiet * (self._in_a_row + 1)
         self._held, self._since_rest = (
             (held * (of[0] + quiet), held * (of[1] + 1)) for of in (self._held, self._since_rest)
         )
-        if self._in_row >= self._least:
+        if self._in_a_row >= self._least:
             self._since_rest = (0, 0)
-        return quiet or _trembles(*self._held, self._least) or _trembles(*self._since_rest, AFTER_REST * self._least)
+        after_rest = AFTER_REST_FACTOR * self._least
+        return quiet or _trembles(*self._held, self._least) or _trembles(*self._since_rest, after_rest)
 
 
 def _move_energy(energy: Array, n: int, dt: float) -> Array:

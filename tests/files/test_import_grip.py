@@ -69,7 +69,7 @@ def test_a_gripper_of_fractions_is_told(tmp_path: Path) -> None:
 
 
 def test_a_gripper_in_another_unit_is_no_grip_that_never_closes(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"'gripper' goes from 0 to 0\.08, never past 0\.5; scale it"):
+    with pytest.raises(RecordingError, match=r"'gripper' goes from 0 to 0\.08, and does not cross 0\.5; scale it"):
         import_file(table(tmp_path, "gripper", "0.08", "0"), {"grip": "gripper"})
 
 

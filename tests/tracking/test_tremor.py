@@ -74,7 +74,8 @@ def test_live_the_noise_stays_that_of_the_rest_when_the_hand_moves() -> None:
     recording = with_tremor(simulate("pour", "modern", 1), 1, STRONG).recording
     first = noise_of(recording, find_rest(recording))
     tracker, _ = fed(with_rows(recording, slice(800)))
-    assert tracker._hand is not None and len(tracker.stops) > 3
+    assert tracker._hand is not None
+    assert len(tracker.stops) > 3
     assert tracker._hand._noise.acc_density == pytest.approx(first.acc_density)
     assert tracker._hand._noise.gyr_density == pytest.approx(first.gyr_density)
 

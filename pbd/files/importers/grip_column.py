@@ -78,7 +78,7 @@ def read_grip(sheet: Sheet, columns: Mapping[str, str], t: Array) -> tuple[str, 
     if not levels <= {0.0, 1.0}:
         column = f"the column '{printable(name)}'"
         if not min(levels) <= HALF_CLOSED < max(levels):
-            what = f"{column} goes from {min(levels):g} to {max(levels):g}, never past {HALF_CLOSED:g}"
+            what = f"{column} goes from {min(levels):g} to {max(levels):g}, and does not cross {HALF_CLOSED:g}"
             raise RecordingError.at(sheet.path, f"{what}; scale it, so that it goes from 0 to 1")
         warn(f"{column} has fractions: the grip is {'open' if reverse else 'closed'} above {HALF_CLOSED:g}")
     return name, tuple(events)

@@ -22,13 +22,7 @@ from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
 from pbd.tracking.smoother.preintegration import GYR_BIAS, integral_of_means
-from pbd.tracking.zero_velocity import (
-    ENERGY_WINDOW_S,
-    SHORTEST_MOVE_S,
-    QuietWindows,
-    energies,
-    sigma_by_energies,
-)
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, QuietWindows, energies, sigma_by_energies
 
 CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_NO_GYRO_S = 0.2, 2.0, 0.6
 """s: time at rest before a stop is announced, if it is clear; doubtful (longer than half of a hand's slowest move);
@@ -96,7 +90,7 @@ class LiveHand:
         self._trial: StopTrial | None = None
         self._trial_filter: ErrorStateFilter | None = None
         self._peak = 0.0  # m/s2, largest acceleration of a block since the hand stood still
-        self._away = np.zeros(2)  # m and rad, how far it has been from its last stop since it left
+        self._away = np.zeros(2)  # m and rad, largest distance from the last stop since the hand left it
         self._t_knot, self._t_compass = samples[0].t, samples[0].t
         fields = [sample.mag for sample in samples if sample.mag is not None]
         self._field: list[Array] | None = [] if fields else None

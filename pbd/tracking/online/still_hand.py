@@ -19,8 +19,8 @@ def deviation_from_line(t: Array, values: Array) -> Array:
 def sway_of(t: Array, angle: Array) -> float:
     """How a swaying hand turns, as a random walk of its angle, rad/sqrt(s).
 
-    In the smoother, twice the largest excursion from a steady turn is the sigma of zero turn between two knots
-    (`knots`). A slow sway looks like a steady turn there, as the gyro's bias does, but less so the longer it is seen.
+    It is twice the largest excursion from a steady turn, as in the smoother (`knots`). A steady turn is left out,
+    because the gyro's bias looks the same. A slow sway looks like a steady turn unless it is seen for long.
 
     Args:
         angle: (n, 3) rad at t (n,) s, the integral of the gyro's rate.

@@ -134,7 +134,7 @@ def steady_clock(recording: Recording) -> Array:
         if fault and not _is_uneven(stamps, interval, reach):
             coarse = reach == LATE_SAMPLES
             even, _ = straighten(stamps, LATE_SAMPLES * interval if coarse else LONGEST_BURST_S, complete)
-            # The mean of coarse stamps is the truest. Batches are of unequal sizes, which would bias it.
+            # Rounding errors of coarse stamps average out. Batches of unequal sizes would bias a fit.
             slope, begin = np.polyfit(even, stamps, 1) if coarse else (1.0, np.median(stamps - even))
             even = begin + slope * even
             t = even[np.cumsum(new) - 1]
@@ -178,7 +178,7 @@ def row_changes(*sensors: Array | None) -> NDArray[np.bool_]:
 
 def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, int, bool]:
     """The sampling interval, s, of stamps that may be coarse; over how many samples; whether no sample is lost."""
-    mean, reach = float(t[-1] - t[0]) / (len(t) - 1), min(LATE_SAMPLES, len(t) // 4)
+    mean, reach = float(t[-1] - t[0]) / (len(t) - 1), LATE_SAMPLES
     complete = nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL_TOLERANCE
     steps = np.diff(t)
     # The samples of a batch may be stamped one after the other. The longest steps, if they are rare, are gaps.

@@ -68,7 +68,7 @@ def revised_stops(
         sigma = np.sqrt(np.trace(solved.covariance_of_knots(VEL), axis1=1, axis2=2))
         fast = np.maximum(fast, UNDOUBTED_SIGMAS * np.interp(t, problem.t, sigma))
     steps = np.diff(t, prepend=t[0])
-    for first, after in gaps:  # the row beside one may seem to move, because what is in it is unknown
+    for first, after in gaps:  # only seen time counts: a row beside a gap may seem to move, but divides no stop
         steps[first + 1 : after + 1] = 0.0
     seen = np.cumsum(steps)
     blurred = np.trace(problem.legs.parts[:, :, 3:6, 3:6].sum(axis=0), axis1=1, axis2=2) / 3.0
