@@ -109,9 +109,9 @@ def with_heading_of(path: HandPath, calibration: Calibration) -> Calibration:
             "another direction; name a calibration with a dock, or touch the points again with this sensor (pbd "
             "calibrate points)"
         )
-    level, up = (fit.get(f"nav.{figure}", 0.0) for figure in ("field_level", "field_up"))
-    if mag is None or level <= 0.0:
-        return calibration
+    level, up = (fit.get(f"nav.{figure}", np.nan) for figure in ("field_level", "field_up"))
+    if mag is None or not level > 0.0 or np.isnan(up):
+        return calibration  # found before these figures were noted, or they were edited
     level_now, up_now = field_at_start(path, mag)
     change = np.hypot(level_now - level, up_now - up)
     # Two of the change's three components are seen. The third turns the heading, and is taken to be as large as each.

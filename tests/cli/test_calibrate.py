@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -372,6 +373,11 @@ def test_a_magnetic_nav_is_not_for_another_field(capsys: Capture, touched: Touch
             assert "the magnetic field differs by" in line
             assert "from that in which the [nav] of 'bench' was registered, so the whole motion may be turned" in line
     assert np.hypot(sigma["same"], 0.5) < sigma["weak"] < np.hypot(sigma["same"], 2.0)  # 0.5 uT of 19.5 are 1.5 degrees
+    bench = Path("calibration/bench.toml")
+    edited, count = re.subn(r", field_up = [-0-9.]+", "", bench.read_text())
+    bench.write_text(edited)
+    assert count == 1
+    assert run(capsys, "keyframes", "magnet", "--calibration", "bench")[0] == 0  # without both figures none is compared
 
 
 def test_how_precisely_the_sensor_is_put_down_again_is_in_the_sigma(capsys: Capture, touched: Touching) -> None:

@@ -175,12 +175,12 @@ def find_axis_error(
     if found is None and not np.ptp(by_gyro, axis=0).any():
         dead = f"it reads the same all the time, so it is dead; check the columns {source.names('gyr')}"
         return Contradiction("a", off_deg, off_deg, pair, dead)
-    # A rate that a person gave is as likely wrong as axes or units are: what fits best is told, or both.
+    # A rate that a person gave is as likely wrong as axes or units are. Name what fits best, or both if they fit alike.
     if 0 in counted and (source.at_a_rate or (found is None and off_deg > SCALE_DEG)):
         scale = _find_scale(fit_of, off_deg, pair, source)
-        told = sorted(filter(None, (scale, found)), key=lambda each: each.fit_deg)
-        message = "; or ".join(each.message for each in told if each.fit_deg <= told[0].fit_deg + AS_GOOD_DEG)
-        return told[0]._replace(message=message) if told else None
+        likely = sorted(filter(None, (scale, found)), key=lambda each: each.fit_deg)
+        message = "; or ".join(each.message for each in likely if each.fit_deg <= likely[0].fit_deg + AS_GOOD_DEG)
+        return likely[0]._replace(message=message) if likely else None
     return found
 
 
