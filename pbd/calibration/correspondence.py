@@ -92,7 +92,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
                 alike.append(check)
     if len(exchanged) == 2:
         rows = " and ".join(f"{k + 1}" for k in exchanged)
-        warn(f"rows {rows} of the points fit only if they were touched in each other's place, and are taken so")
+        warn(f"rows {rows} of the points fit only if they were touched in each other's place, so they are exchanged")
         return stops
     if cost > bound:
         raise CalibrationError(

@@ -101,13 +101,11 @@ def with_heading_of(path: HandPath, calibration: Calibration) -> Calibration:
         return calibration  # unknown; the paper's method takes the device's own heading
     mag, fit = tracking.recording.mag, calibration.residuals
     if registered != (mag is not None):
-        has, lacks = "was registered with a magnetometer", "has none, or none that can be used"
-        if mag is not None:
-            has, lacks = "was registered without a magnetometer", "has one"
+        before, now = ("with", "has none, or none that can be used") if mag is None else ("without", "has one")
         raise CalibrationError(
-            f"the [nav] of '{calibration.name}' {has}, and this demonstration {lacks}, so its heading counts from "
-            "another direction; name a calibration with a dock, or touch the points again with this sensor (pbd "
-            "calibrate points)"
+            f"the [nav] of '{calibration.name}' was registered {before} a magnetometer, and this demonstration {now}, "
+            "so its heading counts from another direction; name a calibration with a dock, or touch the points again "
+            "with this sensor (pbd calibrate points)"
         )
     level, up = (fit.get(f"nav.{figure}", np.nan) for figure in ("field_level", "field_up"))
     if mag is None or not level > 0.0 or np.isnan(up):

@@ -8,6 +8,7 @@ import numpy as np
 
 from pbd.calibration.rests import Rests, rms
 from pbd.data import LinearErrors
+from pbd.data.calibration import LEAST_DETERMINANT
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
@@ -30,10 +31,6 @@ PRIOR_TURN = 0.05
 TURN_IT = "turn the sensor slowly in all directions, each side up and down once, or leave it out with --only acc"
 
 KEEP_AWAY = "move away from iron and motors, check the axes and signs of mx, my, mz, and calibrate again"
-
-LEAST_VOLUME = 0.1
-"""Smallest determinant of a matrix that is a calibration's (pbd/files/calibration.py refuses others): below 0 it is a
-mirror; near 0 it takes all fields for one. Rests whose fields differ much, as beside a magnet, lead there."""
 
 ROBUST_SIGMAS = 3.0
 """A misfit of more sigmas counts linearly (soft L1), because iron disturbs the field in places."""
@@ -154,7 +151,7 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
 
     result = least_squares(residuals, np.zeros(13), loss="soft_l1", f_scale=ROBUST_SIGMAS, x_scale="jac")
     bias, matrix, vertical = unpack(result.x)
-    if np.linalg.det(matrix) < LEAST_VOLUME:
+    if np.linalg.det(matrix) < LEAST_DETERMINANT:  # as beside a magnet
         raise CalibrationError(f"the field differs too much from rest to rest; {KEEP_AWAY}")
     sigma = np.linalg.norm(np.linalg.pinv(np.asarray(result.jac)), axis=1)[:3]
     dip = float(np.arcsin(np.clip(vertical / field, -1.0, 1.0)))

@@ -20,6 +20,9 @@ TOOL_DOWN = Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
 DOCK_SIGMA_M, DOCK_SIGMA_RAD = 0.003, np.radians(1.0)
 """Assumed one sigma of a dock whose covariance is not given: position along each axis (m), heading (rad)."""
 
+LEAST_DETERMINANT = 0.1
+"""Smallest determinant of a sensor's matrix: a negative one mirrors, one near 0 makes all readings alike."""
+
 
 @dataclass(frozen=True, eq=False)
 class LinearErrors:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import GRAVITY, TOOL_DOWN, Calibration, LinearErrors, Obstacle, SensorErrors
+from pbd.data.calibration import LEAST_DETERMINANT
 from pbd.data.world import REACH_M
 from pbd.errors import CalibrationError
 from pbd.files.find_by_name import find
@@ -114,7 +115,7 @@ def _sensor(section: Section) -> SensorErrors:
 
 def _linear(section: Section) -> LinearErrors:
     matrix = np.reshape(section.numbers("matrix", 9, (1, 0, 0, 0, 1, 0, 0, 0, 1)), (3, 3))
-    if np.linalg.det(matrix) < 0.1:  # below 0: a mirror
+    if np.linalg.det(matrix) < LEAST_DETERMINANT:
         section.fail("matrix", "must be near the unit matrix")
     sigma = section.numbers("bias_sigma", 3, (np.nan, np.nan, np.nan))
     matrix_sigma = section.number("matrix_sigma", np.nan, positive=True)

@@ -48,7 +48,7 @@ def choose_joints(task: Task) -> Motion | PlanRefusal:
     warn_of_shapes(task.arm)
     warn_of_frames(task.arm)
     warn_of_table(task.scene)
-    chosen = None if task.is_barred else _choose(task, task.scene)
+    chosen = None if task.no_free_motion else _choose(task, task.scene)
     if chosen is None or (isinstance(chosen, PlanRefusal) and options.allow_collision):
         return _choose(task, None)
     return chosen

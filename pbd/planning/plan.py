@@ -133,12 +133,10 @@ def plan_keyframes(
     found = plan_task(task)
     if isinstance(found, Plan):
         return found
-    allowed = task.options.allow_collision
-    others = [
-        what
-        for what, other in found.alternatives
-        if _works(replace(task, options=other, is_barred=other.allow_collision and not allowed))
-    ]
+    others = []
+    for what, other in found.alternatives:
+        searched = other.allow_collision and not task.options.allow_collision
+        others += [what] if _works(replace(task, options=other, no_free_motion=searched)) else []
     others += _suggest_place(task, found.error)
     others += undo_advice(task, found.error, _works)
     raise type(found.error)(", or ".join((found.error.message, *others)), **found.error.fields)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class Task:
     """The arguments of `plan_keyframes`, and what follows from them, each computed when it is first needed.
 
-    `is_barred`: no motion keeps clear of everything, so that with `allow_collision` none is searched for again.
+    `no_free_motion`: it is known that there is none, so with `allow_collision` it is not searched for again.
     """
 
     keyframes: tuple[Keyframe, ...]
@@ -37,7 +37,7 @@ class Task:
     hand_path: HandPath | None
     grasped: GraspedObject | None
     options: PlanOptions
-    is_barred: bool = False
+    no_free_motion: bool = False
 
     @property
     def arm(self) -> ArmModel:

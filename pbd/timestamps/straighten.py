@@ -34,11 +34,19 @@ BLOCK_SAMPLES = 64
 FIRST_SPAN_SAMPLES = 128
 """Largest distance, in samples, of the pairs that give the first estimate of the interval: few of them span a loss."""
 
-LEAST_DRIFT_S, DRIFT_JITTERS, DRIFT_BLOCKS, DRIFT_RATIO, DRIFT_ROUNDS = 0.02, 4.0, 6, 0.5, 6
-"""The rate changes if the least delays of blocks of LONGEST_BURST_S range over this, s, more than a beat with a USB
-adapter's frames of 16 ms, and this many times the usual delay; in this number of blocks; and if their mean square
-successive difference is below this share of their variance (2 at random; J. von Neumann, 1941). Rounds of counting
-losses anew with it: five suffice at 10 %."""
+LEAST_DRIFT_S, DRIFT_JITTERS = 0.02, 4.0
+"""The rate changes only if the least delays of blocks of LONGEST_BURST_S range over this, s, and over this many times
+the usual delay. A beat with a USB adapter's frames of 16 ms is smaller."""
+
+DRIFT_BLOCKS = 6
+"""Fewest blocks that show a change of the rate."""
+
+DRIFT_RATIO = 0.5
+"""Largest mean square successive difference of the blocks' least delays, as a share of their variance, where the rate
+changes: it is 2 where they are random (J. von Neumann, 1941)."""
+
+DRIFT_ROUNDS = 6
+"""Largest number of times that losses are counted anew with the changed rate: five suffice at 10 %."""
 
 
 def straighten(arrival: Array, burst_s: float = LONGEST_BURST_S, complete: bool = False) -> tuple[Array, int]:
@@ -76,11 +84,11 @@ def straighten(arrival: Array, burst_s: float = LONGEST_BURST_S, complete: bool 
 def _drift(delay: Array, block: int) -> Array:
     """Return how the least delayed of the delays (n,) s rise and fall, (n,) s; zeros if they don't do so slowly."""
     starts = range(0, len(delay), 2 * block)
+    if len(starts) < DRIFT_BLOCKS:
+        return np.zeros(len(delay))
     rows = np.array([at + int(np.argmin(delay[at : at + block])) for at in starts])
     least = delay[rows]
     usual = np.median(np.array([np.median(delay[at : at + block]) for at in starts]) - least)
-    if len(rows) < DRIFT_BLOCKS:
-        return np.zeros(len(delay))
     steps, bend = np.diff(least), least - np.polyval(np.polyfit(rows, least, 1), rows)
     far = np.ptp(bend) >= max(LEAST_DRIFT_S, DRIFT_JITTERS * usual)
     if not far or (steps**2).mean() > DRIFT_RATIO * least.var():

@@ -81,6 +81,7 @@ class LiveHand:
         self._strapdown = Strapdown(samples[0], interval, noise, bias, self._no_gyro)
         self._interval, self._n = interval, max(2, round(ENERGY_WINDOW_S / interval))
         self._beside = PASSES * (rows_of_mean(1.0 / interval) - 1) // 2  # rows beside a window, for the moving means
+        # The means of slow motion need a window on each side of one.
         self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=3 * self._n)
         self._past_stops: list[LiveStop] = []
         self._shaking: Array = np.zeros(3)
