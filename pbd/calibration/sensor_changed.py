@@ -17,7 +17,7 @@ UNCALIBRATED_ACC = 0.03
 FIELD_DRIFT, DIP_DRIFT = 0.10, np.radians(6.0)
 """Largest variation of the magnetic field within a room: of its strength (a share) and its dip (rad)."""
 
-NO_IRON = "; if no magnet or iron is near"
+NO_IRON = "; keep magnets and iron away; if that does not help"
 
 
 def disagreements(

@@ -71,7 +71,7 @@ def _write_hand(args: argparse.Namespace, format_name: str) -> None:
     """Write the hand's path, as tracked: it is the same for every robot."""
     if format_name != "tum-hand":
         known = f"one of {listed(names('robots'))}, or a file"
-        raise UsageError(f"name the robot: --robot ({known}); the hand's path, --format tum-hand, alone needs none")
+        raise UsageError(f"name the robot: --robot ({known}); only the hand's path (--format tum-hand) needs none")
     check_format(format_name, args.rate, args.dense)
     if args.output != STDOUT:
         refuse_output(args.output, (*args.demos, args.calibration))
