@@ -13,13 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from pbd.cli.common import (
-    load_demonstration,
-    named_calibration,
-    plan_demonstration,
-    track_demonstration,
-    without_aside,
-)
+from pbd.cli.common import load_demonstration, named_calibration, plan_demonstration, track_demonstration, without_aside
 from pbd.cli.console import print_json, say, working
 from pbd.cli.plan_report import moves_json, plan_json, remarks
 from pbd.errors import PbdError, PlanError, UsageError, errors_about, listed

@@ -33,12 +33,9 @@ def _add_name(parser: ArgumentParser, demo: str = "") -> None:
 
 
 def _add_placing(parser: ArgumentParser) -> None:
-    place, turn = (
-        "one sigma of where you put the sensor down, each axis, mm (3)",
-        "and of how it is turned, degrees (1)",
-    )
+    place = "one sigma of where you put the sensor down, each axis, mm (3)"
     option(parser, "--sigma-mm", "MM", place, type=sigma_mm, default=3.0)
-    option(parser, "--sigma-deg", "DEG", turn, type=within(1e-6, 180.0), default=1.0)
+    option(parser, "--sigma-deg", "DEG", "and of how it is turned, degrees (1)", type=within(1e-6, 180.0), default=1.0)
 
 
 def dock(parser: ArgumentParser) -> None:
