@@ -49,6 +49,7 @@ def track_alone(
         found = estimate(recording, rest, noise, lost, unseen)
         still = [(gap.before, gap.after) for gap in gaps if accept_gap and is_in_rest(recording, gap, found.stops)]
         if still:  # before, the motion in them was unknown
+            del found  # of a long recording it is large
             found = estimate(recording, rest, noise, lost, [gap for gap in unseen if gap not in still], still)
     refuse_gaps(gaps, recording, found.stops, accept=accept_gap)
     refuse_freezes(recording, found.path.v)
