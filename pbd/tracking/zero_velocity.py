@@ -41,7 +41,8 @@ below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after
 the move's. (Below 10^-2.6, stances are missed; above 10^-1.4, a fast hand that turns back seems to rest.)"""
 
 SWAY_GYR = 0.04
-"""Largest rms rate of a hand that sways in the air, rad/s: by 0.3 degrees rms about each axis, at 0.7 Hz."""
+"""Largest rms rate of a hand that sways in the air, rad/s: by 0.3 degrees rms about each axis, at 0.7 Hz. (With 0.05 a
+sensor that is being put down seems to rest, in one of the benchmark's recordings.)"""
 
 AFTER_REST_FACTOR = 5
 """How many times as long a hand must be held to be one that trembles, if it comes from a rest (a second instead of two

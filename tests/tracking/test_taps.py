@@ -124,6 +124,14 @@ def test_a_hand_that_turns_by_more_than_three_degrees_between_does_not_tap(degre
     assert len(grip_by_taps(replace(recording, acc=acc))) == found
 
 
+@pytest.mark.parametrize(("away_m", "move_s"), [(0.01, 0.1), (0.02, 0.06)])
+def test_a_knock_after_which_the_hand_is_where_it_was_divides_no_stop(away_m: float, move_s: float) -> None:
+    there, onward = Waypoint((0.2, 0.0, 0.1), move_s=1.0, rest_s=1.0), Waypoint((0.4, 0.0, 0.1), move_s=1.0, rest_s=1.0)
+    out, back = Waypoint((0.2 + away_m, 0.0, 0.1), move_s=move_s), replace(there, move_s=move_s)
+    task = Task("knock", (Waypoint(rest_s=2.0), there, out, back, onward))
+    assert len(track(simulate(task, "modern", 0)).stops) == 3
+
+
 @pytest.mark.parametrize(("away_s", "stops"), [(0.7, 2), (0.9, 3)])
 def test_a_hand_that_comes_back_at_once_only_gripped(away_s: float, stops: int) -> None:
     """A grip is marked in the gap; 0.8 s still count as a grip, more is a move out and back."""
