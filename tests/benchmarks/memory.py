@@ -156,7 +156,7 @@ def made(kind: str) -> tuple[Recording, Array, tuple[Stop, ...]]:
     return demo.recording, demo.truth.p_nav_sensor, track(demo.recording, accept_gap=True).stops
 
 
-def simulated(kind: str) -> Demonstration:
+def simulated(kind: str, rate_hz: float = RATE_HZ) -> Demonstration:
     """One demonstration of a kind."""
     from dataclasses import replace
 
@@ -170,22 +170,22 @@ def simulated(kind: str) -> Demonstration:
     dock, pouring = task.waypoints[0], task.waypoints[1:]
     if kind == "rests":
         return simulate(
-            replace(task, waypoints=(replace(dock, rest_s=TIMES * task.duration_s),)), model, rate_hz=RATE_HZ
+            replace(task, waypoints=(replace(dock, rest_s=TIMES * task.duration_s),)), model, rate_hz=rate_hz
         )
-    demo = simulate(replace(task, waypoints=(dock, *(TIMES * pouring))), model, rate_hz=RATE_HZ)
+    demo = simulate(replace(task, waypoints=(dock, *(TIMES * pouring))), model, rate_hz=rate_hz)
     if kind == "moves":
         return demo
     once_s = task.duration_s - dock.rest_s
-    sets_out = [round((dock.rest_s + k * once_s) * RATE_HZ) for k in range(TIMES)]
+    sets_out = [round((dock.rest_s + k * once_s) * rate_hz) for k in range(TIMES)]
     assert demo.recording.gyr is not None
     acc, gyr = demo.recording.acc.copy(), demo.recording.gyr.copy()
     for values, hole in ((gyr, HOLE), (acc, HOLE_IN_REST)):
         for row in sets_out:
-            values[row + round(hole[0] * RATE_HZ) : row + round(hole[1] * RATE_HZ)] = float("nan")
+            values[row + round(hole[0] * rate_hz) : row + round(hole[1] * rate_hz)] = float("nan")
     return replace(demo, recording=replace(demo.recording, acc=acc, gyr=gyr))
 
 
-def repeated(recording: Recording, samples: int) -> Recording:
+def repeated(recording: Recording, samples: int, rate_hz: float = RATE_HZ) -> Recording:
     """Again and again, each time with other rounding: a block that comes twice to the bit is refused."""
     import numpy as np
 
@@ -196,7 +196,7 @@ def repeated(recording: Recording, samples: int) -> Recording:
     def again(values: Array | None) -> Array | None:
         return None if values is None else np.resize(values, (samples, 3)) + rng.uniform(0.0, ROUNDING, (samples, 1))
 
-    t = np.arange(samples, dtype=np.float64) / RATE_HZ
+    t = np.arange(samples, dtype=np.float64) / rate_hz
     acc = again(recording.acc)
     assert acc is not None
     return Recording(t, acc, again(recording.gyr), again(recording.mag))
