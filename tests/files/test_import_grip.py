@@ -38,6 +38,7 @@ def table(folder: Path, name: str, closed: str, opened: str) -> Path:
         ("Gripper", "closed", "open", ""),
         ("button", "1.0", "0.0", "button"),
         ("gripper", "0", "1", "-gripper"),
+        ("-gripper", "1", "0", "-gripper"),
         ("gripper", "0.9", "0.1", "gripper"),
         ("gripper", "0.25", "1", "-gripper"),
     ],

@@ -137,8 +137,8 @@ def test_a_unit_after_a_slash_is_known(tmp_path: Path) -> None:
 
 def test_of_several_devices_the_first_with_both_sensors_is_read(tmp_path: Path) -> None:
     header, *rows = table("t,acc_x_2,acc_y_2,acc_z_2,gyr_x_2,gyr_y_2,gyr_z_2").strip().split("\n")
-    first = "acc_x_1,acc_y_1,acc_z_1"
-    assert_read(read(tmp_path, "\n".join([f"{first},{header}", *(f"7,8,9,{row}" for row in rows)])))
+    others = ",".join(f"acc_{axis}_{k}" for k in range(10, 29) for axis in "xyz")
+    assert_read(read(tmp_path, "\n".join([f"{others},{header}", *(f"{19 * '7,8,9,'}{row}" for row in rows)])))
 
 
 def test_a_range_in_a_name_is_no_unit(tmp_path: Path) -> None:
@@ -347,10 +347,10 @@ def test_a_temperature_is_no_time(name: str) -> None:
 
 
 def test_rows_of_many_samples_are_refused(tmp_path: Path) -> None:
-    names = [f"{axis}{k}" for k in range(25) for axis in AXES]
+    names = [f"{axis}{k}" for k in range(21) for axis in AXES]
     for header, say in (
-        (f"{','.join(names)},label\n", r"has 25 accelerometers or samples \(ax0, ax1, ax2, ...\); write one sample"),
-        ("", "if its 151 columns are several samples, write each in its own row"),
+        (f"{','.join(names)},label\n", r"has 21 accelerometers or samples \(ax0, ax1, ax2, ...\); write one sample"),
+        ("", "if its 127 columns are several samples, write each in its own row"),
     ):
         (tmp_path / "run.csv").write_text(header + 2 * f"{','.join('1' for _ in names)},0\n")
         with pytest.raises(RecordingError, match=say):
