@@ -69,16 +69,16 @@ def record(
             try:
                 ended_by = _run(session, reader, poll, show, every_s)
                 session.begin()
-                if session.demo is not None and not session.discarded:
-                    show(replace(session.status(), ended=True))
             except PbdError:
                 raise
             except BaseException:  # even a bug must not lose samples
                 with suppress(PbdError):
                     session.begin()
                 raise
-            if session.demo is None and not session.discarded:
-                raise SensorError("ended before the first sample came: nothing is recorded; record again")
+            if not session.discarded:
+                if session.demo is None:
+                    raise SensorError("ended before the first sample came: nothing is recorded; record again")
+                show(replace(session.status(), ended=True))
     except PbdError as error:
         note = session.backup_message()
         if not note:
