@@ -142,10 +142,7 @@ def is_in_rest(recording: Recording, gap: Gap, stops: tuple[Stop, ...]) -> bool:
 
     Interpolated data are smooth, so the stop might have been found in them alone.
     """
-    k = bisect_right([stop.start for stop in stops], gap.before) - 1
-    if k < 0:
-        return False
-    stop = stops[k]
+    stop = stops[bisect_right([stop.start for stop in stops], gap.before) - 1]  # of a gap before all stops, the last
     rows = max(2, round(ENERGY_WINDOW_S * recording.rate_hz))
     before, after = slice(gap.before + 1 - rows, gap.before + 1), slice(gap.after, gap.after + rows)
     if _at_an_end(gap, recording):

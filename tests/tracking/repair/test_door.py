@@ -131,6 +131,7 @@ def test_a_hand_rests_beside_a_hole_where_a_tenth_of_a_second_on_either_hand_say
     assert not refused(enough)
     assert refused(replace(enough, start=31))
     assert refused(replace(enough, stop=54))
+    assert refused(Stop(60, 90, 0.3))
     assert [row for row in range(100) if refused(enough, row)] == [*range(30, 40), *range(45, 55)]
 
 
