@@ -162,8 +162,8 @@ class LiveTracker:
 
     def _learn_steps(self, hand: LiveHand) -> None:
         """A coarse sensor's readings may all be the same at rest. Once the hand has set out, they show their step."""
-        if self._still is not None and len(self._recent) > 2:
-            hand.use_rest(hand.rest, self._noise_of(*self._still, self._recording_of(list(self._recent))))
+        assert self._still is not None
+        hand.use_rest(hand.rest, self._noise_of(*self._still, self._recording_of(list(self._recent))))
 
     def _noise_of(self, recording: Recording, rest: Rest, latest: Recording) -> Noise:
         """Noise by a rest in a recording; the readings' steps are the smallest so far, the latest included."""
