@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pbd.calibration.field_uniformity import field_spread, heading_changes
+from pbd.calibration.field_uniformity import field_at_start, field_spread, heading_changes
 from pbd.pose import Array, quat_about_z, quat_exp, quat_inverse, quat_multiply, quat_rotate
+from tests.tracking.stops_at import hand_path
 
 FIELD = np.array([0.0, 19.5, -44.0])
 
@@ -37,6 +38,12 @@ def test_the_spread_is_the_rms_of_the_differences_between_places() -> None:
     spread = field_spread(read(stronger, wxyz), wxyz)
     assert (spread.heading, spread.strength) == pytest.approx((0.0, 0.2), abs=1e-9)
     assert spread.disturbed
+
+
+def test_the_field_at_the_start_is_that_of_the_first_stop() -> None:
+    path = hand_path(np.zeros((2, 3)), np.zeros((1, 3, 3)), quat_exp(np.random.default_rng(0).normal(size=(2, 3))))
+    fields = FIELD * np.where(np.arange(len(path.t)) < path.stops[0].stop, 1.0, 2.0)[:, None]
+    assert field_at_start(path, read(fields, path.wxyz_nav_sensor)) == pytest.approx((19.5, -44.0))
 
 
 def test_headings_are_compared_across_180_degrees() -> None:

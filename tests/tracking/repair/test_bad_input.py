@@ -279,6 +279,12 @@ def test_an_instant_that_is_no_number_is_named(method: str, value: float, row: i
         track(replace(recording, t=t), method)
 
 
+def test_times_of_which_one_is_a_number_tell_no_rate() -> None:
+    recording = with_rows(pour().recording, slice(0, 120))
+    with pytest.raises(RecordingError, match="the time of row 1 is not a number"):
+        track(replace(recording, t=np.append(0.0, np.full(119, np.nan))))
+
+
 @pytest.mark.parametrize(("usual", "refused"), [(0.008, True), (0.012, False), (9e4, False), (2e5, True)])
 def test_a_field_in_another_unit_is_refused(usual: float, refused: bool) -> None:
     recording = with_rows(pour().recording, slice(0, 120))
