@@ -263,3 +263,10 @@ def test_stamps_of_samples_that_come_together_are_as_even_as_of_those_that_come_
     clock = SampleClock[int]()
     t = np.array([clock.take(0, None, at, k)[0][0] for at, k in zip(arrival.tolist(), after.tolist(), strict=True)])
     assert np.diff(t[in_a_piece:]) == pytest.approx(1.0 / rate_hz, rel=0.01)
+
+
+def test_the_last_samples_of_a_slow_sensor_may_arrive_at_once() -> None:
+    """A window of so few samples holds less than one batch on average."""
+    t, lost = straighten(np.append(0.2 * np.arange(20.0), np.full(80, 4.0)))
+    assert t[:20] == pytest.approx(0.2 * np.arange(20.0))
+    assert lost == 0

@@ -128,7 +128,7 @@ def _undetermined_lever(R: Array, sigma_m: float = np.inf) -> CalibrationError:
     """Return the error that says along which axis the lever is not determined, because all turns were about it."""
     change = (R - R[0]).reshape(-1, 3)
     _, size, axes = np.linalg.svd(change)
-    turned = float(size[1] / np.sqrt(len(R)))
+    turned = float(size[2] / np.sqrt(len(R)))
     x, y, z = np.round(axes[2] * np.sign(axes[2][np.argmax(np.abs(axes[2]))]), 1) + 0.0
     known = "is unknown" if sigma_m == np.inf else f"is uncertain by {100.0 * sigma_m:.1f} cm (one sigma)"
     return CalibrationError(

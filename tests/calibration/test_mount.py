@@ -68,7 +68,9 @@ def test_turns_about_one_axis_do_not_determine_the_lever_along_it() -> None:
     ):
         fitted(pivoted(attitudes, np.array(TIP), np.zeros(3)))
     nearly = [quat_multiply(wxyz, quat_exp((0.0, 0.02 * (-1) ** k, 0.0))) for k, wxyz in enumerate(attitudes)]
-    with pytest.raises(CalibrationError, match=r"lever along \(1, .* is uncertain by .* cm \(one sigma\)"):
+    with pytest.raises(
+        CalibrationError, match=r"lever along \(1, .* is uncertain by .* cm \(one sigma\): .* axes \(about 1 degree\)"
+    ):
         fitted(pivoted(nearly, np.array(TIP), np.zeros(3)))
 
 

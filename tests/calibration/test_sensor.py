@@ -309,6 +309,16 @@ def test_a_magnetometer_that_was_tilted_a_little_is_refused() -> None:
         fit_ellipsoid(saddle)
 
 
+def test_four_rests_tell_how_sure_a_magnetic_heading_is() -> None:
+    """They determine the dip and the rotation of the axes exactly, so what is left of the dips tells nothing."""
+    up = SIDES[:4]
+    directions = np.random.default_rng(0).normal(size=(500, 3))
+    sphere = 48.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    at_rest = 19.5 * np.roll(up, 1, axis=1) - 44.0 * up
+    fit = fit_magnetometer(sphere, replace(accelerometer_rests(9.81 * up), mag=at_rest, mag_noise=0.1), up)
+    assert fit.heading < 0.01
+
+
 def _spherical(radius: float, turn: Array, tilt: Array) -> tuple[Array, Array, Array]:
     return radius * np.sin(tilt) * np.cos(turn), radius * np.sin(tilt) * np.sin(turn), radius * np.cos(tilt)
 

@@ -161,6 +161,18 @@ def test_stamps_rounded_to_the_nearest_tick_lose_nothing(rate_hz: float, tick: f
     np.testing.assert_allclose(even, t, atol=0.6 * tick)
 
 
+@pytest.mark.parametrize(("off", "told"), [(8, False), (12, True)])
+def test_coarse_stamps_are_replaced_where_more_than_two_in_a_hundred_steps_are_off(off: int, told: bool) -> None:
+    """A stamp that is off by a tick makes two such steps."""
+    t: Array = 0.01 * np.arange(1000)
+    t[np.linspace(20.0, 980.0, off).astype(np.intp)] += 0.001
+    recording = Recording(t, np.random.default_rng(0).normal(size=(len(t), 3)))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        steady_clock(recording)
+    assert bool(said) == told
+
+
 def test_batches_of_very_different_sizes_lose_nothing() -> None:
     """Each has the time of its last sample. The rate was 5 % too high, and a hundred samples seemed to be lost."""
     rng = np.random.default_rng(0)
