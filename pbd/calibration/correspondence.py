@@ -21,7 +21,7 @@ OUTLIER_COST = 16.0
 """Largest cost of one stop (four sigmas, squared), so that one wrong point does not outweigh the others."""
 
 HEADING_BASE_M = 0.03
-"""Smallest distance, m, horizontal unless the tilt is free, between two stops or points that give a heading."""
+"""Smallest distance, m, horizontal unless the tilt is free, between two points that give a heading."""
 
 AMBIGUOUS_COST = 12.0
 """Difference in cost below which two matches count as equally likely. A correct point costs about 3."""
@@ -136,7 +136,7 @@ def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool, free: boo
         i = list(stops)
         (moved, raised), tolerance = sides(p[i]), 3.0 * np.hypot(sigma[i], np.roll(sigma[i], 1))
         close = np.maximum(np.abs(apart - moved), np.abs(heights - raised)) < tolerance
-        for places in chosen[(close & (np.minimum(apart, moved) > HEADING_BASE_M)).all(axis=1)]:
+        for places in chosen[(close & (apart > HEADING_BASE_M)).all(axis=1)]:
             yield align(p[i], points[places], free)
 
 
