@@ -33,6 +33,16 @@ def links_only(arm: ArmModel) -> Clearance:
     return Clearance(arm, arm_bodies(arm), link_pairs(arm)[0])
 
 
+def test_distances_are_measured_once_and_forgotten_once_there_are_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pbd.arm.collision.clearance.CACHED", 2)
+    clearance, (one, other, third) = links_only(arm_of("so101")), coordinates(arm_of("so101"), 3)
+    first = clearance.distances(one)
+    clearance.distances(other)
+    assert clearance.distances(one) is first
+    clearance.distances(third)
+    assert clearance.distances(one) is not first
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_coordinates_become_pinocchios_configurations(name: str) -> None:
     arm = arm_of(name)
