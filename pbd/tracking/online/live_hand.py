@@ -260,10 +260,8 @@ class LiveHand:
         self._add_knot(self._trial_filter, sample.t, same=self._settled)
         before, first = self._past_stops[-1], trial.first
         moved, turned = before.pose.distance(self._trial_filter.pose()[0])
-        # As `_join_stops` does; but how long the hand will stand here is not known yet.
-        short_gap = first.t - before.last.t < BOUNCE_S
-        knocked = short_gap and is_where_it_was(self._noise, moved, turned)
-        stayed = knocked or is_where_it_was(self._noise, *self._away)
+        # As `_join_stops` does; but how long the hand will stand here is not known yet, and a knock is a jolt.
+        stayed, short_gap = is_where_it_was(self._noise, *self._away), first.t - before.last.t < BOUNCE_S
         bounced = short_gap and len(self._past_stops) > 1 and before.last.t - before.first.t < BOUNCE_S
         if (trial.jolted or stayed or bounced) and moved < BOUNCE_M and turned < BOUNCE_RAD:
             self._past_stops.pop()
