@@ -25,12 +25,13 @@ def test_the_calmest_moments_beside_a_stride_may_be_stops_but_not_beside_a_knock
 
 
 def test_in_a_lull_the_calmest_window_is_a_stop() -> None:
-    """A foot's stance, calmest a third of a second after its begin, and never as calm as the first rest."""
+    """A foot's stance, calmest a third of a second after its begin, and never as calm as the first rest.
+
+    It accelerates least at the begin and turns least at the end; both count as they compare with that rest.
+    """
     t, window = 0.01 * np.arange(300.0), 10
     rest = find_rest(Recording(t, np.array((0.0, 0.0, GRAVITY)) + 1e-3 * np.sin(t)[:, None], np.zeros((300, 3))))
     limits = quiet_limits(rest)
-    energy = np.full(300 - window + 1, 1e4)
-    energy[140:180] = 10.0 + np.abs(np.arange(140, 180) - 173)
-    assert find_candidates(t, 0.01, Energies(*2 * (limits[0] * energy, limits[1] * energy)), rest) == [
-        (173, 173 + window)
-    ]
+    acc, gyr, away = np.full(300 - window + 1, 1e4), np.full(300 - window + 1, 1e4), np.arange(140, 180) - 173
+    acc[140:180], gyr[140:180] = 60.0 + np.abs(away) + 1.5 * away, 60.0 + np.abs(away) - 1.5 * away
+    assert find_candidates(t, 0.01, Energies(*2 * (limits[0] * acc, limits[1] * gyr)), rest) == [(173, 173 + window)]
