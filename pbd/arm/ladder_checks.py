@@ -218,13 +218,11 @@ class LinkChecks:
             return q[None]
         if scene is not None and move.detour:
             return self._detour_between(i, q_before, q)
-        if link.poses is not None and not link.tool_free:
-            if (tool_hit := self.tool_hit(i, link.poses)) is not None:  # no configuration of the arm can help
-                move.hits[move.kind] = tool_hit
-                move.drop_path_remedies()
-                self.ladder.layers[place].barred_moves = self.ladder.layers[place].mend_after
-                return None
-            link.tool_free = True
+        if link.poses is not None and (tool_hit := self.tool_hit(i, link.poses)) is not None:
+            move.hits[move.kind] = tool_hit  # no configuration of the arm can help
+            move.drop_path_remedies()
+            self.ladder.layers[place].barred_moves = self.ladder.layers[place].mend_after
+            return None
         along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
         if along is None or scene is None or scene.is_free(along, self.grasps[i]):
             return None if along is None else along[1:]

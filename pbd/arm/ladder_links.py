@@ -70,14 +70,12 @@ class Link:
         poses: the tool's poses along the link; None: straight in joint space.
         at_keyframe: the layer is the keyframe itself, not a pose on the way.
         free_moves: `ends_key` of a free move -> its joints (m, k), without the first.
-        tool_free: the tool and its load are known to touch nothing on the path.
     """
 
     keyframe: int
     poses: tuple[Pose, ...] | None = None
     at_keyframe: bool = True
     free_moves: dict[bytes, Array] = field(default_factory=dict)
-    tool_free: bool = False
 
 
 def ends_key(q_before: Array, q: Array) -> bytes:

@@ -35,7 +35,7 @@ class Mending(LinkChecks):
         hand = self.request.hand if kind != LINE else None
         self.moves[i].kind = DEMO if hand else LINE
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
-        link.tool_free, self.ladder.layers[place].wide_cost = False, 0.0
+        self.ladder.layers[place].wide_cost = 0.0
         self.ladder.reset_moves(place, MEND_AFTER_PATHS, costly=True)
 
     def _detour(self, i: int) -> None:
@@ -97,7 +97,7 @@ class Mending(LinkChecks):
         last.mend_after, last.most_step = MEND_AFTER_STEPS, CONTINUOUS_RAD
         self.ladder.insert(place, layers)
         self.links[place - 1 : place] = [
-            Link(link.keyframe, poses[a : b + 1], b == len(poses) - 1, tool_free=True) for a, b in pairwise(marks)
+            Link(link.keyframe, poses[a : b + 1], b == len(poses) - 1) for a, b in pairwise(marks)
         ]
         widen(self.arm, poses[-1], self.ladder, place + len(layers), STARTS)
         return len(layers)
