@@ -164,7 +164,7 @@ def test_stamps_rounded_to_the_nearest_tick_lose_nothing(rate_hz: float, tick: f
 @pytest.mark.parametrize(("off", "told"), [(8, False), (12, True)])
 def test_coarse_stamps_are_replaced_where_more_than_two_in_a_hundred_steps_are_off(off: int, told: bool) -> None:
     """A stamp that is off by a tick makes two such steps."""
-    t: Array = 0.01 * np.arange(1000)
+    t: Array = 0.01 * np.arange(1000.0)
     t[np.linspace(20.0, 980.0, off).astype(np.intp)] += 0.001
     recording = Recording(t, np.random.default_rng(0).normal(size=(len(t), 3)))
     with warnings.catch_warnings(record=True) as said:
