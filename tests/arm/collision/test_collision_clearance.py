@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pinocchio as pin
@@ -276,6 +277,16 @@ def test_an_allowed_contact_is_ignored() -> None:
     met = clearance.first_contact(path)
     assert met is not None
     assert 0.6 <= path.x[met.first, 0] < 0.61
+
+
+def test_the_distances_at_both_ends_save_measurements_between(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They cover so much of the path that its middle covers the rest."""
+    arm = arm_of("panda")
+    clearance = beside(arm, 0.05)
+    distance = Mock(wraps=clearance._distance)
+    monkeypatch.setattr(clearance, "_distance", distance)
+    assert not clearance.touches_on(swing(arm, 0.9))
+    distance.assert_called_once()
 
 
 def test_the_first_contact_does_not_depend_on_the_order_of_pairs() -> None:
