@@ -123,8 +123,9 @@ def test_joint_states_are_read_as_they_come(capsys: Capture, elsewhere: Path) ->
     }
     (elsewhere / "now.json").write_text(json.dumps(message, indent=1))
     columns = {"names": "\n".join(f"- {n}" for n in names[::-1]), "positions": "\n".join(f"- {x}" for x in q[::-1])}
-    (elsewhere / "now.yaml").write_text(ECHOED.format(**columns))
-    for given in (json.dumps(message), "now.json", "now.yaml"):
+    echoed = ECHOED.format(**columns)
+    (elsewhere / "now.yaml").write_text(echoed)
+    for given in (json.dumps(message), "now.json", echoed, "now.yaml"):
         for units in ((), ("--units", "deg")):
             assert start_of(capsys, given, *units) == q
 

@@ -29,17 +29,17 @@ def read_joints(
     """Read joint positions, and return them in rad (m for sliding joints).
 
     Args:
-        given: JSON, or the path of a file.
+        given: JSON, a message as `ros2 topic echo` prints it, or the path of a file of either.
         unit: the unit's name, for errors; a message is always in rad and m.
         per_si: units per rad, or per m, of each joint; None: 1.
 
     Raises:
         PbdError: the file can't be read, a joint is missing, or a position is not a number; a UsageError if `given`
-            is JSON.
+            is no path.
     """
     text, what = given, "--from"
     fault: type[PbdError] = UsageError
-    if not given.lstrip().startswith(("[", "{")):
+    if not given.lstrip().startswith(("[", "{")) and not _echoed(given):
         what, fault = given, PbdError
         text = read_text(Path(given), PbdError, "give a JSON file, or the joints as [...]", name=f"--from {given}")
     try:

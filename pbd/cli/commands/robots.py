@@ -53,7 +53,7 @@ def export(parser: ArgumentParser) -> None:
     option(parser, "--format", None, form, choices=tuple(FORMATS))
     output = "the file to write (lerobot: the folder); - is standard output"
     option(parser, "-o --output", "FILE", output, required=True, type=Path)
-    rate = "samples a second, from 10 to 100000 (1000; tum: 100; glb: 50; ros2-json: only the motion's own knots)"
+    rate = "samples a second, from 10 to 100000 (1000; tum, mcap: 100; glb: 50; ros2-json: only the motion's own knots)"
     option(parser, "--rate", "HZ", rate, type=within(LOWEST_HZ, HIGHEST_HZ, " Hz"))
     dense = "urscript: servoj at the controller's period (--rate 125, or 500 for e-Series)"
     flag(parser, "--dense", f"{dense}, not a movej for each keyframe")
