@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pbd.cli import parser
+from pbd.cli import main, parser
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -30,6 +30,23 @@ def test_the_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.Monkey
         if page.stem == "exports":
             block = block.replace('load_demo("pouring")', 'load_demo("paper-test2")')
         exec(compile(block, f"{page.name}, block {number}", "exec"), names)
+
+
+def test_the_calibrations_without_hardware_print_what_the_page_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Each `# ...` line below a command has the numbers of one line that the command prints."""
+    monkeypatch.chdir(tmp_path)
+    number, printed, compared = re.compile(r"\d+\.\d+"), [""], 0
+    for line in "".join(blocks(ROOT / "docs" / "calibration.md", "sh")).splitlines():
+        if line.startswith("# "):
+            wanted = number.findall(line)
+            assert any(all(each in row for each in wanted) for row in printed), line
+            compared += 1
+        else:
+            assert main(shlex.split(line)[1:]) == 0
+            printed = "".join(capfd.readouterr()).splitlines()
+    assert compared == 6
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
