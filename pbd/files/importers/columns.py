@@ -41,6 +41,9 @@ class Program:
 
 
 _PACKETS = frozenset(("packet_counter",))
+_WITH_GRAVITY = re.compile("gravity|^g_f$")
+"""Sets of axes beside which another accelerometer is without gravity; gF is Physics Toolbox's."""
+
 _GFORCE = {"acc": "g", "gyr": "rad/s", "mag": "uT"}
 _ICM20948 = {"acc": "mg", "gyr": "deg/s", "mag": "uT"}
 PROGRAMS = (
@@ -118,7 +121,7 @@ def _by_name(header: Sequence[str]) -> dict[str, str]:
     device = next((device_of[group] for group in sets.get("acc", ()) if device_of[group] in of_gyro), "")
     found: dict[str, str] = {}
     for groups in sets.values():
-        found |= groups[min(groups, key=lambda group: (device_of[group] != device, "gravity" not in group))]
+        found |= groups[min(groups, key=lambda group: (device_of[group] != device, not _WITH_GRAVITY.search(group)))]
     return found
 
 

@@ -8,6 +8,9 @@ They have no header. A serial monitor or `cat` saves a sketch's lines. Examples:
     Acceleration: X=0.12, Y=-0.33, Z=0.98                M5StickC's MPU6886 sketches; the library gives g and deg/s
     AX:0.12 AY:-0.33 AZ:0.98
     Gyro (dps): 0.12, -0.33, 0.98                        the axes in a row, also in tabs, bars or brackets
+    Scaled. Acc (mg) [ 00012.21, ...], Gyr (DPS) [ ...   SparkFun's ICM-20948 library
+    >ax:1234:0.12                                        Teleplot, with or without its time in ms
+    I (1234) imu: ax=0.12 ay=-0.33 az=0.98               ESP-IDF's log
     12:34:56.789 -> ax: 0.12 ...                         with the times of Arduino's serial monitor
     [2024-05-01 12:34:56.789] ax: 0.12 ...               with those of Tera Term
 
@@ -31,10 +34,20 @@ from pbd.io.numbers import is_stamp
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _RATE = r"(?:rad(?:ians)?|deg(?:rees?)?|[°º])/s(?:ec)?|m?dps"
 _UNIT = rf"(m/s\^?[2²]|m/s/s|{_RATE}|deg(?:rees?)?|[°º]|[uµμ]T|gauss|m?[gG]|[mu]?s)(?![\w/])"
-_NAME = r"([A-Za-z][\w ./()\[\]^°-]{0,40}?)\x22?\s{0,9}[:=]\s{0,9}[\x22(\[]?"
 _NEXT = r"\s{0,9}[\s,;|]\s{0,9}"
+_MARK = rf"(?:[:=]\s{{0,9}}[\x22'(\[]?|\[(?=\s{{0,9}}{_NUMBER}{_NEXT}{_NUMBER}{_NEXT}))\s{{0,9}}"
+_NAME = rf"([A-Za-z][\w ./()\[\]^°-]{{0,40}}?)[\x22']?\s{{0,9}}{_MARK}"
 _AXES = rf"({_NUMBER}){_NEXT}({_NUMBER}){_NEXT}({_NUMBER})(?![\d.eE]|(?:{_NEXT})?[-+]?\.?\d)"
-_PAIR = re.compile(rf"{_NAME}(?:{_AXES}|({_NUMBER})?(?![\d:]))(?:[\])]?\s{{0,9}}{_UNIT})?")
+_PAIR = re.compile(rf"{_NAME}(?:{_AXES}|({_NUMBER})?(?![\d:]))(?:[\])§]?\s{{0,9}}{_UNIT})?")
+_LOGGED = "logging_time_ms"
+"""Our name of the times that Teleplot and ESP-IDF write. Each line has one; a sample has that of its first line."""
+
+_TIMES = (
+    (r">([^:|]{1,40}):(\d+(?:\.\d*)?):(?=[-+.\d])", rf"{_LOGGED}:\2 \1:"),
+    (r"(?:\x1b\[[\d;]*m)?[EWIDV] \((\d+)\) [^:]{1,40}: ", rf"{_LOGGED}:\1 "),
+)
+"""Beginnings of the lines of Teleplot and of ESP-IDF's log, with a time in ms, and what replaces them."""
+
 _KEY = re.compile(r"( *)(\w+):(.*)")
 _STAMP = re.compile(r"\s*(?:\[([^\]]{8,40})\]|(\w[\w :.,/-]{7,39}?)\s*->|(\d\S{7,30}(?: [\d:.,]{8,20})?)(?=\s))\s*")
 _FINE = re.compile(r":\d\d(?:[.,]\d|:\d\d:\d)")
@@ -87,12 +100,12 @@ def _printed_samples(text: str) -> tuple[list[dict[str, str]], dict[str, str]]:
     for line in (line[:LONGEST_LINE] for line in text.split("\n")):
         stamp, rest = _stamped(line)
         pairs = _pairs(rest)
-        if any(name in samples[-1] for name, *_ in pairs):
+        if any(name in samples[-1] for name, *_ in pairs if name != _LOGGED):
             samples.append({})
         if stamp and pairs:
             samples[-1].setdefault("time", stamp)
         units |= {name: unit for name, _, unit in pairs if unit}
-        samples[-1] |= {name: value for name, value, _ in pairs}
+        samples[-1] |= {name: value for name, value, _ in pairs if name not in samples[-1]}
     return samples, units
 
 
@@ -130,6 +143,8 @@ def _pairs(line: str) -> list[tuple[str, str, str]]:
     A bare X, Y or Z gets the word before it: `Rotation X: 1, Y: 2`. Three numbers after a name are its axes.
     """
     found, word, its_unit = [], "", ""
+    for beginning, named in _TIMES:
+        line = re.sub(rf"\A{beginning}", named, line)
     for name, x, y, z, value, unit in _PAIR.findall(line[:LONGEST_LINE]):
         axis = re.fullmatch(r"(.*?)[\s_]*([XYZxyz])", name)
         if x:
