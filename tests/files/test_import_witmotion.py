@@ -154,6 +154,14 @@ def test_the_log_of_every_program_is_read(dialect: Dialect, recording: Recording
     np.testing.assert_allclose(got.mag, recording.mag, atol=0.51)
 
 
+def test_an_attitude_that_the_module_does_not_send_is_left_out(tmp_path: Path) -> None:
+    head = "time,AccX(g),AccY(g),AccZ(g),AsX(°/s),AsY(°/s),AsZ(°/s),AngleX(°),AngleY(°),AngleZ(°)\n"
+    (tmp_path / "log.txt").write_text(head + "".join(f"10:00:0{k}.000,0,0,1,1,2,3,,,\n" for k in range(3)))
+    recording = import_file(tmp_path / "log.txt").recording
+    assert recording.device_rpy is None
+    assert recording.info.source.unread["AngleZ(°)"] == "no number in any row"
+
+
 def test_two_devices_in_one_file_are_refused(recording: Recording, tmp_path: Path) -> None:
     file = tmp_path / "log.txt"
     file.write_bytes(written(DIALECTS["WitMotion 2025"], recording, ("left", "right")))

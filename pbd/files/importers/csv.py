@@ -137,6 +137,12 @@ def read_csv(
     understood, beside = _magnetometer_beside(path, found, units)
     with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples
         channels = {channel: _values(table, found.of(channel)) for channel in CHANNELS if found.of(channel)}
+        for channel in {"angle", "rpy"} & channels.keys():  # WitMotion leaves an output that is off empty
+            if not np.isfinite(channels[channel]).any():
+                empty = dict.fromkeys((column.name for column in understood.of(channel)), "no number in any row")
+                kept = tuple(column for column in understood.columns if column.name not in empty)
+                understood = replace(understood, columns=kept).with_unread(empty)
+                del channels[channel]
         if in_steps:
             channels["t"] = np.cumsum(channels["t"], axis=0)
         clock = channels.get("t")
