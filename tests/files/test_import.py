@@ -318,7 +318,7 @@ def test_axes_and_units_are_corrected_without_a_header(tmp_path: Path) -> None:
 
 def test_an_unknown_suffix_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        RecordingError, match=r"can't import '\.xlsx' files; give a \.csv, \.tsv, \.txt, \.npz, \.mcap or "
+        RecordingError, match=r"can't import '\.xlsx' files; give a \.csv, \.tsv, \.txt, \.npz, \.mcap, \.db3 or "
     ):
         import_file(tmp_path / "run.XLSX")
     with pytest.raises(RecordingError, match="only a bag has topics; leave --topic out"):

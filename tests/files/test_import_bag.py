@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.rosbag2 import storage_mcap
 
 from pbd.data import Recording
@@ -128,6 +128,31 @@ def write_imus(path: Path, rows: list[Row]) -> Path:
             for kind, message in (("Imu", imu), ("MagneticField", kinds["MagneticField"](header, mag, covariance))):
                 writer.write(to[kind], received, store.serialize_cdr(message, types[kind]))
     return path
+
+
+def as_ros1(bag: Path, path: Path) -> Path:
+    """Write a bag of ROS 2 as one of ROS 1, with the same messages and times of recording."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.rosbag2 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
+    store, types = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
+    with Reader(bag) as reader, Writer(path) as writer:
+        to = {each.id: writer.add_connection(each.topic, each.msgtype, typestore=types) for each in reader.connections}
+        for connection, received, data in reader.messages():
+            writer.write(to[connection.id], received, bytes(store.cdr_to_ros1(data, connection.msgtype)))
+    return path
+
+
+def test_a_bag_of_ros_1_is_read_like_one_of_ros_2(tmp_path: Path, recording: Recording) -> None:
+    write_bag(tmp_path / "bag", recording)
+    of_ros1 = import_file(as_ros1(tmp_path / "bag", tmp_path / "walk.bag")).recording
+    of_ros2 = import_file(tmp_path / "bag").recording
+    for name in ("t", "acc", "gyr", "mag"):
+        assert_array_equal(getattr(of_ros1, name), getattr(of_ros2, name))
+    (tmp_path / "walk.bag").write_bytes((tmp_path / "walk.bag").read_bytes()[:-1000])
+    with pytest.raises(RecordingError, match=r"walk.bag: can't be read as a bag"):
+        import_file(tmp_path / "walk.bag")
 
 
 @pytest.fixture

@@ -80,7 +80,7 @@ def simulate(parser: ArgumentParser) -> None:
 def import_(parser: ArgumentParser) -> None:
     """Import a recording of another program.
 
-    Read a recording (a table with a header, a ROS 2 bag, a phone's zip, an x-IMU3's folder, a sketch's lines,
+    Read a recording (a table with a header, a ROS bag, a phone's zip, an x-IMU3's folder, a sketch's lines,
     an npz, a raw.bin of `pbd record --raw`; docs/imports.md has the programs) and store it as a demonstration.
     Names and units come from the header where it gives them; otherwise use --column and --unit. What was
     understood is printed. A level sensor must read +1 g on z: where it reads -1 g, flip the signs with

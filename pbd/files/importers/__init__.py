@@ -12,6 +12,7 @@ from pbd.errors import RecordingError, warn
 from pbd.files.demo import RATES_HZ, read_demo_toml, utf8_name
 
 TEXT = (".csv", ".txt", ".tsv", ".log")
+BAGS = (".mcap", ".db3", ".bag")
 LFS_POINTER = b"version https://git-lfs.github.com/"
 """The beginning of the small file that Git LFS keeps in place of a large one."""
 
@@ -31,9 +32,9 @@ def import_file(
     `recording.info.source` tells how its columns were read.
 
     Args:
-        path: .csv, .txt, .tsv or .log with a header, or with names beside the numbers; .npz; .mcap, .db3 or a rosbag2
-            folder; an x-IMU3's folder; a zip or folder of Sensor Logger or phyphox, or a folder of MetaBase, or a CSV
-            file in it.
+        path: .csv, .txt, .tsv or .log with a header, or with names beside the numbers; .npz; .mcap, .db3, .bag or a
+            rosbag2 folder; an x-IMU3's folder; a zip or folder with a CSV file for each sensor, as Sensor Logger,
+            phyphox and MetaBase write it, or one of these files.
         columns: our name (t, gx ... mz, heading, pitch, roll) -> the file's column, if the header doesn't tell.
         units: t, gyr, acc, mag or angle -> its unit, if the header doesn't tell.
         rate_hz: the rate of a table without times.
@@ -49,20 +50,22 @@ def import_file(
     if _is_lfs_pointer(source):
         what = "it is Git LFS's pointer to the file, not the file; fetch that with `git lfs pull`"
         raise RecordingError.at(source, what)
-    is_bag = suffix in (".mcap", ".db3") or (source / "metadata.yaml").is_file()
+    is_bag = suffix in BAGS or (source / "metadata.yaml").is_file()
     columns, units = columns or {}, units or {}
     same_times = rate_hz is None and "t" not in columns and "t" not in units
     # With --column or --unit, a phone's CSV file is read as an ordinary table.
-    is_table = suffix == ".csv" and (columns or units) and not any(".csv: " in name for name in columns.values())
+    is_table = suffix == ".csv" and not any(".csv: " in name for name in columns.values())
     if topic is not None and not is_bag:
         raise RecordingError.at(path, "only a bag has topics; leave --topic out")
     of_app = None
     may_be_apps = source.is_dir() or suffix == ".zip" or (suffix == ".csv" and source.is_file())
-    if may_be_apps and not is_bag and not is_table:
-        from pbd.files.importers.metawear import read_metawear
+    if may_be_apps and not is_bag and not (is_table and columns):
         from pbd.files.importers.phones import read_phone
+        from pbd.files.importers.sensor_files import read_sensor_files
 
-        of_app = read_phone(source) or read_metawear(source)
+        of_app = None if is_table and units else read_phone(source)
+        if of_app is None and (of_app := read_sensor_files(source, units)) is not None:
+            units = {}
     if rate_hz is not None and (of_app is not None or is_bag or suffix == ".npz"):
         known = "a bag has times" if is_bag else "an npz has a rate" if suffix == ".npz" else "an app's file has times"
         raise RecordingError.at(path, f"{known} of its own; leave --rate out")
@@ -86,12 +89,12 @@ def import_file(
     else:
         kind = f"'{suffix}' files"
         if path.is_dir():
-            kind = "this folder: it is no bag, no x-IMU3's, no MetaWear's and no phone's"
+            kind = "this folder: it is no bag, no x-IMU3's, no phone's, and accelerometer.csv is not in it"
         elif suffix == ".zip":
-            kind = "this zip: no recording of Sensor Logger or phyphox is in it"
+            kind = "this zip: no recording of Sensor Logger or phyphox is in it, and no accelerometer.csv"
         elif suffix == ".json":
             kind = "'.json' files; keyframes are edited in keyframes.toml, which `pbd keyframes DEMO --save` writes"
-        raise RecordingError.at(path, f"can't import {kind}; give a .csv, .tsv, .txt, .npz, .mcap or .db3")
+        raise RecordingError.at(path, f"can't import {kind}; give a .csv, .tsv, .txt, .npz, .mcap, .db3 or .bag")
     if columns or units:
         from pbd.files.importers.columns import remapped
 

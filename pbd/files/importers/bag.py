@@ -1,4 +1,4 @@
-"""ROS 2 bags, as MCAP or SQLite: sensor_msgs/Imu and, optionally, sensor_msgs/MagneticField. rosbags reads them.
+"""Bags of ROS 2 (MCAP, SQLite) and ROS 1: sensor_msgs/Imu and, optionally, sensor_msgs/MagneticField, with rosbags.
 
 Times are the headers' stamps, which the driver wrote when it read the sensor, not when the message was recorded. A
 covariance that begins with -1 means that there is no such measurement (sensor_msgs/Imu.msg), so it is not read. If a
@@ -45,7 +45,7 @@ LONGEST_MESSAGE = 10_000
 
 
 def read_bag(path: Path, topic: str | None = None) -> Recording:
-    """Read a .mcap file, a .db3 file or a bag's folder.
+    """Read a .mcap, a .db3 or a .bag file, or a ROS 2 bag's folder.
 
     Args:
         topic: the topic of sensor_msgs/Imu, if there are several.
@@ -55,10 +55,11 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
         RecordingError: the bag can't be read, or the topic must be named.
     """
     require_package("rosbags.rosbag2", "ros", "a bag")
-    from rosbags.rosbag2 import Reader
+    from rosbags import rosbag1, rosbag2
 
+    kind: Any = rosbag1 if path.suffix.lower() == ".bag" else rosbag2
     try:
-        with repaired_bag(path) as repaired, Reader(repaired) as reader:
+        with repaired_bag(path) as repaired, kind.Reader(repaired) as reader:
             imus, field = _choose_topics(path, reader.connections, topic)
             wanted = {name: _Decoder(path, VECTORS[IMU if name in imus else FIELD]) for name in (*imus, *field)}
             given = {each.topic: each.msgtype for each in reader.connections}
@@ -167,6 +168,15 @@ class _Decoder:
 
 def _messages(path: Path, reader: Any, wanted: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
     """Yield topic, time of recording (ns) and bytes of these topics' messages, in the files' order: sorting is slow."""
+    if not hasattr(reader, "storage"):
+        from rosbags.typesys import Stores, get_typestore
+
+        as_cdr = get_typestore(Stores.ROS2_HUMBLE).ros1_to_cdr  # without ROS 1's number of a message
+        for connection, received, data in reader.messages(
+            [each for each in reader.connections if each.topic in wanted]
+        ):
+            yield connection.topic, received, bytes(as_cdr(data, connection.msgtype))
+        return
     for storage in getattr(reader.storage, "storages", (reader.storage,)):
         connections = [each for each in storage.connections if each.topic in wanted and each.msgtype in (IMU, FIELD)]
         scan = getattr(storage, "messages_scan", storage.messages)

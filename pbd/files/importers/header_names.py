@@ -39,7 +39,7 @@ _AXES = (
 """Patterns of an axis: `acc_x`; `acc_x_1`, `acc_x_l` (a device, a side, one of two joined tables); `x_acc`."""
 
 _TIME = (
-    r"t|ts|时间|(?:uhr)?zeit|zeitstempel|(?:seconds_|time_)?elapsed|elapsed_?time|"
+    r"t|ts|epoch?|时间|(?:uhr)?zeit|zeitstempel|(?:seconds_|time_)?elapsed|elapsed_?time|"
     r"date_?time|time_?since_?start|time_?start_?up|time(?:_?stamp)?_(?:\d|[a-dlrxy])|"
     r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|gpst|(?:gps_)?tow|"
     r"(?:(?:system|unix|unit|logging|server|host|pc|mac|phone|device|sensor|imu|received|arrival|local)_?)?time(?:_?stamp)?"
