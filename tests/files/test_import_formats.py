@@ -621,6 +621,19 @@ def test_sensors_with_times_of_their_own_in_one_row_are_joined(tmp_path: Path, c
     assert_allclose(recording.acc[:, 0], t, atol=1e-9)
 
 
+def test_a_sensors_own_counter_wraps_too_and_one_that_restarts_is_refused(tmp_path: Path) -> None:
+    """Half of the recording was dropped without a word."""
+    header = "acc_timestamp_us,ax,ay,az,gyro_timestamp_us,gx,gy,gz"
+    micros, t = 4_294_900_000 + 10_000 * np.arange(20), 0.01 * np.arange(20)
+    wrapped = [each.tolist() for each in (micros % 2**32, (micros + 4000) % 2**32)]
+    recording = imported(tmp_path, f"{header}\n{rows_of(wrapped[0], t, t, t, wrapped[1], t, t, t)}")
+    assert_allclose(recording.t, t[:-1], atol=1e-9)
+    assert_allclose(recording.acc[:, 0], t[:-1] + 0.004, atol=1e-9)
+    restarted = [*range(0, 100_000, 10_000)] * 2
+    with pytest.raises(RecordingError, match=r"csv:12: time runs backwards from .* in column 'gyro_timestamp_us'"):
+        imported(tmp_path, f"{header}\n{rows_of(wrapped[0], t, t, t, restarted, t, t, t)}")
+
+
 @pytest.mark.parametrize("name", ["id", "sensor_id", "MAC", "imu", "node", "mpu_address", "i2c_addr", "frame_id"])
 def test_rows_of_two_devices_are_refused(tmp_path: Path, name: str) -> None:
     text = rows_of([0, 0, 1, 1], ["a", "b", "a", "b"], *[[1, 9, 1, 9]] * 3)

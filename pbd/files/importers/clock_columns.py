@@ -145,7 +145,7 @@ def _counter_size(ticks: Array) -> float:
     if not (len(drops) and len(forward)) or (np.abs(ticks - whole) > 1e-3).any():
         return 0.0
     longest = LONGEST_COUNT * float(np.median(forward))
-    sizes = (size for size in COUNTER_SIZES if ticks.max() < size and (drops + size <= longest).all())
+    sizes = (size for size in COUNTER_SIZES if np.nanmax(ticks) < size and (drops + size <= longest).all())
     return next(sizes, 0.0)
 
 

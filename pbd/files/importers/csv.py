@@ -163,9 +163,12 @@ def read_csv(
             refuse_backwards(sheet, found.of("t")[0].name, t)
             filled = ~np.isnan(table.values).all(axis=1)  # spreadsheets write rows of empty cells
             t, channels = t[filled], {channel: values[filled] for channel, values in channels.items()}
-            scale = found.of("t")[0].factor
-            times = {channel: scale * table.columns(name)[filled, 0] for channel, name in own.items()}
-            times = {channel: each for channel, each in times.items() if not np.array_equal(each, t, equal_nan=True)}
+            times = {}
+            for channel, name in own.items():
+                its = unwrapped(found.of("t")[0].factor * table.columns(name)[:, 0], found, sheet)
+                refuse_backwards(sheet, name, its)
+                if not np.array_equal(its[filled], t, equal_nan=True):
+                    times[channel] = its[filled]
             if (apart := _joined(t, channels, times)) is not None:
                 t, channels = apart
         mag, compass = channels.get("mag"), channels.get("angle")
