@@ -94,6 +94,10 @@ def _readers() -> dict[str, Reader]:
         {"raw.bin": b"".join(grips)}, "raw.bin", lambda path: decode_raw(path, GamepadDecoder(), "gamepad", None)
     )
     found["printed lines"] = Reader({"printed.log": bodies.PRINTED.encode()}, "printed.log", _printed)
+    sensors = {
+        f"{name}.csv": f"epoc (ms),x,y,z\n{bodies.rows('1{0}0', 12, 0.01, 3)}".encode() for name in ("acc", "gyro")
+    }
+    found["files of sensors"] = Reader(sensors, "gyro.csv", import_file)
     found["phone's zip"] = Reader({"walk.zip": _zipped()}, "walk.zip", import_file)
     for name, mcap in (("bag.mcap", True), ("bag.db3", False)):
         found[name] = Reader(partial(_bag, name, mcap), name, import_file)

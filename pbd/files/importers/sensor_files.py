@@ -16,6 +16,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from pbd.data import Recording
 from pbd.data.source_columns import CHANNELS, DATES, SourceColumns
 from pbd.data.streams import Stream
@@ -45,19 +47,22 @@ def read_sensor_files(path: Path, units: Mapping[str, str]) -> Recording | None:
         RecordingError: there are several recordings, no accelerometer, or no clock in common; or a file can't be read.
     """
     is_table = path.is_file() and path.suffix.lower() == ".csv"
-    if is_table and not _sensor(path.stem):
+    its_device, its_channel = _sensor(path.stem) if is_table else ("", "")
+    if is_table and not its_channel:
         return None
     recordings: dict[str, dict[str, Sheet]] = {}
     files = files_in_zip(path) if path.suffix.lower() == ".zip" else _files_beside(path)
     for name, read in files.items():
-        device, channel = _sensor(name) or ("", "")
-        if not channel or not _axes(sheet := sheet_of(path, name, read), channel):
+        device, channel = _sensor(name)
+        if not channel or (is_table and device != its_device):
+            continue
+        if not _axes(sheet := sheet_of(path, name, read), channel):
             continue
         if (first := recordings.setdefault(device, {}).setdefault(channel, sheet)) is not sheet:
             both = f"{first.path.name} and {sheet.path.name} are of the same sensor"
             raise RecordingError.at(path, f"{both}; keep one recording in a folder")
-    if is_table:
-        recordings = {name: of for name, of in recordings.items() if path in [sheet.path for sheet in of.values()]}
+    if is_table and all(sheet.path != path for of in recordings.values() for sheet in of.values()):
+        return None
     if len(recordings) > 1:
         raise RecordingError.at(path, f"it holds {len(recordings)} recordings; name a file of one of them")
     if not recordings:
@@ -86,10 +91,11 @@ def _files_beside(path: Path) -> Files:
     }
 
 
-def _sensor(name: str) -> tuple[str, str] | None:
-    """Return the device and the channel that a file's name tells: `Hand_Accelerometer` -> `hand_`, acc."""
+def _sensor(name: str) -> tuple[str, str]:
+    """Return the device and the channel that a file's name tells: `Hand_Accelerometer` -> `hand_`, acc; "": none."""
     given = our_name(f"{re.sub(RATE, '', name)} x")
-    return (given[2], {"a": "acc", "g": "gyr", "m": "mag"}[given[0][0]]) if given and given[0][1:] == "x" else None
+    channel = {"ax": "acc", "gx": "gyr", "mx": "mag"}.get(given[0], "") if given else ""
+    return (given[2] if given else "", channel)
 
 
 def _axes(sheet: Sheet, channel: str) -> dict[str, str]:
@@ -115,23 +121,23 @@ def _clock(path: Path, sheets: Sequence[Sheet]) -> str:
     if not shared:
         times = listed(f"{sheet.path.name}: {listed(filter(is_time, sheet.header))}" for sheet in sheets)
         raise RecordingError.at(path, f"its files have no column of times in common ({times}); name it alike in all")
-    apart = [name for name in shared if any(sheet.cell(name, 0)[1].strip("0.,") for sheet in sheets)]
+    apart = [name for name in shared if any("".join(sheet.words(name)[:1]).strip("0.,") for sheet in sheets)]
     if len(sheets) > 1 and not apart:
         each = f"the times in the column '{printable(shared[0])}' begin at 0 in each file"
         warn(f"{path}: {each}; if the sensors did not start together, the result is wrong")
     return max(apart or shared, key=lambda name: len(set(sheets[0].words(name))))
 
 
+@np.errstate(invalid="ignore")  # of infinite values, which are left out later
 def _stream(sheet: Sheet, clock: str, channel: str, units: Mapping[str, str]) -> tuple[Stream, SourceColumns]:
     axes = _axes(sheet, channel)
     found = understand(sheet, {"t": clock, **axes}, units)
     named_by = {"t": "a time that all files have"}
     columns = tuple(replace(each, named_by=named_by.get(each.ours, "the file's name")) for each in found.columns)
     found = replace(found, columns=columns)
+    values = sheet.read([clock, *(axes[ours] for ours in CHANNELS[channel])], times=[clock]).values
     if is_stamp(sheet.cell(clock, 0)[1]):
         found = found.with_column(clock, unit="s", unit_by=DATES)
-    names = [clock, *(axes[ours] for ours in CHANNELS[channel])]
-    values = sheet.read(names, times=[clock]).values
     t = unwrapped(found.of("t")[0].factor * values[:, 0], found, sheet)
     refuse_backwards(sheet, clock, t)
     return Stream.of(t, values[:, 1:] * [column.factor for column in found.of(channel)]), found
