@@ -27,6 +27,15 @@ Files = dict[str, Callable[[], bytes]]
 """Name of a CSV file, without suffix -> a function that reads it."""
 
 
+def files_in_folder(folder: Path) -> Files:
+    """List the CSV files of a folder, and phyphox' clock."""
+    names = sorted(each for each in (*folder.glob("*.csv"), folder / f"{PHYPHOX_CLOCK}.csv") if each.is_file())
+    return {
+        str(file.relative_to(folder).with_suffix("")): partial(read_bytes, file, RecordingError, "give another")
+        for file in names
+    }
+
+
 def files_in_zip(path: Path) -> Files:
     """List the CSV files of a zip, in any folder; RecordingError: it is not a zip, or has several recordings."""
     data = read_bytes(path, RecordingError, "export it again")

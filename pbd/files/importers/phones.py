@@ -19,7 +19,6 @@ import csv
 import io
 import re
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +32,7 @@ from pbd.files.importers.app_files import (
     PHYPHOX_CLOCK,
     Files,
     columns_of,
+    files_in_folder,
     files_in_zip,
     joined_recording,
     sheet_of,
@@ -41,7 +41,6 @@ from pbd.files.importers.app_files import (
 )
 from pbd.files.importers.columns import UNUSED, why_not_read
 from pbd.files.table import Sheet
-from pbd.io.read_file import read_bytes
 
 LOGGER_FILES = (
     *("TotalAcceleration", "Accelerometer", "AccelerometerUncalibrated", "Gravity"),
@@ -112,11 +111,7 @@ def _files_in_folder(path: Path) -> Files:
             return {}
         family = (*LOGGER_FILES, METADATA) if logger else PHYPHOX_FILES
         family = (path.stem, PHYPHOX_CLOCK, *(family if path.stem in family else ()))
-    names = sorted(each for each in (*folder.glob("*.csv"), folder / f"{PHYPHOX_CLOCK}.csv") if each.is_file())
-    files = {
-        str(file.relative_to(folder).with_suffix("")): partial(read_bytes, file, RecordingError, "give another")
-        for file in names
-    }
+    files = files_in_folder(folder)
     return {name: read for name, read in files.items() if not family or name in family}
 
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,13 +21,12 @@ from pbd.data import Recording
 from pbd.data.source_columns import CHANNELS, DATES, SourceColumns
 from pbd.data.streams import Stream
 from pbd.errors import RecordingError, listed, printable, warn
-from pbd.files.importers.app_files import Files, files_in_zip, joined_recording, sheet_of
+from pbd.files.importers.app_files import files_in_folder, files_in_zip, joined_recording, sheet_of
 from pbd.files.importers.clock_columns import refuse_backwards, unwrapped
 from pbd.files.importers.columns import UNUSED, understand
 from pbd.files.importers.header_names import is_time, our_name, plain
 from pbd.files.table import Sheet
 from pbd.io.numbers import is_stamp
-from pbd.io.read_file import read_bytes
 
 RATE = r"_[\d.]+Hz_[\d.]+$"
 """What MetaBase writes after the sensor's name: its rate, and the firmware."""
@@ -51,7 +49,9 @@ def read_sensor_files(path: Path, units: Mapping[str, str]) -> Recording | None:
     if is_table and not its_channel:
         return None
     recordings: dict[str, dict[str, Sheet]] = {}
-    files = files_in_zip(path) if path.suffix.lower() == ".zip" else _files_beside(path)
+    files = (
+        files_in_zip(path) if path.suffix.lower() == ".zip" else files_in_folder(path if path.is_dir() else path.parent)
+    )
     for name, read in files.items():
         device, channel = _sensor(name)
         if not channel or (is_table and device != its_device):
@@ -82,13 +82,6 @@ def read_sensor_files(path: Path, units: Mapping[str, str]) -> Recording | None:
     used = [sheet.path.stem for sheet in sheets.values()]
     understood = understood.with_unread({f"{name}.csv": UNUSED for name in files if name not in used})
     return joined_recording(path, streams, "metawear" if understood.program else "unknown", understood)
-
-
-def _files_beside(path: Path) -> Files:
-    folder = path if path.is_dir() else path.parent
-    return {
-        file.stem: partial(read_bytes, file, RecordingError, "give another") for file in sorted(folder.glob("*.csv"))
-    }
 
 
 def _sensor(name: str) -> tuple[str, str]:
