@@ -2,11 +2,10 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pbd.data import GRAVITY
@@ -15,7 +14,7 @@ from pbd.sensors.decoding import Sample
 from pbd.sensors.line_layout import layout_from_options
 from pbd.sensors.lines import LONGEST_LINE, LineDecoder
 from tests.sensors.decoded import held_bytes, known
-from tests.sensors.streams import assert_any_chunking, mutated
+from tests.sensors.streams import mutated
 
 NINE = ("ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz")
 VALUES = dict(zip(NINE, (1.5, -2.0, 3e-3, -4.0, 5.25, 60.0, 7.0, -0.8, 0.09), strict=True))
@@ -170,10 +169,6 @@ def make() -> LineDecoder:
     return LineDecoder(layout_from_options("t,ax,ay,az", {"t": "us"}))
 
 
-def make_marked() -> LineDecoder:
-    return LineDecoder(layout_from_options("t,ax,ay,az", {"t": "us"}, prefix="9"))
-
-
 def test_damaged_streams() -> None:
     rng = random.Random(20131007)
     for _ in range(300):
@@ -181,11 +176,3 @@ def test_damaged_streams() -> None:
         decoder = make()
         assert [sample.acc for sample in decoder.feed(stream)] == readings(stream)
         assert one(decoder, "13000,1,2,3").acc == (1.0, 2.0, 3.0)
-
-
-@pytest.mark.parametrize("kind", [make, make_marked])
-@settings(max_examples=20)
-@given(seed=st.integers(0, 2**32), noise=st.integers(0, 1500))
-def test_any_chunking_gives_the_same(kind: Callable[[], LineDecoder], seed: int, noise: int) -> None:
-    rng = random.Random(seed)
-    assert_any_chunking(kind, mutated(some_stream(rng) + b"7" * noise + some_stream(rng), rng), seed)

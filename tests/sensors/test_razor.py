@@ -64,12 +64,3 @@ def test_other_lines_are_passed_over() -> None:
     stream = b"#YPR=1.0,2.0,3.0\r\n!ERR: reading gyroscope\r\n#A-R=1,2,3\r\n" + frame((0, 0, 1), (1, 2, 3), (4, 5, 6))
     assert len(decoder.feed(stream)) == 1
     assert (decoder.tally.packets, decoder.tally.bad_packets) == (3, 0)
-
-
-def test_a_start_anywhere() -> None:
-    frames = [frame((0.0, 0.0, 1.0), (k, 0.0, 0.0), (k, 0.0, 0.0)) for k in range(3)]
-    whole = decode(make, b"".join(frames))
-    for start in range(len(frames[0])):
-        samples = decode(make, b"".join(frames)[start:])
-        assert samples[-2:] == whole[1:]
-        assert all(sample.acc is None for sample in samples[:-2]) or start == 0

@@ -20,7 +20,7 @@ from pbd.pose import quat_about_z, quat_from_rpy, quat_multiply, quat_to_matrix
 from pbd.sensors.decoding import Sample, Tally
 from pbd.sensors.ximu3 import XImu3Decoder
 from tests.sensors.encoders.ximu3 import binary, packets, text
-from tests.sensors.streams import fed, mutated, pieces
+from tests.sensors.streams import mutated
 
 PUBLISHED = bytes.fromhex("c94a420f0000000000 0000c03f 000010c0 00002041 cdcccc3d cdcc4cbe 48e17a3f 0a")
 PACKETS = packets(200)
@@ -235,10 +235,3 @@ def test_nonsense_is_thrown_away_and_counted(message: bytes) -> None:
     decoder = XImu3Decoder()
     assert decoder.feed(message) == []
     assert decoder.tally == Tally(bad_packets=1)
-
-
-def test_long_noise_swallows_nothing() -> None:
-    noise = random.Random(3).randbytes(5000).replace(b"\n", b"?")
-    for packet in (text("I", 5, STILL), binary("I", 5, STILL)):
-        decoder = XImu3Decoder()
-        assert fed(decoder, pieces(noise + packet, random.Random(4))) == [one(packet)]

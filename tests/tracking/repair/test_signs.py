@@ -20,12 +20,12 @@ from pbd.errors import PbdWarning, RecordingError
 from pbd.files.demo import write_demo
 from pbd.files.importers import import_file
 from pbd.pipeline import track
-from pbd.pose import quat_exp, quat_from_rpy, quat_rotate, quat_to_matrix, quat_to_rpy
+from pbd.pose import Array, quat_exp, quat_from_rpy, quat_rotate, quat_to_matrix, quat_to_rpy
 from pbd.simulation.calibration_tasks import sides
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task
 from pbd.simulation.tasks import Task
-from pbd.tracking.repair.axes import Witness, find_axis_error
+from pbd.tracking.repair.axes import Contradiction, Witness, find_axis_error
 from pbd.tracking.repair.axis_mappings import AxisMapping
 from pbd.tracking.repair.gyro_consistency import (
     refuse_disagreement,
@@ -288,18 +288,26 @@ def test_a_drones_axes_are_another_way_to_be_upside_down() -> None:
         warn_upside_down(recording, np.array([0.0, 0.0, -1.0]), 0, 2)
 
 
+def directions(count: int) -> Array:
+    """Unit vectors (count, 3) that point anywhere."""
+    drawn = np.random.default_rng(0).normal(size=(count, 3))
+    return np.asarray(drawn / np.linalg.norm(drawn, axis=1)[:, None])
+
+
+def found_by_gravity(up: Array, turns: Array, gyro: Array) -> Contradiction | None:
+    """What is wrong with a gyro that shows `gyro` where the sensor turns by `turns` (n, 3) rad, by the vertical `up`."""
+    witness = Witness("a", up, quat_rotate(quat_exp(turns), up))
+    return find_axis_error([witness], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
+
+
 @pytest.mark.parametrize(("degrees", "told"), [(5.0, False), (9.0, True)])
 def test_a_wrong_sign_is_told_where_gravity_contradicts_it_by_more_than_a_moving_hand(
     degrees: float, told: bool
 ) -> None:
     """With these turns about z, gravity is 9 or 15 degrees (median) from where the wrong gyro predicts it."""
-    rng = np.random.default_rng(0)
-    up = rng.normal(size=(20, 3))
-    up /= np.linalg.norm(up, axis=1)[:, None]
-    turns = np.radians(np.column_stack((rng.uniform(-60.0, 60.0, (20, 2)), np.full(20, degrees))))
-    gyro = turns * (1.0, 1.0, -1.0)
-    after = quat_rotate(quat_exp(turns), up)
-    found = find_axis_error([Witness("a", up, after)], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
+    tilts = np.random.default_rng(0).uniform(-60.0, 60.0, (20, 2))
+    turns = np.radians(np.column_stack((tilts, np.full(20, degrees))))
+    found = found_by_gravity(directions(20), turns, turns * (1.0, 1.0, -1.0))
     assert [each.message[:22] for each in (found,) if each] == ["gz has the wrong sign:"] * told
 
 
@@ -307,7 +315,7 @@ def test_a_gyro_in_another_order_is_not_taken_for_another_unit_where_gravity_did
     """A hand that only yaws, with gx and gz swapped: in deg/s the gyro would not turn at all, and so would fit."""
     up = np.tile((0.0, 0.0, 1.0), (20, 1))
     gyro = np.radians(np.linspace(30.0, 60.0, 20))[:, None] * (1.0, 0.0, 0.0)
-    found = find_axis_error([Witness("a", up, up)], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
+    found = found_by_gravity(up, np.zeros((20, 3)), gyro)
     assert found is not None
     assert found.message.startswith("gx, gy, gz are in another order (gravity turns too little to tell), or its values")
 
@@ -319,9 +327,7 @@ def test_a_hand_that_mostly_yaws_shows_by_its_few_tilts_which_axes_are_swapped()
     tilts = np.arange(20) < 8
     axes = np.column_stack((tilts * np.cos(heading), tilts * np.sin(heading), ~tilts))
     turns = angle[:, None] * axes
-    after = quat_rotate(quat_exp(turns), up)
-    witness, gyro = Witness("a", up, after), turns[:, [2, 1, 0]] + 0.01
-    found = find_axis_error([witness], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
+    found = found_by_gravity(up, turns, turns[:, [2, 1, 0]] + 0.01)
     assert found is not None
     assert found.message.startswith("gx and gz are swapped: import the file with --column gx=gz --column gz=gx")
 
@@ -341,43 +347,25 @@ def test_the_few_larger_turns_of_a_calm_hand_show_what_is_wrong() -> None:
     ("per_rad", "advice"), [(180.0 / np.pi, "deg/s"), (180e3 / np.pi, "mdeg/s"), (np.pi / 180.0, "rad/s")]
 )
 def test_the_unit_of_the_gyro_is_named(per_rad: float, advice: str) -> None:
-    rng = np.random.default_rng(0)
-    up, turns = np.tile((0.0, 0.0, 1.0), (20, 1)), rng.uniform(-0.8, 0.8, (20, 3))
-    witness = Witness("a", up, quat_rotate(quat_exp(turns), up))
-    found = find_axis_error([witness], lambda factor: quat_to_matrix(quat_exp(factor * per_rad * turns)))
+    turns = np.random.default_rng(0).uniform(-0.8, 0.8, (20, 3))
+    found = found_by_gravity(np.tile((0.0, 0.0, 1.0), (20, 1)), turns, per_rad * turns)
     assert found is not None
     assert found.message.endswith(f"; import the file with --unit gyr={advice}")
 
 
 @pytest.mark.parametrize(("turned", "told"), [(2, False), (3, True)])
 def test_of_two_turns_no_unit_is_told(turned: int, told: bool) -> None:
-    up, turns = np.tile((0.0, 0.0, 1.0), (turned, 1)), np.array([[0.5, 0.0, 0.0], [0.0, 0.7, 0.0], [-0.6, 0.4, 0.0]])
-    turns = turns[:turned]
-    witness = Witness("a", up, quat_rotate(quat_exp(turns), up))
-    found = find_axis_error([witness], lambda factor: quat_to_matrix(quat_exp(factor * np.degrees(turns))))
+    turns = np.array([[0.5, 0.0, 0.0], [0.0, 0.7, 0.0], [-0.6, 0.4, 0.0]])[:turned]
+    found = found_by_gravity(np.tile((0.0, 0.0, 1.0), (turned, 1)), turns, np.degrees(turns))
     assert (found is not None) == told
 
 
-def test_the_first_pair_of_moments_that_shows_what_is_wrong_is_named() -> None:
-    rng = np.random.default_rng(0)
-    up = rng.normal(size=(7, 3))
-    up /= np.linalg.norm(up, axis=1)[:, None]
-    turns = np.vstack((np.zeros((2, 3)), rng.uniform(-1.0, 1.0, (5, 3))))
-    witness, gyro = Witness("a", up, quat_rotate(quat_exp(turns), up)), turns * (-1.0, 1.0, 1.0)
-    found = find_axis_error([witness], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
-    assert found is not None
-    assert found.pair == 2
-
-
-def test_five_turns_tell_of_one_wrong_sign() -> None:
-    rng = np.random.default_rng(0)
-    up = rng.normal(size=(5, 3))
-    up /= np.linalg.norm(up, axis=1)[:, None]
-    turns = rng.uniform(-1.0, 1.0, (5, 3))
-    witness, gyro = Witness("a", up, quat_rotate(quat_exp(turns), up)), turns * (-1.0, 1.0, 1.0)
-    found = find_axis_error([witness], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
+def test_five_turns_tell_of_one_wrong_sign_with_the_first_pair_of_moments_that_shows_it() -> None:
+    turns = np.vstack((np.zeros((2, 3)), np.random.default_rng(1).uniform(-1.0, 1.0, (5, 3))))
+    found = found_by_gravity(directions(7), turns, turns * (-1.0, 1.0, 1.0))
     assert found is not None
     assert found.message.startswith("gx has the wrong sign: import the file with --column gx=-gx")
+    assert found.pair == 2
 
 
 def test_a_bent_field_hides_no_wrong_axis() -> None:
@@ -395,12 +383,9 @@ def test_a_bent_field_hides_no_wrong_axis() -> None:
 @pytest.mark.parametrize("axes", [1, 3])
 def test_a_single_remedy_is_doubted_after_turns_about_one_axis(axes: int) -> None:
     """Columns gx and gy are swapped. About x alone, columns that moved in a ring fit as well."""
-    rng = np.random.default_rng(0)
-    up = rng.normal(size=(20, 3))
-    up /= np.linalg.norm(up, axis=1)[:, None]
+    rng = np.random.default_rng(1)
     turns = np.radians(rng.uniform(20.0, 60.0, (20, 1))) * (rng.normal(size=(20, 3)) if axes == 3 else (1.0, 0.0, 0.0))
-    gyro, after = turns[:, [1, 0, 2]], quat_rotate(quat_exp(turns), up)
-    found = find_axis_error([Witness("a", up, after)], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
+    found = found_by_gravity(directions(20), turns, turns[:, [1, 0, 2]])
     doubt = " (the hand turned too little to be sure)" if axes == 1 else ""
     assert found is not None
     assert found.message == f"gx and gy are swapped: import the file with --column gx=gy --column gy=gx{doubt}"
