@@ -7,14 +7,13 @@ import json
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 from PIL import Image
 
 from pbd.cli import main
 from pbd.files.demo import load_demo
 from pbd.plots import compare_figures, figures
-from tests.cli.running import HEADER, Capture, run, run_json, write_recording
+from tests.cli.running import Capture, run, run_json
 
 pytestmark = pytest.mark.usefixtures("elsewhere", "remembered")
 
@@ -133,26 +132,6 @@ def test_what_cannot_be_known_is_drawn_all_the_same(capsys: Capture, elsewhere: 
     assert code == 0
     assert finding in err
     assert len(json.loads(out)["keyframes"]) == 5
-
-
-def test_what_goes_wrong_is_one_line(capsys: Capture, elsewhere: Path) -> None:
-    (elsewhere / "file").write_text("")
-    write_recording(elsewhere / "g.csv", norm=1.0)
-    values = np.random.default_rng(0).normal((0.0, 0.0, 0.0, 0.0, 0.0, 9.81), 2.0, (400, 6))
-    rows = (f"{k / 100},{','.join(f'{x:.4f}' for x in row)}\n" for k, row in enumerate(values))
-    (elsewhere / "shaken.csv").write_text(HEADER + "".join(rows))
-    needed = "is a file, and a folder is needed there"
-    for args, end in (
-        (("tee",), "no demonstration named 'tee' in ./demos, nor a file or folder of that path; known are"),
-        (("pouring", "--save", "file"), f"file can't be written (it {needed}); give another --save"),
-        (("pouring", "--save", "file/in"), f"file/in can't be written (file {needed}); give another --save"),
-        (("shaken.csv",), "the hand never stands still for 1 s: at its quietest (t = "),
-        (("pouring", "g.csv"), "g: at rest the accelerometer reads 1, but gravity is 9.81 m/s2; the values are"),
-    ):
-        code, out, err = run(capsys, "plot", *args)
-        assert (code, out) == (1, "")
-        assert err.splitlines()[-1].startswith(f"pbd: {end}")
-        assert not (elsewhere / "plots").exists()
 
 
 @pytest.mark.usefixtures("few")

@@ -150,17 +150,6 @@ def test_a_dock_out_of_reach_is_refused_with_exit_3(capsys: Capture) -> None:
     assert not Path("calibration").exists()
 
 
-@pytest.mark.parametrize(
-    ("args", "code", "message"),
-    [
-        (("--robot", "panda", "--joints", *["0"] * 6, "400"), 3, "joint panda_joint4 can't be at 0: its limits are"),
-        (("--joints", "0", "--rpy", "0", "0", "0"), 2, "--rpy goes with --position; leave it out"),
-    ],
-)
-def test_what_is_wrong_with_a_dock(capsys: Capture, args: tuple[str, ...], code: int, message: str) -> None:
-    assert refused(capsys, code, "calibrate", "dock", "bench", *args).startswith(f"pbd: {message}")
-
-
 def test_keyframes_tells_how_sure_the_tool_is_in_base(capsys: Capture) -> None:
     run(capsys, *DOCK)
     rows = run_json(capsys, "keyframes", "pouring", "--calibration", "bench")["keyframes"]

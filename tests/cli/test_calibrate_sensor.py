@@ -316,24 +316,6 @@ def test_a_tip_that_slipped_does_not_replace_a_good_lever(capsys: Capture) -> No
     assert file.read_text() != good
 
 
-def test_what_is_wrong_with_a_mount(capsys: Capture) -> None:
-    x = np.array((1.0, 0.0, 0.0))
-    save(
-        "nod",
-        simulate(turning_through([quat_exp(a * x) for a in (0.6, -0.6, 0.5)], np.random.default_rng(0)), "modern", 0),
-    )
-    assert refused(capsys, 2, "calibrate", "mount", "bench", "nod").startswith("pbd: say what the recording shows")
-    assert "in the sensor's axes is " in refused_by(capsys, "calibrate", "mount", "bench", "nod", "--pivot")
-    line = refused_by(capsys, "calibrate", "mount", "bench", "nod", "--turns", "x,y")
-    assert line.startswith("--turns names 2 turns, but 3 moves turn by 20 degrees or more")
-    assert refused_by(capsys, "calibrate", "mount", "bench", "nod", "--turns", "x,-x,x").startswith(
-        "all turns are about"
-    )
-    with pytest.raises(SystemExit, match="2"):
-        main(["calibrate", "mount", "bench", "nod", "--turns", "up"])
-    capsys.readouterr()
-
-
 # --- the heading ------------------------------------------------------------------------------------------------------
 
 

@@ -192,14 +192,9 @@ def test_a_calibration_that_a_person_stops_says_how_it_leaves_the_arm(words: lis
         assert not real.servos[1].registers[40]
 
 
-def test_nobody_to_ask(words: list[str], capsys: Capture) -> None:
-    assert "start it at a terminal, or with --yes" in refused(capsys, 2, "run", *words, "--port", "/dev/null")
-
-
 @pytest.mark.parametrize(
     ("robot", "way"),
     [
-        ("panda", "--format npz -o motion.npz`, and franky as in docs/exports.md"),
         ("ur5", "--format npz -o motion.npz`, and ur_rtde as"),
         ("z1", "--format ros2-json -o motion.json`, and ros2_control as"),
     ],

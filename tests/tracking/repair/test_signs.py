@@ -295,7 +295,7 @@ def directions(count: int) -> Array:
 
 
 def found_by_gravity(up: Array, turns: Array, gyro: Array) -> Contradiction | None:
-    """What is wrong with a gyro that shows `gyro` where the sensor turns by `turns` (n, 3) rad, by the vertical `up`."""
+    """What is wrong with a gyro that shows `gyro` (n, 3) rad while the sensor turns by `turns`: `up` tells."""
     witness = Witness("a", up, quat_rotate(quat_exp(turns), up))
     return find_axis_error([witness], lambda factor: quat_to_matrix(quat_exp(factor * gyro)))
 
