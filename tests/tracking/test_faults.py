@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -122,17 +122,20 @@ def without(channel: str) -> damage.Damage:
     return drop
 
 
-def sound(channel: str, *sensors: str) -> list[Case]:
+def sound(channel: str, sensors: Sequence[str], *tasks: str) -> list[Case]:
     """Tasks without damage, by sensors without a channel."""
     fault = Fault("no", channel, without(channel))
-    return [Case(fault, task, sensor, FIRST_SEED) for task in TASKS for sensor in sensors]
+    return [Case(fault, task, sensor, FIRST_SEED) for task in tasks for sensor in sensors]
 
 
 RUNS: dict[str, tuple[list[Case], Callable[[Case], Outcome]]] = {
     "faults": (CASES, outcome),
     "live_faults": (list(KINDS.values()), live),
-    "no_gyro": (sound("gyr", "os5000", "wt901"), outcome),
-    "paper": ([*sound("mag", *SENSORS), *sound("device_rpy", *SENSORS)], partial(outcome, method="paper")),
+    "no_gyro": (sound("gyr", ("os5000", "wt901"), "pour", "pick-and-place-stops"), outcome),
+    "paper": (
+        [case for channel in ("mag", "device_rpy") for case in sound(channel, SENSORS, "pick-and-place-stops")],
+        partial(outcome, method="paper"),
+    ),
 }
 """Name of the file: its cases, and what is done with them."""
 
