@@ -32,6 +32,7 @@ from pbd.pose import Array, Pose
 from tests.arm.bundled import arm_of
 from tests.arm.collision_oracles import first_hit
 from tests.benchmarks.scenes import made, travel
+from tests.known import known
 
 ARM = arm_of("panda")
 HOME = ARM.robot.home
@@ -111,8 +112,7 @@ def test_without_obstacles_all_moves_are_straight() -> None:
     assert kinds(motion) == [STRAIGHT, STRAIGHT]
     np.testing.assert_array_equal(motion.segments[1].q, motion.q[1:])
     assert motion.segments[1].off_line_m > 0.001
-    assert motion.retreat is not None
-    np.testing.assert_array_equal(motion.retreat.q[-1], HOME)
+    np.testing.assert_array_equal(known(motion.retreat).q[-1], HOME)
 
 
 def test_a_barred_move_is_avoided_by_another_configuration() -> None:
@@ -130,8 +130,7 @@ def test_a_barred_move_is_avoided_by_another_configuration() -> None:
 def test_the_hands_path_leads_over_a_wall() -> None:
     motion = chosen((LEFT, RIGHT), WALL, approach=False, hand=lambda: [OVER])
     assert kinds(motion) == [STRAIGHT, DEMO]
-    avoided = motion.segments[1].avoided
-    assert avoided is not None
+    avoided = known(motion.segments[1].avoided)
     assert avoided.second == "the wall"
     assert places(motion.segments[1].q)[:, 2].max() > 0.19
 
@@ -209,8 +208,7 @@ def test_a_path_on_which_the_tool_touches_is_not_followed(around: tuple[Motion, 
     assert not followed
     scene = CollisionScene(ARM, None, PLATE)
     line_of_tool = line(LEFT, RIGHT)
-    hit = scene.tool_hit(line_of_tool, GraspState())
-    assert hit is not None
+    hit = known(scene.tool_hit(line_of_tool, GraspState()))
     assert hit.second == "the plate"
     assert scene.tool_hit(line_of_tool[:5], GraspState()) is None
 
@@ -253,8 +251,7 @@ def test_a_known_detour_is_bent_to_joints_nearby_without_getting_longer(around: 
     scene = CollisionScene(ARM, None, PLATE)
     start, goal = way[-1] + 0.02, way[0] - 0.02
     assert bend_detour(scene, GraspState(), start, goal, []) is None
-    back = bend_detour(scene, GraspState(), start, goal, [way])
-    assert back is not None
+    back = known(bend_detour(scene, GraspState(), start, goal, [way]))
     assert (back[[0, -1]] == (start, goal)).all()
     assert scene.is_free(back, GraspState())
     assert np.abs(np.diff(back, axis=0)).sum() < 1.1 * np.abs(np.diff(way, axis=0)).sum()
@@ -267,8 +264,7 @@ def test_a_known_detour_is_bent_to_joints_nearby_without_getting_longer(around: 
 
 def test_no_known_detour_is_bent_where_the_straight_move_is_free(around: tuple[Motion, list[object]]) -> None:
     way = np.vstack((around[0].q[0], around[0].segments[1].q))
-    found = bend_detour(CollisionScene(ARM), GraspState(), way[0], way[-1], [way])
-    assert found is not None
+    found = known(bend_detour(CollisionScene(ARM), GraspState(), way[0], way[-1], [way]))
     assert found.tolist() == way[[0, -1]].tolist()
 
 
@@ -278,8 +274,7 @@ def test_a_known_detour_that_is_wider_than_it_need_be_is_brought_nearer_to_the_s
     way = np.vstack((around[0].q[0], around[0].segments[1].q))
     scene, straight = CollisionScene(ARM, None, PLATE), np.linspace(way[0], way[-1], len(way))
     wide = straight + 1.5 * (way - straight)
-    found = bend_detour(scene, GraspState(), way[0], way[-1], [wide])
-    assert found is not None
+    found = known(bend_detour(scene, GraspState(), way[0], way[-1], [wide]))
     share = np.linalg.norm(found - straight) / np.linalg.norm(wide - straight)
     assert share < 1.0
     assert found == pytest.approx(straight + share * (wide - straight))
@@ -392,8 +387,7 @@ def test_a_detour_from_home_and_back(end: str) -> None:
     with pytest.warns(PbdWarning, match="the arm goes around the wall"):
         found = chosen(poses, [wall], **request)
     detour = found.segments[0] if end == "approach" else found.retreat
-    assert detour is not None
-    assert detour.kind == DETOUR
+    assert known(detour).kind == DETOUR
 
 
 @pytest.mark.parametrize("kind", [LINE, DEMO])

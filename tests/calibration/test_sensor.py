@@ -25,6 +25,7 @@ from pbd.simulation.simulate import EARTH, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.noise import CALIBRATED
 from tests.calibration.turning import BAD, device, symmetric
+from tests.known import known
 
 MG = 1e-3 * GRAVITY
 SEED = 5
@@ -119,8 +120,7 @@ def test_orientations_are_counted_once() -> None:
 
 def test_a_gyro_that_shows_one_turn_much_too_large_is_refused(recording: Recording, rests: Rests) -> None:
     """Otherwise the fit would attribute it to scale and axes."""
-    assert recording.gyr is not None
-    gyr, up = recording.gyr.copy(), rests.acc / np.linalg.norm(rests.acc, axis=1, keepdims=True)
+    gyr, up = known(recording.gyr).copy(), rests.acc / np.linalg.norm(rests.acc, axis=1, keepdims=True)
     gyr[rests.stop[3] : rests.start[4]] *= 1.6
     with pytest.raises(CalibrationError, match=r"does not turn as gravity does \(by 11 degrees, rms\)"):
         fit_gyro(replace(recording, gyr=gyr), rests, up)
@@ -211,7 +211,6 @@ def test_a_gyro_is_found_in_the_accelerometers_axes(recording: Recording, rests:
 
 @pytest.mark.parametrize("wrong", [np.pi / 180.0, -1.0])
 def test_a_gyro_in_another_unit_or_other_axes_is_refused(recording: Recording, rests: Rests, wrong: float) -> None:
-    assert recording.gyr is not None
     few = replace(
         rests,
         start=rests.start[:4],
@@ -222,7 +221,7 @@ def test_a_gyro_in_another_unit_or_other_axes_is_refused(recording: Recording, r
         mag=None,
     )
     with pytest.raises(CalibrationError, match=r"does not turn as gravity does .*; is its unit rad/s"):
-        fit_gyro(replace(recording, gyr=wrong * recording.gyr), few, rests.up_sensor[:4])
+        fit_gyro(replace(recording, gyr=wrong * known(recording.gyr)), few, rests.up_sensor[:4])
 
 
 def test_five_seconds_of_rest_determine_the_bias() -> None:
@@ -252,9 +251,8 @@ def test_hard_and_soft_iron_are_found(recording: Recording, rests: Rests) -> Non
     gains = device(BAD, SEED)
     acc = fit_accelerometer(rests, EARTH.gravity)
     force = acc.linear.correct(rests.acc)
-    assert recording.mag is not None
     up = force / np.linalg.norm(force, axis=1, keepdims=True)
-    fit = fit_magnetometer(recording.mag, rests, up, up_sigma(acc.linear))
+    fit = fit_magnetometer(known(recording.mag), rests, up, up_sigma(acc.linear))
     turned = symmetric(gains["acc"][0]) @ gains["acc"][0]
     gain, bias = gains["mag"]
     rng = np.random.default_rng(0)
@@ -271,11 +269,9 @@ def test_hard_and_soft_iron_are_found(recording: Recording, rests: Rests) -> Non
 
 def test_a_magnetometer_in_other_axes_is_remarked_on(recording: Recording) -> None:
     """Strength alone does not show it, the dip does."""
-    assert recording.mag is not None
-    swapped = replace(recording, mag=recording.mag * (1.0, -1.0, 1.0))
+    swapped = replace(recording, mag=known(recording.mag) * (1.0, -1.0, 1.0))
     fit = calibrate_sensor(swapped, gravity=EARTH.gravity)
-    assert fit.mag is not None
-    assert fit.mag.uneven < 0.01
+    assert known(fit.mag).uneven < 0.01
     assert "% in strength and by" in "".join(fit.remarks)
     assert "signs of mx, my, mz" in "".join(fit.remarks)
 
@@ -335,8 +331,7 @@ def test_a_magnetometer_that_was_not_turned_is_refused() -> None:
 
 def test_a_magnet_beside_three_of_twelve_rests_is_said(recording: Recording, rests: Rests) -> None:
     """One of a tenth of the field. The fit hides most of it in strength and dip; headings are off by 3.5 degrees."""
-    assert recording.mag is not None
-    mag = recording.mag.copy()
+    mag = known(recording.mag).copy()
     for k, towards in zip((6, 7, 8), np.eye(3), strict=True):
         mag[rests.start[k] - 50 : rests.stop[k] + 50] += 5.0 * towards
     fit = calibrate_sensor(replace(recording, mag=mag), gravity=EARTH.gravity)
@@ -350,12 +345,8 @@ def test_a_field_that_differs_from_rest_to_rest_is_said(
     recording: Recording, rests: Rests, calibrated: SensorFit, seed: int, any_ut: float, north_ut: float
 ) -> None:
     """The fit takes a part of twelve dips, and a stronger north hardly shows in them."""
-    assert recording.mag is not None
-    assert rests.mag is not None
-    assert calibrated.errors.mag is not None
-    assert calibrated.errors.acc is not None
-    mag, rng = recording.mag.copy(), np.random.default_rng(seed)
-    north, up = calibrated.errors.mag.correct(rests.mag), calibrated.errors.acc.correct(rests.acc)
+    mag, rng = known(recording.mag).copy(), np.random.default_rng(seed)
+    north, up = known(calibrated.errors.mag).correct(known(rests.mag)), known(calibrated.errors.acc).correct(rests.acc)
     north -= (north * up).sum(axis=1, keepdims=True) / (up**2).sum(axis=1, keepdims=True) * up
     for start, stop, towards in zip(rests.start, rests.stop, north, strict=True):
         along_north = towards / np.linalg.norm(towards)
@@ -368,8 +359,7 @@ def test_a_magnet_that_the_sensor_is_turned_beside_leaves_the_magnetometer_out(
     recording: Recording, rests: Rests
 ) -> None:
     """Where the field differs by most of itself, a matrix near zero, or a mirror, fits: it is no calibration."""
-    assert recording.mag is not None
-    mag, rng = recording.mag.copy(), np.random.default_rng(1)
+    mag, rng = known(recording.mag).copy(), np.random.default_rng(1)
     for start, stop in zip(rests.start, rests.stop, strict=True):
         mag[start - 50 : stop + 50] += 25.0 * rng.normal(size=3)
     fit = calibrate_sensor(replace(recording, mag=mag), gravity=EARTH.gravity)
@@ -390,14 +380,12 @@ def test_an_accelerometer_that_no_correction_fits_is_remarked_on(recording: Reco
     fit = calibrate_sensor(drifted, gravity=EARTH.gravity)
     assert "mg (rms): the sensor was not still in a rest" in fit.remarks[0]
     for found, at_end in ((fit.errors.acc, 15.0 * MG), (fit.errors.gyr, np.radians(0.15))):
-        assert found is not None
-        assert np.all(found.bias_sigma > 0.25 * at_end)
+        assert np.all(known(found).bias_sigma > 0.25 * at_end)
 
 
 def test_rests_that_a_drifting_gyro_takes_for_turns_are_told(recording: Recording) -> None:
-    assert recording.gyr is not None
     drift = np.radians(np.linspace(-0.5, 0.5, len(recording)))[:, None] * (0.0, 0.0, 1.0)
-    fit = calibrate_sensor(replace(recording, gyr=recording.gyr + drift), gravity=EARTH.gravity)
+    fit = calibrate_sensor(replace(recording, gyr=known(recording.gyr) + drift), gravity=EARTH.gravity)
     assert len(fit.rests) < 12
     assert fit.remarks[0].startswith(f"{12 - len(fit.rests)} rests of 12 left out: the gyro reads more than 0.3")
 
@@ -428,11 +416,8 @@ def test_a_corrected_recording_reads_gravity_no_rate_and_one_field(recording: Re
     assert fit.errors.temperature_c == 21.0
     true = find_rests(corrected(recording, fit.errors))
     assert_allclose(np.linalg.norm(true.acc, axis=1), EARTH.gravity, atol=1.0 * MG)
-    assert true.gyr is not None
-    assert_allclose(true.gyr, 0.0, atol=np.radians(0.05))
-    assert true.mag is not None
-    assert fit.errors.field is not None
-    assert_allclose(np.linalg.norm(true.mag, axis=1), fit.errors.field, rtol=0.01)
+    assert_allclose(known(true.gyr), 0.0, atol=np.radians(0.05))
+    assert_allclose(np.linalg.norm(known(true.mag), axis=1), known(fit.errors.field), rtol=0.01)
     assert corrected(recording, None) is recording
 
 
@@ -474,8 +459,7 @@ def test_a_gyro_that_was_not_turned_between_rests_has_no_known_scale() -> None:
 
 def test_a_magnetometer_that_was_not_turned_far_enough_is_left_out(recording: Recording, calibrated: SensorFit) -> None:
     """What is known of it is kept, and the rest is calibrated; named with `only`, it must succeed."""
-    assert recording.mag is not None
-    flat = replace(recording, mag=recording.mag * (1.0, 1.0, 0.001))
+    flat = replace(recording, mag=known(recording.mag) * (1.0, 1.0, 0.001))
     fit = calibrate_sensor(flat, gravity=EARTH.gravity, known=calibrated.errors)
     assert [remark[:75] for remark in fit.remarks] == [
         "the magnetometer is left out: the magnetometer was not turned far enough: a"

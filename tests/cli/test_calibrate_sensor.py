@@ -30,6 +30,7 @@ from pbd.simulation.tasks import Task, random_task
 from pbd.tracking.keyframes import find_keyframes
 from tests.calibration.turning import BAD
 from tests.cli.running import Capture, refused, run, run_json
+from tests.known import known
 from tests.scenarios import keyframes_and_errors
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
@@ -68,8 +69,7 @@ def bench(recorded: Path, capsys: Capture) -> Path:
 
 def test_a_calibrated_sensor_tracks_better(bench: Path) -> None:
     demo = simulate("pour", BAD, 1)
-    truth = demo.truth
-    assert truth is not None
+    truth = known(demo.truth)
     worst = []
     for calibration in (None, read_calibration(bench)):
         with warnings.catch_warnings():
@@ -250,8 +250,7 @@ def test_a_tip_is_pivoted_and_its_rotation_turned(capsys: Capture) -> None:
     run_json(capsys, "calibrate", "mount", "bench", "turns", "--turns", "x,-x,z")
     _, out, err = run(capsys, "calibrate", "mount", "bench", "turns", "--turns", "x,-x,z")
     assert "turns about two axes fit wrong signs, or another two axes, just as well" in err
-    shown = re.search(r"the approach \(z\) +\((\S+), (\S+), (\S+)\)", out)
-    assert shown is not None
+    shown = known(re.search(r"the approach \(z\) +\((\S+), (\S+), (\S+)\)", out))
     assert [float(each) for each in shown.groups()] == pytest.approx(z, abs=0.03)
     moves = re.findall(r"move (\d), about (\S+) +(\d+)° +axis (\d\.\d)° off", out)
     assert [(int(move), axis) for move, axis, *_ in moves] == [(0, "x"), (1, "-x"), (2, "z")]
@@ -263,8 +262,7 @@ def test_a_tip_is_pivoted_and_its_rotation_turned(capsys: Capture) -> None:
     assert calibration.T_sensor_tool.p == pytest.approx(TIP, abs=0.001)
     turn = quat_log(quat_multiply(calibration.T_sensor_tool.wxyz, quat_exp((-2.9, -0.3, 0.2))))
     assert np.degrees(np.linalg.norm(turn)) < 1.0
-    assert calibration.cov_sensor_tool is not None
-    sigma = np.sqrt(np.diagonal(calibration.cov_sensor_tool))
+    sigma = np.sqrt(np.diagonal(known(calibration.cov_sensor_tool)))
     assert np.all(sigma[:3] > 0.0)
     assert np.all(sigma[3:] > 0.0)
     assert calibration.residuals["mount.pivot_stops"] == 10
@@ -324,8 +322,7 @@ def test_a_disturbed_field_recommends_a_dock(capsys: Capture) -> None:
 
     touched = touching(3, 6, "modern")
     recording = touched.demo.recording
-    assert recording.mag is not None
-    iron = recording.mag + np.array((25.0, 0.0, 0.0))  # a hard iron that nobody calibrated
+    iron = known(recording.mag) + np.array((25.0, 0.0, 0.0))  # a hard iron that nobody calibrated
     save("iron", replace(touched.demo, recording=replace(recording, mag=iron)))
     save("bare", replace(touched.demo, recording=replace(recording, mag=None, info=RecordingInfo(sensor="modern"))))
     save("good", touched.demo)

@@ -15,6 +15,7 @@ from pbd.pose import quat_about_z, quat_multiply, quat_rotate
 from pbd.simulation.simulate import simulate
 from pbd.tracking.paper import paper_path
 from pbd.tracking.smoother.preintegration import integral_of_means
+from tests.known import known
 from tests.near import assert_near
 from tests.scenarios import pour
 
@@ -26,9 +27,7 @@ def pouring() -> DemoValues:
 
 @pytest.fixture(scope="module")
 def truth() -> Truth:
-    found = pour().truth
-    assert found is not None
-    return found
+    return known(pour().truth)
 
 
 def against(plot: DemoValues, truth: Truth) -> TruthValues | None:
@@ -82,11 +81,9 @@ def test_the_truth_is_aligned_at_the_first_stop_wherever_it_was_measured(
     elsewhere = Truth(
         truth.t, quat_rotate(turn, truth.p_nav_sensor) + shift, quat_multiply(turn, truth.wxyz_nav_sensor)
     )
-    moved = against(pouring, elsewhere)
-    assert moved is not None
-    assert pouring.truth is not None
+    moved = known(against(pouring, elsewhere))
     for field in ("p_nav_sensor", "v_nav_sensor", "rpy_nav_sensor", "error"):
-        assert getattr(moved, field) == pytest.approx(getattr(pouring.truth, field), abs=1e-9)
+        assert getattr(moved, field) == pytest.approx(getattr(known(pouring.truth), field), abs=1e-9)
     assert np.linalg.norm(moved.error, axis=1).max() < 0.01
     assert np.degrees(np.abs(moved.rpy_nav_sensor - pouring.rpy_nav_sensor)).max() < 2.0
 
@@ -132,17 +129,15 @@ def test_the_true_velocity_suppresses_optical_noise(pouring: DemoValues, rate_hz
     straight = np.outer(t, (0.3, -0.2, 0.1))
     for noise, bound in ((0.0, 1e-9), (0.0005, 0.03)):
         p = straight + noise * rng.normal(size=straight.shape)
-        found = against(pouring, Truth(t, p, np.tile((1.0, 0.0, 0.0, 0.0), (len(t), 1))))
-        assert found is not None
+        found = known(against(pouring, Truth(t, p, np.tile((1.0, 0.0, 0.0, 0.0), (len(t), 1)))))
         speed = np.linalg.norm(found.v_nav_sensor, axis=1)
         assert np.sqrt(np.mean((speed - np.linalg.norm((0.3, -0.2, 0.1))) ** 2)) < bound
 
 
 def test_a_magnet_near_the_hand_shows_in_the_field() -> None:
     demo = pour("ideal")
-    assert demo.recording.mag is not None
     near = (demo.recording.t > 12.0) & (demo.recording.t < 12.5)
-    mag = demo.recording.mag * np.where(near, 1.1, 1.0)[:, None]
+    mag = known(demo.recording.mag) * np.where(near, 1.1, 1.0)[:, None]
     plot = demo_values(track(replace(demo, recording=replace(demo.recording, mag=mag))))
     assert plot.field is not None
     assert plot.field.strength == pytest.approx(np.where(near, 1.1, 1.0) * plot.field.rest_strength, rel=1e-3)

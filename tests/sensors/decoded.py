@@ -3,17 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
 
 from pbd.sensors.decoding import Decoder, Sample
-
-_T = TypeVar("_T")
-
-
-def known(value: _T | None) -> _T:
-    """Assert that the value is there, and return it."""
-    assert value is not None
-    return value
 
 
 def decode(make: Callable[[], Decoder], stream: bytes) -> list[Sample]:

@@ -13,7 +13,8 @@ from pbd.pose import quat_from_rpy, quat_rotate
 from pbd.sensors.decoding import Sample
 from pbd.sensors.line_layout import layout_from_options
 from pbd.sensors.lines import LONGEST_LINE, LineDecoder
-from tests.sensors.decoded import held_bytes, known
+from tests.known import known
+from tests.sensors.decoded import held_bytes
 from tests.sensors.streams import mutated
 
 NINE = ("ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz")

@@ -11,7 +11,8 @@ from pbd.data import GRAVITY
 from pbd.pose import quat_from_rpy, quat_inverse, quat_rotate
 from pbd.sensors.decoding import Sample, Tally
 from pbd.sensors.os5000 import OS5000Decoder
-from tests.sensors.decoded import decode, known
+from tests.known import known
+from tests.sensors.decoded import decode
 from tests.sensors.encoders import os5000 as encode
 
 FULL = b"$C212.4P2.5R-14.0T28.4Mx107977.90My-79422.00Mz173.27Ax0.045Ay-0.245Az0.977*3A\r\n"

@@ -10,7 +10,8 @@ from pbd.data import GRAVITY
 from pbd.sensors.decoding import Sample
 from pbd.sensors.lines import LineDecoder
 from pbd.sensors.razor import razor_layout
-from tests.sensors.decoded import decode, known
+from tests.known import known
+from tests.sensors.decoded import decode
 from tests.sensors.encoders.razor import frame
 
 three = st.tuples(*[st.floats(-8.0, 8.0)] * 3)

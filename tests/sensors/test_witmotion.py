@@ -14,7 +14,8 @@ from pbd.pose import quat_canonical, quat_from_rpy, quat_inverse, quat_log, quat
 from pbd.sensors.decoding import Sample, Triple
 from pbd.sensors.protocols import PROTOCOLS
 from pbd.sensors.witmotion import WitMotionDecoder
-from tests.sensors.decoded import decode, known
+from tests.known import known
+from tests.sensors.decoded import decode
 from tests.sensors.encoders.witmotion import ACC, ANGLE, GYR, MAG, QUATERNION, group, packet
 
 PUBLISHED = bytes.fromhex(

@@ -23,6 +23,7 @@ from pbd.simulation.simulate import random_task
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise, noise_of
+from tests.known import known
 from tests.near import assert_near
 from tests.scenarios import simulate
 from tests.tracking.hands import (
@@ -77,14 +78,12 @@ def test_a_mirrored_hand_goes_the_mirrored_way(method: str, sensor: SensorModel)
     recording = simulate(task, sensor, rate_hz=RATE_HZ[method]).recording
     polar = np.array((-1.0, 1.0, 1.0)) if sensor.mag else np.array((1.0, -1.0, 1.0))
     axial = np.concatenate(((1.0,), -polar))
-    assert recording.gyr is not None
-    assert recording.device_rpy is not None
     mirrored = replace(
         recording,
         acc=polar * recording.acc,
-        gyr=-polar * recording.gyr,
+        gyr=-polar * known(recording.gyr),
         mag=None if recording.mag is None else polar * recording.mag,
-        device_rpy=quat_to_rpy(axial * quat_from_rpy(recording.device_rpy)),
+        device_rpy=quat_to_rpy(axial * quat_from_rpy(known(recording.device_rpy))),
     )
     path, other = track(recording, method), track(mirrored, method)
     assert same_stops(other, path)
@@ -107,14 +106,12 @@ def test_how_the_sensor_is_mounted_does_not_matter(
         task = replace(task, waypoints=level, start_rpy=(0.0, 0.0, 0.3))
     recording = simulate(task, sensor, rate_hz=RATE_HZ[method]).recording
     mount = quat_from_rpy(rpy)
-    assert recording.gyr is not None
-    assert recording.device_rpy is not None
     remounted = replace(
         recording,
         acc=quat_rotate(quat_inverse(mount), recording.acc),
-        gyr=quat_rotate(quat_inverse(mount), recording.gyr),
+        gyr=quat_rotate(quat_inverse(mount), known(recording.gyr)),
         mag=None if recording.mag is None else quat_rotate(quat_inverse(mount), recording.mag),
-        device_rpy=quat_to_rpy(quat_multiply(quat_from_rpy(recording.device_rpy), mount)),
+        device_rpy=quat_to_rpy(quat_multiply(quat_from_rpy(known(recording.device_rpy)), mount)),
     )
     path, other = track(recording, method), track(remounted, method)
     mounted = quat_multiply(path.wxyz_nav_sensor, mount)
@@ -166,14 +163,12 @@ def test_the_wall_clock_changes_nothing(method: str) -> None:
 def test_a_recording_played_backwards_shows_the_moves_backwards(monkeypatch: pytest.MonkeyPatch, sensor: str) -> None:
     """Both estimates use all samples, so they differ by far less than a sigma, which is that of noise."""
     recording = simulate("pour", sensor, 3).recording
-    assert recording.gyr is not None
-    assert recording.mag is not None
     backwards = replace(
         recording,
         t=recording.t[-1] - recording.t[::-1],
         acc=recording.acc[::-1],
-        gyr=-recording.gyr[::-1],
-        mag=recording.mag[::-1],
+        gyr=-known(recording.gyr)[::-1],
+        mag=known(recording.mag)[::-1],
         device_rpy=None if recording.device_rpy is None else recording.device_rpy[::-1],
     )
     path = track(recording)

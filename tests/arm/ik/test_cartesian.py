@@ -17,6 +17,7 @@ from pbd.arm.model import ArmModel
 from pbd.arm.tool_deviation import off_line
 from pbd.pose import Array, Pose, quat_rotate
 from tests.arm.bundled import NAMES, arm_of
+from tests.known import known
 
 SIX_AND_MORE = [name for name in NAMES if not is_partial(arm_of(name))]
 
@@ -31,8 +32,7 @@ def along(arm: ArmModel, distance: float) -> tuple[Pose, ...]:
 def known_ends(arm: ArmModel, poses: tuple[Pose, ...]) -> tuple[Array, Array]:
     q = arm.robot.home
     for pose in poses:
-        found = refine(arm, pose, q)
-        assert found is not None
+        found = known(refine(arm, pose, q))
         q = found
     return arm.robot.home, q
 
@@ -41,8 +41,7 @@ def known_ends(arm: ArmModel, poses: tuple[Pose, ...]) -> tuple[Array, Array]:
 def test_each_pose_is_reached_and_no_joint_leaps(name: str) -> None:
     arm = arm_of(name)
     poses = along(arm, 0.05)
-    q = follow(arm, poses, *known_ends(arm, poses))
-    assert q is not None
+    q = known(follow(arm, poses, *known_ends(arm, poses)))
     assert np.abs(np.diff(q, axis=0)).max() < LEAP_RAD
     for pose, joints in zip(poses, q, strict=True):
         distance, angle = pose.distance(arm.forward(joints))
@@ -57,8 +56,7 @@ def test_the_tool_stays_on_the_line(name: str) -> None:
     """A straight move in joint space leaves the line."""
     arm = arm_of(name)
     poses = along(arm, 0.1)
-    q = follow(arm, poses, *known_ends(arm, poses))
-    assert q is not None
+    q = known(follow(arm, poses, *known_ends(arm, poses)))
     straight = np.linspace(q[0], q[-1], len(q))
     assert off_line(arm.forward_many(q)[0]) < 1e-7
     assert off_line(arm.forward_many(straight)[0]) > 1e-4
@@ -91,10 +89,8 @@ def test_an_elbow_that_flips_by_a_fifth_of_a_radian_is_a_leap() -> None:
     arm, q = arm_of("ur5"), np.array([0.3, -1.2, 0.1, -1.0, -1.4, 0.2])
     here = arm.forward(q)
     lower = Pose(here.p - np.array([0.0, 0.0, 1e-3]), here.wxyz)
-    flipped = flipped_elbow(arm, q)
-    assert flipped is not None
-    end = refine(arm, lower, flipped)
-    assert end is not None
+    flipped = known(flipped_elbow(arm, q))
+    end = known(refine(arm, lower, flipped))
     assert 0.1 < np.abs(end - q).max() < 0.25
     assert follow(arm, (here, lower), q, end) is None
 
@@ -107,8 +103,7 @@ def test_a_wrist_near_its_singularity_may_turn_fast(rpy: tuple[float, float, flo
     for side in (-1.0, 1.0):
         q = middle
         for turn in side * turns:
-            found = refine(arm, arm.forward(middle) @ Pose.from_rpy((0, 0, 0), turn * np.array(rpy)), q)
-            assert found is not None
+            found = known(refine(arm, arm.forward(middle) @ Pose.from_rpy((0, 0, 0), turn * np.array(rpy)), q))
             q = found
         ends.append(q)
     assert np.abs(ends[1] - ends[0]).max() > 1.2
@@ -170,7 +165,6 @@ def test_a_redundant_arm_led_around_a_square_comes_back_as_it_left(name: str) ->
     corners = [Pose(home.p + np.array((0.0, *yz)), home.wxyz)
                for yz in ((0.0, 0.0), (0.2, 0.0), (0.2, -0.2), (-0.2, -0.2), (-0.2, 0.0), (0.0, 0.0))]  # fmt: skip
     poses = [home, *(pose for start, end in pairwise(corners) for pose in line(start, end)[1:])]
-    q = follow(arm, poses, arm.robot.home, arm.robot.home)
-    assert q is not None
+    q = known(follow(arm, poses, arm.robot.home, arm.robot.home))
     steps = np.abs(np.diff(q, axis=0)).max(axis=1)
     assert steps[-1] < 2.0 * steps[:-1].max()

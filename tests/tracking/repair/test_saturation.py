@@ -24,6 +24,7 @@ from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.saturation import Clip, clips_of, find_clips, restore
 from tests.benchmarks.trials import read_broad
+from tests.known import known
 from tests.near import assert_near
 from tests.scenarios import simulate, truth_at
 
@@ -42,9 +43,8 @@ def fast(seed: int) -> Task:
 
 def errors_in_m_and_sigma(demo: Demonstration) -> tuple[float, list[float]]:
     """The largest error of a keyframe, m; and all errors along each axis in the tracker's own sigmas."""
-    assert demo.truth is not None
     keyframes = find_keyframes(track(demo.recording))
-    off = np.array([k.T_nav_sensor.p - truth_at(demo.truth, k.t) for k in keyframes])
+    off = np.array([k.T_nav_sensor.p - truth_at(known(demo.truth), k.t) for k in keyframes])
     sigma = np.sqrt([np.diagonal(k.cov)[:3] for k in keyframes])
     return float(np.linalg.norm(off, axis=1).max()), (off[1:] / sigma[1:]).ravel().tolist()
 
@@ -101,11 +101,9 @@ def test_one_line_says_how_many_which_axis_where_and_what_to_do() -> None:
 
 def test_each_sensors_end_is_named() -> None:
     recording = simulate("pour", "modern", 0).recording
-    assert recording.gyr is not None
     ends = {"gyr": np.radians(31.25), "acc": 1.2 * GRAVITY}
     acc = np.clip(1.6 * recording.acc, -ends["acc"], ends["acc"])
-    assert recording.gyr is not None
-    clipped = replace(recording, gyr=np.clip(recording.gyr, -ends["gyr"], ends["gyr"]), acc=acc)
+    clipped = replace(recording, gyr=np.clip(known(recording.gyr), -ends["gyr"], ends["gyr"]), acc=acc)
     with pytest.warns(
         PbdWarning, match=r"accelerometer's .*z axis and the gyro's x axis are at .* \(1\.2 g and 31 deg/s\)"
     ):
@@ -142,9 +140,8 @@ def test_nothing_is_found_however_coarse_the_sensor(
     sensor: str, acc_mg: float, gyr_deg: float, seed: int, rate_hz: float
 ) -> None:
     model = limited(sensor)
-    assert model.gyr is not None
     acc = replace(model.acc, step=1e-3 * GRAVITY * acc_mg)
-    coarse = replace(model, acc=acc, gyr=replace(model.gyr, step=np.radians(gyr_deg)))
+    coarse = replace(model, acc=acc, gyr=replace(known(model.gyr), step=np.radians(gyr_deg)))
     assert clips_of(simulate(fast(seed), coarse, seed, rate_hz=rate_hz).recording) == ()
 
 
@@ -220,12 +217,9 @@ def test_the_roll_of_test_1_is_put_back_by_gravity() -> None:
     for seed in range(3):
         clipped = simulate("pick-and-place-stops", "os5000", seed)
         free = simulate("pick-and-place-stops", limited("os5000"), seed).recording
-        assert clipped.recording.gyr is not None
-        assert free.gyr is not None
-        lost.append(np.degrees((free.gyr - clipped.recording.gyr)[:, 0].sum() / 40.0))
-        assert clipped.truth is not None
+        lost.append(np.degrees((known(free.gyr) - known(clipped.recording.gyr))[:, 0].sum() / 40.0))
         path = track(clipped.recording)
-        turn = quat_log(quat_multiply(path.wxyz_nav_sensor[-1], quat_inverse(clipped.truth.wxyz_nav_sensor[-1])))
+        turn = quat_log(quat_multiply(path.wxyz_nav_sensor[-1], quat_inverse(known(clipped.truth).wxyz_nav_sensor[-1])))
         tilt.append(np.degrees(np.hypot(turn[0], turn[1])))
     assert np.median(lost) > 4.0
     assert np.median(tilt) < 1.0
@@ -279,10 +273,9 @@ def test_a_clipped_turn_about_the_vertical_is_put_back_by_the_move_around_it() -
     off, sigmas = [], []
     for seed in range(4):
         demo = simulate(random_task(3, moves=4), limited("modern", 60.0), seed)
-        assert demo.truth is not None
         path = track(replace(demo.recording, mag=None))
         at = [(stop.start + stop.stop) // 2 for stop in path.stops]
-        true = quat_inverse(demo.truth.wxyz_nav_sensor[at])
+        true = quat_inverse(known(demo.truth).wxyz_nav_sensor[at])
         heading = quat_log(quat_multiply(path.wxyz_nav_sensor[at], true))[:, 2]
         off += (heading[1:] - heading[0]).tolist()
         sigmas += np.sqrt(path.cov[1:, 5, 5]).tolist()

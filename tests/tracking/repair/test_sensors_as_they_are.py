@@ -27,6 +27,7 @@ from pbd.tracking.repair.gyro_consistency import find_steady, refuse_disagreemen
 from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.repair.splices import without_wild
 from tests.benchmarks.trials import read_broad
+from tests.known import known
 from tests.scenarios import keyframes_and_errors, pour, simulate, uncalibrated, with_rows
 from tests.tracking.faults import with_channel
 
@@ -205,8 +206,7 @@ def test_an_axis_across_a_smooth_motion_of_a_sensor_without_noise_is_not_stuck()
 def test_a_gyro_that_says_zero_at_rest_is_not_stuck() -> None:
     """Some sensors subtract their own bias whenever they detect rest."""
     demo = pour("wt901", 1)
-    gyr = demo.recording.gyr
-    assert gyr is not None
+    gyr = known(demo.recording.gyr)
     still = np.array([np.abs(gyr[max(i - 20, 0) : i + 20]).max() < 0.03 for i in range(len(gyr))])
     assert still.mean() > 0.2
     quiet = replace(demo.recording, gyr=np.where(still[:, None], 0.0, gyr))
@@ -245,8 +245,7 @@ def turned(gyr: Array, how: str) -> Array:
 
 
 def spoilt(demo: Demonstration, how: str) -> Recording:
-    assert demo.recording.gyr is not None
-    return replace(demo.recording, gyr=turned(demo.recording.gyr, how))
+    return replace(demo.recording, gyr=turned(known(demo.recording.gyr), how))
 
 
 @pytest.mark.parametrize("sensor", ["os5000", "modern"])
@@ -263,10 +262,9 @@ def test_a_real_gyro_in_degrees_is_found_out_and_a_good_one_is_not(data_folder: 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PbdWarning)  # of lost samples
             good, _ = repair_recording(recording)
-        assert good.gyr is not None
         if name.endswith((" 40", " 1")):
             with pytest.raises(RecordingError, match="--unit gyr=deg/s"):
-                refuse_disagreement(replace(good, gyr=np.degrees(good.gyr)))
+                refuse_disagreement(replace(good, gyr=np.degrees(known(good.gyr))))
 
 
 @settings(max_examples=12, deadline=None)
@@ -292,9 +290,8 @@ def test_a_phone_that_saves_power_by_a_lower_rate_is_no_wrong_gyro(every: int) -
     saving = with_rows(whole, np.flatnonzero((whole.t < 8.0) | (np.arange(len(whole)) % every == 0)))
     assert saving.rate_hz == pytest.approx(200.0)
     refuse_disagreement(saving)
-    assert saving.gyr is not None
     with pytest.raises(RecordingError, match="--unit gyr=deg/s"):
-        refuse_disagreement(replace(saving, gyr=np.degrees(saving.gyr)))
+        refuse_disagreement(replace(saving, gyr=np.degrees(known(saving.gyr))))
 
 
 @pytest.mark.parametrize("seed", [2, 9, 19])
@@ -302,8 +299,7 @@ def test_a_turn_about_the_vertical_is_not_taken_for_rest(seed: int) -> None:
     """In it the accelerometer is as quiet as at rest, but the gyro's mean is no bias."""
     recording = simulate(sides(seed), "wt901", seed).recording
     refuse_disagreement(recording)
-    assert recording.gyr is not None
-    bias = find_steady(recording.acc, recording.gyr, recording.rate_hz).gyro_bias
+    bias = find_steady(recording.acc, known(recording.gyr), recording.rate_hz).gyro_bias
     assert np.abs(bias).max() < np.radians(2.0)
 
 
