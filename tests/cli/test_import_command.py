@@ -44,10 +44,14 @@ def test_printed_lines_that_share_a_time_are_all_read(tmp_path: Path, monkeypatc
     assert len(read_demo(Path("demos/tea")).recording) == 1000
 
 
-def test_acceleration_in_g_is_told_at_once(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_acceleration_in_g_is_told_at_once_and_what_it_says_to_do_helps(
+    in_g: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["import", str(in_g), "tea"]) == 1
     assert "the values are likely in g: import the file with --unit acc=g" in capsys.readouterr().err
     assert not Path("demos").exists()
+    assert main(["import", str(in_g), "tea", "--unit", "acc=g"]) == 0
+    assert read_demo(Path("demos/tea")).recording.acc[:, 2].max() > GRAVITY
 
 
 @pytest.mark.parametrize(
@@ -78,11 +82,6 @@ def test_a_sign_that_was_turned_is_not_advised_again(
     err = capsys.readouterr().err
     assert "import the file with --unit acc=g" in err
     assert "acc=-g" not in err
-
-
-def test_what_it_says_to_do_helps(in_g: Path) -> None:
-    assert main(["import", str(in_g), "tea", "--unit", "acc=g"]) == 0
-    assert read_demo(Path("demos/tea")).recording.acc[:, 2].max() > GRAVITY
 
 
 @pytest.fixture
@@ -118,17 +117,6 @@ def test_the_devices_own_attitude_refuses_it(
     assert "with --unit acc=-m/s2\n" in capsys.readouterr().err
     assert not Path("demos").exists()
     assert main(["import", "pulled/imu.csv", "tea", "--unit", "acc=-m/s2"]) == 0
-
-
-def test_a_table_without_times_is_told_of_the_rate_and_takes_it(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rows = [line.partition(",")[2] for line in in_g.read_text().splitlines()]
-    Path("notime.csv").write_text("\n".join(rows))
-    assert main(["import", "notime.csv", "tea", "--unit", "acc=g"]) == 1
-    assert "or with its --rate HZ" in capsys.readouterr().err
-    assert main(["import", "notime.csv", "tea", "--unit", "acc=g", "--rate", "100"]) == 0
-    ours, theirs = read_demo(Path("demos/tea")).recording, read_demo(in_g.parent).recording
-    assert ours.t == pytest.approx(theirs.t, abs=1e-6)
-    assert ours.info.rate_hz == 100.0
 
 
 def test_a_wrong_rate_is_not_blamed_on_a_column(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -231,16 +219,6 @@ def test_without_a_gyro_it_says_what_that_costs(swapped: Path, capsys: pytest.Ca
     swapped.write_text("\n".join(lines))
     assert main(["import", str(swapped), "tea"]) == 0
     assert "no gyro was found: attitude is then the device's own, which lags" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(("unit", "per_s"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
-def test_the_unit_of_time_is_told(in_g: Path, capsys: pytest.CaptureFixture[str], unit: str, per_s: float) -> None:
-    header, *rows = in_g.read_text().splitlines()
-    cells = [row.partition(",") for row in rows]
-    Path("other.csv").write_text("\n".join([header, *(f"{per_s * float(t):.0f},{rest}" for t, _, rest in cells)]))
-    assert main(["import", "other.csv", "tea", "--unit", "acc=g"]) == 1
-    assert f"the time is likely in {unit}: import the file with --unit t={unit}\n" in capsys.readouterr().err
-    assert main(["import", "other.csv", "tea", "--unit", "acc=g", "--unit", f"t={unit}"]) == 0
 
 
 @pytest.mark.parametrize("given", ["us", "ms", "0.1ms"])
