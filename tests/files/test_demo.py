@@ -320,12 +320,10 @@ def test_a_file_at_the_path_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("nots = 'x'", ":1: nots is unknown; the keys here are format, name, sensor, "),
         (
             "created = 'today'",
             ":1: created must be a date and time such as 2026-05-01T12:00:00Z, got 'today'; correct it",
         ),
-        ("closed = 1", ":1: closed must be true or false, got 1; correct it"),
         (
             "object = {shape = 'cone', size = [1]}",
             ":1: [object] shape must be one of box, cylinder, sphere, got 'cone'",
@@ -333,7 +331,6 @@ def test_a_file_at_the_path_is_refused(tmp_path: Path) -> None:
         ("object = {shape = 'box', size = [1]}", ":1: [object] size must have 3 numbers, got 1; correct it"),
         ("object = {shape = 'sphere', size = [1], mass_kg = 0}", ":1: [object] mass_kg must be above zero, got 0"),
         ("object = {shape = 'sphere', size = [-1]}", ":1: [object] size must hold only numbers above zero, got [-1]"),
-        ("grip = [{t_s = 1.0}]", ":1: [grip] closed is missing; add it"),
     ],
 )
 def test_a_fault_in_demo_toml_is_named_with_its_line(tmp_path: Path, line: str, message: str) -> None:
@@ -404,14 +401,9 @@ def test_places_and_heights_are_read_as_documented(tmp_path: Path) -> None:
             ":7: [place] t_s must name at least two stops, or one and a position_m; correct it",
         ),
         ("[[place]]\nt_s = [2.0, 2.0]\n", ":7: [place] t_s must name each stop once; correct it"),
-        ("[[place]]\nt_s = 2.0\n", ":7: [place] t_s must be a list of finite numbers, got 2.0; correct it"),
         (
             "[[place]]\nt_s = [1.0, 2.0]\n[[place]]\nt_s = [2.0, 3.0]\nposition_m = [1, 2]\n",
             ":10: [place] position_m must have 3 numbers, got 2; correct it",
-        ),
-        (
-            "[[place]]\nt_s = [1.0, 2.0]\n[[place]]\nt = [2.0, 3.0]\n",
-            ":8: [place] t_s is missing; add it",
         ),
         *(
             (text, f":{line} has {far} m, beyond any arm's reach; give metres, not cm or mm")
@@ -426,10 +418,6 @@ def test_places_and_heights_are_read_as_documented(tmp_path: Path) -> None:
             ":8: [place] sigma_m must be above zero, got 0; correct it",
         ),
         (
-            "[[contact]]\nt_s = 1.0\n[[contact]]\nt_s = 2.0\nas_at = 1.0\n",
-            ":10: [contact] as_at is unknown; the keys here are t_s, as_at_s, height_m, sigma_m; remove or rename it",
-        ),
-        (
             "[[contact]]\nt_s = 1.0\nas_at_s = 1.0\n",
             ":7: [contact] t_s and as_at_s must be two stops; correct it",
         ),
@@ -437,8 +425,6 @@ def test_places_and_heights_are_read_as_documented(tmp_path: Path) -> None:
             "[[contact]]\nt_s = 1.0\nas_at_s = 2.0\nheight_m = 0.1\n",
             ":7: [contact] t_s takes as_at_s or height_m, not both; correct it",
         ),
-        ("[[contact]]\nt_s = [1.0]\n", ":7: [contact] t_s must be a finite number, got [1.0]; correct it"),
-        ("[contact]\nt_s = 1.0\n", ":6: contact must be [[contact]] tables; correct it"),
     ],
 )
 def test_a_fault_in_a_place_or_a_height_is_named_with_its_line(tmp_path: Path, known: str, message: str) -> None:

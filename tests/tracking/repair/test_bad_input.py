@@ -204,16 +204,6 @@ def test_rows_without_a_number_are_bridged(method: str, channel: str, value: flo
     assert np.abs(path.p_nav_sensor - whole.p_nav_sensor).max() < 0.01
 
 
-@pytest.mark.parametrize("channel", ["acc", "gyr"])
-def test_infinities_hold_no_number(channel: str) -> None:
-    recording = pour().recording
-    with pytest.warns(PbdWarning, match=r"3 samples missing, in 1 gap; .* after row 299 \(t = 2\.99 s\)"):
-        path = track(broken(recording, channel, slice(300, 303), np.inf))
-    assert len(path.stops) == 11
-    with pytest.raises(RecordingError, match=f"'{channel}' has no number in any row"):
-        track(broken(recording, channel, slice(None), -np.inf))
-
-
 @quietly
 @pytest.mark.parametrize(("channel", "length"), [("acc", 10), ("gyr", 40)])
 def test_a_long_hole_in_a_move_is_refused_with_its_place(channel: str, length: int) -> None:
