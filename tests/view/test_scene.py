@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pbd.errors import RobotError
 from pbd.io.meshes import mesh_file
 from pbd.pose import Pose
 from pbd.view import visuals
@@ -236,20 +235,6 @@ class TestVisuals:
         material = f'<material name="tea"><color rgba="{colour}"/></material>'
         (visual,) = self.urdf(tmp_path, f'<geometry><sphere radius="1"/></geometry>{material}')
         assert (visual.mesh.rgb == [0, 128, 0]).all()
-
-    @pytest.mark.parametrize(
-        "broken",
-        [
-            "<geometry/>",
-            '<geometry><box size="1 2"/></geometry>',
-            "<geometry><torus/></geometry>",
-            '<geometry><mesh filename="package://nowhere/mesh.stl"/></geometry>',
-            '<origin xyz="a b c"/><geometry><sphere radius="1"/></geometry>',
-        ],
-    )
-    def test_a_broken_one_is_named(self, tmp_path: Path, broken: str) -> None:
-        with pytest.raises(RobotError, match=r"cup|mesh\.stl"):
-            self.urdf(tmp_path, broken)
 
     def test_files_are_found_as_urdf_names_them(self, tmp_path: Path) -> None:
         mesh = tmp_path / "packages" / "thing" / "meshes" / "a.stl"
