@@ -520,6 +520,15 @@ def test_a_jolt_does_not_end_a_stop(rows: int, push: float, turn: float) -> None
     assert len(fed(replace(recording, acc=acc, gyr=gyr))[0].stops) == 1
 
 
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_a_knock_after_which_the_hand_is_where_it_was_divides_no_stop(sensor: str) -> None:
+    """Both ends of a knock of 0.28 s are seen up to a block too far away."""
+    there, onward = Waypoint((0.2, 0.0, 0.1), move_s=1.0, rest_s=1.0), Waypoint((0.4, 0.0, 0.1), move_s=1.0, rest_s=1.0)
+    out, back = Waypoint((0.22, 0.0, 0.1), move_s=0.14), replace(there, move_s=0.14)
+    demo = simulate(Task("knock", (Waypoint(rest_s=2.0), there, out, back, onward)), sensor, 0)
+    assert len(fed(demo.recording)[0].stops) == 3
+
+
 def test_short_holes_are_bridged() -> None:
     recording = poured_at_first()
     whole, _ = plain()

@@ -21,7 +21,7 @@ from pbd.tracking.online.still_hand import deviation_from_line, sway_of
 from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
-from pbd.tracking.smoother.preintegration import GYR_BIAS, integral_of_means
+from pbd.tracking.smoother.preintegration import BLOCK_S, GYR_BIAS, integral_of_means
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, QuietWindows, energies, sigma_by_energies
 
 CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_NO_GYRO_S = 0.2, 2.0, 0.6
@@ -260,8 +260,11 @@ class LiveHand:
         self._add_knot(self._trial_filter, sample.t, same=self._settled)
         before, first = self._past_stops[-1], trial.first
         moved, turned = before.pose.distance(self._trial_filter.pose()[0])
-        # As `_join_stops` does; but how long the hand will stand here is not known yet, and a knock is a jolt.
-        stayed, short_gap = is_where_it_was(self._noise, *self._away), first.t - before.last.t < BOUNCE_S
+        # As `_join_stops` does; but how long the hand will stand here is not known yet.
+        short_gap = (gap := first.t - before.last.t) < BOUNCE_S
+        # Both ends of a knock are seen up to a block too far away from it.
+        knocked = gap < BOUNCE_S + 2.0 * BLOCK_S and is_where_it_was(self._noise, moved, turned)
+        stayed = knocked or is_where_it_was(self._noise, *self._away)
         bounced = short_gap and len(self._past_stops) > 1 and before.last.t - before.first.t < BOUNCE_S
         if (trial.jolted or stayed or bounced) and moved < BOUNCE_M and turned < BOUNCE_RAD:
             self._past_stops.pop()
