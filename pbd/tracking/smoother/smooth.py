@@ -136,6 +136,7 @@ def smooth(
         if stops is None:
             stops = find_candidates(frame.t, frame.dt, energy, rest, gaps)
         still_sigma = zero_velocity_sigma(energy, len(frame.t), frame.dt, noise)
+        del energy  # of a long recording it is large
         density = row_noise(frame, rest, noise, (*gaps, *still_gaps), no_gyro)
         if not stops:
             return None
@@ -184,7 +185,7 @@ def smooth(
             break
         x, fixed = _at_new_knots(problem, found.x, path, revised), replace(fixed, origin=_origin_knot(revised))
         problem = revised
-        del found, path  # of a long recording they are large
+        del found, path  # so are they
         found = descend(problem, x, fixed, ANNEALING[-1:])
         path = path_of(problem, found.x)
     return Solution(
