@@ -1,4 +1,4 @@
-"""A cache on disk, in the user's cache folder, for slow results that depend on files alone.
+"""Caches: on disk, in the user's cache folder, for slow results that depend on files alone; in memory by thread.
 
 Each cache file holds the SHA-256 of its content, then an .npz. A damaged file fails the check and counts as absent.
 Files are written atomically, so several processes may write the same one. A folder that is not writable is no error.
@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import lru_cache, wraps
 from pathlib import Path
-from typing import Any
+from threading import get_ident
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import platformdirs
@@ -19,6 +21,11 @@ from numpy.typing import NDArray
 
 from pbd.errors import PbdError
 from pbd.io.atomic import atomic_file
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+CACHED_BY_THREAD = 16
+"""Largest number of results of one function that `cached_by_thread` keeps."""
 
 _DIGEST_BYTES = hashlib.sha256().digest_size
 
@@ -46,3 +53,17 @@ def remember(kind: str, key: str, arrays: Mapping[str, Any]) -> None:
 
 def _cache_file(kind: str, key: str) -> Path:
     return Path(platformdirs.user_cache_dir("pbd")) / kind / f"{key}.npz"
+
+
+def cached_by_thread(function: Function) -> Function:
+    """Keep a function's latest results, for each thread its own: pinocchio's buffers serve one thread at a time."""
+
+    @lru_cache(maxsize=CACHED_BY_THREAD)
+    def cached(_thread: int, *args: Any) -> Any:
+        return function(*args)
+
+    @wraps(function)
+    def of_this_thread(*args: Any) -> Any:
+        return cached(get_ident(), *args)
+
+    return cast(Function, of_this_thread)

@@ -6,12 +6,16 @@ and keeps its traceback.
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from importlib import import_module
 from math import pi
 from numbers import Integral, Real
+from threading import Lock
+from types import FrameType
 from typing import Any, ClassVar, Self
 
 
@@ -22,7 +26,7 @@ class PbdError(Exception):
 
     def __init__(self, message: str, **fields: object) -> None:
         self.message = one_line(message)
-        self.fields = fields
+        self.fields: dict[str, Any] = fields
         super().__init__(self.message)
 
     @classmethod
@@ -69,6 +73,10 @@ class WrongTypeError(UsageError, TypeError):
     """An argument of a Python function has the wrong type, such as a robot's name instead of the robot."""
 
 
+class WrongValueError(UsageError, ValueError):
+    """An argument of a Python function has a value that it can't have, such as a size below zero."""
+
+
 @contextmanager
 def errors_about(name: str) -> Iterator[None]:
     """Put a name, of one of several demonstrations, before the message of a PbdError that is raised inside."""
@@ -85,28 +93,52 @@ class PbdWarning(UserWarning):
         super().__init__(one_line(message))
 
 
+_collect: ContextVar[Callable[[str], object] | None] = ContextVar("_collect", default=None)
+"""What takes the text of each warning, in place of Python's own warnings; None: nothing does.
+
+Python's filters are shared by all threads: two that swap them at a time can leave them swapped for good.
+"""
+
+
 def warn(message: str) -> None:
-    """Issue a PbdWarning."""
-    warnings.warn(message, PbdWarning, stacklevel=3)
+    """Issue a PbdWarning, at the line outside pbd that called it."""
+    if collect := _collect.get():
+        collect(one_line(message))
+        return
+    frame: FrameType | None = sys._getframe(1)
+    level = 2
+    # contextlib calls a function that a context manager decorates.
+    while frame is not None and frame.f_globals.get("__name__", "").partition(".")[0] in ("pbd", "contextlib"):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, PbdWarning, stacklevel=level)
 
 
 @contextmanager
 def collected_warnings(tell: Callable[[str], object] = str) -> Iterator[list[str]]:
-    """Collect the text of each PbdWarning that is issued inside, and call `tell` with it, instead of showing it."""
+    """Collect the text of each warning of this thread, and call `tell` with it, instead of showing it."""
     collected: list[str] = []
-    as_usual = warnings.showwarning
 
-    def collect(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
-        if issubclass(category, PbdWarning):
-            collected.append(str(message))
-            tell(str(message))
-        else:
-            as_usual(message, category, *where, **more)
+    def collect(message: str) -> None:
+        collected.append(message)
+        tell(message)
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", PbdWarning)
-        warnings.showwarning = collect
+    before = _collect.set(collect)
+    try:
         yield collected
+    finally:
+        _collect.reset(before)
+
+
+_FILTERS = Lock()
+"""Held while Python's filters are swapped."""
+
+
+@contextmanager
+def no_library_warnings() -> Iterator[None]:
+    """Hide the warnings of the libraries that are called inside: they concern files of others, or the libraries."""
+    with _FILTERS, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
 
 
 @contextmanager

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NoReturn
 
 import numpy as np
@@ -14,6 +13,7 @@ from pbd.audit.collision_pairs import AuditScene
 from pbd.audit.contact import Touch, coordinates, find_touch
 from pbd.audit.limits import JUMP_RAD, check_limits, check_samples, check_smoothness, fail
 from pbd.audit.torque import Torque, find_torque
+from pbd.cache import cached_by_thread
 from pbd.data import Calibration, GraspedObject, JointTrajectory, Load, Robot
 from pbd.errors import PlanError
 from pbd.pose import Pose
@@ -113,12 +113,12 @@ def torque_of(trajectory: JointTrajectory, robot: Robot, load: Load, pace: float
     return None if effort is None else find_torque(_arm(robot), trajectory, load, effort, pace)
 
 
-@lru_cache(maxsize=16)
+@cached_by_thread
 def _arm(robot: Robot) -> AuditArm:
     return AuditArm(robot)
 
 
-@lru_cache(maxsize=16)
+@cached_by_thread
 def _scene(robot: Robot, calibration: Calibration, grasped: GraspedObject | None) -> AuditScene:
     return AuditScene(_arm(robot), calibration, grasped)
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from pbd.data import Calibration, Place, Stop
-from pbd.errors import PbdWarning, errors_about
+from pbd.errors import collected_warnings, errors_about
 from pbd.fusion.marginals import Marginal, conditioned
 from pbd.fusion.takes import Take
 from pbd.pose import Array, Pose, quat_from_matrix, quat_multiply
@@ -39,9 +38,8 @@ def condition_on_known_stops(
     known = replace(known, places=tuple(place for place in known.places if place.p_base_tool is None))
     T_sensor_tool = Pose(mount.T_sensor_tool.p - lever, mount.T_sensor_tool.wxyz)
     wxyz = quat_multiply(take.path.wxyz_nav_sensor, quat_from_matrix(Q))
-    with warnings.catch_warnings(), errors_about(take.name):
-        # claims_of warns of a single contact with a table of unknown height. Here such a contact just says nothing.
-        warnings.simplefilter("ignore", PbdWarning)
+    # claims_of warns of a single contact with a table of unknown height. Here such a contact just says nothing.
+    with collected_warnings(), errors_about(take.name):
         mounted = replace(mount, T_sensor_tool=T_sensor_tool)
         claims = claims_of(replace(take.path, wxyz_nav_sensor=wxyz), known, mounted)
         if not claims:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import io
 import logging
-import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.cache import recall, remember
-from pbd.errors import RobotError, printable
+from pbd.errors import RobotError, no_library_warnings, printable
 from pbd.io.atomic import is_file
 from pbd.io.read_file import read_bytes
 from pbd.pose import Array
@@ -117,8 +116,7 @@ def rounded_points(triangles: Array, step_m: float) -> Array:
 def _parse(path: Path, data: bytes) -> TriangleSoup:
     kind = path.suffix.lower()
     try:
-        with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # pycollada uses numpy's deprecated matrices
+        with np.errstate(all="ignore"), no_library_warnings():  # pycollada uses numpy's deprecated matrices
             parts = list(_collada(data) if kind == ".dae" else _trimesh(data, kind))
     except Exception as reason:  # the libraries have no error types of their own
         why = printable(" ".join(str(reason).split()))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pbd.cache import cached_by_thread
 from pbd.calibration.demonstrated_path import DemonstratedMove, demonstrated_moves
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import KeyframesInBase, with_table
@@ -130,7 +131,7 @@ def load_robot_and_calibration(robot: str, calibration: str | None = None) -> tu
     return loaded, with_table(load_calibration(calibration or "default"), loaded)
 
 
-@lru_cache(maxsize=16)
+@cached_by_thread
 def arm_of(robot: Robot) -> ArmModel:
     """Load a robot's model; cached."""
     from pbd.arm.model import load_model
@@ -138,7 +139,7 @@ def arm_of(robot: Robot) -> ArmModel:
     return load_model(robot)
 
 
-@lru_cache(maxsize=16)
+@cached_by_thread
 def scene_of(arm: ArmModel, calibration: Calibration, grasped: GraspedObject | None) -> CollisionScene:
     """Build a collision scene; cached."""
     from pbd.arm.collision.scene import CollisionScene

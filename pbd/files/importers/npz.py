@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import warnings
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording, RecordingInfo, Truth
-from pbd.errors import RecordingError, in_words, listed, printable
+from pbd.errors import RecordingError, in_words, listed, no_library_warnings, printable
 from pbd.files.importers import check_rate
 from pbd.files.importers.columns import with_source
 from pbd.files.importers.header_names import looks_inertial
@@ -77,8 +76,8 @@ def _arrays(path: Path) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
         known = [name for name in KEYS if name in sizes]
         if sum(sizes[name] for name in known) > LARGE:
             raise ValueError(f"its arrays take more than the {LARGE / 1e6:.0f} MB that are read")
-        with warnings.catch_warnings(), np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            warnings.simplefilter("ignore")  # numpy warns of files written by Python 2
+        # numpy warns of files written by Python 2
+        with no_library_warnings(), np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             read = {name: arrays[name] for name in known}
     except Exception as reason:  # damaged bytes cause errors of zip, zlib, tokenize and numpy
         raise RecordingError.at(path, f"can't be read as an npz ({in_words(reason)}); {NEXT_STEP}") from None
