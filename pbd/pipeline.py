@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from pbd.calibration.dock import nav_in_base, with_heading_of
 from pbd.data import Calibration, Demonstration, HandPath, Known, Recording
-from pbd.errors import PbdWarning, RecordingError, TrackingError, listed, require_kind, require_type, warn
+from pbd.errors import RecordingError, TrackingError, collected_warnings, listed, require_kind, require_type, warn
 from pbd.fusion.fuse import fused_path
 from pbd.lapack import one_blas_thread
 from pbd.pose import quat_inverse, quat_log, quat_multiply
@@ -91,6 +90,7 @@ def track(
         RecordingError: the samples are not valid (units, clock, no data), or the edited first keyframe was rotated.
         TrackingError: no path can be estimated (the hand is never still, data are missing where it may have moved), or
             a known place contradicts the samples.
+        UsageError: there is no such method.
         WrongTypeError: the source is neither, for example a name.
     """
     require_type("track", source, "pbd.load_demo", Recording, Demonstration)
@@ -159,8 +159,7 @@ def _condition_on_known(path: HandPath, known: Known, calibration: Calibration |
     T_base_nav = None
     if calibration is not None and calibration.knows_start:
         first = slice(path.stops[0].start, path.stops[0].stop)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PbdWarning)  # planning warns of the dock's tilt
+        with collected_warnings():  # planning warns of the dock's tilt
             if known.places or known.contacts:
                 calibration = with_heading_of(path, calibration)
             T_base_nav = nav_in_base(calibration, mean_quaternion(path.wxyz_nav_sensor[first]))

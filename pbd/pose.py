@@ -12,23 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from pbd.errors import WrongValueError
+from pbd.frozen_arrays import Array as Array
+from pbd.frozen_arrays import Frozen, numeric, readonly
+
+ROUNDING = 1e-3
+"""Largest error of an element of a rotation matrix that is taken for one: matrices are rounded to three decimals."""
 
 CACHE_BYTES = 2**20
 """Typical size of a processor core's own cache, bytes."""
-
-
-def readonly(values: ArrayLike) -> Array:
-    """Return a read-only float64 copy: freezing a dataclass does not freeze its arrays.
-
-    A read-only float64 array that owns its data is returned without a copy.
-    """
-    given = np.asarray(values)
-    if given is values and given.dtype == np.float64 and given.base is None and not given.flags.writeable:
-        return given
-    copy = np.array(given, dtype=np.float64)
-    copy.setflags(write=False)
-    return copy
 
 
 def lengths(vectors: ArrayLike) -> Array:
@@ -223,7 +215,7 @@ def quat_about_z(yaw: ArrayLike) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class Pose(Frozen):
     """A rigid transform T_a_b: b's position in a, in metres, and the rotation from b to a.
 
     Attributes:
@@ -235,12 +227,12 @@ class Pose:
     wxyz: Array
 
     def __post_init__(self) -> None:
-        p, wxyz = readonly(self.p), np.asarray(self.wxyz, dtype=np.float64)
+        p, wxyz = numeric("Pose.p", self.p), numeric("Pose.wxyz", self.wxyz)
         if p.shape != (3,) or wxyz.shape != (4,):
-            raise ValueError(f"a pose takes p (3,) and wxyz (4,), got {p.shape} and {wxyz.shape}")
+            raise WrongValueError(f"a pose takes p (3,) and wxyz (4,), got {p.shape} and {wxyz.shape}")
         norm = np.linalg.norm(wxyz)
         if not (np.isfinite(p).all() and np.isfinite(norm) and norm > 1e-9):
-            raise ValueError(f"a pose must be finite with a nonzero quaternion, got p {p} and wxyz {wxyz}")
+            raise WrongValueError(f"a pose must be finite with a nonzero quaternion, got p {p} and wxyz {wxyz}")
         object.__setattr__(self, "p", p)
         object.__setattr__(self, "wxyz", readonly(quat_canonical(wxyz)))
 
@@ -256,9 +248,14 @@ class Pose:
 
     @staticmethod
     def from_matrix(matrix: ArrayLike) -> Pose:
-        """From a homogeneous (4, 4) matrix."""
-        m = np.asarray(matrix, dtype=np.float64)
-        return Pose(m[:3, 3], quat_from_matrix(m[:3, :3]))
+        """From a homogeneous (4, 4) matrix; WrongValueError: it has another shape, or its axes are no rotation."""
+        m = numeric("the matrix of a pose", matrix)
+        if m.shape != (4, 4):
+            raise WrongValueError(f"a pose takes a (4, 4) matrix, got one of {m.shape}")
+        pose = Pose(m[:3, 3], quat_from_matrix(m[:3, :3]))
+        if not np.allclose(pose.matrix(), m, atol=ROUNDING):
+            raise WrongValueError(f"the matrix of a pose must have a rotation and a last row of 0, 0, 0, 1, got {m}")
+        return pose
 
     @staticmethod
     def exp(twist: ArrayLike) -> Pose:

@@ -14,7 +14,7 @@ from pathlib import Path
 PACKAGE = Path(__file__).parent.parent / "pbd"
 RUNGS = (
     ("errors",),
-    ("pose", "data", "cache", "io", "lapack", "timestamps"),
+    ("frozen_arrays", "pose", "data", "cache", "io", "lapack", "timestamps"),
     ("sensors", "simulation", "tracking", "calibration", "arm", "audit", "files", "view"),
     ("pipeline", "track_alone", "fusion", "planning", "plots", "record", "replay", "check_demos", "driving"),
     ("cli", "__main__"),

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation, Slerp
 
+from pbd.frozen_arrays import readonly
 from pbd.pose import (
     Array,
     Pose,
@@ -29,7 +30,6 @@ from pbd.pose import (
     quat_to_matrix,
     quat_to_rpy,
     quat_to_xyzw,
-    readonly,
     yaw_toward,
 )
 

@@ -13,8 +13,8 @@ import pbd
 from pbd.data import Calibration, Recording
 from pbd.data.constraints import Place
 from pbd.data.covariance import PoseCovariance
-from pbd.data.frozen_arrays import numeric
 from pbd.errors import UsageError, WrongTypeError
+from pbd.frozen_arrays import numeric
 from pbd.planning import plan_keyframes, source_of
 from pbd.pose import Array
 from pbd.simulation.simulate import random_task, simulate

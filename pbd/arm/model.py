@@ -82,6 +82,11 @@ class ArmModel:
                 f"{listed(self.model.names[1:])}",
                 robot=robot.name,
             )
+        fastest = self.model.velocityLimit  # 0 in a URDF means unknown
+        for name, velocity, most in zip(robot.joints, robot.limits.velocity.tolist(), fastest.tolist(), strict=True):
+            if velocity > most > 0.0:
+                what = f"{robot.name}: the limits give {name} a velocity of {velocity:g}, but {robot.urdf} {most:g}"
+                raise RobotError(f"{what}; lower it, or correct the URDF", joint=name, value=velocity, bound=most)
         body, base = self._frame(robot.body), self._frame(robot.base)
         if base.parentJoint != 0:
             raise RobotError(

@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pbd.data.frozen_arrays import freeze_arrays, frozen_mapping
+from pbd.data.field_checks import freeze_tuples, require_between, require_fields
 from pbd.data.one_line_repr import brief, counted
 from pbd.data.units import GRAVITY
-from pbd.data.world import Obstacle
+from pbd.data.world import Obstacle, refuse_beyond_reach
+from pbd.errors import WrongValueError
+from pbd.frozen_arrays import Frozen, freeze_arrays, frozen_mapping
 from pbd.pose import Array, Pose
 
 TOOL_DOWN = Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
@@ -25,7 +27,7 @@ LEAST_DETERMINANT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class LinearErrors:
+class LinearErrors(Frozen):
     """Linear errors of three axes: the true vector is matrix @ (reading - bias).
 
     Attributes:
@@ -83,7 +85,7 @@ class SensorErrors:
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class Calibration(Frozen):
     """Where the hand's frame lies in the robot's: T_base_dock, or T_base_nav, or neither.
 
     Without either, tracking works but planning does not.
@@ -119,7 +121,13 @@ class Calibration:
 
     def __post_init__(self) -> None:
         if self.T_base_dock is not None and self.T_base_nav is not None:
-            raise ValueError("a calibration takes at most one of T_base_dock and T_base_nav")
+            raise WrongValueError("a calibration takes at most one of T_base_dock and T_base_nav")
+        require_fields(self, name=str, T_base_dock=Pose | None, T_base_nav=Pose | None, T_sensor_tool=Pose)
+        require_fields(self, sensor=SensorErrors | None)
+        require_between(self, 0.0, np.inf, "scale")
+        require_between(self, -np.inf, np.inf, "table_height")
+        refuse_beyond_reach(self, "T_base_dock", "T_base_nav", "T_sensor_tool", "table_height")
+        freeze_tuples(self, robots=str, obstacles=Obstacle)
         freeze_arrays(self, cov_base=(6, 6), cov_sensor_tool=(6, 6))
         object.__setattr__(self, "residuals", frozen_mapping(self.residuals))
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from pbd.data.one_line_repr import brief, counted
 from pbd.errors import is_whole_number, require_kind
+from pbd.frozen_arrays import Frozen, readonly
 from pbd.pose import Array
 
 KEYFRAMES_AT_ONCE = 32
@@ -17,7 +18,7 @@ KEYFRAMES_AT_ONCE = 32
 
 
 @dataclass(frozen=True, eq=False)
-class PoseCovariance:
+class PoseCovariance(Frozen):
     """Covariance (6n, 6n) of n poses: position (m), then rotation vector (rad), in nav.
 
     It is never stored as a whole: blocks are computed when they are read.
@@ -40,7 +41,7 @@ class PoseCovariance:
     def chained(cls, blocks: Array) -> PoseCovariance:
         """Make it from each pose's covariance (n, 6, 6). Position errors add up move by move; rotation errors do
         not."""
-        return cls(len(blocks), partial(_chained, blocks), lambda: blocks)
+        return cls(len(blocks), partial(_chained, blocks), partial(readonly, blocks))
 
     def joint(self, poses: Sequence[int] | None = None) -> Array:
         """Covariance (6m, 6m) of m of the poses, given by their numbers; of all poses by default."""
@@ -58,16 +59,17 @@ class PoseCovariance:
     def of_each(self) -> Array:
         """Covariance (n, 6, 6) of each single pose."""
         if self.diagonal is not None:
-            return self.diagonal()
-        return np.concatenate([np.empty((0, 6, 6)), *(np.einsum("iaib->iab", joint) for joint in self._batches())])
+            return readonly(self.diagonal())
+        each = (np.einsum("iaib->iab", joint) for joint in self._batches())
+        return readonly(np.concatenate([np.empty((0, 6, 6)), *each]))
 
     @cached_property
     def of_moves(self) -> Array:
         """Covariance (n - 1, 3, 3) of the displacement from each pose to the next, m2."""
         if self.moves is not None:
-            return self.moves()
+            return readonly(self.moves())
         moves = (np.diff(np.diff(joint[:, :3, :, :3], axis=0), axis=2) for joint in self._batches(overlap=1))
-        return np.concatenate([np.empty((0, 3, 3)), *(np.einsum("iaib->iab", move) for move in moves)])
+        return readonly(np.concatenate([np.empty((0, 3, 3)), *(np.einsum("iaib->iab", move) for move in moves)]))
 
     def _batches(self, overlap: int = 0) -> Iterator[Array]:
         """Yield the joint covariance (m, 6, m, 6) of one batch of poses after the other."""

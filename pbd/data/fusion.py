@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pbd.data.constraints import Place
-from pbd.data.frozen_arrays import freeze_arrays
 from pbd.data.one_line_repr import brief, counted
+from pbd.frozen_arrays import Frozen, freeze_arrays
 from pbd.pose import Array, Pose
 
 TOLERANCE_SIGMAS = 2.0
@@ -14,7 +14,7 @@ TOLERANCE_SIGMAS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class FusedTake:
+class FusedTake(Frozen):
     """One take, and how its keyframes match those of the task.
 
     Attributes:
@@ -61,7 +61,7 @@ class MovedThing:
 
 
 @dataclass(frozen=True, eq=False)
-class Fusion:
+class Fusion(Frozen):
     """The takes of a task, and the hand's scatter from take to take. The tracker's own uncertainty is taken out.
 
     Attributes:

@@ -9,9 +9,10 @@ from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 
-from pbd.data.frozen_arrays import freeze_arrays
+from pbd.data.field_checks import freeze_tuples, require_between, require_fields, wrong_value
 from pbd.data.one_line_repr import brief
-from pbd.errors import RecordingError
+from pbd.errors import RecordingError, require_kind
+from pbd.frozen_arrays import Frozen, freeze_arrays
 from pbd.pose import Array, Pose
 
 SAME_S = 0.002
@@ -19,7 +20,7 @@ SAME_S = 0.002
 
 
 @dataclass(frozen=True, eq=False)
-class Keyframe:
+class Keyframe(Frozen):
     """A pose at which the hand stood still.
 
     Attributes:
@@ -50,7 +51,13 @@ class Keyframe:
     frames: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        require_fields(self, T_nav_sensor=Pose, grip=bool | np.bool_ | None, label=str)
+        require_between(self, -np.inf, np.inf, "t")
+        if not self.dwell_s >= 0.0:
+            raise wrong_value(self, "dwell_s", "must be 0 or above, s")
         freeze_arrays(self, cov=(6, 6), tolerance_m=(3,), nudge_base_m=(3,), nudge_tool_m=(3,))
+        require_between(self, -np.inf, np.inf, "cov", "nudge_base_m", "nudge_tool_m")
+        freeze_tuples(self, frames=str)
 
     def __repr__(self) -> str:
         x, y, z = self.T_nav_sensor.p + 0.0
@@ -59,6 +66,12 @@ class Keyframe:
         grip = {True: "grip closes", False: "grip opens", None: ""}[self.grip]
         where = f"at {self.t:.2f} s for {self.dwell_s:.2f} s"
         return brief(self, where, f"({x:.3f}, {y:.3f}, {z:.3f}) m", sigma, grip, name=self.label)
+
+
+def require_keyframes(keyframes: object) -> None:
+    """Raise WrongTypeError unless this is a list or another sequence of keyframes."""
+    valid = isinstance(keyframes, Sequence) and all(isinstance(each, Keyframe) for each in keyframes)
+    require_kind("keyframes", keyframes, "a sequence of Keyframe", valid)
 
 
 def thing_carriers(keyframes: Sequence[Keyframe]) -> dict[str, set[str]]:
@@ -82,7 +95,7 @@ def thing_carriers(keyframes: Sequence[Keyframe]) -> dict[str, set[str]]:
 
 
 @dataclass(frozen=True, eq=False)
-class TouchUp:
+class TouchUp(Frozen):
     """A correction of a keyframe's position that a person measured with the arm.
 
     Attributes:

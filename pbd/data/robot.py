@@ -1,24 +1,24 @@
-"""Values of planning: the robot and its motion."""
+"""Values of planning: the robot."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.data.calibration import Calibration
-from pbd.data.frozen_arrays import freeze_arrays, frozen_mapping, numeric
-from pbd.data.one_line_repr import brief, counted, span
-from pbd.errors import UsageError
+from pbd.data.field_checks import freeze_tuples, require_between, require_fields, wrong_value
+from pbd.data.one_line_repr import brief, counted
+from pbd.errors import amount
+from pbd.frozen_arrays import Frozen, freeze_arrays, frozen_mapping
 from pbd.pose import Array, Pose
 
 
 @dataclass(frozen=True, eq=False)
-class Gripper:
+class Gripper(Frozen):
     """Finger joints, their positions (m or rad) when open and closed, and the duration of a full stroke.
 
     A model may have no finger joints. The motion still says when the gripper opens and closes. `mimics` mimic others.
@@ -31,16 +31,18 @@ class Gripper:
     mimics: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        freeze_tuples(self, joints=str, mimics=str)
         k = len(self.joints)
         freeze_arrays(self, open=(k,), closed=(k,))
+        require_between(self, 0.0, np.inf, "stroke_s")
 
-    def positions(self, opening: Array) -> Array:
-        """Finger joints (n, k) at openings (n,), 0 closed to 1 open."""
-        return self.closed + opening[:, None] * (self.open - self.closed)
+    def positions(self, opening: ArrayLike) -> Array:
+        """Finger joints (..., k), rad or m, at openings (...), 0 closed to 1 open."""
+        return np.asarray(self.closed + np.asarray(opening)[..., None] * (self.open - self.closed))
 
 
 @dataclass(frozen=True, eq=False)
-class JointLimits:
+class JointLimits(Frozen):
     """Per joint: position rad, velocity rad/s, acceleration rad/s2, jerk rad/s3, effort N m (prismatic joints: m, N).
 
     `source` names the sources in one line. `sources` has one per key: "position", "velocity", "acceleration", "jerk",
@@ -59,6 +61,9 @@ class JointLimits:
     def __post_init__(self) -> None:
         k = len(self.lower)
         freeze_arrays(self, lower=(k,), upper=(k,), velocity=(k,), acceleration=(k,), jerk=(k,), effort=(k,))
+        require_between(self, 0.0, np.inf, "velocity", "acceleration", "jerk", "effort")
+        if not (self.lower < self.upper).all():
+            raise wrong_value(self, "lower", f"must be below upper, {self.upper}")
         object.__setattr__(self, "sources", frozen_mapping(self.sources))
 
     def __repr__(self) -> str:
@@ -71,7 +76,7 @@ class JointLimits:
 
 
 @dataclass(frozen=True, eq=False)
-class ServoUnits:
+class ServoUnits(Frozen):
     """Converts between the model's joints and LeRobot's readings: degrees, and 0 to 100 for the gripper.
 
     LeRobot's 0 degrees is the middle of the range that its calibration found for a joint.
@@ -122,7 +127,7 @@ class MimicJoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class Robot(Frozen):
     """An arm as robots/NAME.toml describes it.
 
     Attributes:
@@ -165,119 +170,15 @@ class Robot:
     payload_source: str = ""
 
     def __post_init__(self) -> None:
-        freeze_arrays(self, home=(len(self.joints),))
+        freeze_tuples(self, package_dirs=Path, joints=str, notes=str, may_touch=tuple, mimic_joints=MimicJoint)
+        require_fields(self, urdf=Path, srdf=Path | None, T_body_tool=Pose, limits=JointLimits)
+        require_fields(self, gripper=Gripper | None, dock=Calibration | None)
+        k = len(self.joints)
+        freeze_arrays(self, home=(k,))
+        if len(self.limits.lower) != k:
+            raise wrong_value(self, "limits", f"must be of {amount(k, 'joint')}")
+        require_between(self, -np.inf, np.inf, "home")
 
     def __repr__(self) -> str:
         gripper = "no gripper" if self.gripper is None else "gripper"
         return brief(self, counted(len(self.joints), "joint"), gripper, name=self.name)
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """A sampled joint trajectory: t (n,) s; q, qd, qdd (n, k) rad, rad/s, rad/s2; gripper (n,) 0 closed to 1 open."""
-
-    t: Array
-    q: Array
-    qd: Array
-    qdd: Array
-    gripper: Array
-
-    def __post_init__(self) -> None:
-        n, k = self.q.shape
-        freeze_arrays(self, t=(n,), q=(n, k), qd=(n, k), qdd=(n, k), gripper=(n,))
-
-    def __repr__(self) -> str:
-        return brief(self, span(self.t), counted(self.q.shape[1], "joint"))
-
-
-@dataclass(frozen=True, eq=False)
-class JointTrajectory:
-    """A piecewise cubic motion: position, velocity, acceleration and jerk are exact at every instant.
-
-    Attributes:
-        knots: (m + 1,) increasing from 0, s. Piece i covers knots[i] <= t <= knots[i + 1].
-        coefficients: (m, 4, k): q = c0 + c1 s + c2 s^2 + c3 s^3 with s = t - knots[i].
-        gripper_t, gripper_opening: (g,) s, and 0 closed to 1 open; linear between, constant outside.
-        keyframe_t: (f,) when the arm reaches each keyframe, s.
-        keyframe_q: (f, k) the joint positions solved for each keyframe, rad.
-    """
-
-    joint_names: tuple[str, ...]
-    knots: Array
-    coefficients: Array
-    gripper_t: Array
-    gripper_opening: Array
-    keyframe_t: Array
-    keyframe_q: Array
-
-    def __post_init__(self) -> None:
-        m, k, g, f = len(self.coefficients), len(self.joint_names), len(self.gripper_t), len(self.keyframe_t)
-        freeze_arrays(self, knots=(m + 1,), coefficients=(m, 4, k))
-        freeze_arrays(self, gripper_t=(g,), gripper_opening=(g,), keyframe_t=(f,), keyframe_q=(f, k))
-
-    def __repr__(self) -> str:
-        joints, keyframes = counted(len(self.joint_names), "joint"), counted(len(self.keyframe_t), "keyframe")
-        return brief(self, joints, f"{self.duration:.1f} s", keyframes)
-
-    @property
-    def duration(self) -> float:
-        """Duration, s."""
-        return float(self.knots[-1])
-
-    def at(self, t: ArrayLike) -> Samples:
-        """Evaluate at one instant or at instants (n,), s: n rows. Before 0 and after `duration` the arm stands still.
-
-        Raises:
-            UsageError: an instant is NaN.
-        """
-        t = np.atleast_1d(numeric("t", t))
-        if np.isnan(t).any():
-            raise UsageError("an instant of the trajectory is NaN; give seconds from its start", value=np.nan)
-        inside = np.clip(t, 0.0, self.duration)
-        piece = np.clip(np.searchsorted(self.knots, inside, side="right") - 1, 0, len(self.coefficients) - 1)
-        s = (inside - self.knots[piece])[:, None]
-        c0, c1, c2, c3 = np.moveaxis(self.coefficients[piece], 1, 0)
-        # Velocity is exactly zero at the end and outside: controllers refuse a final velocity.
-        moving = ((t >= 0.0) & (t < self.duration))[:, None]
-        return Samples(
-            t=t,
-            q=c0 + s * (c1 + s * (c2 + s * c3)),
-            qd=(c1 + s * (2.0 * c2 + s * 3.0 * c3)) * moving,
-            qdd=(2.0 * c2 + 6.0 * s * c3) * moving,
-            gripper=np.interp(t, self.gripper_t, self.gripper_opening),
-        )
-
-    def sample(self, rate_hz: float) -> Samples:
-        """Evaluate at a constant rate from 0 to the first sample at or after the end."""
-        steps = round(self.duration * rate_hz)
-        steps += steps / rate_hz < self.duration  # the quotient, not the product, is the last sample's rounded time
-        return self.at(np.arange(steps + 1) / rate_hz)
-
-    @cached_property
-    def _at_1khz(self) -> Samples:
-        return self.sample(1000.0)
-
-    @property
-    def t(self) -> Array:
-        """(n,) s at 1 kHz."""
-        return self._at_1khz.t
-
-    @property
-    def q(self) -> Array:
-        """(n, k) rad at 1 kHz."""
-        return self._at_1khz.q
-
-    @property
-    def qd(self) -> Array:
-        """(n, k) rad/s at 1 kHz."""
-        return self._at_1khz.qd
-
-    @property
-    def qdd(self) -> Array:
-        """(n, k) rad/s2 at 1 kHz."""
-        return self._at_1khz.qdd
-
-    @property
-    def gripper(self) -> Array:
-        """(n,) opening at 1 kHz: 1 open, 0 closed."""
-        return self._at_1khz.gripper

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.pose import Array, readonly
+from pbd.frozen_arrays import readonly
+from pbd.pose import Array
 
 LEARNED_SHARE = 0.25
 """Smallest reduction of the prior's variance, as a share of it, for which an estimate can count as a surprise. With

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.data.frozen_arrays import freeze_arrays
+from pbd.frozen_arrays import Frozen, freeze_arrays
 from pbd.pose import Array
 
 RATE_TOLERANCE = 0.05
@@ -18,7 +18,7 @@ MAX_GAP_STEPS = 2.5
 
 
 @dataclass(frozen=True, eq=False)
-class Stream:
+class Stream(Frozen):
     """One sensor's readings: `t` (n,) s, increasing; `values` (n, 3)."""
 
     t: Array

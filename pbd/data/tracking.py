@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-
-import numpy as np
 
 from pbd.data.calibration import Calibration
 from pbd.data.constraints import ClaimFit, Contact, Known, Place
 from pbd.data.covariance import PoseCovariance
-from pbd.data.frozen_arrays import freeze_arrays, numeric
 from pbd.data.fusion import Fusion
 from pbd.data.keyframe import Keyframe, TouchUp
 from pbd.data.one_line_repr import brief, counted, span
+from pbd.data.recording import GripEvent, Recording, Truth
 from pbd.data.sensor_estimate import SensorEstimate
-from pbd.data.source_columns import IMU_CSV, SourceColumns
-from pbd.data.streams import batched_interval
 from pbd.data.world import GraspedObject
-from pbd.errors import require_kind
+from pbd.errors import WrongValueError
+from pbd.frozen_arrays import Frozen, freeze_arrays
 from pbd.pose import Array
 
 DOUBTED_WEIGHT = 0.8
@@ -27,89 +24,6 @@ DOUBTED_WEIGHT = 0.8
 
 UNSURE_M = 0.05
 """Standard deviation of a keyframe's position above which a warning is given, m."""
-
-
-@dataclass(frozen=True)
-class GripEvent:
-    """The hand closed (or opened) its grip `t` seconds after the first sample."""
-
-    t: float
-    closed: bool
-
-
-@dataclass(frozen=True)
-class RecordingInfo:
-    """Where a recording comes from: its name, the sensor, the nominal rate in Hz, the UTC start in ISO 8601.
-
-    `clock` says in words where its times come from; `source` tells an imported file's columns, for advice.
-    """
-
-    name: str = "recording"
-    sensor: str = "unknown"
-    rate_hz: float | None = None
-    created: str | None = None
-    clock: str = ""
-    source: SourceColumns = field(default=IMU_CSV, compare=False, repr=False)
-
-
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """A sensor's readings in SI units and the housing's axes.
-
-    Attributes:
-        t: (n,) s from the first sample, increasing.
-        acc: (n, 3) specific force, m/s2: +g up at rest. NaN where a sample is missing.
-        gyr: (n, 3) angular rate, rad/s, or None without a gyro.
-        mag: (n, 3) magnetic field, uT, or None.
-        device_rpy: (n, 3) the device's own roll, pitch, yaw, rad (about x, y, z of ENU, URDF's order), or None.
-    """
-
-    t: Array
-    acc: Array
-    gyr: Array | None = None
-    mag: Array | None = None
-    device_rpy: Array | None = None
-    grip: tuple[GripEvent, ...] = ()
-    info: RecordingInfo = field(default_factory=RecordingInfo)
-
-    def __post_init__(self) -> None:
-        n = numeric("Recording.t", self.t).size
-        require_kind("Recording.acc", self.acc, "an array of numbers", self.acc is not None)
-        freeze_arrays(self, t=(n,), acc=(n, 3), gyr=(n, 3), mag=(n, 3), device_rpy=(n, 3))
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    def __repr__(self) -> str:
-        return brief(self, span(self.t), *self.channels, counted(len(self.grip), "grip"), name=self.info.name)
-
-    @property
-    def channels(self) -> dict[str, Array]:
-        """Name -> readings (n, 3) of each channel that there is."""
-        given = {"acc": self.acc, "gyr": self.gyr, "mag": self.mag, "device_rpy": self.device_rpy}
-        return {name: values for name, values in given.items() if values is not None}
-
-    @cached_property
-    def rate_hz(self) -> float:
-        """The measured rate, Hz: the inverse of the median step; if most times are equal, rows per time. 0: unknown."""
-        step = float(np.median(np.diff(self.t))) or batched_interval(self.t)
-        return 1.0 / step if step else 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class Truth:
-    """The sensor's true pose in nav (simulated or optical): t (n,) s, p (n, 3) m, wxyz (n, 4)."""
-
-    t: Array
-    p_nav_sensor: Array
-    wxyz_nav_sensor: Array
-
-    def __post_init__(self) -> None:
-        n = len(self.t)
-        freeze_arrays(self, t=(n,), p_nav_sensor=(n, 3), wxyz_nav_sensor=(n, 4))
-
-    def __repr__(self) -> str:
-        return brief(self, span(self.t))
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,11 +96,11 @@ class Stop:
 
 
 @dataclass(frozen=True, eq=False)
-class Tracking:
+class Tracking(Frozen):
     """What a path was tracked from, and intermediate results that other stages use.
 
     Attributes:
-        method: one of pbd.track_alone.METHODS.
+        method: "default" or "paper".
         calibration: has the sensor's errors, and where known places lie in nav; or None.
         recording: the repaired and calibrated recording, at the path's instants.
         a_nav: (n, 3) motion acceleration as integrated, m/s2: specific force in nav minus gravity.
@@ -213,7 +127,7 @@ class Tracking:
 
 
 @dataclass(frozen=True, eq=False)
-class HandPath:
+class HandPath(Frozen):
     """The hand's path in nav, segmented by its stops.
 
     Attributes:
@@ -248,7 +162,7 @@ class HandPath:
         freeze_arrays(self, t=(n,), p_nav_sensor=(n, 3), v_nav_sensor=(n, 3), wxyz_nav_sensor=(n, 4))
         freeze_arrays(self, closure=(max(k - 1, 0), 3))
         if self.covariance.count != k:
-            raise ValueError(f"HandPath.covariance must be of {k} poses, got {self.covariance.count}")
+            raise WrongValueError(f"HandPath.covariance must be of {k} poses, got {self.covariance.count}")
 
     @property
     def cov(self) -> Array:

@@ -7,7 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pbd.data.field_checks import freeze_tuples, require_between, require_fields, wrong_value
+from pbd.errors import WrongValueError, amount
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
+
+SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
+"""Shapes of an object, and the number of sizes of each."""
 
 REACH_M = 10.0
 """Largest coordinate of a place in a robot's base, and largest size of an object, m: beyond any arm's reach."""
@@ -35,6 +40,10 @@ class GraspedObject:
     shape: str
     size: tuple[float, ...]
     mass: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_solid(self)
+        require_between(self, 0.0, np.inf, "mass")
 
 
 @dataclass(frozen=True)
@@ -74,6 +83,30 @@ class Obstacle:
     shape: str
     size: tuple[float, ...]
     T_base_obstacle: Pose
+
+    def __post_init__(self) -> None:
+        _check_solid(self)
+        require_fields(self, name=str, T_base_obstacle=Pose)
+        refuse_beyond_reach(self, "T_base_obstacle")
+
+
+def _check_solid(solid: GraspedObject | Obstacle) -> None:
+    if solid.shape not in SHAPES:
+        raise wrong_value(solid, "shape", f"must be one of {', '.join(SHAPES)}")
+    freeze_tuples(solid, size=float)
+    if len(solid.size) != SHAPES[solid.shape]:
+        raise wrong_value(solid, "size", f"of a {solid.shape} must have {amount(SHAPES[solid.shape], 'number')}")
+    require_between(solid, 0.0, np.inf, "size")
+    refuse_beyond_reach(solid, "size")
+
+
+def refuse_beyond_reach(owner: object, *names: str) -> None:
+    """Raise WrongValueError if a field, lengths or a pose in m, is beyond any arm's reach. None passes."""
+    for name in names:
+        value = getattr(owner, name)
+        lengths_m = () if value is None else np.ravel(value.p if isinstance(value, Pose) else value)
+        if far := beyond_reach(lengths_m):
+            raise WrongValueError(f"{type(owner).__name__}.{name} has {far}; {IN_METRES}", value=value)
 
 
 @dataclass(frozen=True, eq=False)

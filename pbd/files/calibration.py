@@ -8,16 +8,13 @@ import numpy as np
 
 from pbd.data import GRAVITY, TOOL_DOWN, Calibration, LinearErrors, Obstacle, SensorErrors
 from pbd.data.calibration import LEAST_DETERMINANT
-from pbd.data.world import REACH_M
+from pbd.data.world import REACH_M, SHAPES
 from pbd.errors import CalibrationError
 from pbd.files.find_by_name import find
 from pbd.io.toml import Section, read_toml
 from pbd.pose import Array, Pose
 
 FORMAT = 1
-SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
-"""Shapes of an object, and the number of sizes of each."""
-
 FULL_TURN_DEG = 360.0
 """Largest angle of a pose, degrees."""
 

@@ -9,18 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data.frozen_arrays import freeze_arrays
 from pbd.data.world import REACH_M
 from pbd.errors import CalibrationError, listed, printable
 from pbd.files.header_line import without_thousands
 from pbd.files.table import open_sheet
+from pbd.frozen_arrays import Frozen, freeze_arrays
 from pbd.pose import Array
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class Points(Frozen):
     """Names of points, and their positions in base (n, 3), m."""
 
     names: tuple[str, ...]

@@ -40,17 +40,17 @@ SHORTEST_DWELL_S, LONGEST_DWELL_S = 0.15, 0.5
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """The user's options for the motion.
+    """The user's options for the motion. A value out of range is a UsageError.
 
     Attributes:
-        path: one of PATHS.
-        tolerance_m: with path "keyframes", a move on which the tool leaves the straight line by more becomes a line.
-        time: one of TIMES.
+        path: "keyframes" (straight in joint space), "line" (a straight line of the tool) or "demo" (the hand's path).
+        tolerance_m: m; with path "keyframes", a move on which the tool leaves the straight line by more becomes a line.
+        time: "limits" (as short as they allow), or "demo" (the hand's own time where the limits allow it).
         scale: factor on the hand's positions; it multiplies the calibration's own.
-        orientation: one of ORIENTATIONS; "fixed" keeps the tool's z straight down.
+        orientation: "demo", or "fixed", which keeps the tool's z straight down.
         speed: 0.01 to 1, share of the velocity, acceleration and jerk limits.
         margin: 0 to 0.5, share of those limits that is reserved for the controller.
-        dwell_s: longest stay at a keyframe, s; None: LONGEST_DWELL_S, or with time "demo" the hand's own.
+        dwell_s: longest stay at a keyframe, s; None: 0.5, or with time "demo" the hand's own.
         approach: start at home or `start`, not at keyframe 0.
         start: the arm's present joints, rad; None: home.
         retreat: return home at the end.
@@ -58,7 +58,7 @@ class PlanOptions:
         allow_collision: if nothing is free, plan without collision checks; the plan says what touches.
         payload: kg that the tool always carries, such as a gripper that the model lacks.
         p_tool_payload: its centre of mass in the tool frame, m.
-        at: where things stand now; things that are not listed stand where they were shown.
+        at: where things stand now, `pbd.planning.ThingPlace`; what is not listed stands where it was shown.
     """
 
     path: str = "keyframes"
@@ -80,6 +80,9 @@ class PlanOptions:
 
     def __post_init__(self) -> None:
         self._refuse_wrong_types()
+        for name in ("start", "p_tool_payload", "at"):  # of an array or a list, which may change later
+            if (values := getattr(self, name)) is not None:
+                object.__setattr__(self, name, tuple(values.tolist() if isinstance(values, np.ndarray) else values))
         for name, known in CHOICES.items():
             if (word := getattr(self, name)) not in known:
                 what = f"{name} must be one of {', '.join(known)}, got '{word}'{nearest(str(word), known)}"

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from pbd.calibration.tool_poses import with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Load, Robot
-from pbd.errors import PbdError, require_kind, require_type, warn
+from pbd.data.keyframe import require_keyframes
+from pbd.errors import PbdError, WrongValueError, collected_warnings, require_type, warn
 from pbd.pipeline import track
 from pbd.planning.choose_joints import PlanRefusal, choose_joints
 from pbd.planning.object_frames import ThingPlace, keyframes_of_things, nearest_working_place
@@ -115,11 +116,16 @@ def plan_keyframes(
     The message of a refusal suggests other options that were tried and work.
 
     Args:
+        keyframes: in the order of their times, which must increase.
         calibration: where the demonstration lies in the robot's base, and the table and obstacles.
         hand_path: the hand's path between the keyframes; None: unknown.
+        grasped: the object that the grip closes on; None: none is known.
     """
-    are_keyframes = isinstance(keyframes, Sequence) and all(isinstance(each, Keyframe) for each in keyframes)
-    require_kind("keyframes", keyframes, "a sequence of Keyframe", are_keyframes)
+    require_keyframes(keyframes)
+    for before, after in pairwise(keyframes):
+        if after.t <= before.t:
+            what = f"a keyframe must be later than the one before ({before.t:g} s), got t = {after.t:g} s"
+            raise WrongValueError(what, value=after.t, bound=before.t)
     _require_types(calibration, robot, options)
     require_type("plan_keyframes", hand_path, "pbd.track", HandPath, optional=True)
     require_type("plan_keyframes", grasped, "pbd.data.GraspedObject", GraspedObject, optional=True)
@@ -244,8 +250,7 @@ def _moves(task: Task, chosen: Motion, durations_s: Sequence[float]) -> tuple[li
 
 
 def _works(task: Task, attempt: Callable[[Task], object] = plan_task) -> bool:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they concern a plan that nobody sees
+    with collected_warnings():  # they concern a plan that nobody sees
         try:
             return not isinstance(attempt(task), PlanRefusal)
         except PbdError:

@@ -9,7 +9,8 @@ import numpy as np
 from pbd.data import GRAVITY, Recording
 from pbd.data.source_columns import SourceColumns
 from pbd.errors import RecordingError, TrackingError
-from pbd.pose import Array, lengths, readonly
+from pbd.frozen_arrays import readonly
+from pbd.pose import Array, lengths
 from pbd.tracking.moving_windows import PASSES, moving_mean_variance, moving_means, rows_of_mean, window_sums
 
 REST_S = 1.0

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from pbd.data import Calibration, GraspedObject, JointTrajectory, Keyframe, Robot
-from pbd.data.frozen_arrays import freeze_arrays
 from pbd.data.world import ObjectPhase
+from pbd.frozen_arrays import Frozen, freeze_arrays
 from pbd.pose import Array, Pose
 from pbd.view.robot_motion import RobotMotion
 
@@ -40,7 +40,7 @@ class TouchingPair(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ReplayScene:
+class ReplayScene(Frozen):
     """The values that a replay shows: those of a plan, and others computed from them.
 
     Attributes:

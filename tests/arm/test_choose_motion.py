@@ -226,7 +226,7 @@ def test_a_refusal_names_all_paths_that_were_tried() -> None:
     assert straight.count(" would touch the plate, ") == path.count(" would touch the plate, ") == 1
     assert told.count(" (closest): ") == 1
     assert fields["keyframe"] == 1
-    assert fields["bodies"][1] == "the plate"  # type: ignore[index]
+    assert fields["bodies"][1] == "the plate"
     assert fields["closest"] in (STRAIGHT, DEMO)
     assert 0.0 < float(str(fields["value"])) < 0.3
 

@@ -157,20 +157,20 @@ def test_the_first_keyframe_out_of_reach_is_named(arm: ArmModel) -> None:
     with pytest.raises(PlanError) as caught:
         solve_path(arm, [poses[0], poses[0], poses[1], poses[1]], arm.robot.home)
     error = caught.value
-    centimetres, degrees = 100 * error.fields["value"], np.rad2deg(error.fields["rotation"])  # type: ignore[operator,call-overload]
+    centimetres, degrees = 100 * error.fields["value"], np.rad2deg(error.fields["rotation"])
     assert error.fields["keyframe"] == 2
     assert error.fields["bound"] == 1e-5
     assert centimetres > 20
     assert error.message == (
         f"keyframe 2 is out of reach: the tool stays {centimetres:.1f} cm and {degrees:.1f} degrees from its pose at"
-        f" (1.200, 0.100, 0.400) m, which is {100 * error.fields['beyond']:.1f} cm beyond the arm's reach;"  # type: ignore[operator]
+        f" (1.200, 0.100, 0.400) m, which is {100 * error.fields['beyond']:.1f} cm beyond the arm's reach;"
         " move the dock, or make the path smaller with --scale"
     )
     assert error.exit_code == 3
     nearest = error.fields["nearest"]
     assert isinstance(nearest, Pose)
     assert nearest.distance(poses[1])[0] == pytest.approx(error.fields["value"])
-    assert 0.0 < error.fields["beyond"] <= error.fields["value"]  # type: ignore[operator]
+    assert 0.0 < error.fields["beyond"] <= error.fields["value"]
     assert error.fields["joints"] == ()
 
 

@@ -108,7 +108,7 @@ def test_extremes_inside_the_pieces_are_found(arm: ArmModel, seed: int) -> None:
     assert audit(trajectory, arm.robot, poses).velocity == pytest.approx(velocity, rel=1e-9)
     with pytest.raises(PlanError, match="has velocity") as caught:
         audit(trajectory, limited(arm, velocity=0.99 * velocity * arm.limits.velocity), poses)
-    then = np.abs(q(caught.value.fields["t"], nu=1)) / arm.limits.velocity  # type: ignore[arg-type]
+    then = np.abs(q(caught.value.fields["t"], nu=1)) / arm.limits.velocity
     assert then.max() == pytest.approx(velocity, rel=1e-9)
     for joint in range(7):
         highest, lowest = (float(pick(extremes(q, joint))) for pick in (np.max, np.min))
@@ -117,7 +117,7 @@ def test_extremes_inside_the_pieces_are_found(arm: ArmModel, seed: int) -> None:
         tight["lower"] += 1e-5
         with pytest.raises(PlanError, match=f"{arm.robot.joints[joint]} is at") as caught:
             audit(trajectory, limited(arm, **tight), poses)
-        assert q(caught.value.fields["t"])[joint] == pytest.approx(lowest, abs=1e-9)  # type: ignore[arg-type]
+        assert q(caught.value.fields["t"])[joint] == pytest.approx(lowest, abs=1e-9)
         assert caught.value.fields["value"] == pytest.approx(lowest)
         tight = {"lower": np.full(7, -10.0), "upper": np.where(np.arange(7) == joint, highest - 1e-5, 10.0)}
         with pytest.raises(PlanError, match=f"{arm.robot.joints[joint]} is at"):

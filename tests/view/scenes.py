@@ -50,7 +50,7 @@ def robot(
         joints=joints,
         home=np.zeros(k),
         gripper=gripper,
-        limits=JointLimits(-3.0 * np.ones(k), 3.0 * np.ones(k), np.ones(k), np.ones(k), np.ones(k), "none"),
+        limits=JointLimits(-3.0 * np.ones(k), 3.0 * np.ones(k), 0.5 * np.ones(k), np.ones(k), np.ones(k), "none"),
     )
 
 

@@ -19,9 +19,10 @@ import numpy as np
 from pbd.arm.model import ArmModel, to_se3
 from pbd.data.world import beyond_reach
 from pbd.errors import RobotError
+from pbd.frozen_arrays import readonly
 from pbd.io.meshes import from_mesh, mesh_triangles, rounded_points
 from pbd.io.urdf import Shape, Triple, collision_shapes
-from pbd.pose import Array, Pose, readonly
+from pbd.pose import Array, Pose
 
 ROUNDED_M = 1e-3
 """Grid to which the corners of a mesh's hull are rounded, m; it leaves far fewer corners."""

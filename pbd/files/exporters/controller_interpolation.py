@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 
-from pbd.data.robot import JointLimits, Samples
+from pbd.data import JointLimits, Samples
 from pbd.pose import Array
 
 Rule = Literal["cubic", "quintic", "hold", "trapezoid"]

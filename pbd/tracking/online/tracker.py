@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.data import Keyframe, Recording, RecordingInfo, Stop
-from pbd.data.frozen_arrays import numeric
 from pbd.errors import PbdError, TrackingError, WrongTypeError
-from pbd.pose import Array, readonly
+from pbd.frozen_arrays import numeric, readonly
+from pbd.pose import Array
 from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, QUIET_RATIO, REST_S, STILL_ACC, Rest, find_rest
 from pbd.tracking.noise import Noise, noise_of
 from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan, StopEnded
@@ -36,6 +36,9 @@ class LiveTracker:
             for event in tracker.feed(t, acc, gyr):
                 if isinstance(event, StopBegan):
                     print(f"stop {event.index}: {event.keyframe.T_nav_sensor.p} m; you may move on")
+
+    Look at `waiting` until it is "": it says what is missing. Readings in other units give no event, they show there.
+    A tracker is for one thread.
 
     A stop is announced 0.2 s after it began if the velocity is then zero within its sigma, else after two seconds
     (0.6 s without a gyro). It ends once the hand has moved for 0.2 s. The same index may be announced again. Then the
