@@ -5,7 +5,7 @@ from __future__ import annotations
 from pbd.calibration.sensor import corrected
 from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Calibration, Demonstration, HandPath, Recording, SensorErrors, Stop, Tracking
-from pbd.errors import TrackingError, warn
+from pbd.errors import UsageError, warn
 from pbd.pose import Array
 from pbd.tracking.alarm import alarms
 from pbd.tracking.estimate import Estimate, estimate, refuse_doubted_rest
@@ -31,7 +31,7 @@ def track_alone(
 ) -> tuple[HandPath, Estimate]:
     """Track the recording without known places; return the path and the estimate that it was made from."""
     if method not in METHODS:
-        raise TrackingError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method)
+        raise UsageError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method, valid=METHODS)
     recording, gaps = repair_recording(demo.recording)
     clips = find_clips(recording)
     lost: tuple[LostMotion, ...] = ()

@@ -13,7 +13,7 @@ from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Calibration, HandPath, Keyframe
 from pbd.data.calibration import DOCK_SIGMA_M
-from pbd.errors import CalibrationError, in_degrees, warn
+from pbd.errors import CalibrationError, UsageError, in_degrees, warn
 from pbd.pose import Array, Pose, lengths, level_onto, quat_inverse, quat_rotate
 
 TILT_WARNING_DEG, UPSIDE_DOWN_DEG = 5.0, 150.0
@@ -195,7 +195,10 @@ def dock_at(
 
     Raises:
         CalibrationError: as `in_base`, or the base is tilted.
+        UsageError: there is no such keyframe.
     """
+    if not 0 <= index < len(keyframes):
+        raise UsageError(f"the keyframe must be from 0 to {len(keyframes) - 1}, got {index}", value=index)
     placed = in_base(keyframes, calibration, path=path)
     no_tool = replace(placed.calibration, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
     placed = replace(placed, keyframes=[keyframes[index]], calibration=no_tool)

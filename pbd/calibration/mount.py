@@ -12,8 +12,9 @@ from pbd.calibration.points import TIP_SIGMA_M
 from pbd.calibration.registration import observe_points, widened
 from pbd.data import Keyframe
 from pbd.data.covariance import PoseCovariance
+from pbd.data.keyframe import require_keyframes
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, amount, in_degrees
+from pbd.errors import CalibrationError, UsageError, amount, in_degrees
 from pbd.pose import Array, quat_from_xyzw, quat_inverse, quat_log, quat_multiply, quat_rotate, quat_to_matrix
 
 SLIPPED_CHI2 = 10.0
@@ -87,6 +88,7 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance, scale: 
     Raises:
         CalibrationError: too few stops, turns about one axis only, or the tip slipped.
     """
+    require_keyframes(keyframes)
     if len(keyframes) < 3:
         raise CalibrationError(
             f"only {counted(len(keyframes), 'stop')} found; rest with the tip on the point, tilt the tool, rest, "
@@ -148,13 +150,17 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
 
     Args:
         keyframes: the stops between the turns.
-        named: for each move that turns by 20 degrees or more, in order, the tool's axis of the turn: one of AXES, by
-            the right-hand rule.
+        named: for each move that turns by 20 degrees or more, in order, the tool's axis of the turn, x, y, z, -x, -y
+            or -z, by the right-hand rule.
 
     Raises:
         CalibrationError: the numbers of turns and names differ, all turns are about one axis, or they contradict their
             names.
+        UsageError: a name is none of these axes.
     """
+    require_keyframes(keyframes)
+    if unknown := [name for name in named if name not in AXES]:
+        raise UsageError(f"a turn is about one of {', '.join(AXES)}, got {unknown[0]!r}", value=unknown[0])
     from scipy.spatial.transform import Rotation
 
     wxyz = np.array([keyframe.T_nav_sensor.wxyz for keyframe in keyframes])

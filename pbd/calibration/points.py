@@ -16,7 +16,8 @@ from pbd.calibration.registration import (
     variance_factor,
     widened,
 )
-from pbd.errors import CalibrationError, amount, warn
+from pbd.errors import CalibrationError, amount, require_kind, warn
+from pbd.frozen_arrays import numeric
 from pbd.pose import Array, Pose
 
 TIP_SIGMA_M = 0.001
@@ -105,7 +106,11 @@ def fit_points(
     Raises:
         CalibrationError: there are too few points, they lie in a line or above each other, or they contradict each
             other and the wrong one can't be located.
+        WrongTypeError: `points` is not one row of three numbers for each touch.
     """
+    points = numeric("points", points)
+    one_each = points.shape == (len(touched.stops), 3) and np.isfinite(points).all()
+    require_kind("points", points, f"({len(touched.stops)}, 3) numbers, one row for each touch", bool(one_each))
     refuse_shape(points, free)
     touched = replace(touched, cov=touched.cov + touch_m**2 * np.eye(len(touched.cov)))
     problem = Problem(touched, points, free, scaled, scale)

@@ -9,6 +9,8 @@ import numpy as np
 
 from pbd.data import Keyframe
 from pbd.data.covariance import PoseCovariance
+from pbd.data.keyframe import require_keyframes
+from pbd.errors import WrongValueError, require_kind
 from pbd.pose import (
     Array,
     Pose,
@@ -68,7 +70,16 @@ def observe_points(
         keyframes: all keyframes of a path that is not conditioned on known places.
         p_sensor_tip: (3,) m, the tip l in sensor axes.
         cov_tip: (3, 3) m2, covariance of l; None: l is exact.
+
+    Raises:
+        WrongTypeError: an argument is something else.
+        WrongValueError: some of the path's keyframes are left out; choose among the result, with `only`.
     """
+    require_keyframes(keyframes)
+    require_kind("covariance", covariance, "that of a HandPath", isinstance(covariance, PoseCovariance))
+    if len(keyframes) != covariance.count:
+        what = f"observe_points takes all {covariance.count} keyframes of the path, got {len(keyframes)}"
+        raise WrongValueError(f"{what}; choose among its result, with .only([1, 2])", value=len(keyframes))
     m, poses = len(keyframes), [keyframe.T_nav_sensor for keyframe in keyframes]
     R = quat_to_matrix(np.array([pose.wxyz for pose in poses]))
     lever = R @ p_sensor_tip

@@ -14,8 +14,8 @@ from pbd.calibration.magnetometer import MagnetometerFit, fit_magnetometer
 from pbd.calibration.rests import Rests, find_rests
 from pbd.data import GRAVITY, Recording, SensorErrors
 from pbd.data.one_line_repr import counted
-from pbd.data.units import MG
-from pbd.errors import CalibrationError, amount
+from pbd.data.units import GRAVITY_ON_EARTH, MG
+from pbd.errors import CalibrationError, UsageError, amount, require_kind
 from pbd.pose import Array
 
 KINDS = ("gyr", "acc", "mag")
@@ -61,15 +61,26 @@ def calibrate_sensor(
     Args:
         recording: without NaN, of a sensor that is put down in several orientations.
         gravity: m/s2, local gravity.
-        only: those of KINDS to fit, which must succeed. Empty: all that the sensor has; then a magnetometer that was
-            not turned far enough is left out with a remark.
+        only: those of gyr, acc, mag to fit, which must succeed. Empty: all that the sensor has; then a magnetometer
+            that was not turned far enough is left out with a remark.
         known: earlier errors of the same sensor. Those that are not fitted now are kept.
         temperature_c: the sensor's temperature, noted in the result.
 
     Raises:
         CalibrationError: the sensor was never still, its orientations are too similar, it was not turned far enough, or
-            it lacks what `only` names.
+            it lacks what `only` names, or readings are missing.
+        UsageError: `only` names something else, or gravity is none on Earth.
+        WrongTypeError: `recording` is no Recording.
     """
+    require_kind("recording", recording, "a Recording", isinstance(recording, Recording))
+    if isinstance(only, str) or not set(only) <= set(KINDS):
+        raise UsageError(f"only must be a tuple of some of {', '.join(KINDS)}, got {only!r:.60}", value=only)
+    least, most = GRAVITY_ON_EARTH
+    if not least <= gravity <= most:
+        raise UsageError(f"gravity must be from {least} to {most} m/s2, got {gravity:g}", value=gravity)
+    if lost := [name for name, read in recording.channels.items() if name != "mag" and not np.isfinite(read).all()]:
+        what = f"'{recording.info.name}' lacks readings of {', '.join(lost)}"
+        raise CalibrationError(f"{what}; fill them (pbd.tracking.repair.repair_recording), or record again")
     known = SensorErrors(recording.info.sensor) if known is None else known
     refuse_other_sensor(f"'{recording.info.name}'", recording.info.sensor, known)
     wanted = only or KINDS

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.errors import PbdWarning, TrackingError
+from pbd.errors import PbdWarning, TrackingError, UsageError
 from pbd.pipeline import track
 from pbd.tracking.keyframes import find_keyframes, find_segments
 from pbd.tracking.paper import LAMBDA_M, filter_yaw, paper_path, paper_stops, resulting_variance
@@ -97,5 +97,5 @@ def test_without_the_devices_attitude_tilt_is_low_passed() -> None:
 
 
 def test_an_unknown_method_is_refused() -> None:
-    with pytest.raises(TrackingError, match="no method 'best'; known are default, paper"):
+    with pytest.raises(UsageError, match="no method 'best'; known are default, paper"):
         track(simulate("pour").recording, "best")
