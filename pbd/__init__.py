@@ -7,8 +7,9 @@
     trajectory = pbd.plan(path, pbd.load_calibration("default"), robot)
 
 `pbd replay` and `pbd export` do the same. Edited keyframes, known places and the grasped object count here too.
+The values are in `pbd.data` and `pbd.pose`, the errors in `pbd.errors`; docs/api.md has an example of each step.
 
-A name is imported from its module when it is first used, so `import pbd` is fast.
+A name or a module is imported when it is first used, so `import pbd` is fast.
 """
 
 from __future__ import annotations
@@ -17,6 +18,10 @@ TYPE_CHECKING = False  # importing typing would take longer than the rest of thi
 if TYPE_CHECKING:
     from typing import Any
 
+    from pbd import data as data
+    from pbd import errors as errors
+    from pbd import planning as planning
+    from pbd import pose as pose
     from pbd.check_demos import check_all
     from pbd.files.calibration import load_calibration
     from pbd.files.demo import load_demo
@@ -41,14 +46,19 @@ _MODULES = {
     "track": "pbd.pipeline",
 }
 
+_PACKAGES = ("data", "errors", "planning", "pose")
+"""Modules that a program names after `import pbd` alone: `except pbd.errors.PbdError`."""
+
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_MODULES])
+    return sorted([*globals(), *_MODULES, *_PACKAGES])
 
 
 def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        from importlib import import_module
+    from importlib import import_module
 
+    if name in _MODULES:
         return getattr(import_module(_MODULES[name]), name)
+    if name in _PACKAGES:
+        return import_module(f"pbd.{name}")
     raise AttributeError(f"module 'pbd' has no attribute '{name}'")

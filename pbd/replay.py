@@ -11,6 +11,7 @@ from pbd.calibration.success_probability import success_of
 from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.calibration.touch_up import touched_covariances
 from pbd.data import Samples
+from pbd.errors import require_type
 from pbd.planning import Plan, arm_of, scene_of
 from pbd.planning.result import size_remark
 from pbd.pose import Array, quat_rotate, quat_to_matrix
@@ -22,9 +23,19 @@ if TYPE_CHECKING:
 
 
 def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
-    """Collect what a replay shows."""
+    """Collect what a replay shows, for `pbd.view.page.write_page` and `pbd.view.server.show_replay`.
+
+    Args:
+        plan: what `pbd.planning.plan_path` returns.
+        warnings: lines that the page shows.
+
+    Raises:
+        PlanError: the plan was made from keyframes alone.
+        WrongTypeError: it is no Plan, for example the trajectory alone.
+    """
     from pbd.arm.collision.motion_check import motion_phases
 
+    require_type("replay_scene", plan, "pbd.planning.plan_path", Plan)
     (path, demo), arm = plan.tracked, arm_of(plan.robot)
     placement = plan.T_base_nav, plan.calibration, plan.options.scale
     placed = KeyframesInBase(plan.keyframes, *placement, path, plan.options.orientation)

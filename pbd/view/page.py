@@ -37,18 +37,21 @@ POLICY = (
 )
 
 
-def write_page(scene: ReplayScene, path: Path) -> None:
+def write_page(scene: ReplayScene, path: str | Path) -> None:
     """Write the replay to an HTML file, atomically. The same scene gives the same bytes.
+
+    Args:
+        scene: what `pbd.replay.replay_scene` returns.
 
     Raises:
         RobotError: the robot's files can't be read.
-        OSError: the file can't be written.
+        PbdError: the file can't be written.
     """
     from pbd.view.scene import build
 
     window = _Collector()
     build(scene, Visualizer.view_into(window, ScenePath((SCENE_ROOT,))))
-    write_text(path, page_html(scene.title, b"".join(window.commands)))
+    write_text(Path(path), page_html(scene.title, b"".join(window.commands)))
 
 
 def page_html(title: str, commands: bytes, connect: str = "'none'") -> str:

@@ -135,13 +135,17 @@ def export(
 
     Args:
         robot: its limits are checked between the samples too.
-        format_name: one of FORMATS.
-        rate_hz: samples a second; None: the format's default.
+        format_name: csv, npz, ros2-json, keyframes, tum, tum-hand, urscript, mcap, lerobot or glb (docs/exports.md).
+        path: the file, or for lerobot the folder; a file that pbd wrote before is replaced.
+        rate_hz: samples a second, 10 to 100,000; None: the format's default.
         dense: urscript only: servoj at the controller's period (125 or 500 Hz) instead of a movej to each keyframe.
-        source: what the motion was made from; needed by formats that contain more than joints.
+        source: what `pbd.planning.source_of` returns; needed by formats that contain more than joints.
+
+    Returns:
+        The samples as written, and how much of the limits a receiver that joins them will use.
 
     Raises:
-        UsageError: as `check_format` and `check_suffix`.
+        UsageError: the format is unknown, or the rate, the file's ending or `dense` does not go with it.
         PbdError: the file can't be written, or pbd did not make the one that is there.
         PlanError: the motion is another robot's; or, interpolated as receivers do, it would exceed a limit, miss a
             keyframe or touch something. Nothing is written.
