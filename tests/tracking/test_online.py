@@ -529,6 +529,22 @@ def test_a_knock_after_which_the_hand_is_where_it_was_divides_no_stop(sensor: st
     assert len(fed(demo.recording)[0].stops) == 3
 
 
+@pytest.mark.parametrize("device_rpy", [None, (0.1, 0.2, 0.3)])
+def test_a_gyro_that_falls_silent_is_reported_once(device_rpy: tuple[float, float, float] | None) -> None:
+    """Its rows are left out; with the device's attitude beside they were read as a gyro that reads zero."""
+    recording = poured_at_first()
+    assert recording.gyr is not None
+    tracker, flaws = LiveTracker(), []
+    for k, t in enumerate(recording.t[:900]):
+        gyr = recording.gyr[k] if k < 300 else None
+        events = tracker.feed(t, recording.acc[k], gyr, device_rpy=device_rpy)
+        flaws += [event for event in events if isinstance(event, DataFlaw)]
+    assert [(flaw.t, flaw.message) for flaw in flaws] == [
+        (2.99, "the rows since 2.990 s lack numbers in gyr; the hand is not tracked until they come again")
+    ]
+    assert tracker.stops[-1].stop <= 300
+
+
 def test_short_holes_are_bridged() -> None:
     recording = poured_at_first()
     whole, _ = plain()

@@ -14,6 +14,9 @@ from pbd.tracking.repair.repair_recording import LARGEST_READING
 GAP_ACC, GAP_RATE = 2.0, 1.0
 """One sigma of the motion in a long gap, m/s2 and rad/s. (`pbd.track` refuses such a gap in a move.)"""
 
+INCOMPLETE_S = 2.0
+"""Rows that lack numbers for longer than this, s, are reported: the hand is not tracked meanwhile. A choice."""
+
 
 @dataclass(frozen=True, eq=False)
 class Sample:
@@ -55,6 +58,7 @@ class SampleRepair:
         self._row = -1
         self._last: Sample | None = None
         self._clock_wrong = False
+        self._incomplete = False
 
     def take(
         self, t: float, acc: Array | None, gyr: Array | None, mag: Array | None, device_rpy: Array | None
@@ -73,9 +77,16 @@ class SampleRepair:
             )
             return [], "" if was_wrong else message
         self._clock_wrong = False
-        motion = (acc, device_rpy if gyr is None else gyr)
-        if (last is not None and t == last.t) or not all(_known(values) for values in motion):
+        if last is not None and t == last.t:
             return [], ""
+        motion = {"acc": acc, **({"device_rpy": device_rpy} if gyr is None else {"gyr": gyr})}
+        if lost := [name for name, values in motion.items() if not _known(values)]:
+            if self._incomplete or last is None or t - last.t < INCOMPLETE_S:
+                return [], ""
+            self._incomplete = True
+            what = f"the rows since {last.t:.3f} s lack numbers in {' and '.join(lost)}"
+            return [], f"{what}; the hand is not tracked until they come again"
+        self._incomplete = False
         sample = Sample(
             self._row,
             t,

@@ -24,6 +24,9 @@ from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 __all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "StopEnded"]
 
+NO_READING = readonly(np.full(3, np.nan))
+"""A row of the gyro that lacks its numbers."""
+
 
 class LiveTracker:
     """Tracks a hand sample by sample, once the sensor has rested for a second.
@@ -74,7 +77,7 @@ class LiveTracker:
         """Take rows, and return the events that they complete.
 
         A row with a missing number, or whose time does not increase, is left out. Gaps of up to 50 ms are interpolated.
-        A longer gap gives a `DataFlaw`, and the next keyframe's sigma is wider.
+        A longer gap gives a `DataFlaw`, and the next keyframe's sigma is wider. Two seconds of such rows give one too.
 
         Args:
             t: s, of one row or (n,); any origin, increasing.
@@ -105,7 +108,8 @@ class LiveTracker:
         self, t: float, acc: Array | None, gyr: Array | None, mag: Array | None, device_rpy: Array | None
     ) -> list[LiveEvent]:
         before = self._recent[-1] if self._recent else None
-        samples, wrong = self._repair.take(t, acc, gyr if self._has_gyro else None, mag, device_rpy)
+        turn = NO_READING if gyr is None else gyr
+        samples, wrong = self._repair.take(t, acc, turn if self._has_gyro else None, mag, device_rpy)
         events: list[LiveEvent] = []
         if wrong:
             events.append(DataFlaw(t if before is None else before.t, wrong))
