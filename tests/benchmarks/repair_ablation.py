@@ -32,7 +32,7 @@ from tests.benchmarks.report import arguments, print_machine
 from tests.tracking.fault_matrix import SILENT_WRONG, Case, cases, outcome
 
 
-def nothing(*_: Any) -> None:
+def nothing(*_: Any, **_options: Any) -> None:
     """Look at nothing, and refuse nothing."""
 
 
