@@ -10,7 +10,7 @@ import sys
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
-class Stopped(KeyboardInterrupt):
+class Terminated(KeyboardInterrupt):
     """A termination or a hang-up, which ends a command as Ctrl-C does. Its argument is the signal's number.
 
     It is a type of its own because the interpreter may end as if by Ctrl-C after any KeyboardInterrupt.
@@ -33,7 +33,7 @@ def main() -> int:
 
 
 def _stop(number: int, _: object) -> None:
-    raise Stopped(number)
+    raise Terminated(number)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-NAME = "scipy.linalg._flapack"
+FLAPACK = "scipy.linalg._flapack"
 
 
 @cache
@@ -19,9 +19,9 @@ def lapack() -> Any:
     """Return the module of LAPACK's routines. It is loaded alone: all of scipy.linalg takes 0.15 s to import."""
     import scipy
 
-    stem = Path(scipy.__path__[0], *NAME.split(".")[1:])
+    stem = Path(scipy.__path__[0], *FLAPACK.split(".")[1:])
     file = next((path for suffix in EXTENSION_SUFFIXES if (path := Path(f"{stem}{suffix}")).is_file()), None)
-    spec = None if file is None or "scipy.linalg" in sys.modules else spec_from_file_location(NAME, file)
+    spec = None if file is None or "scipy.linalg" in sys.modules else spec_from_file_location(FLAPACK, file)
     if spec is None or spec.loader is None:  # scipy.linalg is loaded already, or scipy was built in another way
         from scipy.linalg import lapack as public
 

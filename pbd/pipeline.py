@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pbd.calibration.dock import nav_in_base, with_heading_of
+from pbd.calibration.dock import nav_in_base, with_heading_sigma
 from pbd.data import Calibration, Demonstration, HandPath, Known, Recording
 from pbd.errors import RecordingError, TrackingError, collected_warnings, listed, require_kind, require_type, warn
 from pbd.fusion.fuse import fused_path
@@ -161,6 +161,6 @@ def _condition_on_known(path: HandPath, known: Known, calibration: Calibration |
         first = slice(path.stops[0].start, path.stops[0].stop)
         with collected_warnings():  # planning warns of the dock's tilt
             if known.places or known.contacts:
-                calibration = with_heading_of(path, calibration)
+                calibration = with_heading_sigma(path, calibration)
             T_base_nav = nav_in_base(calibration, mean_quaternion(path.wxyz_nav_sensor[first]))
     return apply_constraints(path, known, calibration, T_base_nav)

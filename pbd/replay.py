@@ -33,7 +33,7 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
         PlanError: the plan was made from keyframes alone.
         WrongTypeError: it is no Plan, for example the trajectory alone.
     """
-    from pbd.arm.collision.motion_check import motion_phases
+    from pbd.arm.collision.motion_check import object_phases_of
 
     require_type("replay_scene", plan, "pbd.planning.plan_path", Plan)
     (path, demo), arm = plan.tracked, arm_of(plan.robot)
@@ -60,7 +60,7 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
         hand_path_base=_hand_path(plan),
         hand_speed=np.linalg.norm(path.v_nav_sensor[path.demonstrated], axis=1),
         grasped=plan.grasped,
-        phases=motion_phases(scene_of(arm, plan.calibration, plan.grasped), plan.trajectory),
+        phases=object_phases_of(scene_of(arm, plan.calibration, plan.grasped), plan.trajectory),
         rod=_rod(arm),
         slides=tuple((arm.turns == 0.0).tolist()),
         torque=None if plan.report.torque is None else plan.report.torque.share,

@@ -7,7 +7,6 @@ from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Calibration, Demonstration, HandPath, Recording, SensorErrors, Stop, Tracking
 from pbd.errors import UsageError, warn
 from pbd.pose import Array
-from pbd.tracking.alarm import alarms
 from pbd.tracking.estimate import Estimate, estimate, refuse_doubted_rest
 from pbd.tracking.first_rest import Rest, find_rest
 from pbd.tracking.noise import noise_of
@@ -17,6 +16,7 @@ from pbd.tracking.repair.gaps import is_in_rest, refuse_gaps
 from pbd.tracking.repair.gyro_consistency import warn_upside_down
 from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.repair.saturation import find_clips, restore
+from pbd.tracking.residual_tests import alarms
 from pbd.tracking.smoother.preintegration import LostMotion
 
 OPEN_END_S = 0.2

@@ -15,7 +15,7 @@ from pbd.pose import Array
 PRIOR_BIAS, PRIOR_SCALE, PRIOR_MISALIGNMENT = 0.05 * GRAVITY, 0.02, np.radians(1.0)
 """Prior sigma of bias (m/s2), scale (a share) and misalignment (rad) of a low-cost part."""
 
-MEAN_SIGMA = 0.0005 * GRAVITY
+LEAST_MEAN_SIGMA = 0.0005 * GRAVITY
 """Smallest sigma, m/s2, of the mean over a rest, because the table yields and the bias wanders."""
 
 DETERMINED = 0.3
@@ -95,7 +95,7 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
         )
     from scipy.optimize import least_squares
 
-    noise = np.hypot(rests.acc_noise / np.sqrt(rests.samples), MEAN_SIGMA)
+    noise = np.hypot(rests.acc_noise / np.sqrt(rests.samples), LEAST_MEAN_SIGMA)
     prior = np.repeat((PRIOR_BIAS, PRIOR_SCALE, PRIOR_MISALIGNMENT), 3)
 
     def residuals(x: Array) -> Array:

@@ -19,7 +19,7 @@ from pbd.pose import Array, Pose, lengths, level_onto, quat_inverse, quat_rotate
 TILT_WARNING_DEG, UPSIDE_DOWN_DEG = 5.0, 150.0
 """Angle, degrees, between the declared and the measured vertical, above which there is a warning, and an error."""
 
-LEVEL_DEG = 0.25
+MAX_BASE_TILT_DEG = 0.25
 """Largest tilt of the base, degrees, that a dock may leave out: it moves a tool 0.7 m away by a dock's own 3 mm."""
 
 
@@ -83,7 +83,7 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
     return level_onto(Pose(np.zeros(3), wxyz_nav_sensor), dock)
 
 
-def with_heading_of(path: HandPath, calibration: Calibration) -> Calibration:
+def with_heading_sigma(path: HandPath, calibration: Calibration) -> Calibration:
     """Return the calibration with the sigma that the heading of its [nav] has for this path.
 
     A magnetic heading is turned by a field at the first rest that differs from the one in which [nav] was registered.
@@ -138,12 +138,12 @@ def in_base(
     """Place keyframes in base, by the attitude at the first of them.
 
     Raises:
-        CalibrationError: as `nav_in_base`; or as `with_heading_of`, if the path is given; or the tool, whose
+        CalibrationError: as `nav_in_base`; or as `with_heading_sigma`, if the path is given; or the tool, whose
             orientation is to be fixed, points up at the first.
     """
     warn_of_doubts(calibration, "dock", "nav", "mount")
     if path is not None:
-        calibration = with_heading_of(path, calibration)
+        calibration = with_heading_sigma(path, calibration)
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     if orientation == "fixed":
         wxyz = (T_base_nav @ keyframes[0].T_nav_sensor @ calibration.T_sensor_tool).wxyz
@@ -161,16 +161,16 @@ def refuse_tilted(T_base_nav: Pose) -> None:
     """Refuse a dock in a base whose z is not vertical: of a dock, position and yaw alone are used.
 
     Raises:
-        CalibrationError: nav is tilted in base by more than LEVEL_DEG.
+        CalibrationError: nav is tilted in base by more than MAX_BASE_TILT_DEG.
     """
     up = quat_rotate(T_base_nav.wxyz, (0.0, 0.0, 1.0))
     tilt_deg = float(np.degrees(np.arctan2(np.hypot(up[0], up[1]), up[2])))
-    if tilt_deg > LEVEL_DEG:
+    if tilt_deg > MAX_BASE_TILT_DEG:
         raise CalibrationError(
             f"the base is tilted by {tilt_deg:.1f} degrees from the vertical, and a dock has no tilt; "
             "pbd calibrate points --free --as nav keeps it, for demonstrations that start with the same heading",
             value=tilt_deg,
-            bound=LEVEL_DEG,
+            bound=MAX_BASE_TILT_DEG,
         )
 
 

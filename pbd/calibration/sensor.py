@@ -23,7 +23,7 @@ KINDS = ("gyr", "acc", "mag")
 TRUSTED_ACC = 2.0 * MG
 """Smallest error of a calibrated accelerometer, one sigma, m/s2, for tracking (CALIBRATED in pbd/tracking/noise.py)."""
 
-CONTRADICTING = 1.5
+WARNED_MISFIT = 1.5
 """Misfit of the accelerometer's rests, in TRUSTED_ACC, that is warned of. Twelve rests have only three redundant ones,
 which exceed it once in twelve even if the sensor is that good."""
 
@@ -95,7 +95,7 @@ def calibrate_sensor(
     acc = fit_accelerometer(rests, gravity) if "acc" in wanted else None
     if acc is not None:
         errors = replace(errors, acc=acc.linear, gravity=gravity)
-        if acc.misfit > CONTRADICTING * TRUSTED_ACC:
+        if acc.misfit > WARNED_MISFIT * TRUSTED_ACC:
             at = " or ".join(f"{recording.t[row]:.1f} s" for row in rests.start[acc.suspects])
             remarks.append(
                 f"the rests contradict each other by {acc.misfit / MG:.0f} mg (rms): the sensor was not still in a "

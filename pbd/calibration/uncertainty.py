@@ -13,7 +13,7 @@ from pbd.data import Calibration, HandPath, Keyframe
 from pbd.data.calibration import TOOL_DOWN
 from pbd.pose import Array, quat_inverse, quat_multiply, quat_rotate, quat_to_matrix, skew
 
-PARTS = {"start": "where the hand starts", "mount": "the mount", "tracking": "tracking"}
+SOURCES = {"start": "where the hand starts", "mount": "the mount", "tracking": "tracking"}
 """Sources of the tool's uncertainty, and their names for the user."""
 
 
@@ -38,7 +38,7 @@ def keyframes_covariance(path: HandPath | None, keyframes: Sequence[Keyframe]) -
 
 
 def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
-    """Return the covariance (k, 6, 6) of the tool's position and rotation vector in base, m and rad, for each of PARTS.
+    """Return the covariance (k, 6, 6) of the tool's position and rotation vector in base, m and rad, by its SOURCES.
 
     The sum of the parts is the total. From p_base_tool = t + R (s p + R_k l), with t and R nav in base, p and R_k the
     sensor in nav, l the tool in sensor axes: the uncertainty of each of them, propagated to first order. With a fixed
@@ -50,7 +50,7 @@ def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
         "mount": _mount_covariance(calibration),
         "tracking": _covariances_with_first(placed),
     }
-    return {part: np.asarray(J[part] @ cov[part] @ J[part].transpose(0, 2, 1)) for part in PARTS}
+    return {part: np.asarray(J[part] @ cov[part] @ J[part].transpose(0, 2, 1)) for part in SOURCES}
 
 
 def _covariances_with_first(placed: KeyframesInBase) -> Array:
@@ -63,7 +63,7 @@ def _covariances_with_first(placed: KeyframesInBase) -> Array:
 
 
 def joint_tool_covariances(cov_nav_sensor: Array, placed: KeyframesInBase) -> dict[str, Array]:
-    """Return the joint covariance (6k, 6k) of all tool poses, for each of PARTS.
+    """Return the joint covariance (6k, 6k) of all tool poses, for each of SOURCES.
 
     Errors of dock and mount are the same at all keyframes.
 
@@ -95,7 +95,7 @@ def _jacobians(placed: KeyframesInBase) -> dict[str, Array]:
     calibration, R, zero, one = placed.calibration, quat_to_matrix(placed.T_base_nav.wxyz), np.zeros((3, 3)), np.eye(3)
     scale, fixed, keyframes = placed.scale * calibration.scale, placed.orientation == "fixed", placed.keyframes
     turn = _fixed_turn(placed) if fixed else one
-    J = {part: np.zeros((len(keyframes), 6, 12 if part == "tracking" else 6)) for part in PARTS}
+    J = {part: np.zeros((len(keyframes), 6, 12 if part == "tracking" else 6)) for part in SOURCES}
     for k, keyframe in enumerate(keyframes):
         wxyz = (keyframes[0] if fixed else keyframe).T_nav_sensor.wxyz
         lever = quat_rotate(wxyz, calibration.T_sensor_tool.p)

@@ -13,7 +13,7 @@ from rich.table import Table
 from pbd.check_demos import DemoCheck, check_all
 from pbd.cli.common import print_result, without_aside
 from pbd.errors import RecordingError, listed
-from pbd.view.screen import Screen
+from pbd.view.safe_console import Screen
 from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units
 

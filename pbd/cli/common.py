@@ -20,7 +20,7 @@ from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, write_demo
 from pbd.files.find_by_name import bundled, bundled_names
 from pbd.files.keyframes import KEYFRAMES_FILE, write_keyframes
-from pbd.files.set_aside import is_aside
+from pbd.files.why_set_aside import is_aside
 from pbd.io.atomic import atomic_file, is_file, refuse_file
 from pbd.io.made_by_pbd import refuse_others_file
 from pbd.io.read_file import read_text
@@ -204,7 +204,7 @@ def write_figures(folder: Path, format_name: str, names: Collection[str], draw: 
 
 
 def refuse_columns(args: argparse.Namespace, sensor: str) -> None:
-    """Refuse (UsageError) the options of `add_lines` for any sensor but "lines"."""
+    """Refuse (UsageError) the options of `add_line_options` for any sensor but "lines"."""
     given = args.columns or args.separator != "," or args.prefix or args.wrap is not None
     if given and sensor != "lines":
         what = f"--columns, --separator, --prefix and --wrap are for --sensor lines; leave them out for {sensor}"
@@ -212,7 +212,7 @@ def refuse_columns(args: argparse.Namespace, sensor: str) -> None:
 
 
 def decoder_maker(args: argparse.Namespace, sensor: str, also: Iterable[str] = ()) -> Callable[[], Decoder]:
-    """Return a function that makes the sensor's decoder, from the options of `add_lines` and --unit.
+    """Return a function that makes the sensor's decoder, from the options of `add_line_options` and --unit.
 
     The message about an unknown sensor also lists the names `also`, which only the command knows.
 

@@ -43,7 +43,7 @@ def working(what: str, at_most_s: float | None = None) -> Iterator[None]:
         return
     from rich.text import Text
 
-    from pbd.view.screen import Screen
+    from pbd.view.safe_console import Screen
 
     # rich prints warnings above this line.
     shown = Text(f"{what} ...") if at_most_s is None else _Countdown(what, at_most_s)

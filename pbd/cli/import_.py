@@ -13,7 +13,7 @@ from pbd.data.source_columns import SourceColumns
 from pbd.errors import PbdError, RecordingError, SensorError, TrackingError, UsageError, amount, listed, warn
 from pbd.files.demo import demo_folder
 from pbd.files.importers import import_file
-from pbd.files.importers.columns import UNUSED
+from pbd.files.importers.columns import WHY_UNUSED
 from pbd.io.atomic import is_file, is_folder
 from pbd.pipeline import track
 from pbd.record.redecode import decode_raw
@@ -90,9 +90,9 @@ def _print_columns(args: argparse.Namespace, source: SourceColumns) -> None:
         if source.program:
             print(f"written by {source.program}")
         unread = dict(source.unread)
-        files = [name for name, why in unread.items() if why == UNUSED]
+        files = [name for name, why in unread.items() if why == WHY_UNUSED]
         if len(files) > 1:
-            unread = {name: why for name, why in unread.items() if why != UNUSED}
+            unread = {name: why for name, why in unread.items() if why != WHY_UNUSED}
             unread[f"{len(files)} files"] = "not used; --json names them"
         print_table(columns_table([column.row() for column in source.columns], unread))
 

@@ -178,7 +178,7 @@ def add_planning(
         flag(group, "--allow-collision", "show a motion that touches something, marked red (never exported)")
 
 
-def add_lines(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+def add_line_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     """Add the options of a device that prints numbers, except --unit."""
     group = parser.add_argument_group("a device that prints numbers (--sensor lines)")
     option(group, "--columns", "LIST", "names of the numbers in a line, such as t,ax,ay,az,gx,gy,gz; or a .toml file")

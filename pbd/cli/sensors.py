@@ -26,7 +26,7 @@ from pbd.view.terminal_tables import ports_table, print_csv, print_table, words_
 BORDER = 2
 """Width of a QR code's light border, modules. The standard says four; the app reads two, and a terminal is small."""
 
-PIXELS = 6
+QR_MODULE_PIXELS = 6
 """Pixels per module in a picture of the code."""
 
 MADE_BY, PNG_HEADER = f"{PICTURE_MADE_BY}segno", 33
@@ -122,10 +122,10 @@ def _qr_code(data: bytes) -> Any:
 def _draw_code(code: Any, kind: str, file: Path) -> None:
     """Write a picture of a code, which says that pbd made it, as `refuse_others_file` wants."""
     if kind == "svg":
-        code.save(str(file), kind=kind, scale=PIXELS, title=MADE_BY)
+        code.save(str(file), kind=kind, scale=QR_MODULE_PIXELS, title=MADE_BY)
         return
     drawn, text = io.BytesIO(), b"tEXtSoftware\0" + MADE_BY.encode()
-    code.save(drawn, kind=kind, scale=PIXELS)
+    code.save(drawn, kind=kind, scale=QR_MODULE_PIXELS)
     chunk = struct.pack(f">I{len(text)}sI", len(text) - 4, text, zlib.crc32(text))  # of PNG, after its header
     file.write_bytes(drawn.getvalue()[:PNG_HEADER] + chunk + drawn.getvalue()[PNG_HEADER:])
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from pbd.data.calibration import TOOL_DOWN, Calibration, LinearErrors, SensorErrors
 from pbd.data.constraints import ClaimFit, Contact, Known, Place
+from pbd.data.estimated_sensor_errors import ErrorEstimate, SensorEstimate
 from pbd.data.fusion import FusedTake, Fusion, MovedThing
 from pbd.data.joint_trajectory import JointTrajectory, Samples
 from pbd.data.keyframe import Keyframe, TouchUp
 from pbd.data.recording import GripEvent, Recording, RecordingInfo, Truth
 from pbd.data.robot import Gripper, JointLimits, MimicJoint, Robot, ServoUnits
-from pbd.data.sensor_estimate import ErrorEstimate, SensorEstimate
 from pbd.data.tracking import Demonstration, HandPath, Segment, Stop, Tracking
 from pbd.data.units import GRAVITY
 from pbd.data.world import GraspedObject, Load, Obstacle

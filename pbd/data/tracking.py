@@ -9,11 +9,11 @@ from pathlib import Path
 from pbd.data.calibration import Calibration
 from pbd.data.constraints import ClaimFit, Contact, Known, Place
 from pbd.data.covariance import PoseCovariance
+from pbd.data.estimated_sensor_errors import SensorEstimate
 from pbd.data.fusion import Fusion
 from pbd.data.keyframe import Keyframe, TouchUp
 from pbd.data.one_line_repr import brief, counted, span
 from pbd.data.recording import GripEvent, Recording, Truth
-from pbd.data.sensor_estimate import SensorEstimate
 from pbd.data.world import GraspedObject
 from pbd.errors import WrongValueError
 from pbd.frozen_arrays import Frozen, freeze_arrays

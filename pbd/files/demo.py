@@ -20,8 +20,8 @@ from pbd.errors import RecordingError, UsageError
 from pbd.files.calibration import read_shape
 from pbd.files.find_by_name import find
 from pbd.files.keyframes import KEYFRAMES_FILE, read_keyframes, read_touch_ups
-from pbd.files.set_aside import is_aside, why_kept
 from pbd.files.table import Table, read_table, write_table
+from pbd.files.why_set_aside import is_aside, why_kept
 from pbd.io.atomic import atomic_folder, is_file, is_folder, may_write, refuse_folder, refuse_name
 from pbd.io.toml import Section, instant_of, read_toml
 from pbd.pose import Array

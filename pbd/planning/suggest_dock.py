@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Range = tuple[float, float]
 SAMPLES = 20_000
-DOWN = float(np.cos(np.radians(20.0)))
+POINTS_DOWN_COS = float(np.cos(np.radians(20.0)))
 """Cosine of the largest angle, 20 degrees, between straight down and the approach of a tool that points down."""
 SCALES = (1.0, 0.7, 0.5, 0.35, 0.25)
 """Scales of the demonstration, in the order in which they are tried."""
@@ -40,7 +40,7 @@ NEAR_M = 0.1
 TABLE_STEP_M = 0.01
 """Precision of the largest height of a table, m: that of the positions of docks."""
 YAWS_DEG = (0.0, -90.0, 90.0, 180.0)
-AHEAD_COST = 0.2
+AZIMUTH_COST = 0.2
 """Cost of a dock beside or behind the base's x axis, rad of joint travel per rad."""
 OFTEN_SHARE = 0.5
 """Share of random configurations above which two touching links are taken to touch by design: such a contact would bar
@@ -102,7 +102,7 @@ def suggest(
     lowest = -min(keyframe.T_nav_sensor.p[2] for keyframe in keyframes)
     touching: dict[tuple[str, str], int] = {}
     why = f"no dock has all keyframes within reach, even at {SCALES[-1]} of the size; correct base or T_body_tool"
-    z_down = p[R[:, 2, 2] < -DOWN, 2]
+    z_down = p[R[:, 2, 2] < -POINTS_DOWN_COS, 2]
     why += "" if table is None else ", or table_height"
     why += ", or take a demonstration that tilts the tool less (--for)" if is_partial(arm) else ""
     why += f"; the tool can point down at heights from {z_down.min():.2f} to {z_down.max():.2f} m"
@@ -156,7 +156,7 @@ def _sampled_tool_poses(arm: ArmModel) -> tuple[Array, Array]:
     from pbd.arm.ik.starts import sample_joints
 
     p, R = arm.forward_many(sample_joints(arm, SAMPLES))
-    if (down := int((R[:, 2, 2] < -DOWN).sum())) < DOCKS:
+    if (down := int((R[:, 2, 2] < -POINTS_DOWN_COS).sum())) < DOCKS:
         off_deg = np.degrees(np.arccos(np.clip(-R[:, 2, 2].min(), -1.0, 1.0)))
         raise RobotError(
             f"{arm.robot.name}: the tool points down in only {down} of {SAMPLES} random configurations (at best "
@@ -207,7 +207,7 @@ def _possible_docks(
     most_tilted = int(np.argmax([z for _, _, z in approach]))
     over = GRIP_M - min(pose.p[2] for pose in at_origin)
     x, y, z = approach[most_tilted]
-    similar = np.abs(sampled[1][:, 2, 2] - z) < 1.0 - DOWN
+    similar = np.abs(sampled[1][:, 2, 2] - z) < 1.0 - POINTS_DOWN_COS
     for i, (p, R) in enumerate(zip(sampled[0][similar], sampled[1][similar], strict=True)):
         yaw_deg = YAWS_DEG[i % len(YAWS_DEG)]
         if is_partial(arm):  # it can tilt its tool about one axis only
@@ -230,7 +230,7 @@ def _rank(arm: ArmModel, docks: Sequence[Calibration], keyframes: Sequence[Keyfr
         q = _solve_all(arm, poses)
         if q is not None:
             x, y, _ = np.mean([pose.p for pose in poses], axis=0)
-            cost = float(configuration_cost(arm, q).mean()) + AHEAD_COST * abs(float(np.arctan2(y, x)))
+            cost = float(configuration_cost(arm, q).mean()) + AZIMUTH_COST * abs(float(np.arctan2(y, x)))
             found.append((cost, dock))
     return [dock for _, dock in sorted(found, key=lambda each: each[0])]
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
-from pbd.calibration.uncertainty import PARTS, tool_covariances
+from pbd.calibration.uncertainty import SOURCES, tool_covariances
 from pbd.plots.space import ellipse
 from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, ORANGE, PURPLE, new_figure, plain_text, style
 from pbd.pose import Array, Pose
@@ -51,7 +51,7 @@ def _shares(ax: Axes, parts: Mapping[str, Array]) -> None:
     sigma_mm, below = 1e3 * np.sqrt(total), np.zeros(len(total))
     for name, share in variance.items():
         height = sigma_mm * share / np.maximum(total, 1e-18)
-        ax.bar(range(len(total)), height, bottom=below, color=PART_COLOURS[name], width=0.7, label=PARTS[name])
+        ax.bar(range(len(total)), height, bottom=below, color=PART_COLOURS[name], width=0.7, label=SOURCES[name])
         below = below + height
     ax.legend(loc="upper left")
     ax.set_ylim(0.0, 1.35 * max(float(sigma_mm.max()), 1e-3))

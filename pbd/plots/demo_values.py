@@ -11,7 +11,7 @@ import numpy as np
 
 from pbd.data import HandPath, Keyframe, Recording, Stop, Truth
 from pbd.data.tracking import DOUBTED_WEIGHT, Tracking
-from pbd.plots.findings import Finding, at_stop, find_problems, length_text, stop_names
+from pbd.plots.findings import Finding, find_problems, length_text, stop_names, stop_phrase
 from pbd.pose import Array, Pose, level_onto, quat_multiply, quat_rotate, quat_to_rpy
 from pbd.tracking.keyframes import keyframes_of
 from pbd.tracking.paper import paper_stops, resulting_variance
@@ -203,7 +203,7 @@ def _facts(
         ("sensor", recording.info.sensor),
         ("recorded", f"{t[-1] - t[0]:.1f} s at {recording.rate_hz:.4g} Hz, {len(t)} samples"),
         ("late or lost samples", f"{late}, longest gap {1e3 * interval.max():.0f} ms" if late else "none"),
-        ("stops", f"{len(stops)}, the shortest {-dwell:.2f} s, {at_stop(names[shortest])}"),
+        ("stops", f"{len(stops)}, the shortest {-dwell:.2f} s, {stop_phrase(names[shortest])}"),
     ]
     if len(stops) > 1:
         inside = path.p_nav_sensor[path.demonstrated]
@@ -213,14 +213,14 @@ def _facts(
         facts += [
             ("longest move", f"{duration:.2f} s, {names[longest]} to {names[longest + 1]}"),
             ("length of the path", length_text(float(np.linalg.norm(np.diff(inside, axis=0), axis=1).sum()))),
-            ("largest closure", f"{length_text(residual)}/s, at {at_stop(names[worst + 1])}"),
-            ("largest sigma", f"{length_text(variance**0.5)}, at {at_stop(names[unsure])}"),
+            ("largest closure", f"{length_text(residual)}/s, at {stop_phrase(names[worst + 1])}"),
+            ("largest sigma", f"{length_text(variance**0.5)}, at {stop_phrase(names[unsure])}"),
         ]
     if error is not None:
         off = np.linalg.norm(error[[stop.middle for stop in stops]], axis=1)
         if np.isfinite(off).any():
             worst, largest = _largest(off)
-            facts.append(("largest error", f"{length_text(largest)}, at {at_stop(names[worst])}"))
+            facts.append(("largest error", f"{length_text(largest)}, at {stop_phrase(names[worst])}"))
     if field is not None:
         change = np.abs(field.strength / field.rest_strength - 1.0).max() if field.rest_strength > 0.0 else np.nan
         dip = np.degrees(np.abs(field.dip - field.rest_dip).max())

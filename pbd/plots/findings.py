@@ -106,7 +106,7 @@ def stop_names(path: HandPath, keyframes: Sequence[Keyframe]) -> tuple[str, ...]
     return tuple(names)
 
 
-def at_stop(name: str) -> str:
+def stop_phrase(name: str) -> str:
     """A stop's name within a sentence."""
     return f"keyframe {name}" if name.isdecimal() else name
 
@@ -147,8 +147,8 @@ def _doubted(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> It
     for k in doubted:
         sure = path.stops[k].weight
         words = (
-            f"{at_stop(names[k])} may not be a stop ({100.0 * sure:.0f} % sure): the hand seems to pass through it; "
-            "stop for half a second, or move faster"
+            f"{stop_phrase(names[k])} may not be a stop ({100.0 * sure:.0f} % sure): the hand seems to pass through "
+            "it; stop for half a second, or move faster"
         )
         yield -sure, Finding(words, (path.rests[k],))
 
@@ -157,8 +157,8 @@ def _short_stops(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -
     for k, stop in enumerate(path.stops[1:], start=1):
         if k not in doubted and round(stop.dwell_s, 2) < SHORT_STOP_S:  # rounded as in the text
             words = (
-                f"{at_stop(names[k])} lasts only {stop.dwell_s:.2f} s, from {path.rests[k][0]:.1f} s on, so the hand "
-                "may not have stopped: stop for half a second"
+                f"{stop_phrase(names[k])} lasts only {stop.dwell_s:.2f} s, from {path.rests[k][0]:.1f} s on, so the "
+                "hand may not have stopped: stop for half a second"
             )
             yield -stop.dwell_s, Finding(words, (path.rests[k],))
 
@@ -227,7 +227,7 @@ def _residual_velocities(
         remarked = added_m[k] > UNSURE_MOVE_M or k in doubted or k + 1 in doubted
         if residual > DRIFT_ACC * duration and not remarked:
             words = (
-                f"a residual velocity of {length_text(residual)}/s at {at_stop(names[k + 1])}, after a move of "
+                f"a residual velocity of {length_text(residual)}/s at {stop_phrase(names[k + 1])}, after a move of "
                 f"{duration:.1f} s, is more than drift: hold still at {names[k]} and {names[k + 1]}, and turn more "
                 "slowly in between"
             )
@@ -244,7 +244,7 @@ def _off_the_truth(path: HandPath, names: Sequence[str], error: Array | None) ->
     if far := int((sigmas > OFF_SIGMAS).sum()):
         k = int(np.argmax(sigmas))
         more = f" ({far} keyframes are more than {OFF_SIGMAS:g} off)" if far > 1 else ""
-        words = f"{at_stop(names[k])} is {length_text(float(off[k]))} from the truth, {sigmas[k]:.0f} sigma{more}"
+        words = f"{stop_phrase(names[k])} is {length_text(float(off[k]))} from the truth, {sigmas[k]:.0f} sigma{more}"
         yield Finding(words, (path.rests[k],))
 
 

@@ -10,8 +10,8 @@ from pbd.data import Stop
 from pbd.plots.demo_values import DemoValues
 from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, PALE, SIGMA, SKY, VERMILION, largest, length_unit
 from pbd.pose import Array
-from pbd.tracking.alarm import FIELD_CHANGE
 from pbd.tracking.paper import LAMBDA_V
+from pbd.tracking.residual_tests import FIELD_CHANGE
 from pbd.tracking.smoother.knots import STOP_KNOT_S
 
 XYZ = ("x", "y", "z")

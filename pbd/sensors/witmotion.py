@@ -22,15 +22,15 @@ from pbd.data.units import DEG, GRAVITY
 from pbd.sensors.attitude import rpy_from_quaternion
 from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
 
-ACC = 16.0 * GRAVITY / 32768.0
-GYR = 2000.0 / 32768.0 * DEG
-ANGLE = pi / 32768.0
+ACC_PER_COUNT = 16.0 * GRAVITY / 32768.0
+GYR_PER_COUNT = 2000.0 / 32768.0 * DEG
+ANGLE_PER_COUNT = pi / 32768.0
 """m/s2, rad/s and rad for one count."""
 
 NORM_TOLERANCE = 0.02
 """Largest deviation of a quaternion's norm from 1. The device sends zeros before its filter runs."""
 
-UNITS = {0x51: ACC, 0x52: GYR, 0x53: ANGLE, 0x54: 1.0}
+UNITS = {0x51: ACC_PER_COUNT, 0x52: GYR_PER_COUNT, 0x53: ANGLE_PER_COUNT, 0x54: 1.0}
 QUATERNION = 0x59
 
 _WORDS = Struct("<2x4hx")

@@ -42,15 +42,15 @@ MAX_AGE_TICKS = TICKS_HZ // 5
 
 ENU, NED, NWU = 0x0, 0x4, 0x8
 _HEAD = Struct(">HB").unpack_from
-Read = Callable[[bytes, int], tuple[float, ...]]
+Unpack = Callable[[bytes, int], tuple[float, ...]]
 
 
-def _fixed_12_20(count: int) -> Read:
+def _fixed_12_20(count: int) -> Unpack:
     layout = Struct(f">{count}i")
     return lambda data, at: tuple(raw * 2.0**-20 for raw in layout.unpack_from(data, at))
 
 
-def _fixed_16_32(count: int) -> Read:
+def _fixed_16_32(count: int) -> Unpack:
     """Read uint32 fractions of 2^-32, each followed by the int16 of the integer part."""
     layout = Struct(">" + "Ih" * count)
 
@@ -61,7 +61,7 @@ def _fixed_16_32(count: int) -> Read:
     return read
 
 
-def _attitude(read: Read, count: int, frame: int) -> Read:
+def _attitude(read: Unpack, count: int, frame: int) -> Unpack:
     """Read a quaternion, or angles in deg, in any of the three frames as roll, pitch and yaw in east-north-up, rad."""
 
     def read_attitude(data: bytes, at: int) -> tuple[float, ...]:
@@ -81,9 +81,9 @@ def _attitude(read: Read, count: int, frame: int) -> Read:
     return read_attitude
 
 
-def _items() -> dict[int, tuple[str, int, Read]]:
+def _items() -> dict[int, tuple[str, int, Unpack]]:
     """For each identifier: the quantity, the number of data bytes, and the function that reads them."""
-    items: dict[int, tuple[str, int, Read]] = {
+    items: dict[int, tuple[str, int, Unpack]] = {
         0x1020: ("counter", 2, Struct(">H").unpack_from),
         0x1060: ("ticks", 4, Struct(">I").unpack_from),
     }

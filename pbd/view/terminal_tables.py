@@ -20,7 +20,7 @@ from pbd.data.covariance import keyframe_sigmas
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.errors import printable
 from pbd.pose import Array, quat_to_rpy
-from pbd.view.screen import Screen
+from pbd.view.safe_console import Screen
 from pbd.view.units import Units
 
 PIPE_WIDTH = 200

@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 
 from pbd import track_alone
-from pbd.tracking import alarm, estimate, first_rest
+from pbd.tracking import estimate, first_rest, residual_tests
 from pbd.tracking.repair import channel_faults, gaps, gyro_consistency, repair_recording
 from pbd.tracking.repair.saturation import restore
 from pbd.tracking.smoother import factors, smooth
@@ -68,10 +68,10 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "a common scale": ((smooth, "WIDE_SCALE_SIGMA", TINY),),
     "upside down": ((track_alone, "warn_upside_down", nothing),),
     "open ends": ((track_alone, "_warn_of_open_ends", nothing),),
-    "alarm: sensor": ((alarm, "_sensor_alarms", no_line),),
-    "alarm: moves": ((alarm, "_move_alarms", no_line),),
-    "alarm: stops": ((alarm, "_stop_alarms", no_line),),
-    "alarm: field": ((alarm, "_field_alarms", no_line),),
+    "alarm: sensor": ((residual_tests, "_sensor_alarms", no_line),),
+    "alarm: moves": ((residual_tests, "_move_alarms", no_line),),
+    "alarm: stops": ((residual_tests, "_stop_alarms", no_line),),
+    "alarm: field": ((residual_tests, "_field_alarms", no_line),),
 }
 """Rule taken out -> what is put in its place."""
 

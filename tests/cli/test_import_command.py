@@ -17,7 +17,7 @@ from pbd.data import GRAVITY, Demonstration, Place
 from pbd.data.source_columns import Column, SourceColumns
 from pbd.data.units import UNITS
 from pbd.files.demo import newest_demo, read_demo, write_demo
-from pbd.files.importers.columns import UNUSED
+from pbd.files.importers.columns import WHY_UNUSED
 from pbd.simulation.simulate import simulate
 from tests.cli.running import HEADER, write_recording
 from tests.record.speakers import SPEAKERS, random_hand
@@ -353,7 +353,7 @@ def test_the_rate_of_samples_that_come_in_batches_is_not_that_of_a_batch(
 
 def test_files_that_are_not_used_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
     column = Column("aX", "ax", 1.0, "g", "its name", "its name")
-    unread = {"a.csv": UNUSED, "b.csv": UNUSED, "battery": "nothing inertial"}
+    unread = {"a.csv": WHY_UNUSED, "b.csv": WHY_UNUSED, "battery": "nothing inertial"}
     _print_columns(argparse.Namespace(json=False), SourceColumns((column,), unread, "x-IMU3 GUI"))
     program, *table = capsys.readouterr().out.splitlines()
     assert program == "written by x-IMU3 GUI"

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning, RecordingError
-from pbd.files.importers import app_files, import_file
+from pbd.files.importers import csv_bundle, import_file
 from tests.known import known
 
 N = 200
@@ -322,7 +322,7 @@ def test_a_truncated_zip_and_a_zip_bomb_are_refused(tmp_path: Path, monkeypatch:
         half.write_bytes(whole[:cut])
         with pytest.raises(RecordingError, match=r"damaged or cut off .*; copy or export it again"):
             read(half)
-    monkeypatch.setattr(app_files, "LARGEST_FILE", 100_000)
+    monkeypatch.setattr(csv_bundle, "LARGEST_FILE", 100_000)
     with zipfile.ZipFile(half, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("TotalAcceleration.csv", b"0" * 1_000_000)
     with pytest.raises(RecordingError, match="has 1 MB, more than the 0 MB that are read"):

@@ -43,9 +43,9 @@ from pbd.tracking.online.filter import (
     UP,
     ErrorStateFilter,
 )
-from pbd.tracking.online.samples import Sample, SampleRepair
-from pbd.tracking.online.still_hand import sway_of
+from pbd.tracking.online.sample_repair import Sample, SampleRepair
 from pbd.tracking.online.strapdown import Leg, Strapdown
+from pbd.tracking.online.sway import sway_of
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 from pbd.tracking.smoother.factors import compass_heading
 from pbd.tracking.smoother.preintegration import (

@@ -70,7 +70,7 @@ def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Motion
 def _phases(scene: CollisionScene, trajectory: JointTrajectory) -> Iterator[tuple[Clearance, float, float]]:
     """Yield the pairs to check, and from when to when, s."""
     yield scene.always, 0.0, trajectory.duration
-    for phase in motion_phases(scene, trajectory):
+    for phase in object_phases_of(scene, trajectory):
         start, end = max(0.0, phase.start), min(phase.end, trajectory.duration)
         if start <= end:
             yield scene.object_clearance(phase), start, end
@@ -82,7 +82,7 @@ def _same_contact(earlier: MotionHit, later: MotionHit) -> bool:
     return same_bodies and later.t <= earlier.parted_t + _MERGED_S
 
 
-def motion_phases(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[ObjectPhase, ...]:
+def object_phases_of(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[ObjectPhase, ...]:
     """Return where the grasped object is during a motion."""
 
     def tool(t: float) -> Pose:  # an object that is never released may rest at the last keyframe

@@ -10,7 +10,7 @@ import numpy as np
 
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import KeyframesInBase
-from pbd.calibration.uncertainty import PARTS, base_sigmas, tool_covariances
+from pbd.calibration.uncertainty import SOURCES, base_sigmas, tool_covariances
 from pbd.cli.common import load_demonstration, sigma_json, track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
         share = {part: float(np.trace(cov[:, :3, :3], axis1=1, axis2=2).mean()) for part, cov in by_part.items()}
         most = max(share, key=lambda part: share[part])
         percent = 100.0 * share[most] / sum(share.values())
-        say(f"most of the tool's uncertainty ({percent:.0f} % of its variance) comes from {PARTS[most]}")
+        say(f"most of the tool's uncertainty ({percent:.0f} % of its variance) comes from {SOURCES[most]}")
     return None
 
 

@@ -6,7 +6,18 @@ import sys
 from argparse import ArgumentParser
 from pathlib import Path
 
-from pbd.cli.options import AppendOnce, add_force, add_json, add_lines, add_table, flag, integer, option, pair, positive
+from pbd.cli.options import (
+    AppendOnce,
+    add_force,
+    add_json,
+    add_line_options,
+    add_table,
+    flag,
+    integer,
+    option,
+    pair,
+    positive,
+)
 
 
 def record(parser: ArgumentParser) -> None:
@@ -51,7 +62,7 @@ def record(parser: ArgumentParser) -> None:
     flag(parser, "--live", "show the hand in the browser, served on this machine only")
     flag(parser, "--no-open", "with --live: open no browser; print the address")
     unit = "unit of acc, gyr, mag, angle or t, such as acc=g"
-    option(add_lines(parser), "--unit", "Q=U", unit, type=pair, action=AppendOnce, default=[])
+    option(add_line_options(parser), "--unit", "Q=U", unit, type=pair, action=AppendOnce, default=[])
     add_json(parser)
 
 
@@ -107,7 +118,7 @@ def import_(parser: ArgumentParser) -> None:
     option(parser, "--topic", "TOPIC", "topic of a bag's sensor_msgs/Imu messages; default: the only one")
     flag(parser, "--closed", "the hand ended where it began")
     add_force(parser)
-    add_lines(parser)
+    add_line_options(parser)
     add_json(parser)
 
 

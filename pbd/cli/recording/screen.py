@@ -58,7 +58,7 @@ class PanelScreen:
     def __init__(self, title: str, tolerance_m: float) -> None:
         from rich.live import Live
 
-        from pbd.view.screen import Screen
+        from pbd.view.safe_console import Screen
 
         self._title, self._tolerance_m = title, tolerance_m
         self._lines: list[Say] = []

@@ -27,7 +27,7 @@ from pbd.files.servo_calibration import COUNTS, own_servo_calibration, write_ser
 from pbd.io.atomic import is_folder, refuse_folder, refuse_output
 from pbd.view.terminal_tables import make_table, print_table
 
-OTHER_PROGRAMS = {
+EXPORTS_FOR_OTHER_ARMS = {
     "panda": ("npz", "franky"),
     **dict.fromkeys(("ur3", "ur5", "ur10"), ("npz", "ur_rtde")),
     "xarm7": ("npz", "xArm-Python-SDK"),
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     """Drive the arm, calibrate its servos, or let go of it."""
     robot = load_robot(args.robot)
     if robot.servos is None:
-        name, program = OTHER_PROGRAMS.get(robot.name, ("ros2-json", "ros2_control"))
+        name, program = EXPORTS_FOR_OTHER_ARMS.get(robot.name, ("ros2-json", "ros2_control"))
         file = f"motion.{'json' if name == 'ros2-json' else name}"
         raise UsageError(
             f"pbd run drives {' and '.join(DRIVEN)} alone; for {robot.name}: `pbd export DEMO --robot {args.robot} "
@@ -118,7 +118,7 @@ def _ids(robot: Robot) -> dict[str, int]:
 
 def _show_ranges(keys: Keys, session: Calibrating, ids: dict[str, int]) -> None:
     """Show the ranges while the person moves the joints, until Enter; any other key cancels (PbdError)."""
-    from pbd.view.screen import Screen
+    from pbd.view.safe_console import Screen
 
     live: AbstractContextManager[Any] = nullcontext()
     if sys.stderr.isatty():

@@ -32,7 +32,7 @@ from pbd.view.terminal_tables import make_table, print_table
 MOVED_DEG = 2.0
 """Largest motion of a joint by hand between the arm's measurement and its start, degrees."""
 
-TIMED_ANSWERS = 10
+TIMED_ROUND_TRIPS = 10
 """Number of answers that are timed before the arm moves."""
 
 START = "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels."
@@ -40,7 +40,7 @@ START = "Clear the arm's way; keep a hand at its power switch. Enter starts it; 
 UNCHANGED = "the servos are as they were: stiff ones still hold"
 """The servos after a question that Enter did not answer."""
 
-STOPPED_BY_HAND = 130
+EXIT_STOPPED = 130
 """Exit code after a key stopped the arm: the same as after Ctrl-C."""
 
 
@@ -100,7 +100,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
 def _check_pace(bus: Bus, arm: ServoArm) -> None:
     """Refuse a serial adapter that is too slow to stop the arm in time, by the median time of an answer."""
     took = []
-    for _ in range(TIMED_ANSWERS):
+    for _ in range(TIMED_ROUND_TRIPS):
         asked = time.monotonic()
         arm.state()
         took.append(time.monotonic() - asked)
@@ -173,7 +173,7 @@ def _report_end(
         return done.stopped.exit_code
     if done.by_hand:
         say(f"stopped by hand after {done.t:.2f} s: {holds}; {lets_go}")
-        return STOPPED_BY_HAND
+        return EXIT_STOPPED
     worst = int(np.argmax(monitor.error_deg[:-1]))
     load, celsius, volts = monitor.load.max(), monitor.celsius.max(), monitor.volts.min()
     felt = f"load up to {100 * load:.0f} %, up to {celsius:.0f} °C, at least {volts:.1f} V"

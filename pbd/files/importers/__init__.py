@@ -60,8 +60,8 @@ def import_file(
     of_app = None
     may_be_apps = source.is_dir() or suffix == ".zip" or (suffix == ".csv" and source.is_file())
     if may_be_apps and not is_bag and not (is_table and columns):
+        from pbd.files.importers.one_file_per_sensor import read_sensor_files
         from pbd.files.importers.phones import read_phone
-        from pbd.files.importers.sensor_files import read_sensor_files
 
         of_app = None if is_table and units else read_phone(source)
         if of_app is None and (of_app := read_sensor_files(source, units)) is not None:

@@ -37,7 +37,7 @@ BATCH_MESSAGES = 20_000
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 """First bytes of a compressed message (RFC 8878, 3.1.1). An uncompressed CDR message begins with a zero."""
 
-OVERTAKEN = 3
+MOST_OVERTAKEN = 3
 """Messages may overtake one another on the network, but not this many. Otherwise the clock was set back."""
 
 LONGEST_MESSAGE = 10_000
@@ -139,7 +139,7 @@ class _Decoder:
         by_time = np.argsort(ns, kind="stable")
         overtaken = np.abs(np.arange(len(ns)) - by_time)
         ns, values = ns[by_time], values[by_time]
-        if overtaken.max() >= OVERTAKEN:
+        if overtaken.max() >= MOST_OVERTAKEN:
             at = 1e-9 * float(ns[np.argmax(overtaken)] - ns[0])
             what = f"the headers' stamps run backwards near t = {at:.1f} s, because a clock was set back"
             raise RecordingError.at(self._path, f"{what}; record again, or cut the bag there")

@@ -19,7 +19,7 @@ from pbd.errors import RecordingError, UsageError, listed, printable
 from pbd.files.importers.header_names import looks_inertial, our_name, plain, split_unit, time_unit, why_never_read
 from pbd.files.table import Sheet
 
-UNUSED = "a file that isn't used"
+WHY_UNUSED = "a file that isn't used"
 
 
 @dataclass(frozen=True)

@@ -30,11 +30,11 @@ from pbd.files.importers.clock_columns import (
     refuse_backwards,
     unwrapped,
 )
-from pbd.files.importers.columns import PROGRAMS, UNUSED, understand
+from pbd.files.importers.columns import PROGRAMS, WHY_UNUSED, understand
 from pbd.files.importers.grip_column import read_grip
 from pbd.files.importers.header_names import is_counter, is_time, is_time_step, own_times_of, plain, time_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
-from pbd.files.importers.several_devices import refuse_alternating_devices, refuse_several_devices
+from pbd.files.importers.refuse_several_devices import refuse_alternating_devices, refuse_several_devices
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
 from pbd.io.numbers import is_stamp
 from pbd.pose import Array
@@ -246,4 +246,4 @@ def _magnetometer_beside(
             stream = Stream.of(_values(table, other.of("t"))[:, 0], _values(table, other.of("mag")))
             found = found.with_file(beside.name, other)
     others = {file.name for file in path.parent.glob("*.csv")} - {path.name, *((beside.name,) if stream else ())}
-    return found.with_unread(dict.fromkeys(sorted(others), UNUSED)), stream
+    return found.with_unread(dict.fromkeys(sorted(others), WHY_UNUSED)), stream

@@ -22,7 +22,7 @@ MCAP_FOOTER = b"\x02" + struct.pack("<Q", 20) + bytes(20) + MCAP_MAGIC
 FOOTER, CHUNK, CHUNK_HEAD = 2, 6, struct.Struct("<QQQII")
 """Types of two records, and the fixed beginning of a chunk."""
 
-LARGEST_RATIO = 50
+MAX_COMPRESSION_RATIO = 50
 """Largest compression ratio of a chunk. Samples of a sensor reach 5."""
 
 
@@ -88,7 +88,7 @@ def _complete_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MA
         inside = at + 9 + CHUNK_HEAD.size + 8
         if kind == CHUNK and inside <= len(data):
             _, _, contents, _, compression = CHUNK_HEAD.unpack_from(data, at + 9)
-            if contents > min(LARGE, LARGEST_RATIO * max(size, 10_000)):
+            if contents > min(LARGE, MAX_COMPRESSION_RATIO * max(size, 10_000)):
                 what = f"a chunk of {size} bytes decompresses to {contents / 1e6:.0f} MB, which is refused"
                 raise RecordingError.at(path, f"{what}; record it again", value=contents)
             if at + 9 + size > len(data) and compression == 0:

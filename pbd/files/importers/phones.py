@@ -28,7 +28,8 @@ from pbd.data.paused_clock import ClockEvent, PausedClock
 from pbd.data.source_columns import CHANNELS, Column, SourceColumns
 from pbd.data.streams import Stream
 from pbd.errors import RecordingError, warn
-from pbd.files.importers.app_files import (
+from pbd.files.importers.columns import WHY_UNUSED, why_not_read
+from pbd.files.importers.csv_bundle import (
     PHYPHOX_CLOCK,
     Files,
     columns_of,
@@ -39,7 +40,6 @@ from pbd.files.importers.app_files import (
     stream_of,
     unread_of,
 )
-from pbd.files.importers.columns import UNUSED, why_not_read
 from pbd.files.table import Sheet
 
 LOGGER_FILES = (
@@ -94,7 +94,7 @@ def read_phone(path: Path) -> Recording | None:
         return None
     if WRIST in files and WRIST not in read:
         warn(f"{path}: the phone is read, not the watch; for that import {WRIST}.csv alone")
-    understood = understood.with_unread({f"{name}.csv": UNUSED for name in sorted(files.keys() - read)})
+    understood = understood.with_unread({f"{name}.csv": WHY_UNUSED for name in sorted(files.keys() - read)})
     return joined_recording(path, streams, "watch" if WRIST in read else "phone", understood)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from pbd.pose import Array, lengths, matrix_log, quat_from_rpy, quat_to_matrix, skew
 from pbd.tracking.moving_windows import rows_of_mean
 from pbd.tracking.noise import Noise, densities
-from pbd.tracking.online.samples import Sample
+from pbd.tracking.online.sample_repair import Sample
 from pbd.tracking.repair.channel_faults import REPEATED_ROWS
 from pbd.tracking.smoother.knots import MOVE_KNOT_S
 from pbd.tracking.smoother.preintegration import (

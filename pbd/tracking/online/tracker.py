@@ -15,8 +15,8 @@ from pbd.pose import Array
 from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, QUIET_RATIO, REST_S, STILL_ACC, Rest, find_rest
 from pbd.tracking.noise import Noise, noise_of
 from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan, StopEnded
-from pbd.tracking.online.live_hand import LiveHand
-from pbd.tracking.online.samples import Sample, SampleRepair
+from pbd.tracking.online.live_stops import LiveHand
+from pbd.tracking.online.sample_repair import Sample, SampleRepair
 from pbd.tracking.repair.clock import SLOWEST_HZ
 from pbd.tracking.smoother.attitude import NO_ORIENTATION
 from pbd.tracking.white_noise import steps_of

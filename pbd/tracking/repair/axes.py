@@ -26,7 +26,7 @@ CONTRADICTION_DEG = 12.0
 """A direction contradicts the gyro if the median angle between it and the gyro's prediction is larger (degrees), beyond
 what the hand's acceleration may explain (`Witness.unsure_deg`)."""
 
-SCALE_DEG = 20.0
+SEARCH_SCALE_DEG = 20.0
 """A scale of the gyro is looked for, which takes as long as tracking, if gravity is off by more than this, degrees."""
 
 IMPROVEMENT = 4.0
@@ -176,7 +176,7 @@ def find_axis_error(
         dead = f"it reads the same all the time, so it is dead; check the columns {source.names('gyr')}"
         return Contradiction("a", off_deg, off_deg, pair, dead)
     # A rate that a person gave is as likely wrong as axes or units are. Name what fits best, or both if they fit alike.
-    if 0 in counted and (source.at_a_rate or (found is None and off_deg > SCALE_DEG)):
+    if 0 in counted and (source.at_a_rate or (found is None and off_deg > SEARCH_SCALE_DEG)):
         scale = _find_scale(fit_of, off_deg, pair, source)
         likely = sorted(filter(None, (scale, found)), key=lambda each: each.fit_deg)
         message = "; or ".join(each.message for each in likely if each.fit_deg <= likely[0].fit_deg + AS_GOOD_DEG)

@@ -8,7 +8,7 @@ from weakref import ref
 import numpy as np
 import pytest
 
-from pbd.arm.collision.motion_check import all_hits, motion_phases
+from pbd.arm.collision.motion_check import all_hits, object_phases_of
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel
 from pbd.data import GraspedObject, JointTrajectory
@@ -19,7 +19,7 @@ from tests.arm.collision.test_collision import BOTTLE, GRIPS, PLACES, board, thr
 
 def sampled(scene: CollisionScene, trajectory: JointTrajectory, t: Array) -> dict[tuple[str, str], list[float]]:
     """Return the sampled instants at which two bodies touch, by their names."""
-    samples, phases = trajectory.at(t), motion_phases(scene, trajectory)
+    samples, phases = trajectory.at(t), object_phases_of(scene, trajectory)
     found: dict[tuple[str, str], list[float]] = {}
     for instant, q, opening in zip(t, samples.q, samples.gripper, strict=True):
         x = np.append(q, opening)
@@ -72,7 +72,7 @@ def test_a_free_motion_has_none(arm: ArmModel) -> None:
 def test_an_objects_clearance_goes_with_its_motion(arm: ArmModel) -> None:
     """A scene is cached, and each motion has phases of its own."""
     scene, trajectory = CollisionScene(arm, 0.12, [board(0.0, 0.45)], BOTTLE), through(arm, PLACES, GRIPS)
-    phases = motion_phases(scene, trajectory)
+    phases = object_phases_of(scene, trajectory)
     kept = [ref(scene.object_clearance(phase)) for phase in phases]
     assert [each() for each in kept] == [scene.object_clearance(phase) for phase in phases]
     del phases

@@ -12,7 +12,7 @@ import pytest
 
 from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance
 from pbd.arm.collision.geometry import link_bodies
-from pbd.arm.collision.motion_check import collision_error, motion_phases, refuse_home
+from pbd.arm.collision.motion_check import collision_error, object_phases_of, refuse_home
 from pbd.arm.collision.scene import CollisionScene, GraspState
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.path_sampling import sample_trajectory
@@ -90,7 +90,7 @@ def test_a_released_object_is_an_obstacle(arm: ArmModel) -> None:
     found = known(first_hit(scene, last))
     assert found.hit.second == "the cylinder"
     assert found.t > last.keyframe_t[1]
-    assert [phase.held for phase in motion_phases(scene, last)] == [False, True, False]
+    assert [phase.held for phase in object_phases_of(scene, last)] == [False, True, False]
     earlier = first_hit(scene, first)
     assert earlier is None or earlier.t > first.keyframe_t[0]
 

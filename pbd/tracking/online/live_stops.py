@@ -16,9 +16,9 @@ from pbd.tracking.moving_windows import PASSES, rows_of_mean
 from pbd.tracking.noise import Noise
 from pbd.tracking.online.events import LiveEvent, StopBegan, StopEnded
 from pbd.tracking.online.filter import ErrorStateFilter
-from pbd.tracking.online.samples import Sample
-from pbd.tracking.online.still_hand import deviation_from_line, sway_of
+from pbd.tracking.online.sample_repair import Sample
 from pbd.tracking.online.strapdown import Strapdown
+from pbd.tracking.online.sway import deviation_from_line, sway_of
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
 from pbd.tracking.smoother.preintegration import BLOCK_S, GYR_BIAS, integral_of_means

@@ -21,9 +21,9 @@ from pbd.data import Recording
 from pbd.data.source_columns import CHANNELS, DATES, SourceColumns
 from pbd.data.streams import Stream
 from pbd.errors import RecordingError, listed, printable, warn
-from pbd.files.importers.app_files import files_in_folder, files_in_zip, joined_recording, sheet_of
 from pbd.files.importers.clock_columns import refuse_backwards, unwrapped
-from pbd.files.importers.columns import UNUSED, understand
+from pbd.files.importers.columns import WHY_UNUSED, understand
+from pbd.files.importers.csv_bundle import files_in_folder, files_in_zip, joined_recording, sheet_of
 from pbd.files.importers.header_names import is_time, our_name, plain
 from pbd.files.table import Sheet
 from pbd.io.numbers import is_stamp
@@ -80,7 +80,7 @@ def read_sensor_files(path: Path, units: Mapping[str, str]) -> Recording | None:
     if sheets["acc"].header[0].startswith(METABASE):
         understood = replace(understood, program="MetaBase (MbientLab)")
     used = [sheet.path.stem for sheet in sheets.values()]
-    understood = understood.with_unread({f"{name}.csv": UNUSED for name in files if name not in used})
+    understood = understood.with_unread({f"{name}.csv": WHY_UNUSED for name in files if name not in used})
     return joined_recording(path, streams, "metawear" if understood.program else "unknown", understood)
 
 

@@ -18,8 +18,8 @@ from pbd.pipeline import track
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task
 from pbd.simulation.tasks import Task
-from pbd.tracking.alarm import _move_alarms, _sensor_alarms, _stop_alarms
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
+from pbd.tracking.residual_tests import _move_alarms, _sensor_alarms, _stop_alarms
 from tests.scenarios import pour, simulate
 from tests.simulation.sway import with_sway
 from tests.tracking.nees import against

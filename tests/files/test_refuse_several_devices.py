@@ -67,6 +67,6 @@ def test_a_mark_of_wild_samples_is_no_second_device(tmp_path: Path) -> None:
 
 def test_rows_with_line_ends_in_cells_are_compared_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first rows of a large file are enough, but in the middle of a cell no row ends."""
-    monkeypatch.setattr("pbd.files.importers.several_devices.TOP", 1000)
+    monkeypatch.setattr("pbd.files.importers.refuse_several_devices.TOP", 1000)
     rows = [(0.01 * k, f'"\nside {k % 2}"', hand(1)[k]) for k in range(N)]
     assert len(read(tmp_path, "note", rows)) == N
