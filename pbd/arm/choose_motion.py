@@ -38,7 +38,7 @@ from pbd.errors import PlanError
 from pbd.pose import Array
 
 MEND_AFTER_STRAIGHT, MEND_AFTER_ONLY_STRAIGHT = 12, 36
-"""Number of barred straight moves between two keyframes after which the link is mended: detours allowed; not."""
+"""Number of barred straight moves after which a link is mended: the first if detours are allowed, else the second."""
 WINDOW, KEPT = 64, 32
 """Layers in one search window; of these, the last KEPT layers are searched again in the next window."""
 

@@ -26,7 +26,7 @@ CONTINUOUS_RAD, MEND_AFTER_STEPS = 0.5, 60
 """Largest joint motion between two layers along a path, rad; number of barred moves after which the link is mended."""
 VARIANTS = 3
 """Number of variants of a configuration, by whole turns of joints, that are kept at each keyframe. With two, an arm
-whose home is turned over turns within its task, not on its way there (tests/test_planning.py)."""
+whose home is turned over would turn back during the task, not on the way to its start (tests/test_planning.py)."""
 SWEEPS = 3
 """Passes over the path; in each, every configuration moves along its null space toward the mean of its neighbours."""
 

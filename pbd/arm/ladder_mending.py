@@ -18,7 +18,7 @@ MEND_AFTER_DETOURS = 4
 DETOUR_EXTRA = 1.0
 """Assumed extra length of a detour over the straight move, rad, until the detour is found."""
 MEND_AFTER_STRAIGHT_WIDENED = 150
-"""Number of barred straight moves between two widened keyframes after which the link is mended again."""
+"""Number of barred straight moves after which a link between two widened keyframes is mended again."""
 COARSE = 4
 """Number of poses between two layers of a split path."""
 LOOK_BACK = 8

@@ -20,7 +20,8 @@ TILT_WARNING_DEG, UPSIDE_DOWN_DEG = 5.0, 150.0
 """Angle, degrees, between the declared and the measured vertical, above which there is a warning, and an error."""
 
 MAX_BASE_TILT_DEG = 0.25
-"""Largest tilt of the base, degrees, that a dock may leave out: it moves a tool 0.7 m away by a dock's own 3 mm."""
+"""Largest tilt of the base, degrees, with which a dock may be written. A dock stores no tilt. Leaving out this much
+moves a tool 0.7 m away by 3 mm, which is a dock's own sigma (DOCK_SIGMA_M)."""
 
 
 def placing_covariance(sigma_mm: float, sigma_deg: float) -> Array:
@@ -84,9 +85,9 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
 
 
 def with_heading_sigma(path: HandPath, calibration: Calibration) -> Calibration:
-    """Return the calibration with the sigma that the heading of its [nav] has for this path.
+    """Return the calibration, with its [nav]'s heading as uncertain as a change of the magnetic field makes it.
 
-    A magnetic heading is turned by a field at the first rest that differs from the one in which [nav] was registered.
+    If the field at the path's first rest differs from the field in which [nav] was registered, the heading is turned.
 
     Raises:
         CalibrationError: nav of the calibration and nav of the path count their heading from different directions: one

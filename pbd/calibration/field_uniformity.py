@@ -22,7 +22,7 @@ class FieldSpread:
     Attributes:
         heading: rad.
         strength: share.
-        tan_dip: the vertical part of the mean field over the level one: heading's error by an error of the tilt.
+        tan_dip: vertical part of the mean field over its horizontal part: error of the heading per error of the tilt.
     """
 
     heading: float

@@ -24,12 +24,12 @@ TRUSTED_ACC = 2.0 * MG
 """Smallest error of a calibrated accelerometer, one sigma, m/s2, for tracking (CALIBRATED in pbd/tracking/noise.py)."""
 
 WARNED_MISFIT = 1.5
-"""Misfit of the accelerometer's rests, in TRUSTED_ACC, that is warned of. Twelve rests have only three redundant ones,
-which exceed it once in twelve even if the sensor is that good."""
+"""Misfit of the accelerometer's rests above which there is a warning, in TRUSTED_ACC. With twelve rests (three degrees
+of freedom) a sensor as good as TRUSTED_ACC exceeds it once in twelve times."""
 
 UNEVEN_FIELD = 0.05
-"""Rms variation over a recording of the field's strength (a share) above which the fit is not to be trusted. From rest
-to rest the field may differ by as much as turns a heading by DISTURBED_HEADING."""
+"""Largest rms variation of the field's strength over a recording, as a share, with which the fit is trusted. Between
+rests, the field may change a heading by DISTURBED_HEADING at most."""
 
 
 @dataclass(frozen=True, eq=False)

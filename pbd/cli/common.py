@@ -262,7 +262,7 @@ def save_keyframes(
     if demo.keyframes is None and not args.force and file.exists():
         what = f"another command wrote {file} meanwhile, so nothing is saved; run this one again"
         raise RecordingError(what, path=file)
-    # `dwells` gives the first and the last keyframe no stay. A person may insert others beyond them, so both get one.
+    # `dwells` gives 0 s to both ends. A person may insert keyframes beyond them, so here both ends get their own stay.
     padded = (keyframes[0], *keyframes, keyframes[-1])
     stays = dwells(padded, PlanOptions(time=args.time, dwell_s=args.dwell_s))[1:-1]
     magnetic = demo.recording.mag is not None

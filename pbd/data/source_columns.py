@@ -22,7 +22,8 @@ QUANTITIES = {"t": "time", "gyr": "turn rate", "acc": "specific force", "mag": "
 )
 
 NO_UNIT, DATES = "no unit given", "its dates"
-"""Source of a unit that neither the file nor the caller gives; ours is assumed. Source of the unit of dates: s."""
+"""Who decided a column's unit, other than a person or the file's header.
+NO_UNIT: nobody gave it, so our unit is assumed. DATES: the column holds dates, so its unit is s."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from pbd.frozen_arrays import Frozen, freeze_arrays
 from pbd.pose import Array
 
 DOUBTED_WEIGHT = 0.8
-"""Weight below which a stop is reported as doubtful. A stop with a weight of at most 1 - this is left out."""
+"""Weight below which a stop is reported as doubtful. A stop is left out if its weight is 1 - DOUBTED_WEIGHT or less."""
 
 UNSURE_M = 0.05
 """Standard deviation of a keyframe's position above which a warning is given, m."""

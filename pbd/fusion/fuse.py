@@ -116,7 +116,7 @@ def _with_known_stops(
 def _shifted_sensors(takes: Sequence[FusedTake]) -> str:
     """Say in which takes the sensor seems to sit elsewhere in the hand than in the first one; "" if in none.
 
-    Where keyframes that moved with an object are turned alike, a lever explains them as well as their own frame would.
+    If an object was shifted, and the hand had one attitude at all of its keyframes, a lever explains the shift as well.
     """
     levers = {take.name: float(np.linalg.norm(take.T_hand.p)) for take in takes if take.T_hand is not None}
     first, far = next(iter(levers)), [name for name, lever in levers.items() if lever > LARGEST_LEVER_M]

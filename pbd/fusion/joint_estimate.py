@@ -227,7 +227,7 @@ def _prior_information(observations: Observations, columns: _Columns) -> tuple[A
     for d in sorted(set(observations.device)):
         own = [m for m, device in zip(observations.marginals, observations.device, strict=True) if device == d]
         at = columns.device(d)
-        # The takes' widest prior: if one take casts doubt on an accelerometer, the doubt holds for all.
+        # The widest prior counts: if one take casts doubt on an accelerometer, the doubt holds for all its takes.
         widest = min(own, key=lambda marginal: float(np.trace(marginal.prior[BIAS_PART, BIAS_PART])))
         information[at, at] += widest.prior + sum(marginal.information for marginal in own)
         product[at] = widest.prior @ widest.mean + sum(marginal.gradient for marginal in own)

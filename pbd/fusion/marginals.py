@@ -2,9 +2,9 @@
 
 The prior of the device's errors is kept apart, so that takes of one device count it once.
 
-The matrices of gyro and accelerometer multiply *measured* rates and forces, and the same noise is in the residuals. So
-each redundant row biases the estimated scales upward by the same small amount, and more takes have more such rows
-(errors in variables). At an estimate, the residual of a leg is its noise, which can be subtracted.
+The regressors of the gyro's and the accelerometer's matrices are *measured* rates and forces. They share their noise
+with the residuals (errors in variables), so each redundant row biases the estimated scales upward by the same small
+amount, and more takes add more such rows. At an estimate, a leg's residual shows this noise, so it can be subtracted.
 
 Source: W. A. Fuller, Measurement error models, Wiley 1987, 1.1.
 """

@@ -25,8 +25,8 @@ RAISED_SIGMAS = 2.0
 """How far the scatter is raised for the test, in sigmas of its logarithm, because few takes show it inaccurately."""
 
 SUSPECT = 1.25
-"""A take is tested if its median residual is at least this many times the median take's. It is below 2 because of three
-takes, the one that is off draws the estimate a third of its way: its residual is not more than twice the others'."""
+"""Smallest median residual of a take that is tested, as a multiple of the median take's. It must be below 2: an outlier
+among three takes draws the estimate a third of the way, so its residual is only twice that of the others."""
 
 FIXED_SPREAD = 1e-3
 """Prior sigma of the logarithm of a scatter that is held fixed."""

@@ -15,7 +15,7 @@ from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units
 
 ALIKE_RAD = np.radians(20.0)
-"""Largest rotation of a sensor in the hand between takes in which it was held alike, rad. A quarter was asked for."""
+"""Turn of the sensor in the hand between takes, rad, below which it was held alike. People are asked for 90 degrees."""
 
 
 def takes_table(fusion: Fusion, units: Units) -> Table:

@@ -10,7 +10,7 @@ from pbd.errors import PbdError
 from pbd.io.read_file import read_bytes
 
 PICTURE_MADE_BY = "pbd, with "
-"""What the name of the program that made a picture begins with, in the picture's file."""
+"""Prefix of the program's name in the metadata of pictures that pbd writes."""
 
 _KINDS = {
     rb"\x89PNG|%PDF|<\?xml": PICTURE_MADE_BY.encode(),
@@ -26,7 +26,7 @@ _KINDS = {
     rb"<phyphox": b"<title>pbd</title>",
     rb'\{\s+"\w+": \{\s+"id"': b'"homing_offset"',  # the servos' calibration, LeRobot's too
 }
-"""The beginning of each kind of file that pbd writes, as a pattern -> what is somewhere in it."""
+"""For each kind of file that pbd writes: pattern of its beginning -> bytes that it contains somewhere."""
 
 _TO_EDIT = rb"# .+ planned and audited by pbd"
 """The beginning, as a pattern, of files that people are asked to edit: pbd ends them with a seal."""

@@ -22,8 +22,9 @@ WITHIN_BATCH = 0.25
 """Samples that follow each other within this share of the interval arrived in one batch."""
 
 LOSS_SCATTERS = 5.0
-"""The least delay rises at a loss by more than this many times its usual distance from the second least. That is its
-standard deviation where delays are exponential: of two bursts one in 150 differs by more."""
+"""Smallest rise of the least delay that shows a loss, in usual distances between the least and the second least delay.
+If delays are exponential, this distance is the least delay's standard deviation; without a loss, the least delays of
+two bursts then differ by more in one of 150 cases."""
 
 LOSS_RISE_S = 0.1
 """Time, s, in which the least delay rises to its full value after a loss."""

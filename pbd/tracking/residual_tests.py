@@ -116,7 +116,7 @@ def _drift_alarms(solution: Solution) -> Iterator[str]:
     suspected = set[int]()
     for each in solution.leg_drifts[:, :, problem.same_stop]:
         drift, expected = (np.bincount(in_stop, values, count) for values in each)
-        expected = np.maximum(expected, 3.0)  # a change of three axes, which chance may give to any rest
+        expected = np.maximum(expected, 3.0)  # any rest may have, by chance, one change on three axes
         for k in np.flatnonzero(drift > expected + np.sqrt(2.0 * expected)).tolist():  # else chance explains it
             from scipy.special import chdtrc
 

@@ -45,8 +45,8 @@ SWAY_GYR = 0.04
 sensor that is being put down seems to rest, in one of the benchmark's recordings.)"""
 
 AFTER_REST_FACTOR = 5
-"""How many times as long a hand must be held to be one that trembles, if it comes from a rest (a second instead of two
-windows): the beginning of a slow move looks the same, but is shorter."""
+"""Factor on the time for which a hand must be held to count as trembling, if it comes from a rest: 1 s instead of two
+windows. The beginning of a slow move looks the same, but is shorter."""
 
 SHORTEST_MOVE_S = 0.1
 """s: a shorter motion between two stops is a jolt and joins them."""
@@ -158,7 +158,7 @@ class QuietWindows:
     def __init__(self, rest: Rest, least: int) -> None:
         self._limits, self._least = quiet_limits(rest), least
         self._in_a_row = 0  # quiet windows
-        # Quiet windows and all windows, since the hand is held; and since then or its last rest.
+        # Both count (quiet windows, all windows): since the hand is held; since then or its last rest, the later.
         self._held = self._since_rest = (0, 0)
 
     def take(self, energy: Energies) -> bool:

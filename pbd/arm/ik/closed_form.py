@@ -18,7 +18,7 @@ from pbd.arm.model import ArmModel
 from pbd.pose import Array
 
 STRETCHED_RAD = float(np.arccosh(1.001))
-"""Largest shortfall of an angle, rad, as `to_plane` defines it: the arm is stretched out, and just reaches the pose."""
+"""Largest shortfall, rad (see `to_plane`), at which a pose at the edge of the arm's reach counts as reached."""
 BEYOND_RAD = 0.05
 """A solution that exceeds a joint limit by more than this, rad, is left out: descents don't bring it back."""
 

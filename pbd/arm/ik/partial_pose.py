@@ -33,7 +33,7 @@ ABOUT_AXIS_WEIGHT = 0.1
 """Weight of the rotation about the approach axis, relative to that of the approach axis itself."""
 
 SLACK_RAD = np.deg2rad(0.1)
-"""A path may use any solution whose rotation error, weighted by the rule, exceeds the smallest by up to this."""
+"""On a path, a solution's weighted rotation error, rad, may be larger than the best solution's by up to this."""
 
 NEAR_M, EXACT_M = 1e-5, 1e-9
 """Tolerance of the position, m, and the accuracy to which it is solved."""

@@ -31,7 +31,7 @@ from pbd.view.calibration_tables import points_table
 from pbd.view.terminal_tables import print_table
 
 REPORTED_DEG = 0.5
-"""Smallest sigma of nav's heading, degrees, by the sensor's tilt error that is said: 4 mm half a metre away."""
+"""Sigma of nav's heading by the sensor's tilt error, degrees, above which it is reported: 4 mm half a metre away."""
 
 
 def run(args: argparse.Namespace) -> None:

@@ -10,7 +10,7 @@ from pbd.errors import CalibrationError, warn
 
 
 def judge_fit(path: Path, before: Calibration | None, figure: str, chi2: float, what: str, again: str) -> None:
-    """Warn of a poor fit; refuse it if it would replace a part that was measured, and did not fit badly.
+    """Warn of a poor fit; refuse it if the file already has this part, measured, with a good fit.
 
     Args:
         path: the calibration's file.

@@ -38,7 +38,7 @@ TIMED_ROUND_TRIPS = 10
 START = "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels."
 
 UNCHANGED = "the servos are as they were: stiff ones still hold"
-"""The servos after a question that Enter did not answer."""
+"""What is said of the servos if the person cancels before they get a goal."""
 
 EXIT_STOPPED = 130
 """Exit code after a key stopped the arm: the same as after Ctrl-C."""

@@ -30,8 +30,9 @@ TOP = 200_000
 """Number of characters of the first rows, whose readings are compared: ten seconds and more at 100 Hz."""
 
 SAME_DEVICE = 0.5
-"""Largest change from one row of a device to its next one, as a share of that from row to row, where devices alternate.
-A lone sensor's readings change as much or more, because its rows of one value are farther apart."""
+"""Largest change between successive rows of one device, as a share of the change between successive rows of the file,
+if devices alternate. If a column divides the rows of a lone sensor, the rows of one group are farther apart in time, so
+their readings change as much as the file's, or more."""
 
 
 def refuse_several_devices(sheet: Sheet) -> None:

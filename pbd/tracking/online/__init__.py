@@ -1,1 +1,1 @@
-"""The same model while the hand moves: one sample at a time."""
+"""The smoother's model as a live filter: one sample at a time, while the hand moves."""

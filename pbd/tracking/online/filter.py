@@ -112,9 +112,10 @@ class ErrorStateFilter:
         self._lag_is_free = True
 
     def use_noise(self, noise: Noise) -> None:
-        """Take this noise. If the readings at rest turn out to be rounded, the biases found there were too sure.
+        """Take this noise, and widen the covariance of the biases if their random walks are now larger.
 
-        Gravity showed the vertical with the accelerometer's bias in it. So tilt and gravity are wrong with that bias.
+        The walks grow if the readings at rest turn out to be rounded: the biases found there were then too certain. The
+        accelerometer's bias also shifts tilt and gravity, because both were found with it.
         """
         more = np.maximum(_walks(noise) - self._walks, 0.0)
         self.noise, self._walks = noise, _walks(noise)

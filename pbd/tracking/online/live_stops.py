@@ -135,7 +135,7 @@ class LiveHand:
         events = (
             self._look_for_stop(sample, quiet) if self._stop is None else self._continue_stop(self._stop, sample, quiet)
         )
-        # A knot's own sample is left out: it takes longest already.
+        # No update at a sample with a knot: that sample takes longest to compute already.
         if sample.t - self._t_compass >= STOP_KNOT_S and self._t_knot < sample.t:
             self._update_between_knots(sample)
         return events
@@ -235,7 +235,7 @@ class LiveHand:
         if trial is None or off > VELOCITY_GATE:
             kalman, off, speed = self._filter.fork_at_stop(self._sigma, self._shaking, VELOCITY_GATE)
             self._trial_filter = kalman
-            # Was there only a jolt since the last stop? It seems to have made the hand fast within a window.
+            # A jolt is short, and its peak acceleration would reach the hand's speed within one window.
             soon = sample.t - last.t < SHORTEST_MOVE_S + 2.0 * ENERGY_WINDOW_S and speed < ENERGY_WINDOW_S * self._peak
             trial = StopTrial(first, off > VELOCITY_GATE, off > VELOCITY_GATE and soon)
             if trial.doubted:

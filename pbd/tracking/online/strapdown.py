@@ -130,7 +130,8 @@ class Strapdown:
     def leg(self, up: Array, quiet: bool = False) -> Leg:
         """The leg since the last call; `up` (3,) m/s2 is specific force at rest, in the gyro frame.
 
-        If it is quiet, the readings' effect on scales is that of a rest: noise times its own noise would change them.
+        If `quiet`, the derivatives by the scales are those of a rest. Derivatives from the readings would contain
+        noise, and its product with the same noise in the residuals would change the scales.
         """
         T, n = self.T, self.count
         C = self._Cs[n // 2]

@@ -27,7 +27,7 @@ CONTRADICTION_DEG = 12.0
 what the hand's acceleration may explain (`Witness.unsure_deg`)."""
 
 SEARCH_SCALE_DEG = 20.0
-"""A scale of the gyro is looked for, which takes as long as tracking, if gravity is off by more than this, degrees."""
+"""Error of gravity's direction, degrees, above which a gyro scale is looked for, as slowly as tracking."""
 
 IMPROVEMENT = 4.0
 """Another mapping is accepted if it makes that angle smaller by this factor."""

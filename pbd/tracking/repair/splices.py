@@ -30,9 +30,10 @@ KNOCK_LEVER = 0.02
 pushes it too: the accelerometer jumps by this times the gyro's jump in a sampling interval, or more."""
 
 OUTLIER_RATIO = 25.0
-"""Smallest ratio that shows a splice: of a wild row's distance to noise, motion around it and the jump that remains
-without it; of the squared jumps before and after an exchange of blocks; of these jumps to those around. Sound
-recordings (hands and feet, 40 to 286 Hz) reach 8, 12 and 7. After an exchange the jumps are no such outliers."""
+"""Smallest ratio that shows a splice, in three tests. Sound recordings (hands, feet, 40 to 286 Hz) reach 8, 12 and 7.
+1. A wild row: its distance, over the largest of noise, motion around it, and the jump that remains without it.
+2. An exchange of blocks: the squared jumps before the exchange, over those after it.
+3. The same exchange: the squared jumps before it, over those around them. After it, the jumps must not stand out."""
 
 MOTION_AROUND_S = 0.3
 """s: the motion around a row is measured within this time before and after it."""

@@ -25,7 +25,7 @@ SHORTEST_DIVIDED_S = 0.5
 """Shortest candidate, s, that can contain both a rest and a move. A shorter one is accepted or dropped as a whole."""
 
 SETTLED_S = 0.02
-"""The solution is final if no end of a stop moved by this much, s: no knot is nearer to an end."""
+"""Change of a stop's end, s, below which the solution is final: evenly spaced knots are no nearer to its ends."""
 
 SLOW_SPEED = 0.02
 """m/s: a doubted stop is cut where the estimated speed is larger, and larger than noise explains."""

@@ -139,9 +139,8 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fi
 def _add_reach(equations: NormalEquations, problem: Problem, x: State, still: NDArray[np.bool_], anneal: float) -> None:
     """Weak prior: a hand that moves for long stays near where it began (Cauchy).
 
-    Knots within half a stride of one that stands still (`still`, (m,)) are left out. There the stops bound the motion;
-    to count each second anew that the hand is near would pull all stops together, those of a foot against their zero
-    velocity.
+    Knots within half a stride of one that stands still (`still`, (m,)) are left out: there the stops bound the motion.
+    A prior at every second would pull all stops together; at a foot's stops, it would work against zero velocity.
 
     Annealing keeps the full weight further away, by its square, as a wrong tilt moves the hand by the square of time.
     Of a hand that moves for minutes, dead reckoning may end a kilometre away, from where the robust factor alone would

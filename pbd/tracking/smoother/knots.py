@@ -124,7 +124,8 @@ def build_problem(
     stop_of = np.where(stop_of < 0, -1, np.searchsorted(used, stop_of))
     borders = np.concatenate((t[rows[:1]], 0.5 * (t[rows[1:]] + t[rows[:-1]]), t[rows[-1:]]))
     legs = preintegrate(frame, rows, density, lost_motion, _knot_velocity(frame, rows, stop_of))
-    # A scale of zero would silence noise and sway, and so fit a stop best. There, only the bias turns the gyro frame.
+    # Within stops, the gyro's bias is estimated but not its scales: a scale factor of zero would remove noise and sway,
+    # and so fit best.
     legs.J[same_stop, :, GYR_MATRIX] = 0.0
     return Problem(
         frame,

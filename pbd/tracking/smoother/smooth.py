@@ -154,7 +154,7 @@ def smooth(
                 stops = more
                 continue
         more_lag, more_scale = _large_lag_and_scale(found.x, found.solved)
-        if lag and abs(lag + more_lag) < REMOVED_LAG:  # without the lag there seems to be its opposite: there is none
+        if lag and abs(lag + more_lag) < REMOVED_LAG:  # the opposite lag is left: the removed one was not real
             more_lag, prior = -lag, replace(prior, lag=noise.lag, lag_sigma=noise.lag_sigma)
         iron = None if recording.mag is None or hard_iron.any() else find_hard_iron(problem, recording.mag, found.x)
         # A lag outside the wide prior is another fault.
