@@ -30,7 +30,7 @@ FEWEST_POSES, FEWEST_SMOOTHED = 8, 5
 """Fewest poses of a path; fewest samples that are smoothed."""
 
 STRENGTHS, END_WEIGHT = np.logspace(-12, 1, 27), 1e6
-"""Smoothing strengths that are tried; weight of both ends, which makes the spline pass through them."""
+"""Smoothing strengths that are tried; weight of both ends, so large that the spline passes through them."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,14 +27,14 @@ FEWEST = 3
 """Smallest number of points."""
 
 LEAST_SPREAD_M = 0.05
-"""Smallest rms horizontal distance, m, of the points from their middle. If the tilt is estimated too, half of it is the
-smallest rms distance from a line."""
+"""Smallest rms horizontal distance, m, of the points from their middle. If the tilt is estimated too, half of this is
+the smallest rms distance of the points from a line."""
 
 WRONG_CHANCE = 1e-4
 """Probability of a point's misfit to all others, below which the point is wrong."""
 
 CLEARER_CHI2 = 9.0
-"""Difference in chi-square by which leaving out the wrong point must be better than leaving out any other."""
+"""Smallest gain in chi-square of leaving out the wrong point over leaving out any other."""
 
 POOR_CHI2 = 2.5
 """Chi-square per degree of freedom above which a fit is not trusted."""

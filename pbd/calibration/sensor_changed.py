@@ -9,7 +9,7 @@ from pbd.errors import in_degrees
 from pbd.pose import Array
 
 ACC_DRIFT, GYR_DRIFT = 0.015, np.radians(0.5)
-"""Largest deviation from the calibration, as a share of gravity and in rad/s, that warmth or a trembling hand cause."""
+"""Largest deviation from the calibration by warmth or a trembling hand, as a share of gravity and in rad/s."""
 
 UNCALIBRATED_ACC = 0.03
 """Largest error of a sound uncalibrated sensor, as a share of gravity. Gravity itself varies by 0.5 % on earth."""

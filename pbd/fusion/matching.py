@@ -15,7 +15,7 @@ import numpy as np
 from pbd.pose import Array, matrix_log, quat_about_z, quat_to_matrix
 
 MATCH_M, MATCH_RAD, MATCH_SHARE = 0.03, np.radians(10.0), 0.1
-"""Repeatability of a hand, for matching only: m, rad, and a share of the move. More than MATCH_M is warned of."""
+"""Repeatability of a hand, for matching only: m, rad, and a share of the move. Above MATCH_M there is a warning."""
 
 SKIP, GRIP = 8.0, 12.0
 """Cost of a keyframe without a match, and of a different grip, in squared sigmas. Two keyframes match up to a cost of
@@ -31,7 +31,7 @@ YAWS, ROUNDS = 72, 3
 """Number of headings tried over a full turn; number of rounds of registration and matching."""
 
 LEAST_SHARE = 0.5
-"""Share of keyframes with a match, of the take that has more, below which two takes are of different tasks."""
+"""Share of matched keyframes, in the take with more keyframes, below which two takes are of different tasks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ class Registration:
 
 
 Own = dict[int, int]
-"""Of a keyframe of a task: take -> index of the keyframe in it, for each take that has it."""
+"""A keyframe of the task: take -> index of this keyframe in the take, for each take that has it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,8 +24,9 @@ LEAST_GAIN = 10.0
 """Log likelihood ratio above which an object has moved. With normal noise, chance exceeds it 1 in 20,000 times."""
 
 SINGLE_KEYFRAME_TAKES, LEVEL_M = 3, 0.01
-"""Conditions for a single keyframe: smallest number of takes, in each of which it must be elsewhere (else it may be a
-mistake); largest difference in height, m (a waypoint in the air varies more)."""
+"""Conditions for an object with a single keyframe.
+Smallest number of takes, in each of which the keyframe is elsewhere: in fewer, it may be a mistake.
+Largest difference in height, m: a waypoint in the air varies more."""
 
 LEAST_OTHERS = 3
 """Smallest number of keyframes that don't move with the object, including the dock."""

@@ -28,8 +28,8 @@ BOUNCE_S, BOUNCE_M, BOUNCE_RAD = 0.3, 0.02, np.radians(10.0)
 and the sensor moved less than BOUNCE_M (m) and turned less than BOUNCE_RAD (rad) from one to the other."""
 
 GRIP_S = 0.8
-"""s: two stops are also one if the gap between them is shorter than this, and a grip is marked in it or up to this long
-before it. There the fingers close, or tap twice (taps.py)."""
+"""Largest gap, s, between two stops that count as one because a grip is marked in the gap or up to this long before the
+gap. There the fingers close, or tap twice (taps.py)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,16 +23,16 @@ QUIET_ACC, QUIET_GYR = 0.08, 0.02
 """Largest rms of a hand that rests on something, m/s2 and rad/s. In the air it trembles more (zero_velocity)."""
 
 WITHOUT_GRAVITY = 0.5
-"""Largest specific force at rest, m/s2, from which gravity seems to have been removed: a bare part's bias (20 mg),
-and an attitude that was 2 degrees off."""
+"""Specific force at rest, m/s2, below which gravity seems to have been removed. What remains is a bare part's bias
+(20 mg) and the gravity that an attitude wrong by 2 degrees leaves."""
 
 COUNTS = {f"{1.0 / per_g:.14f}".rstrip("0") + "g": per_g for per_g in (16384, 8192, 4096, 2048)}
-"""A count of 16-bit accelerometers as a unit -> counts a g, at ranges of 2 to 16 g (InvenSense, MPU-6000 and MPU-6050
-Product Specification). They are far more usual than mm/s2, which are near 8192 counts."""
+"""Name of a 16-bit accelerometer's count as a unit -> counts per g, at ranges of 2 to 16 g (InvenSense, MPU-6000 and
+MPU-6050 Product Specification). Counts are far more usual than mm/s2, whose 9807 per g are near 8192."""
 
 LARGEST_ERROR = 0.3
-"""Share of gravity by which an accelerometer's own errors may change what it reads at rest: cheap boards are off by up
-to 0.2 g, though their chips by 0.08 g at most (MPU-6050 Product Specification). A wrong unit changes more."""
+"""Largest error of an accelerometer's reading at rest, as a share of gravity. Cheap boards are off by up to 0.2 g,
+their chips by 0.08 g at most (MPU-6050 Product Specification). A wrong unit makes a larger error."""
 
 STILL_ACC, STILL_GYR = 0.5, 0.15
 """rms above which a hand moves, m/s2 and rad/s."""

@@ -16,9 +16,9 @@ Spans = list[tuple[int, int]]
 """Half-open ranges of rows, in order."""
 
 MEAN_S, PASSES = 0.0125, 4
-"""A hand's motion is judged by moving means over MEAN_S (s), in PASSES passes. Vibration of 60 Hz and more (a motor, a
-phone that vibrates, or its alias at a slower rate) does not move the hand, and less than 1 % of it passes. A 40 Hz
-sensor, whose sample spans 2 MEAN_S, still finds the same stops."""
+"""Length, s, and number of passes of the moving mean before a hand's motion is judged. Vibration of 60 Hz
+or more (a motor, a phone that vibrates, or its alias at a slower rate) does not move the hand: less than 1 % passes.
+At 40 Hz, where a sample spans 2 MEAN_S, the same stops are found."""
 
 
 def rows_of_mean(rate_hz: float) -> int:

@@ -15,7 +15,7 @@ from pbd.pose import Array
 from pbd.tracking.moving_windows import Spans
 
 EARLIEST_MIDDLE_S = 0.1
-"""s: a hand's shortest moves take 0.2 s. A peak of speed before their middle is noise."""
+"""Earliest middle of a move, s: a hand's shortest moves take 0.2 s. An earlier peak of the speed is noise."""
 
 
 def without_slow_ends(t: Array, spans: Spans, speed: Array, sharp: NDArray[np.bool_] | None = None) -> Spans:

@@ -32,17 +32,17 @@ ENERGY_WINDOW_S = 0.1
 """s: length of the windows over which energies are averaged. Motion is seen up to this much late."""
 
 QUIET_ENERGY = 10.0
-"""A window is quiet if its energy is below this many times that of the first rest, or below that of a hand that rests
-on something (QUIET_ACC, QUIET_GYR)."""
+"""Energy of a window, as a multiple of the first rest's, below which the window is quiet. It is also quiet below the
+energy of a hand that rests on something (QUIET_ACC, QUIET_GYR)."""
 
 LULL_SHARE, LULL_S = 0.01, 1.0
-"""In a lull, such as a foot's stance, the calmest window counts as still even if it isn't quiet. Energies in a lull are
-below LULL_SHARE of the largest lasting energy within LULL_S (s) before or after: acceleration and rate are a tenth of
-the move's. (Below 10^-2.6, stances are missed; above 10^-1.4, a fast hand that turns back seems to rest.)"""
+"""Energy of a lull, such as a foot's stance, as a share of the largest lasting energy within LULL_S (s) before or
+after: acceleration and rate are at most a tenth of the move's. The calmest window of a lull counts as still even if it
+isn't quiet. (Below 10^-2.6, stances are missed; above 10^-1.4, a fast hand that turns back seems to rest.)"""
 
 SWAY_GYR = 0.04
-"""Largest rms rate of a hand that sways in the air, rad/s: by 0.3 degrees rms about each axis, at 0.7 Hz. (With 0.05 a
-sensor that is being put down seems to rest, in one of the benchmark's recordings.)"""
+"""Largest rms rate of a hand that sways in the air, rad/s: 0.3 degrees rms about each axis, at 0.7 Hz. (With 0.05, a
+sensor that is being put down seems to rest in one of the benchmark's recordings.)"""
 
 AFTER_REST_FACTOR = 5
 """Factor on the time for which a hand must be held to count as trembling, if it comes from a rest: 1 s instead of two

@@ -25,8 +25,8 @@ from pbd.tracking.smoother.preintegration import BLOCK_S, GYR_BIAS, integral_of_
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, QuietWindows, energies, sigma_by_energies
 
 CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_NO_GYRO_S = 0.2, 2.0, 0.6
-"""s: time at rest before a stop is announced, if it is clear; doubtful (longer than half of a hand's slowest move);
-doubtful, without a gyro."""
+"""Time at rest, s, before a stop is announced: a clear one; a doubtful one; a doubtful one without a gyro.
+A doubtful stop's time is longer than half of a hand's slowest move."""
 
 VELOCITY_GATE, VELOCITY_MEAN = 14.2, 3.0
 """The 99.7 % quantile and the mean of a velocity's squared Mahalanobis distance (chi-square, 3 degrees of freedom)."""

@@ -29,8 +29,8 @@ from pbd.tracking.smoother.preintegration import (
 )
 
 CLIPPED_RATE, CLIPPED_SHARE = 3.0, 0.2
-"""A gyro axis is clipped if it repeats its largest reading, and that is CLIPPED_RATE (rad/s) or more. One sigma of the
-lost rate is CLIPPED_SHARE of that reading."""
+"""Smallest rate, rad/s, at which a gyro axis that repeats its largest reading counts as clipped.
+One sigma of the rate that is lost by clipping, as a share of the largest reading."""
 
 ROUNDING = np.diag(np.repeat(np.square(ROUNDING_SIGMAS), 3))
 """Covariance (9, 9) of the rounding error of all legs in MOVE_KNOT_S."""

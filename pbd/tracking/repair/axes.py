@@ -23,18 +23,19 @@ from pbd.pose import Array
 from pbd.tracking.repair.axis_mappings import AXIS_MAPPINGS, AxisMapping
 
 CONTRADICTION_DEG = 12.0
-"""A direction contradicts the gyro if the median angle between it and the gyro's prediction is larger (degrees), beyond
-what the hand's acceleration may explain (`Witness.unsure_deg`)."""
+"""Median angle, degrees, between a direction and the gyro's prediction above which the two contradict each other. What
+the hand's acceleration may explain (`Witness.unsure_deg`) is subtracted from each angle first."""
 
 SEARCH_SCALE_DEG = 20.0
-"""Error of gravity's direction, degrees, above which a gyro scale is looked for, as slowly as tracking."""
+"""Angle by which gravity is off, degrees, above which a wrong scale of the gyro is looked for.
+The search takes as long as tracking."""
 
 IMPROVEMENT = 4.0
-"""Another mapping is accepted if it makes that angle smaller by this factor."""
+"""Smallest factor by which another mapping must reduce the median angle to be accepted."""
 
 SIMPLE_PAIRS, ANY_PAIRS = 3, 8
-"""Smallest number of pairs of moments between which a direction turns: for a unit, a sign or two swapped axes; for any
-of the 48 mappings, one of which may fit by chance."""
+"""Smallest number of pairs of moments between which a direction turns.
+SIMPLE_PAIRS: for a unit, a sign or two swapped axes. ANY_PAIRS: for any of the 48 mappings; one may fit by chance."""
 
 AS_GOOD_DEG = 4.0
 """Readings whose angle is within this (degrees) of the best fit equally well."""
@@ -50,9 +51,9 @@ UNITS = (
 """Factor that corrects a gyro in a wrong unit, and the advice."""
 
 FACTORS, BESIDE, CLEAR_FACTOR = 1.05 ** np.arange(-60, 61), 6, 1.5
-"""Other factors on the gyro that are tried, to 19 either way (beyond, turns by whole circles fit by chance). Those
-fewer than BESIDE places apart are of one minimum. A factor nearer to 1 than CLEAR_FACTOR is accepted: the gyro's range
-may have cut off the turns."""
+"""Factors on the gyro that are tried, from 1/19 to 19. (Beyond them, turns by whole circles fit by chance.)
+BESIDE: factors fewer places apart than this belong to one minimum.
+CLEAR_FACTOR: a smaller factor either way is no fault, since the gyro's range may have cut off the turns."""
 
 
 @dataclass(frozen=True, eq=False)

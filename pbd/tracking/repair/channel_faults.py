@@ -23,8 +23,8 @@ from pbd.tracking.zero_velocity import run_edges, runs
 SENSOR_NAMES = {"acc": "accelerometer", "gyr": "gyro"}
 
 STUCK_AXIS_S = 1.0
-"""s: an axis is stuck that is constant for this long while another axis of the same sensor changes. (The other sensor
-does not count: some gyros read 0 on all axes at rest.)"""
+"""Shortest time, s, for which a stuck axis is constant while another axis of the same sensor changes. (The other
+sensor's axes do not count: some gyros read 0 on all axes at rest.)"""
 
 LIVE_SHARE = 0.7
 """A working axis changes in at least this share of its rows."""
@@ -36,12 +36,12 @@ NOISE_ROWS, ROUNDING = 20, 1e-6
 """Noise is judged in the calmest NOISE_ROWS rows in sequence. A change below ROUNDING (m/s2, rad/s) is rounding."""
 
 SAME_NORM = 2e-4
-"""Relative range of the norm over a recording below which each row was divided by its norm, and rounded to four
-decimals. The noise of one row, and any move, change the norm by more."""
+"""Range of the norm over a recording, as a share of the largest, below which each row was divided by its norm and
+rounded to four decimals. Noise and moves change a true norm by more."""
 
 REPEATED_ROWS = 3
-"""Chance does not repeat a row this often. A sensor with noise that repeats itself this often, and for longer than
-BRIDGED_S, is frozen. A flat top of this many samples may be clipped."""
+"""Smallest number of equal rows in sequence that chance does not explain. A sensor with noise is frozen if it repeats a
+row this often, and for longer than BRIDGED_S. A flat top of this many samples may be clipped."""
 
 COARSE_REPEATS = 0.01
 """If more than this share of the readings repeat outside suspected freezes, the sensor is coarse, not frozen."""
@@ -50,7 +50,7 @@ COARSE_FROZEN_S = 0.2
 """s: if a sensor repeats itself for longer, the path must show a rest there."""
 
 MOVING_SPEED = 0.05
-"""m/s: a hand that is faster moves, and its sensor can't be constant."""
+"""Speed of the hand, m/s, above which its sensor's readings can't be constant."""
 
 WITHOUT_FIELD = "and is left out: heading starts at the sensor's own x axis"
 """What is done about a magnetometer that tells nothing."""

@@ -35,8 +35,9 @@ COARSE_TICK = 0.05
 """Time stamps are coarse if their resolution is at least this share of the sampling interval."""
 
 OFF_BEAT = 0.02
-"""Coarse stamps are replaced if more than this share of their steps differ by more than this share of the interval from
-a whole number of intervals. Stamps come in batches if more than this share of steps is below WITHIN_BATCH intervals."""
+"""Largest deviation of a step from a whole number of intervals, as a share of the interval, and largest share of steps
+that deviate by more. Beyond both, coarse stamps are replaced.
+Stamps come in batches if a larger share of the steps than this is below WITHIN_BATCH intervals."""
 
 FEWEST_STEPS = 3
 """Fewest steps of coarse times, or between batches, that tell the rate: the first and the last may be cut off."""

@@ -49,17 +49,17 @@ CHECK_HZ = 50.0
 """Samples are averaged down to about this rate, Hz, which is fast enough for a hand."""
 
 STEADY_S, STEADY_ACC = 0.3, 0.05
-"""A steady moment, in which the accelerometer shows gravity, lasts STEADY_S (s). The standard deviation of specific
-force, and ||mean| - g|, are below STEADY_ACC g. (A WT901's bias of 20 mg changes the norm by 4 % between two sides of
-the sensor.)"""
+"""Length, s, of a steady moment, in which the accelerometer shows gravity.
+Largest standard deviation of specific force in it, and largest difference of the mean's norm from g, both as shares of
+g. (A WT901's bias of 20 mg changes the norm by 4 % between two sides of the sensor.)"""
 
 HIDDEN_TILT_DEG = float(np.degrees(np.arccos(1.0 / (1.0 + STEADY_ACC))))
-"""Degrees by which a level acceleration may tilt what seems to be gravity, unless the hand rests (QUIET_ACC). It hardly
-changes the norm, and is steady at its peak in a smooth move."""
+"""Largest tilt, degrees, of the seeming gravity by a horizontal acceleration, unless the hand rests (QUIET_ACC). At the
+peak of a smooth move this acceleration is steady, and it hardly changes the norm."""
 
 PAIR_AFTER_S, PAIR_LONGEST_S = (0.5, 1.0, 2.0, 4.0), 5.0
-"""A steady moment is paired with the first one after each of these times, if that comes within PAIR_LONGEST_S
-(s). A slow turn shows only after seconds. At most one moment per STEADY_S / 2 begins pairs."""
+"""Times, s, after which a steady moment is paired with the next one: a slow turn shows only after seconds.
+Longest time between the moments of a pair, s. At most one moment per STEADY_S / 2 begins pairs."""
 
 SHOWN_BY = {"a": "gravity", "m": "the field", "": "the device's own attitude"}
 """Channel of a witness -> its name."""

@@ -41,10 +41,10 @@ SIDE_SAMPLES = 2
 """Number of samples on either side of a flat top over which its fall is measured."""
 
 CHANCE_STEPS = 2.5
-"""A rounded peak repeats its top reading with a chance of at most CHANCE_STEPS / fall (of its sides, in steps)."""
+"""Largest chance that a rounded peak repeats its top reading: this over the fall of its sides, in steps."""
 
 CLIPPED_CHANCE = 1e-4
-"""An axis is clipped if one of its flat tops would be a rounded peak with less than this chance."""
+"""Chance that a flat top is a rounded peak, below which the axis is clipped."""
 
 LARGEST_OVERSHOOT = 0.5
 """Largest height of a gyro's extrapolated peak above its range, as a share of the range. (A lost turn counts as small;

@@ -26,8 +26,8 @@ WILD_DISTANCE = {"acc": (30.0, 1), "gyr": (0.3, 3)}
 rows in sequence. A longer run may be real (a tap)."""
 
 KNOCK_LEVER = 0.02
-"""m: a knock turns the sensor about a point at least this far away (a wrist, the other end of what a hand holds). So it
-pushes it too: the accelerometer jumps by this times the gyro's jump in a sampling interval, or more."""
+"""Smallest distance, m, of the point about which a knock turns the sensor (a wrist, the other end of what a hand
+holds). A knock also pushes the sensor: the accelerometer jumps by at least this times the gyro's jump per interval."""
 
 OUTLIER_RATIO = 25.0
 """Smallest ratio that shows a splice, in three tests. Sound recordings (hands, feet, 40 to 286 Hz) reach 8, 12 and 7.

@@ -18,8 +18,8 @@ from pbd.tracking.smoother.preintegration import VEL
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, lasts, slow_parts, trimmed
 
 MOVING_WEIGHT = 0.29
-"""Robust weight of zero velocity below which the hand seems to move: noise of one sigma on each axis gives one knot in
-twenty a smaller one."""
+"""Robust weight of zero velocity below which the hand seems to move. With noise of one sigma on each axis, one knot in
+twenty has a smaller weight."""
 
 SHORTEST_DIVIDED_S = 0.5
 """Shortest candidate, s, that can contain both a rest and a move. A shorter one is accepted or dropped as a whole."""

@@ -37,14 +37,14 @@ MAX_RECUTS = 5
 """Largest number of times that stops are revised."""
 
 DRIFTED_SHARE = 0.5
-"""A gyro has drifted if its bias changed by more than this share of QUIET_GYR: soon it would seem to turn at rest."""
+"""Change of a gyro's bias, as a share of QUIET_GYR, above which it has drifted: soon, rests would seem to turn."""
 
 REMOVED_LAG = 0.005
 """s: smallest lag of the gyro that is removed from the samples."""
 
 WIDE_SCALE_SIGMA, REMOVED_SCALE, SCALE_OUTLIER_SIGMAS = 0.15, 0.05, 5.0
-"""Scale error common to the gyro's axes (0.05: 5 %): one sigma of the wide prior, the smallest error that is removed
-from the samples, and its smallest ratio to its own sigma. A wrong clock looks like such an error."""
+"""Scale error common to the gyro's axes (0.05: 5 %). A wrong clock looks like such an error.
+One sigma of its wide prior; smallest error that is removed from the samples; the error's least ratio to its sigma."""
 
 
 @dataclass(frozen=True, eq=False)
