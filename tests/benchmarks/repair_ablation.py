@@ -11,7 +11,7 @@ import json
 import os
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 
 from pbd import track_alone
+from pbd.data import Recording, Stop
 from pbd.tracking import estimate, first_rest, residual_tests
 from pbd.tracking.repair import channel_faults, gaps, gyro_consistency, repair_recording
 from pbd.tracking.repair.saturation import restore
@@ -46,6 +47,11 @@ def as_it_is(recording: Any, *_: Any) -> Any:
     return recording
 
 
+def in_a_stop(_: Recording, gap: gaps.Gap, stops: Sequence[Stop]) -> bool:
+    """Whether a gap is in a stop, however the sensor moves beside the gap."""
+    return any(stop.start <= gap.before and gap.after < stop.stop for stop in stops)
+
+
 WITHOUT: dict[str, tuple[Change, ...]] = {
     "nothing": (),
     "stuck axes": ((channel_faults, "stuck_axes", no_line),),
@@ -54,7 +60,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "blocks doubled": ((repair_recording, "refuse_doubled", nothing),),
     "freezes": ((repair_recording, "frozen_rows", lambda recording, _: np.zeros(len(recording), dtype=bool)),),
     "gaps refused": ((track_alone, "refuse_gaps", nothing),),
-    "rest beside a gap": ((gaps, "_rests_on_both_sides", lambda *_: True),),
+    "rest beside a gap": ((gaps, "is_in_rest", in_a_stop),),
     "signs by the device": ((gyro_consistency, "refuse_flipped_signs", nothing),),
     "axes and unit of the gyro": ((gyro_consistency, "find_axis_error", nothing),),
     "unit of the accelerometer": ((first_rest, "_refuse_wrong_units", nothing),),
