@@ -8,6 +8,8 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from pbd.calibration.tool_poses import with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Load, Robot
 from pbd.data.keyframe import require_keyframes
@@ -238,14 +240,18 @@ def plan_task(task: Task) -> Plan | PlanRefusal:
 
 def _moves(task: Task, chosen: Motion, durations_s: Sequence[float]) -> tuple[list[Move], Move | None]:
     """Make the moves of the segments, which time_moves.py times, and the retreat or None; durations of the hand."""
-    from pbd.arm.motion_request import DEMO
+    from pbd.arm.ik.cartesian import keep_on_path, line
+    from pbd.arm.motion_request import DEMO, LINE
     from pbd.arm.timing.time_moves import APPROACH_SPEED, Move
 
     first, retreat, as_demonstrated = chosen.segments[0], chosen.retreat, task.options.time == "demo"
     moves = [Move(first.q, first.curved, share=APPROACH_SPEED)]
     for i, (segment, hand_s) in enumerate(zip(chosen.segments[1:], durations_s, strict=True)):
         t = task.hand_moves[i].t if as_demonstrated and segment.kind == DEMO else None
-        moves.append(Move(segment.q, segment.curved, t, hand_s if as_demonstrated else 0.0))
+        q = segment.q
+        if segment.kind == LINE:
+            q = keep_on_path(task.arm, line(*task.T_base_tool[i : i + 2]), np.vstack((chosen.q[i], q)))[1:]
+        moves.append(Move(q, segment.curved, t, hand_s if as_demonstrated else 0.0))
     return moves, None if retreat is None else Move(retreat.q, retreat.curved, share=APPROACH_SPEED)
 
 

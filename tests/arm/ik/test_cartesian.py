@@ -7,15 +7,28 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from pbd.arm.choose_motion import choose_motion
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.branches import find_branches
-from pbd.arm.ik.cartesian import LEAP_RAD, SPACING_M, SPACING_RAD, follow, line, refine
+from pbd.arm.ik.cartesian import (
+    LEAP_RAD,
+    OFF_M,
+    OFF_RAD,
+    SPACING_M,
+    SPACING_RAD,
+    follow,
+    keep_on_path,
+    line,
+    refine,
+)
 from pbd.arm.ik.closed_form import flipped_elbow
 from pbd.arm.ik.levenberg_marquardt import Residual
 from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.model import ArmModel
+from pbd.arm.motion_request import LINE, Motion, MotionRequest
+from pbd.arm.timing.path_smoothing import curved_move
 from pbd.arm.tool_deviation import off_line
-from pbd.pose import Array, Pose, quat_rotate
+from pbd.pose import Array, Pose, quat_rotate, quat_slerp
 from tests.arm.bundled import NAMES, arm_of
 from tests.known import known
 
@@ -168,3 +181,49 @@ def test_a_redundant_arm_led_around_a_square_comes_back_as_it_left(name: str) ->
     q = known(follow(arm, poses, arm.robot.home, arm.robot.home))
     steps = np.abs(np.diff(q, axis=0)).max(axis=1)
     assert steps[-1] < 2.0 * steps[:-1].max()
+
+
+def off_the_line(arm: ArmModel, q: Array, ends: tuple[Pose, Pose]) -> tuple[float, float]:
+    """Return how far the tool is off its line (m) and its even turn (rad) in the timed motion through joints (n, k).
+
+    The turn is compared at the same share of the line.
+    """
+    pieces, (start, end) = curved_move(q, arm.limits, 0.95), ends
+    at = np.vstack([pieces.coefficients[::3, 0], q[-1:]])
+    p, _ = arm.forward_many(at)
+    along = end.p - start.p
+    shares = np.clip((p - start.p) @ along / (along @ along), 0.0, 1.0)
+    wanted = quat_slerp(start.wxyz, end.wxyz, shares)
+    held = [arm.forward(each).distance(Pose(start.p, wxyz))[1] for each, wxyz in zip(at, wanted, strict=True)]
+    return float(off_line(p)), max(held)
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "off_m"), [("panda", 1086, 0.016), ("ur3", 1030, 8e-4), ("so101", 1055, 0.02)]
+)
+def test_the_tool_is_kept_on_its_line_where_joints_turn_fast(name: str, seed: int, off_m: float) -> None:
+    """Between two poses 5 mm apart a joint moves by up to 0.9 rad: the curve through the joints left the line there."""
+    arm, rng = arm_of(name), np.random.default_rng(seed)
+    lower, upper = np.maximum(arm.limits.lower, -np.pi) + 0.05, np.minimum(arm.limits.upper, np.pi) - 0.05
+    q_start = rng.uniform(lower, upper)
+    ends = arm.forward(q_start), arm.forward(np.clip(q_start + rng.normal(0.0, 0.5, len(lower)), lower, upper))
+    motion = choose_motion(arm, MotionRequest(ends, arm.robot.home, approach=False, kind=LINE), None)
+    assert isinstance(motion, Motion)
+    poses, followed = line(*ends), np.vstack((motion.q[0], motion.segments[1].q))
+    assert off_the_line(arm, followed, ends)[0] > off_m
+    q = keep_on_path(arm, poses, followed)
+    assert len(poses) < len(q) < len(poses) + 10
+    off, turned = off_the_line(arm, q, ends)
+    assert off < 2.0 * OFF_M
+    assert turned < 2.0 * OFF_RAD or is_partial(arm)
+    given = [int(np.flatnonzero((q == each).all(axis=1))[0]) for each in followed]  # they all stay, in order
+    assert given == sorted(set(given))
+
+
+def test_nothing_is_added_where_the_tool_is_on_its_path() -> None:
+    arm = arm_of("ur5")
+    poses = along(arm, 0.1)
+    q = known(follow(arm, poses, *known_ends(arm, poses)))
+    np.testing.assert_array_equal(keep_on_path(arm, poses, q), q)
+    here = np.repeat(q[:1], 8, axis=0)
+    np.testing.assert_array_equal(keep_on_path(arm, poses[:1] * 8, here), here)
