@@ -1,7 +1,5 @@
 """Make the pictures of docs/calibration.md, all of simulated data: python docs/calibration_pictures.py."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """Draw the factor graph of docs/tracking.md: python docs/factor_graph.py."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

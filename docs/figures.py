@@ -1,7 +1,5 @@
 """Make the figures of docs/tracking.md: python docs/figures.py [--data DIR] (the second one needs the recordings)."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 Needs Chromium and its driver. With names of robots as arguments only those are made.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """Make the pictures of docs/plots.md: python docs/plot_pictures.py."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

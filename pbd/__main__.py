@@ -1,7 +1,5 @@
 """Entry point of `python -m pbd` and of the script `pbd`."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

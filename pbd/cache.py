@@ -4,8 +4,6 @@ Each cache file holds the SHA-256 of its content, then an .npz. A damaged file f
 Files are written atomically, so several processes may write the same one. A folder that is not writable is no error.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 from collections.abc import Callable, Mapping

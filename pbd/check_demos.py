@@ -1,7 +1,5 @@
 """Check many demonstrations: which are usable, what a person should look at, which differ from the others of a task."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence

@@ -4,8 +4,6 @@ The command line prints a `PbdError` as one line on stderr and exits with its `e
 and keeps its traceback.
 """
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator

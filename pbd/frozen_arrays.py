@@ -1,7 +1,5 @@
 """Read-only arrays and mappings in frozen dataclasses: freezing a dataclass does not freeze its fields."""
 
-from __future__ import annotations
-
 import copyreg
 from collections.abc import Mapping
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Access to scipy's LAPACK without loading all of scipy.linalg, and a limit on the number of BLAS threads."""
 
-from __future__ import annotations
-
 import sys
 from contextlib import ContextDecorator
 from functools import cache

@@ -1,7 +1,5 @@
 """The first of the two main functions: `track` turns a recording into a hand path. `plan` is in pbd/planning."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

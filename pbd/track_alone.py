@@ -1,7 +1,5 @@
 """Track one recording, without what is known of its stops."""
 
-from __future__ import annotations
-
 from pbd.calibration.sensor import corrected
 from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Calibration, Demonstration, HandPath, Recording, SensorErrors, Stop, Tracking

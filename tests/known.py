@@ -1,7 +1,5 @@
 """A value that may be None, for tests that know it is there."""
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 _T = TypeVar("_T")

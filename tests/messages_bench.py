@@ -1,7 +1,5 @@
 """Makes a folder of files and demonstrations with one fault each, for tests/test_messages.py."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Compares large arrays at once. pytest.approx compares number by number, which takes a thousand times as long."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

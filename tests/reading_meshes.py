@@ -1,7 +1,5 @@
 """Reads a mesh's triangles without the cache."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from unittest.mock import patch
 

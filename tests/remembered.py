@@ -1,7 +1,5 @@
 """Caches the results of tracking and planning by input, for tests of what commands print and write."""
 
-from __future__ import annotations
-
 import importlib
 import warnings
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Simulated recordings with ground truth, for tests."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache, lru_cache
 

@@ -1,7 +1,5 @@
 """The advice in a refusal has been tried and works, and messages about a motion are true."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 To write that file anew, once a change of it is meant: python -m tests.test_bundled_meshes > tests/bundled_meshes.txt
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

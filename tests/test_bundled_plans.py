@@ -3,8 +3,6 @@
 To write that file anew, once a change of it is meant: python -m tests.test_bundled_plans > tests/bundled_plans.txt
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """`pbd check` and `check_all`: unusable and differing demonstrations, and other backends of joblib."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """The command line: output streams, exit codes, and the JSON that other programs rely on."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The motion options of the command line, and the messages when no motion is possible."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`pbd plot`: its files, messages and JSON."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

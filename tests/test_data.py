@@ -1,7 +1,5 @@
 """The data classes: read-only arrays, refused shapes, repr; trajectories against numpy's polynomials."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from copy import deepcopy

@@ -1,7 +1,5 @@
 """The documentation is true: its Python runs, its links and commands exist, its figures agree."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import tomllib

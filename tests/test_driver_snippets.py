@@ -4,8 +4,6 @@ The stand-ins have the parameters of ur-rtde 1.6.5, franky-control 2.0.0 and xar
 signatures were compared with the packages', which are too large for the tests.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import time

@@ -1,7 +1,5 @@
 """Values that a program builds itself: wrong ones are refused where they are made, and nothing is shared."""
 
-from __future__ import annotations
-
 import pickle
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The structure of the package: layers of imports, heavy imports, length of files, size of folders."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The number of BLAS threads."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits

@@ -5,8 +5,6 @@ that has a decimal point. To try another command, write its line there. To write
 is meant: python -m tests.test_messages
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

@@ -1,7 +1,5 @@
 """Plans: paths, times, starts, ends, refusals and warnings."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Rotations and poses against scipy, especially near singular angles."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

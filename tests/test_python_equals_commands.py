@@ -1,7 +1,5 @@
 """`pbd.track` and `pbd.plan` give the same motion as `pbd export`, to the byte."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

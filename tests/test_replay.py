@@ -1,7 +1,5 @@
 """The scene of a replay agrees with its plan."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

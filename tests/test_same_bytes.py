@@ -1,7 +1,5 @@
 """Results do not depend on what a process computed before."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Time stamps by the device's clock and by arrival times: wrong times, bursts, stalls and losses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """When a grasped object is held, and where it is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

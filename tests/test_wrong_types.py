@@ -1,7 +1,5 @@
 """A name instead of the value it names is a WrongTypeError with a clear message."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast

@@ -1,7 +1,5 @@
 """Simulates failures of the system: permissions that also hold for root, and a full disk."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import resource

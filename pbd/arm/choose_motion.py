@@ -7,8 +7,6 @@ path (one link for every few poses), a detour (detour.py). The run time grows li
 links.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial

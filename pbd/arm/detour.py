@@ -4,8 +4,6 @@ Kuffner and LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Pl
 The search is reproducible: its seed is fixed, and it ends after a number of collision checks, not after a time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from operator import itemgetter

@@ -5,8 +5,6 @@ lacks. A capsule from the flange to the tool's origin stands for that gripper. L
 object and nothing else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import lru_cache
 

@@ -4,8 +4,6 @@ Each keyframe gets about a dozen configurations: some descend from those of the 
 A redundant arm's shortest path is then moved along the null space, toward its neighbours and away from limits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Check which moves of a motion's ladder graph are free, and what they cost. Links and moves store the results."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The state of each move between keyframes and of each link of the ladder graph, while a motion is searched for."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from pbd.arm.collision.scene import Hit

@@ -1,7 +1,5 @@
 """Remedies for barred links of a motion's ladder graph: another path, more configurations, more layers, a detour."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 from pbd.arm.ik.cartesian import line

@@ -1,7 +1,5 @@
 """The pose of each of an arm's links in its parent link: the tree of frames that ROS calls TF."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

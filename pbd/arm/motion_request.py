@@ -1,7 +1,5 @@
 """The request for a motion, and the motion that was chosen for it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Sample a motion densely enough for collision checks: see `JointPath`."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

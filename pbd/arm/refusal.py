@@ -1,7 +1,5 @@
 """Messages if no motion is found, or only one with a drawback: the moves tried, and the one that came closest."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """How far the tool deviates from its direct path on a straight move in joint space: by rotation and by distance."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Coordinates `x` are (k + 1,): the arm's joints (rad; m for a sliding joint), the
 is closed. "universe" is the world frame of pinocchio's model, the root of the URDF.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The audit of a trajectory: its form, smoothness, limits, poses, contacts and torques."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NoReturn

@@ -1,7 +1,5 @@
 """The audit's own list of pairs to check for collision, from the URDF, the SRDF and random configurations."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations
 from typing import Any

@@ -8,8 +8,6 @@ Sources: B. Mirtich, Impulse-based dynamic simulation of rigid body systems, 199
 C2A: controlled conservative advancement, ICRA 2009.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

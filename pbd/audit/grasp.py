@@ -5,8 +5,6 @@ all links beyond the arm's last joint, may touch the grasped object. Where the m
 a rod stands for the tool.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -3,8 +3,6 @@
 A piece is q = c0 + c1 s + c2 s^2 + c3 s^3, with s in seconds from the start of the piece.
 """
 
-from __future__ import annotations
-
 from typing import NoReturn
 
 import numpy as np

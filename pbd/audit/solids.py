@@ -1,7 +1,5 @@
 """The audit's own collision solids: convex hulls for a first test, the exact shapes where the hulls are close."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path

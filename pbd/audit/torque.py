@@ -4,8 +4,6 @@ Method: the recursive Newton-Euler algorithm (Featherstone, 2008, chapter 5; pin
 Friction and the motors' own inertia are left out, because their values in URDFs are not reliable.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any

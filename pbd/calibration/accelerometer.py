@@ -1,7 +1,5 @@
 """Estimate an accelerometer's bias, scale and misalignment: at rest its reading has the norm g in every orientation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

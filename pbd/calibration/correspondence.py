@@ -1,7 +1,5 @@
 """Match stops to touched points, if a demonstration has more stops than points or the order is unknown."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations, permutations

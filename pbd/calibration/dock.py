@@ -1,7 +1,5 @@
 """The dock places nav in the robot's base frame. A new dock can be taken from a stop of a demonstration."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Repeatability of the magnetic heading between the stops of a demonstration, and between demonstrations."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

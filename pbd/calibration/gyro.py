@@ -1,7 +1,5 @@
 """Estimate a gyro's bias, scale and misalignment: at rest it reads zero, in a move it turns as the vertical does."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pbd.calibration.rests import Rests

@@ -1,7 +1,5 @@
 """Estimate a magnetometer's hard and soft iron: in every orientation the field has the same strength and dip."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Estimate the sensor's mount on the tool: the lever by pivoting the tip on a point, the rotation by named turns."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

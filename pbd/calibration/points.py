@@ -1,7 +1,5 @@
 """Register nav in base from touched points. A point that contradicts the others is left out."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

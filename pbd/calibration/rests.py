@@ -1,7 +1,5 @@
 """Find the rests of a sensor that was put down in several orientations, with its mean readings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Calibrate a sensor's errors from one recording in which it is put down in several orientations."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 

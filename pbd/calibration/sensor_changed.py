@@ -1,7 +1,5 @@
 """Detect calibration drift: whether a sensor at rest still reads gravity and the field of its calibration."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pbd.data import GRAVITY, SensorErrors

@@ -1,7 +1,5 @@
 """The probability that the tool is within its tolerance at each keyframe, and at all of them."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

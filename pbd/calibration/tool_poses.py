@@ -1,7 +1,5 @@
 """The tool's poses in the robot's base frame."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

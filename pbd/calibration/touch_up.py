@@ -1,7 +1,5 @@
 """Touch-ups: a person corrects a keyframe where the arm was off, and the others follow by their common errors."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple

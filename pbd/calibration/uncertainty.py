@@ -1,7 +1,5 @@
 """Covariance of the tool's pose in base at each keyframe, by its sources."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The command line. commands/ has the options of each command; the file or folder of its name runs it."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

@@ -1,7 +1,5 @@
 """pbd check DEMO...: which of many demonstrations need a look."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

@@ -1,7 +1,5 @@
 """pbd demos: the demonstrations in ./demos and the bundled ones."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """pbd export [DEMO] --robot R --format F -o FILE: write the joint trajectory for other tools."""
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """pbd fuse TAKE... -o NAME: make one demonstration of several takes."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """pbd import FILE NAME: store another program's recording as a demonstration."""
 
-from __future__ import annotations
-
 import argparse
 from contextlib import suppress
 from dataclasses import replace

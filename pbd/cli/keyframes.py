@@ -1,7 +1,5 @@
 """pbd keyframes [DEMO]: where the hand stopped, and with a robot the tool's poses and the joints there."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Describes a plan's moves, torques and contacts, for people and as JSON."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

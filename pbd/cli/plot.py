@@ -1,7 +1,5 @@
 """pbd plot [DEMO ...]: figures of one demonstration, or of several compared."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """pbd record [NAME]: record a demonstration from a sensor, or from a simulated hand."""
 
-from __future__ import annotations
-
 import argparse
 import errno
 import shlex

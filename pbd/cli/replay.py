@@ -1,7 +1,5 @@
 """pbd replay [DEMO] --robot R: plan the motion, and show it in the browser or as a page."""
 
-from __future__ import annotations
-
 import argparse
 import math
 

@@ -1,7 +1,5 @@
 """pbd segments [DEMO]: when the hand moved and when it rested."""
 
-from __future__ import annotations
-
 import argparse
 
 from pbd.cli.common import load_demonstration, named_calibration, print_result, track_demonstration

@@ -1,7 +1,5 @@
 """pbd sensors: what is plugged in and what is supported; pbd sensors phyphox: the experiment for a phone."""
 
-from __future__ import annotations
-
 import argparse
 import io
 import shutil

@@ -1,7 +1,5 @@
 """pbd simulate TASK NAME: make a synthetic demonstration, with its ground truth."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 

@@ -1,7 +1,5 @@
 """pbd touch DEMO KEYFRAME: correct a keyframe where the arm was off; keyframes with correlated errors move along."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 

@@ -4,8 +4,6 @@ Arrays are copied in, made read-only, and checked for their shape, so every valu
 All units are SI and radians. Names contain frames: `sensor`, `nav`, `base`, `tool`, `dock`.
 """
 
-from __future__ import annotations
-
 from pbd.data.calibration import TOOL_DOWN, Calibration, LinearErrors, SensorErrors
 from pbd.data.constraints import ClaimFit, Contact, Known, Place
 from pbd.data.estimated_sensor_errors import ErrorEstimate, SensorEstimate

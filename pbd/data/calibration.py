@@ -1,7 +1,5 @@
 """Values of calibration: where nav lies in the robot's base, and a sensor's errors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """What a person knows about the stops, and how well the data agree."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite

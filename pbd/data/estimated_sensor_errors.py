@@ -1,7 +1,5 @@
 """A sensor's errors as estimated from a recording."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

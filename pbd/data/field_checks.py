@@ -1,7 +1,5 @@
 """Checks of the fields of frozen values, for programs that make such a value without a file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from types import UnionType
 from typing import get_args

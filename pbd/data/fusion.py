@@ -1,7 +1,5 @@
 """How several takes of one task were combined into one demonstration."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from pbd.data.constraints import Place

@@ -1,7 +1,5 @@
 """The columns of imu.csv (in SI units; importers convert), and the conversion of its compass angles."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pbd.pose import Array

@@ -1,7 +1,5 @@
 """Values of planning: the robot's motion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Keyframes, and the touch-ups that correct them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial

@@ -1,7 +1,5 @@
 """One-line representations of values with large arrays."""
 
-from __future__ import annotations
-
 from pbd.errors import amount
 from pbd.pose import Array
 

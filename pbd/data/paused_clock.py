@@ -1,7 +1,5 @@
 """A clock that stops in pauses, as phyphox' experiment time does, and the time that has really passed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import inf
 

@@ -1,7 +1,5 @@
 """A sensor's recording, and the truth that is known of a simulated or optical one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Values of planning: the robot."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

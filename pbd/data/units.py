@@ -1,7 +1,5 @@
 """Units of inertial sensors, as factors to SI units (uT for the magnetic field)."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from math import inf, pi

@@ -1,7 +1,5 @@
 """Obstacles around the arm, loads, and the grasped object's motion."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ It replaces Feetech's SDK (PyPI feetech-servo-sdk 1.0.0), which waits in a busy 
 timing, waits at least 34 ms of wall-clock time for a silent servo, and drops the servos' error flags in its sync read.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -3,8 +3,6 @@
 Source: lerobot/robots/so101_follower/so101_follower.py, `calibrate`, and lerobot/motors/motors_bus.py.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """Converts joint positions to the servos' encoder counts and back, as LeRobot's calibration defines them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Watches a moving arm, and ends the motion when a servo is off its goal, overloaded, hot or at a wrong voltage."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 

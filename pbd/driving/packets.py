@@ -5,8 +5,6 @@ complement of the sum of all bytes after FF FF. Words are little-endian in sign-
 Source: Feetech, "Communication protocol manual of serial bus smart servo". Tests compare with Feetech's own SDK.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The arm's servos on the bus: identity, state, goals, torque."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import eq

@@ -3,8 +3,6 @@
 The motion is eased in from where the arm stands.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

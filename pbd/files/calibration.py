@@ -1,7 +1,5 @@
 """calibration/NAME.toml -> Calibration. Every key is described in calibration/default.toml."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Write one part of calibration/NAME.toml and keep the rest as a person wrote it, with its comments."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Reading and writing a demonstration's folder: demo.toml, imu.csv and, optionally, truth.csv and keyframes.toml."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import shlex

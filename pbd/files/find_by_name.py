@@ -1,7 +1,5 @@
 """Find robots, calibrations and demonstrations by name: first in the user's own folder, then among the bundled ones."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

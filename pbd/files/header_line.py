@@ -1,7 +1,5 @@
 """Find the header of a table that another program wrote, or say how to import one without a header."""
 
-from __future__ import annotations
-
 import csv
 import re
 import shlex

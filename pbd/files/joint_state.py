@@ -4,8 +4,6 @@ JSON is a list in the order of the arm's joints, an object joint -> position, or
 such as fingers, are ignored.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """keyframes.toml in a demonstration's folder: keyframes to edit, which replace the tracked ones."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Sequence
 from itertools import pairwise

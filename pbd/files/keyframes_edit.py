@@ -1,7 +1,5 @@
 """Edit keyframes.toml and keep the rest as a person wrote it, with its comments."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """CSV files of known points in the robot's base."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from dataclasses import dataclass, replace

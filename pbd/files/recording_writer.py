@@ -1,7 +1,5 @@
 """Writing a demonstration while it is recorded: its folder can be read at any moment."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import shutil

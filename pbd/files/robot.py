@@ -3,8 +3,6 @@
 No robot library is imported: limits and names come from the URDF's XML.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Collection, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The [gripper] of robots/NAME.toml."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The calibration of an arm's servos in LeRobot's format: a JSON object with five integers for each joint."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Tables of numbers as text: a header line, then rows. Errors tell line and column."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

@@ -4,8 +4,6 @@ Their XML is read directly, so that a `Robot` can be loaded without a robot libr
 kinematic model. Formats: https://wiki.ros.org/urdf/XML, https://wiki.ros.org/srdf.
 """
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ET
 from collections import Counter

@@ -1,7 +1,5 @@
 """Demonstrations that were set aside under another name, because `--force` replaced them: which, and why."""
 
-from __future__ import annotations
-
 import re
 from contextlib import suppress
 from pathlib import Path

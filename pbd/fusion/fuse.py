@@ -1,7 +1,5 @@
 """From several takes of one task to one path: track each, match, estimate jointly, follow the mean path."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations

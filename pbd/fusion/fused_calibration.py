@@ -1,7 +1,5 @@
 """Convert the sensor errors that several takes show into those of a calibration."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

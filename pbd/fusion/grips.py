@@ -1,7 +1,5 @@
 """The grip at each of the task's keyframes: open or closed, as in most takes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import accumulate
 

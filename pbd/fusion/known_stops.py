@@ -1,7 +1,5 @@
 """Condition a take's marginal on what a person knows of its stops (`closed`, places, contacts)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -9,8 +9,6 @@ amount, and more takes add more such rows. At an estimate, a leg's residual show
 Source: W. A. Fuller, Measurement error models, Wiley 1987, 1.1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The mean path of several takes: each move is averaged at equal fractions of its own duration."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

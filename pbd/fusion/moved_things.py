@@ -4,8 +4,6 @@ Two hypotheses are compared by their likelihoods: all keyframes share one frame,
 frame of its own, which is rotated about the vertical and shifted in each take.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

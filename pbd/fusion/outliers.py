@@ -3,8 +3,6 @@
 An outlier would raise the estimated scatter of the hand. So it is tested with the scatter of the remaining takes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Convert the joint estimate to a hand path, with a summary of its takes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial

@@ -1,7 +1,5 @@
 """Tables and JSON of a fusion: how takes were matched, and the hand's scatter."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any

@@ -1,7 +1,5 @@
 """Track each take alone, and make the observations and the initial state of the joint estimate from them."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Atomic writing: a file or folder appears complete or not at all. Errors say what to do next."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import itertools

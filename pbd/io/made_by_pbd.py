@@ -1,7 +1,5 @@
 """Which files pbd made. An output replaces those and empty files, but no file of a person or of another program."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from zlib import crc32

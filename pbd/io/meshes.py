@@ -4,8 +4,6 @@ Only the file itself is opened: no texture, no material library, no URL. DAE fil
 colours are used, and a small file can describe a scene without end, so its size is checked here.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import logging

@@ -1,7 +1,5 @@
 """Numbers and times in text. Python's own extensions, such as `1_000`, are refused."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Sequence

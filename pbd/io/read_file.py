@@ -1,7 +1,5 @@
 """Reading regular files of bounded size."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

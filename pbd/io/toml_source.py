@@ -1,7 +1,5 @@
 """A TOML file's text: finds the line of a key, which tomllib does not tell, and advises on a line that is not valid."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from functools import cached_property

@@ -6,8 +6,6 @@ The libraries get this checked XML instead of the file: urdfdom prints its error
 not a number crashes the distance computation.
 """
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Plan a motion through keyframes, and audit it."""
 
-from __future__ import annotations
-
 from pbd.planning.choose_joints import solve_keyframes
 from pbd.planning.export_source import source_of
 from pbd.planning.object_frames import ThingPlace

@@ -1,7 +1,5 @@
 """Move keyframes that belong to a thing to where that thing stands now."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The user's options for a motion, and the dwells and durations that follow from them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Advise to undo a person's corrections, if these are what brings a keyframe out of reach."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path

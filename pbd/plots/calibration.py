@@ -1,7 +1,5 @@
 """Plot of a calibration: the tool's positions in base at the keyframes, their sigma, and its sources."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

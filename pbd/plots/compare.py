@@ -1,7 +1,5 @@
 """Compare several demonstrations of one task: align them, match their keyframes, compute the spread."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Figures of several demonstrations of one task: compared, with their spread at each keyframe, or fused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Values for the plots of one demonstration."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The figures of one demonstration: the paper's figures 5 to 10, our own, and a summary."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Mapping
 from functools import partial

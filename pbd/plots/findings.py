@@ -1,7 +1,5 @@
 """Findings: problems of a demonstration that a person should look at, in words and with their times."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise

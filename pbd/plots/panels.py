@@ -1,7 +1,5 @@
 """Panels: each draws one quantity over time into axes of a figure or of the summary."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import NullLocator

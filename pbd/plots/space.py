@@ -1,7 +1,5 @@
 """Paths in 3-D, and seen along an axis. All axes of a picture have the same scale."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

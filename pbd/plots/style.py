@@ -4,8 +4,6 @@ Figures are made without pyplot, so no window opens and no figure needs to be cl
 places all parts; legends are outside the axes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from importlib import import_module

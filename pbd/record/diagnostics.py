@@ -4,8 +4,6 @@ It finds a saturated or stuck axis, a gyro or magnetometer that does not change,
 `pbd.tracking` finds the same faults in a finished recording (saturation.py, channel_faults.py).
 """
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

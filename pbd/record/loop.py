@@ -1,7 +1,5 @@
 """The recording loop: it runs until a person ends it, the time is over, or the sensor is gone."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from contextlib import closing, suppress

@@ -1,7 +1,5 @@
 """Messages to the person while the hand moves: the live tracker's findings in words."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

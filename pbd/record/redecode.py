@@ -1,7 +1,5 @@
 """Decode a recording's raw bytes again: with a better decoder, or because its demonstration was lost."""
 
-from __future__ import annotations
-
 from itertools import groupby
 from pathlib import Path
 

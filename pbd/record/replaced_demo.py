@@ -1,7 +1,5 @@
 """The demonstration that `--force` replaces. It gets another name until the new one has ended well."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path

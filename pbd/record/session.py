@@ -1,7 +1,5 @@
 """A recording session: it takes bytes, writes rows to disk, and gives the status for the screen."""
 
-from __future__ import annotations
-
 from collections import deque
 from contextlib import suppress
 from math import hypot

@@ -1,7 +1,5 @@
 """Types of a recording session: its options, a person's commands, the status for the screen, the outcome."""
 
-from __future__ import annotations
-
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Roll, pitch and yaw from a device's own attitude. Plain floats: numpy is too slow for one sample at a time."""
 
-from __future__ import annotations
-
 from math import asin, atan2, pi, remainder
 
 from pbd.sensors.decoding import Triple

@@ -1,7 +1,5 @@
 """The interface of all decoders: bytes of a wire protocol go in, in pieces of any size, and samples come out."""
 
-from __future__ import annotations
-
 import re
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ joycon_parse_imu_report). A sample's axes, for a pad that lies on a table: x rig
 The kernel sends only the axes that changed. Events have no checksum: an impossible one is skipped byte by byte.
 """
 
-from __future__ import annotations
-
 from struct import Struct
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """A gamepad as a port: reads its motion sensors' device and its buttons' device as one stream of events."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import re

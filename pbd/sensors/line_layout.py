@@ -17,8 +17,6 @@ Where several lines make one sample, each gets a [[line]] with its columns and p
 first [[line]] begins a sample.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import isfinite

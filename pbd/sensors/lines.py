@@ -5,8 +5,6 @@ prefix that marks its start, the first line may be incomplete and is skipped. A 
 prefer a device with a checksum.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from math import isfinite, pi

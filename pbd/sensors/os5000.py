@@ -13,8 +13,6 @@ heading, pitch, roll and the rest is ignored. Set the device to `$C` (ESC *1) if
 used: there is no z, and the manual gives no unit.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from functools import reduce

@@ -1,7 +1,5 @@
 """Serial ports. No other module imports pyserial."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

@@ -1,7 +1,5 @@
 """Identify a sensor by listening: try each baud rate, and each decoder on the bytes."""
 
-from __future__ import annotations
-
 import re
 import time
 from collections.abc import Callable, Collection

@@ -3,8 +3,6 @@
 Nothing heavy is imported until a decoder is made.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pkgutil import resolve_name

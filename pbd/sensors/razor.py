@@ -12,8 +12,6 @@ Raw values (`#A-R=`, `#M-R=`, `#G-R=`) are not read. They are counts of 3.9 mg (
 magnetometer's own unit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from pbd.sensors.line_layout import Line, LineLayout

@@ -1,7 +1,5 @@
 """A thread that reads a port, so that no bytes are lost while the screen or the disk is slow."""
 
-from __future__ import annotations
-
 import queue
 import threading
 import time

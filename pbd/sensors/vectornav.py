@@ -13,8 +13,6 @@ rotated by half a turn about x**: their axes are forward, left and up, so y and 
 specific force, +g up at rest. Only binary packets have a time (`TimeStartup`).
 """
 
-from __future__ import annotations
-
 import re
 from binascii import crc_hqx
 from functools import lru_cache, reduce

@@ -12,8 +12,6 @@ After the first such change, the highest type seen so far completes a group at o
 is completed when the next one begins.
 """
 
-from __future__ import annotations
-
 import re
 from math import pi
 from struct import Struct

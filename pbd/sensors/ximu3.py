@@ -14,8 +14,6 @@ Messages have no checksum. One counts if its form is right and its numbers are f
 measuring ranges.
 """
 
-from __future__ import annotations
-
 import re
 from collections import deque
 from operator import le

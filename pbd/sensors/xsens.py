@@ -20,8 +20,6 @@ packet has no interval, so it gives no such sample. Field and attitude may come 
 has the latest ones, if they are at most 0.2 s old. The sample time wraps every five days, which is undone.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from math import atan2, hypot, isfinite, nan, pi, radians

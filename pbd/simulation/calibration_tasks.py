@@ -4,8 +4,6 @@ All start at rest with a level sensor. One sensor model and seed is one device, 
 recording holds for the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import radians

@@ -1,7 +1,5 @@
 """A sensor emulator: it sends x-IMU3's binary protocol through a pseudo-terminal in real time."""
 
-from __future__ import annotations
-
 import os
 import struct
 import threading

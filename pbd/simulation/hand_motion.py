@@ -5,8 +5,6 @@ Neuroscience 5(7)): in position along a straight line, in rotation about one axi
 are exact; none is computed numerically.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

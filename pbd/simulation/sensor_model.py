@@ -4,8 +4,6 @@ Noise, bias, range and rate of the presets are assumptions, typical of such part
 devices after the maker's calibration. Figures marked as assumed are guesses: no source was at hand.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import inf, sqrt

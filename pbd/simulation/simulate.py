@@ -13,8 +13,6 @@ first rest and z up; x east and y magnetic north where the sensor has a magnetom
 at the first rest laid level, or along its y axis where x is within 30 degrees of vertical.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar

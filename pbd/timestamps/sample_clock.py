@@ -7,8 +7,6 @@ that sample is left out.
 A sample without a device's time has its time of arrival, which `straighten` corrects.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from typing import Generic, NamedTuple, TypeVar

@@ -5,8 +5,6 @@ true times lie on a line below the arrivals, one interval per sample. After a lo
 line by one interval more. If the least delayed leave it slowly, the rate changed: times follow them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ The poses at the stops have the joint covariance that the smoother gives. The co
 linear in the poses, with a small noise of their own. So one Kalman update gives the best estimate of all poses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Estimate the hand's path from a repaired recording: the default method of `track`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial

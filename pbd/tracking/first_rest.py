@@ -1,7 +1,5 @@
 """Find the first rest of a recording, which gives its noise, gyro bias and gravity."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The poses at the stops, and the intervals between them."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sums, means, variances and maxima over moving windows."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ other errors are those of its class, from data sheets. The hand's parameters are
 `acc_motion`, `acc_bend` and the random walks were tuned on the benchmark's recordings.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

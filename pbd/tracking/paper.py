@@ -15,8 +15,6 @@ paper leaves one:
   its tilt. For a device without an attitude of its own we do the same, with the OS5000's time constant.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from pbd.data import Recording, Stop

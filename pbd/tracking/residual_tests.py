@@ -3,8 +3,6 @@
 tests/benchmarks/faults.py prints how often clean recordings are suspected, and how many damaged ones are found.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ A hand moves smoothly: at the fraction u of a move, its speed is 16 u^2 (1 - u)^
 Flash, N. Hogan, J Neurosci 5:1688, 1985).
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

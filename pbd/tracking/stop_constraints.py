@@ -4,8 +4,6 @@ Places and heights are those of the tool, at the end of a lever that turns with 
 itself, which is back in its dock.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import count

@@ -4,8 +4,6 @@ A tap is a short shock along the sensor's z axis. The hand is still before the f
 second. The durations are close to those of double-tap recognition in ST's accelerometers (application note AN5192).
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass

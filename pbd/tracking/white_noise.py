@@ -1,7 +1,5 @@
 """Measure a sensor's white noise at rest, although the hand that holds it sways and trembles."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pbd.data import Recording

@@ -1,7 +1,5 @@
 """Tables that `pbd calibrate` prints."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

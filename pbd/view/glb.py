@@ -4,8 +4,6 @@ glTF has y up and our scene z up, so the root node rotates the scene. Players in
 between two frames (slerp), so links keep their shape and stay connected.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The path of the live view: a smooth curve through the tracked positions, in pieces of bounded size."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

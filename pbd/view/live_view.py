@@ -1,7 +1,5 @@
 """The live view in the browser: the sensor, its path so far and its stops, in nav."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Literal
 

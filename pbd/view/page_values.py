@@ -1,7 +1,5 @@
 """The page's description of a motion: times, keyframes, joints, as a plain value for msgpack."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Values that `pbd.view.scene.build` draws: those of a plan, and others computed from them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

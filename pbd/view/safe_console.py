@@ -1,7 +1,5 @@
 """rich's console as we use it: names and labels are shown literally, control characters as escapes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, TextIO
 

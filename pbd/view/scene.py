@@ -3,8 +3,6 @@
 How it looks (light, ground, camera, controls) is the page's business (pbd/view/web).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence, Set
 
 import numpy as np

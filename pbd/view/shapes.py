@@ -1,7 +1,5 @@
 """Meshes of URDF's primitives, and of the scene's paths and axes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Standard streams: control characters are shown as escapes, failures of the streams are handled."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys

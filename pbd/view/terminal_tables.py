@@ -1,7 +1,5 @@
 """Tables that the commands print."""
 
-from __future__ import annotations
-
 import csv
 import sys
 from collections.abc import Iterable, Mapping, Sequence

@@ -3,8 +3,6 @@
 A mesh's own colours win over the URDF's material, as in RViz.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The bundled arms and demonstrations, each loaded once."""
 
-from __future__ import annotations
-
 import warnings
 from functools import cache
 from pathlib import Path

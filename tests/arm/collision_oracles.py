@@ -1,7 +1,5 @@
 """Shared by collision tests: random coordinates, raw meshes, exact distances."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import coal

@@ -3,8 +3,6 @@
 https://control.ros.org/master/doc/ros2_controllers/joint_trajectory_controller/doc/trajectory.html
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

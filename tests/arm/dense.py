@@ -1,7 +1,5 @@
 """The oracle of the audit: a densely sampled check of a motion by pinocchio and coal, on the original meshes."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Joints at keyframes, and motions of straight moves, for tests."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from pbd.arm.ladder_building import build_ladder

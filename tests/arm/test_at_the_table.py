@@ -1,7 +1,5 @@
 """Lines along the table to an object that is grasped there: on the way it stands on the table, not in the hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The choice of a motion: straight, with other configurations, by line, by the hand's path, by detour; refusals."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The closed forms find all solutions of the arms for which they are made, and none for other arms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

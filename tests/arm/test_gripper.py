@@ -1,7 +1,5 @@
 """The rod that stands for a gripper if the model has none."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 

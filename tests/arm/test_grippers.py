@@ -3,8 +3,6 @@
 The gripper is measured here by pinocchio and coal, from the URDF's meshes and the positions of the finger joints.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from functools import cache
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The shortest free path through a ladder graph, compared with all paths."""
 
-from __future__ import annotations
-
 from itertools import pairwise, product
 
 import numpy as np

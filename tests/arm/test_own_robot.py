@@ -1,7 +1,5 @@
 """A user's own robot: with a URDF and a TOML file it replays as the bundled ones do."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import replace

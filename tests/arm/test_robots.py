@@ -1,7 +1,5 @@
 """Every bundled arm: its home, its limits, its calibration, and how it is listed."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The export for ROS 2, interpolated as its controller does."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The tool's deviation on a straight move in joint space."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The optimum along a path within velocity and acceleration limits, by toppra: an independent oracle."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pbd.data import JointLimits

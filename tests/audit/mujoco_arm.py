@@ -1,7 +1,5 @@
 """An arm in MuJoCo: the URDF without its meshes, with the load as a link of its own."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The audit's own collision check agrees with a dense check of meshes, and catches faults of the planner."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

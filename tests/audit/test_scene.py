@@ -1,7 +1,5 @@
 """What the audit computes anew: bounds of motion, hulls, the gripper's rod, the object, the pairs to check."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Torques against a pendulum's equation and against MuJoCo; warnings and refusals of the planner."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from dataclasses import replace

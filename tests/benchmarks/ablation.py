@@ -15,8 +15,6 @@ One part at a time is taken out: a parameter set to where it does nothing, or a 
 The last row shows how much of the windows' error is the reference's own: the optics know velocity from positions only.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import warnings

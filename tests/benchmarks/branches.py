@@ -12,8 +12,6 @@ complete_wide_pct, the same where planning searches wider since something is in 
 pose; solutions, that it finds, of a pose.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

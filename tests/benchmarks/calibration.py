@@ -22,8 +22,6 @@
 - `mount`: a lever of 10 cm by nine tilts of 25 to 45 degrees, of a wt901 as it is, and of the worse one calibrated.
 """
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Sequence

@@ -7,8 +7,6 @@ for (looks); false_pct: free configurations (by the raw meshes) that are called 
 with the caches on disk warm.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 import warnings

@@ -9,8 +9,6 @@ ARM: duration_s; at each keyframe how far the tool is from where the plan has it
 end_mm; torque_pct, the largest share of the limits that the simulated motors gave.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

@@ -9,8 +9,6 @@ the process grew between the first tenth and the end. A protocol without a check
 counts the vectors that were not sent, for all.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import sys

@@ -8,8 +8,6 @@ delay of the gyro, low-pass of the accelerometer and rate of polling. `sound`: r
 are suspected of a move that fits no motion, of a wrong sensor, of a rest that hardly fits, or of packets out of order.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections import Counter, defaultdict

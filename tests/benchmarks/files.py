@@ -11,8 +11,6 @@ tracking and storing. Of each:
 `pandas` is the same of pandas.read_csv alone on x-io's file, which neither checks nor stores anything.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -17,8 +17,6 @@ share in which keyframes are said to move with a thing, as they do in `moved_thi
 time of `pbd.fuse`, tracking included.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import time

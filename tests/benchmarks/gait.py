@@ -9,8 +9,6 @@ they are even, so the spread is the tracker's. `walk`: four minutes on a level f
 whose field the building disturbs.
 """
 
-from __future__ import annotations
-
 import csv
 import sys
 import warnings

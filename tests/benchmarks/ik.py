@@ -12,8 +12,6 @@ share of the path that made the task. unreachable_p95_ms: to decide that a pose 
 branches.py has how many of a pose's branches are found.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

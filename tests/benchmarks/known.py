@@ -13,8 +13,6 @@ keyframe error as tracked, of those left out and of those used.
 left of it if the hand's heading, which comes back to within 3 degrees, is taken as exact, or weighed as well as can be.
 """
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections import defaultdict

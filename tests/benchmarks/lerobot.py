@@ -8,8 +8,6 @@ pbd itself is not used, so that LeRobot may live in an environment of its own. W
 or of `python -m tests.driving.emulator so101`) the first episode is replayed there by lerobot-replay's own function.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

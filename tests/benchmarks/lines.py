@@ -9,8 +9,6 @@ even turn at the nearest place of both (none for five joints, which turn as they
 seconds: of all motions; process_s: of planning.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

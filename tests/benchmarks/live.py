@@ -6,8 +6,6 @@ Simulated tasks with truth, and the stops of the trials under DIR/broad (default
 beside the batch tracker. --quick: two seeds a task, no trials.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 import warnings

@@ -4,8 +4,6 @@ Goals come from plain Newton steps from random joints. A state is checked on the
 stands for a missing gripper), a move every RESOLUTION_RAD.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from itertools import pairwise

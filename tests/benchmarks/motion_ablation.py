@@ -10,8 +10,6 @@ The columns: how many are solved; lost and gained against the first row; how lon
 scenes, time in the plans) on what both solve, as a share, and the worst; seconds of process time.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import time

@@ -5,8 +5,6 @@ robots.NAME.size_mb: the file of `pbd replay pouring --robot NAME --html FILE`. 
 card, as the page itself takes it; the median of a few openings, at 1400 x 900.
 """
 
-from __future__ import annotations
-
 import statistics
 import subprocess
 import sys

@@ -7,8 +7,6 @@ and 2, 2 and under 1 cm for Test 2 on recordings that are not public. `in_cup` i
 to pour (Test 1 only): the device's own attitude lags behind a fast turn, which the paper's chain takes for motion.
 """
 
-from __future__ import annotations
-
 import sys
 import warnings
 from pathlib import Path

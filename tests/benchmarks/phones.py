@@ -10,8 +10,6 @@ within twice the path's own sigma; `other_stops` are recordings in which not jus
 found, and are found where there were none.
 """
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Sequence

@@ -6,8 +6,6 @@ loads before, caches on disk warm); page: the replay page
 with meshes cached. Medians.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

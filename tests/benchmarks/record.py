@@ -5,8 +5,6 @@ core that `pbd record` takes with its tracker and screen while a hand moves, at 
 after a `kill -9` at random moments.
 """
 
-from __future__ import annotations
-
 import os
 import pty
 import random

@@ -13,8 +13,6 @@ beyond it over FUSED_S (the hand moves much in that time, the tracker's error li
 And `velocity_cm_s`: the root mean square, along each axis and over all samples in motion, of what the two differ by.
 """
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections import defaultdict

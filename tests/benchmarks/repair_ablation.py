@@ -5,8 +5,6 @@ sensor can tell is left out). A rule earns its place where, without it, more cas
 or wrong ones are warned of that were refused.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,7 +1,5 @@
 """What every benchmark prints: on which machine, with which versions, and its figures as a table or as JSON."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -4,8 +4,6 @@ The servos are emulated (tests/driving/emulator.py): their first-order motion is
 are a pseudo-terminal's. What is measured is pbd and this machine.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

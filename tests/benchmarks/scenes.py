@@ -14,8 +14,6 @@ success, and joint travel over the least of the searches there; wrong: accepted,
 of the instants that are 5 ms apart. kinds.KIND, arms.ARM: the same for each.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import time

@@ -7,8 +7,6 @@ and two sigma, axis by axis (.68 and .95). Odd seeds have no magnetometer. The h
 a hand to that stands still; with --sway 0 it stands perfectly still.
 """
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Sequence

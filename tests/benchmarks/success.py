@@ -5,8 +5,6 @@ task, wandering as fast as the tracker takes a hand to that stands still (--sway
 would be commanded, is within the tolerance of where it belongs at all keyframes. Several tolerances are asked of each.
 """
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Mapping, Sequence

@@ -10,8 +10,6 @@ the audit of the motion, audit_load: what it loads for that, caches on disk warm
 process_s: `pbd export pouring` as a whole process, caches warm.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

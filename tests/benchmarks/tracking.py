@@ -23,8 +23,6 @@ and by group: `at_sensor`, `alike` and `jointly` (of displacements), `rotation` 
 `refused` has the recordings that the tracker refuses, and why; the others are scored without them.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 import warnings

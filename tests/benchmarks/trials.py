@@ -1,7 +1,5 @@
 """The real recordings of the data folder, read for scoring (its README says what they are and how they are scored)."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path

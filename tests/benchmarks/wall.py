@@ -4,8 +4,6 @@ Keyframes to and fro on the two sides of a wall that no straight move passes, wi
 process time of choosing the motion for N keyframes, without timing and audit; detours: moves of OMPL's among them.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 import warnings

@@ -4,8 +4,6 @@ A window is a move between two stops, at which the optics tell the velocity. The
 and displacements is conditioned on that; it gives the displacement and its sigma at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """A clean stream of every protocol, from the encoders of tests/sensors, and what has a right checksum in any stream."""
 
-from __future__ import annotations
-
 import json
 import random
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Stops are matched to the points that they touched."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The demonstrated path: smoothed within its uncertainty, from keyframe to keyframe."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

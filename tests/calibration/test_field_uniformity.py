@@ -1,7 +1,5 @@
 """Repeatability of a magnetic heading."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

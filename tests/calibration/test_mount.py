@@ -1,7 +1,5 @@
 """The sensor's mount on the tool: the lever by pivoting the tip, the rotation by turns about named axes."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Nav from touched points: exact without noise, with honest sigmas with noise; a wrong point is found."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

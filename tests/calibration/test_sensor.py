@@ -1,7 +1,5 @@
 """Estimated sensor errors against those that the simulated device was drawn with."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

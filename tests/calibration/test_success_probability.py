@@ -1,7 +1,5 @@
 """The probability of being within tolerance, against closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import chdtr

@@ -1,7 +1,5 @@
 """Nav and tool in base: touching frames cancel; the dock gives yaw and position; a tilt gives a warning only."""
 
-from __future__ import annotations
-
 import warnings
 from contextlib import nullcontext
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A touch-up moves its keyframe as asked, and the others as a Kalman filter's update."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The tool's covariance in base, against finite differences of its pose."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

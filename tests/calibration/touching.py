@@ -1,7 +1,5 @@
 """A simulated demonstration that touches points, with the true pose of its nav in base."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A worse sensor than any preset, and the errors that a simulated device has."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Runs commands in this process, for tests of the command line."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Starts `pbd` as a process, with or without a terminal."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import pty

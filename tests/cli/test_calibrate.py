@@ -1,7 +1,5 @@
 """`pbd calibrate dock`, `points` and `show`."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`pbd calibrate sensor` and `mount`, and their effect on tracking and recording."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from dataclasses import replace

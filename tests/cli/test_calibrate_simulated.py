@@ -1,7 +1,5 @@
 """Simulated calibration tasks: each leads to its step of `pbd calibrate`; the guide's commands print what it says."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

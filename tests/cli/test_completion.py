@@ -1,7 +1,5 @@
 """Shell completion, tested in the shells."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

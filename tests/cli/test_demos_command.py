@@ -1,7 +1,5 @@
 """`pbd demos`: which demonstrations there are."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """`pbd export`: formats, files and standard output."""
 
-from __future__ import annotations
-
 import io
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """`pbd fuse`, and the advice of `pbd record --take`."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The help of every command: its examples parse, and those that need no device and no browser run."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 import shutil

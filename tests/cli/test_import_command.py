@@ -1,7 +1,5 @@
 """`pbd import` refuses a recording that can't be tracked, before it stores it."""
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

@@ -1,7 +1,5 @@
 """A missing package and a malformed number give one line, as every error."""
 
-from __future__ import annotations
-
 import json
 import sys
 

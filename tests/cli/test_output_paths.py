@@ -1,7 +1,5 @@
 """Paths of output: refused before anything is planned; files that people edit are never overwritten."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

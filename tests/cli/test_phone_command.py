@@ -1,7 +1,5 @@
 """`pbd sensors phyphox`: the experiment and its QR codes, read back with ZXing, as the app does."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys

@@ -1,7 +1,5 @@
 """Progress is shown in a terminal, and not in a pipe."""
 
-from __future__ import annotations
-
 import os
 import pty
 import subprocess

@@ -1,7 +1,5 @@
 """`pbd record` as a process: with and without a terminal, killed, hung up; and its refusals."""
 
-from __future__ import annotations
-
 import argparse
 import errno
 import json

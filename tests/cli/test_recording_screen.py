@@ -1,7 +1,5 @@
 """The screen while recording, as text: wide, narrow, low, without a terminal, and in the browser."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The simulated hand: its own commands, and those of the person beside it."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack

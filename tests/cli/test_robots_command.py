@@ -1,7 +1,5 @@
 """`pbd robots --suggest` finds a home and a dock; `--for` says which arms can do a demonstration."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from itertools import islice

@@ -1,7 +1,5 @@
 """`pbd sensors`: which ports there are, and which sensor is on each."""
 
-from __future__ import annotations
-
 import csv
 import json
 

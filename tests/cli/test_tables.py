@@ -1,7 +1,5 @@
 """Tables: units and CSV; keyframes saved and edited."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import fcntl

@@ -1,7 +1,5 @@
 """Output to terminals and pipes: control characters in names do nothing, and a failing stream loses no result."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """`pbd touch`, and the options `--frame`, `--at` and `--tolerance`."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A quantity that was not measured has no sigma, rather than a sigma of zero: in tables, files and JSON."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

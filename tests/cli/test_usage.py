@@ -1,7 +1,5 @@
 """Wrong usage is one line that says where the help is; output that can't be written is one line too."""
 
-from __future__ import annotations
-
 import argparse
 import errno
 import subprocess

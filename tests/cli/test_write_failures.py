@@ -1,7 +1,5 @@
 """Every command that writes, where writing fails: one line, exit code 1, no file left behind, no file lost."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """Helpers for tests of driving: emulated servos, and a clock that runs faster."""
 
-from __future__ import annotations
-
 import sys
 import time
 

@@ -3,8 +3,6 @@
 By hand: python -m tests.driving.emulator so101 prints a port and a calibration for `pbd run --port P --servos F`.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import os

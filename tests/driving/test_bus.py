@@ -1,7 +1,5 @@
 """The bus on a pseudo-terminal; Feetech's own SDK as the judge of the emulator."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`pbd run` on emulated servos: the whole demonstration ten times as fast, and a person at a terminal."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """What ends a motion: each fault in a stop of the arm, and one line that says what to do."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext

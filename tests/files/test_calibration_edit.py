@@ -1,7 +1,5 @@
 """Parts of a calibration are written, and the rest stays as a person wrote it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A demonstration's folder: it is read as it was written, and appears completely or not at all."""
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import shutil

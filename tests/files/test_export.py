@@ -1,7 +1,5 @@
 """Exported files, read back without code of pbd."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,7 +1,5 @@
 """Formats that contain more than joints, read back by their own readers, for several arms."""
 
-from __future__ import annotations
-
 import csv
 import json
 import warnings

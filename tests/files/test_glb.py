@@ -1,7 +1,5 @@
 """The animated scene, read back by pygltflib and by trimesh."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

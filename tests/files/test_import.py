@@ -1,7 +1,5 @@
 """Imported tables with the headers of other programs, and the real files of the data folder."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

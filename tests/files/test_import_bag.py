@@ -1,7 +1,5 @@
 """Bags of ROS 2: our own export, and bags as drivers record them."""
 
-from __future__ import annotations
-
 import os
 import sqlite3
 import struct

@@ -1,7 +1,5 @@
 """Short files in the formats of other programs, written by hand after the published format that each one names."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path

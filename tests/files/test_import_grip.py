@@ -1,7 +1,5 @@
 """The column of a table that says whether the grip is closed."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Recordings as named numpy arrays."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Recordings with a file for each sensor. The formats are those that MetaBase, MATLAB and users' own loggers write."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Recordings of Sensor Logger and phyphox: sign, unit and file of specific force; a common clock; damaged zips."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import zipfile

@@ -1,7 +1,5 @@
 """The same table as programs and spreadsheets spell it: units, names of axes, headers, missing cells, times."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from datetime import datetime, timedelta

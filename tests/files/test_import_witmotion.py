@@ -1,7 +1,5 @@
 """Logs of WitMotion's programs: a simulated recording in each version's format is read again."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta

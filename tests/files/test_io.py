@@ -1,7 +1,5 @@
 """Files of others: only regular files of bounded size are read, and each failure is a PbdError."""
 
-from __future__ import annotations
-
 import os
 import re
 import zipfile

@@ -1,7 +1,5 @@
 """keyframes.toml: it is read as it was written, and a mistake is refused with its line."""
 
-from __future__ import annotations
-
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace

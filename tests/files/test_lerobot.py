@@ -1,7 +1,5 @@
 """LeRobot datasets, read back by Hugging Face's `datasets` and by pandas; tests/benchmarks/lerobot.py uses LeRobot."""
 
-from __future__ import annotations
-
 import json
 import sys
 import time

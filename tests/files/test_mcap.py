@@ -1,7 +1,5 @@
 """MCAP files, read back by rosbags and by mcap-ros2-support."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """Hand-made and invalid mesh files. tests/test_bundled_meshes.py tests the bundled ones."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Files of points: the unit must be known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Each format for each kind of arm, read back as its receivers do and interpolated; what exceeds a limit is refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A demonstration while it is recorded can be read at any moment."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from dataclasses import replace

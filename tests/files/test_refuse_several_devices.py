@@ -1,7 +1,5 @@
 """Rows of several devices in one table: told apart by a column of any name, and by their readings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path

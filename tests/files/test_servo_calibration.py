@@ -1,7 +1,5 @@
 """LeRobot's calibration of an arm's servos: its format, and where it is found."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

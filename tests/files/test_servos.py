@@ -1,7 +1,5 @@
 """LeRobot's joint angles of the SO arms: both arms have the same zero, though their URDFs differ."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Times in two columns, whole seconds and the part of a second; and columns that are no such part."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What holds of every TOML file: strict keys and types, and each fault told with its line."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

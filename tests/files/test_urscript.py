@@ -1,7 +1,5 @@
 """Programs for arms of Universal Robots, run by a simulated controller."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

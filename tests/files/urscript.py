@@ -3,8 +3,6 @@
 Apart from `end`, blocks are as in Python, so a program is checked for its `end`s and run as Python.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass, field

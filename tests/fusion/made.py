@@ -1,7 +1,5 @@
 """Marginals of takes of a made-up task, without recordings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

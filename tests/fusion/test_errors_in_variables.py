@@ -1,7 +1,5 @@
 """The noise of a leg is removed from the rates and forces that the sensor's matrices multiply."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

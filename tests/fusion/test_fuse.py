@@ -1,7 +1,5 @@
 """Fusing simulated takes: accuracy, the path, the devices, outliers, known stops, a moved object."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from contextlib import nullcontext

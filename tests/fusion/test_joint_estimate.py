@@ -1,7 +1,5 @@
 """The joint estimate recovers a made-up task, the hand's scatter and outliers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

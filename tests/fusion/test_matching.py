@@ -1,7 +1,5 @@
 """Keyframes of takes are matched in any frame, with missing and additional stops."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

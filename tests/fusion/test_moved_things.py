@@ -1,7 +1,5 @@
 """A single keyframe that is elsewhere in each take moved with an object; one that is off in one take did not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What the files hold that are changed."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pbd.data import Keyframe

@@ -1,7 +1,5 @@
 """What is done to a file: bytes changed, lost, doubled, cut off; words of it replaced by words that break readers."""
 
-from __future__ import annotations
-
 import random
 import re
 

@@ -1,7 +1,5 @@
 """Every reader of the project, each with a small file that it reads well."""
 
-from __future__ import annotations
-
 import io
 import struct
 import tempfile

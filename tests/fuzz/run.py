@@ -1,7 +1,5 @@
 """One reader and its damaged files, in a process of its own: bounded in time and memory, as native code may crash."""
 
-from __future__ import annotations
-
 import os
 import random
 import resource

@@ -1,7 +1,5 @@
 """Every reader, with files that are damaged at random: only our errors come out, in bounded time and memory."""
 
-from __future__ import annotations
-
 import multiprocessing
 from multiprocessing.context import ForkServerContext
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Several demonstrations of one task: aligned, their keyframes matched, the spread computed and shown."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The values that plots show: the tracker's, calibrated, and the truth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Figures show the tracked values and are legible: their data, their labels, and no overlapping texts."""
 
-from __future__ import annotations
-
 import io
 import re
 from dataclasses import replace

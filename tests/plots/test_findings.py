@@ -1,7 +1,5 @@
 """Findings of the summary: present where a problem is, absent where there is none."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 

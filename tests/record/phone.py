@@ -5,8 +5,6 @@ bounded size, thresholds, 8 digits, experiment time that stands still in a pause
 cleared. Beside that it has faults: no network, silence, answers of any kind.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import threading

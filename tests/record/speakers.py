@@ -1,7 +1,5 @@
 """Emulated devices that send each protocol into a pseudo-terminal, to test recording without hardware."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import random

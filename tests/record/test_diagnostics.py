@@ -1,7 +1,5 @@
 """Flaws of a sensor are told while it records; a sound one is never blamed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

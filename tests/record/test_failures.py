@@ -1,7 +1,5 @@
 """Recordings that fail: nothing is lost, and what became of it is said."""
 
-from __future__ import annotations
-
 import os
 import re
 import time

@@ -1,7 +1,5 @@
 """What a person is told while the hand moves, once and at the right moment."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

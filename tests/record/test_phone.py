@@ -1,7 +1,5 @@
 """Recording from a phone: an HTTP server on loopback that does what phyphox does, and what can go wrong with one."""
 
-from __future__ import annotations
-
 import json
 import threading
 import time

@@ -1,7 +1,5 @@
 """Every protocol through a pseudo-terminal and pyserial into a folder: over a good cable, a bad one, and unplugged."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from pathlib import Path

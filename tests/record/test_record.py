@@ -1,7 +1,5 @@
 """Recording through a real pseudo-terminal and pyserial: what is lost, what is told, how it ends."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """A demonstration that makes room for a new one of its name: whatever goes wrong, it is whole somewhere."""
 
-from __future__ import annotations
-
 import errno
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Helpers for tests of decoders."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from pbd.sensors.decoding import Decoder, Sample

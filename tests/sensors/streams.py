@@ -1,7 +1,5 @@
 """Checks for every decoder: its stream in pieces of any size, with noise, flipped, lost and doubled bytes."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import isfinite

@@ -1,7 +1,5 @@
 """Attitude in plain floats against the same over arrays (pbd.pose)."""
 
-from __future__ import annotations
-
 from math import pi
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every decoder copes with any chunking, noise and damage, and reads the next whole packet after it."""
 
-from __future__ import annotations
-
 import random
 
 import numpy as np

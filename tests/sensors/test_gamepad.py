@@ -1,7 +1,5 @@
 """A DualSense: bytes of input events through a FIFO, as the kernel gives them."""
 
-from __future__ import annotations
-
 import os
 import threading
 from pathlib import Path

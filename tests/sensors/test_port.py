@@ -1,7 +1,5 @@
 """What is said where a port can't be opened, and what is heard on one that can."""
 
-from __future__ import annotations
-
 import errno
 import os
 import termios

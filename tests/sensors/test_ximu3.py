@@ -1,7 +1,5 @@
 """x-IMU3: the maker's own decoder agrees, what is encoded is decoded, streams are joined, nonsense is thrown away."""
 
-from __future__ import annotations
-
 import random
 import struct
 import threading

@@ -1,7 +1,5 @@
 """Xsens MTData2: the captured packet, what is encoded is decoded, and nothing comes of a wrong checksum."""
 
-from __future__ import annotations
-
 import struct
 from math import pi
 

@@ -1,7 +1,5 @@
 """The slow sway of a hand that means to stand still, added to a simulated task."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

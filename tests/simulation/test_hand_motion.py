@@ -1,7 +1,5 @@
 """The hand's formulas against finite differences, and its path against its waypoints."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The sensor model: each error shows in the data, alone, at its stated size; the presets are those of their table."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import pi, radians, sqrt
 

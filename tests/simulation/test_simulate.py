@@ -1,7 +1,5 @@
 """The simulator as a whole: what a perfect sensor feels agrees with the truth, and turning the world turns nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import cos, radians, sin
 

@@ -1,7 +1,5 @@
 """The tasks: the paper's Table I to the sample, the pouring's layout, what can't be a task."""
 
-from __future__ import annotations
-
 from math import inf, nan, radians
 
 import numpy as np

@@ -3,8 +3,6 @@
 Truth and recording have the same rows. A damage that changes the rows changes both.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Damage a recording; track it, or have it refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

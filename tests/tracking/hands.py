@@ -1,7 +1,5 @@
 """Simulated hands with a perfect sensor that each tracking method can follow."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import sqrt
 

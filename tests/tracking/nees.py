@@ -4,8 +4,6 @@ The sensor's axes are those of the accelerometer (preintegration.LOWER). A recor
 housing. So the truth, which is that of the housing, is rotated into them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial

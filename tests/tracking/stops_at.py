@@ -1,7 +1,5 @@
 """Hand paths from given stops and given covariances of the moves."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pbd.data import HandPath, Stop

@@ -1,7 +1,5 @@
 """Add taps on a sensor's back to its readings: a blow, and the motion of the hand that damps it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

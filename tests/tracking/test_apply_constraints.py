@@ -1,7 +1,5 @@
 """Constraints at stops: against dense least squares, and properties that must hold."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

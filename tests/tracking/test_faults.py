@@ -4,8 +4,6 @@ tests/benchmarks/faults.py has all cases; here each damage is drawn once. To wri
 of it is meant: python -m tests.tracking.test_faults NAME > tests/tracking/NAME.txt
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from collections import Counter

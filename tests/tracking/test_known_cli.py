@@ -1,7 +1,5 @@
 """What is known of the stops, on the command line."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The fast forms that make tracking linear in time equal the slow forms, which are written out here."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A foot's stance is a lull between strides; calm beside a knock is none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

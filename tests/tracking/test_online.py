@@ -1,7 +1,5 @@
 """The live tracker: independent of how rows are cut, in agreement with the smoother and the truth, and fast enough."""
 
-from __future__ import annotations
-
 import tracemalloc
 from dataclasses import fields, replace
 from functools import cache

@@ -1,7 +1,5 @@
 """The paper's method, each step against its equation."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from dataclasses import replace

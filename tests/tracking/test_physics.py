@@ -1,7 +1,5 @@
 """Physics that holds for every tracking method."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Public real recordings (see the data folder's README)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

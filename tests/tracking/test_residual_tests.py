@@ -1,7 +1,5 @@
 """Warnings about a recording that its own solution contradicts."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 from types import SimpleNamespace

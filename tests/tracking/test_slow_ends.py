@@ -1,7 +1,5 @@
 """Moves that begin and end too slowly to be noticed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Each stage alone: in sequence they give the result of `track`, and each agrees with an oracle of its own."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Claims about the stops, in the frames of the replay; wrong ones are refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, cast
 

@@ -1,7 +1,5 @@
 """Symmetries of every tracking method: heading, mounting, left and right, size, clock."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

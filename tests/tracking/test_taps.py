@@ -1,7 +1,5 @@
 """Two taps mark the grip: found where they are and nowhere else, and they split no stop."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

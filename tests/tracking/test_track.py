@@ -1,7 +1,5 @@
 """The whole tracker on simulated recordings with truth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A hand in the air trembles. Its stops are found all the same, in a recording and live."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Tasks by a hand that trembles in the air."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

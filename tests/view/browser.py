@@ -1,7 +1,5 @@
 """Access to a page that is open in a browser, for tests."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,7 +1,5 @@
 """A headless Chromium that needs no graphics card, for tests, benchmarks and the pictures in the docs."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

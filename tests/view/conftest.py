@@ -1,7 +1,5 @@
 """A cache of meshes apart from the user's, and browsers if there are any."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ Debian has no geckodriver, which Selenium needs. So tests use Firefox' own proto
 a colon and JSON; the answer to [0, number, command, parameters] is [1, number, error, result].
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import os

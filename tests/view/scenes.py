@@ -1,7 +1,5 @@
 """Small replays for tests: a robot, a few moves from rest to rest, and a hand whose path is a few mm off the tool's."""
 
-from __future__ import annotations
-
 import importlib.metadata
 from dataclasses import replace
 from functools import cache

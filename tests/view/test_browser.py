@@ -1,7 +1,5 @@
 """The page in a real browser, from a file and without a network."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Compacting keeps the surface, and splits vertices at sharp edges."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

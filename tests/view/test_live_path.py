@@ -1,7 +1,5 @@
 """The live path: its shape, and that its cost does not grow with its length."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The view of a running recording, in a real browser; it never blocks the recording."""
 
-from __future__ import annotations
-
 import re
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """The HTML file's content; tests/view/test_browser.py opens it in a browser."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import hashlib

@@ -1,7 +1,5 @@
 """Poses of joints and links, compared with pinocchio's own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

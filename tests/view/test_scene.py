@@ -1,7 +1,5 @@
 """The commands that are sent to the page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """All parts of a scene are seen on the page at the right place: pictures against points that Python computes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The live viewer serves this machine and our own page only, and ends with its program."""
 
-from __future__ import annotations
-
 import errno
 import http.client
 import re

@@ -1,7 +1,5 @@
 """Meshes of simple bodies: closed, and of the right volume and size."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Bundled robots are drawn completely: each mesh has the size and place that pinocchio reads from the same files."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path

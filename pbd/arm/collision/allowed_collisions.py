@@ -1,7 +1,5 @@
 """The pairs of links that are checked against each other, and why others are not (MoveIt: allowed collisions)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -14,8 +14,6 @@ Hulls are checked by distance because coal's `collide` misses some deep contacts
 of NaN counts as a contact.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -4,8 +4,6 @@ A mesh is replaced by its convex hull. The hull is larger, so a contact may be f
 Where the hulls of two links touch, their meshes decide (clearance.py).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache

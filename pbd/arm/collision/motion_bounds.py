@@ -6,8 +6,6 @@ turns, in a larger ball around a point of the joint's axis. Two bodies approach 
 in the frame of the other, so the smaller of the two bounds counts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 

@@ -4,8 +4,6 @@ In a free motion no two checked bodies touch at any instant (clearance.py says w
 least MARGIN_M.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

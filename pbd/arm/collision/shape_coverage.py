@@ -3,8 +3,6 @@
 A shape should be as large as its link. A mesh in the wrong unit is not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache

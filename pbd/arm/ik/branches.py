@@ -1,7 +1,5 @@
 """The different configurations that reach a pose, for a joint path to choose from, and their cost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -5,8 +5,6 @@ self-motion evenly. If a joint moves far between two poses, poses in between are
 from a leap to another branch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

@@ -5,8 +5,6 @@ parallel, and axes 4, 5 and 6 through one point (a spherical wrist). Both have u
 kind only approximately, so are the solutions, and descents refine them.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ e = (p - p_target, log3(R R_target^T)), in m and rad; 1 rad counts as 1 m. A ste
 |e|^2 it is accepted and mu decreases, else mu increases. Joints at a limit that it would exceed are held.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

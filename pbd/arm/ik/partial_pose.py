@@ -12,8 +12,6 @@ which hardly moves the joints. Rotations are compared by their axes, |z - z_targ
 gradient everywhere except at half a turn.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ Panda", 2021, do the same for panda by geometry. This code uses the canonical su
 many angles at once.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import lru_cache

@@ -3,8 +3,6 @@
 An arm of six or more joints reaches a pose exactly or not at all. One with fewer follows the rule in partial_pose.py.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

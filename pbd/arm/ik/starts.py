@@ -1,7 +1,5 @@
 """Seeds for inverse kinematics: sampled configurations of an arm, searched by their tool pose."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Find out why an arm can't reach a pose: the distance beyond its reach, and the joints at their limits."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -9,8 +9,6 @@ q' u + q'' x of each joint is bounded at both of them.
 Each bound is a pair of lines over x, -c - m x <= u <= c - m x, so each step is solved in closed form.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

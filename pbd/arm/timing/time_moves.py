@@ -8,8 +8,6 @@ limits. With one degree of freedom per joint, the move would often not be straig
 times a factor. Ruckig's waypoints are not used, since they call a web service.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """pbd calibrate dock CALIBRATION: where in the robot's base a demonstration starts."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 

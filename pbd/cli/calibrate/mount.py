@@ -1,7 +1,5 @@
 """pbd calibrate mount CALIBRATION DEMO: where the tool is relative to the sensor."""
 
-from __future__ import annotations
-
 import argparse
 
 import numpy as np

@@ -1,7 +1,5 @@
 """pbd calibrate points CALIBRATION DEMO --points FILE: where nav lies in the robot's base, from touched points."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 from collections.abc import Sequence

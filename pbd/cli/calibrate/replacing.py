@@ -1,7 +1,5 @@
 """When a step of pbd calibrate may replace a part of the file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pbd.calibration.points import POOR_CHI2

@@ -1,7 +1,5 @@
 """pbd calibrate sensor CALIBRATION DEMO: the sensor's bias, scale, misalignment, hard and soft iron."""
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

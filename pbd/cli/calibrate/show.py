@@ -1,7 +1,5 @@
 """pbd calibrate show CALIBRATION [DEMO]: print a calibration, and the tool's uncertainty that follows from it."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """All commands with their options. A command's module is imported when it runs, so that `pbd --help` is instant."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from functools import cache

@@ -1,7 +1,5 @@
 """Options of `pbd calibrate` and of its steps: dock, points, mount, sensor, show."""
 
-from __future__ import annotations
-
 import argparse
 from argparse import ArgumentParser
 from collections.abc import Callable

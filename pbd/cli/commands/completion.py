@@ -1,7 +1,5 @@
 """Shell completion: `pbd --print-completion bash` prints the script that shtab makes from the parser."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn

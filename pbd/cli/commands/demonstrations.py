@@ -1,7 +1,5 @@
 """Options of the commands that make demonstrations: record, simulate, import; and of sensors."""
 
-from __future__ import annotations
-
 import sys
 from argparse import ArgumentParser
 from pathlib import Path

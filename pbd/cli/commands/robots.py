@@ -1,7 +1,5 @@
 """Options of the commands that plan for a robot: replay, export, run; and of robots."""
 
-from __future__ import annotations
-
 from argparse import ArgumentParser
 from pathlib import Path
 

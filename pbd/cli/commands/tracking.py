@@ -1,7 +1,5 @@
 """Options of the commands that need no robot: segments, keyframes, touch, plot, fuse, check."""
 
-from __future__ import annotations
-
 import sys
 from argparse import ArgumentParser
 from pathlib import Path

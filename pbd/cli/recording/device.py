@@ -1,7 +1,5 @@
 """Finds the sensor for `pbd record`: its port, baud rate and decoder."""
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Callable

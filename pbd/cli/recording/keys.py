@@ -1,7 +1,5 @@
 """Reads single keys from a terminal, and signals, without blocking, and turns them into commands."""
 
-from __future__ import annotations
-
 import os
 import select
 import signal

@@ -1,7 +1,5 @@
 """Shows a recording in the browser and on the screen: `pbd record --live`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

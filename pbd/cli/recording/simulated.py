@@ -1,7 +1,5 @@
 """A simulated hand instead of a sensor: `pbd record --sensor sim`."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from contextlib import ExitStack

@@ -1,7 +1,5 @@
 """pbd run [DEMO] --robot R --port P: drive the arm, calibrate its servos, or let go of it."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

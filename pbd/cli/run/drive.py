@@ -1,7 +1,5 @@
 """Runs a demonstration on an arm: plans from where it stands, shows the motion, asks, streams, watches, reports."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

@@ -1,7 +1,5 @@
 """Check of an exported file: it is read back, interpolated as its receivers do, and audited."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace

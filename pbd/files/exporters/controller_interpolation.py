@@ -5,8 +5,6 @@ receiver with the rule "hold" keeps each point until the next: its points are se
 than the limits allow. "trapezoid" keeps each point's acceleration until the next.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

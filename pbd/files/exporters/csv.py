@@ -1,7 +1,5 @@
 """CSV: t, then positions, velocities and accelerations of all joints, then the gripper's opening."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """GLB: the animated scene of the replay, for Blender and other 3D viewers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

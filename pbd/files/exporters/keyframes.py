@@ -1,7 +1,5 @@
 """Keyframes: only their joint targets and tool poses, as JSON, or as CSV if the file's name ends in .csv."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

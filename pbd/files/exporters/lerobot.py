@@ -5,8 +5,6 @@ frame; the state is one frame behind, as in a recording of an arm that follows i
 pbd-robot[lerobot], writes the files; LeRobot is not needed.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from contextlib import suppress

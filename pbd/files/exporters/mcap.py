@@ -3,8 +3,6 @@
 Both begin at the bag's start. rosbags, which comes with pbd-robot[ros], writes it; ROS is not needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from functools import cache

@@ -1,7 +1,5 @@
 """npz: arrays for the clients of real arms."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -4,8 +4,6 @@ The points are the knots of the trajectory's cubics, so joint_trajectory_control
 whether it interpolates by cubics or by quintics. A rate adds points between them.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

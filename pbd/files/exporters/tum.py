@@ -1,7 +1,5 @@
 """TUM, the format of evo: lines `t x y z qx qy qz qw`, the tool's path in base or the hand's path in nav."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -5,8 +5,6 @@ movej moves straight in joint space from rest to rest: the leading axis accelera
 move as long as planned. a never exceeds the planned peak acceleration, which builds up with limited jerk.
 """
 
-from __future__ import annotations
-
 import re
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Import of recordings of other programs. Each format has a file here."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace

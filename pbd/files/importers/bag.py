@@ -5,8 +5,6 @@ covariance that begins with -1 means that there is no such measurement (sensor_m
 driver left the stamps empty, the times of recording are used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from itertools import groupby
 from os.path import commonprefix

@@ -4,8 +4,6 @@ Times may be in two columns: whole seconds, and the part of a second, as `sec,us
 part is less than a second, and starts anew where the seconds step; milliseconds since the start of a device do not.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress

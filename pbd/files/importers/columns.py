@@ -3,8 +3,6 @@
 For a file without a table's header it lists the columns, which the caller's options may correct (`remapped`).
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 from collections.abc import Collection, Mapping, Sequence

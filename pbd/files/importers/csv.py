@@ -4,8 +4,6 @@
 rest is not gravity.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The files of a recording that an app writes: CSV files in a zip or a folder, one for each sensor."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 import zlib

@@ -1,7 +1,5 @@
 """The column of a table that says whether the hand's grip is closed: numbers from 0 to 1, or words."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from contextlib import suppress

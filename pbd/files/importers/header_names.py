@@ -6,8 +6,6 @@ DOT app, Vicon's Blue Trident, EuRoC, ROS and Arduino sketches. No such device w
 published readers, examples and files that were used. German names are plain translations.
 """
 
-from __future__ import annotations
-
 import re
 
 from pbd.data.imu_columns import ATTITUDE

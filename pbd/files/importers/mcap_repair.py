@@ -1,7 +1,5 @@
 """Checks an MCAP file before rosbags opens it: a truncated file is repaired in a copy, a zip bomb is refused."""
 
-from __future__ import annotations
-
 import mmap
 import struct
 import sys

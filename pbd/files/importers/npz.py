@@ -1,7 +1,5 @@
 """npz: named numpy arrays in SI units."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from pathlib import Path

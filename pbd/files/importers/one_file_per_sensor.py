@@ -8,8 +8,6 @@ The files must share a clock. A column that begins at 0 in each file, as MetaBas
 sample of each sensor (State.swift of github.com/mbientlab/MetaWear-MetaBase-iOS-macOS-App), so any other is preferred.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

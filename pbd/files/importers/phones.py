@@ -13,8 +13,6 @@ CROSSPLATFORM.md); phyphox' DataExport.java, SimpleExperimentSerializer.swift an
 (github.com/phyphox).
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import re

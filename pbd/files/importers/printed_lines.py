@@ -20,8 +20,6 @@ A new sample begins when a name is repeated. `rostopic echo` and `ros2 topic ech
       x: 0.01
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

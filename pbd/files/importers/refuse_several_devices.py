@@ -1,7 +1,5 @@
 """Rows of several devices in one table, which would be read as one sensor that jumps to and fro."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -8,8 +8,6 @@ zero when the data are cleared; the events tell how long that took.
 The phone's axes: x right, y to the top of the screen, z out of it. Android and iOS both give +g up at rest.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import dataclass

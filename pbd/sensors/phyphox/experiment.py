@@ -6,8 +6,6 @@ the code's index, the number of codes, and a part of the zip. The app reads a co
 code has just one.
 """
 
-from __future__ import annotations
-
 import io
 import zipfile
 import zlib

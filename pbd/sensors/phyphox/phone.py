@@ -3,8 +3,6 @@
 The phone keeps its samples for minutes (`experiment.BUFFER_ROWS`), so a short loss of the network loses no sample.
 """
 
-from __future__ import annotations
-
 import http.client
 import time
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """The events that the live tracker reports."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from pbd.data import Keyframe

@@ -1,7 +1,5 @@
 """Track the live hand from its first rest on: where it stops, and when a stop is announced."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

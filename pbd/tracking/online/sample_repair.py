@@ -1,7 +1,5 @@
 """Make regular samples of the rows that a port delivers: leave out bad rows, fill gaps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Integrate samples in the gyro frame, one at a time, into legs of BLOCK_S."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 from math import sin, sqrt

@@ -1,7 +1,5 @@
 """How a hand moves that means to stand still: its tremor and its sway."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pbd.pose import Array

@@ -1,7 +1,5 @@
 """Track a hand one sample at a time: attitude, still or moving, stops and keyframes."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import replace
 

@@ -8,8 +8,6 @@ A gyro turns a direction and its opposite alike, so gravity and gyro can only te
 accelerometer apart. If the hand turned about one axis only, several mappings fit; all of the simplest are named.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

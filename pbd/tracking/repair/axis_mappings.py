@@ -1,7 +1,5 @@
 """The 48 ways to read three axes, in words and as options of `pbd import`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import permutations, product

@@ -4,8 +4,6 @@ The noise of a real sensor changes every reading. A sensor that repeats its read
 noise (simulated or coarse) is constant at rest too; there the estimated path decides (`refuse_freezes`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

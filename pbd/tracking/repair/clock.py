@@ -5,8 +5,6 @@ stamps suggest a wrong rate and lost samples. So they are replaced by evenly spa
 were taken at uneven times.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

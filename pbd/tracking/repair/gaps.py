@@ -1,7 +1,5 @@
 """Find gaps in a recording, and refuse those in which the hand may have moved."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from dataclasses import dataclass
 

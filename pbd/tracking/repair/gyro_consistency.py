@@ -6,8 +6,6 @@ that all three signs are flipped. A turn about the vertical shows nothing, and t
 others. Data without a contradiction are accepted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any

@@ -3,8 +3,6 @@
 Every refusal says where (row from 0, time) and what is likely wrong.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -14,8 +14,6 @@ Some clips are not found: peaks of one or two samples, flat tops that differ too
 that was later averaged or mixed with others (corrected for misalignment).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

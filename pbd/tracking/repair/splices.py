@@ -3,8 +3,6 @@
 At a splice the readings jump: the lines through the two rows on either side do not meet. An impact makes a jump too.
 But only at a splice do the lines meet once the wild rows are removed, or the two blocks exchanged."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

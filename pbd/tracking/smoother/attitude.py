@@ -1,7 +1,5 @@
 """Initial attitude: the gyro frame levelled at the stops, or the device's own attitude."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pbd.data import Recording

@@ -1,7 +1,5 @@
 """Find the stops that the estimated velocity contradicts, and cut them to their slow parts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 Rotations are perturbed on the left, in nav: E <- exp(theta) E.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

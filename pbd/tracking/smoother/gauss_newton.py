@@ -1,7 +1,5 @@
 """Gauss-Newton over the knots, with annealing of the robust factors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

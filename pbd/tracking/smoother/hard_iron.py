@@ -1,7 +1,5 @@
 """Find the part of the magnetic field that turns with the sensor: a magnet or iron beside it (hard iron)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pbd.pose import Array

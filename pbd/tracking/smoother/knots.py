@@ -1,7 +1,5 @@
 """The smoother's problem: knots in time, the measurements at them, and the legs between them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

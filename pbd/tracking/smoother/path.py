@@ -1,7 +1,5 @@
 """The path at each row, interpolated between the estimated knots."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -10,8 +10,6 @@ Source: C. Forster, L. Carlone, F. Dellaert, D. Scaramuzza, On-manifold preinteg
 share one gyro frame, and the errors are bias, scale, misalignment and lag.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -5,8 +5,6 @@ large and shrinks (graduated non-convexity). A first solution with wide priors f
 its axes, and hard iron. If they are large, they are removed from the samples.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Scale the noise until it fits the recording's residuals (Helmert's variance components), for the covariance only."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """All contacts of a motion, compared with a search through its samples."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from weakref import ref
 

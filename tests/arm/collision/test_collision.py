@@ -1,7 +1,5 @@
 """Motions: contacts anywhere on the way are found, described and timed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

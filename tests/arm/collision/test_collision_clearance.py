@@ -1,7 +1,5 @@
 """Distances, how fast they may change, and which pairs are watched: against exact distances and by properties."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

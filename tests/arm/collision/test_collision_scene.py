@@ -1,7 +1,5 @@
 """Known contacts, the table, obstacles, and the object where it stands and where it is held."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

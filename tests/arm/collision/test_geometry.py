@@ -1,7 +1,5 @@
 """A robot's links as convex bodies, compared with pinocchio's reading of the URDF and with the raw meshes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

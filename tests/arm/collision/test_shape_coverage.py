@@ -1,7 +1,5 @@
 """Links without a shape, or with one far too small, are reported."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.dom.minidom import parse
 

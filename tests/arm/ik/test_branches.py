@@ -1,7 +1,5 @@
 """The cost of a configuration, the order of seeds, and the solutions of a pose."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

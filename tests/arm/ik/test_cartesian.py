@@ -1,7 +1,5 @@
 """Joints along a path of the tool are continuous, reach each pose, and never leap."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

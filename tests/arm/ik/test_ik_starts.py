@@ -1,7 +1,5 @@
 """Starts are near the wanted pose, within limits, and the same each time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

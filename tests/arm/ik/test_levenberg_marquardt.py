@@ -1,7 +1,5 @@
 """The residual of a descent, its Jacobian, and when a descent ends."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

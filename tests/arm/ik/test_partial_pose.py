@@ -1,7 +1,5 @@
 """Arms of five joints follow the rule: the position exactly, then the approach axis, then the rotation about it."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The reason why an arm can't reach a pose."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

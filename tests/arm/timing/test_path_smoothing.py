@@ -1,7 +1,5 @@
 """Moves along a curve: limits, ends, deviation from the curve, and duration compared with the optimum."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

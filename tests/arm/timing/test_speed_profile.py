@@ -1,7 +1,5 @@
 """The fastest profile along a path, compared with toppra and with results by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Writes input events as Linux' hid-playstation does, from what its source says of codes, counts and their order."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 

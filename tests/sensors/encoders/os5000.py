@@ -1,7 +1,5 @@
 """Writes OceanServer sentences, from the manual's description of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Writes the Razor AHRS firmware's lines, from what its sources say of axes, signs and units."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 COUNT_DEG_S = 0.06957

@@ -1,7 +1,5 @@
 """What a VN-100 sends, written from its user manual ("Asynchronous output", "Binary output packets")."""
 
-from __future__ import annotations
-
 import random
 import struct
 from collections.abc import Mapping, Sequence

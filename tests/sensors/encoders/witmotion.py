@@ -1,7 +1,5 @@
 """Writes WitMotion packets, from the maker's description of them."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """What an x-IMU3 sends, written from its user manual ("Communication protocol")."""
 
-from __future__ import annotations
-
 import random
 import struct
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """What an Xsens MTi sends, written from the MT Low Level Communication Protocol."""
 
-from __future__ import annotations
-
 import random
 import struct
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Any numbers in a recording: it is refused with a PbdError, or gives a sound path."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Empty, short and damaged recordings: a clear error or a right answer, never a traceback or NaN."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from dataclasses import replace
 

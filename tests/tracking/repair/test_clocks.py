@@ -1,7 +1,5 @@
 """Jittering and coarse time stamps, lost and repeated samples: the path stays that of the clean recording."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from contextlib import nullcontext

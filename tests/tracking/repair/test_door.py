@@ -1,7 +1,5 @@
 """Checks before tracking: holes that may hide a move, and a sensor that is off at rest."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

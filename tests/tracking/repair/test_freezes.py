@@ -1,7 +1,5 @@
 """A device that repeats one sample for a while: in a move an error, with any noise; at rest allowed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """A magnet near the hand, for a while or always, does not rotate the path; a clean field gives no warning."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Clipped axes are found, repaired as far as possible, and widen sigma; nothing else is taken for clipping."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Wild samples, dead channels, gyros in a wrong unit or with wrong axes, wrong gravity: repaired or refused."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Specific force with flipped signs: refused if the device's own attitude shows it, else a warning at rest."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from dataclasses import replace

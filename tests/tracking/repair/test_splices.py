@@ -1,7 +1,5 @@
 """Exchanged blocks are put back and wild gyro rows left out; a hand's own motion is neither."""
 
-from __future__ import annotations
-
 import warnings
 from contextlib import nullcontext
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A field that turns with the sensor is found and removed, a room's is left as it is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any

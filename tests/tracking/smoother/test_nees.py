@@ -4,8 +4,6 @@ Bands are for the mean over a sensor's recordings (tests/benchmarks/sigma.py has
 hand creeps as fast as the tracker assumes, and turns as about its pivot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Preintegration from knot to knot."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

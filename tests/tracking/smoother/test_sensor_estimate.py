@@ -1,7 +1,5 @@
 """The estimated sensor errors are true within their sigma; a warning if they are more than chance."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The smoother, on simulated hands."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
