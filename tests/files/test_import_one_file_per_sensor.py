@@ -129,3 +129,19 @@ def test_a_table_of_all_sensors_may_be_called_after_one(tmp_path: Path) -> None:
     recording = import_file(tmp_path / "acc.csv").recording
     assert recording.gyr is not None
     assert_allclose(recording.gyr[0], [4.0, 5.0, 6.0])
+
+
+def test_acceleration_without_gravity_beside_the_accelerometer_is_not_read(tmp_path: Path) -> None:
+    times = dict.fromkeys(("accelerometer", "gyroscope", "linear_acceleration"), ("1", "2"))
+    folder = written(tmp_path / "walk", dict.fromkeys(times, "t,x,y,z"), times)
+    recording = import_file(folder).recording
+    assert recording.gyr is not None
+    assert "linear_acceleration.csv" in recording.info.source.unread
+
+
+def test_a_phones_file_with_a_unit_is_an_ordinary_table(tmp_path: Path) -> None:
+    """By its name alone, an acceleration without gravity would be read, and its `time` in ns as seconds."""
+    times = dict.fromkeys(("Accelerometer", "Gyroscope"), ("1000000000,0", "1010000000,0.01"))
+    folder = written(tmp_path / "walk", dict.fromkeys(times, "time,seconds_elapsed,z,y,x"), times)
+    with pytest.raises(RecordingError, match="no column for ax, ay, az"):
+        import_file(folder / "Accelerometer.csv", {}, {"acc": "g"})

@@ -59,11 +59,12 @@ def import_file(
     may_be_apps = source.is_dir() or suffix == ".zip" or (suffix == ".csv" and source.is_file())
     if may_be_apps and not is_bag and not (is_table and columns):
         from pbd.files.importers.one_file_per_sensor import read_sensor_files
-        from pbd.files.importers.phones import read_phone
+        from pbd.files.importers.phones import phone_files, read_phone
 
         of_app = None if is_table and units else read_phone(source)
-        if of_app is None and (of_app := read_sensor_files(source, units)) is not None:
-            units = {}
+        if of_app is None and not (is_table and phone_files(source)):
+            of_app = read_sensor_files(source, units)
+            units = units if of_app is None else {}
     if rate_hz is not None and (of_app is not None or is_bag or suffix == ".npz"):
         known = "a bag has times" if is_bag else "an npz has a rate" if suffix == ".npz" else "an app's file has times"
         raise RecordingError.at(path, f"{known} of its own; leave --rate out")

@@ -55,7 +55,7 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
     require_package("rosbags.rosbag2", "ros", "a bag")
     from rosbags import rosbag1, rosbag2
 
-    kind: Any = rosbag1 if path.suffix.lower() == ".bag" else rosbag2
+    kind: Any = rosbag1 if path.suffix.lower() == ".bag" and path.is_file() else rosbag2
     try:
         with repaired_bag(path) as repaired, kind.Reader(repaired) as reader:
             imus, field = _choose_topics(path, reader.connections, topic)
@@ -66,7 +66,8 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
     except PbdError:
         raise
     except Exception as reason:  # damaged bytes cause errors of sqlite, yaml and zstd
-        what = f"can't be read as a bag ({in_words(reason) or type(reason).__name__}); record it again"
+        do = "try `rosbag reindex`, or record it again" if kind is rosbag1 else "record it again"
+        what = f"can't be read as a bag ({in_words(reason) or type(reason).__name__}); {do}"
         raise RecordingError.at(path, what) from None
     read = {name: decoder.all() for name, decoder in wanted.items()}
     if empty := next((name for name in imus if not len(read[name][0])), None):

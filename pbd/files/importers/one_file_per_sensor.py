@@ -62,6 +62,8 @@ def read_sensor_files(path: Path, units: Mapping[str, str]) -> Recording | None:
     if is_table and all(sheet.path != path for of in recordings.values() for sheet in of.values()):
         return None
     if len(recordings) > 1:
+        recordings.pop("linear_", None)  # a phone's acceleration without gravity, beside its accelerometer
+    if len(recordings) > 1:
         raise RecordingError.at(path, f"it holds {len(recordings)} recordings; name a file of one of them")
     if not recordings:
         return None

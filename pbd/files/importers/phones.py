@@ -76,7 +76,7 @@ def read_phone(path: Path) -> Recording | None:
 
     A watch is read where there is no phone.
     """
-    files = files_in_zip(path) if path.suffix.lower() == ".zip" else _files_in_folder(path)
+    files = files_in_zip(path) if path.suffix.lower() == ".zip" else phone_files(path)
     logger = {name: files[name] for name in LOGGER_FILES if name in files}
     sheets = {name: sheet_of(path, name, read) for name, read in logger.items()}
     sheets = {name: sheet for name, sheet in sheets.items() if {*sheet.header} >= {*LOGGER_COLUMNS}}
@@ -96,8 +96,11 @@ def read_phone(path: Path) -> Recording | None:
     return joined_recording(path, streams, "watch" if WRIST in read else "phone", understood)
 
 
-def _files_in_folder(path: Path) -> Files:
-    """List the CSV files of a folder; or a CSV file of these apps, and those beside it if all have the app's names."""
+def phone_files(path: Path) -> Files:
+    """List the CSV files of a folder; or a CSV file of these apps, and those beside it if all have the app's names.
+
+    A CSV file that is not theirs gives none.
+    """
     folder = path if path.is_dir() else path.parent
     family: tuple[str, ...] = ()
     if path.is_file():
