@@ -71,7 +71,7 @@ WRONG_VALUES: dict[str, Callable[[], object]] = {
     "JointLimits.lower must be below upper, [-1. -1.], got array([-1., -1.])": lambda: replace(LIMITS, upper=-ONES),
     "Keyframe.t must be finite, got nan": lambda: at(np.nan),
     "Keyframe.dwell_s must be 0 or above, s, got -0.5": lambda: at(0.0, dwell_s=-0.5),
-    "Keyframe.dwell_s must be 0 or above, s, got nan": lambda: at(0.0, dwell_s=np.nan),
+    "Keyframe.dwell_s must be finite, got nan": lambda: at(0.0, dwell_s=np.nan),
     "a pose takes a (4, 4) matrix, got one of (3, 3)": lambda: Pose.from_matrix(np.eye(3)),
     "observe_points takes all 3 keyframes of the path, got 2; choose among its result, with .only([1, 2])": lambda: (
         observe_points([at(0.0), at(1.0)], PoseCovariance.chained(np.zeros((3, 6, 6))), np.zeros(3))
@@ -84,6 +84,9 @@ WRONG_TYPES: dict[str, Callable[[], object]] = {
     "Calibration.T_base_dock must be Pose or None, got (0, 0, 0)": lambda: Calibration("x", cast(Pose, (0, 0, 0))),
     "Calibration.robots must be a tuple of str, got 'panda'": lambda: Calibration("x", robots=cast(Any, "panda")),
     "Calibration.table_height must be a number, got '0'": lambda: Calibration("x", table_height=cast(Any, "0")),
+    "Keyframe.t must be a number, got None": lambda: at(cast(float, None)),
+    "Keyframe.dwell_s must be a number, got '1 s'": lambda: at(0.0, dwell_s=cast(float, "1 s")),
+    "Calibration.scale must be a number, got None": lambda: Calibration("x", scale=cast(float, None)),
     "Keyframe.grip must be bool or None, got 'open'": lambda: at(0.0, grip="open"),
     "GripEvent.closed must be bool, got 'open'": lambda: GripEvent(1.0, cast(bool, "open")),
     "Recording.grip must be a tuple of GripEvent, got [(1.0, True)]": lambda: replace(

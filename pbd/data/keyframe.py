@@ -50,7 +50,7 @@ class Keyframe(Frozen):
 
     def __post_init__(self) -> None:
         require_fields(self, T_nav_sensor=Pose, grip=bool | np.bool_ | None, label=str)
-        require_between(self, -np.inf, np.inf, "t")
+        require_between(self, -np.inf, np.inf, "t", "dwell_s")
         if not self.dwell_s >= 0.0:
             raise wrong_value(self, "dwell_s", "must be 0 or above, s")
         freeze_arrays(self, cov=(6, 6), tolerance_m=(3,), nudge_base_m=(3,), nudge_tool_m=(3,))
