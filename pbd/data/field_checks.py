@@ -28,7 +28,7 @@ def require_fields(owner: object, **kinds: type | UnionType) -> None:
 
 
 def require_between(owner: object, above: float, below: float, *names: str) -> None:
-    """Refuse fields, numbers or arrays, that are not between two bounds, NaN included. None passes where it may be.
+    """Refuse fields, numbers or arrays, that are not between two bounds, NaN included. None passes as a default.
 
     Raises:
         WrongTypeError: a field is no number.
@@ -36,7 +36,7 @@ def require_between(owner: object, above: float, below: float, *names: str) -> N
     """
     for name in names:
         value = getattr(owner, name)
-        if value is None and "None" in str(type(owner).__annotations__[name]):
+        if value is None and getattr(type(owner), name, owner) is None:
             continue
         require_kind(_named(owner, name), value, "a number", is_number(value) or isinstance(value, np.ndarray | tuple))
         if not np.all((np.asarray(value) > above) & (np.asarray(value) < below)):

@@ -140,7 +140,8 @@ def is_in_rest(recording: Recording, gap: Gap, stops: tuple[Stop, ...]) -> bool:
 
     Interpolated data are smooth, so the stop might have been found in them alone.
     """
-    stop = stops[bisect_right([stop.start for stop in stops], gap.before) - 1]  # of a gap before all stops, the last
+    k = bisect_right(stops, gap.before, key=lambda stop: stop.start) - 1
+    stop = stops[k]  # the last one, which begins later, if the gap is before all stops
     rows = max(2, round(ENERGY_WINDOW_S * recording.rate_hz))
     before, after = slice(gap.before + 1 - rows, gap.before + 1), slice(gap.after, gap.after + rows)
     if _at_an_end(gap, recording):
