@@ -190,7 +190,12 @@ def refuse_disagreement(recording: Recording) -> None:
 
     unsure_deg = steady.tilt_deg[first] + steady.tilt_deg[second]
     up = Witness("a", steady.up_sensor[first], steady.up_sensor[second], unsure_deg)
-    found = find_axis_error([up, *_other_witnesses(recording, every, row_before, row_after)], turn, source)
+    witnesses = [up, *_other_witnesses(recording, every, row_before, row_after)]
+    found = find_axis_error(witnesses, turn, source)
+    if found is not None and found.witness == "m" and recording.mag is not None:
+        field = _block_means(recording.mag, every)
+        if _is_iron(field[row_before], field[row_after], turn(1.0)):
+            found = find_axis_error([each for each in witnesses if each.channel != "m"], turn, source)
     if found is not None:
         at = recording.t[row_before[found.pair] * every]
         unit = likely_unit(float(np.median(np.linalg.norm(acc, axis=1))), source.acc_factor)
@@ -216,6 +221,18 @@ def _other_witnesses(
         for axis in ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)):
             seen = quat_rotate(wxyz, axis)
             yield Witness("", seen[row_before], seen[row_after])
+
+
+def _is_iron(first: Array, second: Array, turn: Array) -> bool:
+    """Whether iron or a magnet beside the sensor explains how the field turns, from the first to the second of pairs.
+
+    Its field b is fixed in sensor axes: second - b = turn (first - b), with fields (k, 3) and the gyro's turn (k, 3, 3).
+    """
+    rotated = (turn @ first[:, :, None])[:, :, 0]
+    b = np.linalg.lstsq((np.eye(3) - turn).reshape(-1, 3), (second - rotated).ravel())[0]
+    earth = Witness("m", *(each / np.linalg.norm(each, axis=1, keepdims=True) for each in (first - b, second - b)))
+    turned = earth.turns_to(earth.second)
+    return bool(turned.any() and np.median(earth.off(turn)[turned]) < AS_GOOD_DEG)
 
 
 def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

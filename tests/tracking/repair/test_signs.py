@@ -369,6 +369,16 @@ def test_a_bent_field_hides_no_wrong_axis() -> None:
     assert found.message == "gx and gy are swapped: import the file with --column gx=gy --column gy=gx"
 
 
+@pytest.mark.parametrize("seed", [1, 49, 55])
+def test_a_magnet_beside_the_sensor_is_no_wrong_axis(seed: int) -> None:
+    """It is as strong as the Earth's field. The sum then seems to turn by far more than the gyro."""
+    calm = simulate(random_task(2, moves=5, max_turn=np.radians(25.0)), "wt901", 2, rate_hz=100.0).recording
+    rng = np.random.default_rng(seed)
+    way = rng.normal(size=3)
+    magnet = rng.uniform(30.0, 60.0) * way / np.linalg.norm(way)
+    refuse_disagreement(replace(calm, mag=known(calm.mag) + magnet))
+
+
 @pytest.mark.parametrize("axes", [1, 3])
 def test_a_single_remedy_is_doubted_after_turns_about_one_axis(axes: int) -> None:
     """Columns gx and gy are swapped. About x alone, columns that moved in a ring fit as well."""
