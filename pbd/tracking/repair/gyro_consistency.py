@@ -226,7 +226,7 @@ def _other_witnesses(
 def _is_iron(first: Array, second: Array, turn: Array) -> bool:
     """Whether iron or a magnet beside the sensor explains how the field turns, from the first to the second of pairs.
 
-    Its field b is fixed in sensor axes: second - b = turn (first - b), with fields (k, 3) and the gyro's turn (k, 3, 3).
+    Its field b is fixed in sensor axes: second - b = turn (first - b). Fields are (k, 3), the gyro's `turn` (k, 3, 3).
     """
     rotated = (turn @ first[:, :, None])[:, :, 0]
     b = np.linalg.lstsq((np.eye(3) - turn).reshape(-1, 3), (second - rotated).ravel())[0]
