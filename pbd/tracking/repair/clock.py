@@ -1,8 +1,7 @@
-"""Check time stamps, and space them evenly where they are coarse or come in batches.
+"""Check time stamps, and space them evenly where they are coarse, jitter or come in batches.
 
-A small error of a stamp does little harm: the velocity errs by the error times the change of acceleration. But coarse
-stamps suggest a wrong rate and lost samples. So they are replaced by evenly spaced times, unless the samples themselves
-were taken at uneven times.
+The velocity errs by a stamp's error times the change of acceleration; coarse stamps also suggest a wrong rate and lost
+samples. So stamps are replaced by evenly spaced times, unless the samples themselves were taken at uneven times.
 """
 
 from dataclasses import replace
@@ -34,14 +33,19 @@ COARSE_TICK = 0.05
 
 OFF_BEAT = 0.02
 """Largest deviation of a step from a whole number of intervals, as a share of the interval, and largest share of steps
-that deviate by more. Beyond both, coarse stamps are replaced.
+that deviate by more. Beyond both, stamps are coarse or jitter.
 Stamps come in batches if a larger share of the steps than this is below WITHIN_BATCH intervals."""
+
+WANDER_RATIO = 0.5
+"""Largest mean square successive difference of the stamps' delays, as a share of their variance, if the samples were
+taken at uneven times. It is 2 if the delays are random (J. von Neumann, 1941)."""
 
 FEWEST_STEPS = 3
 """Fewest steps of coarse times, or between batches, that tell the rate: the first and the last may be cut off."""
 
 LATE_SAMPLES = 8
-"""Within this many samples the stamps catch up after a late one. After a lost sample they never do."""
+"""Within this many samples the stamps catch up after a late one; of twice as many, one is surely on time. After a lost
+sample they never catch up."""
 
 NOMINAL_TOLERANCE = 0.01
 """No sample is lost if the mean rate differs from the nominal one by less than this share."""
@@ -119,7 +123,7 @@ def _refuse_slow(interval: float, source: SourceColumns) -> None:
 
 
 def steady_clock(recording: Recording) -> Array:
-    """Time stamps (n,) s, evenly spaced if they were coarse or in batches; lost samples stay lost.
+    """Time stamps (n,) s, evenly spaced if they were coarse, in batches or jittered; lost samples stay lost.
 
     `recording.t` must not run backwards. Warns if it changes the stamps.
     """
@@ -128,13 +132,12 @@ def steady_clock(recording: Recording) -> Array:
     stamps = t[new]
     steps = np.diff(stamps)
     if len(stamps) > 4 * LATE_SAMPLES and (steps > WITHIN_BATCH * steps.mean()).sum() >= FEWEST_STEPS:
-        interval, reach, complete = _sampling_interval(stamps, nominal_hz)
+        interval, in_batches, complete = _sampling_interval(stamps, nominal_hz)
+        burst_s = LONGEST_BURST_S if in_batches else 2 * LATE_SAMPLES * interval
         fault = _stamp_fault(stamps, interval)
-        if fault and not _is_uneven(stamps, interval, reach):
-            coarse = reach == LATE_SAMPLES
-            even, _ = straighten(stamps, LATE_SAMPLES * interval if coarse else LONGEST_BURST_S, complete)
+        if fault and not _is_uneven(stamps, even := straighten(stamps, burst_s, complete)[0]):
             # Rounding errors of coarse stamps average out. Batches of unequal sizes would bias a fit.
-            slope, begin = np.polyfit(even, stamps, 1) if coarse else (1.0, np.median(stamps - even))
+            slope, begin = (1.0, np.median(stamps - even)) if in_batches else np.polyfit(even, stamps, 1)
             even = begin + slope * even
             t = even[np.cumsum(new) - 1]
             warn(f"{fault}; evenly spaced times at {1.0 / np.median(np.diff(even)):.4g} Hz are used instead")
@@ -175,9 +178,9 @@ def row_changes(*sensors: Array | None) -> NDArray[np.bool_]:
     return np.asarray(np.any(changes, axis=0))
 
 
-def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, int, bool]:
-    """The sampling interval, s, of stamps that may be coarse; over how many samples; whether no sample is lost."""
-    mean, reach = float(t[-1] - t[0]) / (len(t) - 1), LATE_SAMPLES
+def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, bool, bool]:
+    """The sampling interval, s, of stamps that may be coarse; whether they come in batches; whether none is lost."""
+    mean = float(t[-1] - t[0]) / (len(t) - 1)
     complete = nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL_TOLERANCE
     steps = np.diff(t)
     # The samples of a batch may be stamped one after the other. The longest steps, if they are rare, are gaps.
@@ -185,14 +188,12 @@ def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, int, 
     batches = np.diff(np.flatnonzero(begins))
     if len(batches) > 1 and batches.mean() > LATE_SAMPLES / 2:
         arrived = t[np.maximum.accumulate(np.arange(len(t)) * np.append(True, begins))]
-        return mean if complete else batched_interval(arrived), 2 * int(batches.max()), complete
-    if complete:
-        return mean, reach, True
-    spans = t[reach:] - t[:-reach]
+        return mean if complete else batched_interval(arrived), True, complete
+    spans = t[LATE_SAMPLES:] - t[:-LATE_SAMPLES]
     usual = float(np.sort(spans)[len(spans) // 2])  # not the mean of two, which may be far from both
-    if usual <= 0.0:
-        return mean, reach, False
-    return float(spans[np.abs(spans - usual) < 0.5 * usual / reach].mean()) / reach, reach, False
+    if complete or usual <= 0.0:
+        return mean, False, complete
+    return float(spans[np.abs(spans - usual) < 0.5 * usual / LATE_SAMPLES].mean()) / LATE_SAMPLES, False, False
 
 
 def _stamp_fault(t: Array, interval: float) -> str:
@@ -200,25 +201,23 @@ def _stamp_fault(t: Array, interval: float) -> str:
     steps = np.diff(t)
     if (steps < WITHIN_BATCH * interval).mean() > OFF_BEAT:
         return "the time stamps come in batches"
-    tick = _tick(t)
     away = np.abs(steps - interval * np.maximum(np.rint(steps / interval), 1.0))
-    if tick >= COARSE_TICK * interval and (away > OFF_BEAT * interval).mean() > OFF_BEAT:
-        return f"the time stamps come in steps of {1e3 * tick:.4g} ms"
-    return ""
+    if (away > OFF_BEAT * interval).mean() <= OFF_BEAT:
+        return ""
+    tick = _tick(t)
+    how = f"come in steps of {1e3 * tick:.4g} ms" if tick >= COARSE_TICK * interval else "jitter"
+    return f"the time stamps {how}"
 
 
-def _is_uneven(t: Array, interval: float, reach: int) -> bool:
+def _is_uneven(t: Array, even: Array) -> bool:
     """Whether the samples were taken at uneven times, as by a program that polls a sensor between other work.
 
-    After a late stamp, or a batch, even samples catch up within `reach` samples: spans of so many steps vary no more
-    than a single step does, or than rounding explains. Spans of uneven, independent steps vary `reach` times as much.
+    Stamps of even samples scatter about even times, each by itself; those of uneven samples wander away from them. The
+    last sample of each batch tells, if it is off by more than rounding explains.
     """
-    tick, steps = _tick(t), np.diff(t)
-    if tick < 0.5 * interval:
-        steps -= interval * np.maximum(np.rint(steps / interval) - 1.0, 0.0)
-    elapsed = np.cumsum(np.append(0.0, steps))
-    single, span = (float(np.var(elapsed[n:] - elapsed[:-n])) for n in (1, reach))
-    return span > max(0.5 * reach * single, tick**2)
+    steps = np.diff(t)
+    delay = (t - even)[np.flatnonzero(steps > WITHIN_BATCH * steps.mean())]
+    return bool((np.diff(delay) ** 2).mean() < WANDER_RATIO * delay.var() > WANDER_RATIO * _tick(t) ** 2)
 
 
 def _tick(t: Array) -> float:

@@ -61,23 +61,24 @@ def test_jittering_samples_do_no_harm(sensor: str, rate_hz: float | None, has_cl
     model = replace(model, rate_hz=rate_hz or model.rate_hz)
     clean = simulate("pour", model, 1)
     demo = simulate("pour", replace(model, jitter_s=0.2 / model.rate_hz, has_clock=has_clock), 1)
-    assert said(demo.recording) == ""
-    assert worst(demo, demo.recording) < worst(clean, clean.recording) + 0.006
+    assert re.fullmatch(
+        r"(the time stamps jitter; evenly spaced times at \d+ Hz are used instead)?", said(demo.recording)
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PbdWarning)
+        assert worst(demo, demo.recording) < worst(clean, clean.recording) + 0.006
 
 
 @uncalibrated
 @pytest.mark.parametrize(("sensor", "rate_hz"), RATES[::2])
-def test_jittering_stamps_do_no_harm_and_hide_no_sample(sensor: str, rate_hz: float | None) -> None:
+def test_jittering_stamps_are_replaced_and_hide_no_sample(sensor: str, rate_hz: float | None) -> None:
     demo = simulate("pour", sensor, 1, rate_hz=rate_hz)
     interval = 1.0 / demo.recording.rate_hz
     late = 0.2 * interval * np.random.default_rng(0).normal(size=len(demo.recording))
     jittered = replace(demo.recording, t=demo.recording.t + np.clip(late, -0.45 * interval, 0.45 * interval))
-    gaps = said(jittered)
-    assert gaps == "" or re.search(r"in [12] gaps?;", gaps)  # not dozens: a late stamp is no lost sample
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PbdWarning)
-        clean = worst(demo, demo.recording)
-        assert worst(demo, jittered) < clean + max(0.006, 0.4 * clean)
+    with pytest.warns(PbdWarning, match="jitter; evenly spaced") as said:
+        assert np.diff(steady_clock(jittered)) == pytest.approx(interval, rel=1e-3)
+    assert len(said) == 1
 
 
 @pytest.mark.parametrize(
@@ -109,11 +110,12 @@ def off_beat(rate_hz: float, step_s: float, kept: Array, nominal: bool) -> tuple
     return off - np.median(off), "".join(str(warning.message) for warning in caught)
 
 
+@pytest.mark.filterwarnings("ignore:the time stamps come in batches")
 def test_a_clock_of_two_rates_has_an_interval() -> None:
     """The median of its spans is between two of them, far from both."""
     t = np.cumsum([0.0, *20 * (0.1,), *21 * (10.0,)])
-    recording = Recording(t, np.random.default_rng(0).normal(size=(len(t), 3)))
-    assert steady_clock(recording) is recording.t
+    steps = np.diff(steady_clock(Recording(t, np.random.default_rng(0).normal(size=(len(t), 3)))))
+    assert 0.09 < steps.min() <= steps.max() < 10.1
 
 
 @pytest.mark.parametrize(("shortest_ms", "longest_ms"), [(9, 11), (8, 12), (4, 16), (5, 25), (2, 30), (18, 22)])
@@ -125,6 +127,19 @@ def test_true_stamps_of_uneven_samples_are_kept(shortest_ms: int, longest_ms: in
     t = t[rng.random(2000) >= lost]
     recording = Recording(t, rng.normal(size=(len(t), 3)))
     assert steady_clock(recording) is recording.t
+
+
+@pytest.mark.parametrize("mean_ms", [2.0, 5.0])
+@pytest.mark.parametrize("lost", [0.0, 0.02])
+def test_arrival_times_of_a_busy_host_are_replaced(mean_ms: float, lost: float) -> None:
+    """A program stamps samples of 100 Hz when it reads them. In fast motion attitude was off by 3 degrees instead of
+    0.3."""
+    rng = np.random.default_rng(0)
+    true = 0.01 * np.flatnonzero(rng.random(4000) >= lost)
+    arrived = np.maximum.accumulate(true + 1e-3 * rng.exponential(mean_ms, len(true)))
+    with pytest.warns(PbdWarning, match="evenly spaced times"):
+        off = steady_clock(Recording(arrived - arrived[0], rng.normal(size=(len(true), 3)))) - true
+    assert np.std(off) < 0.004
 
 
 @settings(max_examples=40, deadline=None)
