@@ -22,7 +22,7 @@ IDENTITY, IDENTITY_LENGTH = 3, 31
 RANGE, MAX_CELSIUS, MAX_VOLTS, MIN_VOLTS, OFFSET, MODE = 9, 13, 14, 15, 31, 33
 """Addresses in it: position limits (two words), highest temperature (°C), highest and lowest voltage (0.1 V), homing
 offset, mode (0: position)."""
-TORQUE_ENABLE, GOAL, TORQUE_LIMIT, LOCK = 40, 42, 48, 55
+TORQUE_ENABLE, ACCELERATION, GOAL, TORQUE_LIMIT, LOCK = 40, 41, 42, 48, 55
 PRESENT, PRESENT_LENGTH = 56, 8
 """Addresses: position 56, speed 58, load 60, voltage 62, temperature 63."""
 
@@ -31,6 +31,11 @@ OFFSET_SIGN, LOAD_SIGN = 11, 10
 
 GRIPPER_TORQUE = 500
 """Torque limit of the gripper, which closes on things, while pbd drives, 0 to 1000. Source: so101_follower.py."""
+
+FASTEST_ACCELERATION = 254
+"""Acceleration with which a servo follows its goals, 100 counts/s2: the largest that the register takes, 39 rad/s2. A
+servo keeps what an earlier program wrote, and with a low one it runs far past a goal that should stop it. Source:
+lerobot/motors/feetech/feetech.py, `configure_motors`."""
 
 GOAL_TOLERANCE = 20
 """Largest distance of a goal from the servo's position when torque is switched on, counts: 1.8 degrees, no jump."""
@@ -119,7 +124,7 @@ class ServoArm:
 
     def send_goals(self, counts: Array) -> None:
         """Send each servo its goal, unverified."""
-        self._bus.write(GOAL, dict(zip(self.encoders.ids, _words(counts), strict=True)))
+        self._bus.write(GOAL, dict(zip(self.encoders.ids, self._goals(counts), strict=True)))
 
     def hold(self, counts: Array) -> None:
         """Send goals; verify that they arrived, and that the servos have torque.
@@ -127,7 +132,7 @@ class ServoArm:
         Raises:
             SensorError: they did not arrive, so the servos hold their previous goals; or a servo has no torque.
         """
-        self._write_verified(GOAL, _words(counts))
+        self._write_verified(GOAL, self._goals(counts))
         self.check_torque()
 
     def check_torque(self) -> None:
@@ -143,16 +148,22 @@ class ServoArm:
         With torque, a servo goes to its old goal at full speed, so the goals are set and verified first. The firmware
         of a servo without torque may change its goal, so GOAL_TOLERANCE is allowed.
         """
-        goals = [goal + encode_word(0) + encode_word(0) for goal in _words(counts)]  # time and speed: no limit
+        goals = [goal + encode_word(0) + encode_word(0) for goal in self._goals(counts)]  # time and speed: no limit
         self._write_verified(
             GOAL, goals, lambda has, wanted: abs(decode_word(has) - decode_word(wanted)) <= GOAL_TOLERANCE
         )
+        self._write_verified(ACCELERATION, [bytes([FASTEST_ACCELERATION])] * len(goals))
         write_verified(self._bus, TORQUE_LIMIT, {self.encoders.ids[-1]: encode_word(GRIPPER_TORQUE)})
         try:
             self._write_verified(TORQUE_ENABLE, [b"\x01"] * len(self.encoders.ids))
             self.hold(counts)
         except SensorError as error:
             raise SensorError(f"{error.message}; the other servos may be stiff already (--release)") from None
+
+    def _goals(self, counts: Array) -> list[bytes]:
+        """Encode goals, inside the calibrated range: a servo goes to none outside it."""
+        within = np.clip(np.round(counts), self.encoders.lower, self.encoders.upper)
+        return [encode_word(int(value)) for value in within]
 
     def _write_verified(self, address: int, values: list[bytes], matches: Callable[[bytes, bytes], bool] = eq) -> None:
         write_verified(self._bus, address, dict(zip(self.encoders.ids, values, strict=True)), matches)
@@ -208,10 +219,6 @@ def identify(bus: Bus, ids: Mapping[str, int]) -> list[bytes]:
             what = f"servo {id_} ({name}) says it is model {model}, not an STS3215 ({STS3215}); pbd run drives no other"
             raise SensorError(what, path=bus.device)
     return [found[id_].data for id_ in names]
-
-
-def _words(counts: Array) -> list[bytes]:
-    return [encode_word(round(value)) for value in counts.tolist()]
 
 
 def _no_servo(device: str, heard: bytes) -> str:

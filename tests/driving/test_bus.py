@@ -57,6 +57,26 @@ def test_an_arm_is_read_stiffened_and_released(emulator: Emulator) -> None:
         assert not any(servo.registers[40] for servo in emulator.servos.values())
 
 
+def test_an_earlier_programs_acceleration_is_lifted(emulator: Emulator) -> None:
+    """Else a servo told to stop runs on: at 10 by 21 degrees from 60 degrees/s."""
+    for servo in emulator.servos.values():
+        servo.put(41, bytes([10]))
+    with Bus.open(emulator.device, PATIENT_S) as bus:
+        arm = connect(bus)
+        arm.enable_torque(arm.state().counts)
+    assert {servo.registers[41] for servo in emulator.servos.values()} == {254}
+
+
+def test_no_goal_lies_outside_the_calibrated_range(emulator: Emulator) -> None:
+    """As of fingers that are pressed past their end. Whether a servo takes such a goal isn't known."""
+    with Bus.open(emulator.device, PATIENT_S) as bus:
+        arm = connect(bus)
+        arm.enable_torque(arm.encoders.lower - 3.0)
+        assert [servo.number(42) for servo in emulator.servos.values()] == arm.encoders.lower.tolist()
+        arm.hold(arm.encoders.upper + 3.0)
+        assert [servo.number(42) for servo in emulator.servos.values()] == arm.encoders.upper.tolist()
+
+
 def test_loose_servos_may_keep_no_goal(emulator: Emulator) -> None:
     for servo in emulator.servos.values():
         servo.snaps = True
