@@ -149,13 +149,13 @@ class ServoArm:
         of a servo without torque may change its goal, so GOAL_TOLERANCE is allowed.
         """
         goals = [goal + encode_word(0) + encode_word(0) for goal in self._goals(counts)]  # time and speed: no limit
-        self._write_verified(
-            GOAL, goals, lambda has, wanted: abs(decode_word(has) - decode_word(wanted)) <= GOAL_TOLERANCE
-        )
-        self._write_verified(ACCELERATION, [bytes([FASTEST_ACCELERATION])] * len(goals))
-        write_verified(self._bus, TORQUE_LIMIT, {self.encoders.ids[-1]: encode_word(GRIPPER_TORQUE)})
         try:
-            self._write_verified(TORQUE_ENABLE, [b"\x01"] * len(self.encoders.ids))
+            self._write_verified(
+                GOAL, goals, lambda has, wanted: abs(decode_word(has) - decode_word(wanted)) <= GOAL_TOLERANCE
+            )
+            self._write_verified(ACCELERATION, [bytes([FASTEST_ACCELERATION])] * len(goals))
+            write_verified(self._bus, TORQUE_LIMIT, {self.encoders.ids[-1]: encode_word(GRIPPER_TORQUE)})
+            self._write_verified(TORQUE_ENABLE, [b"\x01"] * len(goals))
             self.hold(counts)
         except SensorError as error:
             raise SensorError(f"{error.message}; the other servos may be stiff already (--release)") from None

@@ -58,7 +58,7 @@ class Port(Source):
             self._serial.flush()
         except (OSError, termios.error) as reason:
             raise SensorError(
-                f"{self.device} takes no command ({reason}); unplug the {self._what} and plug it in again",
+                f"{self.device} takes no command ({reason.args[-1]}); unplug the {self._what} and plug it in again",
                 path=self.device,
             ) from reason
 
