@@ -126,11 +126,7 @@ def stream(
     try:
         for k, goal in enumerate(goals):
             clock.sleep_until(due)
-            if stop_wanted():
-                break
             now = clock.now()
-            if k and now - due > STALL_S:
-                raise SensorError(f"this computer was busy for {now - due:.2f} s: close other programs")
             seen = arm.state()
             try:
                 monitor.check(seen)
@@ -139,6 +135,10 @@ def stream(
                 counts = seen.counts
                 monitor.check(seen)
             counts = seen.counts
+            if stop_wanted():
+                break
+            if k and now - due > STALL_S:
+                raise SensorError(f"this computer was busy for {now - due:.2f} s: close other programs")
             if not dry_run:
                 arm.send_goals(goal)
             monitor.add_goal(goal)

@@ -195,8 +195,13 @@ def test_a_person_stops_it_before_the_first_goal(emulator: Emulator, dry_run: bo
 
 
 def test_an_arm_that_is_silent_before_the_first_goal_is_not_said_to_hold(emulator: Emulator) -> None:
+    class Cutting(FastClock):
+        def sleep_until(self, t: float) -> None:
+            assert emulator.fault is not None
+            emulator.fault()
+
     emulator.fault = lambda: silent(emulator)
-    done = swing(emulator, answer_s=0.05, stop_wanted=lambda: bool(emulator.fault()))  # type: ignore[misc]
+    done = swing(emulator, answer_s=0.05, clock=Cutting())
     assert (done.sent, done.by_hand, done.held) == (0, False, False)
 
 
@@ -219,6 +224,8 @@ def test_a_computer_that_was_busy(emulator: Emulator) -> None:
     done = swing(emulator, clock=Napping(), stall_s=4.0)
     assert done.stopped is not None
     assert "this computer was busy for 6" in done.stopped.message
+    # Meanwhile the elbow went on to its last goal. It is held there, not sent back to where it was seen before.
+    assert abs(emulator.goals[-1][1][3] - emulator.servos[3].counts) <= 1.0
 
 
 def test_a_late_goal_moves_all_that_follow(emulator: Emulator) -> None:
