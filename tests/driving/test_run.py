@@ -254,11 +254,12 @@ def test_a_motion_beyond_the_calibrated_range(emulator: Emulator, words: list[st
     assert emulator.goals == []
 
 
-def test_a_signal_stops_the_arm(emulator: Emulator, words: list[str], capsys: Capture) -> None:
-    """As Ctrl-C is one."""
-    emulator.at_goal, emulator.fault = 20, lambda: os.kill(os.getpid(), signal.SIGTERM)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGQUIT])
+def test_a_signal_stops_the_arm(emulator: Emulator, words: list[str], capsys: Capture, number: int) -> None:
+    """As Ctrl-C and Ctrl-\\ are."""
+    emulator.at_goal, emulator.fault = 20, lambda: os.kill(os.getpid(), number)
     code, _, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--yes")
-    assert code == 143
+    assert code == 128 + number
     assert "stopped by hand after" in err
     assert "lets go of it" in err
     assert 20 < len(emulator.goals) < 250  # of 1100

@@ -17,7 +17,7 @@ POLL_S = 0.02
 
 
 class Keys:
-    """A context in which keys are read one by one. Ctrl-C, a hang-up and a termination are read as the key END.
+    """A context in which keys are read one by one. The key END is Ctrl-C, Ctrl-\\, a hang-up or a termination too.
 
     If standard input is no terminal, there are no keys, and the end of the input means nothing.
 
@@ -34,7 +34,7 @@ class Keys:
         self._handlers: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGHUP):
             if number == signal.SIGHUP and not self.terminal and signal.getsignal(number) is signal.SIG_IGN:
                 continue  # nohup
             self._handlers[number] = signal.signal(number, self._signal)
